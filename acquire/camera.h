@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/units.h"
+
+namespace refield {
+
+/// How the samples of a raw frame lie on the sensor.
+enum class PixelLayout { grey, rgb, bayer_rggb };
+
+struct CameraDescription {
+  std::string name;
+  int width = 0;
+  int height = 0;
+  PixelLayout layout = PixelLayout::rgb;
+  int bits = 12;  ///< of a sample; full scale is 2^bits − 1
+  Seconds shortest_exposure{0};
+  Seconds longest_exposure{0};
+  Seconds frame_interval{0};
+};
+
+/// One frame as the sensor gave it.
+struct RawFrame {
+  int width = 0;
+  int height = 0;
+  PixelLayout layout = PixelLayout::rgb;
+  std::vector<std::uint16_t> samples;  ///< [height × width × 3] for rgb, [height × width] otherwise; top row first
+  TimePoint exposure_start{};
+  Seconds exposure{0};
+  double gain = 1.0;           ///< amplification that was in effect, unitless
+  std::uint64_t sequence = 0;  ///< consecutive; a gap means lost frames
+};
+
+/// A camera that streams frames. Settings act on the next frame whose exposure begins after the call.
+class Camera {
+ public:
+  virtual ~Camera() = default;
+  virtual CameraDescription describe() const = 0;
+  /// Throws InputError outside the camera's range, DeviceError when the device refuses.
+  virtual void set_exposure(Seconds exposure, double gain) = 0;
+  /// Waits for the next frame. Throws DeviceError on a time-out or an unplugged camera.
+  virtual RawFrame next_frame(Seconds timeout) = 0;
+};
+
+}  // namespace refield

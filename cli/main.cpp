@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// refield: reads the command line, runs one verb, turns errors into messages and exit statuses.
+#include <cstdio>
+#include <exception>
+
+#include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+
+namespace {
+
+constexpr int status_defect = 1;
+constexpr int status_bad_input = 2;
+constexpr int status_interrupted = 130;
+
+int run(int argc, char** argv) {
+  CLI::App app(
+      "refield measures how a scene turns light into pixels, keeps that as a reflectance field, and relights the scene.\n"
+      "\nThe path of the data:\n"
+      "  refield simulate RECIPE.toml -o truth                        a synthetic scene with its exact transport\n"
+      "  refield acquire RECIPE.toml --truth truth -o session         photograph it under a hundred or so lights\n"
+      "  refield estimate session -o scene.rfield                     estimate the reflectance field\n"
+      "  refield relight scene.rfield --light new.exr -o new-image.exr\n");
+  app.name("refield");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", "refield " REFIELD_VERSION);
+  app.fallthrough();
+  refield::cli::Common common;
+  app.add_flag("--json", common.json, "Print figures as JSON on standard output");
+  app.add_flag("--quiet", common.quiet, "No progress on standard error");
+  refield::cli::Action action;
+  refield::cli::add_simulate(app, common, action);
+  refield::cli::add_acquire(app, common, action);
+  refield::cli::add_hdr(app, common, action);
+  refield::cli::add_estimate(app, common, action);
+  refield::cli::add_relight(app, common, action);
+  refield::cli::add_compare(app, common, action);
+  refield::cli::add_info(app, common, action);
+  refield::cli::add_report(app, common, action);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : status_bad_input;
+  }
+  if (common.quiet) refield::Progress::silence();
+  refield::install_interrupt_handler();
+  action();
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const refield::Error& error) {
+    std::fprintf(stderr, "refield: %s\n", error.what());
+    return status_bad_input;
+  } catch (const refield::Interrupted&) {
+    std::fprintf(stderr, "refield: stopped; run the same command with --resume to go on\n");
+    return status_interrupted;
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "refield: out of memory; give --memory a smaller limit or work on smaller images\n");
+    return status_bad_input;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "refield: unexpected error: %s\nPlease report this with the command that caused it.\n",
+                 error.what());
+    return status_defect;
+  }
+}

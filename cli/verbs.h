@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <CLI/CLI.hpp>
+#include <functional>
+
+namespace refield::cli {
+
+/// Options that every verb shares.
+struct Common {
+  bool json = false;   ///< figures as JSON on standard output
+  bool quiet = false;  ///< no progress
+};
+
+/// What the command line asked for; called once, after parsing.
+using Action = std::function<void()>;
+
+// One file a verb. Each adds its subcommand and, when that is named, sets `action`.
+void add_simulate(CLI::App& app, const Common& common, Action& action);
+void add_acquire(CLI::App& app, const Common& common, Action& action);
+void add_hdr(CLI::App& app, const Common& common, Action& action);
+void add_estimate(CLI::App& app, const Common& common, Action& action);
+void add_relight(CLI::App& app, const Common& common, Action& action);
+void add_compare(CLI::App& app, const Common& common, Action& action);
+void add_info(CLI::App& app, const Common& common, Action& action);
+void add_report(CLI::App& app, const Common& common, Action& action);
+
+}  // namespace refield::cli

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/light_map.h"
+#include "core/metrics.h"
+
+namespace refield {
+
+/// What a frame is for: estimation, held-out validation, or a repeated reference for drift.
+enum class FrameRole { train, test, reference };
+
+std::string_view name_of(FrameRole role);
+
+/// One photograph of the scene and the illumination that it was taken under.
+struct CaptureFrame {
+  std::string name;                    ///< unique, for example "train_007"
+  FrameRole role = FrameRole::train;
+  std::string kind;                    ///< of light: "natural", "bar", "square", "white", "black"; free text
+  std::filesystem::path illumination;  ///< EXR: linear radiance that the light emitted
+  std::filesystem::path observed;      ///< EXR: photograph, ambient light already subtracted
+};
+
+/// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and its
+/// manifest (session.toml) are described in docs/capture-session-format.md. It stands in core because stages meet in it.
+struct CaptureSession {
+  std::filesystem::path folder;  ///< empty for a capture given by globs
+  LightDomain light;
+  int width = 0;   ///< of the photographs
+  int height = 0;
+  std::vector<CaptureFrame> frames;
+  std::optional<std::filesystem::path> ambient;
+  std::optional<std::filesystem::path> mask;
+
+  std::vector<CaptureFrame> frames_of(FrameRole role) const;
+};
+
+inline constexpr const char* session_manifest_name = "session.toml";
+
+/// Writes folder/session.toml, atomically. Paths inside the folder are stored relative to it.
+void write_session_manifest(const CaptureSession& session);
+
+/// Reads a session. Throws FormatError for a broken manifest, InputError when a listed file is missing; the message
+/// names it. Image contents are not read.
+CaptureSession read_capture_session(const std::filesystem::path& folder);
+
+/// A capture from another tool: two file patterns (or folders). Frames pair up by what the wildcards stood for, else,
+/// when no wildcard is shared, by the whole stem. Throws InputError naming the first file without a partner.
+CaptureSession pair_by_globs(const std::string& light_glob, const std::string& observed_glob,
+                             Parameterisation parameterisation = Parameterisation::monitor);
+
+/// Checks that the headers of all images fit together, filling in sizes where the session does not state them.
+/// Throws InputError naming the first image whose size differs.
+void check_image_sizes(CaptureSession& session);
+
+/// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size differs.
+Mask read_mask(const std::filesystem::path& path, int width, int height);
+
+}  // namespace refield

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/files.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <optional>
+
+#include "core/errors.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Flushes a file's or folder's content to the device.
+void sync_to_device(const fs::path& path, int flags) {
+  const int fd = ::open(path.c_str(), flags | O_CLOEXEC);
+  if (fd < 0) throw DeviceError(path.string(), errno, "cannot open to flush it");
+  const int status = ::fsync(fd);
+  const int error_number = errno;
+  ::close(fd);
+  // Some file systems cannot sync folders; the rename is then as safe as they allow.
+  if (status != 0 && error_number != EINVAL) throw DeviceError(path.string(), error_number, "cannot flush to disk");
+}
+
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+
+/// Text that the wildcards of `pattern` stand for in `text`, joined by '/'; nullopt when it does not match.
+std::optional<std::string> match_wildcards(std::string_view pattern, std::string_view text) {
+  if (pattern.empty()) return text.empty() ? std::optional<std::string>("") : std::nullopt;
+  const auto join = [](std::string_view head, const std::string& tail) {
+    return std::string(head) + (tail.empty() ? "" : "/" + tail);
+  };
+  if (pattern.front() == '*') {
+    for (std::size_t length = 0; length <= text.size(); ++length)
+      if (auto rest = match_wildcards(pattern.substr(1), text.substr(length)))
+        return join(text.substr(0, length), *rest);
+    return std::nullopt;
+  }
+  if (text.empty() || (pattern.front() != '?' && pattern.front() != text.front())) return std::nullopt;
+  auto rest = match_wildcards(pattern.substr(1), text.substr(1));
+  if (rest && pattern.front() == '?') return join(text.substr(0, 1), *rest);
+  return rest;
+}
+
+bool is_image_file(const fs::path& path) {
+  static const std::vector<std::string> known = {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm"};
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::ranges::find(known, extension) != known.end();
+}
+
+}  // namespace
+
+void write_atomically(const fs::path& path, const std::function<void(const fs::path&)>& write) {
+  const fs::path temporary = folder_of(path) / (".partial-" + path.filename().string());
+  try {
+    write(temporary);
+    sync_to_device(temporary, O_RDWR);
+    if (::rename(temporary.c_str(), path.c_str()) != 0)
+      throw DeviceError(path.string(), errno, "cannot rename the finished file into place");
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove(temporary, ignored);
+    throw;
+  }
+  sync_to_device(folder_of(path), O_RDONLY | O_DIRECTORY);
+}
+
+void write_text_atomically(const fs::path& path, std::string_view text) {
+  write_atomically(path, [&](const fs::path& temporary) {
+    std::FILE* file = std::fopen(temporary.c_str(), "wbe");
+    if (!file) throw DeviceError(path.string(), errno, "cannot create");
+    errno = 0;
+    const bool written = std::fwrite(text.data(), 1, text.size(), file) == text.size();
+    const bool closed = std::fclose(file) == 0;
+    if (!written || !closed) throw DeviceError(path.string(), errno, "cannot write");
+  });
+}
+
+std::string read_text(const fs::path& path) {
+  if (fs::is_directory(path)) throw DeviceError(path.string(), EISDIR, "cannot read");
+  std::FILE* file = std::fopen(path.c_str(), "rbe");
+  if (!file) throw DeviceError(path.string(), errno, "cannot open");
+  std::string text;
+  char buffer[1 << 16];
+  while (const std::size_t got = std::fread(buffer, 1, sizeof buffer, file)) text.append(buffer, got);
+  const bool failed = std::ferror(file) != 0;
+  const int error_number = errno;
+  std::fclose(file);
+  if (failed) throw DeviceError(path.string(), error_number, "cannot read");
+  return text;
+}
+
+void create_folders(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) throw DeviceError(folder.string(), error.value(), "cannot create the folder");
+}
+
+void require_free_space(const fs::path& path, std::uint64_t bytes) {
+  fs::path existing = fs::absolute(path);
+  while (!fs::exists(existing) && existing.has_relative_path()) existing = existing.parent_path();
+  std::error_code error;
+  const auto space = fs::space(existing, error);
+  if (error || space.available >= bytes) return;
+  throw DeviceError(existing.string(), ENOSPC,
+                    "needs " + std::to_string(bytes / 1'000'000 + 1) + " MB, has " +
+                        std::to_string(space.available / 1'000'000) + " MB free");
+}
+
+std::vector<GlobMatch> expand_glob(const std::string& pattern) {
+  fs::path path(pattern);
+  std::vector<GlobMatch> matches;
+  if (fs::is_directory(path)) {
+    for (const auto& entry : fs::directory_iterator(path))
+      if (entry.is_regular_file() && is_image_file(entry.path()) && entry.path().filename().string()[0] != '.')
+        matches.push_back({entry.path(), entry.path().stem().string()});
+  } else if (fs::is_directory(folder_of(path))) {
+    for (const auto& entry : fs::directory_iterator(folder_of(path))) {
+      const std::string name = entry.path().filename().string();
+      if (name[0] == '.' && pattern[0] != '.') continue;
+      if (auto wildcard = match_wildcards(path.filename().string(), name))
+        matches.push_back({path.has_parent_path() ? entry.path() : fs::path(name), *wildcard});
+    }
+  }
+  if (matches.empty())
+    throw InputError("no file matches '" + pattern + "'; quote the pattern and check the folder's name");
+  std::ranges::sort(matches, {}, &GlobMatch::path);
+  return matches;
+}
+
+}  // namespace refield

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "core/image.h"
+#include "core/light_map.h"
+
+namespace refield {
+
+/// What an image file's header says.
+struct ImageHeader {
+  int width = 0;
+  int height = 0;
+  bool has_sigma = false;  ///< carries the noise of each sample, see Photograph
+};
+
+/// A photograph, or a band of its rows: scene-linear radiance and, where known, each sample's standard deviation.
+/// In EXR files the channels are R, G, B and sigma.R, sigma.G, sigma.B. An infinite sigma marks a sample that was not
+/// measured (clipped in every exposure); its radiance is then only a lower bound.
+struct Photograph {
+  Image radiance;  ///< [rows × width × 3]
+  Image sigma;     ///< same shape, or empty
+};
+
+enum class Precision { half, single };
+
+/// Throws DeviceError for a missing file and FormatError for one that is no image.
+ImageHeader read_image_header(const std::filesystem::path& path);
+
+/// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are taken as sRGB
+/// and decoded. Values are returned as stored: check them with require_finite().
+/// Throws FormatError when the file is truncated or not an image.
+Image read_image(const std::filesystem::path& path);
+
+/// Reads rows [first, last) of a photograph without holding the rest of the file.
+Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
+Photograph read_photograph(const std::filesystem::path& path);
+
+/// Reads a light map: finite everywhere; small negative values, as lossy compression leaves them, become zero.
+/// Throws InputError on NaN or Inf.
+LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation);
+
+/// Writes a one- or three-channel EXR (ZIP), atomically. Throws DeviceError where the disk refuses.
+void write_exr(const std::filesystem::path& path, const Image& image, Precision precision = Precision::single);
+void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
+                      Precision precision = Precision::single);
+
+/// Linear to display-referred: scaled by `exposure`, sRGB-encoded, clipped to 8 bits.
+std::vector<std::uint8_t> tone_mapped(const Image& image, double exposure);
+/// sRGB transfer functions (IEC 61966-2-1) on [0, 1].
+float linear_from_srgb(float encoded);
+float srgb_from_linear(float linear);
+
+/// A one- or three-channel image as a PNG file in memory, or on disk (atomically).
+std::vector<std::uint8_t> encode_png(const Image& image, double exposure = 1.0);
+void write_png(const std::filesystem::path& path, const Image& image, double exposure = 1.0);
+
+}  // namespace refield

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <string>
+#include <string_view>
+
+#include "core/image.h"
+
+namespace refield {
+
+/// How the columns and rows of a light map stand for incident light.
+///  - monitor: texels of a flat emitter, as someone in front of it sees them.
+///  - lat_long: all directions, see lat_long_direction().
+///  - cube: six square faces stacked from top to bottom, +X −X +Y −Y +Z −Z (height = 6 × width).
+enum class Parameterisation { monitor, lat_long, cube };
+
+std::string_view name_of(Parameterisation parameterisation);
+/// Throws InputError for an unknown name.
+Parameterisation parameterisation_from_name(std::string_view name);
+
+/// The domain over which incident light is defined: a light map without its values.
+struct LightDomain {
+  int width = 0;
+  int height = 0;
+  Parameterisation parameterisation = Parameterisation::monitor;
+  bool operator==(const LightDomain&) const = default;
+};
+
+/// Incident illumination: linear RGB radiance, row-major, top row first.
+struct LightMap {
+  Image radiance;  ///< 3 channels
+  Parameterisation parameterisation = Parameterisation::monitor;
+  LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
+};
+
+/// Direction that a point of a lat-long map stands for. `column` in [0, width], `row` in [0, height].
+/// Right-handed, +Y up: with φ = 2π·column/width and θ = π·row/height,
+/// direction = (−sin θ sin φ, cos θ, −sin θ cos φ): the centre column looks along +Z, the left edge along −Z,
+/// a quarter of the width from the left along −X. Row 0 is straight up.
+Eigen::Vector3d lat_long_direction(double column, double row, int width, int height);
+
+/// Inverse of lat_long_direction: (column, row) of a unit direction, column in [0, width).
+Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, int height);
+
+}  // namespace refield

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <mutex>
+#include <string>
+
+namespace refield {
+
+/// Progress of one stage on standard error: a bar with the time left on a terminal, a line every ten seconds elsewhere,
+/// nothing for stages shorter than a second or when silenced. advance() may be called from any thread.
+class Progress {
+ public:
+  Progress(std::string label, std::uint64_t total);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  void advance(std::uint64_t steps = 1);
+
+  /// Silences all progress output (--quiet).
+  static void silence();
+
+ private:
+  void draw(bool last);
+  std::string label_;
+  std::uint64_t total_;
+  std::atomic<std::uint64_t> done_{0};
+  std::atomic<std::int64_t> next_draw_ms_{1000};
+  std::chrono::steady_clock::time_point start_;
+  std::mutex mutex_;
+  bool drawn_ = false;
+};
+
+}  // namespace refield

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/reflectance_field_file.h"
+
+#include <hdf5.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <type_traits>
+
+#include "core/errors.h"
+#include "core/files.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* format_name = "refield reflectance field";
+constexpr std::uint64_t max_pixels = 1ull << 32;
+
+/// An HDF5 identifier, closed by its own kind of close.
+class Handle {
+ public:
+  Handle(hid_t id, herr_t (*close_function)(hid_t)) : id_(id), close_(close_function) {}
+  ~Handle() {
+    if (id_ >= 0) close_(id_);
+  }
+  Handle(const Handle&) = delete;
+  Handle& operator=(const Handle&) = delete;
+  operator hid_t() const { return id_; }
+  bool valid() const { return id_ >= 0; }
+  /// Closes now and says whether all of it reached the file.
+  bool close() {
+    const herr_t status = close_(id_);
+    id_ = -1;
+    return status >= 0;
+  }
+
+ private:
+  hid_t id_;
+  herr_t (*close_)(hid_t);
+};
+
+/// HDF5 prints its error stack by default; ours go through exceptions.
+struct SilencedErrors {
+  SilencedErrors() { H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr); }
+};
+
+template <class T>
+hid_t native_type() {
+  if constexpr (std::is_same_v<T, float>) return H5T_NATIVE_FLOAT;
+  else if constexpr (std::is_same_v<T, std::int32_t>) return H5T_NATIVE_INT32;
+  else if constexpr (std::is_same_v<T, std::uint32_t>) return H5T_NATIVE_UINT32;
+  else return H5T_NATIVE_UINT64;
+}
+
+template <class T>
+hid_t stored_type() {
+  if constexpr (std::is_same_v<T, float>) return H5T_IEEE_F32LE;
+  else if constexpr (std::is_same_v<T, std::int32_t>) return H5T_STD_I32LE;
+  else if constexpr (std::is_same_v<T, std::uint32_t>) return H5T_STD_U32LE;
+  else return H5T_STD_U64LE;
+}
+
+struct Writer {
+  hid_t file;
+  const fs::path& path;
+
+  void check(bool ok) const {
+    if (!ok) throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the reflectance field");
+  }
+
+  template <class T>
+  void dataset(const char* name, const T* values, std::initializer_list<hsize_t> shape) const {
+    const Handle space(H5Screate_simple(static_cast<int>(shape.size()), shape.begin(), nullptr), H5Sclose);
+    const Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+    H5Pset_obj_track_times(creation, false);
+    const Handle set(H5Dcreate2(file, name, stored_type<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT), H5Dclose);
+    check(set.valid());
+    if (H5Sget_simple_extent_npoints(space) > 0)
+      check(H5Dwrite(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+  }
+
+  void text(const char* name, const std::string& value) const {
+    const Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
+    H5Tset_size(type, std::max<std::size_t>(value.size(), 1));
+    H5Tset_strpad(type, H5T_STR_NULLPAD);
+    H5Tset_cset(type, H5T_CSET_UTF8);
+    const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+    const Handle attribute(H5Acreate2(file, name, type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+    check(attribute.valid() && H5Awrite(attribute, type, value.c_str()) >= 0);
+  }
+
+  void number(const char* name, std::int32_t value) const {
+    const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+    const Handle attribute(H5Acreate2(file, name, H5T_STD_I32LE, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+    check(attribute.valid() && H5Awrite(attribute, H5T_NATIVE_INT32, &value) >= 0);
+  }
+};
+
+struct Reader {
+  hid_t file;
+  const fs::path& path;
+
+  [[noreturn]] void fail(const std::string& what) const {
+    throw FormatError(path, what + "; the file is damaged or was not written by refield: make it again");
+  }
+
+  template <class T>
+  std::vector<T> dataset(const char* name, std::size_t columns) const {
+    const Handle set(H5Dopen2(file, name, H5P_DEFAULT), H5Dclose);
+    if (!set.valid()) fail(std::string("has no data set '") + name + "'");
+    const Handle space(H5Dget_space(set), H5Sclose);
+    const int rank = H5Sget_simple_extent_ndims(space);
+    std::array<hsize_t, 2> shape = {0, 1};
+    if (rank < 1 || rank > 2 || H5Sget_simple_extent_dims(space, shape.data(), nullptr) != rank ||
+        shape[1] != columns)
+      fail(std::string("data set '") + name + "' has the wrong shape");
+    const Handle type(H5Dget_type(set), H5Tclose);
+    if (H5Tequal(type, stored_type<T>()) <= 0) fail(std::string("data set '") + name + "' has the wrong type");
+    // A header may promise more than the file holds.
+    const hsize_t bytes = shape[0] * shape[1] * sizeof(T);
+    if (shape[0] > fs::file_size(path) || bytes > fs::file_size(path) || H5Dget_storage_size(set) != bytes)
+      fail(std::string("data set '") + name + "' is truncated");
+    std::vector<T> values(shape[0] * shape[1]);
+    if (!values.empty() && H5Dread(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
+      fail(std::string("data set '") + name + "' cannot be read");
+    return values;
+  }
+
+  std::string text(const char* name) const {
+    const Handle attribute(H5Aopen(file, name, H5P_DEFAULT), H5Aclose);
+    if (!attribute.valid()) fail(std::string("has no attribute '") + name + "'");
+    const Handle type(H5Aget_type(attribute), H5Tclose);
+    const Handle space(H5Aget_space(attribute), H5Sclose);
+    if (H5Tget_class(type) != H5T_STRING || H5Tis_variable_str(type) != 0 ||
+        H5Sget_simple_extent_npoints(space) != 1 || H5Tget_size(type) > fs::file_size(path))
+      fail(std::string("attribute '") + name + "' is no text");
+    std::string value(H5Tget_size(type), '\0');
+    if (H5Aread(attribute, type, value.data()) < 0) fail(std::string("attribute '") + name + "' cannot be read");
+    value.resize(value.find_last_not_of('\0') + 1);
+    return value;
+  }
+
+  std::int32_t number(const char* name) const {
+    const Handle attribute(H5Aopen(file, name, H5P_DEFAULT), H5Aclose);
+    std::int32_t value = 0;
+    if (!attribute.valid()) fail(std::string("has no attribute '") + name + "'");
+    const Handle type(H5Aget_type(attribute), H5Tclose);
+    const Handle space(H5Aget_space(attribute), H5Sclose);
+    if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_npoints(space) != 1 ||
+        H5Aread(attribute, H5T_NATIVE_INT32, &value) < 0)
+      fail(std::string("attribute '") + name + "' is no number");
+    return value;
+  }
+};
+
+void validate(const ReflectanceField& field, const Reader& reader) {
+  const SparseTransfer& transfer = field.transfer;
+  const std::uint64_t pixels = static_cast<std::uint64_t>(field.width) * field.height;
+  if (transfer.row_start.size() != pixels + 1 || transfer.row_start.front() != 0 ||
+      transfer.row_start.back() != transfer.column.size() || !std::ranges::is_sorted(transfer.row_start))
+    reader.fail("transfer/row_start does not fit the image size");
+  if (transfer.weight.size() != transfer.column.size() * 3) reader.fail("transfer/weight does not fit transfer/column");
+  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.boxes.size(); }))
+    reader.fail("transfer/column names a box that is not there");
+  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w) || w < 0.0f; }))
+    reader.fail("transfer/weight holds a negative or infinite weight");
+  for (const Box& box : field.basis.boxes)
+    if (!box.inside(field.basis.domain.width, field.basis.domain.height))
+      reader.fail("basis/boxes reaches outside the light map");
+  if (!field.training_error.empty() && field.training_error.size() != pixels)
+    reader.fail("statistics/training_error does not fit the image size");
+}
+
+}  // namespace
+
+void write_reflectance_field(const fs::path& path, const ReflectanceField& field) {
+  const SilencedErrors silenced;
+  std::vector<std::int32_t> corners;
+  corners.reserve(field.basis.boxes.size() * 4);
+  for (const Box& box : field.basis.boxes) corners.insert(corners.end(), {box.x0, box.y0, box.x1, box.y1});
+  write_atomically(path, [&](const fs::path& temporary) {
+    errno = 0;
+    const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+    H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V110);
+    Handle file(H5Fcreate(temporary.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose);
+    const Writer writer{file, path};
+    writer.check(file.valid());
+    for (const char* group : {"basis", "transfer", "statistics"}) {
+      const Handle created(H5Gcreate2(file, group, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose);
+      writer.check(created.valid());
+    }
+    const SparseTransfer& transfer = field.transfer;
+    writer.text("format", format_name);
+    writer.number("version", reflectance_field_version);
+    writer.number("width", field.width);
+    writer.number("height", field.height);
+    writer.number("light_width", field.basis.domain.width);
+    writer.number("light_height", field.basis.domain.height);
+    writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
+    writer.text("provenance", field.provenance);
+    writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
+    writer.dataset("transfer/row_start", transfer.row_start.data(), {transfer.row_start.size()});
+    writer.dataset("transfer/column", transfer.column.data(), {transfer.column.size()});
+    writer.dataset("transfer/weight", transfer.weight.data(), {transfer.column.size(), 3});
+    writer.dataset("statistics/training_error", field.training_error.data(), {field.training_error.size()});
+    writer.check(H5Fflush(file, H5F_SCOPE_GLOBAL) >= 0);
+    writer.check(file.close());
+  });
+}
+
+ReflectanceField read_reflectance_field(const fs::path& path) {
+  const SilencedErrors silenced;
+  std::error_code error;
+  if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
+  if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
+    throw FormatError(path, "is not a reflectance field (no HDF5 file); give a file that 'refield estimate' wrote");
+  const Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  if (!file.valid()) throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
+  const Reader reader{file, path};
+  if (H5Aexists(file, "format") <= 0 || reader.text("format") != format_name)
+    throw FormatError(path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
+  if (const int version = reader.number("version"); version != reflectance_field_version)
+    throw FormatError(path, "has format version " + std::to_string(version) + ", this program reads version " +
+                                std::to_string(reflectance_field_version) +
+                                "; use the matching refield or estimate the field again");
+  ReflectanceField field;
+  field.width = reader.number("width");
+  field.height = reader.number("height");
+  field.basis.domain = {reader.number("light_width"), reader.number("light_height"),
+                        parameterisation_from_name(reader.text("light_parameterisation"))};
+  if (field.width <= 0 || field.height <= 0 ||
+      static_cast<std::uint64_t>(field.width) * static_cast<std::uint64_t>(field.height) > max_pixels ||
+      field.basis.domain.width <= 0 || field.basis.domain.height <= 0)
+    reader.fail("has impossible dimensions");
+  field.provenance = reader.text("provenance");
+  const auto corners = reader.dataset<std::int32_t>("basis/boxes", 4);
+  for (std::size_t k = 0; k < corners.size(); k += 4)
+    field.basis.boxes.push_back({corners[k], corners[k + 1], corners[k + 2], corners[k + 3]});
+  field.transfer.row_start = reader.dataset<std::uint64_t>("transfer/row_start", 1);
+  field.transfer.column = reader.dataset<std::uint32_t>("transfer/column", 1);
+  field.transfer.weight = reader.dataset<float>("transfer/weight", 3);
+  field.training_error = reader.dataset<float>("statistics/training_error", 1);
+  if (field.transfer.row_start.empty()) reader.fail("transfer/row_start is empty");
+  validate(field, reader);
+  return field;
+}
+
+}  // namespace refield

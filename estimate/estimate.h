@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "core/capture_session.h"
+#include "core/reflectance_field.h"
+#include "estimate/options.h"
+
+namespace refield {
+
+/// What an estimation will need, known before it starts.
+struct EstimatePlan {
+  int images = 0;
+  int band_rows = 0;  ///< rows of photographs held at a time
+  int bands = 0;
+  std::uint64_t memory_bytes = 0;  ///< foreseen peak
+};
+
+/// What an estimation did.
+struct EstimateSummary {
+  EstimatePlan plan;
+  int resumed_bands = 0;  ///< found finished on disk
+  double seconds = 0.0;
+  std::uint64_t peak_memory_bytes = 0;  ///< resident, of the whole process
+  double mean_kernels = 0.0;            ///< non-zero kernels a pixel
+  double median_training_error = 0.0;   ///< relative RMSE over the training images
+};
+
+/// Checks options and input, and foresees memory. Throws InputError for input that cannot be estimated from.
+EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options);
+
+/// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by bands of rows.
+/// Finished bands are kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same
+/// bit for bit. Throws Interrupted between units of work when asked to stop.
+/// Source: Matusik et al. 2004, sections 3 to 5.
+EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
+                                 const std::filesystem::path& output, bool resume);
+
+/// The same, kept in memory: for small sessions, tests and the report.
+ReflectanceField estimate_field(const CaptureSession& session, const EstimateOptions& options);
+
+/// A pixel's kernels after some number of subdivisions.
+struct KernelSnapshot {
+  int subdivisions = 0;
+  std::vector<Box> boxes;
+  std::vector<std::array<float, 3>> weights;  ///< of the sum of texel values in each box
+};
+
+/// How the kernels of one pixel unfold (Matusik et al. 2004, figure 8): a snapshot after each of the given numbers of
+/// subdivisions, before spatial correction.
+std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const EstimateOptions& options, int x, int y,
+                                           const std::vector<int>& subdivisions);
+
+}  // namespace refield

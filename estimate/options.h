@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <string_view>
+
+namespace refield {
+
+/// `paper`: Matusik et al. 2004 as published: even splits, every candidate split re-solved by NNLS.
+/// `refined`: splits at thirds and halves, scored by projected gain: lower error at less cost.
+enum class EstimateMode { refined, paper };
+
+std::string_view name_of(EstimateMode mode);
+EstimateMode estimate_mode_from_name(std::string_view name);
+
+struct EstimateOptions {
+  EstimateMode mode = EstimateMode::refined;
+  int kernels = 25;                         ///< cap on the kernels of a pixel, 1 to 255
+  int spatial_passes = 2;                   ///< sweeps of spatial correction; 0: none
+  std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
+  int threads = 0;                          ///< 0: all cores. The result does not depend on it.
+
+  /// Throws InputError naming the option and its range.
+  void check() const;
+};
+
+}  // namespace refield
