@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <vector>
+
+#include "acquire/illuminator.h"
+#include "core/light_map.h"
+#include "core/units.h"
+
+namespace refield {
+
+/// How a virtual monitor turns drive levels into light, and when.
+struct MonitorModel {
+  std::array<double, 3> gamma{2.2, 2.2, 2.2};  ///< exponent of each channel's tone curve
+  double black_level = 0.002;                  ///< radiance at level 0, as a fraction of white_radiance
+  double white_radiance = 1.0;                 ///< radiance at level 255, relative
+  Seconds refresh_interval{1.0 / 60.0};        ///< a flip happens at a multiple of it
+  Seconds latency{2.0 / 60.0};                 ///< from the flip's time stamp to the first changed light
+  Seconds settling{0.012};  ///< from the first changed light to the last; linear in between
+
+  /// Throws InputError naming the property and its range.
+  void check() const;
+
+  /// Radiance [256] that each 8-bit drive level of a channel emits:
+  /// white_radiance · (black_level + (1 − black_level) · (level / 255)^gamma).
+  std::array<std::vector<double>, 3> tone_curve() const;
+
+  /// The radiance that the monitor emits when it is driven with `image`.
+  LightMap emitted(const DriveImage& image) const;
+};
+
+}  // namespace refield

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <memory>
+
+#include "acquire/camera.h"
+#include "acquire/illuminator.h"
+#include "acquire/trigger.h"
+#include "core/image.h"
+#include "core/reflectance_field.h"
+#include "simulate/monitor_model.h"
+#include "simulate/sensor.h"
+
+namespace refield {
+
+/// A camera, a monitor and a trigger line in front of a scene whose light transport is known: what a capture
+/// runs on where there is no hardware.
+///
+/// Time is simulated: it starts at zero and passes only inside show(), fire() and next_frame(). The camera is
+/// genlocked: a free-running exposure starts half a refresh interval after a refresh. So the phase between
+/// flips and frames is always the same, whatever was shown before.
+///
+/// A frame integrates the light during its exposure. Until `latency` after a flip that is the previous
+/// pattern, during `settling` a mix. Frames leave through a queue of `latency_frames`: the first ones read
+/// after a flip were exposed before it. A careful capture tells by RawFrame::exposure_start.
+///
+/// The noise of a settled frame depends on the seed, the pattern shown, exposure, gain and how many frames
+/// were taken with these settings since the pattern appeared, and on nothing else: a capture that was killed
+/// and goes on takes the photographs that it would have taken. It follows that a pattern shown again gives
+/// the same noise again.
+class VirtualRig {
+ public:
+  /// `transport` stands for what a camera pixel sees of the monitor's light, `ambient` [height × width × 3]
+  /// for what it sees with the monitor unplugged (empty: a dark room). Throws InputError for shapes that do
+  /// not fit together.
+  VirtualRig(ReflectanceField transport, Image ambient, MonitorModel monitor, SensorModel sensor,
+             std::uint64_t seed);
+  ~VirtualRig();
+  VirtualRig(VirtualRig&&) noexcept;
+  VirtualRig& operator=(VirtualRig&&) noexcept;
+
+  Camera& camera();
+  Illuminator& illuminator();
+  Trigger& trigger();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace refield
