@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "core/errors.h"
 
@@ -11,56 +12,88 @@ namespace refield {
 
 namespace {
 
-struct SquaredSums {
-  double error = 0.0;
-  double signal = 0.0;
-  std::size_t samples = 0;
-};
+double relative(double error, double signal) {
+  if (signal > 0.0) return std::sqrt(error / signal);
+  return error > 0.0 ? std::numeric_limits<double>::infinity() : 0.0;
+}
 
-void require_comparable(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
+bool counts(const Mask& mask, std::size_t pixel) {
+  return mask.empty() || mask[pixel] != 0;
+}
+
+void require_same_shape(const Image& predicted, const Image& observed) {
+  if (!predicted.same_shape(observed))
+    throw InputError("cannot compare an image of " + shape_text(predicted) + " with one of " +
+                     shape_text(observed));
+}
+
+SeriesError error_of(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
   if (predicted.size() != observed.size())
     throw InputError("cannot compare " + std::to_string(predicted.size()) + " images with " +
                      std::to_string(observed.size()));
-  for (std::size_t i = 0; i < predicted.size(); ++i) {
-    if (!predicted[i].same_shape(observed[i]))
-      throw InputError("cannot compare an image of " + shape_text(predicted[i]) + " with one of " +
-                       shape_text(observed[i]));
-    if (!mask.empty() && mask.size() != predicted[i].pixel_count())
-      throw InputError("the mask has " + std::to_string(mask.size()) + " pixels, the image " +
-                       std::to_string(predicted[i].pixel_count()));
-  }
-}
-
-void add_pixel(SquaredSums& sums, const Image& predicted, const Image& observed, std::size_t pixel) {
-  for (int c = 0; c < predicted.channels; ++c) {
-    const double p = predicted.values[pixel * predicted.channels + c];
-    const double o = observed.values[pixel * predicted.channels + c];
-    sums.error += (p - o) * (p - o);
-    sums.signal += o * o;
-    ++sums.samples;
-  }
-}
-
-double relative(const SquaredSums& sums) {
-  if (sums.signal > 0.0) return std::sqrt(sums.error / sums.signal);
-  return sums.error > 0.0 ? std::numeric_limits<double>::infinity() : 0.0;
-}
-
-bool counts(const Mask& mask, std::size_t pixel) { return mask.empty() || mask[pixel] != 0; }
-
-SquaredSums sum_over(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
-  require_comparable(predicted, observed, mask);
-  SquaredSums sums;
-  for (std::size_t i = 0; i < predicted.size(); ++i)
-    for (std::size_t p = 0; p < predicted[i].pixel_count(); ++p)
-      if (counts(mask, p)) add_pixel(sums, predicted[i], observed[i], p);
-  return sums;
+  SeriesError error(mask);
+  for (std::size_t i = 0; i < predicted.size(); ++i) error.add(predicted[i], observed[i]);
+  return error;
 }
 
 }  // namespace
 
+void SeriesError::add(const Image& predicted, const Image& observed, const Image& sigma) {
+  require_same_shape(predicted, observed);
+  if (!sigma.empty()) require_same_shape(observed, sigma);
+  if (images_ == 0) {
+    if (!mask_.empty() && mask_.size() != observed.pixel_count())
+      throw InputError("the mask has " + std::to_string(mask_.size()) + " pixels, the image " +
+                       std::to_string(observed.pixel_count()));
+    width_ = observed.width;
+    height_ = observed.height;
+    error_.assign(observed.pixel_count(), 0.0);
+    signal_.assign(observed.pixel_count(), 0.0);
+  } else if (observed.width != width_ || observed.height != height_) {
+    throw InputError("the images of a series differ in size: " + std::to_string(width_) + "×" +
+                     std::to_string(height_) + " and " + shape_text(observed));
+  }
+  ++images_;
+  const auto channels = static_cast<std::size_t>(observed.channels);
+  for (std::size_t pixel = 0; pixel < error_.size(); ++pixel) {
+    if (!counts(mask_, pixel)) continue;
+    for (std::size_t i = pixel * channels; i < (pixel + 1) * channels; ++i) {
+      if (!sigma.empty() && std::isinf(sigma.values[i])) continue;
+      const double p = predicted.values[i];
+      const double o = observed.values[i];
+      error_[pixel] += (p - o) * (p - o);
+      signal_[pixel] += o * o;
+      peak_ = std::max(peak_, o);
+      ++samples_;
+    }
+  }
+}
+
+double SeriesError::relative_rmse() const {
+  return relative(std::accumulate(error_.begin(), error_.end(), 0.0),
+                  std::accumulate(signal_.begin(), signal_.end(), 0.0));
+}
+
+Image SeriesError::relative_rmse_map() const {
+  if (images_ == 0) return {};
+  Image map(width_, height_, 1);
+  for (std::size_t pixel = 0; pixel < error_.size(); ++pixel)
+    map.values[pixel] = static_cast<float>(relative(error_[pixel], signal_[pixel]));
+  return map;
+}
+
+double SeriesError::psnr_db() const {
+  const double error = std::accumulate(error_.begin(), error_.end(), 0.0);
+  if (error == 0.0) return std::numeric_limits<double>::infinity();
+  return 10.0 * std::log10(peak_ * peak_ * static_cast<double>(samples_) / error);
+}
+
+double SeriesError::pixel_quantile(double q) const {
+  return quantile(values_in_mask(relative_rmse_map(), mask_), q);
+}
+
 double relative_rmse(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
-  return relative(sum_over(predicted, observed, mask));
+  return error_of(predicted, observed, mask).relative_rmse();
 }
 
 double relative_rmse(const Image& predicted, const Image& observed, const Mask& mask) {
@@ -68,30 +101,15 @@ double relative_rmse(const Image& predicted, const Image& observed, const Mask& 
 }
 
 Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
-  require_comparable(predicted, observed, mask);
-  if (predicted.empty()) return {};
-  Image map(predicted[0].width, predicted[0].height, 1);
-  for (std::size_t p = 0; p < map.pixel_count(); ++p) {
-    if (!counts(mask, p)) continue;
-    SquaredSums sums;
-    for (std::size_t i = 0; i < predicted.size(); ++i) add_pixel(sums, predicted[i], observed[i], p);
-    map.values[p] = static_cast<float>(relative(sums));
-  }
-  return map;
+  return error_of(predicted, observed, mask).relative_rmse_map();
 }
 
 double psnr_db(const Image& predicted, const Image& observed, const Mask& mask) {
-  const SquaredSums sums = sum_over(std::span(&predicted, 1), std::span(&observed, 1), mask);
-  double peak = 0.0;
-  for (std::size_t p = 0; p < observed.pixel_count(); ++p)
-    for (int c = 0; c < observed.channels; ++c)
-      if (counts(mask, p)) peak = std::max<double>(peak, observed.values[p * observed.channels + c]);
-  if (sums.error == 0.0) return std::numeric_limits<double>::infinity();
-  return 10.0 * std::log10(peak * peak * static_cast<double>(sums.samples) / sums.error);
+  return error_of(std::span(&predicted, 1), std::span(&observed, 1), mask).psnr_db();
 }
 
 Image absolute_error(const Image& predicted, const Image& observed) {
-  require_comparable(std::span(&predicted, 1), std::span(&observed, 1), {});
+  require_same_shape(predicted, observed);
   Image error(predicted.width, predicted.height, predicted.channels);
   std::ranges::transform(predicted.values, observed.values, error.values.begin(),
                          [](float p, float o) { return std::abs(p - o); });

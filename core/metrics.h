@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/image.h"
@@ -10,14 +11,46 @@ namespace refield {
 /// Which pixels count: [pixels], non-zero where the scene is of interest. Empty: all.
 using Mask = std::vector<unsigned char>;
 
+/// The sums behind the measures below, gathered image by image, so that a long series is never held in
+/// memory.
+class SeriesError {
+ public:
+  /// Only pixels of `mask` count; an empty one means all.
+  explicit SeriesError(Mask mask = {}) : mask_(std::move(mask)) {}
+
+  /// Adds a pair of images. Samples whose `sigma` is infinite were not measured and are left out; an empty
+  /// sigma leaves none out. Throws InputError when shapes differ from each other or from the images before.
+  void add(const Image& predicted, const Image& observed, const Image& sigma = {});
+
+  std::size_t images() const { return images_; }
+  double relative_rmse() const;
+  /// [height × width × 1]; pixels outside the mask are 0.
+  Image relative_rmse_map() const;
+  double psnr_db() const;
+  /// The q-quantile of relative_rmse_map() inside the mask.
+  double pixel_quantile(double q) const;
+
+ private:
+  Mask mask_;
+  int width_ = 0;
+  int height_ = 0;
+  std::size_t images_ = 0;
+  std::size_t samples_ = 0;
+  double peak_ = 0.0;
+  std::vector<double> error_;   // [pixels], Σ(predicted − observed)²
+  std::vector<double> signal_;  // [pixels], Σ observed²
+};
+
 /// sqrt(Σ(predicted − observed)² / Σ observed²) over all images, pixels of the mask and channels, unitless.
 /// Zero observed and zero predicted give 0; zero observed with any prediction gives infinity.
 /// Throws InputError when the shapes differ.
-double relative_rmse(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask = {});
+double relative_rmse(std::span<const Image> predicted, std::span<const Image> observed,
+                     const Mask& mask = {});
 double relative_rmse(const Image& predicted, const Image& observed, const Mask& mask = {});
 
 /// The same for each pixel over the images and channels, [height × width × 1]. Pixels outside the mask are 0.
-Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask = {});
+Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed,
+                        const Mask& mask = {});
 
 /// Peak signal-to-noise ratio in dB with the observed maximum as the peak; infinity for equal images.
 double psnr_db(const Image& predicted, const Image& observed, const Mask& mask = {});

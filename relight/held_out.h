@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <vector>
+
+#include "core/capture_session.h"
+#include "core/reflectance_field.h"
+
+namespace refield {
+
+/// How well a field predicts photographs that it was not estimated from, for one kind of light. All errors
+/// are relative RMSE, unitless: over everything, and as quantiles of the errors that single pixels make over
+/// the kind's images.
+struct HeldOutError {
+  std::string kind;
+  std::size_t images = 0;
+  double relative_rmse = 0.0;
+  double median = 0.0;
+  double percentile_90 = 0.0;
+  double psnr_db = 0.0;
+};
+
+/// Relights `field` with each of the session's frames of a role and compares by kind of light, kinds in order
+/// of first appearance; the session's mask is respected and samples that were not measured are left out. With
+/// `truth`, another field's noise-free images stand in for the photographs. Throws InputError when there is
+/// no such frame or sizes differ.
+std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const CaptureSession& session,
+                                          const ReflectanceField* truth = nullptr,
+                                          FrameRole role = FrameRole::test);
+
+}  // namespace refield
