@@ -1,8 +1,169 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
 #include "cli/verbs.h"
+#include "core/capture_session.h"
+#include "core/errors.h"
+#include "core/field_statistics.h"
+#include "core/image_io.h"
+#include "core/metrics.h"
+#include "core/reflectance_field_file.h"
 
 namespace refield::cli {
 
-void add_info(CLI::App&, const Common&, Action&) {}
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+ordered_json size_of(int width, int height) {
+  return {{"width", width}, {"height", height}};
+}
+
+ordered_json describe(const LightDomain& domain) {
+  ordered_json light = size_of(domain.width, domain.height);
+  light["parameterisation"] = name_of(domain.parameterisation);
+  return light;
+}
+
+/// The cap on kernels that the field was estimated with, as its provenance says; 0 when it does not.
+int kernel_cap(const ordered_json& provenance) {
+  if (!provenance.is_object()) return 0;
+  const auto options = provenance.find("options");
+  if (options == provenance.end() || !options->is_object()) return 0;
+  const auto kernels = options->find("kernels");
+  return kernels != options->end() && kernels->is_number_integer() ? kernels->get<int>() : 0;
+}
+
+ordered_json describe_field(const fs::path& path) {
+  const ReflectanceField field = read_reflectance_field(path);
+  ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
+  if (provenance.is_discarded()) provenance = field.provenance;
+  const KernelStatistics kernels = kernel_statistics(field, kernel_cap(provenance));
+  ordered_json info{{"kind", "reflectance field"},
+                    {"format_version", reflectance_field_version},
+                    {"bytes", fs::file_size(path)},
+                    {"image", size_of(field.width, field.height)},
+                    {"light", describe(field.basis.domain)},
+                    {"pixels_in_scene", kernels.pixels},
+                    {"distinct_boxes", kernels.distinct_boxes},
+                    {"kernels",
+                     {{"allowed", kernels.kernels},
+                      {"stored", kernels.stored},
+                      {"mean_a_pixel", kernels.mean_stored},
+                      {"nonzero_percent", 100.0 * kernels.nonzero_share},
+                      {"percent_for_99_percent_of_energy", 100.0 * kernels.share_of_99_percent},
+                      {"percent_for_95_percent_of_energy", 100.0 * kernels.share_of_95_percent},
+                      {"pixels_by_number_of_kernels", kernels.histogram}}}};
+  if (!field.training_error.empty())
+    info["training_error"] = {{"median", quantile(field.training_error, 0.5)},
+                              {"percentile_90", quantile(field.training_error, 0.9)}};
+  info["provenance"] = std::move(provenance);
+  return info;
+}
+
+ordered_json describe_session(const fs::path& folder) {
+  const CaptureSession session = read_capture_session(folder);
+  std::map<std::string, std::map<std::string, int>> counts;
+  std::size_t with_sigma = 0;
+  for (const CaptureFrame& frame : session.frames) {
+    ++counts[std::string(name_of(frame.role))][frame.kind.empty() ? "unnamed" : frame.kind];
+    with_sigma += read_image_header(frame.observed).has_sigma;
+  }
+  ordered_json info{{"kind", "capture session"},
+                    {"image", size_of(session.width, session.height)},
+                    {"light", describe(session.light)},
+                    {"frames", session.frames.size()},
+                    {"frames_by_role_and_kind", counts},
+                    {"frames_with_noise_estimate", with_sigma},
+                    {"ambient_frame", session.ambient.has_value()}};
+  if (session.mask) {
+    const Mask mask = read_mask(*session.mask, session.width, session.height);
+    info["pixels_in_scene"] = std::ranges::count_if(mask, [](unsigned char m) { return m != 0; });
+  }
+  return info;
+}
+
+ordered_json describe_values(const Image& image) {
+  float low = INFINITY;
+  float high = -INFINITY;
+  double sum = 0.0;
+  std::size_t finite = 0, nan = 0, infinite = 0, negative = 0;
+  for (const float value : image.values) {
+    nan += std::isnan(value);
+    infinite += std::isinf(value);
+    if (!std::isfinite(value)) continue;
+    negative += value < 0.0f;
+    low = std::min(low, value);
+    high = std::max(high, value);
+    sum += value;
+    ++finite;
+  }
+  ordered_json values{{"nan", nan}, {"infinite", infinite}, {"negative", negative}};
+  if (finite > 0) {
+    values["lowest"] = low;
+    values["mean"] = sum / static_cast<double>(finite);
+    values["highest"] = high;
+  }
+  return values;
+}
+
+ordered_json describe_image(const fs::path& path) {
+  const ImageHeader header = read_image_header(path);
+  return {{"kind", "image"},
+          {"bytes", fs::file_size(path)},
+          {"image", size_of(header.width, header.height)},
+          {"has_noise_estimate", header.has_sigma},
+          {"radiance", describe_values(read_image(path))}};
+}
+
+ordered_json describe_path(const fs::path& path) {
+  if (fs::is_directory(path)) return describe_session(path);
+  if (path.extension() == ".rfield") return describe_field(path);
+  return describe_image(path);
+}
+
+/// Prints nested figures as "name: value" lines, with spaces for underscores.
+void print_text(const ordered_json& value, int indent) {
+  for (const auto& [key, item] : value.items()) {
+    std::string label = key;
+    std::ranges::replace(label, '_', ' ');
+    if (item.is_object() && !item.empty()) {
+      std::printf("%*s%s\n", indent, "", label.c_str());
+      print_text(item, indent + 2);
+    } else if (item.is_string()) {
+      std::printf("%*s%s: %s\n", indent, "", label.c_str(), item.get<std::string>().c_str());
+    } else if (item.is_number_float()) {
+      std::printf("%*s%s: %.5g\n", indent, "", label.c_str(), item.get<double>());
+    } else {
+      std::printf("%*s%s: %s\n", indent, "", label.c_str(), item.dump().c_str());
+    }
+  }
+}
+
+}  // namespace
+
+void add_info(CLI::App& app, const Common& common, Action& action) {
+  const auto path = std::make_shared<fs::path>();
+  CLI::App* verb =
+      app.add_subcommand("info", "Say what is in a reflectance field, a capture session or an image");
+  verb->add_option("file", *path, "Field (.rfield), session folder or image")->required();
+  verb->callback([path, &common, &action] {
+    action = [path, &common] {
+      const ordered_json info = describe_path(*path);
+      if (common.json)
+        std::printf("%s\n", info.dump(2).c_str());
+      else
+        print_text(info, 0);
+    };
+  });
+}
 
 }  // namespace refield::cli
