@@ -12,7 +12,7 @@ namespace refield {
 using Rgb = Eigen::Array3f;
 
 /// A pinhole camera. Lengths are in metres, +Y is up.
-struct CameraDescriptionInScene {
+struct CameraInScene {
   int width = 0;  ///< pixels
   int height = 0;
   Eigen::Vector3d position{0.0, 0.0, 0.0};
@@ -70,7 +70,7 @@ struct ObjectDescription {
 
 /// Everything that light meets.
 struct SceneDescription {
-  CameraDescriptionInScene camera;
+  CameraInScene camera;
   MonitorInScene monitor;
   Rgb ambient_radiance = Rgb::Zero();  ///< room light, the same from all directions
   std::vector<MaterialDescription> materials;

@@ -18,7 +18,7 @@ namespace refield {
 ///
 /// Time is simulated: it starts at zero and passes only inside show(), fire() and next_frame(). The camera is
 /// genlocked: a free-running exposure starts half a refresh interval after a refresh. So the phase between
-/// flips and frames is always the same, whatever was shown before.
+/// flips and frames is always the same, whatever was shown before: show() waits for the frame in progress.
 ///
 /// A frame integrates the light during its exposure. Until `latency` after a flip that is the previous
 /// pattern, during `settling` a mix. Frames leave through a queue of `latency_frames`: the first ones read

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/monitor_model.h"
+
+#include <cmath>
+#include <string>
+
+#include "core/errors.h"
+
+namespace refield {
+
+void MonitorModel::check() const {
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw InputError(std::string("monitor: ") + what);
+  };
+  for (double g : gamma) require(g >= 0.5 && g <= 5.0, "gamma must lie in 0.5 to 5");
+  require(black_level >= 0.0 && black_level < 1.0,
+          "black_level is a fraction of white and must lie in 0 to 1");
+  require(white_radiance > 0.0 && std::isfinite(white_radiance), "white_radiance must be positive");
+  require(refresh_interval.count() >= 1e-4 && refresh_interval.count() <= 1.0,
+          "refresh must lie in 1 to 10000 Hz");
+  require(latency.count() >= 0.0 && latency.count() <= 10.0, "latency must lie in 0 to 10 s");
+  require(settling.count() >= 0.0 && settling.count() <= 10.0, "settling must lie in 0 to 10 s");
+}
+
+std::array<std::vector<double>, 3> MonitorModel::tone_curve() const {
+  std::array<std::vector<double>, 3> curve;
+  for (int c = 0; c < 3; ++c)
+    for (int level = 0; level < 256; ++level)
+      curve[c].push_back(white_radiance *
+                         (black_level + (1.0 - black_level) * std::pow(level / 255.0, gamma[c])));
+  return curve;
+}
+
+LightMap MonitorModel::emitted(const DriveImage& image) const {
+  const auto curve = tone_curve();
+  LightMap light{Image(image.width, image.height, 3), Parameterisation::monitor};
+  if (image.levels.size() != light.radiance.values.size())
+    throw InputError("monitor: a drive image of " + std::to_string(image.width) + "×" +
+                     std::to_string(image.height) + " texels has " + std::to_string(image.levels.size()) +
+                     " levels; three a texel are needed");
+  for (std::size_t i = 0; i < image.levels.size(); ++i)
+    light.radiance.values[i] = static_cast<float>(curve[i % 3][image.levels[i]]);
+  return light;
+}
+
+}  // namespace refield
