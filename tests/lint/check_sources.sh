@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Rules that no compiler checks: a licence line on every source, and the stages' rule of who may include whom.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+status=0
+complain() {
+  printf '%s\n' "$*" >&2
+  status=1
+}
+sources() { git ls-files --cached --others --exclude-standard --deduplicate -- "$@"; }
+
+# The first line, or the second after a #! line.
+for file in $(sources '*.h' '*.cpp' '*.cmake' '*CMakeLists.txt' '*.toml' '*.sh' '*.py' dev .ci/run .clang-tidy); do
+  [[ -f $file ]] || continue
+  head -n 2 "$file" | grep -q 'SPDX-License-Identifier: Apache-2.0' || complain "$file: has no SPDX licence line"
+done
+
+# check_includes FOLDER PATTERN: the project's own headers that sources in FOLDER may include.
+check_includes() {
+  local folder=$1 allowed=$2 found
+  found=$(sources "$folder/*.h" "$folder/*.cpp" | xargs -r grep -nE '^#include "' | grep -vE "#include \"($allowed)" || true)
+  [[ -z $found ]] || complain "$folder may include only $allowed:
+$found"
+}
+check_includes core 'core/'
+check_includes acquire '(core|acquire)/'
+check_includes estimate '(core|estimate)/'
+check_includes relight '(core|relight)/'
+check_includes simulate '(core|simulate)/|acquire/(camera|illuminator|trigger)\.h"'
+
+# Headers of other libraries stay in .cpp files, so that no stage's users depend on them.
+found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' |
+  xargs -r grep -nE '#include <(embree|opencv|hdf5|H5|OpenImageIO|OpenEXR|toml|linux|libdrm|gpiod|xf86drm)' || true)
+[[ -z $found ]] || complain "third-party headers belong in .cpp files:
+$found"
+
+exit $status
