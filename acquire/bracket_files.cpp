@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/bracket_files.h"
+
+#include <OpenImageIO/imageio.h>
+
+#include <cerrno>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/image_io.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::optional<double> positive_attribute(const OIIO::ImageSpec& spec,
+                                         std::initializer_list<const char*> names) {
+  for (const char* name : names)
+    if (const float value = spec.get_float_attribute(name, 0.0f); value > 0.0f) return value;
+  return std::nullopt;
+}
+
+template <class T>
+std::vector<std::uint16_t> read_samples(OIIO::ImageInput& input, const fs::path& path, int channels) {
+  const OIIO::ImageSpec& spec = input.spec();
+  const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
+  std::vector<T> stored(pixels * spec.nchannels);
+  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, stored.data()))
+    throw FormatError(path, "cannot be read to its end (" + input.geterror() + "); copy it again");
+  std::vector<std::uint16_t> samples(pixels * channels);
+  for (std::size_t p = 0; p < pixels; ++p)
+    for (int c = 0; c < channels; ++c) samples[p * channels + c] = stored[p * spec.nchannels + c];
+  return samples;
+}
+
+}  // namespace
+
+BracketFile read_bracket_file(const fs::path& path, PixelLayout one_channel) {
+  const ImageHeader header = read_image_header(path);  // for its checks
+  BracketFile file;
+  // Samples must come as stored: no division by alpha, no conversion.
+  OIIO::ImageSpec as_stored;
+  as_stored.attribute("oiio:UnassociatedAlpha", 1);
+  auto input = OIIO::ImageInput::open(path.string(), &as_stored);
+  if (!input) throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + ")");
+  const OIIO::ImageSpec& spec = input->spec();
+  if (const auto time = positive_attribute(spec, {"ExposureTime", "Exif:ExposureTime", "expTime"}))
+    file.exposure = Seconds(*time);
+  file.iso = positive_attribute(spec, {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
+  if (spec.format.is_floating_point()) {
+    input.reset();
+    file.linear = read_image(path);
+    return file;
+  }
+  const int channels = spec.nchannels >= 3 ? 3 : 1;
+  file.frame.width = header.width;
+  file.frame.height = header.height;
+  file.frame.layout = channels == 3 ? PixelLayout::rgb : one_channel;
+  if (spec.format == OIIO::TypeDesc::UINT8) {
+    file.bits = 8;
+    file.frame.samples = read_samples<std::uint8_t>(*input, path, channels);
+  } else if (spec.format == OIIO::TypeDesc::UINT16) {
+    file.bits = 16;
+    file.frame.samples = read_samples<std::uint16_t>(*input, path, channels);
+  } else {
+    throw FormatError(path, "has samples of type " + std::string(spec.format.c_str()) +
+                                "; convert it to 8 or 16 bits or to OpenEXR");
+  }
+  return file;
+}
+
+void write_raw_frame(const fs::path& path, const RawFrame& frame) {
+  write_atomically(path, [&](const fs::path& temporary) {
+    errno = 0;
+    const auto fail = [&](const std::string& why) {
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the raw frame (" + why + ")");
+    };
+    auto output = OIIO::ImageOutput::create(temporary.string());
+    if (!output) fail(OIIO::geterror());
+    const OIIO::ImageSpec spec(frame.width, frame.height, frame.layout == PixelLayout::rgb ? 3 : 1,
+                               OIIO::TypeDesc::UINT16);
+    if (!output->open(temporary.string(), spec) ||
+        !output->write_image(OIIO::TypeDesc::UINT16, frame.samples.data()) || !output->close())
+      fail(output->geterror());
+  });
+}
+
+}  // namespace refield

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <optional>
+
+#include "acquire/camera.h"
+#include "core/image.h"
+
+namespace refield {
+
+/// One exposure of a bracketed series, from an ordinary image file.
+struct BracketFile {
+  int bits = 0;                     ///< 8 or 16 for integer formats; 0 for float ones
+  RawFrame frame;                   ///< integer formats: the samples as stored; its exposure is not filled in
+  Image linear;                     ///< float formats: [height × width × 3]
+  std::optional<Seconds> exposure;  ///< as the file's metadata state it (EXIF ExposureTime, EXR expTime)
+  std::optional<double> iso;
+};
+
+/// Reads PNG, TIFF, JPEG (8 or 16 bits) or EXR, HDR, PFM. A one-channel integer file is taken to have the
+/// layout `one_channel`, grey or bayer_rggb. Alpha is ignored. Throws DeviceError for a missing file and
+/// FormatError for one that is damaged or no image.
+BracketFile read_bracket_file(const std::filesystem::path& path, PixelLayout one_channel = PixelLayout::grey);
+
+/// Writes a frame's samples, unchanged, as a 16-bit PNG of one or three channels, atomically. What
+/// read_bracket_file() reads back is equal.
+void write_raw_frame(const std::filesystem::path& path, const RawFrame& frame);
+
+}  // namespace refield

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/capture.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "acquire/bracket_files.h"
+#include "acquire/hdr_merge.h"
+#include "acquire/scene_mask.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr std::uint8_t black = 0;
+constexpr std::uint8_t white = 255;
+
+/// Exposure times: as given, as an earlier run of this capture metered them, or metered now.
+std::vector<Seconds> choose_exposures(const CaptureRequest& request, const CameraDescription& camera,
+                                      const IlluminatorDescription& display, FramePairing& pairing) {
+  if (!request.exposures.empty()) return request.exposures;
+  if (request.if_exists == IfExists::resume)
+    if (const auto plan = stored_plan(request.folder))
+      return exposures_of_plan(*plan, request.folder / "plan.toml");
+  ExposurePlanOptions plan = request.exposure_plan;
+  if (plan.shortest.count() <= 0.0) {
+    pairing.show(uniform_drive(display.width, display.height, white));
+    const Seconds metered = shortest_useful_exposure(
+        camera, request.camera, [&](Seconds exposure) { return pairing.photograph(exposure, request.gain); });
+    // The longest must fit the camera, too.
+    plan.shortest = std::min(metered, camera.longest_exposure * std::pow(plan.ratio, 1 - plan.count));
+  }
+  return exponential_exposures(plan, camera);
+}
+
+std::vector<std::string> steps_of(const CaptureRequest& request) {
+  std::vector<std::string> steps = {"ambient"};
+  if (request.mask.kind != MaskSource::Kind::none) steps.push_back("mask");
+  for (const CaptureLight& light : request.lights) steps.push_back(light.name);
+  return steps;
+}
+
+std::string illumination_file(const CaptureLight& light) {
+  return "illumination/" + light.name + ".exr";
+}
+std::string observed_file(const CaptureLight& light) {
+  return "observed/" + light.name + ".exr";
+}
+std::string raw_file(const std::string& name, std::size_t exposure, std::optional<int> repeat) {
+  std::string file = "raw/";
+  file += name + "_e" + std::to_string(exposure);
+  if (repeat) file += "_r" + std::to_string(*repeat);
+  return file + ".png";
+}
+constexpr const char* ambient_file = "ambient.exr";
+constexpr const char* mask_file = "mask.png";
+
+/// One run of a capture: the devices, the folder, and what has been learnt on the way.
+class CaptureRun {
+ public:
+  CaptureRun(const CaptureRequest& request, const CameraDescription& camera,
+             const IlluminatorDescription& display, std::vector<Seconds> exposures, FramePairing& pairing,
+             SessionWriter& session)
+      : request_(request),
+        camera_(camera),
+        display_(display),
+        exposures_(std::move(exposures)),
+        pairing_(pairing),
+        session_(session),
+        useful_(exposures_.size(), 0.0) {}
+
+  void take_ambient() {
+    if (session_.is_done("ambient")) {
+      ambient_ = read_photograph(session_.folder() / ambient_file);
+      return;
+    }
+    std::vector<std::string> files = {ambient_file};
+    ambient_ = photograph("ambient", uniform_drive(display_.width, display_.height, black),
+                          request_.ambient_repeats, files);
+    write_photograph(session_.folder() / ambient_file, ambient_);
+    session_.finish_step("ambient", files);
+  }
+
+  void make_mask() {
+    if (request_.mask.kind == MaskSource::Kind::none || session_.is_done("mask")) return;
+    std::vector<std::string> files = {mask_file};
+    write_mask(session_.folder() / mask_file, mask(files), camera_.width, camera_.height);
+    session_.finish_step("mask", files);
+  }
+
+  void take_photograph(const CaptureLight& light) {
+    if (session_.is_done(light.name)) return;
+    const LightMap wanted = read_light_map(light.wanted, Parameterisation::monitor);
+    std::size_t too_bright = 0;
+    const DriveImage pattern = drive_levels(wanted.radiance, request_.monitor, &too_bright);
+    out_of_range_lights_ += too_bright > 0;
+
+    std::vector<std::string> files = {illumination_file(light), observed_file(light)};
+    Photograph observed = photograph(light.name, pattern, request_.frames_per_exposure, files);
+    subtract_ambient(observed, ambient_);
+    write_exr(session_.folder() / files[0], emitted_above_black(pattern, request_.monitor));
+    write_photograph(session_.folder() / files[1], observed, request_.precision);
+    session_.finish_step(light.name, files);
+  }
+
+  void finish() {
+    CaptureSession manifest;
+    manifest.folder = session_.folder();
+    manifest.light = {display_.width, display_.height, Parameterisation::monitor};
+    manifest.width = camera_.width;
+    manifest.height = camera_.height;
+    for (const CaptureLight& light : request_.lights)
+      manifest.frames.push_back({light.name, light.role, light.kind,
+                                 session_.folder() / illumination_file(light),
+                                 session_.folder() / observed_file(light)});
+    manifest.ambient = session_.folder() / ambient_file;
+    if (request_.mask.kind != MaskSource::Kind::none) manifest.mask = session_.folder() / mask_file;
+    session_.finish(manifest);
+  }
+
+  /// Bytes that the steps still to do may take, uncompressed.
+  std::uint64_t bytes_needed() const {
+    const std::uint64_t pixels = static_cast<std::uint64_t>(camera_.width) * camera_.height;
+    const std::uint64_t texels = static_cast<std::uint64_t>(display_.width) * display_.height;
+    const std::uint64_t sample = request_.precision == Precision::half ? 2 : 4;
+    std::uint64_t frame = 6 * sample * pixels + 3 * sizeof(float) * texels;
+    if (request_.keep_raw)
+      frame += exposures_.size() * request_.frames_per_exposure * pixels * sizeof(std::uint16_t) *
+               (camera_.layout == PixelLayout::rgb ? 3 : 1);
+    return frame * (request_.lights.size() + 2 - std::min(session_.found_done(), request_.lights.size()));
+  }
+
+  void report(CaptureSummary& summary) const {
+    summary.out_of_range_lights = out_of_range_lights_;
+    summary.exposures = exposures_;
+    if (photographs_ == 0) return;
+    for (double useful : useful_) summary.useful_fraction.push_back(useful / photographs_);
+    summary.clipped_fraction = clipped_ / photographs_;
+  }
+
+ private:
+  /// Shows a pattern and merges `repeats` frames of each exposure. Adds the raw files that are kept to
+  /// `files`.
+  Photograph photograph(const std::string& name, const DriveImage& pattern, int repeats,
+                        std::vector<std::string>& files) {
+    pairing_.prepare(exposures_.front(), request_.gain);
+    pairing_.show(pattern);
+    std::vector<RawFrame> frames;
+    for (std::size_t i = 0; i < exposures_.size(); ++i)
+      for (int repeat = 0; repeat < repeats; ++repeat) {
+        frames.push_back(pairing_.photograph(exposures_[i], request_.gain));
+        if (!request_.keep_raw) continue;
+        files.push_back(raw_file(name, i, repeats > 1 ? std::optional(repeat) : std::nullopt));
+        write_raw_frame(session_.folder() / files.back(), frames.back());
+      }
+    MergeStatistics statistics;
+    Photograph merged = merge_exposures(frames, request_.camera, {}, &statistics);
+    for (std::size_t i = 0; i < frames.size(); ++i)
+      useful_[i / repeats] += statistics.useful_fraction[i] / repeats;
+    clipped_ += statistics.clipped_fraction;
+    ++photographs_;
+    return merged;
+  }
+
+  Mask mask(std::vector<std::string>& files) {
+    if (request_.mask.kind == MaskSource::Kind::painted)
+      return read_mask(request_.mask.file, camera_.width, camera_.height);
+    Photograph lit = photograph("mask", uniform_drive(display_.width, display_.height, white),
+                                request_.frames_per_exposure, files);
+    subtract_ambient(lit, ambient_);
+    if (request_.mask.file.empty()) return scene_mask(lit);
+    const Photograph background = read_photograph(request_.mask.file);
+    return scene_mask(lit, &background);
+  }
+
+  const CaptureRequest& request_;
+  const CameraDescription camera_;
+  const IlluminatorDescription display_;
+  const std::vector<Seconds> exposures_;
+  FramePairing& pairing_;
+  SessionWriter& session_;
+  Photograph ambient_;
+  std::vector<double> useful_;
+  double clipped_ = 0.0;
+  int photographs_ = 0;
+  std::size_t out_of_range_lights_ = 0;
+};
+
+}  // namespace
+
+CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminator& illuminator,
+                       Trigger* trigger) {
+  const auto start = std::chrono::steady_clock::now();
+  const CameraDescription described = camera.describe();
+  const IlluminatorDescription display = illuminator.describe();
+  check_session_folder(request.folder, request.if_exists);
+  request.check(described, display);
+  FramePairing pairing(camera, illuminator, trigger);
+  const auto exposures = choose_exposures(request, described, display, pairing);
+  SessionWriter session(request.folder, capture_plan_text(request, exposures, described, display),
+                        steps_of(request), request.if_exists);
+  CaptureRun run(request, described, display, exposures, pairing, session);
+
+  if (!session.is_complete()) {
+    require_free_space(request.folder, run.bytes_needed());
+    if (request.keep_raw) create_folders(request.folder / "raw");
+    write_calibration(request.folder / "calibration.toml", request.camera, request.monitor);
+    run.take_ambient();
+    run.make_mask();
+    Progress progress("capturing", request.lights.size());
+    for (const CaptureLight& light : request.lights) {
+      throw_if_interrupted();
+      run.take_photograph(light);
+      progress.advance();
+    }
+    run.finish();
+  }
+
+  CaptureSummary summary;
+  summary.lights = request.lights.size();
+  summary.found_done = session.found_done();
+  summary.found_damaged = session.found_damaged();
+  summary.discarded = pairing.counts();
+  run.report(summary);
+  summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return summary;
+}
+
+}  // namespace refield

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/calibration.h"
+#include "acquire/camera.h"
+#include "acquire/exposure_plan.h"
+#include "acquire/frame_pairing.h"
+#include "acquire/illuminator.h"
+#include "acquire/session_writer.h"
+#include "acquire/trigger.h"
+#include "core/capture_session.h"
+
+namespace refield {
+
+/// A light to photograph the scene under. The file holds wanted linear radiance above the monitor's black;
+/// the session stores what the monitor's drive levels make of it.
+struct CaptureLight {
+  std::string name;  ///< unique; becomes file names
+  FrameRole role = FrameRole::train;
+  std::string kind;
+  std::filesystem::path wanted;
+};
+
+/// Where the mask of the scene comes from.
+struct MaskSource {
+  enum class Kind { none, painted, automatic };
+  Kind kind = Kind::none;
+  std::filesystem::path
+      file;  ///< painted: the mask; automatic: a photograph of the background under white, or empty
+};
+
+/// All that decides what a capture gives. Two captures of one request with the same devices are equal to the
+/// byte, however often they were interrupted.
+struct CaptureRequest {
+  std::filesystem::path folder;
+  std::vector<CaptureLight> lights;
+  CameraCalibration camera;
+  MonitorCalibration monitor;
+  std::string rig;                 ///< names the devices and what they look at; part of the plan
+  std::vector<Seconds> exposures;  ///< empty: metered under white, by exposure_plan
+  ExposurePlanOptions exposure_plan;
+  int frames_per_exposure = 1;  ///< all enter the fit
+  int ambient_repeats = 4;      ///< the ambient photograph's noise goes into every other: make it small
+  double gain = 1.0;
+  MaskSource mask;
+  bool keep_raw = false;
+  Precision precision = Precision::single;  ///< of observed images
+  IfExists if_exists = IfExists::refuse;
+
+  /// Throws InputError naming the option and the remedy.
+  void check(const CameraDescription& camera, const IlluminatorDescription& display) const;
+};
+
+struct CaptureSummary {
+  std::size_t lights = 0;
+  std::size_t found_done = 0;     ///< steps taken over from an earlier run
+  std::size_t found_damaged = 0;  ///< steps done again since their files had changed
+  std::vector<Seconds> exposures;
+  std::vector<double> useful_fraction;  ///< [exposures], mean over this run's photographs; empty when none
+  double clipped_fraction = 0.0;        ///< of the samples, mean over this run's photographs
+  std::size_t out_of_range_lights = 0;  ///< lights with texels brighter than the monitor
+  PairingCounts discarded;
+  double seconds = 0.0;
+};
+
+/// Photographs the scene under each light into a capture session folder: ambient light first, then the mask,
+/// then the lights in order. Talks to interfaces only. Stops between photographs when asked to (throws
+/// Interrupted); whatever ends it, the folder can be resumed. Throws InputError, FormatError or DeviceError.
+/// `trigger` may be null.
+CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminator& illuminator,
+                       Trigger* trigger);
+
+/// Text of plan.toml: everything that decides the capture's content, with a checksum of every input file.
+std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,
+                              const CameraDescription& camera, const IlluminatorDescription& display);
+
+/// The exposure times that a plan.toml states.
+std::vector<Seconds> exposures_of_plan(const std::string& plan, const std::filesystem::path& path);
+
+}  // namespace refield

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// plan.toml: what a capture is to become, so that it can be resumed only as the same capture.
+#define TOML_EXCEPTIONS 1
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <set>
+#include <sstream>
+
+#include "acquire/capture.h"
+#include "acquire/scene_mask.h"
+#include "core/errors.h"
+#include "core/files.h"
+
+namespace refield {
+
+namespace {
+
+constexpr const char* format_name = "refield capture plan";
+constexpr int format_version = 1;
+
+std::string hex(std::uint32_t value) {
+  char text[9];
+  std::snprintf(text, sizeof text, "%08x", value);
+  return text;
+}
+
+std::string checksum_of(const std::filesystem::path& file) {
+  return hex(inspect_file(file.parent_path(), file.filename().string()).crc32);
+}
+
+template <class T>
+std::string_view bytes_of(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+
+std::uint32_t checksum_of(const CameraCalibration& camera, const MonitorCalibration& monitor) {
+  const std::vector<double> numbers = {
+      static_cast<double>(camera.bits), camera.black_level_dn,       camera.saturation_dn,
+      camera.electrons_per_dn,          camera.read_noise_electrons, camera.electrons_per_radiance_second};
+  std::uint32_t crc = crc32_of(bytes_of(camera.linear_from_dn), crc32_of(bytes_of(numbers)));
+  for (const auto& table : monitor.radiance_from_level) crc = crc32_of(bytes_of(table), crc);
+  return crc;
+}
+
+const char* name_of(MaskSource::Kind kind) {
+  switch (kind) {
+    case MaskSource::Kind::none:
+      return "none";
+    case MaskSource::Kind::painted:
+      return "painted";
+    case MaskSource::Kind::automatic:
+      return "automatic";
+  }
+  throw InputError("unknown mask source");
+}
+
+}  // namespace
+
+void CaptureRequest::check(const CameraDescription& described, const IlluminatorDescription& display) const {
+  if (lights.empty()) throw InputError("there is no light to capture under; give light maps");
+  std::set<std::string> names = {"ambient", "mask"};
+  for (const CaptureLight& light : lights) {
+    if (light.name.empty() || light.name.front() == '.' ||
+        light.name.find_first_of("/\t\n\r") != std::string::npos)
+      throw InputError(light.wanted.string() + ": '" + light.name + "' cannot name a frame; rename the file");
+    if (!names.insert(light.name).second)
+      throw InputError(light.wanted.string() + ": two frames would be named '" + light.name +
+                       "'; rename one");
+    const ImageHeader header = read_image_header(light.wanted);
+    if (header.width != display.width || header.height != display.height)
+      throw InputError(light.wanted.string() + ": is " + std::to_string(header.width) + "×" +
+                       std::to_string(header.height) + " texels, the monitor shows " +
+                       std::to_string(display.width) + "×" + std::to_string(display.height) +
+                       "; make the light map at that size");
+  }
+  camera.check("camera calibration");
+  monitor.check("monitor calibration");
+  if (camera.bits != described.bits)
+    throw InputError("the calibration is for " + std::to_string(camera.bits) + " bits, camera '" +
+                     described.name + "' gives " + std::to_string(described.bits) +
+                     "; calibrate it in this mode");
+  if (frames_per_exposure < 1 || frames_per_exposure > 64)
+    throw InputError("frames per exposure is " + std::to_string(frames_per_exposure) + "; give 1 to 64");
+  if (ambient_repeats < 1 || ambient_repeats > 64)
+    throw InputError("the number of ambient repeats is " + std::to_string(ambient_repeats) +
+                     "; give 1 to 64");
+  if (!(gain > 0.0)) throw InputError("the gain must be above zero");
+  if (!exposures.empty())
+    check_exposures(exposures, described);
+  else
+    exposure_plan.check();
+}
+
+std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,
+                              const CameraDescription& camera, const IlluminatorDescription& display) {
+  toml::array times;
+  for (Seconds time : exposures) times.push_back(time.count());
+  toml::table how{{"seconds", times},
+                  {"metered", request.exposures.empty()},
+                  {"frames_per_exposure", request.frames_per_exposure},
+                  {"ambient_repeats", request.ambient_repeats},
+                  {"gain", request.gain}};
+  if (request.exposures.empty()) {
+    how.insert("count", request.exposure_plan.count);
+    how.insert("ratio", request.exposure_plan.ratio);
+    how.insert("multiple_of", request.exposure_plan.multiple_of.count());
+  }
+  toml::table mask{{"source", name_of(request.mask.kind)}};
+  if (!request.mask.file.empty()) mask.insert("crc32", checksum_of(request.mask.file));
+  toml::array lights;
+  for (const CaptureLight& light : request.lights)
+    lights.push_back(toml::table{{"name", light.name},
+                                 {"role", std::string(name_of(light.role))},
+                                 {"kind", light.kind},
+                                 {"wanted_crc32", checksum_of(light.wanted)}});
+  const toml::table plan{
+      {"format", format_name},
+      {"version", format_version},
+      {"rig", request.rig},
+      {"camera", toml::table{{"name", camera.name}, {"width", camera.width}, {"height", camera.height}}},
+      {"display", toml::table{{"name", display.name}, {"width", display.width}, {"height", display.height}}},
+      {"calibration", toml::table{{"crc32", hex(checksum_of(request.camera, request.monitor))}}},
+      {"exposures", how},
+      {"mask", mask},
+      {"files",
+       toml::table{{"keep_raw", request.keep_raw}, {"half_precision", request.precision == Precision::half}}},
+      {"light", lights}};
+  std::ostringstream text;
+  text << plan << "\n";
+  return text.str();
+}
+
+std::vector<Seconds> exposures_of_plan(const std::string& plan, const std::filesystem::path& path) {
+  try {
+    const toml::table table = toml::parse(plan, path.string());
+    if (const toml::array* times = table["exposures"]["seconds"].as_array()) {
+      std::vector<Seconds> exposures;
+      for (const auto& time : *times) exposures.emplace_back(time.value_or(0.0));
+      return exposures;
+    }
+  } catch (const toml::parse_error& error) {
+    throw FormatError(
+        path, "line " + std::to_string(error.source().begin.line) + ": " + std::string(error.description()));
+  }
+  throw FormatError(path, "lacks exposures.seconds; start anew with --force");
+}
+
+}  // namespace refield

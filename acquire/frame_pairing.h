@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <optional>
+
+#include "acquire/camera.h"
+#include "acquire/illuminator.h"
+#include "acquire/trigger.h"
+
+namespace refield {
+
+/// Frames that came but could not be used.
+struct PairingCounts {
+  std::uint64_t early = 0;  ///< exposure began before the pattern stood still
+  std::uint64_t stale = 0;  ///< taken with settings from before the last change, or handed over twice
+  std::uint64_t lost = 0;   ///< gaps in the camera's numbering
+};
+
+/// Pairs frames with patterns by time stamps, never by waiting: a frame belongs to a pattern only when its
+/// exposure began after the flip's time stamp plus the display's latency and settling, with the settings that
+/// were asked for. Whatever delays the display, the driver or this process may add, a wrong pair cannot come
+/// about.
+class FramePairing {
+ public:
+  /// `trigger` may be null: the camera then runs freely.
+  FramePairing(Camera& camera, Illuminator& illuminator, Trigger* trigger);
+
+  void show(const DriveImage& pattern);
+
+  /// Asks for the settings ahead of show(), so that they act while the pattern settles.
+  void prepare(Seconds exposure, double gain);
+
+  /// A frame of the pattern shown last, with these settings. The frame's own `exposure` is what the camera
+  /// reports; it may differ from the request by what cameras round to. Throws DeviceError when frames stop
+  /// coming, have the wrong size, or never take on the settings.
+  RawFrame photograph(Seconds exposure, double gain);
+
+  const PairingCounts& counts() const { return counts_; }
+
+ private:
+  bool usable(const RawFrame& frame, Seconds exposure, double gain);
+  Camera& camera_;
+  Illuminator& illuminator_;
+  Trigger* trigger_;
+  CameraDescription description_;
+  TimePoint settled_{};  // from here on the light is the pattern's
+  Seconds asked_exposure_{0};
+  double asked_gain_ = 0.0;
+  std::optional<std::uint64_t> last_sequence_;
+  PairingCounts counts_;
+};
+
+}  // namespace refield

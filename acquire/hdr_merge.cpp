@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/hdr_merge.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "acquire/demosaic.h"
+#include "core/errors.h"
+
+namespace refield {
+
+namespace {
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr float useful_share = 0.1f;  // of a sample's information
+
+/// A decoded sample: electrons above black, and the variance that does not depend on light. An infinite
+/// variance marks a clipped sample: its weight becomes zero without a branch.
+struct Sample {
+  float electrons;
+  float floor_variance;
+};
+
+/// Fits the response lines of one row. `electrons` and `floor` are [exposures × size], `per_radiance`
+/// [exposures] the electrons that radiance 1 gives. `useful` [exposures] counts samples.
+class RowFit {
+ public:
+  RowFit(std::size_t exposures, std::size_t size)
+      : exposures_(exposures),
+        size_(size),
+        electrons_(exposures * size),
+        floor_(exposures * size),
+        predicted_(size),
+        numerator_(size),
+        information_(size) {}
+
+  float* electrons(std::size_t i) { return electrons_.data() + i * size_; }
+  float* floor(std::size_t i) { return floor_.data() + i * size_; }
+
+  void fit(std::span<const float> per_radiance, std::span<float> radiance, std::span<float> sigma,
+           std::span<std::uint32_t> useful, std::uint32_t& clipped) {
+    predict(per_radiance);
+    std::ranges::fill(numerator_, 0.0f);
+    std::ranges::fill(information_, 0.0f);
+    for (std::size_t i = 0; i < exposures_; ++i) {
+      const float* e = electrons(i);
+      const float* f = floor(i);
+      const float t = per_radiance[i];
+      for (std::size_t x = 0; x < size_; ++x) {
+        const float weighted_t = t / (predicted_[x] * t + f[x]);
+        numerator_[x] += weighted_t * e[x];
+        information_[x] += weighted_t * t;
+      }
+    }
+    const std::size_t shortest = std::ranges::min_element(per_radiance) - per_radiance.begin();
+    const float* bound = electrons(shortest);
+    clipped = 0;
+    for (std::size_t x = 0; x < size_; ++x) {
+      const bool measured = information_[x] > 0.0f;
+      radiance[x] = measured ? numerator_[x] / information_[x] : bound[x] / per_radiance[shortest];
+      sigma[x] = measured ? 1.0f / std::sqrt(information_[x]) : infinity;
+      clipped += !measured;
+    }
+    for (std::size_t i = 0; i < exposures_; ++i) useful[i] = count_useful(i, per_radiance[i]);
+  }
+
+ private:
+  /// Radiance Σ electrons / Σ exposure, not below zero: what variances are predicted from.
+  void predict(std::span<const float> per_radiance) {
+    std::ranges::fill(numerator_, 0.0f);
+    std::ranges::fill(information_, 0.0f);
+    for (std::size_t i = 0; i < exposures_; ++i) {
+      const float* e = electrons(i);
+      const float* f = floor(i);
+      const float t = per_radiance[i];
+      for (std::size_t x = 0; x < size_; ++x) {
+        const float usable = f[x] < infinity ? 1.0f : 0.0f;
+        numerator_[x] += usable * e[x];
+        information_[x] += usable * t;
+      }
+    }
+    for (std::size_t x = 0; x < size_; ++x)
+      predicted_[x] = information_[x] > 0.0f ? std::max(numerator_[x] / information_[x], 0.0f) : 0.0f;
+  }
+
+  std::uint32_t count_useful(std::size_t i, float t) const {
+    const float* f = floor_.data() + i * size_;
+    std::uint32_t count = 0;
+    for (std::size_t x = 0; x < size_; ++x)
+      count += t * t > useful_share * information_[x] * (predicted_[x] * t + f[x]) && f[x] < infinity;
+    return count;
+  }
+
+  std::size_t exposures_;
+  std::size_t size_;
+  std::vector<float> electrons_;
+  std::vector<float> floor_;
+  std::vector<float> predicted_;
+  std::vector<float> numerator_;
+  std::vector<float> information_;  // Σ weight · t²: the inverse variance of the slope
+};
+
+/// Merges row by row. `decode(i, y, electrons, floor)` fills one row of one exposure.
+template <class Decode>
+Photograph merge_rows(int width, int height, int channels, std::span<const float> per_radiance,
+                      const Decode& decode, MergeStatistics* statistics) {
+  Photograph merged{Image(width, height, channels), Image(width, height, channels)};
+  const std::size_t exposures = per_radiance.size();
+  const std::size_t row_size = static_cast<std::size_t>(width) * channels;
+  std::vector<std::uint32_t> useful(exposures * height);
+  std::vector<std::uint32_t> clipped(height);
+  tbb::parallel_for(tbb::blocked_range<int>(0, height, 8), [&](const tbb::blocked_range<int>& rows) {
+    RowFit fit(exposures, row_size);
+    for (int y = rows.begin(); y < rows.end(); ++y) {
+      for (std::size_t i = 0; i < exposures; ++i) decode(i, y, fit.electrons(i), fit.floor(i));
+      fit.fit(per_radiance, merged.radiance.row(y), merged.sigma.row(y),
+              std::span(useful).subspan(exposures * y, exposures), clipped[y]);
+    }
+  });
+  if (statistics) {
+    const double samples = static_cast<double>(row_size) * height;
+    statistics->useful_fraction.assign(exposures, 0.0);
+    statistics->clipped_fraction = 0.0;
+    for (int y = 0; y < height; ++y) {
+      for (std::size_t i = 0; i < exposures; ++i)
+        statistics->useful_fraction[i] += useful[exposures * y + i] / samples;
+      statistics->clipped_fraction += clipped[y] / samples;
+    }
+  }
+  return merged;
+}
+
+/// Raw sample to electrons and noise floor, for one gain.
+std::vector<Sample> sample_table(const CameraCalibration& camera, double gain, double clip_margin) {
+  const auto& linear = camera.linear_from_dn;
+  const double electrons_per_dn = camera.electrons_per_dn / gain;
+  const double clipped_from = camera.saturation_dn * (1.0 - clip_margin);
+  std::vector<Sample> table(linear.size());
+  for (std::size_t dn = 0; dn < table.size(); ++dn) {
+    const std::size_t below = dn == 0 ? 0 : dn - 1;
+    const std::size_t above = std::min(dn + 1, table.size() - 1);
+    const double step =
+        electrons_per_dn * (linear[above] - linear[below]) / static_cast<double>(above - below);
+    const double read = camera.read_noise_electrons;
+    // A flat stretch of the response says nothing, but must not claim a noise of zero.
+    const double floor =
+        std::max(read * read + step * step / 12.0, 1e-6 * electrons_per_dn * electrons_per_dn);
+    table[dn].electrons = static_cast<float>((linear[dn] - camera.black_level_dn) * electrons_per_dn);
+    table[dn].floor_variance = static_cast<double>(dn) >= clipped_from ? infinity : static_cast<float>(floor);
+  }
+  return table;
+}
+
+void check_frames(std::span<const RawFrame> frames, const CameraCalibration& camera) {
+  camera.check("camera calibration");
+  if (frames.empty()) throw InputError("there is no exposure to merge");
+  const RawFrame& first = frames.front();
+  const std::size_t expected =
+      static_cast<std::size_t>(first.width) * first.height * (first.layout == PixelLayout::rgb ? 3 : 1);
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const RawFrame& frame = frames[i];
+    const std::string name = "exposure " + std::to_string(i + 1) + " of " + std::to_string(frames.size());
+    if (frame.width != first.width || frame.height != first.height || frame.layout != first.layout ||
+        frame.samples.size() != expected || expected == 0)
+      throw InputError(name + ": is " + std::to_string(frame.width) + "×" + std::to_string(frame.height) +
+                       " pixels and differs in size or layout from the first; merge exposures of one camera");
+    if (!(frame.exposure.count() > 0.0 && std::isfinite(frame.exposure.count()) && frame.gain > 0.0))
+      throw InputError(name + ": exposure time and gain must be above zero");
+    if (const auto top = *std::ranges::max_element(frame.samples); top >= camera.linear_from_dn.size())
+      throw InputError(name + ": has a sample of " + std::to_string(top) + ", more than the " +
+                       std::to_string(camera.bits) +
+                       " bits of the calibration; give the camera's own calibration");
+  }
+}
+
+Image repeated_in_all_channels(const Image& grey) {
+  Image rgb(grey.width, grey.height, 3);
+  for (std::size_t i = 0; i < rgb.values.size(); ++i) rgb.values[i] = grey.values[i / 3];
+  return rgb;
+}
+
+}  // namespace
+
+Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibration& calibration,
+                           const MergeOptions& options, MergeStatistics* statistics) {
+  check_frames(frames, calibration);
+  const RawFrame& first = frames.front();
+  std::vector<float> per_radiance;
+  std::vector<std::vector<Sample>> tables;
+  std::vector<std::size_t> table_of;
+  for (const RawFrame& frame : frames) {
+    per_radiance.push_back(
+        static_cast<float>(frame.exposure.count() * calibration.electrons_per_radiance_second));
+    const auto same_gain = std::ranges::find(frames, frame.gain, &RawFrame::gain) - frames.begin();
+    const auto index = table_of.size();
+    table_of.push_back(static_cast<std::size_t>(same_gain) < index ? table_of[same_gain] : tables.size());
+    if (table_of.back() == tables.size())
+      tables.push_back(sample_table(calibration, frame.gain, options.clip_margin));
+  }
+  const int channels = first.layout == PixelLayout::rgb ? 3 : 1;
+  const std::size_t row_size = static_cast<std::size_t>(first.width) * channels;
+  const auto decode = [&](std::size_t i, int y, float* electrons, float* floor) {
+    const std::uint16_t* dn = frames[i].samples.data() + row_size * y;
+    const Sample* table = tables[table_of[i]].data();
+    for (std::size_t x = 0; x < row_size; ++x) {
+      electrons[x] = table[dn[x]].electrons;
+      floor[x] = table[dn[x]].floor_variance;
+    }
+  };
+  Photograph merged = merge_rows(first.width, first.height, channels, per_radiance, decode, statistics);
+  switch (first.layout) {
+    case PixelLayout::rgb:
+      return merged;
+    case PixelLayout::bayer_rggb:
+      return demosaic_rggb(merged.radiance, merged.sigma);
+    case PixelLayout::grey:
+      return {repeated_in_all_channels(merged.radiance), repeated_in_all_channels(merged.sigma)};
+  }
+  throw InputError("unknown pixel layout");
+}
+
+Photograph merge_linear_exposures(std::span<const Image> images, std::span<const Seconds> exposures,
+                                  const LinearSensor& sensor, const MergeOptions& options,
+                                  MergeStatistics* statistics) {
+  if (images.empty()) throw InputError("there is no exposure to merge");
+  if (images.size() != exposures.size())
+    throw InputError(std::to_string(images.size()) + " images but " + std::to_string(exposures.size()) +
+                     " exposure times; give one for each image");
+  if (!(sensor.black < sensor.saturation && sensor.electrons_per_value > 0.0 &&
+        sensor.read_noise_electrons >= 0.0))
+    throw InputError("black must lie below saturation, and noise figures must not be negative");
+  std::vector<float> per_radiance;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const std::string name = "exposure " + std::to_string(i + 1) + " of " + std::to_string(images.size());
+    if (!images[i].same_shape(images[0]))
+      throw InputError(name + ": is " + shape_text(images[i]) + ", the first is " + shape_text(images[0]) +
+                       "; merge exposures of one camera");
+    if (!(exposures[i].count() > 0.0 && std::isfinite(exposures[i].count())))
+      throw InputError(name + ": the exposure time must be above zero");
+    require_finite(images[i], name, true, "repair that pixel");
+    per_radiance.push_back(static_cast<float>(exposures[i].count() * sensor.electrons_per_value));
+  }
+  const auto scale = static_cast<float>(sensor.electrons_per_value);
+  const auto black = static_cast<float>(sensor.black);
+  const auto clipped_from =
+      static_cast<float>(sensor.saturation - options.clip_margin * (sensor.saturation - sensor.black));
+  // Half-float files resolve 2^-11 of a value: small beside shot noise, but it keeps the floor above zero.
+  const auto floor_variance =
+      static_cast<float>(std::max(sensor.read_noise_electrons * sensor.read_noise_electrons, 1e-3));
+  const auto decode = [&](std::size_t i, int y, float* electrons, float* floor) {
+    const auto row = images[i].row(y);
+    for (std::size_t x = 0; x < row.size(); ++x) {
+      electrons[x] = (row[x] - black) * scale;
+      floor[x] = row[x] >= clipped_from ? infinity : floor_variance;
+    }
+  };
+  return merge_rows(images[0].width, images[0].height, images[0].channels, per_radiance, decode, statistics);
+}
+
+void subtract_ambient(Photograph& photograph, const Photograph& ambient) {
+  if (!photograph.radiance.same_shape(ambient.radiance))
+    throw InputError("the ambient photograph is " + shape_text(ambient.radiance) + ", the photograph " +
+                     shape_text(photograph.radiance) + "; take both with one camera");
+  for (std::size_t i = 0; i < photograph.radiance.values.size(); ++i) {
+    photograph.radiance.values[i] -= ambient.radiance.values[i];
+    photograph.sigma.values[i] = std::hypot(photograph.sigma.values[i], ambient.sigma.values[i]);
+  }
+}
+
+}  // namespace refield
