@@ -71,25 +71,21 @@ Photograph read_for_comparison(const fs::path& path) {
 
 void compare_images(const CompareOptions& options, const Common& common) {
   if (!options.truth.empty()) throw InputError("--truth goes with a field and a session, not with images");
-  CaptureSession pairs;
-  if (fs::is_regular_file(options.predicted) && fs::is_regular_file(options.observed))
-    pairs.frames.push_back({"", FrameRole::test, "", options.predicted, options.observed});
-  else
-    pairs = pair_by_globs(options.predicted, options.observed);
-  const ImageHeader first = read_image_header(pairs.frames.front().observed);
+  const auto pairs = pair_files(options.predicted, options.observed, "prediction", "observed image");
+  const ImageHeader first = read_image_header(pairs.front().second);
   const Mask mask = options.mask.empty() ? Mask{} : read_mask(options.mask, first.width, first.height);
   SeriesError series(mask);
-  Progress progress("compare", pairs.frames.size());
-  for (const CaptureFrame& pair : pairs.frames) {  // `illumination` stands for the prediction here
+  Progress progress("compare", pairs.size());
+  for (const auto& [predicted_path, observed_path] : pairs) {
     throw_if_interrupted();
-    const Photograph predicted = read_for_comparison(pair.illumination);
-    const Photograph observed = read_for_comparison(pair.observed);
+    const Photograph predicted = read_for_comparison(predicted_path);
+    const Photograph observed = read_for_comparison(observed_path);
     if (!predicted.radiance.same_shape(observed.radiance))
-      throw InputError(pair.illumination.string() + ": is " + shape_text(predicted.radiance) + ", " +
-                       pair.observed.string() + " is " + shape_text(observed.radiance) +
+      throw InputError(predicted_path.string() + ": is " + shape_text(predicted.radiance) + ", " +
+                       observed_path.string() + " is " + shape_text(observed.radiance) +
                        "; compare images of one size");
-    require_comparable(predicted, pair.illumination, mask);
-    require_comparable(observed, pair.observed, mask);
+    require_comparable(predicted, predicted_path, mask);
+    require_comparable(observed, observed_path, mask);
     series.add(predicted.radiance, observed.radiance, observed.sigma);
     progress.advance();
   }

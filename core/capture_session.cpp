@@ -29,18 +29,47 @@ FrameRole role_from_name(std::string_view name, const fs::path& manifest) {
   throw FormatError(manifest, "unknown role '" + std::string(name) + "'; use train, test or reference");
 }
 
+Parameterisation parameterisation(std::string_view name, const fs::path& manifest) {
+  try {
+    return parameterisation_from_name(name);
+  } catch (const InputError& error) {
+    throw FormatError(manifest, error.what());
+  }
+}
+
 template <class T>
 T required(const toml::table& table, const char* key, const fs::path& manifest) {
   if (const auto value = table[key].value<T>()) return *value;
-  throw FormatError(manifest, "has no valid '" + std::string(key) + "'" +
-                                  (table.source().begin.line ? " near line " + std::to_string(table.source().begin.line)
-                                                             : std::string()));
+  throw FormatError(manifest,
+                    "has no valid '" + std::string(key) + "'" +
+                        (table.source().begin.line ? " near line " + std::to_string(table.source().begin.line)
+                                                   : std::string()));
 }
 
 void require_exists(const fs::path& path, const fs::path& manifest) {
   if (!fs::is_regular_file(path))
     throw InputError(path.string() + ": is missing, though " + manifest.string() +
                      " lists it; restore the file, or resume the capture");
+}
+
+using FilesByKey = std::map<std::string, fs::path>;
+
+void add_file(FilesByKey& files, const std::string& key, const fs::path& path) {
+  if (const auto [other, added] = files.emplace(key, path); !added)
+    throw InputError(path.string() + ": has the name '" + key + "' in common with " + other->second.string() +
+                     ", so pairs are not clear; rename one or leave it out");
+}
+
+FilesByKey by_wildcard(const std::vector<GlobMatch>& matches) {
+  FilesByKey files;
+  for (const GlobMatch& match : matches) add_file(files, match.wildcard, match.path);
+  return files;
+}
+
+FilesByKey by_stem(const std::vector<GlobMatch>& matches) {
+  FilesByKey files;
+  for (const GlobMatch& match : matches) add_file(files, match.path.stem().string(), match.path);
+  return files;
 }
 
 void check_size(const fs::path& path, int& width, int& height, const fs::path*& first) {
@@ -51,18 +80,22 @@ void check_size(const fs::path& path, int& width, int& height, const fs::path*& 
     first = &path;
   }
   if (header.width != width || header.height != height)
-    throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" + std::to_string(header.height) +
-                     " pixels, " + (first ? first->string() : std::string("the session")) + " is " +
-                     std::to_string(width) + "×" + std::to_string(height) + "; resize it or leave it out");
+    throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
+                     std::to_string(header.height) + " pixels, " +
+                     (first ? first->string() : std::string("the session")) + " is " + std::to_string(width) +
+                     "×" + std::to_string(height) + "; resize it or leave it out");
 }
 
 }  // namespace
 
 std::string_view name_of(FrameRole role) {
   switch (role) {
-    case FrameRole::train: return "train";
-    case FrameRole::test: return "test";
-    case FrameRole::reference: return "reference";
+    case FrameRole::train:
+      return "train";
+    case FrameRole::test:
+      return "test";
+    case FrameRole::reference:
+      return "reference";
   }
   throw InputError("unknown frame role");
 }
@@ -74,7 +107,9 @@ std::vector<CaptureFrame> CaptureSession::frames_of(FrameRole role) const {
 }
 
 void write_session_manifest(const CaptureSession& session) {
-  const auto relative = [&](const fs::path& path) { return path.lexically_relative(session.folder).generic_string(); };
+  const auto relative = [&](const fs::path& path) {
+    return path.lexically_relative(session.folder).generic_string();
+  };
   toml::array frames;
   for (const CaptureFrame& frame : session.frames)
     frames.push_back(toml::table{{"name", frame.name},
@@ -100,8 +135,9 @@ void write_session_manifest(const CaptureSession& session) {
 CaptureSession read_capture_session(const fs::path& folder) {
   const fs::path manifest = folder / session_manifest_name;
   if (!fs::is_regular_file(manifest))
-    throw InputError(folder.string() + ": is not a capture session (no " + session_manifest_name +
-                     "); give a folder that 'refield acquire' or 'refield simulate' made, or use --light and --observed");
+    throw InputError(
+        folder.string() + ": is not a capture session (no " + session_manifest_name +
+        "); give a folder that 'refield acquire' or 'refield simulate' made, or use --light and --observed");
   toml::table table;
   try {
     table = toml::parse(read_text(manifest), manifest.string());
@@ -124,7 +160,9 @@ CaptureSession read_capture_session(const fs::path& folder) {
   session.width = required<int>(*camera, "width", manifest);
   session.height = required<int>(*camera, "height", manifest);
   session.light = {required<int>(*light, "width", manifest), required<int>(*light, "height", manifest),
-                   parameterisation_from_name(required<std::string>(*light, "parameterisation", manifest))};
+                   parameterisation(required<std::string>(*light, "parameterisation", manifest), manifest)};
+  if (session.width <= 0 || session.height <= 0 || session.light.width <= 0 || session.light.height <= 0)
+    throw FormatError(manifest, "states a width or height that is not above zero");
   std::set<std::string> names;
   for (const auto& node : *frames) {
     const toml::table* entry = node.as_table();
@@ -135,7 +173,8 @@ CaptureSession read_capture_session(const fs::path& folder) {
     frame.kind = (*entry)["kind"].value_or(std::string());
     frame.illumination = folder / required<std::string>(*entry, "illumination", manifest);
     frame.observed = folder / required<std::string>(*entry, "observed", manifest);
-    if (!names.insert(frame.name).second) throw FormatError(manifest, "lists frame '" + frame.name + "' twice");
+    if (!names.insert(frame.name).second)
+      throw FormatError(manifest, "lists frame '" + frame.name + "' twice");
     require_exists(frame.illumination, manifest);
     require_exists(frame.observed, manifest);
     session.frames.push_back(std::move(frame));
@@ -148,37 +187,38 @@ CaptureSession read_capture_session(const fs::path& folder) {
   return session;
 }
 
-CaptureSession pair_by_globs(const std::string& light_glob, const std::string& observed_glob,
-                             Parameterisation parameterisation) {
-  const auto lights = expand_glob(light_glob);
-  const auto photographs = expand_glob(observed_glob);
-  const auto index = [](const std::vector<GlobMatch>& matches, bool by_stem) {
-    std::map<std::string, fs::path> map;
-    for (const GlobMatch& match : matches) map[by_stem ? match.path.stem().string() : match.wildcard] = match.path;
-    return map;
-  };
-  const auto shares_a_key = [](const auto& a, const auto& b) {
-    return std::ranges::any_of(a, [&](const auto& entry) { return b.contains(entry.first); });
-  };
-  auto light_of = index(lights, false);
-  auto observed_of = index(photographs, false);
-  if (!shares_a_key(light_of, observed_of)) {
-    light_of = index(lights, true);
-    observed_of = index(photographs, true);
+std::vector<std::pair<fs::path, fs::path>> pair_files(const std::string& first_glob,
+                                                      const std::string& second_glob,
+                                                      const std::string& first_kind,
+                                                      const std::string& second_kind) {
+  const auto first_matches = expand_glob(first_glob);
+  const auto second_matches = expand_glob(second_glob);
+  auto first = by_wildcard(first_matches);
+  auto second = by_wildcard(second_matches);
+  if (std::ranges::none_of(first, [&](const auto& entry) { return second.contains(entry.first); })) {
+    first = by_stem(first_matches);
+    second = by_stem(second_matches);
   }
-  const auto require_partner = [](const auto& from, const auto& to, const char* missing, const std::string& glob) {
+  const auto require_partner = [](const auto& from, const auto& to, const std::string& missing,
+                                  const std::string& glob) {
     for (const auto& [key, path] : from)
       if (!to.contains(key))
         throw InputError(path.string() + ": has no " + missing + " '" + key + "' among " + glob +
                          "; add the missing image or take this one out of the series");
   };
-  require_partner(light_of, observed_of, "photograph", observed_glob);
-  require_partner(observed_of, light_of, "light map", light_glob);
+  require_partner(first, second, second_kind, second_glob);
+  require_partner(second, first, first_kind, first_glob);
+  std::vector<std::pair<fs::path, fs::path>> pairs;
+  for (const auto& [key, path] : first) pairs.emplace_back(path, second.at(key));
+  return pairs;
+}
 
+CaptureSession pair_by_globs(const std::string& light_glob, const std::string& observed_glob,
+                             Parameterisation parameterisation) {
   CaptureSession session;
   session.light.parameterisation = parameterisation;
-  for (const auto& [key, path] : light_of)
-    session.frames.push_back({path.stem().string(), FrameRole::train, "", path, observed_of.at(key)});
+  for (const auto& [light, observed] : pair_files(light_glob, observed_glob, "light map", "photograph"))
+    session.frames.push_back({light.stem().string(), FrameRole::train, "", light, observed});
   return session;
 }
 
@@ -198,7 +238,8 @@ Mask read_mask(const fs::path& path, int width, int height) {
                      std::to_string(width) + "×" + std::to_string(height) + "; paint it at that size");
   Mask mask(image.pixel_count());
   for (std::size_t p = 0; p < mask.size(); ++p)
-    mask[p] = std::ranges::any_of(std::span(image.values).subspan(3 * p, 3), [](float v) { return v > 0.5f; });
+    mask[p] =
+        std::ranges::any_of(std::span(image.values).subspan(3 * p, 3), [](float v) { return v > 0.5f; });
   return mask;
 }
 

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/light_map.h"
@@ -17,19 +18,20 @@ std::string_view name_of(FrameRole role);
 
 /// One photograph of the scene and the illumination that it was taken under.
 struct CaptureFrame {
-  std::string name;                    ///< unique, for example "train_007"
+  std::string name;  ///< unique, for example "train_007"
   FrameRole role = FrameRole::train;
   std::string kind;                    ///< of light: "natural", "bar", "square", "white", "black"; free text
   std::filesystem::path illumination;  ///< EXR: linear radiance that the light emitted
   std::filesystem::path observed;      ///< EXR: photograph, ambient light already subtracted
 };
 
-/// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and its
-/// manifest (session.toml) are described in docs/capture-session-format.md. It stands in core because stages meet in it.
+/// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and
+/// its manifest (session.toml) are described in docs/capture-session-format.md. It stands in core because
+/// stages meet in it.
 struct CaptureSession {
   std::filesystem::path folder;  ///< empty for a capture given by globs
   LightDomain light;
-  int width = 0;   ///< of the photographs
+  int width = 0;  ///< of the photographs
   int height = 0;
   std::vector<CaptureFrame> frames;
   std::optional<std::filesystem::path> ambient;
@@ -43,20 +45,27 @@ inline constexpr const char* session_manifest_name = "session.toml";
 /// Writes folder/session.toml, atomically. Paths inside the folder are stored relative to it.
 void write_session_manifest(const CaptureSession& session);
 
-/// Reads a session. Throws FormatError for a broken manifest, InputError when a listed file is missing; the message
-/// names it. Image contents are not read.
+/// Reads a session. Throws FormatError for a broken manifest, InputError when a listed file is missing; the
+/// message names it. Image contents are not read.
 CaptureSession read_capture_session(const std::filesystem::path& folder);
 
-/// A capture from another tool: two file patterns (or folders). Frames pair up by what the wildcards stood for, else,
-/// when no wildcard is shared, by the whole stem. Throws InputError naming the first file without a partner.
+/// Pairs the files of two patterns (or folders) by what their wildcards stood for, else, when no wildcard is
+/// shared, by the whole stem. Sorted by that. Throws InputError naming the first file without a partner, or
+/// with two; `first_kind` and `second_kind` are what the message calls the files.
+std::vector<std::pair<std::filesystem::path, std::filesystem::path>> pair_files(
+    const std::string& first_glob, const std::string& second_glob, const std::string& first_kind,
+    const std::string& second_kind);
+
+/// A capture from another tool: light maps and photographs paired by pair_files(), all of role train.
 CaptureSession pair_by_globs(const std::string& light_glob, const std::string& observed_glob,
                              Parameterisation parameterisation = Parameterisation::monitor);
 
-/// Checks that the headers of all images fit together, filling in sizes where the session does not state them.
-/// Throws InputError naming the first image whose size differs.
+/// Checks that the headers of all images fit together, filling in sizes where the session does not state
+/// them. Throws InputError naming the first image whose size differs.
 void check_image_sizes(CaptureSession& session);
 
-/// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size differs.
+/// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size
+/// differs.
 Mask read_mask(const std::filesystem::path& path, int width, int height);
 
 }  // namespace refield

@@ -6,10 +6,10 @@
 
 #include <algorithm>
 #include <array>
-#include <memory>
-#include <optional>
 #include <cerrno>
 #include <cmath>
+#include <memory>
+#include <optional>
 #include <string>
 
 #include "core/errors.h"
@@ -22,19 +22,37 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr std::int64_t max_side_px = 1 << 16;  // beyond this a header is taken as hostile
+// No compression of real images reaches this; a header that promises more than the file can hold is damaged.
+constexpr std::uint64_t max_compression = 5000;
+constexpr std::uint64_t always_allowed_bytes = 64 << 20;
+
+/// Debian's OpenImageIO prints its debugging notes to standard error unless told not to; errors reach us as
+/// results.
+void silence_openimageio() {
+  static const bool done = OIIO::attribute("debug", 0);
+  static_cast<void>(done);
+}
 
 std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
   if (!fs::is_regular_file(path, error)) throw FormatError(path, "is not a file; name an image");
+  silence_openimageio();
   auto input = OIIO::ImageInput::open(path.string());
   if (!input)
-    throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + "); check that the file is complete");
+    throw FormatError(
+        path, "cannot be read as an image (" + OIIO::geterror() + "); check that the file is complete");
   const auto& spec = input->spec();
   if (spec.width <= 0 || spec.height <= 0 || spec.width > max_side_px || spec.height > max_side_px ||
       spec.depth > 1 || spec.nchannels < 1)
-    throw FormatError(path, "has impossible dimensions " + std::to_string(spec.width) + "×" +
-                                std::to_string(spec.height));
+    throw FormatError(
+        path, "has impossible dimensions " + std::to_string(spec.width) + "×" + std::to_string(spec.height));
+  const std::uint64_t bytes =
+      static_cast<std::uint64_t>(spec.width) * spec.height * spec.nchannels * sizeof(float);
+  if (bytes > always_allowed_bytes && bytes / max_compression > fs::file_size(path))
+    throw FormatError(path, "is too small for the " + std::to_string(spec.width) + "×" +
+                                std::to_string(spec.height) +
+                                " pixels that its header promises; the file is damaged or truncated");
   return input;
 }
 
@@ -63,13 +81,14 @@ std::vector<float> read_raw_rows(OIIO::ImageInput& input, const fs::path& path, 
   const OIIO::ImageSpec spec = input.spec();
   const std::size_t row_size = static_cast<std::size_t>(spec.width) * spec.nchannels;
   const auto fail = [&] {
-    throw FormatError(path, "cannot read rows " + std::to_string(first) + " to " + std::to_string(last) + " (" +
-                                input.geterror() + "); the file is damaged or truncated: copy or capture it again");
+    throw FormatError(path, "cannot read rows " + std::to_string(first) + " to " + std::to_string(last) +
+                                " (" + input.geterror() +
+                                "); the file is damaged or truncated: copy or capture it again");
   };
   std::vector<float> raw(row_size * (last - first));
   if (spec.tile_width == 0) {
-    if (!input.read_scanlines(0, 0, spec.y + first, spec.y + last, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT,
-                              raw.data()))
+    if (!input.read_scanlines(0, 0, spec.y + first, spec.y + last, 0, 0, spec.nchannels,
+                              OIIO::TypeDesc::FLOAT, raw.data()))
       fail();
     return raw;
   }
@@ -94,6 +113,7 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
     const auto fail = [&](const std::string& why) {
       throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the image (" + why + ")");
     };
+    silence_openimageio();
     errno = 0;
     auto output = OIIO::ImageOutput::create(temporary.string());
     if (!output) fail(OIIO::geterror());
@@ -101,8 +121,10 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
                          precision == Precision::half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT);
     spec.channelnames = names;
     spec.attribute("compression", "zip");
-    // Without this, OpenImageIO stores the date and time of writing: equal content must give equal files.
-    spec.attribute("DateTime", "");
+    // OpenImageIO stores the date and time of writing unless there is one: equal content must give equal
+    // files. It leaves out an attribute whose type EXR does not know.
+    constexpr std::int8_t no_date = 0;
+    spec.attribute("DateTime", OIIO::TypeDesc::INT8, &no_date);
     spec.attribute("oiio:ColorSpace", "Linear");
     if (!output->open(temporary.string(), spec)) fail(output->geterror());
     if (!output->write_image(OIIO::TypeDesc::FLOAT, values)) fail(output->geterror());
@@ -131,7 +153,8 @@ Photograph read_photograph_rows(const fs::path& path, int first, int last) {
   const auto input = open_image(path);
   const OIIO::ImageSpec spec = input->spec();
   if (first < 0 || last > spec.height || first >= last)
-    throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " + std::to_string(last));
+    throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " +
+                     std::to_string(last));
   if (!spec.format.is_floating_point())
     throw FormatError(path, "is not scene-linear; photographs must be OpenEXR or another float format");
   const auto raw = read_raw_rows(*input, path, first, last);
@@ -155,7 +178,8 @@ LightMap read_light_map(const fs::path& path, Parameterisation parameterisation)
 }
 
 void write_exr(const fs::path& path, const Image& image, Precision precision) {
-  if (image.channels != 1 && image.channels != 3) throw InputError("an EXR of 1 or 3 channels can be written");
+  if (image.channels != 1 && image.channels != 3)
+    throw InputError("an EXR of 1 or 3 channels can be written");
   const std::vector<std::string> names =
       image.channels == 1 ? std::vector<std::string>{"Y"} : std::vector<std::string>{"R", "G", "B"};
   write_channels(path, image.width, image.height, names, image.values.data(), precision);
@@ -171,8 +195,8 @@ void write_photograph(const fs::path& path, const Photograph& photograph, Precis
       six[6 * p + c] = radiance.values[3 * p + c];
       six[6 * p + 3 + c] = photograph.sigma.values[3 * p + c];
     }
-  write_channels(path, radiance.width, radiance.height, {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B"}, six.data(),
-                 precision);
+  write_channels(path, radiance.width, radiance.height, {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B"},
+                 six.data(), precision);
 }
 
 float linear_from_srgb(float encoded) {

@@ -2,11 +2,13 @@
 #include "core/reflectance_field_file.h"
 
 #include <hdf5.h>
+#include <zlib.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cmath>
+#include <optional>
 #include <type_traits>
 
 #include "core/errors.h"
@@ -19,6 +21,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* format_name = "refield reflectance field";
+constexpr const char* crc_name = "crc32";
 constexpr std::uint64_t max_pixels = 1ull << 32;
 
 /// An HDF5 identifier, closed by its own kind of close.
@@ -51,18 +54,33 @@ struct SilencedErrors {
 
 template <class T>
 hid_t native_type() {
-  if constexpr (std::is_same_v<T, float>) return H5T_NATIVE_FLOAT;
-  else if constexpr (std::is_same_v<T, std::int32_t>) return H5T_NATIVE_INT32;
-  else if constexpr (std::is_same_v<T, std::uint32_t>) return H5T_NATIVE_UINT32;
-  else return H5T_NATIVE_UINT64;
+  if constexpr (std::is_same_v<T, float>)
+    return H5T_NATIVE_FLOAT;
+  else if constexpr (std::is_same_v<T, std::int32_t>)
+    return H5T_NATIVE_INT32;
+  else if constexpr (std::is_same_v<T, std::uint32_t>)
+    return H5T_NATIVE_UINT32;
+  else
+    return H5T_NATIVE_UINT64;
 }
 
 template <class T>
 hid_t stored_type() {
-  if constexpr (std::is_same_v<T, float>) return H5T_IEEE_F32LE;
-  else if constexpr (std::is_same_v<T, std::int32_t>) return H5T_STD_I32LE;
-  else if constexpr (std::is_same_v<T, std::uint32_t>) return H5T_STD_U32LE;
-  else return H5T_STD_U64LE;
+  if constexpr (std::is_same_v<T, float>)
+    return H5T_IEEE_F32LE;
+  else if constexpr (std::is_same_v<T, std::int32_t>)
+    return H5T_STD_I32LE;
+  else if constexpr (std::is_same_v<T, std::uint32_t>)
+    return H5T_STD_U32LE;
+  else
+    return H5T_STD_U64LE;
+}
+
+/// CRC-32 as zlib, PNG and Python's zlib.crc32 define it. HDF5 guards its own structures by checksums, not
+/// the values.
+std::uint32_t crc32_of(const void* values, std::size_t bytes) {
+  return static_cast<std::uint32_t>(
+      crc32_z(crc32_z(0, nullptr, 0), static_cast<const Bytef*>(values), bytes));
 }
 
 struct Writer {
@@ -78,10 +96,15 @@ struct Writer {
     const Handle space(H5Screate_simple(static_cast<int>(shape.size()), shape.begin(), nullptr), H5Sclose);
     const Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
     H5Pset_obj_track_times(creation, false);
-    const Handle set(H5Dcreate2(file, name, stored_type<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT), H5Dclose);
+    const Handle set(H5Dcreate2(file, name, stored_type<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT),
+                     H5Dclose);
     check(set.valid());
-    if (H5Sget_simple_extent_npoints(space) > 0)
-      check(H5Dwrite(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+    const auto count = static_cast<std::size_t>(H5Sget_simple_extent_npoints(space));
+    if (count > 0) check(H5Dwrite(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+    const Handle scalar(H5Screate(H5S_SCALAR), H5Sclose);
+    const Handle sum(H5Acreate2(set, crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+    const std::uint32_t crc = crc32_of(values, count * sizeof(T));
+    check(sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc) >= 0);
   }
 
   void text(const char* name, const std::string& value) const {
@@ -120,7 +143,8 @@ struct Reader {
         shape[1] != columns)
       fail(std::string("data set '") + name + "' has the wrong shape");
     const Handle type(H5Dget_type(set), H5Tclose);
-    if (H5Tequal(type, stored_type<T>()) <= 0) fail(std::string("data set '") + name + "' has the wrong type");
+    if (H5Tequal(type, stored_type<T>()) <= 0)
+      fail(std::string("data set '") + name + "' has the wrong type");
     // A header may promise more than the file holds.
     const hsize_t bytes = shape[0] * shape[1] * sizeof(T);
     if (shape[0] > fs::file_size(path) || bytes > fs::file_size(path) || H5Dget_storage_size(set) != bytes)
@@ -128,7 +152,22 @@ struct Reader {
     std::vector<T> values(shape[0] * shape[1]);
     if (!values.empty() && H5Dread(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
       fail(std::string("data set '") + name + "' cannot be read");
+    if (const auto crc = stored_crc(set); crc && *crc != crc32_of(values.data(), bytes))
+      fail(std::string("data set '") + name + "' does not match its checksum");
     return values;
+  }
+
+  /// nullopt where another program wrote the file and left the checksum out.
+  std::optional<std::uint32_t> stored_crc(hid_t set) const {
+    if (H5Aexists(set, crc_name) <= 0) return std::nullopt;
+    const Handle attribute(H5Aopen(set, crc_name, H5P_DEFAULT), H5Aclose);
+    const Handle type(H5Aget_type(attribute), H5Tclose);
+    const Handle space(H5Aget_space(attribute), H5Sclose);
+    std::uint32_t crc = 0;
+    if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_npoints(space) != 1 ||
+        H5Aread(attribute, H5T_NATIVE_UINT32, &crc) < 0)
+      fail("a checksum cannot be read");
+    return crc;
   }
 
   std::string text(const char* name) const {
@@ -140,9 +179,18 @@ struct Reader {
         H5Sget_simple_extent_npoints(space) != 1 || H5Tget_size(type) > fs::file_size(path))
       fail(std::string("attribute '") + name + "' is no text");
     std::string value(H5Tget_size(type), '\0');
-    if (H5Aread(attribute, type, value.data()) < 0) fail(std::string("attribute '") + name + "' cannot be read");
+    if (H5Aread(attribute, type, value.data()) < 0)
+      fail(std::string("attribute '") + name + "' cannot be read");
     value.resize(value.find_last_not_of('\0') + 1);
     return value;
+  }
+
+  Parameterisation parameterisation() const {
+    try {
+      return parameterisation_from_name(text("light_parameterisation"));
+    } catch (const InputError& error) {
+      fail(error.what());
+    }
   }
 
   std::int32_t number(const char* name) const {
@@ -164,7 +212,8 @@ void validate(const ReflectanceField& field, const Reader& reader) {
   if (transfer.row_start.size() != pixels + 1 || transfer.row_start.front() != 0 ||
       transfer.row_start.back() != transfer.column.size() || !std::ranges::is_sorted(transfer.row_start))
     reader.fail("transfer/row_start does not fit the image size");
-  if (transfer.weight.size() != transfer.column.size() * 3) reader.fail("transfer/weight does not fit transfer/column");
+  if (transfer.weight.size() != transfer.column.size() * 3)
+    reader.fail("transfer/weight does not fit transfer/column");
   if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.boxes.size(); }))
     reader.fail("transfer/column names a box that is not there");
   if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w) || w < 0.0f; }))
@@ -176,6 +225,15 @@ void validate(const ReflectanceField& field, const Reader& reader) {
     reader.fail("statistics/training_error does not fit the image size");
 }
 
+/// What the file will take, HDF5's own structures included.
+std::uint64_t content_bytes(const ReflectanceField& field) {
+  constexpr std::uint64_t structures = 64 << 10;
+  return structures + field.provenance.size() + field.basis.boxes.size() * sizeof(Box) +
+         field.transfer.row_start.size() * sizeof(std::uint64_t) +
+         field.transfer.entries() * (sizeof(std::uint32_t) + 3 * sizeof(float)) +
+         field.training_error.size() * sizeof(float);
+}
+
 }  // namespace
 
 void write_reflectance_field(const fs::path& path, const ReflectanceField& field) {
@@ -183,6 +241,8 @@ void write_reflectance_field(const fs::path& path, const ReflectanceField& field
   std::vector<std::int32_t> corners;
   corners.reserve(field.basis.boxes.size() * 4);
   for (const Box& box : field.basis.boxes) corners.insert(corners.end(), {box.x0, box.y0, box.x1, box.y1});
+  // HDF5 1.10 does not survive a full disk gracefully when it closes the file: look before.
+  require_free_space(fs::absolute(path).parent_path(), content_bytes(field));
   write_atomically(path, [&](const fs::path& temporary) {
     errno = 0;
     const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
@@ -218,21 +278,24 @@ ReflectanceField read_reflectance_field(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
   if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
-    throw FormatError(path, "is not a reflectance field (no HDF5 file); give a file that 'refield estimate' wrote");
+    throw FormatError(path,
+                      "is not a reflectance field (no HDF5 file); give a file that 'refield estimate' wrote");
   const Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
-  if (!file.valid()) throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
+  if (!file.valid())
+    throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
   const Reader reader{file, path};
   if (H5Aexists(file, "format") <= 0 || reader.text("format") != format_name)
-    throw FormatError(path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
+    throw FormatError(
+        path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
   if (const int version = reader.number("version"); version != reflectance_field_version)
-    throw FormatError(path, "has format version " + std::to_string(version) + ", this program reads version " +
-                                std::to_string(reflectance_field_version) +
+    throw FormatError(path, "has format version " + std::to_string(version) +
+                                ", this program reads version " + std::to_string(reflectance_field_version) +
                                 "; use the matching refield or estimate the field again");
   ReflectanceField field;
   field.width = reader.number("width");
   field.height = reader.number("height");
   field.basis.domain = {reader.number("light_width"), reader.number("light_height"),
-                        parameterisation_from_name(reader.text("light_parameterisation"))};
+                        reader.parameterisation()};
   if (field.width <= 0 || field.height <= 0 ||
       static_cast<std::uint64_t>(field.width) * static_cast<std::uint64_t>(field.height) > max_pixels ||
       field.basis.domain.width <= 0 || field.basis.domain.height <= 0)
