@@ -1,8 +1,245 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "acquire/capture.h"
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
 #include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/reflectance_field_file.h"
+#include "simulate/recipe.h"
+#include "simulate/virtual_rig.h"
 
 namespace refield::cli {
 
-void add_acquire(CLI::App&, const Common&, Action&) {}
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct AcquireOptions {
+  fs::path recipe;
+  fs::path truth;
+  fs::path session;
+  std::string lights;
+  std::vector<double> exposures;
+  std::optional<int> exposure_count;
+  std::optional<double> exposure_ratio;
+  std::optional<int> frames;
+  int ambient_frames = 4;
+  fs::path mask;
+  bool auto_mask = false;
+  fs::path background;
+  std::optional<std::uint64_t> seed;
+  bool trigger = false;
+  bool keep_raw = false;
+  bool half = false;
+  bool resume = false;
+  bool force = false;
+};
+
+/// What a calibration of the virtual camera would find out.
+CameraCalibration calibration_of(const SensorModel& sensor, double gain) {
+  CameraCalibration camera;
+  camera.bits = sensor.bits;
+  camera.linear_from_dn = sensor.response_gamma == 1.0 ? linear_response(sensor.bits)
+                                                       : gamma_response(sensor.bits, sensor.response_gamma);
+  camera.black_level_dn = sensor.black_level_dn;
+  const double full = sensor.full_scale();
+  const double full_well_dn =
+      sensor.black_level_dn + gain * sensor.full_well_electrons / sensor.electrons_per_dn;
+  camera.saturation_dn =
+      std::round(full * std::pow(std::min(full_well_dn / full, 1.0), 1.0 / sensor.response_gamma));
+  camera.electrons_per_dn = sensor.electrons_per_dn;
+  camera.read_noise_electrons = sensor.read_noise_electrons;
+  camera.electrons_per_radiance_second = sensor.sensitivity;
+  return camera;
+}
+
+MonitorCalibration calibration_of(const MonitorModel& model) {
+  MonitorCalibration monitor;
+  const auto curve = model.tone_curve();
+  for (int c = 0; c < 3; ++c) monitor.radiance_from_level[c].assign(curve[c].begin(), curve[c].end());
+  return monitor;
+}
+
+std::vector<CaptureLight> lights_of(const AcquireOptions& options) {
+  std::vector<CaptureLight> lights;
+  if (!options.lights.empty()) {
+    for (const GlobMatch& match : expand_glob(options.lights))
+      lights.push_back({match.path.stem().string(), FrameRole::train, "", match.path});
+    return lights;
+  }
+  for (const CaptureFrame& frame : read_capture_session(options.truth).frames)
+    lights.push_back({frame.name, frame.role, frame.kind, frame.illumination});
+  return lights;
+}
+
+std::string checksum_text(const fs::path& file) {
+  char text[9];
+  std::snprintf(text, sizeof text, "%08x", inspect_file(fs::path(), file.string()).crc32);
+  return text;
+}
+
+/// The plan names devices by what decides their frames.
+std::string rig_text(const AcquireOptions& options, const Recipe& recipe, std::uint64_t seed) {
+  std::string text = "virtual rig: recipe " + checksum_text(recipe.path);
+  text += ", transport " + checksum_text(options.truth / "transport.rfield");
+  const fs::path ambient = options.truth / "ambient.exr";
+  text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
+  text += ", seed " + std::to_string(seed);
+  return text + (options.trigger ? ", triggered" : "");
+}
+
+void fill_exposures(const AcquireOptions& options, const Recipe& recipe, CaptureRequest& request) {
+  const ExposureSeries& series = recipe.rig.exposures;
+  for (double seconds : options.exposures) request.exposures.emplace_back(seconds);
+  request.exposure_plan.count = options.exposure_count.value_or(series.count);
+  request.exposure_plan.ratio = options.exposure_ratio.value_or(series.ratio);
+  request.frames_per_exposure = options.frames.value_or(series.frames);
+  if (series.longest)
+    request.exposure_plan.shortest =
+        *series.longest * std::pow(request.exposure_plan.ratio, 1 - request.exposure_plan.count);
+}
+
+CaptureRequest request_of(const AcquireOptions& options, const Recipe& recipe, std::uint64_t seed) {
+  CaptureRequest request;
+  request.folder = options.session;
+  request.lights = lights_of(options);
+  request.camera = calibration_of(recipe.rig.sensor, request.gain);
+  request.monitor = calibration_of(recipe.rig.monitor);
+  request.rig = rig_text(options, recipe, seed);
+  fill_exposures(options, recipe, request);
+  request.ambient_repeats = options.ambient_frames;
+  if (!options.mask.empty()) request.mask = {MaskSource::Kind::painted, options.mask};
+  if (options.auto_mask) request.mask = {MaskSource::Kind::automatic, options.background};
+  request.keep_raw = options.keep_raw;
+  request.precision = options.half ? Precision::half : Precision::single;
+  if (options.resume) request.if_exists = IfExists::resume;
+  if (options.force) request.if_exists = IfExists::replace;
+  return request;
+}
+
+ordered_json figures_of(const CaptureSummary& summary) {
+  ordered_json exposures = ordered_json::array();
+  for (std::size_t i = 0; i < summary.exposures.size(); ++i) {
+    exposures.push_back({{"seconds", summary.exposures[i].count()}});
+    if (!summary.useful_fraction.empty()) exposures.back()["useful_fraction"] = summary.useful_fraction[i];
+  }
+  return {{"lights", summary.lights},
+          {"taken_over", summary.found_done},
+          {"damaged_and_repeated", summary.found_damaged},
+          {"exposures", exposures},
+          {"clipped_fraction", summary.clipped_fraction},
+          {"lights_brighter_than_monitor", summary.out_of_range_lights},
+          {"frames_discarded_early", summary.discarded.early},
+          {"frames_discarded_stale", summary.discarded.stale},
+          {"frames_lost", summary.discarded.lost},
+          {"seconds", summary.seconds}};
+}
+
+void print(const CaptureSummary& summary, const fs::path& session) {
+  if (summary.useful_fraction.empty()) {
+    std::printf("%s: already complete, %zu photographs\n", session.c_str(), summary.lights);
+    return;
+  }
+  std::printf("%s: %zu photographs", session.c_str(), summary.lights);
+  if (summary.found_done > 0) std::printf(", %zu steps from an earlier run", summary.found_done);
+  if (summary.found_damaged > 0) std::printf(", %zu damaged ones repeated", summary.found_damaged);
+  std::printf("\nexposures:");
+  for (std::size_t i = 0; i < summary.exposures.size(); ++i)
+    std::printf(" %.4g s (useful for %.1f %% of the samples)%s", summary.exposures[i].count(),
+                100.0 * summary.useful_fraction[i], i + 1 < summary.exposures.size() ? "," : "\n");
+  std::printf("clipped in every exposure: %.3f %% of the samples\n", 100.0 * summary.clipped_fraction);
+  std::printf("discarded frames: %llu early, %llu with old settings; lost: %llu\n",
+              static_cast<unsigned long long>(summary.discarded.early),
+              static_cast<unsigned long long>(summary.discarded.stale),
+              static_cast<unsigned long long>(summary.discarded.lost));
+  if (summary.out_of_range_lights > 0)
+    std::printf("%zu lights are brighter in places than the monitor; what it emitted is on record\n",
+                summary.out_of_range_lights);
+  for (const std::string& sentence : wasted_exposures(summary.exposures, summary.useful_fraction))
+    std::printf("note: %s\n", sentence.c_str());
+}
+
+void acquire(const AcquireOptions& options, const Common& common) {
+  const Recipe recipe = read_recipe(options.recipe);
+  const fs::path transport = options.truth / "transport.rfield";
+  if (options.truth.empty() || !fs::is_regular_file(transport))
+    throw InputError((options.truth.empty() ? std::string("--truth") : transport.string()) +
+                     ": the scene's light transport is missing; make it with 'refield simulate " +
+                     options.recipe.string() + " -o TRUTH' and give --truth TRUTH");
+  const std::uint64_t seed = options.seed.value_or(recipe.seed);
+  check_session_folder(options.session, options.force    ? IfExists::replace
+                                        : options.resume ? IfExists::resume
+                                                         : IfExists::refuse);
+  const CaptureRequest request = request_of(options, recipe, seed);
+  const fs::path ambient = options.truth / "ambient.exr";
+  VirtualRig rig(read_reflectance_field(transport), fs::exists(ambient) ? read_image(ambient) : Image(),
+                 recipe.rig.monitor, recipe.rig.sensor, seed);
+  const CaptureSummary summary =
+      capture(request, rig.camera(), rig.illuminator(), options.trigger ? &rig.trigger() : nullptr);
+  if (common.json)
+    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+  else
+    print(summary, options.session);
+}
+
+}  // namespace
+
+void add_acquire(CLI::App& app, const Common& common, Action& action) {
+  const auto options = std::make_shared<AcquireOptions>();
+  CLI::App* verb = app.add_subcommand(
+      "acquire",
+      "Photograph a scene under many lights: HDR, ambient light subtracted, into a capture session.\n"
+      "Devices and scene are virtual: the recipe describes camera and monitor, --truth holds the light "
+      "transport\n"
+      "that 'refield simulate RECIPE.toml -o TRUTH' traced.\n\n"
+      "Killed or interrupted at any moment, the same command with --resume goes on, and the session ends in "
+      "the\n"
+      "same bytes. docs/capture-session-format.md describes the folder.\n\n"
+      "Example:\n"
+      "  refield acquire recipe.toml --truth truth -o session --auto-mask");
+  verb->add_option("recipe", options->recipe, "Recipe (.toml) of the rig: [sensor], [monitor], [exposures]")
+      ->required();
+  verb->add_option("--truth", options->truth, "Folder that 'refield simulate' made from the recipe");
+  verb->add_option("-o,--output", options->session, "Session folder to make")->required();
+  verb->add_option(
+      "--lights", options->lights,
+      "Light maps to show, a quoted pattern or folder: linear radiance above the monitor's black.\n"
+      "Default: the lights of the truth, with their roles and kinds");
+  CLI::Option* times = verb->add_option("--exposures", options->exposures,
+                                        "Exposure times in seconds, growing, separated by commas")
+                           ->delimiter(',');
+  verb->add_option("--exposure-count", options->exposure_count, "Exposures of a photograph (recipe, else 4)")
+      ->excludes(times);
+  verb->add_option("--exposure-ratio", options->exposure_ratio, "Of each to the one before (recipe, else 4)")
+      ->excludes(times);
+  verb->add_option("--frames", options->frames, "Frames taken with each exposure (recipe, else 1)");
+  verb->add_option("--ambient-frames", options->ambient_frames,
+                   "The same for the ambient photograph, whose noise enters all others")
+      ->capture_default_str();
+  CLI::Option* mask = verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
+  CLI::Option* automatic =
+      verb->add_flag("--auto-mask", options->auto_mask, "Mask the pixels that respond to the monitor's white")
+          ->excludes(mask);
+  verb->add_option("--background", options->background,
+                   "With --auto-mask: photograph (.exr) under white without the objects; mask what differs")
+      ->needs(automatic);
+  verb->add_option("--seed", options->seed, "Of the virtual camera's noise (default: the recipe's)");
+  verb->add_flag("--trigger", options->trigger, "Start each exposure through the trigger line");
+  verb->add_flag("--keep-raw", options->keep_raw, "Keep every exposure as a 16-bit PNG in raw/");
+  verb->add_flag("--half", options->half, "Half-float photographs: half the size, rounding of 0.05 %");
+  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on with a capture that was stopped");
+  verb->add_flag("--force", options->force, "Replace a capture in the output folder")->excludes(resume);
+  verb->callback([options, &common, &action] { action = [options, &common] { acquire(*options, common); }; });
+}
 
 }  // namespace refield::cli
