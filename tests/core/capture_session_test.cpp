@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/capture_session.h"
+
+#include <gmock/gmock.h>
+
+#include <fstream>
+#include <functional>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+std::string message_of(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "(nothing was thrown)";
+}
+
+class CaptureSessionTest : public testing::Test {
+ protected:
+  /// A session of one training and one test frame, its images on disk.
+  CaptureSession make_session() {
+    CaptureSession session;
+    session.folder = folder_.path();
+    session.light = {8, 6, Parameterisation::lat_long};
+    session.width = 5;
+    session.height = 4;
+    for (const auto& [name, role, kind] : {std::tuple{"train_000", FrameRole::train, "natural"},
+                                           std::tuple{"test_000", FrameRole::test, "bar"}})
+      session.frames.push_back({name, role, kind, folder_ / "illumination" / (name + std::string(".exr")),
+                                folder_ / "observed" / (name + std::string(".exr"))});
+    session.mask = folder_ / "mask.png";
+    create_folders(folder_ / "illumination");
+    create_folders(folder_ / "observed");
+    for (const CaptureFrame& frame : session.frames) {
+      write_exr(frame.illumination, Image(8, 6, 3, 1.0f));
+      write_exr(frame.observed, Image(5, 4, 3, 1.0f));
+    }
+    write_png(*session.mask, Image(5, 4, 1, 1.0f));
+    return session;
+  }
+
+  void write_manifest(const std::string& text) { std::ofstream(folder_ / session_manifest_name) << text; }
+
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(CaptureSessionTest, RoundTrip) {
+  const CaptureSession session = make_session();
+  write_session_manifest(session);
+  const CaptureSession back = read_capture_session(folder_.path());
+  EXPECT_EQ(back.light, session.light);
+  EXPECT_EQ(back.width, 5);
+  EXPECT_EQ(back.height, 4);
+  EXPECT_EQ(back.mask, session.mask);
+  EXPECT_FALSE(back.ambient);
+  ASSERT_EQ(back.frames.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(back.frames[i].name, session.frames[i].name);
+    EXPECT_EQ(back.frames[i].role, session.frames[i].role);
+    EXPECT_EQ(back.frames[i].kind, session.frames[i].kind);
+    EXPECT_EQ(back.frames[i].illumination, session.frames[i].illumination);
+    EXPECT_EQ(back.frames[i].observed, session.frames[i].observed);
+  }
+  ASSERT_EQ(back.frames_of(FrameRole::test).size(), 1u);
+  EXPECT_EQ(back.frames_of(FrameRole::test)[0].name, "test_000");
+}
+
+TEST_F(CaptureSessionTest, MovesWithItsFolder) {
+  write_session_manifest(make_session());
+  EXPECT_EQ(read_text(folder_ / session_manifest_name).find(folder_.path().string()), std::string::npos);
+}
+
+TEST_F(CaptureSessionTest, NamesAMissingImage) {
+  write_session_manifest(make_session());
+  fs::remove(folder_ / "observed/train_000.exr");
+  EXPECT_THAT(message_of([&] { read_capture_session(folder_.path()); }),
+              AllOf(HasSubstr("observed/train_000.exr"), HasSubstr("missing")));
+}
+
+TEST_F(CaptureSessionTest, AFolderWithoutManifestIsNoSession) {
+  EXPECT_THAT(message_of([&] { read_capture_session(folder_.path()); }), HasSubstr("--light"));
+}
+
+TEST_F(CaptureSessionTest, HostileManifests) {
+  write_session_manifest(make_session());
+  const std::string good = read_text(folder_ / session_manifest_name);
+  const auto expect_refused = [&](const std::string& from, const std::string& to) {
+    std::string text = good;
+    const auto at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    write_manifest(text.replace(at, from.size(), to));
+    EXPECT_THAT(message_of([&] { read_capture_session(folder_.path()); }), HasSubstr(session_manifest_name))
+        << from << " → " << to;
+  };
+  expect_refused("version = 1", "version = 2");
+  expect_refused("version = 1", "version = 'one'");
+  expect_refused("refield capture session", "something else");
+  expect_refused("lat_long", "fisheye");
+  expect_refused("'train'", "'training'");
+  expect_refused("'test_000'", "'train_000'");  // twice the same name
+  expect_refused("width = 5", "width = 0");
+  expect_refused("width = 5", "width = -5");
+  expect_refused("width = 5", "width = 99999999999");
+  expect_refused("width = 5", "wide = 5");
+  expect_refused("name = 'train_000'", "name = 3");
+  expect_refused("[camera]", "[camera");
+}
+
+TEST_F(CaptureSessionTest, AManifestCutAnywhereIsRefusedOrHasFewerFrames) {
+  write_session_manifest(make_session());
+  const std::string good = read_text(folder_ / session_manifest_name);
+  for (std::size_t length = 0; length < good.size(); length += 7) {
+    write_manifest(good.substr(0, length));
+    try {
+      EXPECT_LE(read_capture_session(folder_.path()).frames.size(), 2u);
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr(folder_.path().string()));
+    }
+  }
+}
+
+TEST_F(CaptureSessionTest, ImageSizesMustAgree) {
+  CaptureSession session = make_session();
+  EXPECT_NO_THROW(check_image_sizes(session));
+  write_exr(session.frames[1].observed, Image(6, 4, 3));
+  EXPECT_THAT(message_of([&] { check_image_sizes(session); }),
+              AllOf(HasSubstr("observed/test_000.exr"), HasSubstr("6×4"), HasSubstr("5×4")));
+}
+
+TEST_F(CaptureSessionTest, SizesAreFilledInWhereTheSessionHasNone) {
+  CaptureSession session = make_session();
+  session.width = session.height = session.light.width = session.light.height = 0;
+  check_image_sizes(session);
+  EXPECT_EQ(session.width, 5);
+  EXPECT_EQ(session.light.height, 6);
+}
+
+TEST_F(CaptureSessionTest, MaskIsWhereAnyChannelExceedsOneHalf) {
+  Image painted(3, 1, 3);
+  painted.at(0, 0, 2) = 1.0f;
+  painted.at(1, 0, 1) = 0.4f;
+  write_exr(folder_ / "mask.exr", painted);
+  EXPECT_THAT(read_mask(folder_ / "mask.exr", 3, 1), ElementsAre(1, 0, 0));
+  EXPECT_THAT(message_of([&] { read_mask(folder_ / "mask.exr", 4, 1); }), HasSubstr("mask.exr"));
+}
+
+class PairByGlobs : public testing::Test {
+ protected:
+  void touch(const std::string& name) {
+    fs::create_directories((folder_ / name).parent_path());
+    std::ofstream(folder_ / name) << "x";
+  }
+  CaptureSession pair(const std::string& light, const std::string& observed) {
+    return pair_by_globs((folder_ / light).string(), (folder_ / observed).string());
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(PairByGlobs, ByWhatTheWildcardsStandFor) {
+  for (const char* name : {"l/map_2.exr", "l/map_10.exr", "o/photo-10.exr", "o/photo-2.exr"}) touch(name);
+  const CaptureSession session = pair("l/map_*.exr", "o/photo-*.exr");
+  ASSERT_EQ(session.frames.size(), 2u);
+  EXPECT_EQ(session.frames[0].illumination.filename(), "map_10.exr");
+  EXPECT_EQ(session.frames[0].observed.filename(), "photo-10.exr");
+  EXPECT_EQ(session.frames[1].observed.filename(), "photo-2.exr");
+  EXPECT_EQ(session.frames[0].role, FrameRole::train);
+}
+
+TEST_F(PairByGlobs, ByStemWhenNoWildcardIsShared) {
+  for (const char* name : {"l/train_1.exr", "l/train_2.exr", "o/train_1.exr", "o/train_2.exr"}) touch(name);
+  const CaptureSession session = pair("l/train_*.exr", "o/*.exr");
+  ASSERT_EQ(session.frames.size(), 2u);
+  EXPECT_EQ(session.frames[1].observed.filename(), "train_2.exr");
+}
+
+TEST_F(PairByGlobs, Folders) {
+  for (const char* name : {"l/a.exr", "o/a.exr", "o/readme.txt"}) touch(name);
+  EXPECT_EQ(pair("l", "o").frames.size(), 1u);
+}
+
+TEST_F(PairByGlobs, TwoSingleFiles) {
+  for (const char* name : {"light.exr", "photo.exr"}) touch(name);
+  EXPECT_EQ(pair("light.exr", "photo.exr").frames.size(), 1u);
+}
+
+TEST_F(PairByGlobs, NamesTheFileWithoutAPartner) {
+  for (const char* name : {"l/t_1.exr", "l/t_2.exr", "l/t_3.exr", "o/t_1.exr", "o/t_3.exr"}) touch(name);
+  EXPECT_THAT(message_of([&] { pair("l/t_*.exr", "o/t_*.exr"); }),
+              AllOf(HasSubstr("l/t_2.exr"), HasSubstr("photograph"), HasSubstr("add the missing image")));
+  fs::remove(folder_ / "l/t_2.exr");
+  fs::remove(folder_ / "l/t_1.exr");
+  EXPECT_THAT(message_of([&] { pair("l/t_*.exr", "o/t_*.exr"); }),
+              AllOf(HasSubstr("o/t_1.exr"), HasSubstr("light map")));
+}
+
+TEST_F(PairByGlobs, NamesTwoFilesThatWouldShareAPartner) {
+  for (const char* name : {"l/a.exr", "o/a.exr", "o/a.png"}) touch(name);
+  EXPECT_THAT(message_of([&] { pair("l", "o"); }), AllOf(HasSubstr("a.png"), HasSubstr("a.exr")));
+}
+
+}  // namespace
+}  // namespace refield

@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/image_io.h"
+
+#include <OpenImageIO/imageio.h>
+#include <gmock/gmock.h>
+
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <thread>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "tests/support/random_data.h"
+#include "tests/support/small_disk.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr double half_rounding = 1.0 / 2048.0;  // 11 bits of significand, relative
+
+void write_with_openimageio(const fs::path& path, const OIIO::ImageSpec& spec,
+                            const std::vector<float>& values) {
+  auto output = OIIO::ImageOutput::create(path.string());
+  ASSERT_TRUE(output && output->open(path.string(), spec) &&
+              output->write_image(OIIO::TypeDesc::FLOAT, values.data()) && output->close())
+      << OIIO::geterror();
+}
+
+template <class Thrown>
+std::string message_of(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const Thrown& error) {
+    return error.what();
+  }
+  return "(nothing was thrown)";
+}
+
+TEST(Exr, FloatRoundTripIsExact) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  const Image image = test::random_image(rng, 37, 19, 3, -1.0, 1e6);
+  write_exr(folder / "a.exr", image);
+  const Image back = read_image(folder / "a.exr");
+  EXPECT_TRUE(back.same_shape(image));
+  EXPECT_EQ(back.values, image.values);
+}
+
+TEST(Exr, HalfRoundTripKeepsElevenBits) {
+  const test::TemporaryFolder folder;
+  Rng rng(2);
+  const Image image = test::random_image(rng, 37, 19, 3, 0.001, 1000.0);
+  write_exr(folder / "a.exr", image, Precision::half);
+  const Image back = read_image(folder / "a.exr");
+  for (std::size_t i = 0; i < image.values.size(); ++i)
+    ASSERT_NEAR(back.values[i], image.values[i], half_rounding * image.values[i]);
+}
+
+TEST(Exr, GreyIsRepeatedInAllChannels) {
+  const test::TemporaryFolder folder;
+  Image grey(2, 1, 1);
+  grey.values = {0.25f, 4.0f};
+  write_exr(folder / "grey.exr", grey);
+  EXPECT_EQ(read_image(folder / "grey.exr").values,
+            (std::vector<float>{0.25f, 0.25f, 0.25f, 4.0f, 4.0f, 4.0f}));
+}
+
+TEST(Exr, EqualContentGivesEqualBytesWithoutADate) {
+  const test::TemporaryFolder folder;
+  Rng rng(3);
+  const Image image = test::random_image(rng, 16, 16, 3);
+  write_exr(folder / "a.exr", image);
+  const std::string bytes = read_text(folder / "a.exr");
+  EXPECT_EQ(bytes.find("capDate"), std::string::npos);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // dates count seconds
+  write_exr(folder / "b.exr", image);
+  EXPECT_EQ(read_text(folder / "b.exr"), bytes);
+}
+
+TEST(Photographs, NoiseRoundTripsWithItsInfinities) {
+  const test::TemporaryFolder folder;
+  Rng rng(4);
+  Photograph photograph{test::random_image(rng, 9, 5, 3), test::random_image(rng, 9, 5, 3)};
+  photograph.sigma.at(3, 2, 1) = infinity;
+  for (const Precision precision : {Precision::single, Precision::half}) {
+    write_photograph(folder / "a.exr", photograph, precision);
+    EXPECT_TRUE(read_image_header(folder / "a.exr").has_sigma);
+    const Photograph back = read_photograph(folder / "a.exr");
+    ASSERT_TRUE(back.sigma.same_shape(photograph.sigma));
+    EXPECT_EQ(back.sigma.at(3, 2, 1), infinity);
+    if (precision == Precision::single) {
+      EXPECT_EQ(back.radiance.values, photograph.radiance.values);
+      EXPECT_EQ(back.sigma.values, photograph.sigma.values);
+    }
+  }
+}
+
+TEST(Photographs, RowsAreTheRowsOfTheWhole) {
+  const test::TemporaryFolder folder;
+  Rng rng(5);
+  const Photograph whole{test::random_image(rng, 11, 40, 3), test::random_image(rng, 11, 40, 3)};
+  write_photograph(folder / "a.exr", whole);
+  const Photograph band = read_photograph_rows(folder / "a.exr", 13, 29);  // across ZIP's blocks of 16 rows
+  ASSERT_EQ(band.radiance.height, 16);
+  for (int y = 0; y < 16; ++y) {
+    EXPECT_TRUE(std::ranges::equal(band.radiance.row(y), whole.radiance.row(y + 13)));
+    EXPECT_TRUE(std::ranges::equal(band.sigma.row(y), whole.sigma.row(y + 13)));
+  }
+  EXPECT_THROW(read_photograph_rows(folder / "a.exr", 30, 41), InputError);
+  EXPECT_THROW(read_photograph_rows(folder / "a.exr", 5, 5), InputError);
+}
+
+TEST(Photographs, MustBeSceneLinear) {
+  const test::TemporaryFolder folder;
+  write_png(folder / "a.png", Image(4, 4, 3, 0.5f));
+  EXPECT_THAT(message_of<FormatError>([&] { read_photograph(folder / "a.png"); }), HasSubstr("scene-linear"));
+}
+
+TEST(ForeignExr, TiledFilesAreRead) {
+  const test::TemporaryFolder folder;
+  Rng rng(6);
+  const Image image = test::random_image(rng, 70, 50, 3);
+  OIIO::ImageSpec spec(70, 50, 3, OIIO::TypeDesc::FLOAT);
+  spec.tile_width = spec.tile_height = 32;
+  write_with_openimageio(folder / "tiled.exr", spec, image.values);
+  EXPECT_EQ(read_image(folder / "tiled.exr").values, image.values);
+  const Photograph band = read_photograph_rows(folder / "tiled.exr", 20, 45);
+  EXPECT_TRUE(std::ranges::equal(band.radiance.row(0), image.row(20)));
+}
+
+TEST(ForeignExr, AlphaIsIgnoredAndChannelOrderDoesNotMatter) {
+  const test::TemporaryFolder folder;
+  OIIO::ImageSpec spec(1, 1, 4, OIIO::TypeDesc::FLOAT);
+  spec.channelnames = {"B", "G", "R", "A"};
+  write_with_openimageio(folder / "a.exr", spec, {3.0f, 2.0f, 1.0f, 0.5f});
+  EXPECT_EQ(read_image(folder / "a.exr").values, (std::vector<float>{1.0f, 2.0f, 3.0f}));
+}
+
+TEST(ForeignExr, ANamedLayerIsTaken) {
+  const test::TemporaryFolder folder;
+  OIIO::ImageSpec spec(1, 1, 3, OIIO::TypeDesc::FLOAT);
+  spec.channelnames = {"Combined.R", "Combined.G", "Combined.B"};
+  write_with_openimageio(folder / "a.exr", spec, {1.0f, 2.0f, 3.0f});
+  EXPECT_EQ(read_image(folder / "a.exr").values, (std::vector<float>{1.0f, 2.0f, 3.0f}));
+}
+
+TEST(Png, IsDecodedFromSrgb) {
+  const test::TemporaryFolder folder;
+  write_png(folder / "a.png", Image(3, 2, 3, 0.2140411f));  // sRGB 0.5 by IEC 61966-2-1
+  const float value = read_image(folder / "a.png").values[0];
+  constexpr double eight_bits = 0.5 / 255.0 * 1.0;  // half a step, slope below one there
+  EXPECT_NEAR(value, 0.2140411f, eight_bits);
+}
+
+TEST(Srgb, KnownValuesAndRoundTrip) {
+  EXPECT_NEAR(srgb_from_linear(0.18f), 0.4613561f, 1e-5);
+  EXPECT_NEAR(linear_from_srgb(0.02f), 0.02f / 12.92f, 1e-7);
+  for (float v = 0.0f; v <= 1.0f; v += 0.01f) EXPECT_NEAR(linear_from_srgb(srgb_from_linear(v)), v, 1e-5);
+}
+
+TEST(ToneMapped, ScalesAndClips) {
+  Image image(4, 1, 1);
+  image.values = {-1.0f, 0.5f, 2.0f, std::numeric_limits<float>::quiet_NaN()};
+  const auto bytes = tone_mapped(image, 2.0);
+  EXPECT_EQ(bytes[0], 0);
+  EXPECT_EQ(bytes[1], 255);
+  EXPECT_EQ(bytes[2], 255);
+  EXPECT_EQ(bytes[3], 0) << "not a number shows as black";
+}
+
+TEST(LightMaps, SmallNegativesBecomeZeroAndNaNIsNamed) {
+  const test::TemporaryFolder folder;
+  Image image(4, 3, 3, 1.0f);
+  image.at(2, 1, 0) = -0.001f;
+  write_exr(folder / "light.exr", image);
+  const LightMap light = read_light_map(folder / "light.exr", Parameterisation::lat_long);
+  EXPECT_EQ(light.radiance.at(2, 1, 0), 0.0f);
+  EXPECT_EQ(light.domain(), (LightDomain{4, 3, Parameterisation::lat_long}));
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), infinity, -infinity}) {
+    image.at(1, 2, 1) = bad;
+    write_exr(folder / "light.exr", image);
+    EXPECT_THAT(
+        message_of<InputError>([&] { read_light_map(folder / "light.exr", Parameterisation::monitor); }),
+        testing::AllOf(HasSubstr("light.exr"), HasSubstr("(1, 2)")));
+  }
+}
+
+// Whatever is cut off, reading must end in an error that names the file, never in a crash or a black image.
+TEST(DamagedExr, TruncatedAtAnyLength) {
+  const test::TemporaryFolder folder;
+  Rng rng(7);
+  write_exr(folder / "whole.exr", test::random_image(rng, 24, 40, 3));
+  const std::string bytes = read_text(folder / "whole.exr");
+  for (std::size_t length = 0; length < bytes.size(); length += 1 + bytes.size() / 150) {
+    std::ofstream(folder / "cut.exr", std::ios::binary) << bytes.substr(0, length);
+    EXPECT_THAT(message_of<FormatError>([&] { read_image(folder / "cut.exr"); }), HasSubstr("cut.exr"))
+        << "cut to " << length << " of " << bytes.size() << " bytes";
+  }
+}
+
+TEST(DamagedExr, FlippedBytesNeverCrash) {
+  const test::TemporaryFolder folder;
+  Rng rng(8);
+  write_exr(folder / "whole.exr", test::random_image(rng, 24, 40, 3));
+  const std::string bytes = read_text(folder / "whole.exr");
+  for (int round = 0; round < 200; ++round) {
+    std::string damaged = bytes;
+    // Headers are the first few hundred bytes; damage them more often than their size deserves.
+    const std::size_t reach = round % 2 ? 400 : damaged.size();
+    for (int flips = 0; flips < 3; ++flips) damaged[rng.below(reach)] = static_cast<char>(rng.below(256));
+    std::ofstream(folder / "damaged.exr", std::ios::binary) << damaged;
+    try {
+      read_image(folder / "damaged.exr");
+    } catch (const Error&) {
+      continue;
+    }
+  }
+}
+
+TEST(DamagedExr, OtherKindsOfFileAreRefused) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "text.exr") << "this is no image";
+  EXPECT_THAT(message_of<FormatError>([&] { read_image_header(folder / "text.exr"); }),
+              HasSubstr("text.exr"));
+  EXPECT_THAT(message_of<DeviceError>([&] { read_image_header(folder / "none.exr"); }),
+              HasSubstr("none.exr"));
+  EXPECT_THROW(read_image(folder.path()), FormatError);
+}
+
+TEST(WriteExr, KeepsTheOldImageOnAFullDisk) {
+  const test::SmallDisk disk(512);
+  if (!disk.mounted()) GTEST_SKIP() << test::needs_mounting;
+  Rng rng(9);
+  write_exr(disk / "a.exr", Image(8, 8, 3, 1.0f));
+  const std::string old = read_text(disk / "a.exr");
+  EXPECT_THAT(
+      message_of<DeviceError>([&] { write_exr(disk / "a.exr", test::random_image(rng, 512, 512, 3)); }),
+      testing::AllOf(HasSubstr("a.exr"), HasSubstr("free some space")));
+  EXPECT_EQ(read_text(disk / "a.exr"), old);
+  EXPECT_EQ(disk.files(), 1) << "a temporary file was left behind";
+}
+
+}  // namespace
+}  // namespace refield

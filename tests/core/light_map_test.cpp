@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/light_map.h"
+
+#include <gtest/gtest.h>
+
+#include "core/errors.h"
+#include "core/rng.h"
+
+namespace refield {
+namespace {
+
+constexpr double rounding = 1e-9;
+
+TEST(LatLong, DirectionsThatTheDocumentationNames) {
+  const auto expect_direction = [](double column, double row, const Eigen::Vector3d& expected) {
+    EXPECT_NEAR((lat_long_direction(column, row, 8, 4) - expected).norm(), 0.0, rounding)
+        << column << ", " << row;
+  };
+  expect_direction(3.0, 0.0, {0, 1, 0});   // row 0 is straight up
+  expect_direction(3.0, 4.0, {0, -1, 0});  // the last row straight down
+  expect_direction(4.0, 2.0, {0, 0, 1});   // the centre looks along +Z
+  expect_direction(0.0, 2.0, {0, 0, -1});  // the left edge along −Z
+  expect_direction(8.0, 2.0, {0, 0, -1});  // and so does the right one
+  expect_direction(2.0, 2.0, {-1, 0, 0});  // a quarter from the left along −X
+  expect_direction(6.0, 2.0, {1, 0, 0});
+}
+
+TEST(LatLong, PositionUndoesDirection) {
+  Rng rng(1);
+  for (int i = 0; i < 1000; ++i) {
+    const double column = rng.uniform(0.0, 640.0);
+    const double row = rng.uniform(0.001, 319.999);
+    const Eigen::Vector3d direction = lat_long_direction(column, row, 640, 320);
+    EXPECT_NEAR(direction.norm(), 1.0, rounding);
+    const Eigen::Vector2d position = lat_long_position(direction, 640, 320);
+    constexpr double near_pole = 1e-4;  // texels: acos is steep there
+    EXPECT_NEAR(position.x(), column, near_pole);
+    EXPECT_NEAR(position.y(), row, near_pole);
+  }
+}
+
+TEST(LatLong, PositionStaysInsideTheMap) {
+  for (const Eigen::Vector3d& direction :
+       {Eigen::Vector3d(0, 0, -1), Eigen::Vector3d(-1e-20, 0, -1), Eigen::Vector3d(1e-20, 0, -1),
+        Eigen::Vector3d(0, 1.0000001, 0), Eigen::Vector3d(0, -1.0000001, 0)}) {
+    const Eigen::Vector2d position = lat_long_position(direction, 640, 320);
+    EXPECT_GE(position.x(), 0.0);
+    EXPECT_LT(position.x(), 640.0);
+    EXPECT_GE(position.y(), 0.0);
+    EXPECT_LE(position.y(), 320.0);
+  }
+}
+
+TEST(Parameterisation, NamesRoundTrip) {
+  for (auto p : {Parameterisation::monitor, Parameterisation::lat_long, Parameterisation::cube})
+    EXPECT_EQ(parameterisation_from_name(name_of(p)), p);
+  EXPECT_THROW(parameterisation_from_name("fisheye"), InputError);
+}
+
+}  // namespace
+}  // namespace refield

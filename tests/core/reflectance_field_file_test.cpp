@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/reflectance_field_file.h"
+
+#include <gmock/gmock.h>
+#include <hdf5.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <functional>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "tests/support/random_data.h"
+#include "tests/support/small_disk.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+
+ReflectanceField sample_field() {
+  Rng rng(1);
+  ReflectanceField field = test::random_field(rng, 12, 9, {16, 8, Parameterisation::lat_long}, 60, 7);
+  field.provenance = R"({"options": {"kernels": 7}, "note": "Übung"})";
+  return field;
+}
+
+void write_bytes(const fs::path& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+/// Changes a number attribute of the file's root in place, as any HDF5 tool can.
+void set_number(const fs::path& path, const char* name, int value) {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t attribute = H5Aopen(file, name, H5P_DEFAULT);
+  ASSERT_GE(H5Awrite(attribute, H5T_NATIVE_INT, &value), 0);
+  H5Aclose(attribute);
+  H5Fclose(file);
+}
+
+template <class T>
+void set_first_values(const fs::path& path, const char* name, hid_t type, std::vector<T> first) {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t set = H5Dopen2(file, name, H5P_DEFAULT);
+  const hid_t space = H5Dget_space(set);
+  std::vector<T> values(static_cast<std::size_t>(H5Sget_simple_extent_npoints(space)));
+  ASSERT_GE(H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), 0);
+  std::ranges::copy(first, values.begin());
+  ASSERT_GE(H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), 0);
+  H5Adelete(set, "crc32");  // as a program would leave it that does not know of checksums
+  H5Sclose(space);
+  H5Dclose(set);
+  H5Fclose(file);
+}
+
+std::string message_of(const fs::path& path) {
+  try {
+    read_reflectance_field(path);
+  } catch (const FormatError& error) {
+    return error.what();
+  }
+  return "(nothing was thrown)";
+}
+
+TEST(ReflectanceFieldFile, RoundTripIsBitExact) {
+  const test::TemporaryFolder folder;
+  const ReflectanceField field = sample_field();
+  write_reflectance_field(folder / "a.rfield", field);
+  const ReflectanceField back = read_reflectance_field(folder / "a.rfield");
+  EXPECT_EQ(back.width, field.width);
+  EXPECT_EQ(back.height, field.height);
+  EXPECT_EQ(back.basis.domain, field.basis.domain);
+  EXPECT_EQ(back.basis.boxes, field.basis.boxes);
+  EXPECT_EQ(back.transfer.row_start, field.transfer.row_start);
+  EXPECT_EQ(back.transfer.column, field.transfer.column);
+  EXPECT_EQ(back.transfer.weight, field.transfer.weight);
+  EXPECT_EQ(back.training_error, field.training_error);
+  EXPECT_EQ(back.provenance, field.provenance);
+}
+
+TEST(ReflectanceFieldFile, AFieldWithoutKernelsOrErrorsRoundTrips) {
+  const test::TemporaryFolder folder;
+  ReflectanceField field;
+  field.width = 2;
+  field.height = 1;
+  field.basis.domain = {4, 4};
+  field.transfer.append_row({}, {});
+  field.transfer.append_row({}, {});
+  write_reflectance_field(folder / "a.rfield", field);
+  const ReflectanceField back = read_reflectance_field(folder / "a.rfield");
+  EXPECT_EQ(back.transfer.rows(), 2u);
+  EXPECT_TRUE(back.training_error.empty());
+}
+
+TEST(ReflectanceFieldFile, EqualFieldsGiveEqualBytes) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "a.rfield", sample_field());
+  write_reflectance_field(folder / "b.rfield", sample_field());
+  EXPECT_EQ(read_text(folder / "a.rfield"), read_text(folder / "b.rfield"));
+}
+
+TEST(ReflectanceFieldFile, RefusesOtherFiles) {
+  const test::TemporaryFolder folder;
+  write_bytes(folder / "text.rfield", "just some text, by mistake\n");
+  EXPECT_THAT(message_of(folder / "text.rfield"),
+              AllOf(HasSubstr("text.rfield"), HasSubstr("not a reflectance field")));
+  write_bytes(folder / "empty.rfield", "");
+  EXPECT_THAT(message_of(folder / "empty.rfield"), HasSubstr("not a reflectance field"));
+  EXPECT_THAT(message_of(folder.path()), HasSubstr("not a reflectance field"));
+  EXPECT_THROW(read_reflectance_field(folder / "missing.rfield"), DeviceError);
+  const hid_t other = H5Fcreate((folder / "other.rfield").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  H5Fclose(other);
+  EXPECT_THAT(message_of(folder / "other.rfield"), HasSubstr("an HDF5 file but not a reflectance field"));
+}
+
+TEST(ReflectanceFieldFile, NamesAnotherVersion) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "a.rfield", sample_field());
+  set_number(folder / "a.rfield", "version", 7);
+  EXPECT_THAT(message_of(folder / "a.rfield"), AllOf(HasSubstr("version 7"), HasSubstr("reads version 1")));
+}
+
+TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "a.rfield";
+  const auto expect_refused = [&](const std::function<void()>& damage, const char* word) {
+    write_reflectance_field(path, sample_field());
+    damage();
+    EXPECT_THAT(message_of(path), HasSubstr(word));
+  };
+  expect_refused([&] { set_number(path, "width", 13); }, "row_start");
+  expect_refused([&] { set_number(path, "width", -12); }, "impossible dimensions");
+  expect_refused([&] { set_number(path, "light_width", 3); }, "outside the light map");
+  expect_refused(
+      [&] {
+        set_first_values<std::int32_t>(path, "basis/boxes", H5T_NATIVE_INT32, {5, 5, 5, 6});
+      },
+      "outside the light map");
+  expect_refused([&] { set_first_values<std::uint32_t>(path, "transfer/column", H5T_NATIVE_UINT32, {60}); },
+                 "a box that is not there");
+  expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {-1.0f}); },
+                 "weight");
+  expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {NAN}); },
+                 "weight");
+  expect_refused(
+      [&] {
+        set_first_values<std::uint64_t>(path, "transfer/row_start", H5T_NATIVE_UINT64, {0, 1u << 20});
+      },
+      "row_start");
+}
+
+TEST(ReflectanceFieldFile, ContentOfAnotherProgramNeedsNoChecksums) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "a.rfield", sample_field());
+  set_first_values<float>(folder / "a.rfield", "transfer/weight", H5T_NATIVE_FLOAT, {0.5f});
+  EXPECT_EQ(read_reflectance_field(folder / "a.rfield").transfer.weight[0], 0.5f);
+}
+
+TEST(DamagedField, TruncatedAtAnyLength) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "whole.rfield", sample_field());
+  const std::string bytes = read_text(folder / "whole.rfield");
+  for (std::size_t length = 0; length < bytes.size(); length += 1 + bytes.size() / 300) {
+    write_bytes(folder / "cut.rfield", bytes.substr(0, length));
+    EXPECT_THAT(message_of(folder / "cut.rfield"), HasSubstr("cut.rfield"))
+        << "cut to " << length << " bytes";
+  }
+}
+
+// One wrong bit anywhere in the data must not pass unseen; damage to HDF5's own structures must not crash or
+// hang.
+TEST(DamagedField, FlippedBytesAreFoundOrHarmless) {
+  const int rounds = std::getenv("REFIELD_FUZZ_ROUNDS") ? std::atoi(std::getenv("REFIELD_FUZZ_ROUNDS")) : 300;
+  const test::TemporaryFolder folder;
+  const ReflectanceField field = sample_field();
+  write_reflectance_field(folder / "whole.rfield", field);
+  const std::string bytes = read_text(folder / "whole.rfield");
+  Rng rng(2);
+  for (int round = 0; round < rounds; ++round) {
+    std::string damaged = bytes;
+    const std::uint64_t flips = 1 + rng.below(4);
+    for (std::uint64_t i = 0; i < flips; ++i)
+      damaged[rng.below(damaged.size())] ^= static_cast<char>(1 << rng.below(8));
+    write_bytes(folder / "damaged.rfield", damaged);
+    try {
+      const ReflectanceField back = read_reflectance_field(folder / "damaged.rfield");
+      // What is read after all was hit in padding alone.
+      EXPECT_EQ(back.transfer.weight, field.transfer.weight) << "round " << round;
+      EXPECT_EQ(back.transfer.column, field.transfer.column) << "round " << round;
+      EXPECT_EQ(back.basis.boxes, field.basis.boxes) << "round " << round;
+      EXPECT_EQ(back.training_error, field.training_error) << "round " << round;
+    } catch (const Error&) {
+      continue;
+    }
+  }
+}
+
+TEST(ReflectanceFieldFile, KeepsTheOldFieldOnAFullDisk) {
+  const test::SmallDisk disk(512);
+  if (!disk.mounted()) GTEST_SKIP() << test::needs_mounting;
+  write_reflectance_field(disk / "a.rfield", sample_field());
+  const std::string old = read_text(disk / "a.rfield");
+  Rng rng(3);
+  const ReflectanceField large = test::random_field(rng, 100, 100, {64, 64}, 500, 25);
+  try {
+    write_reflectance_field(disk / "a.rfield", large);
+    FAIL() << "wrote more than the disk holds";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.error_number(), ENOSPC);
+  }
+  EXPECT_EQ(read_text(disk / "a.rfield"), old);
+  EXPECT_EQ(disk.files(), 1);
+}
+
+}  // namespace
+}  // namespace refield

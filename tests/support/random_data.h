@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "core/box.h"
+#include "core/image.h"
+#include "core/light_map.h"
+#include "core/reflectance_field.h"
+#include "core/rng.h"
+
+namespace refield::test {
+
+/// Values uniform in [low, high).
+Image random_image(Rng& rng, int width, int height, int channels, double low = 0.0, double high = 1.0);
+
+LightMap random_light(Rng& rng, const LightDomain& domain);
+
+/// A box of any size inside a map.
+Box random_box(Rng& rng, int map_width, int map_height);
+
+/// A field of random boxes and weights; pixels have 0 to `most_kernels` kernels.
+ReflectanceField random_field(Rng& rng, int width, int height, const LightDomain& domain, int boxes,
+                              int most_kernels);
+
+}  // namespace refield::test
