@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
+#include <limits>
 #include <string_view>
 
 namespace refield {
@@ -17,6 +18,8 @@ struct EstimateOptions {
   int kernels = 25;                         ///< cap on the kernels of a pixel, 1 to 255
   int spatial_passes = 2;                   ///< sweeps of spatial correction; 0: none
   std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
+  /// Samples at or above this radiance are clipped and left out, besides those that the capture marked.
+  float clip_level = std::numeric_limits<float>::infinity();
   int threads = 0;                          ///< 0: all cores. The result does not depend on it.
 
   /// Throws InputError naming the option and its range.

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/box_table.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "estimate/vector_kernels.h"
+
+namespace refield {
+
+namespace {
+
+/// Lights are scattered into the table this many at a time: one cache line of doubles.
+constexpr int group_size = 8;
+
+void require_usable(const LightMap& light, const LightDomain& domain, const std::string& name) {
+  if (light.domain() != domain)
+    throw InputError(name + ": the light map is " + shape_text(light.radiance) + ", the others are " +
+                     std::to_string(domain.width) + "×" + std::to_string(domain.height) + "; resample it");
+  if (std::ranges::all_of(light.radiance.values, [](float v) { return v == 0.0f; }))
+    throw InputError(name + ": the light map is black everywhere and says nothing about the scene; leave it out");
+}
+
+}  // namespace
+
+BoxTable::BoxTable(LightDomain domain, int images)
+    : domain_(domain),
+      images_(images),
+      stride_(padded_length(images)),
+      prefix_(static_cast<std::size_t>(domain.width + 1) * (domain.height + 1) * 3 * images) {}
+
+BoxTable::BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain)
+    : BoxTable(domain, static_cast<int>(lights.size())) {
+  Progress progress("light maps", lights.size());
+  const int groups = (images_ + group_size - 1) / group_size;
+  tbb::parallel_for(0, groups, [&](int group) {
+    std::vector<LightMap> held;
+    const int first = group * group_size;
+    for (int j = first; j < std::min(first + group_size, images_); ++j) {
+      throw_if_interrupted();
+      held.push_back(read_light_map(lights[j], domain.parameterisation));
+      require_usable(held.back(), domain, lights[j].string());
+      progress.advance();
+    }
+    fill(held, first);
+  });
+  integrate();
+}
+
+BoxTable::BoxTable(std::span<const LightMap> lights)
+    : BoxTable(lights.empty() ? throw InputError("no light maps were given") : lights[0].domain(),
+               static_cast<int>(lights.size())) {
+  for (const LightMap& light : lights) require_usable(light, domain_, "light map");
+  for (int first = 0; first < images_; first += group_size)
+    fill(lights.subspan(first, std::min(group_size, images_ - first)), first);
+  integrate();
+}
+
+void BoxTable::fill(std::span<const LightMap> lights, int first) {
+  for (int y = 0; y < domain_.height; ++y)
+    for (int x = 0; x < domain_.width; ++x) {
+      double* entry = const_cast<double*>(corner(x + 1, y + 1));
+      for (int c = 0; c < 3; ++c)
+        for (std::size_t j = 0; j < lights.size(); ++j)
+          entry[static_cast<std::size_t>(c) * images_ + first + j] = lights[j].radiance.at(x, y, c);
+    }
+}
+
+void BoxTable::integrate() {
+  const std::size_t entry = std::size_t{3} * images_;
+  const std::size_t row = entry * (domain_.width + 1);
+  // Along rows, then down columns; both walk contiguous memory.
+  tbb::parallel_for(1, domain_.height + 1, [&](int y) {
+    double* current = prefix_.data() + row * y + entry;
+    for (std::size_t i = 0; i < row - 2 * entry; ++i) current[entry + i] += current[i];
+  });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, row, 4096), [&](const auto& range) {
+    for (int y = 1; y <= domain_.height; ++y) {
+      const double* above = prefix_.data() + row * (y - 1);
+      double* current = prefix_.data() + row * y;
+      for (std::size_t i = range.begin(); i != range.end(); ++i) current[i] += above[i];
+    }
+  });
+}
+
+void BoxTable::column(const Box& box, float* column) const {
+  const double* a = corner(box.x0, box.y0);
+  const double* b = corner(box.x1, box.y0);
+  const double* c = corner(box.x0, box.y1);
+  const double* d = corner(box.x1, box.y1);
+  for (int channel = 0; channel < 3; ++channel) {
+    float* out = column + channel * stride_;
+    const std::size_t offset = static_cast<std::size_t>(channel) * images_;
+    for (int j = 0; j < images_; ++j)
+      out[j] = static_cast<float>((d[offset + j] - c[offset + j]) - (b[offset + j] - a[offset + j]));
+    std::fill(out + images_, out + stride_, 0.0f);
+  }
+}
+
+std::uint64_t BoxTable::bytes(const LightDomain& domain, std::uint64_t images) {
+  return static_cast<std::uint64_t>(domain.width + 1) * (domain.height + 1) * 3 * images * sizeof(double);
+}
+
+}  // namespace refield

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "core/box.h"
+#include "core/light_map.h"
+
+namespace refield {
+
+/// The sums R_k · L_j of eq. 6 for any rectangle and all training lights at once: one summed-area table whose entries are
+/// vectors over channels and lights, so that a column of A costs four contiguous reads.
+/// Kept in double, as every summed-area table here; 24 bytes × lights a texel.
+class BoxTable {
+ public:
+  /// Reads the lights. Throws InputError when one is black everywhere, not finite or of another size.
+  BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain);
+  /// For lights in memory.
+  explicit BoxTable(std::span<const LightMap> lights);
+
+  const LightDomain& domain() const { return domain_; }
+  int images() const { return images_; }
+  /// Length of one channel's column, padded (see vector_kernels.h).
+  std::size_t stride() const { return stride_; }
+  /// Sums over `box`: column [3 × stride], channel by channel, padding zero.
+  void column(const Box& box, float* column) const;
+
+  static std::uint64_t bytes(const LightDomain& domain, std::uint64_t images);
+
+ private:
+  BoxTable(LightDomain domain, int images);
+  void fill(std::span<const LightMap> lights, int first);
+  void integrate();
+  const double* corner(int x, int y) const {
+    return prefix_.data() + (static_cast<std::size_t>(y) * (domain_.width + 1) + x) * 3 * images_;
+  }
+  LightDomain domain_;
+  int images_;
+  std::size_t stride_;
+  std::vector<double> prefix_;  // [(height+1) × (width+1) × 3 × images]
+};
+
+}  // namespace refield

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/nnls.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace refield {
+
+namespace {
+/// Pivots below this part of the diagonal are rounding noise: the columns were summed in float32.
+constexpr double dependence_tolerance = 1e-9;
+/// A gradient this small, relative to h, is zero to rounding.
+constexpr double gradient_tolerance = 1e-9;
+}  // namespace
+
+bool NnlsSolver::factorise_and_solve(const double* G, int stride, const double* h) {
+  // Row-wise Cholesky of the free block, then two triangular solves. Dependent variables are barred and dropped.
+  const int m = static_cast<int>(free_.size());
+  factor_.resize(static_cast<std::size_t>(m) * m);
+  solution_.resize(m);
+  for (int i = 0; i < m; ++i) {
+    const double* g = G + static_cast<std::size_t>(free_[i]) * stride;
+    double* li = factor_.data() + static_cast<std::size_t>(i) * m;
+    for (int j = 0; j <= i; ++j) {
+      const double* lj = factor_.data() + static_cast<std::size_t>(j) * m;
+      double s = g[free_[j]];
+      for (int k = 0; k < j; ++k) s -= li[k] * lj[k];
+      if (j < i) {
+        li[j] = s * lj[j];  // the diagonal holds its own inverse
+      } else {
+        if (!(s > dependence_tolerance * g[free_[i]])) {
+          barred_[free_[i]] = 1;
+          free_.erase(free_.begin() + i);
+          return false;
+        }
+        li[i] = 1.0 / std::sqrt(s);
+      }
+    }
+  }
+  for (int i = 0; i < m; ++i) {
+    const double* li = factor_.data() + static_cast<std::size_t>(i) * m;
+    double s = h[free_[i]];
+    for (int k = 0; k < i; ++k) s -= li[k] * solution_[k];
+    solution_[i] = s * li[i];
+  }
+  for (int i = m - 1; i >= 0; --i) {
+    const double value = solution_[i] * factor_[static_cast<std::size_t>(i) * m + i];
+    solution_[i] = value;
+    const double* li = factor_.data() + static_cast<std::size_t>(i) * m;
+    for (int k = 0; k < i; ++k) solution_[k] -= li[k] * value;
+  }
+  return true;
+}
+
+bool NnlsSolver::solve(const double* G, int stride, const double* h, int size, double* x) {
+  free_.clear();
+  barred_.assign(size, 0);
+  double largest_h = 0.0;
+  for (int i = 0; i < size; ++i) {
+    largest_h = std::max(largest_h, std::abs(h[i]));
+    if (x[i] > 0.0) free_.push_back(i);
+  }
+  const int limit = 3 * size + 10;
+  for (int iteration = 0; iteration < limit; ++iteration) {
+    const std::size_t free_before = free_.size();
+    if (!factorise_and_solve(G, stride, h)) {
+      // The barred variable's part goes to nobody: the objective may rise for a moment, the next solve repairs it.
+      for (int i = 0; i < size; ++i)
+        if (barred_[i]) x[i] = 0.0;
+      (void)free_before;
+      continue;
+    }
+    // Walk from x towards the solution as far as all stay non-negative; who reaches zero is held there.
+    double step = 1.0;
+    for (std::size_t i = 0; i < free_.size(); ++i)
+      if (solution_[i] <= 0.0) {
+        const double from = x[free_[i]];
+        step = std::min(step, from / (from - solution_[i]));
+      }
+    if (step < 1.0) {
+      std::size_t kept = 0;
+      for (std::size_t i = 0; i < free_.size(); ++i) {
+        double& value = x[free_[i]];
+        const double moved = value + step * (solution_[i] - value);
+        const bool blocked = solution_[i] <= 0.0 && moved <= 1e-14 * (value + std::abs(solution_[i]));
+        value = blocked ? 0.0 : moved;
+        if (!blocked) free_[kept++] = free_[i];
+      }
+      free_.resize(kept);
+      continue;
+    }
+    for (std::size_t i = 0; i < free_.size(); ++i) x[free_[i]] = solution_[i];
+    // Free the variable that would lower the objective most steeply.
+    int entering = -1;
+    double steepest = gradient_tolerance * largest_h;
+    for (int i = 0; i < size; ++i) {
+      if (x[i] > 0.0 || barred_[i]) continue;
+      const double* g = G + static_cast<std::size_t>(i) * stride;
+      double gradient = h[i];
+      for (const int k : free_) gradient -= g[k] * x[k];
+      if (gradient > steepest) {
+        steepest = gradient;
+        entering = i;
+      }
+    }
+    if (entering < 0) return true;
+    free_.insert(std::ranges::lower_bound(free_, entering), entering);
+  }
+  return false;
+}
+
+double squared_residual(const double* G, int stride, const double* h, int size, const double* x, double b_squared) {
+  double value = b_squared;
+  for (int i = 0; i < size; ++i) {
+    if (x[i] == 0.0) continue;
+    const double* g = G + static_cast<std::size_t>(i) * stride;
+    double gx = 0.0;
+    for (int k = 0; k < size; ++k) gx += g[k] * x[k];
+    value += x[i] * (gx - 2.0 * h[i]);
+  }
+  return std::max(value, 0.0);
+}
+
+}  // namespace refield

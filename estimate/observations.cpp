@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/observations.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "estimate/vector_kernels.h"
+
+namespace refield {
+
+namespace {
+
+/// Images are transposed this many at a time: a cache line of floats.
+constexpr int group_size = 16;
+
+/// A photograph's rows with unmeasured samples as NaN.
+Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
+  Photograph photograph = read_photograph_rows(frame.observed, first_row, last_row);
+  Image& radiance = photograph.radiance;
+  if (radiance.width != width)
+    throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) + " pixels wide, not " +
+                     std::to_string(width));
+  for (std::size_t i = 0; i < radiance.values.size(); ++i) {
+    float& value = radiance.values[i];
+    if (value >= clip_level || (!photograph.sigma.empty() && std::isinf(photograph.sigma.values[i]))) {
+      value = std::numeric_limits<float>::quiet_NaN();
+    } else if (!std::isfinite(value)) {
+      const std::size_t pixel = i / 3;
+      throw InputError(frame.observed.string() + ": pixel (" + std::to_string(pixel % width) + ", " +
+                       std::to_string(first_row + pixel / width) + ") is " + std::to_string(value) +
+                       "; repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
+    }
+  }
+  return std::move(radiance);
+}
+
+}  // namespace
+
+ObservationBand::ObservationBand(int width, int first_row, int last_row, int images)
+    : width_(width),
+      first_row_(first_row),
+      last_row_(last_row),
+      images_(images),
+      stride_(padded_length(images)),
+      samples_(static_cast<std::size_t>(last_row - first_row) * width * 3 * stride_) {}
+
+std::uint64_t ObservationBand::bytes(int width, int rows, int images) {
+  return static_cast<std::uint64_t>(width) * rows * 3 * padded_length(images) * sizeof(float);
+}
+
+ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row, int last_row,
+                                  float clip_level) {
+  const int images = static_cast<int>(frames.size());
+  ObservationBand band(width, first_row, last_row, images);
+  tbb::parallel_for(0, (images + group_size - 1) / group_size, [&](int group) {
+    const int first = group * group_size;
+    const int last = std::min(first + group_size, images);
+    std::vector<Image> held;
+    for (int j = first; j < last; ++j) {
+      throw_if_interrupted();
+      held.push_back(read_checked_rows(frames[j], width, first_row, last_row, clip_level));
+    }
+    for (int y = first_row; y < last_row; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int c = 0; c < 3; ++c) {
+          float* samples = band.samples(x, y, c) + first;
+          for (int j = first; j < last; ++j) samples[j - first] = held[j - first].at(x, y - first_row, c);
+        }
+  });
+  return band;
+}
+
+}  // namespace refield

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/options.h"
+
+#include <string>
+
+#include "core/errors.h"
+
+namespace refield {
+
+std::string_view name_of(EstimateMode mode) { return mode == EstimateMode::paper ? "paper" : "refined"; }
+
+EstimateMode estimate_mode_from_name(std::string_view name) {
+  for (auto mode : {EstimateMode::refined, EstimateMode::paper})
+    if (name == name_of(mode)) return mode;
+  throw InputError("unknown mode '" + std::string(name) + "'; use refined or paper");
+}
+
+void EstimateOptions::check() const {
+  const auto require = [](bool holds, const char* option, std::int64_t value, const char* range) {
+    if (!holds)
+      throw InputError(std::string(option) + " is " + std::to_string(value) + "; give a value of " + range);
+  };
+  require(kernels >= 1 && kernels <= 255, "--kernels", kernels, "1 to 255");
+  require(spatial_passes >= 0 && spatial_passes <= 16, "--spatial-passes", spatial_passes, "0 to 16");
+  require(threads >= 0, "--threads", threads, "0 (all cores) or more");
+  if (!(clip_level > 0.0f)) throw InputError("--clip is " + std::to_string(clip_level) + "; give a positive radiance");
+}
+
+}  // namespace refield

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/vector_kernels.h"
+
+// Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "estimate/vector_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace refield::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Floats = hn::CappedTag<float, column_padding>;
+
+/// Four products at a time: each load of `vector` serves four multiply-adds.
+void dots_vectorised(const float* HWY_RESTRICT vector, const float* const* HWY_RESTRICT others, std::size_t count,
+                     std::size_t n, float* HWY_RESTRICT out) {
+  const Floats d;
+  std::size_t k = 0;
+  for (; k + 4 <= count; k += 4) {
+    auto s0 = hn::Zero(d), s1 = hn::Zero(d), s2 = hn::Zero(d), s3 = hn::Zero(d);
+    for (std::size_t j = 0; j < n; j += hn::Lanes(d)) {
+      const auto v = hn::Load(d, vector + j);
+      s0 = hn::MulAdd(v, hn::Load(d, others[k] + j), s0);
+      s1 = hn::MulAdd(v, hn::Load(d, others[k + 1] + j), s1);
+      s2 = hn::MulAdd(v, hn::Load(d, others[k + 2] + j), s2);
+      s3 = hn::MulAdd(v, hn::Load(d, others[k + 3] + j), s3);
+    }
+    out[k] = hn::GetLane(hn::SumOfLanes(d, s0));
+    out[k + 1] = hn::GetLane(hn::SumOfLanes(d, s1));
+    out[k + 2] = hn::GetLane(hn::SumOfLanes(d, s2));
+    out[k + 3] = hn::GetLane(hn::SumOfLanes(d, s3));
+  }
+  for (; k < count; ++k) {
+    auto s = hn::Zero(d);
+    for (std::size_t j = 0; j < n; j += hn::Lanes(d))
+      s = hn::MulAdd(hn::Load(d, vector + j), hn::Load(d, others[k] + j), s);
+    out[k] = hn::GetLane(hn::SumOfLanes(d, s));
+  }
+}
+
+void subtract_vectorised(float* HWY_RESTRICT vector, const float* const* HWY_RESTRICT others,
+                         const float* HWY_RESTRICT coefficients, std::size_t count, std::size_t n) {
+  const Floats d;
+  for (std::size_t j = 0; j < n; j += hn::Lanes(d)) {
+    auto v = hn::Load(d, vector + j);
+    for (std::size_t k = 0; k < count; ++k)
+      v = hn::NegMulAdd(hn::Set(d, coefficients[k]), hn::Load(d, others[k] + j), v);
+    hn::Store(v, d, vector + j);
+  }
+}
+
+}  // namespace refield::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace refield {
+
+HWY_EXPORT(dots_vectorised);
+HWY_EXPORT(subtract_vectorised);
+
+void dots(const float* vector, const float* const* others, std::size_t count, std::size_t n, float* out) {
+  HWY_DYNAMIC_DISPATCH(dots_vectorised)(vector, others, count, n, out);
+}
+
+void subtract_combination(float* vector, const float* const* others, const float* coefficients, std::size_t count,
+                          std::size_t n) {
+  HWY_DYNAMIC_DISPATCH(subtract_vectorised)(vector, others, coefficients, count, n);
+}
+
+}  // namespace refield
+#endif
