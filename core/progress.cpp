@@ -10,6 +10,7 @@ namespace refield {
 
 namespace {
 std::atomic<bool> silent{false};
+std::atomic<int> alive{0};
 bool on_terminal() {
   static const bool terminal = ::isatty(STDERR_FILENO) == 1;
   return terminal;
@@ -25,18 +26,24 @@ std::string duration_text(double seconds) {
 }
 }  // namespace
 
-void Progress::silence() { silent = true; }
+void Progress::silence() {
+  silent = true;
+}
 
 Progress::Progress(std::string label, std::uint64_t total)
-    : label_(std::move(label)), total_(std::max<std::uint64_t>(total, 1)), start_(std::chrono::steady_clock::now()) {}
+    : label_(std::move(label)),
+      total_(std::max<std::uint64_t>(total, 1)),
+      start_(std::chrono::steady_clock::now()),
+      nested_(alive++ > 0) {}
 
 Progress::~Progress() {
+  --alive;
   if (drawn_) draw(true);
 }
 
 void Progress::advance(std::uint64_t steps) {
   done_ += steps;
-  if (silent) return;
+  if (silent || nested_) return;
   const auto elapsed = std::chrono::steady_clock::now() - start_;
   const auto elapsed_ms = std::chrono::duration_cast<std::chrono::milliseconds>(elapsed).count();
   if (elapsed_ms < next_draw_ms_) return;
@@ -50,9 +57,9 @@ void Progress::draw(bool last) {
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
   const double fraction = std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
   const double left = fraction > 0.0 ? elapsed.count() * (1.0 - fraction) / fraction : 0.0;
-  const std::string times =
-      last ? "took " + duration_text(elapsed.count())
-           : duration_text(elapsed.count()) + " gone, " + (fraction > 0.0 ? duration_text(left) : "?") + " left";
+  const std::string times = last ? "took " + duration_text(elapsed.count())
+                                 : duration_text(elapsed.count()) + " gone, " +
+                                       (fraction > 0.0 ? duration_text(left) : "?") + " left";
   if (on_terminal()) {
     constexpr int bar_width = 30;
     const int filled = static_cast<int>(fraction * bar_width);

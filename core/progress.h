@@ -9,7 +9,8 @@
 namespace refield {
 
 /// Progress of one stage on standard error: a bar with the time left on a terminal, a line every ten seconds elsewhere,
-/// nothing for stages shorter than a second or when silenced. advance() may be called from any thread.
+/// nothing for stages shorter than a second or when silenced. advance() may be called from any thread. Of progresses
+/// within each other the outermost alone is shown.
 class Progress {
  public:
   Progress(std::string label, std::uint64_t total);
@@ -30,6 +31,7 @@ class Progress {
   std::atomic<std::int64_t> next_draw_ms_{1000};
   std::chrono::steady_clock::time_point start_;
   std::mutex mutex_;
+  const bool nested_;
   bool drawn_ = false;
 };
 
