@@ -1,8 +1,198 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "simulate/simulate.h"
+
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+
 #include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/files.h"
 
 namespace refield::cli {
 
-void add_simulate(CLI::App&, const Common&, Action&) {}
+namespace fs = std::filesystem;
+
+namespace {
+
+// A larger transport is left out unless asked for: reading it back takes twice as much memory.
+constexpr std::uint64_t largest_automatic_transport = 2ull << 30;
+
+struct Arguments {
+  fs::path recipe;
+  fs::path folder;
+  std::optional<int> width, height, light_width, light_height;
+  std::optional<int> train, natural, bars, squares;
+  std::optional<std::int64_t> seed;
+  std::optional<int> quality;
+  double noise = 0.0;
+  bool half = false;
+  bool no_transport = false;
+  bool transport = false;
+  bool force = false;
+};
+
+Recipe recipe_of(const Arguments& arguments) {
+  Recipe recipe = read_recipe(arguments.recipe);
+  const auto replace = [](const auto& given, auto& value, const char* option, int low, int high) {
+    if (!given) return;
+    if (*given < low || *given > high)
+      throw InputError(std::string(option) + " " + std::to_string(*given) + ": give a number from " +
+                       std::to_string(low) + " to " + std::to_string(high));
+    value = *given;
+  };
+  replace(arguments.width, recipe.scene.camera.width, "--width", 1, 16384);
+  replace(arguments.height, recipe.scene.camera.height, "--height", 1, 16384);
+  replace(arguments.light_width, recipe.scene.monitor.texels.width, "--light-width", 8, 8192);
+  replace(arguments.light_height, recipe.scene.monitor.texels.height, "--light-height", 8, 8192);
+  replace(arguments.train, recipe.lights.train, "--train", 1, 9999);
+  replace(arguments.natural, recipe.lights.natural, "--natural", 0, 9999);
+  replace(arguments.bars, recipe.lights.bars, "--bars", 0, 999);
+  replace(arguments.squares, recipe.lights.squares, "--squares", 0, 999);
+  replace(arguments.seed, recipe.seed, "--seed", 0, 0x7fffffff);
+  return recipe;
+}
+
+bool is_empty_or_missing(const fs::path& folder) {
+  return !fs::exists(folder) || fs::is_empty(folder);
+}
+
+void require_writable_target(const fs::path& folder, bool force) {
+  if (fs::exists(folder) && !fs::is_directory(folder))
+    throw InputError(folder.string() + ": is a file; give the name of a folder to make");
+  if (is_empty_or_missing(folder) || force) return;
+  throw InputError(folder.string() +
+                   ": is not empty; give another folder, or --force to replace the simulated "
+                   "session in it");
+}
+
+// With --force: what an earlier run left would mix with the new session.
+void remove_earlier_session(const fs::path& folder) {
+  if (is_empty_or_missing(folder)) return;
+  if (!fs::exists(folder / session_manifest_name) && !fs::exists(folder / "illumination"))
+    throw InputError(folder.string() +
+                     ": holds something else than a session; --force replaces sessions only");
+  fs::remove(folder / session_manifest_name);  // first: from now on the folder is no complete session
+  for (const char* name : {"illumination", "observed", transport_file_name, ambient_file_name})
+    fs::remove_all(folder / name);
+}
+
+void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
+  const double pixels = static_cast<double>(summary.width) * summary.height;
+  const double rays_per_second = static_cast<double>(summary.rays) / std::max(1e-9, summary.trace_seconds);
+  if (json) {
+    std::printf("%s\n", nlohmann::json{{"folder", folder.string()},
+                                       {"width", summary.width},
+                                       {"height", summary.height},
+                                       {"lights", summary.lights},
+                                       {"entries_per_pixel", summary.entries_per_pixel},
+                                       {"transport_bytes", summary.transport_bytes},
+                                       {"rays", summary.rays},
+                                       {"rays_per_second", rays_per_second},
+                                       {"light_seconds", summary.light_seconds},
+                                       {"trace_seconds", summary.trace_seconds},
+                                       {"write_seconds", summary.write_seconds}}
+                            .dump(2)
+                            .c_str());
+    return;
+  }
+  std::printf("%s: %d photographs of %d×%d pixels\n", folder.c_str(), summary.lights, summary.width,
+              summary.height);
+  std::printf("transport: %.0f boxes a pixel", summary.entries_per_pixel);
+  if (summary.transport_bytes > 0)
+    std::printf(", %.0f MB in %s\n", static_cast<double>(summary.transport_bytes) / 1e6, transport_file_name);
+  else
+    std::printf(", not kept\n");
+  std::printf(
+      "time: light maps %.1f s, tracing %.1f s (%.1f million rays a second, %.0f a pixel), writing %.1f s\n",
+      summary.light_seconds, summary.trace_seconds, rays_per_second / 1e6,
+      static_cast<double>(summary.rays) / pixels, summary.write_seconds);
+}
+
+void simulate(const Arguments& arguments, const Common& common) {
+  const Recipe recipe = recipe_of(arguments);
+  SimulateOptions options;
+  options.precision = arguments.half ? Precision::half : Precision::single;
+  options.noise = arguments.noise;
+  SimulatePlan plan = plan_simulate(recipe, options);
+  const bool large = plan.transport_bytes > largest_automatic_transport;
+  options.keep_transport = arguments.transport || (!arguments.no_transport && !large);
+  options.quality = arguments.quality.value_or(large ? 1 : 2);
+  options.check();
+  plan = plan_simulate(recipe, options);
+  if (!common.quiet) {
+    if (large && !options.keep_transport && !arguments.no_transport)
+      std::fprintf(stderr, "The transport would take about %.1f GB and is not kept; --transport keeps it.\n",
+                   static_cast<double>(plan_simulate(recipe, {}).transport_bytes) / 1e9);
+    std::fprintf(stderr, "Needs about %.1f GB of memory and %.1f GB of disk.\n",
+                 static_cast<double>(plan.memory_bytes) / 1e9, static_cast<double>(plan.disk_bytes) / 1e9);
+  }
+  options.provenance = nlohmann::json{
+      {"program", "refield " REFIELD_VERSION},
+      {"method", "ray traced transport"},
+      {"recipe", arguments.recipe.filename().string()},
+      {"seed", recipe.seed},
+      {"quality",
+       options.quality}}.dump();
+  require_writable_target(arguments.folder, arguments.force);
+  require_free_space(arguments.folder, plan.disk_bytes);
+  if (arguments.force) remove_earlier_session(arguments.folder);
+  print(simulate_session(recipe, options, arguments.folder), arguments.folder, common.json);
+}
+
+}  // namespace
+
+void add_simulate(CLI::App& app, const Common& common, Action& action) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand(
+      "simulate",
+      "Make a synthetic data set: a ray traced scene, lights, and exact photographs\n\n"
+      "Traces how the monitor's light reaches every pixel of the recipe's scene, once, and from that makes "
+      "the photograph\n"
+      "under each light. The folder becomes a capture session: illumination/, observed/, session.toml. "
+      "Beside it lie\n"
+      "  transport.rfield   the exact light transport: 'refield relight' gives the truth for any light\n"
+      "  ambient.exr        what the camera sees of the room light, for 'refield acquire'\n\n"
+      "  refield simulate datasets_synthetic/tabletop/recipe.toml -o truth\n"
+      "  refield simulate recipe.toml -o quick --width 64 --height 48 --train 60 --noise 0.005\n"
+      "  refield simulate recipe.toml -o huge --width 1024 --height 768 --light-width 800 --light-height 600 "
+      "--half");
+  verb->add_option("recipe", arguments->recipe,
+                   "The data set's description (TOML); see docs/synthetic-scenes.md")
+      ->required();
+  verb->add_option("-o,--output", arguments->folder, "Folder to make")->required();
+  const char* size = "Size";
+  verb->add_option("--width", arguments->width, "Camera pixels across, in place of the recipe's")
+      ->group(size);
+  verb->add_option("--height", arguments->height, "Camera pixels down")->group(size);
+  verb->add_option("--light-width", arguments->light_width, "Monitor texels across")->group(size);
+  verb->add_option("--light-height", arguments->light_height, "Monitor texels down")->group(size);
+  const char* lights = "Lights";
+  verb->add_option("--train", arguments->train, "Natural lights to estimate from")->group(lights);
+  verb->add_option("--natural", arguments->natural, "Held-out natural lights")->group(lights);
+  verb->add_option("--bars", arguments->bars, "Held-out white bars")->group(lights);
+  verb->add_option("--squares", arguments->squares, "Held-out white squares")->group(lights);
+  verb->add_option("--seed", arguments->seed, "Another seed gives other lights and other sampling noise")
+      ->group(lights);
+  const char* result = "Result";
+  verb->add_option("--quality", arguments->quality,
+                   "Of tracing: 1 quick, 2 balanced, 3 careful (default 2; 1 where the transport is too "
+                   "large to keep)")
+      ->group(result);
+  verb->add_option("--noise", arguments->noise, "Relative Gaussian noise on the photographs, such as 0.005")
+      ->group(result);
+  verb->add_flag("--half", arguments->half, "Write 16-bit images: half the disk space, precision 0.05 %")
+      ->group(result);
+  auto* without =
+      verb->add_flag("--no-transport", arguments->no_transport, "Leave transport.rfield out")->group(result);
+  verb->add_flag("--transport", arguments->transport, "Write transport.rfield even where it is large")
+      ->group(result)
+      ->excludes(without);
+  verb->add_flag("--force", arguments->force, "Replace the session in a folder that is not empty")
+      ->group(result);
+  verb->callback(
+      [arguments, &common, &action] { action = [arguments, &common] { simulate(*arguments, common); }; });
+}
 
 }  // namespace refield::cli

@@ -4,6 +4,8 @@
 #define TOML_EXCEPTIONS 1
 #include <toml++/toml.h>
 
+#include <Eigen/Geometry>
+
 #include <array>
 #include <cmath>
 #include <limits>

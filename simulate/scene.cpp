@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/scene.h"
+
+#include <embree3/rtcore.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "core/errors.h"
+#include "core/units.h"
+#include "simulate/shapes.h"
+
+namespace refield {
+
+namespace {
+
+// A shadow ray ends this fraction before its target, so that the target does not shadow itself.
+constexpr float before_target = 1.0f - 1e-4f;
+
+struct Placed {       // an object's geometry in world space
+  TriangleMesh mesh;  // empty for spheres
+  Eigen::Isometry3f object_from_world;
+  Eigen::Vector3f centre;
+};
+
+TriangleMesh mesh_of(const ObjectDescription& object) {
+  switch (object.kind) {
+    case ObjectDescription::Kind::quad:
+      return quad_mesh(object.size);
+    case ObjectDescription::Kind::box:
+      return box_mesh(object.size);
+    case ObjectDescription::Kind::lathe:
+      return lathe_mesh(object.profile, object.smooth);
+    case ObjectDescription::Kind::sphere:
+      return {};
+  }
+  throw InputError("unknown shape");
+}
+
+Eigen::Isometry3d world_from_object(const ObjectDescription& object) {
+  const Eigen::Vector3d angles = object.rotation_degrees * (std::numbers::pi / 180.0);
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.translate(object.position);
+  pose.rotate(Eigen::AngleAxisd(angles.z(), Eigen::Vector3d::UnitZ()) *
+              Eigen::AngleAxisd(angles.y(), Eigen::Vector3d::UnitY()) *
+              Eigen::AngleAxisd(angles.x(), Eigen::Vector3d::UnitX()));
+  return pose;
+}
+
+void on_embree_error(void*, RTCError code, const char* text) {
+  throw InputError("ray tracing library: error " + std::to_string(code) + ": " + (text ? text : ""));
+}
+
+Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
+                               const std::array<std::uint32_t, 3>& t, float u, float v) {
+  return (1.0f - u - v) * values[t[0]] + u * values[t[1]] + v * values[t[2]];
+}
+
+}  // namespace
+
+struct Scene::Geometry {
+  RTCDevice device = rtcNewDevice(nullptr);
+  RTCScene scene = nullptr;
+  std::vector<Placed> placed;
+  unsigned monitor_id = 0;
+
+  Geometry() {
+    if (!device)
+      throw InputError("ray tracing library: cannot start (error " +
+                       std::to_string(rtcGetDeviceError(nullptr)) + ")");
+    rtcSetDeviceErrorFunction(device, on_embree_error, nullptr);
+    scene = rtcNewScene(device);
+    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+  }
+  ~Geometry() {
+    if (scene) rtcReleaseScene(scene);
+    if (device) rtcReleaseDevice(device);
+  }
+  Geometry(const Geometry&) = delete;
+  Geometry& operator=(const Geometry&) = delete;
+
+  unsigned attach(RTCGeometry geometry) {
+    rtcCommitGeometry(geometry);
+    const unsigned id = rtcAttachGeometry(scene, geometry);
+    rtcReleaseGeometry(geometry);
+    return id;
+  }
+  unsigned add_mesh(const TriangleMesh& mesh) {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
+        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
+    for (const Eigen::Vector3f& v : mesh.vertices) vertices = std::copy_n(v.data(), 3, vertices);
+    auto* indices = static_cast<std::uint32_t*>(
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                3 * sizeof(std::uint32_t), mesh.triangles.size()));
+    for (const auto& triangle : mesh.triangles) indices = std::ranges::copy(triangle, indices).out;
+    return attach(geometry);
+  }
+  unsigned add_sphere(const Eigen::Vector3f& centre, float radius) {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_SPHERE_POINT);
+    auto* sphere = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
+                                                               RTC_FORMAT_FLOAT4, 4 * sizeof(float), 1));
+    std::copy_n(centre.data(), 3, sphere);
+    sphere[3] = radius;
+    return attach(geometry);
+  }
+};
+
+Scene::Scene(const SceneDescription& description)
+    : description_(description), monitor_(description.monitor), geometry_(std::make_unique<Geometry>()) {
+  for (const ObjectDescription& object : description_.objects) {
+    const auto material =
+        std::ranges::find(description_.materials, object.material, &MaterialDescription::name);
+    if (material == description_.materials.end())
+      throw InputError("object '" + object.name + "': there is no material '" + object.material + "'");
+    materials_.push_back(&*material);
+
+    const Eigen::Isometry3f pose = world_from_object(object).cast<float>();
+    Placed placed{mesh_of(object), pose.inverse(), object.position.cast<float>()};
+    if (object.kind == ObjectDescription::Kind::sphere) {
+      geometry_->add_sphere(placed.centre, static_cast<float>(object.radius));
+      bounds_.push_back({placed.centre, static_cast<float>(object.radius)});
+    } else {
+      if (placed.mesh.triangles.empty())
+        throw InputError("object '" + object.name +
+                         "': its shape has no surface; give a profile with some radius");
+      Eigen::AlignedBox3f box;
+      for (Eigen::Vector3f& v : placed.mesh.vertices) box.extend(v = pose * v);
+      for (Eigen::Vector3f& n : placed.mesh.normals) n = pose.linear() * n;
+      geometry_->add_mesh(placed.mesh);
+      float radius = 0.0f;
+      for (const Eigen::Vector3f& v : placed.mesh.vertices)
+        radius = std::max(radius, (v - box.center()).norm());
+      bounds_.push_back({box.center(), radius});
+    }
+    geometry_->placed.push_back(std::move(placed));
+  }
+
+  TriangleMesh screen;
+  const auto w = static_cast<float>(monitor_.texels().width),
+             h = static_cast<float>(monitor_.texels().height);
+  screen.vertices = {monitor_.point(0, h), monitor_.point(w, h), monitor_.point(w, 0), monitor_.point(0, 0)};
+  screen.triangles = {{0, 1, 2}, {0, 2, 3}};
+  geometry_->monitor_id = geometry_->add_mesh(screen);
+  rtcCommitScene(geometry_->scene);
+
+  const CameraInScene& camera = description_.camera;
+  const Eigen::Vector3d forward = (camera.target - camera.position).normalized();
+  const Eigen::Vector3d right = forward.cross(Eigen::Vector3d::UnitY()).normalized();
+  const Eigen::Vector3d down = forward.cross(right);
+  const double pixel =
+      2.0 * std::tan(radians_from_degrees(camera.vertical_fov_degrees) / 2.0) / camera.height;
+  camera_origin_ = camera.position.cast<float>();
+  camera_right_ = (pixel * right).cast<float>();
+  camera_down_ = (pixel * down).cast<float>();
+  camera_corner_ = (forward - 0.5 * pixel * (camera.width * right + camera.height * down)).cast<float>();
+}
+
+Scene::~Scene() = default;
+
+std::optional<Hit> Scene::intersect(const Ray& ray) const {
+  RTCRayHit query;
+  query.ray = {ray.origin.x(),
+               ray.origin.y(),
+               ray.origin.z(),
+               0.0f,
+               ray.direction.x(),
+               ray.direction.y(),
+               ray.direction.z(),
+               0.0f,
+               std::numeric_limits<float>::infinity(),
+               0xffffffffu,
+               0,
+               0};
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(geometry_->scene, &context, &query);
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+
+  Hit hit;
+  hit.position = ray.origin + query.ray.tfar * ray.direction;
+  if (query.hit.geomID == geometry_->monitor_id) {
+    hit.geometric_normal = hit.shading_normal = monitor_.normal();
+    hit.object_position = hit.position;
+    return hit;
+  }
+  hit.object = static_cast<int>(query.hit.geomID);
+  const Placed& placed = geometry_->placed[hit.object];
+  if (placed.mesh.triangles.empty()) {
+    hit.geometric_normal = hit.shading_normal = (hit.position - placed.centre).normalized();
+  } else {
+    const auto& triangle = placed.mesh.triangles[query.hit.primID];
+    hit.geometric_normal = Eigen::Vector3f(query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z).normalized();
+    hit.shading_normal = at_barycentric(placed.mesh.normals, triangle, query.hit.u, query.hit.v).normalized();
+  }
+  hit.object_position = placed.object_from_world * hit.position;
+  return hit;
+}
+
+bool Scene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const {
+  const Eigen::Vector3f d = to - from;
+  RTCRay ray{from.x(), from.y(), from.z(), 0.0f, d.x(), d.y(), d.z(), 0.0f, before_target, 0xffffffffu, 0, 0};
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcOccluded1(geometry_->scene, &context, &ray);
+  return ray.tfar < 0.0f;  // −inf once something was hit
+}
+
+Ray Scene::camera_ray(float x, float y) const {
+  return {camera_origin_, (camera_corner_ + x * camera_right_ + y * camera_down_).normalized()};
+}
+
+}  // namespace refield

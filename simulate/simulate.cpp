@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/simulate.h"
+
+#include <tbb/parallel_for.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "core/reflectance_field_file.h"
+#include "core/rng.h"
+#include "simulate/light_maps.h"
+#include "simulate/trace_rows.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// Measured on datasets_synthetic/tabletop at 160×120 under 128×96 texels; it grows slowly with the map.
+constexpr std::uint64_t typical_entries_of_a_pixel = 700;
+constexpr std::uint64_t bytes_of_an_entry = sizeof(std::uint32_t) + 3 * sizeof(float);
+
+class Stopwatch {
+ public:
+  double seconds() const { return Seconds(std::chrono::steady_clock::now() - start_).count(); }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+// Relative Gaussian noise. Cut at zero, as a photograph of no light is not negative.
+void add_noise(Image& photograph, double sigma, std::uint64_t seed, std::size_t place) {
+  Rng rng(seed, 0x6e6f69u, place);
+  for (float& v : photograph.values) v = std::max(0.0f, v * static_cast<float>(1.0 + sigma * rng.normal()));
+}
+
+}  // namespace
+
+void SimulateOptions::check() const {
+  if (quality < 1 || quality > 3) throw InputError("quality " + std::to_string(quality) + ": give 1, 2 or 3");
+  if (!(noise >= 0.0 && noise <= 1.0))
+    throw InputError("noise " + std::to_string(noise) + ": give a relative standard deviation from 0 to 1");
+}
+
+SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options) {
+  const LightHierarchy hierarchy(recipe.scene.monitor.texels);
+  const std::uint64_t lights = list_lights(recipe.lights).size();
+  const std::uint64_t pixels = std::uint64_t{1} * recipe.scene.camera.width * recipe.scene.camera.height;
+  const std::uint64_t texels = std::uint64_t{1} * hierarchy.domain().width * hierarchy.domain().height;
+  const std::uint64_t bytes_of_a_sample = options.precision == Precision::half ? 2 : 4;
+  SimulatePlan plan;
+  plan.transport_bytes = pixels * typical_entries_of_a_pixel * bytes_of_an_entry;
+  plan.memory_bytes = LightSums::bytes(hierarchy, lights) + pixels * lights * 3 * sizeof(float) +
+                      (options.keep_transport ? 2 * plan.transport_bytes : 0);
+  plan.disk_bytes = lights * (pixels + texels) * 3 * bytes_of_a_sample +
+                    (options.keep_transport ? plan.transport_bytes : 0);
+  return plan;
+}
+
+SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options,
+                                 const fs::path& folder) {
+  options.check();
+  const CameraInScene& camera = recipe.scene.camera;
+  const LightHierarchy hierarchy(recipe.scene.monitor.texels);
+  const std::vector<LightSpec> lights = list_lights(recipe.lights);
+  const Scene scene(recipe.scene);
+  create_folders(folder / "illumination");
+  create_folders(folder / "observed");
+
+  SimulateSummary summary{
+      .width = camera.width, .height = camera.height, .lights = static_cast<int>(lights.size())};
+  CaptureSession session;
+  session.folder = folder;
+  session.light = hierarchy.domain();
+  session.width = camera.width;
+  session.height = camera.height;
+  for (const LightSpec& light : lights)
+    session.frames.push_back({light.name, light.role, light.kind,
+                              folder / "illumination" / (light.name + ".exr"),
+                              folder / "observed" / (light.name + ".exr")});
+
+  Stopwatch making_lights;
+  LightSums sums(hierarchy, lights.size());
+  make_lights(lights, hierarchy.domain(), recipe.seed, [&](std::size_t place, LightMap&& light) {
+    write_exr(session.frames[place].illumination, light.radiance, options.precision);
+    if (options.precision == Precision::half)  // photographs are of the light that was written
+      light = read_light_map(session.frames[place].illumination, light.parameterisation);
+    sums.set(place, light);
+  });
+  summary.light_seconds = making_lights.seconds();
+
+  Stopwatch tracing;
+  const auto trace_options = TraceOptions::of_quality(options.quality, recipe.seed);
+  FieldBuilder builder(hierarchy, camera.width, camera.height);
+  Image ambient(camera.width, camera.height, 3);
+  std::vector<Image> photographs(lights.size(), Image(camera.width, camera.height, 3));
+  std::uint64_t entries = 0;
+  summary.rays =
+      trace_rows(scene, hierarchy, trace_options, [&](int first_row, std::vector<PixelTransport>& pixels) {
+        const std::size_t first = static_cast<std::size_t>(first_row) * camera.width;
+        tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pixels.size(), 64), [&](const auto& range) {
+          std::vector<float> row(3 * lights.size());
+          for (std::size_t p = range.begin(); p != range.end(); ++p) {
+            apply_row(pixels[p].entries, sums, row.data());
+            for (std::size_t l = 0; l < lights.size(); ++l)
+              for (int c = 0; c < 3; ++c)
+                photographs[l].values[3 * (first + p) + c] = row[c * lights.size() + l];
+          }
+        });
+        for (std::size_t p = 0; p < pixels.size(); ++p) {
+          entries += pixels[p].entries.size();
+          for (int c = 0; c < 3; ++c) ambient.values[3 * (first + p) + c] = pixels[p].ambient[c];
+        }
+        if (options.keep_transport) builder.append(pixels);
+      });
+  summary.entries_per_pixel = static_cast<double>(entries) / static_cast<double>(ambient.pixel_count());
+  summary.trace_seconds = tracing.seconds();
+
+  Stopwatch writing;
+  if (options.keep_transport) {
+    ReflectanceField field = builder.finish();
+    field.provenance = options.provenance;
+    write_reflectance_field(folder / transport_file_name, field);
+    summary.transport_bytes = fs::file_size(folder / transport_file_name);
+  }
+  write_exr(folder / ambient_file_name, ambient);
+  Progress progress("writing photographs", lights.size());
+  tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t l) {
+    throw_if_interrupted();
+    if (options.noise > 0.0) add_noise(photographs[l], options.noise, recipe.seed, l);
+    write_exr(session.frames[l].observed, photographs[l], options.precision);
+    photographs[l] = Image();
+    progress.advance();
+  });
+  write_session_manifest(session);  // last: a folder with a manifest is complete
+  summary.write_seconds = writing.seconds();
+  return summary;
+}
+
+TracedScene trace_scene(const SceneDescription& description, const TraceOptions& options) {
+  const Scene scene(description);
+  const LightHierarchy hierarchy(description.monitor.texels);
+  const CameraInScene& camera = description.camera;
+  FieldBuilder builder(hierarchy, camera.width, camera.height);
+  TracedScene traced;
+  traced.ambient = Image(camera.width, camera.height, 3);
+  trace_rows(scene, hierarchy, options, [&](int first_row, std::vector<PixelTransport>& pixels) {
+    builder.append(pixels);
+    float* out = traced.ambient.row(first_row).data();
+    for (const PixelTransport& pixel : pixels) out = std::copy_n(pixel.ambient.data(), 3, out);
+  });
+  traced.transport = builder.finish();
+  return traced;
+}
+
+}  // namespace refield
