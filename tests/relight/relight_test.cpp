@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/relight.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+constexpr LightDomain domain{24, 16, Parameterisation::monitor};
+
+class Relight : public testing::Test {
+ protected:
+  Rng rng_{1};
+  ReflectanceField field_ = test::random_field(rng_, 30, 20, domain, 80, 25);
+};
+
+void expect_near(const Image& found, const std::function<double(std::size_t)>& expected) {
+  constexpr double float_rounding = 1e-5;  // 25 terms, each rounded a few times
+  for (std::size_t i = 0; i < found.values.size(); ++i)
+    ASSERT_NEAR(found.values[i], expected(i), float_rounding * std::max(1.0, std::abs(expected(i)))) << i;
+}
+
+// The slow reference: every kernel's texels are summed one by one (Matusik et al. 2004, eqs. 3 and 4).
+TEST_F(Relight, EqualsTheSumOverTexels) {
+  const LightMap light = test::random_light(rng_, domain);
+  const auto texel_sum = [&](const Box& box, int c) {
+    double sum = 0.0;
+    for (int y = box.y0; y < box.y1; ++y)
+      for (int x = box.x0; x < box.x1; ++x) sum += light.radiance.at(x, y, c);
+    return sum;
+  };
+  expect_near(field_.relight(light), [&](std::size_t i) {
+    const std::size_t pixel = i / 3;
+    double sum = 0.0;
+    for (auto e = field_.transfer.row_start[pixel]; e < field_.transfer.row_start[pixel + 1]; ++e)
+      sum += field_.transfer.weight[3 * e + i % 3] *
+             texel_sum(field_.basis.boxes[field_.transfer.column[e]], static_cast<int>(i % 3));
+    return sum;
+  });
+}
+
+TEST_F(Relight, IsLinearInTheLight) {
+  const LightMap a = test::random_light(rng_, domain);
+  const LightMap b = test::random_light(rng_, domain);
+  LightMap mixed = a;
+  for (std::size_t i = 0; i < mixed.radiance.values.size(); ++i)
+    mixed.radiance.values[i] = 2.0f * a.radiance.values[i] + 0.5f * b.radiance.values[i];
+  const Image image_a = field_.relight(a);
+  const Image image_b = field_.relight(b);
+  expect_near(field_.relight(mixed),
+              [&](std::size_t i) { return 2.0 * image_a.values[i] + 0.5 * image_b.values[i]; });
+}
+
+TEST_F(Relight, DarknessGivesBlackAndLightNothingNegative) {
+  const Image black = field_.relight({Image(domain.width, domain.height, 3), domain.parameterisation});
+  EXPECT_TRUE(std::ranges::all_of(black.values, [](float v) { return v == 0.0f; }));
+  const Image lit = field_.relight(test::random_light(rng_, domain));
+  EXPECT_TRUE(std::ranges::all_of(lit.values, [](float v) { return v >= 0.0f; }));
+}
+
+TEST_F(Relight, ChannelsDoNotMix) {
+  LightMap red = test::random_light(rng_, domain);
+  for (std::size_t i = 0; i < red.radiance.values.size(); ++i)
+    if (i % 3 != 0) red.radiance.values[i] = 0.0f;
+  const Image image = field_.relight(red);
+  for (std::size_t i = 0; i < image.values.size(); ++i) {
+    if (i % 3 != 0) {
+      EXPECT_EQ(image.values[i], 0.0f);
+    }
+  }
+}
+
+TEST_F(Relight, FilesHoldWhatTheFieldGives) {
+  const test::TemporaryFolder folder;
+  std::vector<RelightJob> jobs;
+  std::vector<LightMap> lights;
+  for (int i = 0; i < 5; ++i) {
+    lights.push_back(test::random_light(rng_, domain));
+    jobs.push_back({[light = lights.back()] { return light; }, folder / (std::to_string(i) + ".exr")});
+  }
+  jobs.push_back({[light = lights[0]] { return light; }, folder / "0.png"});
+  relight_to_files(field_, jobs);
+  for (int i = 0; i < 5; ++i)
+    EXPECT_EQ(read_image(folder / (std::to_string(i) + ".exr")).values, field_.relight(lights[i]).values);
+  EXPECT_EQ(read_image(folder / "0.png").width, field_.width);
+}
+
+TEST_F(Relight, RefusesOtherFormatsBeforeAnyWork) {
+  const test::TemporaryFolder folder;
+  bool asked = false;
+  const auto light = [&] {
+    asked = true;
+    return test::random_light(rng_, domain);
+  };
+  EXPECT_THROW(relight_to_files(field_, {{light, folder / "a.exr"}, {light, folder / "a.jpg"}}), InputError);
+  EXPECT_FALSE(asked);
+}
+
+TEST_F(Relight, ALightOfTheWrongSizeIsNamedAndNothingIsWritten) {
+  const test::TemporaryFolder folder;
+  const auto light = [] { return LightMap{Image(3, 3, 3), Parameterisation::monitor}; };
+  EXPECT_THROW(relight_to_files(field_, {{light, folder / "a.exr"}}), InputError);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+}  // namespace
+}  // namespace refield
