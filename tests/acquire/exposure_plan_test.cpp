@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/exposure_plan.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/errors.h"
+
+namespace refield {
+namespace {
+
+CameraDescription camera() {
+  return {"test", 10, 10, PixelLayout::grey, 12, Seconds(1e-4), Seconds(4.0), Seconds(1.0 / 30)};
+}
+
+CameraCalibration calibration() {
+  CameraCalibration c;
+  c.linear_from_dn = linear_response(12);
+  c.black_level_dn = 64.0;
+  return c;
+}
+
+/// A camera whose brightest sample reaches `dn_per_second` above black.
+Probe probe_of(double dn_per_second, int* count = nullptr) {
+  return [=](Seconds exposure) {
+    if (count) ++*count;
+    RawFrame frame{10, 10, PixelLayout::grey, {}, {}, exposure, 1.0, 0};
+    for (int i = 0; i < 100; ++i) {
+      const double dn = 64.0 + dn_per_second * exposure.count() * (0.5 + 0.5 * i / 99.0);
+      frame.samples.push_back(static_cast<std::uint16_t>(std::min(std::round(dn), 4095.0)));
+    }
+    return frame;
+  };
+}
+
+TEST(ExposurePlan, GrowsExponentially) {
+  ExposurePlanOptions options;
+  options.shortest = Seconds(0.002);
+  const auto plan = exponential_exposures(options, camera());
+  ASSERT_EQ(plan.size(), 4u);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(plan[i].count(), 0.002 * std::pow(4.0, i), 1e-12);
+}
+
+TEST(ExposurePlan, KeepsToRefreshPeriods) {
+  ExposurePlanOptions options;
+  options.shortest = Seconds(0.02);
+  options.ratio = 3.0;
+  options.multiple_of = Seconds(1.0 / 60);
+  for (Seconds time : exponential_exposures(options, camera()))
+    EXPECT_NEAR(std::remainder(time.count(), 1.0 / 60), 0.0, 1e-12);
+}
+
+TEST(ExposurePlan, RefusesWhatTheCameraCannotDo) {
+  ExposurePlanOptions options;
+  options.shortest = Seconds(0.5);  // the fourth would be 32 s
+  EXPECT_THROW(exponential_exposures(options, camera()), InputError);
+  options.shortest = Seconds(1e-5);
+  EXPECT_THROW(exponential_exposures(options, camera()), InputError);
+  options = {};
+  EXPECT_THROW(exponential_exposures(options, camera()), InputError);
+  options.shortest = Seconds(0.01);
+  options.count = 0;
+  EXPECT_THROW(exponential_exposures(options, camera()), InputError);
+  EXPECT_THROW(check_exposures({Seconds(0.1), Seconds(0.1)}, camera()), InputError);
+  EXPECT_THROW(check_exposures({}, camera()), InputError);
+}
+
+TEST(ExposurePlan, ProbingUsesTheRangeWithoutClipping) {
+  for (double brightness : {50.0, 3e3, 4e5, 5e6}) {
+    int probes = 0;
+    const Seconds shortest = shortest_useful_exposure(camera(), calibration(), probe_of(brightness, &probes));
+    const double peak = brightness * shortest.count() / (4095.0 - 64.0);
+    const bool at_the_end = shortest == camera().longest_exposure || shortest == camera().shortest_exposure;
+    EXPECT_TRUE(at_the_end || (peak > 0.75 && peak < 0.9)) << brightness << " " << peak;
+    EXPECT_LE(probes, 6);
+  }
+}
+
+TEST(ExposurePlan, ProbingStopsAtTheCamerasEnds) {
+  EXPECT_EQ(shortest_useful_exposure(camera(), calibration(), probe_of(1e9)), camera().shortest_exposure);
+  EXPECT_EQ(shortest_useful_exposure(camera(), calibration(), probe_of(10.0)), camera().longest_exposure);
+  EXPECT_THROW(shortest_useful_exposure(camera(), calibration(), probe_of(0.0)), InputError);
+}
+
+TEST(ExposurePlan, NamesExposuresThatAreWasted) {
+  const std::vector<Seconds> plan = {Seconds(0.001), Seconds(0.004), Seconds(0.016)};
+  EXPECT_TRUE(wasted_exposures(plan, {0.01, 0.5, 0.9}).empty());
+  const auto sentences = wasted_exposures(plan, {0.0, 0.5, 0.9});
+  ASSERT_EQ(sentences.size(), 1u);
+  EXPECT_NE(sentences[0].find("0.001 s"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace refield
