@@ -117,9 +117,9 @@ DriveImage drive_levels(const Image& wanted, const MonitorCalibration& monitor, 
   for (std::size_t i = 0; i < wanted.values.size(); ++i) {
     const auto& table = monitor.radiance_from_level[i % 3];
     drive.levels[i] = nearest_level(table, wanted.values[i]);
-    // A half-float texel may round to just above white; that is not out of range.
-    constexpr float half_float_rounding = 1.0f + 0x1p-10f;
-    too_bright += wanted.values[i] > (table.back() - table.front()) * half_float_rounding;
+    const float half_a_step =
+        (table[255] - table[254]) / 2.0f;  // white is as near to this as any level can be
+    too_bright += wanted.values[i] > table.back() - table.front() + half_a_step;
   }
   if (out_of_range) *out_of_range = too_bright;
   return drive;

@@ -26,11 +26,11 @@ constexpr std::uint8_t white = 255;
 std::vector<Seconds> choose_exposures(const CaptureRequest& request, const CameraDescription& camera,
                                       const IlluminatorDescription& display, FramePairing& pairing) {
   if (!request.exposures.empty()) return request.exposures;
-  if (request.if_exists == IfExists::resume)
+  if (request.is_metered() && request.if_exists == IfExists::resume)
     if (const auto plan = stored_plan(request.folder))
       return exposures_of_plan(*plan, request.folder / "plan.toml");
   ExposurePlanOptions plan = request.exposure_plan;
-  if (plan.shortest.count() <= 0.0) {
+  if (request.is_metered()) {
     pairing.show(uniform_drive(display.width, display.height, white));
     const Seconds metered = shortest_useful_exposure(
         camera, request.camera, [&](Seconds exposure) { return pairing.photograph(exposure, request.gain); });

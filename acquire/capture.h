@@ -41,16 +41,18 @@ struct CaptureRequest {
   std::vector<CaptureLight> lights;
   CameraCalibration camera;
   MonitorCalibration monitor;
-  std::string rig;                 ///< names the devices and what they look at; part of the plan
-  std::vector<Seconds> exposures;  ///< empty: metered under white, by exposure_plan
-  ExposurePlanOptions exposure_plan;
-  int frames_per_exposure = 1;  ///< all enter the fit
-  int ambient_repeats = 4;      ///< the ambient photograph's noise goes into every other: make it small
+  std::string rig;                    ///< names the devices and what they look at; part of the plan
+  std::vector<Seconds> exposures;     ///< empty: by exposure_plan
+  ExposurePlanOptions exposure_plan;  ///< without a shortest exposure it is metered under white
+  int frames_per_exposure = 1;        ///< all enter the fit
+  int ambient_repeats = 4;            ///< the ambient photograph's noise goes into every other: make it small
   double gain = 1.0;
   MaskSource mask;
   bool keep_raw = false;
   Precision precision = Precision::single;  ///< of observed images
   IfExists if_exists = IfExists::refuse;
+
+  bool is_metered() const { return exposures.empty() && exposure_plan.shortest.count() <= 0.0; }
 
   /// Throws InputError naming the option and the remedy.
   void check(const CameraDescription& camera, const IlluminatorDescription& display) const;

@@ -98,11 +98,11 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
   toml::array times;
   for (Seconds time : exposures) times.push_back(time.count());
   toml::table how{{"seconds", times},
-                  {"metered", request.exposures.empty()},
+                  {"metered", request.is_metered()},
                   {"frames_per_exposure", request.frames_per_exposure},
                   {"ambient_repeats", request.ambient_repeats},
                   {"gain", request.gain}};
-  if (request.exposures.empty()) {
+  if (request.is_metered()) {
     how.insert("count", request.exposure_plan.count);
     how.insert("ratio", request.exposure_plan.ratio);
     how.insert("multiple_of", request.exposure_plan.multiple_of.count());
