@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <vector>
+
+namespace refield::test {
+
+/// What a run of the program left behind.
+struct CommandResult {
+  int status = -1;  ///< exit status; 128 + signal when a signal ended it
+  std::string out;  ///< standard output
+  std::string err;  ///< standard error
+};
+
+/// Runs the built `refield` with the given arguments and waits for it.
+CommandResult run_refield(const std::vector<std::string>& arguments);
+
+}  // namespace refield::test

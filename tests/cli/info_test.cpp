@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/capture_session.h"
+#include "core/image_io.h"
+#include "core/reflectance_field_file.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using nlohmann::json;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+
+json info_of(const std::string& path) {
+  const auto result = run_refield({"info", path, "--json"});
+  EXPECT_THAT(result, Succeeded());
+  return json::parse(result.out, nullptr, false);
+}
+
+TEST(InfoVerb, AField) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  ReflectanceField field = test::random_field(rng, 10, 7, {8, 6}, 20, 5);
+  field.provenance = R"({"options": {"kernels": 9}})";
+  write_reflectance_field(folder / "f.rfield", field);
+  const json info = info_of(folder / "f.rfield");
+  EXPECT_EQ(info["image"]["width"], 10);
+  EXPECT_EQ(info["light"]["parameterisation"], "monitor");
+  EXPECT_EQ(info["distinct_boxes"], 20);
+  EXPECT_EQ(info["kernels"]["stored"], field.transfer.entries());
+  EXPECT_EQ(info["kernels"]["allowed"].get<int>(), 9 * info["pixels_in_scene"].get<int>());
+  EXPECT_EQ(info["provenance"]["options"]["kernels"], 9);
+  EXPECT_THAT(run_refield({"info", folder / "f.rfield"}).out, testing::HasSubstr("distinct boxes: 20"));
+}
+
+TEST(InfoVerb, AnImage) {
+  const test::TemporaryFolder folder;
+  Image image(3, 2, 3, 0.5f);
+  image.values[0] = NAN;
+  image.values[1] = INFINITY;
+  image.values[2] = -1.0f;
+  write_exr(folder / "a.exr", image);
+  const json info = info_of(folder / "a.exr");
+  EXPECT_EQ(info["radiance"]["nan"], 1);
+  EXPECT_EQ(info["radiance"]["infinite"], 1);
+  EXPECT_EQ(info["radiance"]["negative"], 1);
+  EXPECT_EQ(info["radiance"]["highest"], 0.5);
+}
+
+TEST(InfoVerb, ASession) {
+  const test::TemporaryFolder folder;
+  CaptureSession session;
+  session.folder = folder.path();
+  session.light = {4, 3};
+  session.width = 2;
+  session.height = 2;
+  write_exr(folder / "l.exr", Image(4, 3, 3, 1.0f));
+  write_photograph(folder / "p.exr", {Image(2, 2, 3, 1.0f), Image(2, 2, 3, 0.1f)});
+  session.frames = {{"a", FrameRole::train, "natural", folder / "l.exr", folder / "p.exr"},
+                    {"b", FrameRole::test, "bar", folder / "l.exr", folder / "p.exr"}};
+  write_session_manifest(session);
+  const json info = info_of(folder.path());
+  EXPECT_EQ(info["frames_by_role_and_kind"]["train"]["natural"], 1);
+  EXPECT_EQ(info["frames_by_role_and_kind"]["test"]["bar"], 1);
+  EXPECT_EQ(info["frames_with_noise_estimate"], 2);
+}
+
+TEST(InfoVerb, OtherFiles) {
+  const test::TemporaryFolder folder;
+  EXPECT_THAT(run_refield({"info", folder.path()}),
+              RefusedNaming(folder.path().string(), "not a capture session"));
+  EXPECT_THAT(run_refield({"info", folder / "none.exr"}), RefusedNaming("none.exr", "No such file"));
+  std::ofstream(folder / "t.rfield") << "text";
+  EXPECT_THAT(run_refield({"info", folder / "t.rfield"}),
+              RefusedNaming("t.rfield", "not a reflectance field"));
+}
+
+TEST(Program, EveryVerbHasHelp) {
+  const auto overview = run_refield({"--help"});
+  EXPECT_EQ(overview.status, 0);
+  for (const char* verb :
+       {"simulate", "acquire", "hdr", "estimate", "relight", "compare", "info", "report"}) {
+    EXPECT_THAT(overview.out, testing::HasSubstr(verb));
+    const auto help = run_refield({verb, "--help"});
+    EXPECT_EQ(help.status, 0) << verb << ": " << help.err;
+    EXPECT_GT(help.out.size(), 100u) << verb;
+  }
+}
+
+TEST(Program, WrongUseEndsWithStatusTwo) {
+  EXPECT_EQ(run_refield({}).status, 2);
+  EXPECT_EQ(run_refield({"relit"}).status, 2);
+  EXPECT_EQ(run_refield({"info"}).status, 2);
+  EXPECT_EQ(run_refield({"info", "x", "--nonsense"}).status, 2);
+  EXPECT_EQ(run_refield({"--version"}).status, 0);
+}
+
+}  // namespace
+}  // namespace refield

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <gmock/gmock.h>
+
+#include <string>
+
+#include "tests/cli/command.h"
+
+namespace refield::test {
+
+/// The program refused its input: exit status 2 and one line that holds both words (the file and the remedy).
+MATCHER_P2(RefusedNaming, file, remedy,
+           "is refused with status 2, naming '" + std::string(file) + "' and '" + std::string(remedy) + "'") {
+  *result_listener << "status " << arg.status << ", message: " << arg.err;
+  return arg.status == 2 && arg.err.starts_with("refield: ") && arg.err.find(file) != std::string::npos &&
+         arg.err.find(remedy) != std::string::npos;
+}
+
+MATCHER(Succeeded, "succeeds") {
+  *result_listener << "status " << arg.status << ", message: " << arg.err;
+  return arg.status == 0;
+}
+
+}  // namespace refield::test

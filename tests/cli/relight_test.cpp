@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/reflectance_field_file.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/random_data.h"
+#include "tests/support/small_disk.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+
+constexpr LightDomain domain{16, 8, Parameterisation::lat_long};
+
+class RelightVerb : public testing::Test {
+ protected:
+  RelightVerb() {
+    write_reflectance_field(field_, test::random_field(rng_, 12, 9, domain, 40, 6));
+    write_exr(light_, test::random_light(rng_, domain).radiance);
+  }
+
+  test::CommandResult relight(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {"relight", field_});
+    return run_refield(arguments);
+  }
+
+  test::TemporaryFolder folder_;
+  Rng rng_{1};
+  const std::string field_ = folder_ / "scene.rfield";
+  const std::string light_ = folder_ / "light.exr";
+  const std::string output_ = folder_ / "out.exr";
+};
+
+TEST_F(RelightVerb, OneLight) {
+  EXPECT_THAT(relight({"--light", light_, "-o", output_}), Succeeded());
+  const Image expected =
+      read_reflectance_field(field_).relight(read_light_map(light_, Parameterisation::lat_long));
+  EXPECT_EQ(read_image(output_).values, expected.values);
+}
+
+TEST_F(RelightVerb, PngIsChosenByTheExtension) {
+  EXPECT_THAT(relight({"--light", light_, "-o", folder_ / "out.png", "--exposure", "0.5"}), Succeeded());
+  EXPECT_EQ(read_image_header(folder_ / "out.png").width, 12);
+}
+
+TEST_F(RelightVerb, SeveralLightsGoToAFolder) {
+  fs::create_directory(folder_ / "lights");
+  for (const char* name : {"a.exr", "b.exr"}) fs::copy_file(light_, folder_ / "lights" / name);
+  const std::string pattern = folder_ / "lights/*.exr";
+  EXPECT_THAT(relight({"--light", pattern, "-o", folder_ / "by_pattern"}), Succeeded());
+  EXPECT_THAT(relight({"--light", folder_ / "lights", "-o", folder_ / "by_folder"}), Succeeded());
+  EXPECT_THAT(relight({"--light", folder_ / "lights/a.exr", "--light", folder_ / "lights/b.exr", "-o",
+                       folder_ / "by_name", "--format", "png"}),
+              Succeeded());
+  for (const char* file : {"by_pattern/a.exr", "by_pattern/b.exr", "by_folder/b.exr", "by_name/a.png"})
+    EXPECT_TRUE(fs::exists(folder_ / file)) << file;
+}
+
+TEST_F(RelightVerb, SequencesOfABarAndOfARotation) {
+  const auto result = relight({"--bar", "0.125", "--frames", "3", "-o", folder_ / "bar", "--json"});
+  EXPECT_THAT(result, Succeeded());
+  EXPECT_EQ(nlohmann::json::parse(result.out)["images"].size(), 3u);
+  EXPECT_TRUE(fs::exists(folder_ / "bar/bar_0002.exr"));
+  EXPECT_THAT(relight({"--light", light_, "--rotate", "--frames", "2", "-o", folder_ / "turn"}), Succeeded());
+  EXPECT_THAT(relight({"--light", light_, "-o", output_}), Succeeded());
+  EXPECT_EQ(read_image(folder_ / "turn/rotation_0000.exr").values, read_image(output_).values);
+}
+
+TEST_F(RelightVerb, ALightOfTheWrongSize) {
+  std::ofstream(output_) << "old";
+  write_exr(folder_ / "wide.exr", Image(17, 8, 3, 1.0f));
+  EXPECT_THAT(relight({"--light", folder_ / "wide.exr", "-o", output_}), RefusedNaming("wide.exr", "16×8"));
+  EXPECT_EQ(read_text(output_), "old");
+}
+
+TEST_F(RelightVerb, ATruncatedOrNotFiniteLight) {
+  std::ofstream(output_) << "old";
+  const std::string bytes = read_text(light_);
+  std::ofstream(folder_ / "cut.exr") << bytes.substr(0, bytes.size() / 2);
+  EXPECT_THAT(relight({"--light", folder_ / "cut.exr", "-o", output_}),
+              RefusedNaming("cut.exr", "truncated"));
+  Image broken = test::random_light(rng_, domain).radiance;
+  broken.at(3, 2, 1) = NAN;
+  write_exr(folder_ / "nan.exr", broken);
+  EXPECT_THAT(relight({"--light", folder_ / "nan.exr", "-o", output_}), RefusedNaming("nan.exr", "(3, 2)"));
+  EXPECT_EQ(read_text(output_), "old");
+}
+
+TEST_F(RelightVerb, AFileThatIsNoField) {
+  std::ofstream(folder_ / "text.rfield") << "these are just words";
+  EXPECT_THAT(run_refield({"relight", folder_ / "text.rfield", "--light", light_, "-o", output_}),
+              RefusedNaming("text.rfield", "refield estimate"));
+  EXPECT_THAT(run_refield({"relight", folder_ / "none.rfield", "--light", light_, "-o", output_}),
+              RefusedNaming("none.rfield", "No such file"));
+  EXPECT_FALSE(fs::exists(output_));
+}
+
+TEST_F(RelightVerb, NeverWritesOverItsInputs) {
+  const std::string before = read_text(light_);
+  EXPECT_THAT(relight({"--light", light_, "-o", light_}), RefusedNaming("light.exr", "another output"));
+  EXPECT_THAT(relight({"--light", light_, "-o", folder_.path()}),
+              RefusedNaming("light.exr", "another output"));
+  EXPECT_EQ(read_text(light_), before);
+}
+
+TEST_F(RelightVerb, OptionsThatDoNotFitTogether) {
+  const auto out = std::string(folder_ / "o");
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"-o", out},
+        {"--bar", "0.1", "-o", out},
+        {"--bar", "2", "--frames", "3", "-o", out},
+        {"--light", light_, "--bar", "0.1", "--frames", "2", "-o", out},
+        {"--light", light_, "--frames", "2", "-o", out},
+        {"--light", light_, "-o", out + ".jpg"},
+        {"--light", folder_ / "*.png", "-o", out},
+        {"--light", light_}}) {
+    const auto result = relight(arguments);
+    EXPECT_EQ(result.status, 2) << testing::PrintToString(arguments);
+    EXPECT_FALSE(result.err.empty());
+  }
+}
+
+TEST_F(RelightVerb, AFullDisk) {
+  const test::SmallDisk disk(64);
+  if (!disk.mounted()) GTEST_SKIP() << test::needs_mounting;
+  write_reflectance_field(field_, test::random_field(rng_, 200, 200, domain, 40, 6));
+  write_exr(disk / "out.exr", Image(2, 2, 3, 1.0f));
+  const std::string old = read_text(disk / "out.exr");
+  EXPECT_THAT(relight({"--light", light_, "-o", disk / "out.exr"}),
+              RefusedNaming("out.exr", "free some space"));
+  EXPECT_EQ(read_text(disk / "out.exr"), old);
+}
+
+}  // namespace
+}  // namespace refield
