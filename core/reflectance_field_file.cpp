@@ -247,11 +247,16 @@ void write_reflectance_field(const fs::path& path, const ReflectanceField& field
     errno = 0;
     const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
     H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V110);
-    Handle file(H5Fcreate(temporary.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose);
+    // Without times of creation, which HDF5 keeps for groups by default, equal fields give equal bytes.
+    const Handle timeless(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
+    H5Pset_obj_track_times(timeless, false);
+    const Handle timeless_root(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+    H5Pset_obj_track_times(timeless_root, false);
+    Handle file(H5Fcreate(temporary.c_str(), H5F_ACC_TRUNC, timeless_root, access), H5Fclose);
     const Writer writer{file, path};
     writer.check(file.valid());
     for (const char* group : {"basis", "transfer", "statistics"}) {
-      const Handle created(H5Gcreate2(file, group, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Gclose);
+      const Handle created(H5Gcreate2(file, group, H5P_DEFAULT, timeless, H5P_DEFAULT), H5Gclose);
       writer.check(created.valid());
     }
     const SparseTransfer& transfer = field.transfer;

@@ -23,7 +23,8 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
     throw InputError(name + ": the light map is " + shape_text(light.radiance) + ", the others are " +
                      std::to_string(domain.width) + "×" + std::to_string(domain.height) + "; resample it");
   if (std::ranges::all_of(light.radiance.values, [](float v) { return v == 0.0f; }))
-    throw InputError(name + ": the light map is black everywhere and says nothing about the scene; leave it out");
+    throw InputError(name +
+                     ": the light map is black everywhere and says nothing about the scene; leave it out");
 }
 
 }  // namespace

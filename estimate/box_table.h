@@ -9,9 +9,9 @@
 
 namespace refield {
 
-/// The sums R_k · L_j of eq. 6 for any rectangle and all training lights at once: one summed-area table whose entries are
-/// vectors over channels and lights, so that a column of A costs four contiguous reads.
-/// Kept in double, as every summed-area table here; 24 bytes × lights a texel.
+/// The sums R_k · L_j of eq. 6 for any rectangle and all training lights at once: one summed-area table whose
+/// entries are vectors over channels and lights, so that a column of A costs four contiguous reads. Kept in
+/// double, as every summed-area table here; 24 bytes × lights a texel.
 class BoxTable {
  public:
   /// Reads the lights. Throws InputError when one is black everywhere, not finite or of another size.

@@ -9,11 +9,12 @@
 
 namespace refield {
 
-/// Finished bands of a running estimation, kept in the folder `output`.partial until the field is complete. Every file
-/// lands whole or not at all and carries a checksum, so a crash costs at most the bands in flight.
+/// Finished bands of a running estimation, kept in the folder `output`.partial until the field is complete.
+/// Every file lands whole or not at all and carries a checksum, so a crash costs at most the bands in flight.
 class Checkpoint {
  public:
-  /// `description` is a text that names options and inputs; bands made under another description are not taken over.
+  /// `description` is a text that names options and inputs; bands made under another description are not
+  /// taken over.
   Checkpoint(const std::filesystem::path& output, std::string description);
 
   /// Throws InputError when what is there was made under another description.

@@ -43,11 +43,13 @@ Job open_job(const CaptureSession& session, const EstimateOptions& options) {
   Job job{session, session.frames_of(FrameRole::train), {}};
   const int images = static_cast<int>(job.frames.size());
   if (images < 2)
-    throw InputError(std::string(images == 0 ? "there is no training image" : "there is one training image only") +
-                     "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
+    throw InputError(
+        std::string(images == 0 ? "there is no training image" : "there is one training image only") +
+        "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
   if (images < options.kernels)
-    throw InputError(std::to_string(images) + " training images cannot determine " + std::to_string(options.kernels) +
-                     " kernels a pixel; add images or give --kernels " + std::to_string(images) + " or less");
+    throw InputError(std::to_string(images) + " training images cannot determine " +
+                     std::to_string(options.kernels) + " kernels a pixel; add images or give --kernels " +
+                     std::to_string(images) + " or less");
   job.session.frames = job.frames;
   check_image_sizes(job.session);
   if (session.mask) job.mask = read_mask(*session.mask, job.session.width, job.session.height);
@@ -64,22 +66,26 @@ EstimatePlan plan_job(const Job& job, const EstimateOptions& options) {
   const std::uint64_t threads = thread_count(options);
   const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * session.height;
   constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
-  const std::uint64_t kernel_bytes = options.kernels * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
+  const std::uint64_t kernel_bytes =
+      options.kernels * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
 
-  const std::uint64_t fixed = base_bytes + BoxTable::bytes(session.light, images) + threads * cache_limit_bytes;
+  const std::uint64_t fixed =
+      base_bytes + BoxTable::bytes(session.light, images) + threads * cache_limit_bytes;
   // A row holds its samples, its kernels before and after a sweep, and its share of the images being read.
-  const std::uint64_t row = ObservationBand::bytes(session.width, 1, images) + 3 * session.width * kernel_bytes +
+  const std::uint64_t row = ObservationBand::bytes(session.width, 1, images) +
+                            3 * session.width * kernel_bytes +
                             threads * 16 * session.width * 9 * sizeof(float);
   const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(options.spatial_passes);
   // Assembly happens after the tables are gone: twice the field, while vectors grow.
   const std::uint64_t assembly = base_bytes + 2 * pixels * options.kernels * entry_bytes;
   const std::uint64_t least = std::max(fixed + (1 + overlap) * row, assembly);
   if (least > options.memory_bytes)
-    throw InputError("this estimation needs at least " + std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4) +
-                     " GiB (" + std::to_string(images) + " light maps of " + std::to_string(session.light.width) + "×" +
-                     std::to_string(session.light.height) + " are held as tables of 24 bytes a texel); --memory allows " +
-                     std::to_string(options.memory_bytes / gib).substr(0, 4) +
-                     ": raise it, or resample the light maps");
+    throw InputError(
+        "this estimation needs at least " +
+        std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4) + " GiB (" +
+        std::to_string(images) + " light maps of " + std::to_string(session.light.width) + "×" +
+        std::to_string(session.light.height) + " are held as tables of 24 bytes a texel); --memory allows " +
+        std::to_string(options.memory_bytes / gib).substr(0, 4) + ": raise it, or resample the light maps");
   EstimatePlan plan;
   plan.images = images;
   const std::uint64_t affordable = (options.memory_bytes - fixed) / row - overlap;
@@ -169,9 +175,11 @@ std::vector<RowRange> bands_of(int height, int band_rows) {
   return bands;
 }
 
-/// Estimates all bands that `find` does not already have, handing each to `keep`. Returns the number taken over.
+/// Estimates all bands that `find` does not already have, handing each to `keep`. Returns the number taken
+/// over.
 template <class Find, class Keep>
-int estimate_bands(const Job& job, const EstimateOptions& options, const EstimatePlan& plan, Find find, Keep keep) {
+int estimate_bands(const Job& job, const EstimateOptions& options, const EstimatePlan& plan, Find find,
+                   Keep keep) {
   const int width = job.session.width;
   const int height = job.session.height;
   std::optional<BoxTable> table;  // built only when there is work to do
@@ -219,8 +227,8 @@ EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions&
   return plan_job(open_job(session, options), options);
 }
 
-EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options, const fs::path& output,
-                                 bool resume) {
+EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
+                                 const fs::path& output, bool resume) {
   const auto start = std::chrono::steady_clock::now();
   const auto limit = limit_threads(options);
   const Job job = open_job(session, options);
@@ -240,7 +248,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   for (const RowRange& rows : bands_of(job.session.height, summary.plan.band_rows)) {
     const auto kernels = checkpoint.load(rows, width);
     if (!kernels)
-      throw InputError(output.string() + ".partial: a finished band is damaged; run again with --resume to redo it");
+      throw InputError(output.string() +
+                       ".partial: a finished band is damaged; run again with --resume to redo it");
     assembler.append(*kernels);
   }
   const ReflectanceField field = assembler.take();
@@ -265,8 +274,8 @@ ReflectanceField estimate_field(const CaptureSession& session, const EstimateOpt
   return assembler.take();
 }
 
-std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const EstimateOptions& options, int x, int y,
-                                           const std::vector<int>& subdivisions) {
+std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const EstimateOptions& options,
+                                           int x, int y, const std::vector<int>& subdivisions) {
   const Job job = open_job(session, options);
   if (x < 0 || y < 0 || x >= job.session.width || y >= job.session.height)
     throw InputError("pixel (" + std::to_string(x) + ", " + std::to_string(y) + ") lies outside the " +

@@ -32,9 +32,9 @@ struct EstimateSummary {
 /// Checks options and input, and foresees memory. Throws InputError for input that cannot be estimated from.
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options);
 
-/// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by bands of rows.
-/// Finished bands are kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same
-/// bit for bit. Throws Interrupted between units of work when asked to stop.
+/// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
+/// bands of rows. Finished bands are kept in the folder `output`.partial; with `resume` they are taken over,
+/// and the result is the same bit for bit. Throws Interrupted between units of work when asked to stop.
 /// Source: Matusik et al. 2004, sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
                                  const std::filesystem::path& output, bool resume);
@@ -49,9 +49,9 @@ struct KernelSnapshot {
   std::vector<std::array<float, 3>> weights;  ///< of the sum of texel values in each box
 };
 
-/// How the kernels of one pixel unfold (Matusik et al. 2004, figure 8): a snapshot after each of the given numbers of
-/// subdivisions, before spatial correction.
-std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const EstimateOptions& options, int x, int y,
-                                           const std::vector<int>& subdivisions);
+/// How the kernels of one pixel unfold (Matusik et al. 2004, figure 8): a snapshot after each of the given
+/// numbers of subdivisions, before spatial correction.
+std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const EstimateOptions& options,
+                                           int x, int y, const std::vector<int>& subdivisions);
 
 }  // namespace refield

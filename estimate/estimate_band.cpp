@@ -12,7 +12,8 @@ namespace refield {
 
 namespace {
 
-/// Pixels are visited in tiles of this side: neighbours walk nearly the same tree, so the columns stay in cache.
+/// Pixels are visited in tiles of this side: neighbours walk nearly the same tree, so the columns stay in
+/// cache.
 constexpr int tile_side_px = 16;
 
 std::vector<Tile> tiles_of(int width, RowRange rows) {
@@ -26,7 +27,8 @@ std::vector<Tile> tiles_of(int width, RowRange rows) {
 }  // namespace
 
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options) {
-  return {std::max(wanted.first - options.spatial_passes, 0), std::min(wanted.last + options.spatial_passes, height)};
+  return {std::max(wanted.first - options.spatial_passes, 0),
+          std::min(wanted.last + options.spatial_passes, height)};
 }
 
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
@@ -34,7 +36,9 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
                                         Progress& progress) {
   const int width = band.width();
   const RowRange held{band.first_row(), band.last_row()};
-  const auto active = [&](int x, int y) { return mask.empty() || mask[static_cast<std::size_t>(y) * width + x] != 0; };
+  const auto active = [&](int x, int y) {
+    return mask.empty() || mask[static_cast<std::size_t>(y) * width + x] != 0;
+  };
   const auto samples = [&](int x, int y) {
     return PixelSamples{band.samples(x, y, 0), band.samples(x, y, 1), band.samples(x, y, 2)};
   };
@@ -65,9 +69,14 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   for (int pass = 1; pass <= options.spatial_passes; ++pass) {
     // What lies beyond the band's overlap is not known; the rows that would need it are no longer asked for.
     const int left = options.spatial_passes - pass;
-    const RowRange rows = {std::max(wanted.first - left, held.first), std::min(wanted.last + left, held.last)};
-    const PixelGrid grid{width, held.first, held.last, samples,
-                         [&](int x, int y) -> const PixelKernels& { return kernels[at(x, y)]; }, active};
+    const RowRange rows = {std::max(wanted.first - left, held.first),
+                           std::min(wanted.last + left, held.last)};
+    const PixelGrid grid{width,
+                         held.first,
+                         held.last,
+                         samples,
+                         [&](int x, int y) -> const PixelKernels& { return kernels[at(x, y)]; },
+                         active};
     std::vector<PixelKernels> next(kernels.size());
     for_each_tile(rows, [&](const Tile& tile, FitWorker& own) {
       auto corrected = correct_tile(grid, tile, own.cache, own.weights);

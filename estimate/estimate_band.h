@@ -25,16 +25,17 @@ using FitWorkers = tbb::enumerable_thread_specific<std::unique_ptr<FitWorker>>;
 /// A thread's cache of columns and splits is emptied beyond this.
 inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 
-/// Rows of photographs that the estimate of rows [first, last) looks at: each sweep of spatial correction reaches one row
-/// further, so bands overlap by that many and no result depends on how the image is cut into bands.
+/// Rows of photographs that the estimate of rows [first, last) looks at: each sweep of spatial correction
+/// reaches one row further, so bands overlap by that many and no result depends on how the image is cut into
+/// bands.
 struct RowRange {
   int first = 0;
   int last = 0;
 };
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
-/// Estimates the pixels of `wanted` rows, row by row; `band` holds rows_needed(). `mask` [height × width] or empty.
-/// Throws Interrupted between tiles when asked to stop.
+/// Estimates the pixels of `wanted` rows, row by row; `band` holds rows_needed(). `mask` [height × width] or
+/// empty. Throws Interrupted between tiles when asked to stop.
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
                                         const Mask& mask, const EstimateOptions& options, FitWorkers& workers,
                                         Progress& progress);

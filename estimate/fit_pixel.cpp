@@ -8,7 +8,8 @@
 namespace refield {
 
 namespace {
-/// Directions that keep less than this part of their squared norm after projection are rounding noise of float32 sums.
+/// Directions that keep less than this part of their squared norm after projection are rounding noise of
+/// float32 sums.
 constexpr double dependence_tolerance = 1e-6;
 /// A fit this close to the samples (relative, squared) has reached the precision of float32 columns.
 constexpr double exact_fit = 1e-10;
@@ -62,8 +63,8 @@ PixelKernels PixelFitter::fit(const PixelSamples& samples, const Observer& obser
   const auto residual = [&] {
     double sum = 0.0;
     for (int c = 0; c < 3; ++c)
-      sum += squared_residual(gram(c), max_kernels_, with_samples_[c].data(), static_cast<int>(leaves_.size()),
-                              weights_[c].data(), samples_.squared[c]);
+      sum += squared_residual(gram(c), max_kernels_, with_samples_[c].data(),
+                              static_cast<int>(leaves_.size()), weights_[c].data(), samples_.squared[c]);
     return sum;
   };
   while (static_cast<int>(leaves_.size()) < max_kernels_ && residual() > exact_fit * squared) {
@@ -160,7 +161,8 @@ void PixelFitter::add_candidates(int leaf) {
       candidate.with_samples[c] = products_[0];
       float norm2 = split.norm2[c];
       if (!samples_.complete) {
-        std::transform(d, d + stride_, samples_.measured.data() + c * stride_, scratch_.data(), std::multiplies<>());
+        std::transform(d, d + stride_, samples_.measured.data() + c * stride_, scratch_.data(),
+                       std::multiplies<>());
         dots(scratch_.data(), &d, 1, stride_, &norm2);
       }
       float* coordinate = coordinates(slot, c);
@@ -204,7 +206,8 @@ void PixelFitter::split_leaf(int chosen) {
     double* other = leaf_coordinates(second, c);
     parent[rank_ - 1] = 0.0;
     for (int k = 0; k < rank_; ++k) {
-      const double half = direction[c * max_kernels_ + k] + static_cast<double>(split.fraction[c]) * parent[k];
+      const double half =
+          direction[c * max_kernels_ + k] + static_cast<double>(split.fraction[c]) * parent[k];
       other[k] = parent[k] - half;
       parent[k] = half;
     }
@@ -325,7 +328,8 @@ double PixelFitter::residual_after(const Candidate& candidate, double give_up_ab
     const float* d = coordinates(slot, c);
     const double f = candidate.split->fraction[c];
     double* T = trial_gram_.data();
-    for (int i = 0; i < count; ++i) std::copy_n(G + static_cast<std::size_t>(i) * n, count, T + static_cast<std::size_t>(i) * n);
+    for (int i = 0; i < count; ++i)
+      std::copy_n(G + static_cast<std::size_t>(i) * n, count, T + static_cast<std::size_t>(i) * n);
     for (int l = 0; l < count; ++l) {
       const double* a = leaf_coordinates(l, c);
       double product = 0.0;
@@ -343,7 +347,8 @@ double PixelFitter::residual_after(const Candidate& candidate, double give_up_ab
       half2 += a * a;
     }
     T[static_cast<std::size_t>(first) * n + first] = half2;
-    T[static_cast<std::size_t>(first) * n + second] = T[static_cast<std::size_t>(second) * n + first] = with_parent - half2;
+    T[static_cast<std::size_t>(first) * n + second] = T[static_cast<std::size_t>(second) * n + first] =
+        with_parent - half2;
     T[static_cast<std::size_t>(second) * n + second] = parent2 - 2.0 * with_parent + half2;
     std::copy_n(with_samples_[c].begin(), count, trial_h_.begin());
     trial_h_[first] = candidate.with_samples[c] + f * with_samples_[c][first];

@@ -18,13 +18,13 @@ using PixelSamples = std::array<const float*, 3>;
 /// A pixel's reflectance function, eq. 3: rectangles shared by the channels, and a weight of each channel.
 struct PixelKernels {
   std::vector<Box> boxes;
-  std::vector<float> weights;       ///< [boxes × 3], ≥ 0, of the sum of texel values
-  double squared_residual = 0.0;    ///< over images and channels
-  double squared_samples = 0.0;     ///< Σ b² over images and channels
+  std::vector<float> weights;     ///< [boxes × 3], ≥ 0, of the sum of texel values
+  double squared_residual = 0.0;  ///< over images and channels
+  double squared_samples = 0.0;   ///< Σ b² over images and channels
 };
 
-/// Samples with the unmeasured ones taken out: zero in `values`, zero in `measured`, so that every product over
-/// images skips them.
+/// Samples with the unmeasured ones taken out: zero in `values`, zero in `measured`, so that every product
+/// over images skips them.
 struct MaskedSamples {
   AlignedFloats values;    // [3 × stride]
   AlignedFloats measured;  // [3 × stride], 1 or 0
@@ -34,13 +34,14 @@ struct MaskedSamples {
   void assign(const PixelSamples& samples, std::size_t stride, int images);
 };
 
-/// Grows one pixel's kd-tree of rectangles (Matusik et al. 2004, section 5.2): starts from the whole light map and
-/// greedily splits the leaf that serves best, re-solving for non-negative weights after each split.
+/// Grows one pixel's kd-tree of rectangles (Matusik et al. 2004, section 5.2): starts from the whole light
+/// map and greedily splits the leaf that serves best, re-solving for non-negative weights after each split.
 ///
-/// The fit lives in coordinates of an orthonormal basis Q of the space that the leaves' columns span. Replacing a leaf by
-/// its halves keeps that space and adds one direction, so Q only ever grows by a vector a step, and each candidate split
-/// keeps its coordinates in Q, its remaining squared norm and its product with the samples up to date at the cost of one
-/// inner product of length `images` a step. Gram matrices then come from coordinates, not from images.
+/// The fit lives in coordinates of an orthonormal basis Q of the space that the leaves' columns span.
+/// Replacing a leaf by its halves keeps that space and adds one direction, so Q only ever grows by a vector a
+/// step, and each candidate split keeps its coordinates in Q, its remaining squared norm and its product with
+/// the samples up to date at the cost of one inner product of length `images` a step. Gram matrices then come
+/// from coordinates, not from images.
 class PixelFitter {
  public:
   /// Called with (subdivisions, boxes, weights [boxes × 3]) after every solve.
@@ -48,8 +49,9 @@ class PixelFitter {
 
   PixelFitter(KernelCache& cache, const EstimateOptions& options);
 
-  /// Deviation from the paper in refined mode: a split is scored by its projected gain (⟨d,r⟩²/‖d⊥‖² summed over
-  /// channels, with the residual r of the non-negative fit), not by solving for all candidates; prototypes found no loss.
+  /// Deviation from the paper in refined mode: a split is scored by its projected gain (⟨d,r⟩²/‖d⊥‖² summed
+  /// over channels, with the residual r of the non-negative fit), not by solving for all candidates;
+  /// prototypes found no loss.
   PixelKernels fit(const PixelSamples& samples, const Observer& observer = {});
 
  private:
@@ -60,8 +62,8 @@ class PixelFitter {
   struct Candidate {
     const Split* split;
     int leaf;
-    std::array<float, 3> residual_norm2;   // ‖d⊥‖²
-    std::array<float, 3> with_samples;     // ⟨d,b⟩
+    std::array<float, 3> residual_norm2;  // ‖d⊥‖²
+    std::array<float, 3> with_samples;    // ⟨d,b⟩
   };
 
   void start(const PixelSamples& samples);
@@ -77,7 +79,9 @@ class PixelFitter {
   double residual_bound(int candidate) const;
   void report(const Observer& observer, int subdivisions) const;
 
-  float* basis(int c, int k) { return basis_.data() + (static_cast<std::size_t>(c) * max_kernels_ + k) * stride_; }
+  float* basis(int c, int k) {
+    return basis_.data() + (static_cast<std::size_t>(c) * max_kernels_ + k) * stride_;
+  }
   float* coordinates(int candidate, int c) {
     return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_kernels_;
   }
@@ -100,16 +104,16 @@ class PixelFitter {
   MaskedSamples samples_;
   std::vector<Leaf> leaves_;
   std::vector<Candidate> candidates_;
-  std::vector<int> live_, unused_;             // candidate slots
-  int rank_ = 0;                               // vectors in the basis
-  AlignedFloats basis_;  // [3 × max_kernels × stride]
+  std::vector<int> live_, unused_;                       // candidate slots
+  int rank_ = 0;                                         // vectors in the basis
+  AlignedFloats basis_;                                  // [3 × max_kernels × stride]
   std::array<std::vector<double>, 3> samples_in_basis_;  // y = Qᵀb
   std::array<std::vector<double>, 3> fit_in_basis_;      // z = Qᵀ A x
-  std::vector<float> candidate_coordinates_;   // [candidates × 3 × max_kernels]
-  std::vector<double> leaf_coordinates_;       // [max_kernels × 3 × max_kernels]
-  std::vector<double> gram_;                   // [3 × max_kernels × max_kernels]
-  std::array<std::vector<double>, 3> with_samples_;  // h = Aᵀb
-  std::array<std::vector<double>, 3> weights_;       // x
+  std::vector<float> candidate_coordinates_;             // [candidates × 3 × max_kernels]
+  std::vector<double> leaf_coordinates_;                 // [max_kernels × 3 × max_kernels]
+  std::vector<double> gram_;                             // [3 × max_kernels × max_kernels]
+  std::array<std::vector<double>, 3> with_samples_;      // h = Aᵀb
+  std::array<std::vector<double>, 3> weights_;           // x
   NnlsSolver nnls_;
 
   AlignedFloats scratch_;

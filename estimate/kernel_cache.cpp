@@ -8,8 +8,8 @@ namespace refield {
 std::vector<int> split_positions(int begin, int end, EstimateMode mode) {
   const int length = end - begin;
   std::vector<int> positions = {begin + length / 2};
-  // Measured on prototypes (same images and kernels): thirds and halves leave a third of the error of halves alone;
-  // quarters or eighths are no better than thirds.
+  // Measured on prototypes (same images and kernels): thirds and halves leave a third of the error of halves
+  // alone; quarters or eighths are no better than thirds.
   if (mode == EstimateMode::refined) {
     positions.push_back(begin + (length + 1) / 3);
     positions.push_back(begin + (2 * length + 1) / 3);
@@ -47,7 +47,8 @@ const float* KernelCache::column(const Box& box) {
   return slot;
 }
 
-void KernelCache::add_split(const Box& box, const float* parent, int axis, int position, std::vector<Split>& splits) {
+void KernelCache::add_split(const Box& box, const float* parent, int axis, int position,
+                            std::vector<Split>& splits) {
   Split split{box, box};
   (axis == 0 ? split.first.x1 : split.first.y1) = position;
   (axis == 0 ? split.second.x0 : split.second.y0) = position;

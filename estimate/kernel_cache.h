@@ -13,19 +13,20 @@ namespace refield {
 
 /// One way to split a rectangle in two, with what every pixel that considers it needs.
 ///
-/// The two halves' columns a₁, a₂ add up to the parent's column p, which a fit already spans; so a split adds a single
-/// direction. It is kept as d = a₁ − f p with f = ⟨a₁,p⟩/⟨p,p⟩: the same span as a₁, but with the large common part taken
-/// out, so that projecting d loses no digits in float32.
+/// The two halves' columns a₁, a₂ add up to the parent's column p, which a fit already spans; so a split adds
+/// a single direction. It is kept as d = a₁ − f p with f = ⟨a₁,p⟩/⟨p,p⟩: the same span as a₁, but with the
+/// large common part taken out, so that projecting d loses no digits in float32.
 struct Split {
-  Box first;                         ///< the half with the smaller coordinates
+  Box first;  ///< the half with the smaller coordinates
   Box second;
   const float* direction = nullptr;  ///< d, [3 × stride]
   std::array<float, 3> fraction{};   ///< f of each channel
   std::array<float, 3> norm2{};      ///< ‖d‖² of each channel over all images
 };
 
-/// Columns of A and splits of rectangles, made on demand and shared by the pixels that one thread visits: neighbouring
-/// pixels walk nearly the same tree. A pixel of 25 kernels needs about 1 MB of it, so tiles of pixels run from cache.
+/// Columns of A and splits of rectangles, made on demand and shared by the pixels that one thread visits:
+/// neighbouring pixels walk nearly the same tree. A pixel of 25 kernels needs about 1 MB of it, so tiles of
+/// pixels run from cache.
 class KernelCache {
  public:
   KernelCache(const BoxTable& table, EstimateMode mode) : table_(table), mode_(mode) {}
@@ -57,8 +58,8 @@ class KernelCache {
   std::vector<Block> blocks_;
 };
 
-/// Positions at which an interval [begin, end) is split in the given mode: the middle, and in refined mode also the thirds.
-/// Each lies strictly inside; short intervals have fewer.
+/// Positions at which an interval [begin, end) is split in the given mode: the middle, and in refined mode
+/// also the thirds. Each lies strictly inside; short intervals have fewer.
 std::vector<int> split_positions(int begin, int end, EstimateMode mode);
 
 }  // namespace refield

@@ -14,7 +14,8 @@ constexpr double gradient_tolerance = 1e-9;
 }  // namespace
 
 bool NnlsSolver::factorise_and_solve(const double* G, int stride, const double* h) {
-  // Row-wise Cholesky of the free block, then two triangular solves. Dependent variables are barred and dropped.
+  // Row-wise Cholesky of the free block, then two triangular solves. Dependent variables are barred and
+  // dropped.
   const int m = static_cast<int>(free_.size());
   factor_.resize(static_cast<std::size_t>(m) * m);
   solution_.resize(m);
@@ -64,7 +65,8 @@ bool NnlsSolver::solve(const double* G, int stride, const double* h, int size, d
   for (int iteration = 0; iteration < limit; ++iteration) {
     const std::size_t free_before = free_.size();
     if (!factorise_and_solve(G, stride, h)) {
-      // The barred variable's part goes to nobody: the objective may rise for a moment, the next solve repairs it.
+      // The barred variable's part goes to nobody: the objective may rise for a moment, the next solve
+      // repairs it.
       for (int i = 0; i < size; ++i)
         if (barred_[i]) x[i] = 0.0;
       (void)free_before;
@@ -109,7 +111,8 @@ bool NnlsSolver::solve(const double* G, int stride, const double* h, int size, d
   return false;
 }
 
-double squared_residual(const double* G, int stride, const double* h, int size, const double* x, double b_squared) {
+double squared_residual(const double* G, int stride, const double* h, int size, const double* x,
+                        double b_squared) {
   double value = b_squared;
   for (int i = 0; i < size; ++i) {
     if (x[i] == 0.0) continue;

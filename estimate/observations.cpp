@@ -24,8 +24,8 @@ Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int
   Photograph photograph = read_photograph_rows(frame.observed, first_row, last_row);
   Image& radiance = photograph.radiance;
   if (radiance.width != width)
-    throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) + " pixels wide, not " +
-                     std::to_string(width));
+    throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) +
+                     " pixels wide, not " + std::to_string(width));
   for (std::size_t i = 0; i < radiance.values.size(); ++i) {
     float& value = radiance.values[i];
     if (value >= clip_level || (!photograph.sigma.empty() && std::isinf(photograph.sigma.values[i]))) {
@@ -54,8 +54,8 @@ std::uint64_t ObservationBand::bytes(int width, int rows, int images) {
   return static_cast<std::uint64_t>(width) * rows * 3 * padded_length(images) * sizeof(float);
 }
 
-ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row, int last_row,
-                                  float clip_level) {
+ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row,
+                                  int last_row, float clip_level) {
   const int images = static_cast<int>(frames.size());
   ObservationBand band(width, first_row, last_row, images);
   tbb::parallel_for(0, (images + group_size - 1) / group_size, [&](int group) {

@@ -10,8 +10,8 @@
 
 namespace refield {
 
-/// The samples b_ij of a band of rows: for each pixel and channel a contiguous vector over the images, as the fit walks
-/// it. A sample that was not measured (clipped in every exposure) is NaN.
+/// The samples b_ij of a band of rows: for each pixel and channel a contiguous vector over the images, as the
+/// fit walks it. A sample that was not measured (clipped in every exposure) is NaN.
 class ObservationBand {
  public:
   ObservationBand(int width, int first_row, int last_row, int images);
@@ -35,9 +35,10 @@ class ObservationBand {
   AlignedFloats samples_;
 };
 
-/// Reads rows [first_row, last_row) of the frames' photographs. Samples at or above `clip_level` count as not measured.
-/// Throws FormatError for a damaged file and InputError for a sample that is not finite, naming file and pixel.
-ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row, int last_row,
-                                  float clip_level);
+/// Reads rows [first_row, last_row) of the frames' photographs. Samples at or above `clip_level` count as not
+/// measured. Throws FormatError for a damaged file and InputError for a sample that is not finite, naming
+/// file and pixel.
+ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row,
+                                  int last_row, float clip_level);
 
 }  // namespace refield

@@ -7,7 +7,9 @@
 
 namespace refield {
 
-std::string_view name_of(EstimateMode mode) { return mode == EstimateMode::paper ? "paper" : "refined"; }
+std::string_view name_of(EstimateMode mode) {
+  return mode == EstimateMode::paper ? "paper" : "refined";
+}
 
 EstimateMode estimate_mode_from_name(std::string_view name) {
   for (auto mode : {EstimateMode::refined, EstimateMode::paper})
@@ -23,7 +25,8 @@ void EstimateOptions::check() const {
   require(kernels >= 1 && kernels <= 255, "--kernels", kernels, "1 to 255");
   require(spatial_passes >= 0 && spatial_passes <= 16, "--spatial-passes", spatial_passes, "0 to 16");
   require(threads >= 0, "--threads", threads, "0 (all cores) or more");
-  if (!(clip_level > 0.0f)) throw InputError("--clip is " + std::to_string(clip_level) + "; give a positive radiance");
+  if (!(clip_level > 0.0f))
+    throw InputError("--clip is " + std::to_string(clip_level) + "; give a positive radiance");
 }
 
 }  // namespace refield

@@ -20,7 +20,7 @@ struct EstimateOptions {
   std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
   /// Samples at or above this radiance are clipped and left out, besides those that the capture marked.
   float clip_level = std::numeric_limits<float>::infinity();
-  int threads = 0;                          ///< 0: all cores. The result does not depend on it.
+  int threads = 0;  ///< 0: all cores. The result does not depend on it.
 
   /// Throws InputError naming the option and its range.
   void check() const;

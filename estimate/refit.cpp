@@ -2,16 +2,18 @@
 #include "estimate/refit.h"
 
 #include <algorithm>
-#include <limits>
 #include <functional>
+#include <limits>
 
 namespace refield {
 
 namespace {
 
-/// Gram matrix of the columns of one channel; `first` yields the i-th column as the left factor (perhaps masked).
+/// Gram matrix of the columns of one channel; `first` yields the i-th column as the left factor (perhaps
+/// masked).
 template <class LeftColumn>
-void fill_gram(const std::vector<const float*>& columns, std::size_t stride, LeftColumn left, std::vector<double>& gram) {
+void fill_gram(const std::vector<const float*>& columns, std::size_t stride, LeftColumn left,
+               std::vector<double>& gram) {
   const std::size_t count = columns.size();
   std::vector<float> products(count);
   gram.resize(count * count);
@@ -31,7 +33,8 @@ KernelSet prepare_kernel_set(std::span<const Box> boxes, KernelCache& cache) {
   for (int c = 0; c < 3; ++c) {
     std::vector<const float*> channel;
     for (const float* column : set.columns) channel.push_back(column + c * stride);
-    fill_gram(channel, stride, [&](std::size_t i) { return channel[i]; }, set.gram[c]);
+    fill_gram(
+        channel, stride, [&](std::size_t i) { return channel[i]; }, set.gram[c]);
   }
   return set;
 }
@@ -76,7 +79,8 @@ double WeightFitter::try_set(const KernelSet& set, const MaskedSamples& samples,
   return residual;
 }
 
-PixelKernels WeightFitter::fit(const KernelSet& set, const MaskedSamples& samples, std::span<const float> start) {
+PixelKernels WeightFitter::fit(const KernelSet& set, const MaskedSamples& samples,
+                               std::span<const float> start) {
   try_set(set, samples, start, std::numeric_limits<double>::infinity());
   const std::size_t count = set.boxes.size();
   AlignedFloats residual(stride_);
@@ -90,8 +94,8 @@ PixelKernels WeightFitter::fit(const KernelSet& set, const MaskedSamples& sample
       for (std::size_t k = 0; k < count; ++k) minus[k] = static_cast<float>(weights_[3 * k + c]);
       subtract_combination(residual.data(), pointers_.data(), minus.data(), count, stride_);
       if (!samples.complete)
-        std::transform(residual.begin(), residual.end(), samples.measured.data() + c * stride_, residual.begin(),
-                       std::multiplies<>());
+        std::transform(residual.begin(), residual.end(), samples.measured.data() + c * stride_,
+                       residual.begin(), std::multiplies<>());
     };
     compute_residual();
     dots(residual.data(), pointers_.data(), count, stride_, products_.data());
@@ -103,7 +107,8 @@ PixelKernels WeightFitter::fit(const KernelSet& set, const MaskedSamples& sample
     nnls_.solve(G, static_cast<int>(count), h_.data(), static_cast<int>(count), x_.data());
     for (std::size_t k = 0; k < count; ++k) weights_[3 * k + c] = x_[k];
     compute_residual();
-    for (int j = 0; j < images_; ++j) kernels.squared_residual += static_cast<double>(residual[j]) * residual[j];
+    for (int j = 0; j < images_; ++j)
+      kernels.squared_residual += static_cast<double>(residual[j]) * residual[j];
     kernels.squared_samples += samples.squared[c];
   }
   for (std::size_t k = 0; k < count; ++k) {

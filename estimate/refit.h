@@ -7,8 +7,8 @@
 
 namespace refield {
 
-/// A set of rectangles made ready for fitting: their columns and, where every image counts, the Gram matrices AᵀA, which
-/// depend on the lights alone and so serve every pixel that tries this set.
+/// A set of rectangles made ready for fitting: their columns and, where every image counts, the Gram matrices
+/// AᵀA, which depend on the lights alone and so serve every pixel that tries this set.
 struct KernelSet {
   std::vector<Box> boxes;
   std::vector<const float*> columns;        ///< [3 × stride] each, owned by the cache
@@ -22,15 +22,16 @@ class WeightFitter {
  public:
   explicit WeightFitter(const BoxTable& table) : images_(table.images()), stride_(table.stride()) {}
 
-  /// The squared residual that a set reaches on a pixel, over all channels; stops early once it exceeds `give_up_above`.
-  /// `start` holds weights [boxes × 3] to begin from. The weights found are kept for weights().
+  /// The squared residual that a set reaches on a pixel, over all channels; stops early once it exceeds
+  /// `give_up_above`. `start` holds weights [boxes × 3] to begin from. The weights found are kept for
+  /// weights().
   double try_set(const KernelSet& set, const MaskedSamples& samples, std::span<const float> start,
                  double give_up_above);
   /// Weights of the last set tried, [boxes × 3].
   const std::vector<double>& weights() const { return weights_; }
 
-  /// Final weights: solved, then refined once with the residual B − A W summed over images, which removes the rounding of
-  /// float32 Gram matrices. Kernels of weight zero are dropped.
+  /// Final weights: solved, then refined once with the residual B − A W summed over images, which removes the
+  /// rounding of float32 Gram matrices. Kernels of weight zero are dropped.
   PixelKernels fit(const KernelSet& set, const MaskedSamples& samples, std::span<const float> start);
 
  private:

@@ -14,8 +14,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Floats = hn::CappedTag<float, column_padding>;
 
 /// Four products at a time: each load of `vector` serves four multiply-adds.
-void dots_vectorised(const float* HWY_RESTRICT vector, const float* const* HWY_RESTRICT others, std::size_t count,
-                     std::size_t n, float* HWY_RESTRICT out) {
+void dots_vectorised(const float* HWY_RESTRICT vector, const float* const* HWY_RESTRICT others,
+                     std::size_t count, std::size_t n, float* HWY_RESTRICT out) {
   const Floats d;
   std::size_t k = 0;
   for (; k + 4 <= count; k += 4) {
@@ -64,8 +64,8 @@ void dots(const float* vector, const float* const* others, std::size_t count, st
   HWY_DYNAMIC_DISPATCH(dots_vectorised)(vector, others, count, n, out);
 }
 
-void subtract_combination(float* vector, const float* const* others, const float* coefficients, std::size_t count,
-                          std::size_t n) {
+void subtract_combination(float* vector, const float* const* others, const float* coefficients,
+                          std::size_t count, std::size_t n) {
   HWY_DYNAMIC_DISPATCH(subtract_vectorised)(vector, others, coefficients, count, n);
 }
 

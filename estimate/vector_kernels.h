@@ -14,9 +14,9 @@ struct AlignedAllocator {
   template <class U>
   AlignedAllocator(const AlignedAllocator<U>&) {}
   T* allocate(std::size_t count) {
-    return static_cast<T*>(::operator new(count * sizeof(T), std::align_val_t{64}));
+    return static_cast<T*>(::operator new (count * sizeof(T), std::align_val_t{64}));
   }
-  void deallocate(T* memory, std::size_t) { ::operator delete(memory, std::align_val_t{64}); }
+  void deallocate(T* memory, std::size_t) { ::operator delete (memory, std::align_val_t{64}); }
   template <class U>
   bool operator==(const AlignedAllocator<U>&) const {
     return true;
@@ -24,18 +24,21 @@ struct AlignedAllocator {
 };
 using AlignedFloats = std::vector<float, AlignedAllocator<float>>;
 
-/// The estimator's columns are vectors over the training images, padded with zeros to a multiple of this many floats and
-/// aligned to cache lines, so that the kernels below need no tails.
+/// The estimator's columns are vectors over the training images, padded with zeros to a multiple of this many
+/// floats and aligned to cache lines, so that the kernels below need no tails.
 inline constexpr std::size_t column_padding = 16;
 
-constexpr std::size_t padded_length(std::size_t n) { return (n + column_padding - 1) / column_padding * column_padding; }
+constexpr std::size_t padded_length(std::size_t n) {
+  return (n + column_padding - 1) / column_padding * column_padding;
+}
 
 /// out[k] = Σ_j vector[j] · others[k][j] for k < count; `n` a multiple of column_padding.
-/// Vectorised for the processor at hand (Google Highway). The limit is the load of `others`: 4 n bytes a product.
+/// Vectorised for the processor at hand (Google Highway). The limit is the load of `others`: 4 n bytes a
+/// product.
 void dots(const float* vector, const float* const* others, std::size_t count, std::size_t n, float* out);
 
 /// vector[j] −= Σ_k coefficient[k] · others[k][j].
-void subtract_combination(float* vector, const float* const* others, const float* coefficients, std::size_t count,
-                          std::size_t n);
+void subtract_combination(float* vector, const float* const* others, const float* coefficients,
+                          std::size_t count, std::size_t n);
 
 }  // namespace refield
