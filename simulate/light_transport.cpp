@@ -22,6 +22,12 @@ using Kind = MaterialDescription::Kind;
 constexpr double negligible_share = 1e-5;
 // Mirrors and glass surfaces in a row; what is lost behind is below a hundredth of a per cent for glass.
 constexpr int longest_specular_chain = 16;
+// GGX α of surfaces that light meets on its way to what the camera sees.
+constexpr float smallest_alpha_further_on = 0.4f;
+// Light on such a surface is sampled once in every group of so many coarsest boxes in width and height.
+constexpr int group_side = 4;
+// Light wanders about inside translucent things: paths from them are this many times as many.
+constexpr int translucent_factor = 3;
 
 }  // namespace
 
@@ -72,8 +78,8 @@ TraceOptions TraceOptions::of_quality(int level, std::uint64_t seed) {
     case 3:
       options.pixel_grid = 3;
       options.specular_grid = 10;
-      options.secondary_rays = 24;
-      options.caustic_rays = 24;
+      options.secondary_rays = 48;
+      options.caustic_rays = 64;
       options.tolerance = 0.2;
       options.energy = 5e-5;
       return options;
@@ -161,11 +167,11 @@ class PixelTracer {
       }
       const MaterialDescription& material = scene_.material_of(hit->object);
       if (!is_specular(material)) {
-        const Surface surface(scene_, *hit, -ray.direction);
         if (diffuse_depth == 0)
-          shade_finely(surface, throughput);
+          shade_finely(Surface(scene_, *hit, -ray.direction), throughput);
         else
-          shade_coarsely(surface, throughput, diffuse_depth);
+          shade_coarsely(Surface(scene_, *hit, -ray.direction, smallest_alpha_further_on), throughput,
+                         diffuse_depth);
         return;
       }
       const bool outside = hit->geometric_normal.dot(ray.direction) < 0.0f;
@@ -308,7 +314,9 @@ class PixelTracer {
       for (std::size_t object = 0; object < aimed.size(); ++object)
         if (is_specular(scene_.material_of(static_cast<int>(object))))
           aimed[object] = aim_at(surface, throughput, static_cast<int>(object));
-    const int count = std::max(1, static_cast<int>(std::lround(options_.secondary_rays * share)));
+    const int count =
+        std::max(1, static_cast<int>(std::lround(options_.secondary_rays * share *
+                                                 (surface.is_translucent() ? translucent_factor : 1))));
     for (int k = 0; k < count; ++k) {
       const auto sample = surface.sample(rng_);
       if (!sample) continue;
@@ -326,7 +334,7 @@ class PixelTracer {
     } else if (hit->is_monitor()) {
       return;  // counted as direct light
     } else if (!is_specular(scene_.material_of(hit->object))) {
-      shade_coarsely(Surface(scene_, *hit, -direction), weight, depth);
+      shade_coarsely(Surface(scene_, *hit, -direction, smallest_alpha_further_on), weight, depth);
     } else if (!aimed || !(*aimed)[hit->object]) {
       follow(ray, weight, depth, 0);
     }
@@ -363,9 +371,9 @@ class PixelTracer {
   void shade_coarsely(const Surface& surface, const Rgb& weight, int depth) {
     const int top = hierarchy_.coarsest_level();
     const int columns = hierarchy_.columns(top), rows = hierarchy_.rows(top);
-    for (int row = 0; row < rows; row += 2)
-      for (int column = 0; column < columns; column += 2) {
-        const int across = std::min(2, columns - column), down = std::min(2, rows - row);
+    for (int row = 0; row < rows; row += group_side)
+      for (int column = 0; column < columns; column += group_side) {
+        const int across = std::min(group_side, columns - column), down = std::min(group_side, rows - row);
         const auto chosen = static_cast<int>(rng_.below(static_cast<std::uint64_t>(across) * down));
         const int i = column + chosen % across, j = row + chosen / across;
         const Box box = hierarchy_.box(top, i, j);

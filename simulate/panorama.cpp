@@ -62,8 +62,8 @@ Style random_style(Rng& rng) {
            {0.6f, 0.7f, 0.8f},
            {0.18f, 0.17f, 0.16f},
            0.5f,
-           60,
-           0.9f,
+           90,
+           0.45f,
            0.35f,
            10,
            {1, 1, 1},
@@ -75,8 +75,8 @@ Style random_style(Rng& rng) {
            {0.95f, 0.42f, 0.16f},
            {0.09f, 0.07f, 0.07f},
            0.7f,
-           40,
-           0.8f,
+           60,
+           0.40f,
            0.35f,
            60,
            {2.5f, 1.6f, 0.7f},
@@ -88,8 +88,8 @@ Style random_style(Rng& rng) {
            {0.7f, 0.75f, 0.7f},
            {0.10f, 0.16f, 0.05f},
            0.4f,
-           4,
-           2.6f,
+           6,
+           1.70f,
            0.8f,
            0,
            {1, 1, 1},
@@ -101,8 +101,8 @@ Style random_style(Rng& rng) {
            {0.28f, 0.25f, 0.2f},
            {0.16f, 0.10f, 0.06f},
            0.0f,
-           26,
-           1.6f,
+           40,
+           0.75f,
            0.6f,
            40,
            {3.0f, 2.3f, 1.4f},
@@ -114,8 +114,8 @@ Style random_style(Rng& rng) {
            {0.09f, 0.05f, 0.08f},
            {0.03f, 0.03f, 0.04f},
            0.2f,
-           110,
-           1.2f,
+           160,
+           0.55f,
            0.3f,
            260,
            {1.6f, 1.6f, 1.6f},
@@ -244,7 +244,7 @@ void paint_leaves(Image& image, const Style& style, Rng& rng) {
   const double mean_area = 2.0 * pi * smallest * smallest * std::log(ratio) / (1.0 - 1.0 / (ratio * ratio));
   const auto count = static_cast<std::uint64_t>(style.leaf_cover * w * h / mean_area);
   std::array<Rgb, leaf_palette_size> palette;
-  for (Rgb& colour : palette) colour = random_colour(rng, style.horizon.mean() * 0.55 + 0.03, 0.55);
+  for (Rgb& colour : palette) colour = random_colour(rng, style.horizon.mean() * 0.55 + 0.03, 0.4);
   for (std::uint64_t k = 0; k < count; ++k) {
     Leaf leaf;
     leaf.x = real(rng, 0, w);

@@ -46,10 +46,10 @@ struct MaterialDescription {
     glass,        ///< smooth dielectric, refracting
     translucent,  ///< a thin sheet that reflects and transmits diffusely
   };
-  std::string name;
+  std::string name{};
   Kind kind = Kind::diffuse;
   Rgb colour = Rgb::Constant(0.5f);  ///< albedo, or normal-incidence reflectance of a metal or mirror
-  TextureDescription texture;
+  TextureDescription texture{};
   double roughness = 0.2;            ///< of glossy and metal: GGX α = roughness²
   double index_of_refraction = 1.5;  ///< of glossy and glass
   double transmission = 0.5;         ///< of translucent: the share of `colour` that goes through
@@ -57,15 +57,15 @@ struct MaterialDescription {
 
 struct ObjectDescription {
   enum class Kind { quad, box, sphere, lathe };
-  std::string name;
+  std::string name{};
   Kind kind = Kind::box;
-  std::string material;
+  std::string material{};
   Eigen::Vector3d position{0.0, 0.0, 0.0};  ///< centre of a quad, box or sphere; bottom centre of a lathe
   Eigen::Vector3d size{1.0, 1.0, 1.0};      ///< of a box; of a quad x and z
   Eigen::Vector3d rotation_degrees{0.0, 0.0, 0.0};  ///< about x, then y, then z
   double radius = 0.1;                              ///< of a sphere
-  std::vector<Eigen::Vector2d> profile;  ///< of a lathe: (radius, height) from one end to the other
-  bool smooth = true;                    ///< of a lathe: round the profile's corners (Catmull–Rom)
+  std::vector<Eigen::Vector2d> profile{};  ///< of a lathe: (radius, height) from one end to the other
+  bool smooth = true;                      ///< of a lathe: round the profile's corners (Catmull–Rom)
 };
 
 /// Everything that light meets.

@@ -92,7 +92,7 @@ Vector3f sample_cone(const Vector3f& axis, float cosine_limit, float u, float v)
   return Frame(axis).to_world({sine * std::cos(2.0f * pi * v), sine * std::sin(2.0f * pi * v), cosine});
 }
 
-Surface::Surface(const Scene& scene, const Hit& hit, const Vector3f& to_viewer)
+Surface::Surface(const Scene& scene, const Hit& hit, const Vector3f& to_viewer, float smallest_alpha)
     : material_(&scene.material_of(hit.object)), position_(hit.position), to_viewer_(to_viewer) {
   geometric_normal_ = hit.geometric_normal;
   normal_ = hit.shading_normal;
@@ -105,7 +105,7 @@ Surface::Surface(const Scene& scene, const Hit& hit, const Vector3f& to_viewer)
   view_cosine_ = std::clamp(normal_.dot(to_viewer), 1e-3f, 1.0f);
   colour_ = base_colour(*material_, hit.object_position);
   if (material_->kind == Kind::glossy || material_->kind == Kind::metal) {
-    alpha_ = static_cast<float>(material_->roughness * material_->roughness);
+    alpha_ = std::max(smallest_alpha, static_cast<float>(material_->roughness * material_->roughness));
     const auto n = static_cast<float>(material_->index_of_refraction);
     normal_reflectance_ =
         material_->kind == Kind::metal ? colour_ : Rgb::Constant((n - 1) * (n - 1) / ((n + 1) * (n + 1)));

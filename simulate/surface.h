@@ -17,7 +17,11 @@ bool is_specular(const MaterialDescription& material);
 /// Fresnel transmissions leave (after Ashikhmin and Shirley 2000), so that no more light leaves than arrives.
 class Surface {
  public:
-  Surface(const Scene& scene, const Hit& hit, const Eigen::Vector3f& to_viewer);
+  /// `smallest_alpha` roughens narrow lobes. Where light has been scattered before, that costs no visible
+  /// detail and saves rare bright samples (path space regularisation; Kaplanyan and Dachsbacher 2013).
+  Surface(const Scene& scene, const Hit& hit, const Eigen::Vector3f& to_viewer, float smallest_alpha = 0.0f);
+
+  bool is_translucent() const { return material_->kind == MaterialDescription::Kind::translucent; }
 
   const Eigen::Vector3f& position() const { return position_; }
   const Rgb& colour() const { return colour_; }
