@@ -29,6 +29,24 @@ constexpr int group_side = 4;
 // Light wanders about inside translucent things: paths from them are this many times as many.
 constexpr int translucent_factor = 3;
 
+// Evenly spread points in the unit square: the R2 sequence (Roberts 2018) with a random shift. All samples of
+// a pixel take from one sequence, so that they complete one another.
+class SpreadPoints {
+ public:
+  explicit SpreadPoints(Rng& rng) : u_(rng.uniform()), v_(rng.uniform()) {}
+  std::pair<float, float> next() {
+    u_ += 0.7548776662466927;
+    v_ += 0.5698402909980532;
+    u_ -= std::floor(u_);
+    v_ -= std::floor(v_);
+    constexpr float below_one = 0x1.fffffep-1f;
+    return {std::min(static_cast<float>(u_), below_one), std::min(static_cast<float>(v_), below_one)};
+  }
+
+ private:
+  double u_, v_;
+};
+
 }  // namespace
 
 // What the monitor's integrand f · cos θ · cos θ' / r² · visibility was found to be at a lattice point, if
@@ -100,7 +118,9 @@ class PixelTracer {
         rng_(options.seed, x, y),
         x_(x),
         y_(y),
-        room_(scene.description().ambient_radiance) {}
+        room_(scene.description().ambient_radiance) {
+    aimed_points_.assign(scene.description().objects.size(), SpreadPoints(rng_));
+  }
 
   PixelTransport trace() {
     const int grid = options_.pixel_grid;
@@ -318,7 +338,8 @@ class PixelTracer {
         std::max(1, static_cast<int>(std::lround(options_.secondary_rays * share *
                                                  (surface.is_translucent() ? translucent_factor : 1))));
     for (int k = 0; k < count; ++k) {
-      const auto sample = surface.sample(rng_);
+      const auto [u, v] = scattered_points_.next();
+      const auto sample = surface.sample(u, v, static_cast<float>(rng_.uniform()));
       if (!sample) continue;
       const Rgb weight = throughput * sample->weight / static_cast<float>(count);
       scatter_along(surface, sample->direction, weight, 1, &aimed);
@@ -353,9 +374,8 @@ class PixelTracer {
         std::clamp(static_cast<int>(std::ceil(solid_angle * static_cast<float>(4 * options_.caustic_rays))),
                    1, options_.caustic_rays);
     for (int k = 0; k < count; ++k) {
-      const auto u = static_cast<float>((k + rng_.uniform()) / count);
-      const Vector3f direction =
-          sample_cone(axis / distance, cosine_limit, u, static_cast<float>(rng_.uniform()));
+      const auto [u, v] = aimed_points_[object].next();
+      const Vector3f direction = sample_cone(axis / distance, cosine_limit, u, v);
       const Rgb scattered = surface.scattering(direction);
       if (!(scattered.maxCoeff() > 0.0f)) continue;
       const Ray ray{surface.off_surface(direction), direction};
@@ -385,7 +405,8 @@ class PixelTracer {
                   weight * found * (monitor_.texel_area() * static_cast<float>(across * down)));
       }
     if (depth >= options_.depth) return;
-    const auto sample = surface.sample(rng_);
+    const auto u = static_cast<float>(rng_.uniform()), v = static_cast<float>(rng_.uniform());
+    const auto sample = surface.sample(u, v, static_cast<float>(rng_.uniform()));
     if (!sample) return;
     const float survival = std::min(1.0f, sample->weight.maxCoeff());  // Russian roulette
     if (rng_.uniform() >= survival) return;
@@ -429,6 +450,8 @@ class PixelTracer {
   Rgb room_;
   Rgb ambient_ = Rgb::Zero();
   float shift_x_ = 0.0f, shift_y_ = 0.0f;
+  SpreadPoints scattered_points_{rng_};
+  std::vector<SpreadPoints> aimed_points_;  // of each object
   std::vector<char> aimed_;
 };
 

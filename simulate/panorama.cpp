@@ -63,7 +63,7 @@ Style random_style(Rng& rng) {
            {0.18f, 0.17f, 0.16f},
            0.5f,
            90,
-           0.45f,
+           0.70f,
            0.35f,
            10,
            {1, 1, 1},
@@ -76,7 +76,7 @@ Style random_style(Rng& rng) {
            {0.09f, 0.07f, 0.07f},
            0.7f,
            60,
-           0.40f,
+           0.65f,
            0.35f,
            60,
            {2.5f, 1.6f, 0.7f},
@@ -89,7 +89,7 @@ Style random_style(Rng& rng) {
            {0.10f, 0.16f, 0.05f},
            0.4f,
            6,
-           1.70f,
+           2.20f,
            0.8f,
            0,
            {1, 1, 1},
@@ -102,7 +102,7 @@ Style random_style(Rng& rng) {
            {0.16f, 0.10f, 0.06f},
            0.0f,
            40,
-           0.75f,
+           1.10f,
            0.6f,
            40,
            {3.0f, 2.3f, 1.4f},
@@ -115,7 +115,7 @@ Style random_style(Rng& rng) {
            {0.03f, 0.03f, 0.04f},
            0.2f,
            160,
-           0.55f,
+           0.80f,
            0.3f,
            260,
            {1.6f, 1.6f, 1.6f},
@@ -136,6 +136,7 @@ void paint_background(Image& image, const Style& style, Rng& rng) {
   const float sun_azimuth = real(rng, 0, 2 * pi), sun_height = real(rng, 0.08, 0.9);
   const Eigen::Vector3f sun(std::cos(sun_height) * std::cos(sun_azimuth), std::sin(sun_height),
                             std::cos(sun_height) * std::sin(sun_azimuth));
+  const std::uint64_t grain_seed = rng.next();
   const Rgb cloud_colour = mix(Rgb::Constant(1.0f), style.horizon / style.horizon.maxCoeff(), 0.4f);
   for (int y = 0; y < h; ++y)
     for (int x = 0; x < w; ++x) {
@@ -158,7 +159,8 @@ void paint_background(Image& image, const Style& style, Rng& rng) {
       } else {
         const Eigen::Vector3f p = d / (0.12f - d.y());
         const float n = fractal_noise(Eigen::Vector3f(3.0f * p.x(), 0.0f, 3.0f * p.z()) + offset, 5);
-        colour = style.ground * (0.3f + 1.6f * n);
+        const auto grain = static_cast<float>(Rng(grain_seed, x, y).uniform());
+        colour = style.ground * (0.3f + 1.6f * n) * (0.7f + 0.6f * grain);
       }
       set_pixel(image, x, y, colour);
     }
@@ -238,13 +240,13 @@ void paint_leaf(Image& image, const Leaf& leaf, std::uint64_t grain_seed) {
 
 void paint_leaves(Image& image, const Style& style, Rng& rng) {
   const int w = image.width, h = image.height;
-  const double smallest = 1.0, largest = w / 14.0;
+  const double smallest = 0.7, largest = w / 14.0;
   // Mean area under p(r) ∝ r^-3 between the two sizes: 2π s² ln(l/s) / (1 − (s/l)²).
   const double ratio = largest / smallest;
   const double mean_area = 2.0 * pi * smallest * smallest * std::log(ratio) / (1.0 - 1.0 / (ratio * ratio));
   const auto count = static_cast<std::uint64_t>(style.leaf_cover * w * h / mean_area);
   std::array<Rgb, leaf_palette_size> palette;
-  for (Rgb& colour : palette) colour = random_colour(rng, style.horizon.mean() * 0.55 + 0.03, 0.4);
+  for (Rgb& colour : palette) colour = random_colour(rng, style.horizon.mean() * 0.55 + 0.03, 0.32);
   for (std::uint64_t k = 0; k < count; ++k) {
     Leaf leaf;
     leaf.x = real(rng, 0, w);
@@ -262,7 +264,7 @@ void paint_leaves(Image& image, const Style& style, Rng& rng) {
     leaf.gradient_x = static_cast<float>(0.25 * rng.normal());
     leaf.gradient_y = static_cast<float>(0.25 * rng.normal());
     leaf.stripe_pitch = rng.uniform() < 0.15 ? real(rng, 2, 9) : 0.0f;
-    leaf.grain = rng.uniform() < 0.5 ? real(rng, 0, 0.5) : 0.0f;
+    leaf.grain = real(rng, 0, 0.7);
     const std::uint64_t grain_seed = rng.next();
     if (height > 0.05 && rng.uniform() > style.leaves_above) continue;
     const int y = std::clamp(static_cast<int>(leaf.y), 0, h - 1);

@@ -159,17 +159,15 @@ float Surface::density(const Vector3f& to_light) const {
   return coat_probability_ * visible + (1.0f - coat_probability_) * lambert;
 }
 
-std::optional<Surface::Sample> Surface::sample(Rng& rng) const {
-  const auto u = static_cast<float>(rng.uniform()), v = static_cast<float>(rng.uniform());
-  const auto lobe = static_cast<float>(rng.uniform());
+std::optional<Surface::Sample> Surface::sample(float u, float v, float choice) const {
   const Frame frame(normal_);
   Vector3f direction;
-  if (lobe < coat_probability_) {
+  if (choice < coat_probability_) {
     const Vector3f facet = frame.to_world(sample_visible_normal(frame.to_local(to_viewer_), alpha_, u, v));
     direction = reflected(-to_viewer_, facet);
   } else {
     const float r = std::sqrt(u), phi = 2.0f * pi * v;
-    const bool through = material_->kind == Kind::translucent && lobe < material_->transmission;
+    const bool through = material_->kind == Kind::translucent && choice < material_->transmission;
     const float z = std::sqrt(std::max(0.0f, 1.0f - u));
     direction = frame.to_world({r * std::cos(phi), r * std::sin(phi), through ? -z : z});
   }

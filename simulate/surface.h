@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <optional>
 
-#include "core/rng.h"
 #include "simulate/scene.h"
 
 namespace refield {
@@ -37,8 +36,10 @@ class Surface {
     Eigen::Vector3f direction;
     Rgb weight;  ///< scattering / probability density
   };
-  /// A direction drawn roughly in proportion to the scattering; none when the draw falls below the surface.
-  std::optional<Sample> sample(Rng& rng) const;
+  /// A direction drawn roughly in proportion to the scattering, from three uniform numbers in [0, 1): two for
+  /// the direction, one for the choice between coat and base, or between the two sides of a sheet. None when
+  /// the draw falls below the surface.
+  std::optional<Sample> sample(float u, float v, float choice) const;
 
  private:
   float density(const Eigen::Vector3f& to_light) const;

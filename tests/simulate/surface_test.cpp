@@ -7,6 +7,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/rng.h"
+
 namespace refield {
 namespace {
 
@@ -83,7 +85,9 @@ TEST_P(Materials, SamplesIntegrateToTheAlbedo) {
   constexpr int count = 40000;
   double sum = 0.0, square = 0.0;
   for (int i = 0; i < count; ++i) {
-    const auto sample = at.surface.sample(rng);
+    const auto sample =
+        at.surface.sample(static_cast<float>(rng.uniform()), static_cast<float>(rng.uniform()),
+                          static_cast<float>(rng.uniform()));
     const double w = sample ? sample->weight[0] : 0.0;
     sum += w;
     square += w * w;
