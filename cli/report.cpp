@@ -1,8 +1,66 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "cli/report/report.h"
+
+#include <charconv>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
 #include "cli/verbs.h"
+#include "core/errors.h"
 
 namespace refield::cli {
 
-void add_report(CLI::App&, const Common&, Action&) {}
+namespace {
+
+std::array<int, 2> parse_pixel(const std::string& text) {
+  std::array<int, 2> pixel{};
+  const char* const end = text.data() + text.size();
+  const auto x = std::from_chars(text.data(), end, pixel[0]);
+  if (x.ec == std::errc{} && x.ptr != end && *x.ptr == ',') {
+    const auto y = std::from_chars(x.ptr + 1, end, pixel[1]);
+    if (y.ec == std::errc{} && y.ptr == end) return pixel;
+  }
+  throw InputError("--pixel " + text + ": is no position; give column and row, for example --pixel 80,60");
+}
+
+}  // namespace
+
+void add_report(CLI::App& app, const Common& common, Action& action) {
+  struct Options {
+    report::ReportRequest request;
+    std::vector<std::string> pixels;
+  };
+  const auto options = std::make_shared<Options>();
+  report::ReportRequest& request = options->request;
+  CLI::App* verb =
+      app.add_subcommand("report", "One page with pictures: how well fields relight a captured scene");
+  verb->add_option("session", request.session, "Capture session whose held-out frames are the test")
+      ->required();
+  verb->add_option("--field", request.fields, "Reflectance field estimated from it; several to compare them")
+      ->required();
+  verb->add_option(
+      "--truth", request.truth,
+      "Folder of the simulation behind a virtual capture: errors are then also taken against exact images");
+  verb->add_option("--pixel", options->pixels,
+                   "Column,row of a pixel whose kernels to show; several; default: chosen by kind");
+  verb->add_option("--study-pixels", request.study_pixels,
+                   "Most pixels to estimate again for error against the number of images")
+      ->capture_default_str();
+  verb->add_option("-o,--output", request.output, "The page (.html)")->required();
+  verb->callback([options, &common, &action] {
+    action = [options, &common] {
+      for (const std::string& pixel : options->pixels) options->request.pixels.push_back(parse_pixel(pixel));
+      auto figures = report::write_report(options->request);
+      const std::string path = options->request.output.string();
+      if (common.json) {
+        figures["report"] = path;
+        std::printf("%s\n", figures.dump(2).c_str());
+      } else {
+        std::printf("report: %s\n", path.c_str());
+      }
+    };
+  });
+}
 
 }  // namespace refield::cli

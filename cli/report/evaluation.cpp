@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/report/evaluation.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "core/image_io.h"
+#include "core/interrupt.h"
+
+namespace refield::report {
+
+namespace {
+
+int rank_of(const std::string& kind) {
+  static const std::vector<std::string> first = {"natural", "bar", "square", "white"};
+  if (kind == "black") return 100;
+  return static_cast<int>(std::ranges::find(first, kind) - first.begin());
+}
+
+bool comes_before(const std::string& a, const std::string& b) {
+  return std::pair(rank_of(a), a) < std::pair(rank_of(b), b);
+}
+
+/// Median time to relight one frame, over up to a third of a second after one run that warms caches and
+/// threads.
+double measure_relighting(const ReflectanceField& field, const LightMap& light) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::duration<double> budget(0.3);
+  constexpr std::size_t fewest = 3, most = 50;
+  field.relight(light);
+  std::vector<float> seconds;
+  const auto start = Clock::now();
+  while (seconds.size() < fewest || (seconds.size() < most && Clock::now() - start < budget)) {
+    const auto before = Clock::now();
+    field.relight(light);
+    seconds.push_back(std::chrono::duration<float>(Clock::now() - before).count());
+  }
+  return quantile(seconds, 0.5);
+}
+
+}  // namespace
+
+std::vector<std::string> kinds_of(const CaptureSession& session) {
+  std::vector<std::string> kinds;
+  for (const CaptureFrame& frame : session.frames_of(FrameRole::test)) kinds.push_back(frame.kind);
+  std::ranges::sort(kinds, comes_before);
+  kinds.erase(std::ranges::unique(kinds).begin(), kinds.end());
+  return kinds;
+}
+
+const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std::string& kind) {
+  const auto found = std::ranges::find(errors, kind, &HeldOutError::kind);
+  return found == errors.end() ? nullptr : &*found;
+}
+
+std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference) {
+  auto errors = held_out_errors(field, reference);
+  std::ranges::stable_sort(errors, comes_before, &HeldOutError::kind);
+  return errors;
+}
+
+std::vector<FieldFigures> evaluate(const ReportInput& input) {
+  std::vector<FieldFigures> figures(input.fields.size());
+  const auto held_out = input.session.frames_of(FrameRole::test);
+  for (std::size_t f = 0; f < figures.size(); ++f) {
+    throw_if_interrupted();
+    const ReflectanceField& field = input.fields[f].field;
+    if (!held_out.empty()) {
+      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session)});
+      if (input.truth) figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth)});
+    }
+    if (!input.session.frames.empty()) {
+      const CaptureFrame& frame = held_out.empty() ? input.session.frames.front() : held_out.front();
+      figures[f].relight_seconds =
+          measure_relighting(field, read_light_map(frame.illumination, input.session.light.parameterisation));
+    }
+  }
+  return figures;
+}
+
+std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std::string& kind,
+                                        std::size_t count) {
+  auto frames = session.frames_of(FrameRole::test);
+  std::erase_if(frames, [&](const CaptureFrame& frame) { return frame.kind != kind; });
+  count = std::min(count, frames.size());
+  std::vector<CaptureFrame> chosen;
+  for (std::size_t i = 0; i < count; ++i) chosen.push_back(frames[(2 * i + 1) * frames.size() / (2 * count)]);
+  return chosen;
+}
+
+}  // namespace refield::report

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <vector>
+
+#include "cli/report/input.h"
+#include "relight/held_out.h"
+
+namespace refield::report {
+
+/// Errors of one field against one reference, by kind of light in the order of kinds_of().
+struct ReferenceErrors {
+  std::string reference;  ///< "photographs" or "exact images"
+  std::vector<HeldOutError> kinds;
+};
+
+/// A field's figures.
+struct FieldFigures {
+  std::vector<ReferenceErrors> errors;  ///< empty where the session holds nothing out
+  double relight_seconds = 0.0;         ///< a frame, median, all cores
+};
+
+/// The kinds of light among held-out frames: natural, bar, square and white first, black last, others
+/// between.
+std::vector<std::string> kinds_of(const CaptureSession& session);
+
+/// The entry of a kind, or nullptr.
+const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std::string& kind);
+
+/// Errors of `field` on the held-out frames, sorted as kinds_of() sorts.
+std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference);
+
+/// Evaluates all fields, one after the other.
+std::vector<FieldFigures> evaluate(const ReportInput& input);
+
+/// Up to `count` frames of a kind, evenly spread over its held-out frames: no hand picks them.
+std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std::string& kind,
+                                        std::size_t count);
+
+}  // namespace refield::report

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/report/input.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "cli/report/html.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "core/reflectance_field_file.h"
+
+namespace refield::report {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// An exact transport is large: about 16 bytes for each texel that a pixel sees. Above this the exact images
+/// are used.
+constexpr std::uint64_t largest_transport_bytes = 4ull << 30;
+
+std::string size_text(int width, int height) {
+  return std::to_string(width) + "×" + std::to_string(height);
+}
+
+void require_fit(const ReflectanceField& field, const fs::path& path, const CaptureSession& session) {
+  if (field.width != session.width || field.height != session.height)
+    throw InputError(path.string() + ": has " + size_text(field.width, field.height) +
+                     " pixels, the photographs of " + session.folder.string() + " have " +
+                     size_text(session.width, session.height) +
+                     "; give a field that was estimated from this session");
+  if (field.basis.domain != session.light)
+    throw InputError(path.string() + ": is made for light maps of " +
+                     size_text(field.basis.domain.width, field.basis.domain.height) + " (" +
+                     std::string(name_of(field.basis.domain.parameterisation)) + "), those of " +
+                     session.folder.string() + " are " +
+                     size_text(session.light.width, session.light.height) + " (" +
+                     std::string(name_of(session.light.parameterisation)) +
+                     "); give a field that was estimated from this session");
+}
+
+FieldEntry load_field(const fs::path& path, const CaptureSession& session) {
+  if (!fs::exists(path))
+    throw InputError(path.string() + ": there is no such field; make it with 'refield estimate " +
+                     session.folder.string() + " -o " + path.string() + "'");
+  FieldEntry entry;
+  entry.path = path;
+  entry.field = read_reflectance_field(path);
+  require_fit(entry.field, path, session);
+  entry.file_bytes = fs::file_size(path);
+  if (const auto options = options_from_provenance(entry.field.provenance)) {
+    entry.options = *options;
+    entry.options_recorded = true;
+  }
+  entry.statistics = kernel_statistics(entry.field, entry.options_recorded ? entry.options.kernels : 0);
+  return entry;
+}
+
+/// File names without extension where that tells the fields apart, else their paths.
+void label_fields(std::vector<FieldEntry>& fields) {
+  const auto is_unique = [&](const FieldEntry& entry) {
+    return std::ranges::count_if(
+               fields, [&](const FieldEntry& other) { return other.path.stem() == entry.path.stem(); }) == 1;
+  };
+  for (FieldEntry& entry : fields)
+    entry.label = is_unique(entry) ? entry.path.stem().string() : entry.path.string();
+}
+
+/// Without the transport: the images of a simulated session, paired by frame name.
+CaptureSession truth_by_name(const CaptureSession& session, const fs::path& folder) {
+  const CaptureSession exact = read_capture_session(folder);
+  if (exact.width != session.width || exact.height != session.height)
+    throw InputError(folder.string() + ": its images are " + size_text(exact.width, exact.height) +
+                     ", the photographs of " + session.folder.string() + " " +
+                     size_text(session.width, session.height) +
+                     "; give the truth that this session was acquired from");
+  CaptureSession truth = session;
+  truth.frames = session.frames_of(FrameRole::test);
+  for (CaptureFrame& frame : truth.frames) {
+    const auto match = std::ranges::find(exact.frames, frame.name, &CaptureFrame::name);
+    if (match == exact.frames.end())
+      throw InputError(folder.string() + ": has no frame '" + frame.name + "', which " +
+                       session.folder.string() + " has; give the truth that this session was acquired from");
+    frame.observed = match->observed;
+  }
+  return truth;
+}
+
+/// With it: relit by the light that the session emitted, kept as images so that they are computed once.
+CaptureSession truth_by_transport(const CaptureSession& session, const ReflectanceField& transport,
+                                  const fs::path& scratch) {
+  CaptureSession truth = session;
+  truth.frames = session.frames_of(FrameRole::test);
+  const fs::path folder = scratch / "truth";
+  create_folders(folder);
+  Progress progress("exact images", truth.frames.size());
+  for (std::size_t i = 0; i < truth.frames.size(); ++i) {
+    throw_if_interrupted();
+    CaptureFrame& frame = truth.frames[i];
+    const LightMap light = read_light_map(frame.illumination, session.light.parameterisation);
+    frame.observed = folder / (std::to_string(i) + ".exr");
+    write_exr(frame.observed, transport.relight(light));
+    progress.advance();
+  }
+  return truth;
+}
+
+void load_truth(ReportInput& input, const fs::path& scratch) {
+  const fs::path path = input.truth_folder / "transport.rfield";
+  if (!fs::is_directory(input.truth_folder))
+    throw InputError(input.truth_folder.string() +
+                     ": is no folder; give the one that 'refield simulate' wrote, or leave --truth out");
+  if (fs::exists(path) && fs::file_size(path) <= largest_transport_bytes) {
+    input.transport = read_reflectance_field(path);
+    require_fit(*input.transport, path, input.session);
+    input.truth = truth_by_transport(input.session, *input.transport, scratch);
+    input.truth_note =
+        "noise-free images from the scene's exact transport, under the light that was really emitted";
+    return;
+  }
+  input.truth = truth_by_name(input.session, input.truth_folder);
+  input.truth_note =
+      fs::exists(path)
+          ? "the noise-free images of the simulation; its transport (" +
+                bytes_text(static_cast<double>(fs::file_size(path))) +
+                ") is too large for a report, so the display's quantisation counts as error"
+          : "the noise-free images of the simulation, so the display's quantisation counts as error";
+}
+
+}  // namespace
+
+std::optional<EstimateOptions> options_from_provenance(const std::string& provenance) {
+  const auto json = nlohmann::json::parse(provenance, nullptr, false);
+  if (!json.is_object()) return std::nullopt;
+  const auto& options = json.contains("options") && json["options"].is_object() ? json["options"] : json;
+  if (!options.contains("mode") || !options["mode"].is_string() || !options.contains("kernels") ||
+      !options["kernels"].is_number_integer())
+    return std::nullopt;
+  EstimateOptions result;
+  try {
+    result.mode = estimate_mode_from_name(options["mode"].get<std::string>());
+  } catch (const InputError&) {
+    return std::nullopt;  // a mode of a later program
+  }
+  result.kernels = options["kernels"].get<int>();
+  if (const auto passes = options.find("spatial_passes");
+      passes != options.end() && passes->is_number_integer())
+    result.spatial_passes = passes->get<int>();
+  return result;
+}
+
+ReportInput load_input(const fs::path& session_folder, const std::vector<fs::path>& field_paths,
+                       const fs::path& truth_folder, const fs::path& scratch) {
+  ReportInput input;
+  input.session = read_capture_session(session_folder);
+  if (input.session.mask)
+    input.mask = read_mask(*input.session.mask, input.session.width, input.session.height);
+  for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session));
+  label_fields(input.fields);
+  input.truth_folder = truth_folder;
+  if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty()) load_truth(input, scratch);
+  return input;
+}
+
+}  // namespace refield::report

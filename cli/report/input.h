@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/capture_session.h"
+#include "core/field_statistics.h"
+#include "core/reflectance_field.h"
+#include "estimate/options.h"
+
+namespace refield::report {
+
+/// A field under report.
+struct FieldEntry {
+  std::filesystem::path path;
+  std::string label;  ///< short and unique among the fields
+  std::uint64_t file_bytes = 0;
+  ReflectanceField field;
+  /// As the field's provenance records them; defaults where it does not.
+  EstimateOptions options;
+  bool options_recorded = false;
+  KernelStatistics statistics;
+};
+
+/// All that a report starts from.
+struct ReportInput {
+  CaptureSession session;
+  Mask mask;
+  std::vector<FieldEntry> fields;
+  std::filesystem::path truth_folder;   ///< empty: none given
+  std::optional<CaptureSession> truth;  ///< the session's held-out frames with exact images as photographs
+  std::optional<ReflectanceField> transport;  ///< the exact transport, where the truth folder holds it
+  std::string truth_note;                     ///< how the exact images were made
+
+  /// What pictures and errors are set against: the exact images where known, else the photographs.
+  const CaptureSession& reference() const { return truth ? *truth : session; }
+  std::string reference_name() const { return truth ? "exact image" : "photograph"; }
+};
+
+/// The options of an estimation as its field's provenance (JSON) records them; nullopt where it does not.
+std::optional<EstimateOptions> options_from_provenance(const std::string& provenance);
+
+/// Reads a session, its fields and, unless `truth_folder` is empty, the exact images of its held-out frames.
+/// Exact images are those under the light that the session says was emitted: a display's 8-bit drive differs
+/// from the map that it was asked for. They are kept in `scratch`, which must outlive the input. Throws
+/// InputError for a missing field and for one that does not fit the session.
+ReportInput load_input(const std::filesystem::path& session_folder,
+                       const std::vector<std::filesystem::path>& field_paths,
+                       const std::filesystem::path& truth_folder, const std::filesystem::path& scratch);
+
+}  // namespace refield::report

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/report/report.h"
+
+#include <nlohmann/json.hpp>
+
+#include "cli/report/figures_json.h"
+#include "cli/report/page.h"
+#include "cli/report/scratch_folder.h"
+#include "cli/report/sections.h"
+#include "core/errors.h"
+#include "core/files.h"
+
+namespace refield::report {
+
+namespace {
+
+std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const CaptureSession& session) {
+  std::vector<ChosenPixel> pixels;
+  for (const auto& [x, y] : request.pixels) {
+    if (x < 0 || y < 0 || x >= session.width || y >= session.height)
+      throw InputError("--pixel " + std::to_string(x) + "," + std::to_string(y) +
+                       ": lies outside the photographs of " + session.folder.string() + "; give 0 to " +
+                       std::to_string(session.width - 1) + ", 0 to " + std::to_string(session.height - 1));
+    pixels.push_back({x, y, "asked for"});
+  }
+  return pixels;
+}
+
+}  // namespace
+
+nlohmann::ordered_json write_report(const ReportRequest& request) {
+  if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
+  const ScratchFolder scratch;
+  const ReportInput input = load_input(request.session, request.fields, request.truth, scratch.path());
+  std::vector<ChosenPixel> pixels = asked_pixels(request, input.session);
+  if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask);
+  const auto logs = find_run_logs(input);
+  const auto figures = evaluate(input);
+  const ImageCountStudy study = study_image_count(input, request.study_pixels, scratch.path());
+  const KernelStudy kernels = study_kernels(input, pixels);
+  const std::string body = opening_html(input, figures) + summary_html(input, figures) +
+                           pictures_html(input) + image_count_html(input, study) +
+                           kernels_html(input, kernels) + statistics_html(input) +
+                           timing_html(input, figures, logs);
+  write_text_atomically(request.output, page_html("Reflectance field report", body));
+  return figures_json(input, figures, study, pixels);
+}
+
+}  // namespace refield::report

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/report/run_log.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string_view>
+
+#include "cli/report/html.h"
+#include "core/errors.h"
+#include "core/files.h"
+
+namespace refield::report {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+template <class T>
+std::optional<T> number(const nlohmann::ordered_json& json, const char* key) {
+  const auto found = json.find(key);
+  if (found == json.end() || !found->is_number()) return std::nullopt;
+  return found->get<T>();
+}
+
+/// "foreseen_memory_bytes": 457278272 reads "foreseen memory 457 MB".
+std::string detail(std::string key, const nlohmann::ordered_json& value) {
+  static constexpr std::string_view bytes = "_bytes";
+  const bool in_bytes = value.is_number() && key.ends_with(bytes);
+  if (in_bytes) key.resize(key.size() - bytes.size());
+  std::ranges::replace(key, '_', ' ');
+  key += ' ';
+  if (in_bytes) return key + bytes_text(value.get<double>());
+  if (value.is_number_float()) return key + significant(value.get<double>(), 3);
+  return key + (value.is_string() ? value.get<std::string>() : value.dump());
+}
+
+}  // namespace
+
+std::optional<RunLog> read_run_log(const fs::path& path) {
+  if (!fs::is_regular_file(path)) return std::nullopt;
+  const auto json = nlohmann::ordered_json::parse(read_text(path), nullptr, false);
+  if (!json.is_object() || !json.contains("stage") || !json["stage"].is_string())
+    throw FormatError(path, "is not the log of a run; remove it or run that stage again");
+  RunLog log;
+  log.path = path;
+  log.stage = json["stage"].get<std::string>();
+  log.seconds = number<double>(json, "seconds");
+  log.peak_memory_bytes = number<std::uint64_t>(json, "peak_memory_bytes");
+  log.threads = number<int>(json, "threads");
+  // The last: names of what was made, which the path says.
+  static const std::set<std::string> told_elsewhere = {"stage", "seconds", "peak_memory_bytes", "threads",
+                                                       "field"};
+  for (const auto& [key, value] : json.items())
+    if (!told_elsewhere.contains(key) && (value.is_number() || value.is_string()))
+      log.details += (log.details.empty() ? "" : ", ") + detail(key, value);
+  return log;
+}
+
+std::vector<RunLog> find_run_logs(const ReportInput& input) {
+  std::vector<fs::path> places;
+  if (!input.truth_folder.empty()) places.push_back(input.truth_folder / "simulate.log.json");
+  places.push_back(input.session.folder / "simulate.log.json");
+  places.push_back(input.session.folder / "acquire.log.json");
+  for (const FieldEntry& entry : input.fields) places.emplace_back(entry.path.string() + ".log.json");
+  std::vector<RunLog> logs;
+  for (const fs::path& place : places)
+    if (auto log = read_run_log(place)) logs.push_back(std::move(*log));
+  return logs;
+}
+
+}  // namespace refield::report

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "cli/report/html.h"
+#include "cli/report/picture.h"
+#include "cli/report/sections.h"
+#include "cli/report/svg_chart.h"
+
+namespace refield::report {
+
+namespace {
+
+struct PaperScene {
+  const char* name;
+  double nonzero, of_99, of_95;
+};
+
+/// Matusik et al. 2004, table 1.
+constexpr std::array<PaperScene, 4> paper_scenes = {{{"Hardrock", 0.774, 0.710, 0.608},
+                                                     {"Molasses", 0.978, 0.936, 0.839},
+                                                     {"Santa", 0.962, 0.924, 0.838},
+                                                     {"Teacups", 0.993, 0.973, 0.888}}};
+
+std::string share_row(const std::string& name, double nonzero, double of_99, double of_95,
+                      const std::string& css) {
+  const auto cell = [](double share) { return "<td class=\"num\">" + fixed(100.0 * share, 1) + " %</td>"; };
+  return "<tr class=\"" + css + "\"><td>" + name + "</td>" + cell(nonzero) + cell(of_99) + cell(of_95) +
+         "</tr>";
+}
+
+std::string energy_table(const ReportInput& input) {
+  std::string html =
+      "<table><thead><tr><th>Scene</th><th class=\"num\">Non-zero</th><th class=\"num\">99 % of energy</th>"
+      "<th class=\"num\">95 % of energy</th></tr></thead><tbody>";
+  for (std::size_t f = 0; f < input.fields.size(); ++f) {
+    const KernelStatistics& statistics = input.fields[f].statistics;
+    html += share_row("<span class=\"key c" + std::to_string(f % 6) + "\"><i></i>" +
+                          escaped(input.fields[f].label) + "</span>",
+                      statistics.nonzero_share, statistics.share_of_99_percent,
+                      statistics.share_of_95_percent, "");
+  }
+  for (const PaperScene& scene : paper_scenes)
+    html += share_row(std::string(scene.name) + " <small>(2004)</small>", scene.nonzero, scene.of_99,
+                      scene.of_95, "quiet");
+  return html + "</tbody></table>";
+}
+
+std::string histogram(const ReportInput& input) {
+  BarChart chart;
+  chart.title = "Kernels a pixel";
+  chart.x_label = "kernels stored for a pixel";
+  chart.y_label = "share of pixels";
+  std::size_t longest = 0;
+  for (const FieldEntry& entry : input.fields) longest = std::max(longest, entry.statistics.histogram.size());
+  for (std::size_t count = 1; count < longest; ++count) chart.groups.push_back(std::to_string(count));
+  for (std::size_t f = 0; f < input.fields.size(); ++f) {
+    const KernelStatistics& statistics = input.fields[f].statistics;
+    BarSeries series{input.fields[f].label, static_cast<int>(f), {}};
+    for (std::size_t count = 1; count < statistics.histogram.size(); ++count)
+      series.values.push_back(static_cast<double>(statistics.histogram[count]) /
+                              static_cast<double>(std::max<std::uint64_t>(1, statistics.pixels)));
+    chart.series.push_back(std::move(series));
+  }
+  if (chart.groups.empty()) return "";
+  return "<div class=\"chart-box\">" + bar_chart_svg(chart) + legend_html(chart.series) + "</div>";
+}
+
+Image kernel_count_map(const ReflectanceField& field) {
+  Image map(field.width, field.height, 1);
+  for (std::size_t p = 0; p < map.pixel_count(); ++p)
+    map.values[p] = static_cast<float>(field.transfer.row_start[p + 1] - field.transfer.row_start[p]);
+  return map;
+}
+
+std::string map_figure(const Image& map, double high, const Mask& mask, const std::string& title,
+                       const std::string& high_text) {
+  return "<figure>" + image_html(shrunk(false_coloured(map, high, mask), max_picture_width), 1.0, title) +
+         "<figcaption>" + escaped(title) + "<br>" + colour_bar_html("0", high_text) +
+         "</figcaption></figure>";
+}
+
+/// Maps of all fields share their scales.
+std::string maps(const ReportInput& input) {
+  double most = 1.0, worst = 0.0;
+  for (const FieldEntry& entry : input.fields) {
+    most = std::max(most, static_cast<double>(entry.statistics.histogram.size()) - 1.0);
+    if (!entry.field.training_error.empty()) {
+      Image error(entry.field.width, entry.field.height, 1);
+      error.values = entry.field.training_error;
+      worst = std::max(worst, quantile(values_in_mask(error, input.mask), 0.9));
+    }
+  }
+  const double error_high = worst > 0.0 && std::isfinite(worst) ? round_up(worst) : 0.01;
+  std::string html;
+  for (const FieldEntry& entry : input.fields) {
+    html += map_figure(kernel_count_map(entry.field), most, input.mask, entry.label + ": kernels a pixel",
+                       fixed(most, 0));
+    if (entry.field.training_error.empty()) continue;
+    Image error(entry.field.width, entry.field.height, 1);
+    error.values = entry.field.training_error;
+    html += map_figure(error, error_high, input.mask, entry.label + ": relative RMSE on its training images",
+                       significant(100.0 * error_high, 2) + " % and above");
+  }
+  return "<div class=\"grid maps\" style=\"--columns:" +
+         std::to_string(std::min<std::size_t>(4, 2 * input.fields.size())) + "\">" + html + "</div>";
+}
+
+}  // namespace
+
+std::string statistics_html(const ReportInput& input) {
+  return section_html("Kernels that matter",
+                      "<p>Of all kernels that pixels could have, the share with any weight, and the fewest "
+                      "that together hold 99\u00a0% and 95\u00a0% of "
+                      "the scene’s energy (weight × area). Reflective and refractive scenes need fewer. "
+                      "Beside them, table 1 of Matusik, "
+                      "Loper and Pfister (2004).</p><div class=\"split\"><div>" +
+                          energy_table(input) + "</div>" + histogram(input) + "</div>" + maps(input));
+}
+
+}  // namespace refield::report
