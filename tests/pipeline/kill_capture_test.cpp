@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+// kill -9 at any moment of a capture: with --resume it ends in the same bytes as one that was left in peace.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <fstream>
+
+#include "core/capture_session.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/rng.h"
+#include "tests/pipeline/program.h"
+#include "tests/pipeline/tiny_recipe.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace test;
+
+class CaptureProgram : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    write_text_atomically(folder / "recipe.toml", tiny_recipe);
+    ASSERT_EQ(run_program({"simulate", folder / "recipe.toml", "-o", folder / "truth"}, log), 0)
+        << read_text(log);
+    const auto start = std::chrono::steady_clock::now();
+    ASSERT_EQ(run_program(acquire("whole"), log), 0) << read_text(log);
+    duration = std::chrono::steady_clock::now() - start;
+  }
+  std::vector<std::string> acquire(const std::string& session, std::vector<std::string> more = {}) const {
+    std::vector<std::string> arguments = {"acquire", folder / "recipe.toml", "--truth",    folder / "truth",
+                                          "-o",      folder / session,       "--keep-raw", "--auto-mask"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+  TemporaryFolder folder;
+  fs::path log = folder / "log";
+  std::chrono::duration<double> duration{};
+};
+
+TEST_F(CaptureProgram, KilledAtTenMomentsItEndsInTheSameBytes) {
+  constexpr int kills_wanted = 10;
+  constexpr int most_attempts = 60;
+  Rng random(20041);
+  int kills = 0;
+  int sessions = 0;
+  for (int attempt = 0; kills < kills_wanted && attempt < most_attempts; ++attempt) {
+    const std::string session = "cut_" + std::to_string(sessions);
+    RunningProgram program(acquire(session, {"--resume"}), log);
+    if (program.kill_after(duration * random.uniform())) {
+      ++kills;
+      continue;
+    }
+    // It got through before the blow.
+    EXPECT_EQ(folder_difference(folder / "whole", folder / session), "");
+    ++sessions;
+  }
+  EXPECT_EQ(kills, kills_wanted);
+  const std::string session = "cut_" + std::to_string(sessions);
+  EXPECT_EQ(run_program(acquire(session, {"--resume"}), log), 0) << read_text(log);
+  EXPECT_EQ(folder_difference(folder / "whole", folder / session), "");
+}
+
+TEST_F(CaptureProgram, OverwritesNothingUnasked) {
+  const std::string journal = read_text(folder / "whole/journal");
+  EXPECT_EQ(run_program(acquire("whole"), log), 2);
+  EXPECT_NE(read_text(log).find("--resume"), std::string::npos) << read_text(log);
+  EXPECT_EQ(run_program(acquire("whole", {"--resume"}), log), 0) << read_text(log);
+  EXPECT_NE(read_text(log).find("already complete"), std::string::npos) << read_text(log);
+  EXPECT_EQ(run_program(acquire("whole", {"--resume", "--seed", "6"}), log), 2);
+  EXPECT_EQ(read_text(folder / "whole/journal"), journal);
+  EXPECT_EQ(run_program(acquire("whole", {"--force", "--seed", "6"}), log), 0) << read_text(log);
+  EXPECT_NE(read_text(folder / "whole/journal"), journal);
+}
+
+TEST_F(CaptureProgram, HdrOfKeptFramesIsThePhotograph) {
+  const std::string plan = read_text(folder / "whole/plan.toml");
+  const auto start = plan.find("seconds = [") + 11;
+  std::string seconds = plan.substr(start, plan.find(']', start) - start);
+  std::erase(seconds, ' ');
+  const std::vector<std::string> hdr = {"hdr",         (folder / "whole/raw/train_003_*.png").string(),
+                                        "-o",          (folder / "merged.exr").string(),
+                                        "--exposures", seconds,
+                                        "--response",  (folder / "whole/calibration.toml").string()};
+  ASSERT_EQ(run_program(hdr, log), 0) << read_text(log);
+  const Image merged = read_photograph(folder / "merged.exr").radiance;
+  const Image ambient = read_photograph(folder / "whole/ambient.exr").radiance;
+  const Image observed = read_photograph(folder / "whole/observed/train_003.exr").radiance;
+  for (std::size_t i = 0; i < merged.values.size(); ++i)
+    ASSERT_EQ(merged.values[i] - ambient.values[i], observed.values[i]) << i;
+}
+
+}  // namespace
+}  // namespace refield

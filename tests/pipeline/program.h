@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <sys/types.h>
+
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace refield::test {
+
+/// The program `refield`, running as a process of its own with standard output and error in a file.
+class RunningProgram {
+ public:
+  RunningProgram(std::vector<std::string> arguments, const std::filesystem::path& log);
+  ~RunningProgram();
+  RunningProgram(const RunningProgram&) = delete;
+  RunningProgram& operator=(const RunningProgram&) = delete;
+
+  /// Waits for the end: exit status, or −signal.
+  int wait();
+  /// Waits for that long, then kill -9. False when the program had ended by itself.
+  bool kill_after(std::chrono::duration<double> delay);
+
+ private:
+  pid_t process_ = -1;
+};
+
+/// Runs `refield` to its end and returns its exit status.
+int run_program(std::vector<std::string> arguments, const std::filesystem::path& log);
+
+/// Empty when two folders hold the same files with the same bytes; else what differs (diff -r).
+std::string folder_difference(const std::filesystem::path& a, const std::filesystem::path& b);
+
+}  // namespace refield::test
