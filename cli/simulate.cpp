@@ -54,28 +54,31 @@ Recipe recipe_of(const Arguments& arguments) {
   return recipe;
 }
 
-bool is_empty_or_missing(const fs::path& folder) {
-  return !fs::exists(folder) || fs::is_empty(folder);
+// What made the folder, and whether it is finished: tells our own output from anyone else's files.
+constexpr const char* record_name = "simulation.json";
+
+void write_record(const fs::path& folder, nlohmann::json provenance, bool complete) {
+  provenance["complete"] = complete;
+  write_text_atomically(folder / record_name, provenance.dump(2) + "\n");
 }
 
-void require_writable_target(const fs::path& folder, bool force) {
+// Makes room for the output. An unfinished simulation is replaced, a finished one with --force, anything else
+// never.
+void clear_folder(const fs::path& folder, bool force) {
   if (fs::exists(folder) && !fs::is_directory(folder))
     throw InputError(folder.string() + ": is a file; give the name of a folder to make");
-  if (is_empty_or_missing(folder) || force) return;
-  throw InputError(folder.string() +
-                   ": is not empty; give another folder, or --force to replace the simulated "
-                   "session in it");
-}
-
-// With --force: what an earlier run left would mix with the new session.
-void remove_earlier_session(const fs::path& folder) {
-  if (is_empty_or_missing(folder)) return;
-  if (!fs::exists(folder / session_manifest_name) && !fs::exists(folder / "illumination"))
+  if (!fs::exists(folder) || fs::is_empty(folder)) return;
+  if (!fs::exists(folder / record_name))
     throw InputError(folder.string() +
-                     ": holds something else than a session; --force replaces sessions only");
-  fs::remove(folder / session_manifest_name);  // first: from now on the folder is no complete session
-  for (const char* name : {"illumination", "observed", transport_file_name, ambient_file_name})
-    fs::remove_all(folder / name);
+                     ": is not empty and was not made by 'refield simulate'; give another folder");
+  const auto record = nlohmann::json::parse(read_text(folder / record_name), nullptr, false);
+  const bool complete = record.is_discarded() || !record.is_object() || record.value("complete", true);
+  if (complete && !force)
+    throw InputError(folder.string() +
+                     ": holds a simulation already; give another folder, or --force to replace it");
+  for (const char* name : {session_manifest_name, transport_file_name, ambient_file_name})
+    fs::remove(folder / name);
+  for (const char* name : {"illumination", "observed"}) fs::remove_all(folder / name);
 }
 
 void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
@@ -128,17 +131,20 @@ void simulate(const Arguments& arguments, const Common& common) {
     std::fprintf(stderr, "Needs about %.1f GB of memory and %.1f GB of disk.\n",
                  static_cast<double>(plan.memory_bytes) / 1e9, static_cast<double>(plan.disk_bytes) / 1e9);
   }
-  options.provenance = nlohmann::json{
-      {"program", "refield " REFIELD_VERSION},
-      {"method", "ray traced transport"},
-      {"recipe", arguments.recipe.filename().string()},
-      {"seed", recipe.seed},
-      {"quality",
-       options.quality}}.dump();
-  require_writable_target(arguments.folder, arguments.force);
+  const nlohmann::json provenance{{"program", "refield " REFIELD_VERSION},
+                                  {"method", "ray traced transport"},
+                                  {"recipe", arguments.recipe.filename().string()},
+                                  {"seed", recipe.seed},
+                                  {"quality", options.quality},
+                                  {"noise", options.noise}};
+  options.provenance = provenance.dump();
   require_free_space(arguments.folder, plan.disk_bytes);
-  if (arguments.force) remove_earlier_session(arguments.folder);
-  print(simulate_session(recipe, options, arguments.folder), arguments.folder, common.json);
+  clear_folder(arguments.folder, arguments.force);
+  create_folders(arguments.folder);
+  write_record(arguments.folder, provenance, false);
+  const SimulateSummary summary = simulate_session(recipe, options, arguments.folder);
+  write_record(arguments.folder, provenance, true);
+  print(summary, arguments.folder, common.json);
 }
 
 }  // namespace
@@ -189,8 +195,7 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
   verb->add_flag("--transport", arguments->transport, "Write transport.rfield even where it is large")
       ->group(result)
       ->excludes(without);
-  verb->add_flag("--force", arguments->force, "Replace the session in a folder that is not empty")
-      ->group(result);
+  verb->add_flag("--force", arguments->force, "Replace an earlier simulation in the folder")->group(result);
   verb->callback(
       [arguments, &common, &action] { action = [arguments, &common] { simulate(*arguments, common); }; });
 }

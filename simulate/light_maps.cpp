@@ -20,7 +20,7 @@ namespace {
 
 constexpr int views_of_a_panorama = 6;
 // A view of 70° then has about one panorama pixel a texel.
-constexpr int panorama_widths_of_a_map = 6;
+constexpr int panorama_widths_of_a_map = 8;
 constexpr int largest_panorama = 4096;
 
 std::string numbered(const char* role, int number) {

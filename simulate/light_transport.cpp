@@ -23,7 +23,7 @@ constexpr double negligible_share = 1e-5;
 // Mirrors and glass surfaces in a row; what is lost behind is below a hundredth of a per cent for glass.
 constexpr int longest_specular_chain = 16;
 // GGX α of surfaces that light meets on its way to what the camera sees.
-constexpr float smallest_alpha_further_on = 0.4f;
+constexpr float smallest_alpha_further_on = 0.7f;
 // Light on such a surface is sampled once in every group of so many coarsest boxes in width and height.
 constexpr int group_side = 4;
 // Light wanders about inside translucent things: paths from them are this many times as many.
@@ -356,7 +356,7 @@ class PixelTracer {
       return;  // counted as direct light
     } else if (!is_specular(scene_.material_of(hit->object))) {
       shade_coarsely(Surface(scene_, *hit, -direction, smallest_alpha_further_on), weight, depth);
-    } else if (!aimed || !(*aimed)[hit->object]) {
+    } else if (depth == 1 && !(aimed && (*aimed)[hit->object])) {
       follow(ray, weight, depth, 0);
     }
   }

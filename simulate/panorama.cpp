@@ -240,7 +240,7 @@ void paint_leaf(Image& image, const Leaf& leaf, std::uint64_t grain_seed) {
 
 void paint_leaves(Image& image, const Style& style, Rng& rng) {
   const int w = image.width, h = image.height;
-  const double smallest = 0.7, largest = w / 14.0;
+  const double smallest = 0.7, largest = w / 24.0;
   // Mean area under p(r) ∝ r^-3 between the two sizes: 2π s² ln(l/s) / (1 − (s/l)²).
   const double ratio = largest / smallest;
   const double mean_area = 2.0 * pi * smallest * smallest * std::log(ratio) / (1.0 - 1.0 / (ratio * ratio));
