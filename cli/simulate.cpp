@@ -62,9 +62,8 @@ void write_record(const fs::path& folder, nlohmann::json provenance, bool comple
   write_text_atomically(folder / record_name, provenance.dump(2) + "\n");
 }
 
-// Makes room for the output. An unfinished simulation is replaced, a finished one with --force, anything else
-// never.
-void clear_folder(const fs::path& folder, bool force) {
+// An unfinished simulation may be replaced, a finished one with --force, anything else never.
+void require_replaceable(const fs::path& folder, bool force) {
   if (fs::exists(folder) && !fs::is_directory(folder))
     throw InputError(folder.string() + ": is a file; give the name of a folder to make");
   if (!fs::exists(folder) || fs::is_empty(folder)) return;
@@ -72,10 +71,13 @@ void clear_folder(const fs::path& folder, bool force) {
     throw InputError(folder.string() +
                      ": is not empty and was not made by 'refield simulate'; give another folder");
   const auto record = nlohmann::json::parse(read_text(folder / record_name), nullptr, false);
-  const bool complete = record.is_discarded() || !record.is_object() || record.value("complete", true);
-  if (complete && !force)
+  const bool unfinished = record.is_object() && record.contains("complete") && record["complete"] == false;
+  if (!unfinished && !force)
     throw InputError(folder.string() +
                      ": holds a simulation already; give another folder, or --force to replace it");
+}
+
+void remove_earlier(const fs::path& folder) {
   for (const char* name : {session_manifest_name, transport_file_name, ambient_file_name})
     fs::remove(folder / name);
   for (const char* name : {"illumination", "observed"}) fs::remove_all(folder / name);
@@ -115,6 +117,7 @@ void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
 
 void simulate(const Arguments& arguments, const Common& common) {
   const Recipe recipe = recipe_of(arguments);
+  require_replaceable(arguments.folder, arguments.force);
   SimulateOptions options;
   options.precision = arguments.half ? Precision::half : Precision::single;
   options.noise = arguments.noise;
@@ -128,8 +131,8 @@ void simulate(const Arguments& arguments, const Common& common) {
     if (large && !options.keep_transport && !arguments.no_transport)
       std::fprintf(stderr, "The transport would take about %.1f GB and is not kept; --transport keeps it.\n",
                    static_cast<double>(plan_simulate(recipe, {}).transport_bytes) / 1e9);
-    std::fprintf(stderr, "Needs about %.1f GB of memory and %.1f GB of disk.\n",
-                 static_cast<double>(plan.memory_bytes) / 1e9, static_cast<double>(plan.disk_bytes) / 1e9);
+    std::fprintf(stderr, "Needs about %.0f MB of memory and %.0f MB of disk.\n",
+                 static_cast<double>(plan.memory_bytes) / 1e6, static_cast<double>(plan.disk_bytes) / 1e6);
   }
   const nlohmann::json provenance{{"program", "refield " REFIELD_VERSION},
                                   {"method", "ray traced transport"},
@@ -139,9 +142,9 @@ void simulate(const Arguments& arguments, const Common& common) {
                                   {"noise", options.noise}};
   options.provenance = provenance.dump();
   require_free_space(arguments.folder, plan.disk_bytes);
-  clear_folder(arguments.folder, arguments.force);
   create_folders(arguments.folder);
   write_record(arguments.folder, provenance, false);
+  remove_earlier(arguments.folder);
   const SimulateSummary summary = simulate_session(recipe, options, arguments.folder);
   write_record(arguments.folder, provenance, true);
   print(summary, arguments.folder, common.json);

@@ -10,7 +10,7 @@
 namespace refield {
 
 /// How a virtual sensor turns scene radiance into digital numbers (DN). The linear camera model of EMVA 1288:
-///   electrons = min(full well, Poisson(sensitivity · radiance · exposure)) + read noise
+///   electrons = min(full well, Poisson(sensitivity · radiance · exposure) + read noise)
 ///   DN        = black level + gain · electrons / electrons per DN
 /// then clipped to the full scale, bent by the response curve and rounded.
 struct SensorModel {

@@ -149,7 +149,7 @@ float Surface::density(const Vector3f& to_light) const {
   const float cosine = to_light.dot(normal_);
   if (material_->kind == Kind::translucent) {
     const auto t = static_cast<float>(material_->transmission);
-    return (cosine > 0.0f ? 1.0f - t : t) * std::abs(cosine) / pi;
+    return (to_light.dot(geometric_normal_) > 0.0f ? 1.0f - t : t) * std::abs(cosine) / pi;
   }
   const float lambert = std::max(0.0f, cosine) / pi;
   if (coat_probability_ == 0.0f) return lambert;
