@@ -14,6 +14,8 @@ namespace {
 constexpr double dark_share = 0.25;
 /// Two shown pixels are at least this share of the image's width apart.
 constexpr double least_distance = 0.1;
+/// Pixels nearer to the border than this share of the image are not taken: their marks would be cut off.
+constexpr double border = 0.03;
 
 /// Mean and variance of positions within [first, last), evenly filled.
 struct Interval {
@@ -120,10 +122,16 @@ std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask
   for (std::size_t p = 0; p < spreads.size(); ++p)
     if (inside(p)) energies.push_back(static_cast<float>(spreads[p].energy));
   const double dark = dark_share * quantile(energies, 0.5);
+  const auto near_border = [&](std::size_t p) {
+    const double x = static_cast<double>(p % field.width) + 0.5,
+                 y = static_cast<double>(p / field.width) + 0.5;
+    return std::min(x, field.width - x) < border * field.width ||
+           std::min(y, field.height - y) < border * field.height;
+  };
   const auto bright = [&](std::size_t p) { return inside(p) && spreads[p].energy > dark; };
   std::vector<std::size_t> candidates;
   for (std::size_t p = 0; p < spreads.size(); ++p)
-    if (bright(p)) candidates.push_back(p);
+    if (bright(p) && !near_border(p)) candidates.push_back(p);
   if (candidates.empty()) return {};
 
   const auto smooth = [&](const std::function<double(std::size_t)>& measure) {

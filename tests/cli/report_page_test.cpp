@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+// The report as a whole, on a tiny session whose exact transport is known.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <regex>
+
+#include "cli/report/report.h"
+#include "core/capture_session.h"
+#include "core/errors.h"
+#include "core/field_statistics.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/metrics.h"
+#include "core/reflectance_field_file.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield::report {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RefusedNaming;
+using test::run_refield;
+
+constexpr LightDomain domain{12, 9, Parameterisation::monitor};
+constexpr int width = 8, height = 6;
+constexpr double camera_gain_error = 1.05;  // photographs are 5 % brighter than the exact images
+constexpr double rounding = 1e-5;
+
+class ReportPage : public testing::Test {
+ protected:
+  ReportPage() {
+    create_folders(session_.folder);
+    session_.light = domain;
+    session_.width = width;
+    session_.height = height;
+    for (int i = 0; i < 30; ++i) add_frame("train_" + std::to_string(i), FrameRole::train, "natural");
+    for (int i = 0; i < 3; ++i) add_frame("test_" + std::to_string(i), FrameRole::test, "natural");
+    for (int i = 0; i < 2; ++i) add_frame("bar_" + std::to_string(i), FrameRole::test, "bar");
+    write_session_manifest(session_);
+    create_folders(truth_);
+    write_reflectance_field(truth_ / "transport.rfield", transport_);
+    write_reflectance_field(field_path_, field_);
+    request_ = {session_.folder, {field_path_}, truth_, {}, 30, page_};
+  }
+
+  void add_frame(const std::string& name, FrameRole role, const std::string& kind) {
+    LightMap light = test::random_light(rng_, domain);
+    if (kind == "bar")
+      for (int y = 0; y < domain.height; ++y)
+        for (int x = 0; x < domain.width; ++x)
+          for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = x / 4 == 1 ? 1.0f : 0.0f;
+    const CaptureFrame frame{name, role, kind, session_.folder / (name + "_light.exr"),
+                             session_.folder / (name + "_photo.exr")};
+    Image photograph = transport_.relight(light);
+    for (float& value : photograph.values) value *= static_cast<float>(camera_gain_error);
+    write_exr(frame.illumination, light.radiance);
+    write_exr(frame.observed, photograph);
+    session_.frames.push_back(frame);
+  }
+
+  /// The same measure without the report: all images of a kind at once.
+  double expected_error(const std::string& kind, double gain) const {
+    std::vector<Image> predicted, reference;
+    for (const CaptureFrame& frame : session_.frames_of(FrameRole::test)) {
+      if (frame.kind != kind) continue;
+      const LightMap light = read_light_map(frame.illumination, domain.parameterisation);
+      predicted.push_back(field_.relight(light));
+      reference.push_back(transport_.relight(light));
+      for (float& value : reference.back().values) value *= static_cast<float>(gain);
+    }
+    return relative_rmse(predicted, reference);
+  }
+
+  test::TemporaryFolder folder_;
+  Rng rng_{11};
+  ReflectanceField transport_ = test::random_field(rng_, width, height, domain, 20, 5);
+  ReflectanceField field_ = test::random_field(rng_, width, height, domain, 30, 6);
+  CaptureSession session_{folder_ / "session", {}, 0, 0, {}, {}, {}};
+  fs::path truth_ = folder_ / "truth";
+  fs::path field_path_ = folder_ / "a <field>.rfield";
+  fs::path page_ = folder_ / "report.html";
+  ReportRequest request_;
+};
+
+TEST_F(ReportPage, FiguresAreTheMetrics) {
+  const auto figures = write_report(request_);
+  const auto& field = figures.at("fields").at(0);
+  for (const auto& [reference, gain] : {std::pair{"photographs", camera_gain_error}, {"exact images", 1.0}})
+    for (const char* kind : {"natural", "bar"})
+      EXPECT_NEAR(field.at("errors").at(reference).at(kind).at("relative_rmse").get<double>(),
+                  expected_error(kind, gain), rounding)
+          << reference << ", " << kind;
+  EXPECT_EQ(field.at("errors").at("exact images").at("natural").at("images"), 3);
+  EXPECT_EQ(field.at("file_bytes"), fs::file_size(field_path_));
+  EXPECT_DOUBLE_EQ(field.at("statistics").at("share_of_99_percent").get<double>(),
+                   kernel_statistics(field_).share_of_99_percent);
+  EXPECT_EQ(field.at("options"), nullptr) << "this field records none";
+  // 25 and all 30 images, for the field's way, paper mode and without spatial correction.
+  ASSERT_EQ(figures.at("image_count").at("series").size(), 3u);
+  for (const auto& series : figures.at("image_count").at("series")) {
+    ASSERT_EQ(series.at("points").size(), 2u);
+    EXPECT_EQ(series.at("points").at(0).at("images"), 25);
+    EXPECT_EQ(series.at("points").at(1).at("images"), 30);
+  }
+}
+
+TEST_F(ReportPage, PageStandsAlone) {
+  write_report(request_);
+  const std::string page = read_text(page_);
+  EXPECT_TRUE(page.starts_with("<!DOCTYPE html>"));
+  EXPECT_TRUE(page.ends_with("</html>\n"));
+  for (const char* heading : {"Summary", "Under new light", "How many images", "What a pixel sees",
+                              "Kernels that matter", "Time and memory"})
+    EXPECT_NE(page.find("<h2>" + std::string(heading)), std::string::npos) << heading;
+  EXPECT_NE(page.find("a &lt;field&gt;"), std::string::npos);
+  EXPECT_EQ(page.find("a <field>"), std::string::npos) << "names are escaped";
+  EXPECT_EQ(page.find("<script"), std::string::npos);
+  EXPECT_EQ(page.find("http"), std::string::npos) << "nothing is loaded from elsewhere";
+  const std::regex address("(src|href)=\"([^\"]{0,22})");
+  std::size_t pictures = 0;
+  for (std::sregex_iterator found(page.begin(), page.end(), address), end; found != end; ++found, ++pictures)
+    EXPECT_EQ((*found)[2], "data:image/png;base64,");
+  EXPECT_GT(pictures, 20u);
+}
+
+TEST_F(ReportPage, EqualInputsGiveEqualPagesButForTimes) {
+  const auto without_times = [&] {
+    write_report(request_);
+    const std::regex times("[0-9.]+ (ms|s|frames a second)");
+    return std::regex_replace(std::regex_replace(read_text(page_), times, "T"), std::regex("T a frame"), "T");
+  };
+  const std::string first = without_times();
+  EXPECT_EQ(first, without_times());
+}
+
+TEST_F(ReportPage, AskedPixelsAreShown) {
+  request_.pixels = {{3, 2}, {0, 5}};
+  const auto figures = write_report(request_);
+  ASSERT_EQ(figures.at("pixels").size(), 2u);
+  EXPECT_EQ(figures.at("pixels").at(1).at("y"), 5);
+  request_.pixels = {{width, 0}};
+  EXPECT_THROW(write_report(request_), InputError);
+}
+
+TEST_F(ReportPage, SessionWithoutHeldOutFramesStillGetsAPage) {
+  std::erase_if(session_.frames, [](const CaptureFrame& frame) { return frame.role == FrameRole::test; });
+  write_session_manifest(session_);
+  const auto figures = write_report(request_);
+  EXPECT_TRUE(figures.at("fields").at(0).at("errors").empty());
+  EXPECT_NE(read_text(page_).find("holds no image out"), std::string::npos);
+}
+
+TEST_F(ReportPage, RefusesWhatDoesNotFitAndLeavesTheOldPage) {
+  write_text_atomically(page_, "old page");
+  const std::string session = session_.folder, page = page_;
+  EXPECT_THAT(run_refield({"report", session, "--field", folder_ / "none.rfield", "-o", page}),
+              RefusedNaming("none.rfield", "refield estimate"));
+  ReflectanceField other = test::random_field(rng_, width + 1, height, domain, 5, 3);
+  write_reflectance_field(folder_ / "other.rfield", other);
+  EXPECT_THAT(run_refield({"report", session, "--field", folder_ / "other.rfield", "-o", page}),
+              RefusedNaming("other.rfield", "estimated from this session"));
+  other = test::random_field(rng_, width, height, {24, 18, Parameterisation::monitor}, 5, 3);
+  write_reflectance_field(folder_ / "other.rfield", other);
+  EXPECT_THAT(run_refield({"report", session, "--field", folder_ / "other.rfield", "-o", page}),
+              RefusedNaming("other.rfield", "24×18"));
+  EXPECT_THAT(
+      run_refield({"report", session, "--field", field_path_, "--truth", folder_ / "none", "-o", page}),
+      RefusedNaming("none", "refield simulate"));
+  EXPECT_THAT(run_refield({"report", session, "--field", field_path_, "--pixel", "3;4", "-o", page}),
+              RefusedNaming("3;4", "--pixel 80,60"));
+  EXPECT_EQ(read_text(page_), "old page");
+}
+
+TEST_F(ReportPage, ProgramPrintsFiguresAndPath) {
+  const auto result = run_refield(
+      {"report", session_.folder, "--field", field_path_, "--study-pixels", "12", "--json", "-o", page_});
+  ASSERT_THAT(result, test::Succeeded());
+  const auto figures = nlohmann::json::parse(result.out);
+  EXPECT_EQ(figures.at("report"), page_.string());
+  EXPECT_NEAR(
+      figures.at("fields").at(0).at("errors").at("photographs").at("bar").at("relative_rmse").get<double>(),
+      expected_error("bar", camera_gain_error), rounding);
+}
+
+}  // namespace
+}  // namespace refield::report
