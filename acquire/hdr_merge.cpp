@@ -16,7 +16,7 @@ namespace refield {
 namespace {
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr float useful_share = 0.1f;  // of a sample's information
+constexpr float useful_share = 0.4f;  // of what an exposure would hold were all equal
 
 /// A decoded sample: electrons above black, and the variance that does not depend on light. An infinite
 /// variance marks a clipped sample: its weight becomes zero without a branch.
@@ -89,9 +89,10 @@ class RowFit {
 
   std::uint32_t count_useful(std::size_t i, float t) const {
     const float* f = floor_.data() + i * size_;
+    const float share = useful_share / static_cast<float>(exposures_);
     std::uint32_t count = 0;
     for (std::size_t x = 0; x < size_; ++x)
-      count += t * t > useful_share * information_[x] * (predicted_[x] * t + f[x]) && f[x] < infinity;
+      count += t * t > share * information_[x] * (predicted_[x] * t + f[x]) && f[x] < infinity;
     return count;
   }
 

@@ -17,8 +17,8 @@ struct MergeOptions {
 
 /// What each exposure was good for.
 struct MergeStatistics {
-  /// [exposures] fraction of the samples for which the exposure holds at least a tenth of the information. An
-  /// exposure near zero could have been saved.
+  /// [exposures] fraction of the samples for which the exposure holds at least 0.4 / n of the information: a
+  /// tenth, of four exposures. One near zero could have been saved.
   std::vector<double> useful_fraction;
   double clipped_fraction = 0.0;  ///< of the samples, clipped in every exposure
 };
