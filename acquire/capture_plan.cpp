@@ -9,9 +9,10 @@
 #include <sstream>
 
 #include "acquire/capture.h"
-#include "acquire/scene_mask.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
 
 namespace refield {
 
@@ -61,19 +62,24 @@ const char* name_of(MaskSource::Kind kind) {
 void CaptureRequest::check(const CameraDescription& described, const IlluminatorDescription& display) const {
   if (lights.empty()) throw InputError("there is no light to capture under; give light maps");
   std::set<std::string> names = {"ambient", "mask"};
+  Progress progress("checking lights", lights.size());
   for (const CaptureLight& light : lights) {
+    throw_if_interrupted();
     if (light.name.empty() || light.name.front() == '.' ||
         light.name.find_first_of("/\t\n\r") != std::string::npos)
       throw InputError(light.wanted.string() + ": '" + light.name + "' cannot name a frame; rename the file");
     if (!names.insert(light.name).second)
       throw InputError(light.wanted.string() + ": two frames would be named '" + light.name +
                        "'; rename one");
-    const ImageHeader header = read_image_header(light.wanted);
-    if (header.width != display.width || header.height != display.height)
-      throw InputError(light.wanted.string() + ": is " + std::to_string(header.width) + "×" +
-                       std::to_string(header.height) + " texels, the monitor shows " +
+    // Read whole, so that a damaged or impossible light is found before the first photograph, not in the
+    // middle.
+    const Image wanted = read_light_map(light.wanted, Parameterisation::monitor).radiance;
+    if (wanted.width != display.width || wanted.height != display.height)
+      throw InputError(light.wanted.string() + ": is " + std::to_string(wanted.width) + "×" +
+                       std::to_string(wanted.height) + " texels, the monitor shows " +
                        std::to_string(display.width) + "×" + std::to_string(display.height) +
                        "; make the light map at that size");
+    progress.advance();
   }
   camera.check("camera calibration");
   monitor.check("monitor calibration");
@@ -87,6 +93,14 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
     throw InputError("the number of ambient repeats is " + std::to_string(ambient_repeats) +
                      "; give 1 to 64");
   if (!(gain > 0.0)) throw InputError("the gain must be above zero");
+  if (mask.kind == MaskSource::Kind::painted) read_mask(mask.file, described.width, described.height);
+  if (mask.kind == MaskSource::Kind::automatic && !mask.file.empty()) {
+    const Image background = read_photograph(mask.file).radiance;
+    if (background.width != described.width || background.height != described.height)
+      throw InputError(mask.file.string() + ": the background is " + shape_text(background) +
+                       ", the camera takes " + std::to_string(described.width) + "×" +
+                       std::to_string(described.height) + "; take it with this camera");
+  }
   if (!exposures.empty())
     check_exposures(exposures, described);
   else

@@ -111,7 +111,7 @@ TEST_F(CaptureTest, ResumesAfterTheCameraFailedAtAnyFrame) {
   run(request("whole"));
   FakeRig counting;
   capture(request("count"), counting.camera(), counting.illuminator(), nullptr);
-  for (int frames = 0; frames < counting.frames_delivered(); frames += 17) {
+  for (int frames = 0; frames < counting.frames_delivered(); frames += 31) {
     FakeRigHabits habits;
     habits.unplugged_after = frames;
     const fs::path name = "cut_" + std::to_string(frames);
@@ -234,6 +234,16 @@ TEST_F(CaptureTest, RefusesUnusableRequestsBeforeWriting) {
     r.camera.saturation_dn = 1023;
   });
   refused([](auto& r) { r.ambient_repeats = 0; });
+  Image broken(FakeRig::width, FakeRig::height, 3, 0.5f);
+  broken.at(3, 2, 1) = std::nanf("");
+  write_exr(folder / "nan.exr", broken);
+  refused([&](auto& r) { r.lights[4].wanted = folder / "nan.exr"; });
+  fs::copy_file(lights[0].wanted, folder / "cut.exr");
+  fs::resize_file(folder / "cut.exr", fs::file_size(folder / "cut.exr") - 40);
+  refused([&](auto& r) { r.lights[4].wanted = folder / "cut.exr"; });
+  write_png(folder / "small.png", Image(2, 2, 1, 1.0f));
+  refused([&](auto& r) { r.mask = {MaskSource::Kind::painted, folder / "small.png"}; });
+  refused([&](auto& r) { r.mask = {MaskSource::Kind::automatic, folder / "small.exr"}; });
 }
 
 }  // namespace
