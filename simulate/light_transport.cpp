@@ -18,8 +18,6 @@ namespace {
 using Eigen::Vector3f;
 using Kind = MaterialDescription::Kind;
 
-// Entries below this share of the pixel's light are dropped and the others scaled up to keep the sum.
-constexpr double negligible_share = 1e-5;
 // Mirrors and glass surfaces in a row; what is lost behind is below a hundredth of a per cent for glass.
 constexpr int longest_specular_chain = 16;
 // GGX α of surfaces that light meets on its way to what the camera sees.
@@ -59,18 +57,16 @@ struct LatticeValue {
 struct TraceScratch::Memory {
   std::vector<LatticeValue> lattice;  // points at half texels, [2·height + 1 × 2·width + 1]
   std::uint32_t stamp = 0;
-  std::vector<Rgb> sum;  // [nodes], zero outside `touched`
-  std::vector<std::uint32_t> touched;
-  std::vector<char> is_touched;
+  TransportRow row;
   std::uint64_t rays = 0;
+
+  explicit Memory(const LightHierarchy& hierarchy)
+      : lattice((2 * static_cast<std::size_t>(hierarchy.domain().width) + 1) *
+                (2 * static_cast<std::size_t>(hierarchy.domain().height) + 1)),
+        row(hierarchy) {}
 };
 
-TraceScratch::TraceScratch(const LightHierarchy& hierarchy) : memory_(std::make_unique<Memory>()) {
-  const LightDomain& domain = hierarchy.domain();
-  memory_->lattice.resize((2 * static_cast<std::size_t>(domain.width) + 1) * (2 * domain.height + 1));
-  memory_->sum.assign(hierarchy.size(), Rgb::Zero());
-  memory_->is_touched.assign(hierarchy.size(), 0);
-}
+TraceScratch::TraceScratch(const LightHierarchy& hierarchy) : memory_(std::make_unique<Memory>(hierarchy)) {}
 TraceScratch::~TraceScratch() = default;
 TraceScratch::TraceScratch(TraceScratch&&) noexcept = default;
 std::uint64_t TraceScratch::rays() const {
@@ -128,7 +124,7 @@ class PixelTracer {
       trace_grid(options_.specular_grid);
     else
       trace_grid(grid);
-    return collect();
+    return {memory_.row.take(), ambient_};
   }
 
  private:
@@ -158,18 +154,6 @@ class PixelTracer {
   std::optional<Hit> intersect(const Ray& ray) {
     ++memory_.rays;
     return scene_.intersect(ray);
-  }
-
-  // Adds weight · (mean radiance of the node's texels) to the pixel.
-  void deposit_mean(std::uint32_t node, const Rgb& weight) {
-    deposit(node, weight / static_cast<float>(hierarchy_.box(node).area()));
-  }
-  void deposit(std::uint32_t node, const Rgb& weight) {
-    if (!memory_.is_touched[node]) {
-      memory_.is_touched[node] = 1;
-      memory_.touched.push_back(node);
-    }
-    memory_.sum[node] += weight;
   }
 
   // A ray through any number of mirrors and glass surfaces to where it ends. `diffuse_depth` counts the other
@@ -227,9 +211,10 @@ class PixelTracer {
     if (ray.direction.dot(monitor_.normal()) >= 0.0f) return;  // its back
     const Eigen::Vector2i texel = monitor_.texel_at(hit.position);
     if (diffuse_depth == 0)
-      deposit(hierarchy_.node_of_texel(0, texel.x(), texel.y()), throughput);
+      memory_.row.add(hierarchy_.node_of_texel(0, texel.x(), texel.y()), throughput);
     else
-      deposit_mean(hierarchy_.node_of_texel(hierarchy_.coarsest_level(), texel.x(), texel.y()), throughput);
+      memory_.row.add_mean(hierarchy_.node_of_texel(hierarchy_.coarsest_level(), texel.x(), texel.y()),
+                           throughput);
   }
 
   // The monitor's radiance at a point (column, row) of it, times the result and a texel's area, is what the
@@ -299,7 +284,7 @@ class PixelTracer {
           divide(surface, weight, level - 1, i, j, spread_limit);
       return;
     }
-    deposit(hierarchy_.node(level, column, row), weight * found.mean * monitor_.texel_area());
+    memory_.row.add(hierarchy_.node(level, column, row), weight * found.mean * monitor_.texel_area());
   }
 
   // A surface that the camera sees, directly or in a mirror.
@@ -401,8 +386,8 @@ class PixelTracer {
         const auto y = static_cast<float>(rng_.uniform(box.y0, box.y1));
         const Rgb found = integrand(surface, x, y);
         if (found.maxCoeff() > 0.0f)
-          deposit(hierarchy_.node(top, i, j),
-                  weight * found * (monitor_.texel_area() * static_cast<float>(across * down)));
+          memory_.row.add(hierarchy_.node(top, i, j),
+                          weight * found * (monitor_.texel_area() * static_cast<float>(across * down)));
       }
     if (depth >= options_.depth) return;
     const auto u = static_cast<float>(rng_.uniform()), v = static_cast<float>(rng_.uniform());
@@ -411,33 +396,6 @@ class PixelTracer {
     const float survival = std::min(1.0f, sample->weight.maxCoeff());  // Russian roulette
     if (rng_.uniform() >= survival) return;
     scatter_along(surface, sample->direction, weight * sample->weight / survival, depth + 1, nullptr);
-  }
-
-  PixelTransport collect() {
-    PixelTransport result;
-    result.ambient = ambient_;
-    std::ranges::sort(memory_.touched);
-    const auto energy_of = [&](std::uint32_t node) {
-      return (memory_.sum[node] * static_cast<float>(hierarchy_.box(node).area())).cast<double>().eval();
-    };
-    Eigen::Array3d total = Eigen::Array3d::Zero(), kept = total;
-    for (std::uint32_t node : memory_.touched) total += energy_of(node);
-    const auto negligible = [&](std::uint32_t node) {
-      return energy_of(node).sum() < negligible_share * total.sum();
-    };
-    for (std::uint32_t node : memory_.touched)
-      if (!negligible(node)) kept += energy_of(node);
-    const Rgb scale = (kept > 0.0).select(total / kept, 1.0).cast<float>();
-    for (std::uint32_t node : memory_.touched) {
-      if (total.sum() > 0.0 && !negligible(node)) {
-        const Rgb weight = memory_.sum[node] * scale;
-        result.entries.push_back({node, {weight[0], weight[1], weight[2]}});
-      }
-      memory_.sum[node] = Rgb::Zero();
-      memory_.is_touched[node] = 0;
-    }
-    memory_.touched.clear();
-    return result;
   }
 
   const Scene& scene_;

@@ -6,30 +6,25 @@
 
 #include "simulate/light_hierarchy.h"
 #include "simulate/scene.h"
+#include "simulate/transport_row.h"
 
 namespace refield {
 
 /// How much work tracing may spend.
 struct TraceOptions {
   int pixel_grid = 2;       ///< samples a pixel: pixel_grid², stratified
-  int specular_grid = 6;    ///< the same for pixels in which a sample meets glass or a mirror
+  int specular_grid = 5;    ///< the same for pixels in which a sample meets glass or a mirror
   int secondary_rays = 16;  ///< for interreflection, a sample
   int caustic_rays = 24;    ///< towards glass and mirrors, a sample: at most so many for each object
   double tolerance =
       0.3;               ///< a box is divided while the integrand varies by more than this share over it ...
-  double energy = 2e-4;  ///< ... and that variation is more than this share of the pixel's light
+  double energy = 4e-4;  ///< ... and that variation is more than this share of the pixel's light
   bool centre_samples = true;  ///< look at the centres of boxes too, not only at their corners
   int depth = 4;               ///< surfaces a path may meet after the first, specular ones not counted
   std::uint64_t seed = 1;
 
   /// `level` 1: quick, for large images; 2: balanced; 3: careful. Throws InputError otherwise.
   static TraceOptions of_quality(int level, std::uint64_t seed);
-};
-
-/// One box of a pixel's row of T: the weights multiply the *sum* of the texel values in the box.
-struct TransportEntry {
-  std::uint32_t node;  ///< of the LightHierarchy
-  float weight[3];
 };
 
 /// What a pixel sees.
