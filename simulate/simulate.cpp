@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 namespace {
 
 // Measured on datasets_synthetic/tabletop at 160×120 under 128×96 texels; it grows slowly with the map.
-constexpr std::uint64_t typical_entries_of_a_pixel = 700;
+constexpr std::uint64_t typical_entries_of_a_pixel = 600;
 constexpr std::uint64_t bytes_of_an_entry = sizeof(std::uint32_t) + 3 * sizeof(float);
 
 class Stopwatch {
