@@ -38,16 +38,22 @@ struct Job {
   Mask mask;
 };
 
+/// What messages call the capture: its folder or, for one given by patterns, its first photograph's folder.
+std::string name_of(const CaptureSession& session) {
+  if (!session.folder.empty() || session.frames.empty()) return session.folder.string();
+  return session.frames.front().observed.parent_path().string();
+}
+
 Job open_job(const CaptureSession& session, const EstimateOptions& options) {
   options.check();
   Job job{session, session.frames_of(FrameRole::train), {}};
   const int images = static_cast<int>(job.frames.size());
   if (images < 2)
-    throw InputError(
-        std::string(images == 0 ? "there is no training image" : "there is one training image only") +
-        "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
+    throw InputError(name_of(session) + ": holds " +
+                     (images == 0 ? "no training image" : "one training image only") +
+                     "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
   if (images < options.kernels)
-    throw InputError(std::to_string(images) + " training images cannot determine " +
+    throw InputError(name_of(session) + ": " + std::to_string(images) + " training images cannot determine " +
                      std::to_string(options.kernels) + " kernels a pixel; add images or give --kernels " +
                      std::to_string(images) + " or less");
   job.session.frames = job.frames;

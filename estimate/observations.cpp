@@ -28,7 +28,8 @@ Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int
                      " pixels wide, not " + std::to_string(width));
   for (std::size_t i = 0; i < radiance.values.size(); ++i) {
     float& value = radiance.values[i];
-    if (value >= clip_level || (!photograph.sigma.empty() && std::isinf(photograph.sigma.values[i]))) {
+    const bool clipped = std::isfinite(clip_level) && value >= clip_level;
+    if (clipped || (!photograph.sigma.empty() && std::isinf(photograph.sigma.values[i]))) {
       value = std::numeric_limits<float>::quiet_NaN();
     } else if (!std::isfinite(value)) {
       const std::size_t pixel = i / 3;

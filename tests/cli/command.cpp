@@ -5,6 +5,7 @@
 #include <spawn.h>
 #include <sys/wait.h>
 
+#include <ostream>
 #include <stdexcept>
 
 #include "core/files.h"
@@ -13,6 +14,10 @@
 extern char** environ;
 
 namespace refield::test {
+
+void PrintTo(const CommandResult& result, std::ostream* stream) {
+  *stream << "status " << result.status << ", standard error: " << result.err;
+}
 
 CommandResult run_refield(const std::vector<std::string>& arguments) {
   const TemporaryFolder folder;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <iosfwd>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,9 @@ struct CommandResult {
   std::string out;  ///< standard output
   std::string err;  ///< standard error
 };
+
+/// For GoogleTest's messages.
+void PrintTo(const CommandResult& result, std::ostream* stream);
 
 /// Runs the built `refield` with the given arguments and waits for it.
 CommandResult run_refield(const std::vector<std::string>& arguments);

@@ -8,16 +8,15 @@
 
 namespace refield::test {
 
-/// The program refused its input: exit status 2 and one line that holds both words (the file and the remedy).
+/// The program refused its input: exit status 2 and a message that holds both words (the file and the
+/// remedy).
 MATCHER_P2(RefusedNaming, file, remedy,
            "is refused with status 2, naming '" + std::string(file) + "' and '" + std::string(remedy) + "'") {
-  *result_listener << "status " << arg.status << ", message: " << arg.err;
-  return arg.status == 2 && arg.err.starts_with("refield: ") && arg.err.find(file) != std::string::npos &&
-         arg.err.find(remedy) != std::string::npos;
+  return arg.status == 2 && arg.err.find("refield: ") != std::string::npos &&
+         arg.err.find(file) != std::string::npos && arg.err.find(remedy) != std::string::npos;
 }
 
 MATCHER(Succeeded, "succeeds") {
-  *result_listener << "status " << arg.status << ", message: " << arg.err;
   return arg.status == 0;
 }
 

@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+// What estimation refuses: the message names the file and the remedy, and no output is touched.
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/reflectance_field_file.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/random_data.h"
+#include "tests/support/small_disk.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+
+constexpr int images = 12;
+constexpr LightDomain domain{8, 6, Parameterisation::monitor};
+
+class EstimateVerb : public testing::Test {
+ protected:
+  EstimateVerb() {
+    const ReflectanceField truth = test::random_field(rng_, 6, 5, domain, 10, 3);
+    create_folders(folder_ / "light");
+    create_folders(folder_ / "observed");
+    for (int i = 0; i < images; ++i) {
+      const LightMap light = test::random_light(rng_, domain);
+      write_exr(light_file(i), light.radiance);
+      write_exr(photograph_file(i), truth.relight(light));
+    }
+    std::ofstream(output_) << "old";
+  }
+
+  std::string light_file(int i) { return folder_ / ("light/t_" + std::to_string(i) + ".exr"); }
+  std::string photograph_file(int i) { return folder_ / ("observed/t_" + std::to_string(i) + ".exr"); }
+
+  test::CommandResult estimate(const std::vector<std::string>& more = {"--kernels", "4"}) {
+    std::vector<std::string> arguments = {
+        "estimate", "--light", folder_ / "light/t_*.exr", "--observed", folder_ / "observed/t_*.exr",
+        "-o",       output_};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return run_refield(arguments);
+  }
+
+  void expect_refused(const std::string& file, const std::string& remedy,
+                      const std::vector<std::string>& more = {"--kernels", "4"}) {
+    EXPECT_THAT(estimate(more), RefusedNaming(file, remedy));
+    EXPECT_TRUE(read_text(output_) == "old") << "the output was touched";
+  }
+
+  /// Replaces the value of one sample of an image.
+  static void spoil(const fs::path& path, int x, int y, float value) {
+    Image image = read_image(path);
+    image.at(x, y, 1) = value;
+    write_exr(path, image);
+  }
+
+  test::TemporaryFolder folder_;
+  Rng rng_{1};
+  const std::string output_ = folder_ / "f.rfield";
+};
+
+TEST_F(EstimateVerb, GoodInputReplacesTheOutput) {
+  const auto result = estimate({"--kernels", "4", "--json"});
+  ASSERT_THAT(result, Succeeded());
+  EXPECT_EQ(nlohmann::json::parse(result.out)["images"], images);
+  EXPECT_EQ(read_reflectance_field(output_).width, 6);
+}
+
+TEST_F(EstimateVerb, AMissingImageInASeries) {
+  fs::remove(photograph_file(7));
+  expect_refused("light/t_7.exr", "add the missing image");
+}
+
+TEST_F(EstimateVerb, APhotographOrLightOfTheWrongSize) {
+  write_exr(photograph_file(3), Image(7, 5, 3, 1.0f));
+  expect_refused("observed/t_3.exr", "7×5");
+  write_exr(photograph_file(3), Image(6, 5, 3, 1.0f));
+  write_exr(light_file(5), Image(8, 7, 3, 1.0f));
+  expect_refused("light/t_5.exr", "8×7");
+}
+
+TEST_F(EstimateVerb, ATruncatedImage) {
+  for (const std::string& path : {photograph_file(2), light_file(9)}) {
+    const std::string bytes = read_text(path);
+    for (const double part : {0.0, 0.3, 0.9}) {
+      std::ofstream(path, std::ios::binary) << bytes.substr(0, static_cast<std::size_t>(part * bytes.size()));
+      expect_refused(fs::path(path).filename(), "");
+    }
+    std::ofstream(path, std::ios::binary) << bytes;
+  }
+}
+
+TEST_F(EstimateVerb, PixelsThatAreNoNumbers) {
+  for (const float bad : {NAN, INFINITY, -INFINITY}) {
+    spoil(photograph_file(4), 2, 3, bad);
+    expect_refused("observed/t_4.exr", "(2, 3)");
+  }
+  spoil(photograph_file(4), 2, 3, 1.0f);
+  spoil(light_file(6), 5, 1, NAN);
+  expect_refused("light/t_6.exr", "(5, 1)");
+}
+
+TEST_F(EstimateVerb, AnAllBlackLight) {
+  write_exr(light_file(8), Image(domain.width, domain.height, 3));
+  expect_refused("light/t_8.exr", "leave it out");
+}
+
+TEST_F(EstimateVerb, OneImageOnly) {
+  for (int i = 1; i < images; ++i) {
+    fs::remove(light_file(i));
+    fs::remove(photograph_file(i));
+  }
+  expect_refused("observed", "needs many lights", {"--kernels", "1"});
+}
+
+TEST_F(EstimateVerb, FewerImagesThanKernels) {
+  expect_refused("observed", "--kernels 12", {"--kernels", "25"});
+}
+
+TEST_F(EstimateVerb, OptionsOutOfRange) {
+  for (const std::vector<std::string>& more : {std::vector<std::string>{"--kernels", "0"},
+                                               {"--kernels", "256"},
+                                               {"--mode", "best"},
+                                               {"--memory", "-1"},
+                                               {"--memory", "0.001"},
+                                               {"--spatial-passes", "-1"},
+                                               {"--parameterisation", "fisheye"}}) {
+    EXPECT_EQ(estimate(more).status, 2) << testing::PrintToString(more);
+    EXPECT_TRUE(read_text(output_) == "old") << "the output was touched";
+  }
+}
+
+TEST_F(EstimateVerb, ASessionThatIsNone) {
+  EXPECT_THAT(run_refield({"estimate", folder_.path(), "-o", output_}),
+              RefusedNaming(folder_.path().string(), "--observed"));
+  EXPECT_THAT(run_refield({"estimate", folder_ / "none", "-o", output_}),
+              RefusedNaming("none", "capture session"));
+}
+
+TEST_F(EstimateVerb, AFullDisk) {
+  const test::SmallDisk disk(256);
+  if (!disk.mounted()) GTEST_SKIP() << test::needs_mounting;
+  std::ofstream(disk / "f.rfield") << "old";
+  disk.fill_leaving(8);
+  const auto result = run_refield({"estimate", "--light", folder_ / "light", "--observed",
+                                   folder_ / "observed", "--kernels", "4", "-o", disk / "f.rfield"});
+  EXPECT_THAT(result, RefusedNaming("", "free some space"));
+  EXPECT_TRUE(read_text(disk / "f.rfield") == "old") << "the output was touched";
+}
+
+}  // namespace
+}  // namespace refield
