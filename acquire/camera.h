@@ -27,7 +27,8 @@ struct RawFrame {
   int width = 0;
   int height = 0;
   PixelLayout layout = PixelLayout::rgb;
-  std::vector<std::uint16_t> samples;  ///< [height × width × 3] for rgb, [height × width] otherwise; top row first
+  std::vector<std::uint16_t>
+      samples;  ///< [height × width × 3] for rgb, [height × width] otherwise; top row first
   TimePoint exposure_start{};
   Seconds exposure{0};
   double gain = 1.0;           ///< amplification that was in effect, unitless

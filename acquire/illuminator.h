@@ -28,8 +28,8 @@ class Illuminator {
  public:
   virtual ~Illuminator() = default;
   virtual IlluminatorDescription describe() const = 0;
-  /// Shows a pattern and returns the time stamp of the flip. Throws InputError for a wrong size, DeviceError when the
-  /// display is gone. The light has fully changed `latency + settling` after the flip.
+  /// Shows a pattern and returns the time stamp of the flip. Throws InputError for a wrong size, DeviceError
+  /// when the display is gone. The light has fully changed `latency + settling` after the flip.
   virtual TimePoint show(const DriveImage& image) = 0;
 };
 

@@ -16,10 +16,13 @@ constexpr int status_interrupted = 130;
 
 int run(int argc, char** argv) {
   CLI::App app(
-      "refield measures how a scene turns light into pixels, keeps that as a reflectance field, and relights the scene.\n"
+      "refield measures how a scene turns light into pixels, keeps that as a reflectance field, and relights "
+      "the scene.\n"
       "\nThe path of the data:\n"
-      "  refield simulate RECIPE.toml -o truth                        a synthetic scene with its exact transport\n"
-      "  refield acquire RECIPE.toml --truth truth -o session         photograph it under a hundred or so lights\n"
+      "  refield simulate RECIPE.toml -o truth                        a synthetic scene with its exact "
+      "transport\n"
+      "  refield acquire RECIPE.toml --truth truth -o session         photograph it under a hundred or so "
+      "lights\n"
       "  refield estimate session -o scene.rfield                     estimate the reflectance field\n"
       "  refield relight scene.rfield --light new.exr -o new-image.exr\n");
   app.name("refield");
@@ -64,7 +67,8 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "refield: out of memory; give --memory a smaller limit or work on smaller images\n");
     return status_bad_input;
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "refield: unexpected error: %s\nPlease report this with the command that caused it.\n",
+    std::fprintf(stderr,
+                 "refield: unexpected error: %s\nPlease report this with the command that caused it.\n",
                  error.what());
     return status_defect;
   }

@@ -15,7 +15,8 @@ std::string remedy(int error_number) {
 }  // namespace
 
 DeviceError::DeviceError(const std::string& device, int error_number, const std::string& what)
-    : Error(device + ": " + what + ": " + std::generic_category().message(error_number) + remedy(error_number)),
+    : Error(device + ": " + what + ": " + std::generic_category().message(error_number) +
+            remedy(error_number)),
       error_number_(error_number) {}
 
 }  // namespace refield

@@ -14,7 +14,8 @@ class Error : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// What the user gave cannot be used: an option out of range, images that do not fit together, too few images.
+/// What the user gave cannot be used: an option out of range, images that do not fit together, too few
+/// images.
 class InputError : public Error {
  public:
   using Error::Error;
@@ -34,7 +35,8 @@ class FormatError : public Error {
   std::filesystem::path path_;
 };
 
-/// The operating system refused an operation on a device or a file system: unplugged, no space, no permission.
+/// The operating system refused an operation on a device or a file system: unplugged, no space, no
+/// permission.
 class DeviceError : public Error {
  public:
   /// `error_number` is errno as it stood after the failed call.

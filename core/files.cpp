@@ -25,10 +25,13 @@ void sync_to_device(const fs::path& path, int flags) {
   const int error_number = errno;
   ::close(fd);
   // Some file systems cannot sync folders; the rename is then as safe as they allow.
-  if (status != 0 && error_number != EINVAL) throw DeviceError(path.string(), error_number, "cannot flush to disk");
+  if (status != 0 && error_number != EINVAL)
+    throw DeviceError(path.string(), error_number, "cannot flush to disk");
 }
 
-fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+fs::path folder_of(const fs::path& path) {
+  return path.has_parent_path() ? path.parent_path() : fs::path(".");
+}
 
 /// Text that the wildcards of `pattern` stand for in `text`, joined by '/'; nullopt when it does not match.
 std::optional<std::string> match_wildcards(std::string_view pattern, std::string_view text) {
@@ -49,7 +52,8 @@ std::optional<std::string> match_wildcards(std::string_view pattern, std::string
 }
 
 bool is_image_file(const fs::path& path) {
-  static const std::vector<std::string> known = {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm"};
+  static const std::vector<std::string> known = {".exr",  ".hdr", ".png",  ".jpg",
+                                                 ".jpeg", ".tif", ".tiff", ".pfm"};
   std::string extension = path.extension().string();
   std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
   return std::ranges::find(known, extension) != known.end();
@@ -119,7 +123,8 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
   std::vector<GlobMatch> matches;
   if (fs::is_directory(path)) {
     for (const auto& entry : fs::directory_iterator(path))
-      if (entry.is_regular_file() && is_image_file(entry.path()) && entry.path().filename().string()[0] != '.')
+      if (entry.is_regular_file() && is_image_file(entry.path()) &&
+          entry.path().filename().string()[0] != '.')
         matches.push_back({entry.path(), entry.path().stem().string()});
   } else if (fs::is_directory(folder_of(path))) {
     for (const auto& entry : fs::directory_iterator(folder_of(path))) {

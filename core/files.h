@@ -8,9 +8,9 @@
 
 namespace refield {
 
-/// Writes a file so that a crash at any moment leaves either the old content or the new one: `write` fills a temporary
-/// file beside `path` (same extension), which is then flushed to the device and renamed onto `path`.
-/// The temporary is removed when `write` throws. Throws DeviceError where the system refuses.
+/// Writes a file so that a crash at any moment leaves either the old content or the new one: `write` fills a
+/// temporary file beside `path` (same extension), which is then flushed to the device and renamed onto
+/// `path`. The temporary is removed when `write` throws. Throws DeviceError where the system refuses.
 void write_atomically(const std::filesystem::path& path,
                       const std::function<void(const std::filesystem::path& temporary)>& write);
 
@@ -22,7 +22,8 @@ std::string read_text(const std::filesystem::path& path);
 /// Creates a folder and its parents. Throws DeviceError when the system refuses.
 void create_folders(const std::filesystem::path& folder);
 
-/// Throws DeviceError (ENOSPC) unless the file system that holds `path` has `bytes` free. Asked before long work begins.
+/// Throws DeviceError (ENOSPC) unless the file system that holds `path` has `bytes` free. Asked before long
+/// work begins.
 void require_free_space(const std::filesystem::path& path, std::uint64_t bytes);
 
 /// A file that a pattern found, and what its wildcards stood for ("train_*.exr" on train_007.exr: "007").
@@ -31,8 +32,8 @@ struct GlobMatch {
   std::string wildcard;
 };
 
-/// Files that match a pattern with `*` and `?` in its last component, sorted by name. A folder stands for all image
-/// files in it. Throws InputError when nothing matches.
+/// Files that match a pattern with `*` and `?` in its last component, sorted by name. A folder stands for all
+/// image files in it. Throws InputError when nothing matches.
 std::vector<GlobMatch> expand_glob(const std::string& pattern);
 
 }  // namespace refield

@@ -8,10 +8,12 @@
 namespace refield {
 
 std::string shape_text(const Image& image) {
-  return std::to_string(image.width) + "×" + std::to_string(image.height) + "×" + std::to_string(image.channels);
+  return std::to_string(image.width) + "×" + std::to_string(image.height) + "×" +
+         std::to_string(image.channels);
 }
 
-void require_finite(const Image& image, const std::string& name, bool allow_negative, const std::string& remedy) {
+void require_finite(const Image& image, const std::string& name, bool allow_negative,
+                    const std::string& remedy) {
   for (std::size_t i = 0; i < image.values.size(); ++i) {
     const float value = image.values[i];
     if (std::isfinite(value) && (allow_negative || value >= 0.0f)) continue;

@@ -44,6 +44,7 @@ std::string shape_text(const Image& image);
 
 /// Throws InputError, naming `name` and the first bad pixel, when a value is NaN, infinite or, unless
 /// `allow_negative`, below zero. `remedy` ends the message.
-void require_finite(const Image& image, const std::string& name, bool allow_negative, const std::string& remedy);
+void require_finite(const Image& image, const std::string& name, bool allow_negative,
+                    const std::string& remedy);
 
 }  // namespace refield

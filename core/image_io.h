@@ -16,9 +16,9 @@ struct ImageHeader {
   bool has_sigma = false;  ///< carries the noise of each sample, see Photograph
 };
 
-/// A photograph, or a band of its rows: scene-linear radiance and, where known, each sample's standard deviation.
-/// In EXR files the channels are R, G, B and sigma.R, sigma.G, sigma.B. An infinite sigma marks a sample that was not
-/// measured (clipped in every exposure); its radiance is then only a lower bound.
+/// A photograph, or a band of its rows: scene-linear radiance and, where known, each sample's standard
+/// deviation. In EXR files the channels are R, G, B and sigma.R, sigma.G, sigma.B. An infinite sigma marks a
+/// sample that was not measured (clipped in every exposure); its radiance is then only a lower bound.
 struct Photograph {
   Image radiance;  ///< [rows × width × 3]
   Image sigma;     ///< same shape, or empty
@@ -29,21 +29,22 @@ enum class Precision { half, single };
 /// Throws DeviceError for a missing file and FormatError for one that is no image.
 ImageHeader read_image_header(const std::filesystem::path& path);
 
-/// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are taken as sRGB
-/// and decoded. Values are returned as stored: check them with require_finite().
-/// Throws FormatError when the file is truncated or not an image.
+/// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are
+/// taken as sRGB and decoded. Values are returned as stored: check them with require_finite(). Throws
+/// FormatError when the file is truncated or not an image.
 Image read_image(const std::filesystem::path& path);
 
 /// Reads rows [first, last) of a photograph without holding the rest of the file.
 Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
 Photograph read_photograph(const std::filesystem::path& path);
 
-/// Reads a light map: finite everywhere; small negative values, as lossy compression leaves them, become zero.
-/// Throws InputError on NaN or Inf.
+/// Reads a light map: finite everywhere; small negative values, as lossy compression leaves them, become
+/// zero. Throws InputError on NaN or Inf.
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation);
 
 /// Writes a one- or three-channel EXR (ZIP), atomically. Throws DeviceError where the disk refuses.
-void write_exr(const std::filesystem::path& path, const Image& image, Precision precision = Precision::single);
+void write_exr(const std::filesystem::path& path, const Image& image,
+               Precision precision = Precision::single);
 void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
                       Precision precision = Precision::single);
 

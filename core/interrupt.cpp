@@ -9,7 +9,9 @@ namespace refield {
 
 namespace {
 volatile sig_atomic_t stop_requested = 0;
-void on_signal(int) { stop_requested = 1; }
+void on_signal(int) {
+  stop_requested = 1;
+}
 }  // namespace
 
 void install_interrupt_handler() {
@@ -20,7 +22,9 @@ void install_interrupt_handler() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-bool interrupted() { return stop_requested != 0; }
+bool interrupted() {
+  return stop_requested != 0;
+}
 
 void throw_if_interrupted() {
   if (interrupted()) throw Interrupted();

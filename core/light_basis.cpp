@@ -11,8 +11,8 @@ namespace refield {
 std::vector<float> BoxBasis::project(const LightMap& light) const {
   const LightDomain given = light.domain();
   if (given != domain)
-    throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) + " (" +
-                     std::string(name_of(given.parameterisation)) + "), the field expects " +
+    throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) +
+                     " (" + std::string(name_of(given.parameterisation)) + "), the field expects " +
                      std::to_string(domain.width) + "×" + std::to_string(domain.height) + " (" +
                      std::string(name_of(domain.parameterisation)) + "); resample the map to that size");
   const SummedAreaTable table(light.radiance);

@@ -11,9 +11,12 @@ namespace refield {
 
 std::string_view name_of(Parameterisation parameterisation) {
   switch (parameterisation) {
-    case Parameterisation::monitor: return "monitor";
-    case Parameterisation::lat_long: return "lat_long";
-    case Parameterisation::cube: return "cube";
+    case Parameterisation::monitor:
+      return "monitor";
+    case Parameterisation::lat_long:
+      return "lat_long";
+    case Parameterisation::cube:
+      return "cube";
   }
   throw InputError("unknown light map parameterisation");
 }

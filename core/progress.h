@@ -8,9 +8,9 @@
 
 namespace refield {
 
-/// Progress of one stage on standard error: a bar with the time left on a terminal, a line every ten seconds elsewhere,
-/// nothing for stages shorter than a second or when silenced. advance() may be called from any thread. Of progresses
-/// within each other the outermost alone is shown.
+/// Progress of one stage on standard error: a bar with the time left on a terminal, a line every ten seconds
+/// elsewhere, nothing for stages shorter than a second or when silenced. advance() may be called from any
+/// thread. Of progresses within each other the outermost alone is shown.
 class Progress {
  public:
   Progress(std::string label, std::uint64_t total);

@@ -9,8 +9,9 @@
 
 namespace refield {
 
-/// How a scene turns incident light into pixels: B = T L with T = transfer · basis (Matusik et al. 2004, eqs. 1–4).
-/// A row of the transfer is a pixel, row-major, top row first; a pixel outside the mask has an empty row.
+/// How a scene turns incident light into pixels: B = T L with T = transfer · basis (Matusik et al. 2004, eqs.
+/// 1–4). A row of the transfer is a pixel, row-major, top row first; a pixel outside the mask has an empty
+/// row.
 struct ReflectanceField {
   int width = 0;
   int height = 0;
@@ -18,11 +19,12 @@ struct ReflectanceField {
   SparseTransfer transfer;
   /// [pixels], relative RMSE over the images it was estimated from; empty where the field was not estimated.
   std::vector<float> training_error;
-  /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal inputs give
-  /// equal files.
+  /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal
+  /// inputs give equal files.
   std::string provenance = "{}";
 
-  /// The scene under `light`, [height × width × 3]. Throws InputError when the light does not fit the basis' domain.
+  /// The scene under `light`, [height × width × 3]. Throws InputError when the light does not fit the basis'
+  /// domain.
   Image relight(const LightMap& light) const;
 };
 

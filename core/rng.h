@@ -4,8 +4,8 @@
 
 namespace refield {
 
-/// Counter-based random numbers (SplitMix64; Steele, Lea and Flood 2014). A stream is named by its keys, for example
-/// Rng(seed, light, pixel): results do not depend on the order of work or on the number of threads.
+/// Counter-based random numbers (SplitMix64; Steele, Lea and Flood 2014). A stream is named by its keys, for
+/// example Rng(seed, light, pixel): results do not depend on the order of work or on the number of threads.
 class Rng {
  public:
   template <class... Keys>
@@ -23,7 +23,8 @@ class Rng {
   }
   /// Standard normal.
   double normal();
-  /// Poisson with the given mean ≥ 0; exact below 64, a rounded normal above (relative error of its moments < 1e-3).
+  /// Poisson with the given mean ≥ 0; exact below 64, a rounded normal above (relative error of its moments <
+  /// 1e-3).
   double poisson(double mean);
 
  private:

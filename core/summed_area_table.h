@@ -9,8 +9,8 @@
 namespace refield {
 
 /// Sums of an RGB image over any rectangle in constant time (Crow 1984).
-/// Kept in double: a float32 table is off by 30 % on single texels of an ordinary 800×600 map, because a box sum is a
-/// small difference of large prefix sums.
+/// Kept in double: a float32 table is off by 30 % on single texels of an ordinary 800×600 map, because a box
+/// sum is a small difference of large prefix sums.
 class SummedAreaTable {
  public:
   /// `image` has 3 channels. Throws InputError otherwise.
@@ -19,7 +19,8 @@ class SummedAreaTable {
   int width() const { return width_; }
   int height() const { return height_; }
 
-  /// Sum of the texel values in `box`, a channel each. `box` must lie inside the image (not checked here: hot loop).
+  /// Sum of the texel values in `box`, a channel each. `box` must lie inside the image (not checked here: hot
+  /// loop).
   std::array<double, 3> sum(const Box& box) const {
     const double* a = corner(box.x0, box.y0);
     const double* b = corner(box.x1, box.y0);

@@ -7,8 +7,8 @@
 namespace refield {
 
 /// A sparse, non-negative transfer matrix by rows: outputs = transfer · coefficients.
-/// One row an output (pixel or vertex); an entry holds a basis function's number and one weight a channel. A weight
-/// multiplies the *sum* of texel values in its box.
+/// One row an output (pixel or vertex); an entry holds a basis function's number and one weight a channel. A
+/// weight multiplies the *sum* of texel values in its box.
 struct SparseTransfer {
   std::vector<std::uint64_t> row_start{0};  ///< [rows + 1]
   std::vector<std::uint32_t> column;        ///< [entries], basis function
@@ -20,8 +20,8 @@ struct SparseTransfer {
   /// Appends a row with `columns.size()` entries and `weights` [entries × 3].
   void append_row(std::span<const std::uint32_t> columns, std::span<const float> weights);
 
-  /// `coefficients` [basis functions × 3] to `outputs` [rows × 3]. Runs on all cores; each output is summed in the order
-  /// of its entries, so the result does not depend on the number of threads.
+  /// `coefficients` [basis functions × 3] to `outputs` [rows × 3]. Runs on all cores; each output is summed
+  /// in the order of its entries, so the result does not depend on the number of threads.
   void apply(std::span<const float> coefficients, std::span<float> outputs) const;
 };
 

@@ -18,7 +18,11 @@ struct MonotonicClock {
 };
 using TimePoint = MonotonicClock::time_point;
 
-constexpr double radians_from_degrees(double degrees) { return degrees * std::numbers::pi / 180.0; }
-constexpr double degrees_from_radians(double radians) { return radians * 180.0 / std::numbers::pi; }
+constexpr double radians_from_degrees(double degrees) {
+  return degrees * std::numbers::pi / 180.0;
+}
+constexpr double degrees_from_radians(double radians) {
+  return radians * 180.0 / std::numbers::pi;
+}
 
 }  // namespace refield
