@@ -79,7 +79,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
                          active};
     std::vector<PixelKernels> next(kernels.size());
     for_each_tile(rows, [&](const Tile& tile, FitWorker& own) {
-      auto corrected = correct_tile(grid, tile, own.cache, own.weights);
+      auto corrected = correct_tile(grid, tile, options.mode, own.cache, own.weights);
       std::size_t i = 0;
       for (int y = tile.y0; y < tile.y1; ++y)
         for (int x = tile.x0; x < tile.x1; ++x) next[at(x, y)] = std::move(corrected[i++]);

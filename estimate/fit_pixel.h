@@ -8,6 +8,7 @@
 #include "estimate/kernel_cache.h"
 #include "estimate/nnls.h"
 #include "estimate/options.h"
+#include "estimate/select_kernels.h"
 #include "estimate/vector_kernels.h"
 
 namespace refield {
@@ -29,7 +30,8 @@ struct MaskedSamples {
   AlignedFloats values;    // [3 × stride]
   AlignedFloats measured;  // [3 × stride], 1 or 0
   bool complete = true;
-  std::array<double, 3> squared{};
+  std::array<double, 3> squared{};  ///< Σ b² of each channel
+  std::array<int, 3> count{};       ///< measured samples of each channel
 
   void assign(const PixelSamples& samples, std::size_t stride, int images);
 };
@@ -59,6 +61,11 @@ class PixelFitter {
     Box box;
     std::vector<int> candidates;
   };
+  struct InnerNode {
+    Box box;
+    int rank;                         // of the basis when it was split: how many coordinates it has
+    std::vector<double> coordinates;  // [3 × rank]
+  };
   struct Candidate {
     const Split* split;
     int leaf;
@@ -77,44 +84,54 @@ class PixelFitter {
   int best_by_solving();
   double residual_after(const Candidate& candidate, double give_up_above);
   double residual_bound(int candidate) const;
+  double squared_residual() const;
+  double leaf_criterion(double squared) const;
+  PixelKernels leaves_as_kernels() const;
+  PixelKernels select_from_tree();
   void report(const Observer& observer, int subdivisions) const;
 
   float* basis(int c, int k) {
-    return basis_.data() + (static_cast<std::size_t>(c) * max_kernels_ + k) * stride_;
+    return basis_.data() + (static_cast<std::size_t>(c) * max_leaves_ + k) * stride_;
   }
   float* coordinates(int candidate, int c) {
-    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_kernels_;
+    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_leaves_;
   }
   const float* coordinates(int candidate, int c) const {
-    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_kernels_;
+    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_leaves_;
   }
   double* leaf_coordinates(int leaf, int c) {
-    return leaf_coordinates_.data() + (static_cast<std::size_t>(leaf) * 3 + c) * max_kernels_;
+    return leaf_coordinates_.data() + (static_cast<std::size_t>(leaf) * 3 + c) * max_leaves_;
   }
   const double* leaf_coordinates(int leaf, int c) const {
-    return leaf_coordinates_.data() + (static_cast<std::size_t>(leaf) * 3 + c) * max_kernels_;
+    return leaf_coordinates_.data() + (static_cast<std::size_t>(leaf) * 3 + c) * max_leaves_;
   }
-  double* gram(int c) { return gram_.data() + static_cast<std::size_t>(c) * max_kernels_ * max_kernels_; }
+  const double* gram(int c) const {
+    return gram_.data() + static_cast<std::size_t>(c) * max_leaves_ * max_leaves_;
+  }
+  double* gram(int c) { return gram_.data() + static_cast<std::size_t>(c) * max_leaves_ * max_leaves_; }
 
   KernelCache& cache_;
   EstimateOptions options_;
-  int max_kernels_;
+  int max_leaves_;
   std::size_t stride_;
 
   MaskedSamples samples_;
   std::vector<Leaf> leaves_;
+  std::vector<InnerNode> inner_;  // rectangles that were split
   std::vector<Candidate> candidates_;
   std::vector<int> live_, unused_;                       // candidate slots
   int rank_ = 0;                                         // vectors in the basis
-  AlignedFloats basis_;                                  // [3 × max_kernels × stride]
+  AlignedFloats basis_;                                  // [3 × max_leaves × stride]
   std::array<std::vector<double>, 3> samples_in_basis_;  // y = Qᵀb
   std::array<std::vector<double>, 3> fit_in_basis_;      // z = Qᵀ A x
-  std::vector<float> candidate_coordinates_;             // [candidates × 3 × max_kernels]
-  std::vector<double> leaf_coordinates_;                 // [max_kernels × 3 × max_kernels]
-  std::vector<double> gram_;                             // [3 × max_kernels × max_kernels]
+  std::vector<float> candidate_coordinates_;             // [candidates × 3 × max_leaves]
+  std::vector<double> leaf_coordinates_;                 // [max_leaves × 3 × max_leaves]
+  std::vector<double> gram_;                             // [3 × max_leaves × max_leaves]
   std::array<std::vector<double>, 3> with_samples_;      // h = Aᵀb
   std::array<std::vector<double>, 3> weights_;           // x
   NnlsSolver nnls_;
+  KernelDictionary dictionary_;
+  KernelSelector selector_;
 
   AlignedFloats scratch_;
   std::vector<double> trial_gram_, trial_h_, trial_x_;
