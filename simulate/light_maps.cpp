@@ -21,7 +21,7 @@ namespace {
 constexpr int views_of_a_panorama = 6;
 // A view of 70° then has about one panorama pixel a texel.
 constexpr int panorama_widths_of_a_map = 8;
-constexpr int largest_panorama = 4096;
+constexpr int largest_panorama = 3072;
 
 std::string numbered(const char* role, int number) {
   char text[32];

@@ -24,23 +24,19 @@ void LightSums::set(std::size_t place, const LightMap& light) {
   const LightDomain& domain = hierarchy_.domain();
   if (light.domain() != domain)
     throw InputError("light sums: the light map does not have the monitor's size");
-  const auto slot = [&](std::uint32_t node, int channel) -> float& {
-    return sums_[(std::size_t{3} * node + channel) * lights_ + place];
-  };
-  for (int y = 0; y < domain.height; ++y)
-    for (int x = 0; x < domain.width; ++x)
-      for (int c = 0; c < 3; ++c) slot(hierarchy_.node(0, x, y), c) = light.radiance.at(x, y, c);
+  // First all sums of this light side by side, then one pass that spreads them out among the other lights'.
+  std::vector<float> sums(std::size_t{hierarchy_.size()} * 3);
+  std::ranges::copy(light.radiance.values, sums.begin());  // level 0 comes first, row by row
   // Each square is the sum of its four quarters: pairwise summation, so float is exact enough.
   for (int level = 1; level <= hierarchy_.coarsest_level(); ++level)
     for (int row = 0; row < hierarchy_.rows(level); ++row)
-      for (int column = 0; column < hierarchy_.columns(level); ++column)
-        for (int c = 0; c < 3; ++c) {
-          float sum = 0.0f;
-          for (int j = 2 * row; j < std::min(2 * row + 2, hierarchy_.rows(level - 1)); ++j)
-            for (int i = 2 * column; i < std::min(2 * column + 2, hierarchy_.columns(level - 1)); ++i)
-              sum += slot(hierarchy_.node(level - 1, i, j), c);
-          slot(hierarchy_.node(level, column, row), c) = sum;
-        }
+      for (int column = 0; column < hierarchy_.columns(level); ++column) {
+        float* sum = sums.data() + std::size_t{3} * hierarchy_.node(level, column, row);
+        for (int j = 2 * row; j < std::min(2 * row + 2, hierarchy_.rows(level - 1)); ++j)
+          for (int i = 2 * column; i < std::min(2 * column + 2, hierarchy_.columns(level - 1)); ++i)
+            for (int c = 0; c < 3; ++c) sum[c] += sums[std::size_t{3} * hierarchy_.node(level - 1, i, j) + c];
+      }
+  for (std::size_t k = 0; k < sums.size(); ++k) sums_[k * lights_ + place] = sums[k];
 }
 
 void apply_row(const std::vector<TransportEntry>& entries, const LightSums& sums, float* out) {

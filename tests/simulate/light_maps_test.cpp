@@ -25,10 +25,10 @@ std::vector<LightMap> lights_of(const LightPlan& plan, std::uint64_t seed,
   return lights;
 }
 
-// Thirty natural lights of five panoramas: made once, several tests look at them.
+// Eighteen natural lights of three panoramas: made once, several tests look at them.
 const std::vector<LightMap>& natural_lights() {
   static const auto lights =
-      lights_of({.train = 30, .natural = 0, .bars = 0, .squares = 0, .white = 0, .black = 0}, 7);
+      lights_of({.train = 18, .natural = 0, .bars = 0, .squares = 0, .white = 0, .black = 0}, 7);
   return lights;
 }
 
