@@ -9,6 +9,7 @@
 
 #include "core/errors.h"
 #include "core/rng.h"
+#include "simulate/specular_footprints.h"
 #include "simulate/surface.h"
 
 namespace refield {
@@ -147,8 +148,14 @@ class PixelTracer {
 
   void trace_grid(int grid) {
     const float share = 1.0f / static_cast<float>(grid * grid);
+    footprints_.clear();
     for (int j = 0; j < grid; ++j)
-      for (int i = 0; i < grid; ++i) follow(primary_ray(grid, i, j), Rgb::Constant(share), 0, 0);
+      for (int i = 0; i < grid; ++i) {
+        cell_x_ = i;
+        cell_y_ = j;
+        follow(primary_ray(grid, i, j), Rgb::Constant(share), 0, 0);
+      }
+    footprints_.deposit(hierarchy_, memory_.row);
   }
 
   std::optional<Hit> intersect(const Ray& ray) {
@@ -158,7 +165,8 @@ class PixelTracer {
 
   // A ray through any number of mirrors and glass surfaces to where it ends. `diffuse_depth` counts the other
   // surfaces that the path has met before; at 0 the camera sees the end, and all is done finely.
-  void follow(Ray ray, Rgb throughput, int diffuse_depth, int chain) {
+  // `path` has a bit for each surface so far, under a leading one: 1 for a reflection.
+  void follow(Ray ray, Rgb throughput, int diffuse_depth, int chain, std::uint32_t path = 1) {
     for (; chain < longest_specular_chain; ++chain) {
       const auto hit = intersect(ray);
       if (!hit) {
@@ -166,7 +174,7 @@ class PixelTracer {
         return;
       }
       if (hit->is_monitor()) {
-        meet_monitor(*hit, ray, throughput, diffuse_depth);
+        meet_monitor(*hit, ray, throughput, diffuse_depth, path);
         return;
       }
       const MaterialDescription& material = scene_.material_of(hit->object);
@@ -186,6 +194,7 @@ class PixelTracer {
       if (material.kind == Kind::mirror) {
         throughput *= material.colour;
         ray = mirrored;
+        path = path << 1 | 1;
         continue;
       }
       // Radiance changes by the squared ratio of indices on entering and back on leaving: the factors cancel.
@@ -195,26 +204,31 @@ class PixelTracer {
       const float reflectance = direction ? dielectric_reflectance(-ray.direction.dot(normal), ratio) : 1.0f;
       const Ray transmitted{moved_off(hit->position, -facing), direction.value_or(ray.direction)};
       if (chain == 0 && diffuse_depth == 0 && direction) {  // both ways where the camera sees them directly
-        follow(mirrored, throughput * reflectance, diffuse_depth, chain + 1);
+        follow(mirrored, throughput * reflectance, diffuse_depth, chain + 1, path << 1 | 1);
         throughput *= (1.0f - reflectance) * material.colour;
         ray = transmitted;
+        path <<= 1;
       } else if (rng_.uniform() < reflectance) {
         ray = mirrored;
+        path = path << 1 | 1;
       } else {
         throughput *= material.colour;
         ray = transmitted;
+        path <<= 1;
       }
     }
   }
 
-  void meet_monitor(const Hit& hit, const Ray& ray, const Rgb& throughput, int diffuse_depth) {
+  void meet_monitor(const Hit& hit, const Ray& ray, const Rgb& throughput, int diffuse_depth,
+                    std::uint32_t path) {
     if (ray.direction.dot(monitor_.normal()) >= 0.0f) return;  // its back
+    if (diffuse_depth == 0) {
+      footprints_.add(cell_x_, cell_y_, path, monitor_.texels_at(hit.position), throughput);
+      return;
+    }
     const Eigen::Vector2i texel = monitor_.texel_at(hit.position);
-    if (diffuse_depth == 0)
-      memory_.row.add(hierarchy_.node_of_texel(0, texel.x(), texel.y()), throughput);
-    else
-      memory_.row.add_mean(hierarchy_.node_of_texel(hierarchy_.coarsest_level(), texel.x(), texel.y()),
-                           throughput);
+    memory_.row.add_mean(hierarchy_.node_of_texel(hierarchy_.coarsest_level(), texel.x(), texel.y()),
+                         throughput);
   }
 
   // The monitor's radiance at a point (column, row) of it, times the result and a texel's area, is what the
@@ -407,6 +421,8 @@ class PixelTracer {
   int x_, y_;
   Rgb room_;
   Rgb ambient_ = Rgb::Zero();
+  SpecularFootprints footprints_;
+  int cell_x_ = 0, cell_y_ = 0;  // of the sample that is being followed
   float shift_x_ = 0.0f, shift_y_ = 0.0f;
   SpreadPoints scattered_points_{rng_};
   std::vector<SpreadPoints> aimed_points_;  // of each object

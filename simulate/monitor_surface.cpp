@@ -19,12 +19,15 @@ MonitorSurface::MonitorSurface(const MonitorInScene& monitor) : texels_(monitor.
   texel_area_ = column_step_.norm() * row_step_.norm();
 }
 
-Eigen::Vector2i MonitorSurface::texel_at(const Eigen::Vector3f& position) const {
+Eigen::Vector2f MonitorSurface::texels_at(const Eigen::Vector3f& position) const {
   const Eigen::Vector3f d = position - corner_;
-  const auto index = [&](const Eigen::Vector3f& step, int count) {
-    return std::clamp(static_cast<int>(std::floor(d.dot(step) / step.squaredNorm())), 0, count - 1);
-  };
-  return {index(column_step_, texels_.width), index(row_step_, texels_.height)};
+  return {d.dot(column_step_) / column_step_.squaredNorm(), d.dot(row_step_) / row_step_.squaredNorm()};
+}
+
+Eigen::Vector2i MonitorSurface::texel_at(const Eigen::Vector3f& position) const {
+  const Eigen::Vector2f at = texels_at(position);
+  return {std::clamp(static_cast<int>(std::floor(at.x())), 0, texels_.width - 1),
+          std::clamp(static_cast<int>(std::floor(at.y())), 0, texels_.height - 1)};
 }
 
 }  // namespace refield

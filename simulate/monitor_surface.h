@@ -22,6 +22,9 @@ class MonitorSurface {
     return corner_ + column * column_step_ + row * row_step_;
   }
 
+  /// Inverse of point(): the column and row of a position on the surface, in texels.
+  Eigen::Vector2f texels_at(const Eigen::Vector3f& position) const;
+
   /// Texel that holds a position on the surface; positions on the rim count to the nearest texel.
   Eigen::Vector2i texel_at(const Eigen::Vector3f& position) const;
 
