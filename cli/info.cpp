@@ -36,10 +36,8 @@ ordered_json describe(const LightDomain& domain) {
 /// The cap on kernels that the field was estimated with, as its provenance says; 0 when it does not.
 int kernel_cap(const ordered_json& provenance) {
   if (!provenance.is_object()) return 0;
-  const auto options = provenance.find("options");
-  if (options == provenance.end() || !options->is_object()) return 0;
-  const auto kernels = options->find("kernels");
-  return kernels != options->end() && kernels->is_number_integer() ? kernels->get<int>() : 0;
+  const auto kernels = provenance.find("kernels");
+  return kernels != provenance.end() && kernels->is_number_integer() ? kernels->get<int>() : 0;
 }
 
 ordered_json describe_field(const fs::path& path) {
@@ -142,6 +140,8 @@ void print_text(const ordered_json& value, int indent) {
       std::printf("%*s%s: %s\n", indent, "", label.c_str(), item.get<std::string>().c_str());
     } else if (item.is_number_float()) {
       std::printf("%*s%s: %.5g\n", indent, "", label.c_str(), item.get<double>());
+    } else if (constexpr std::size_t one_line = 40; item.is_array() && item.size() > one_line) {
+      std::printf("%*s%s: %zu values, see --json\n", indent, "", label.c_str(), item.size());
     } else {
       std::printf("%*s%s: %s\n", indent, "", label.c_str(), item.dump().c_str());
     }

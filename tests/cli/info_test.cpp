@@ -30,7 +30,7 @@ TEST(InfoVerb, AField) {
   const test::TemporaryFolder folder;
   Rng rng(1);
   ReflectanceField field = test::random_field(rng, 10, 7, {8, 6}, 20, 5);
-  field.provenance = R"({"options": {"kernels": 9}})";
+  field.provenance = R"({"mode": "refined", "kernels": 9})";
   write_reflectance_field(folder / "f.rfield", field);
   const json info = info_of(folder / "f.rfield");
   EXPECT_EQ(info["image"]["width"], 10);
@@ -38,7 +38,7 @@ TEST(InfoVerb, AField) {
   EXPECT_EQ(info["distinct_boxes"], 20);
   EXPECT_EQ(info["kernels"]["stored"], field.transfer.entries());
   EXPECT_EQ(info["kernels"]["allowed"].get<int>(), 9 * info["pixels_in_scene"].get<int>());
-  EXPECT_EQ(info["provenance"]["options"]["kernels"], 9);
+  EXPECT_EQ(info["provenance"]["kernels"], 9);
   EXPECT_THAT(run_refield({"info", folder / "f.rfield"}).out, testing::HasSubstr("distinct boxes: 20"));
 }
 

@@ -24,7 +24,7 @@ using testing::HasSubstr;
 ReflectanceField sample_field() {
   Rng rng(1);
   ReflectanceField field = test::random_field(rng, 12, 9, {16, 8, Parameterisation::lat_long}, 60, 7);
-  field.provenance = R"({"options": {"kernels": 7}, "note": "Übung"})";
+  field.provenance = R"({"kernels": 7, "note": "Übung"})";
   return field;
 }
 
