@@ -15,7 +15,7 @@ std::vector<int> split_positions(int begin, int end, EstimateMode mode) {
     positions.push_back(begin + (2 * length + 1) / 3);
   }
   std::ranges::sort(positions);
-  positions.erase(std::ranges::unique(positions).begin(), positions.end());
+  positions.erase(std::unique(positions.begin(), positions.end()), positions.end());
   std::erase_if(positions, [&](int p) { return p <= begin || p >= end; });
   return positions;
 }
