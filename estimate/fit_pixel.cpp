@@ -50,6 +50,7 @@ PixelFitter::PixelFitter(KernelCache& cache, const EstimateOptions& options)
       options_(options),
       max_leaves_(options.mode == EstimateMode::paper ? options.kernels : leaves_a_kernel * options.kernels),
       stride_(cache.table().stride()),
+      coordinate_stride_(padded_length(max_leaves_)),
       basis_(std::size_t{3} * max_leaves_ * stride_),
       leaf_coordinates_(std::size_t{3} * max_leaves_ * max_leaves_),
       gram_(std::size_t{3} * max_leaves_ * max_leaves_),
@@ -90,11 +91,14 @@ PixelKernels PixelFitter::fit(const PixelSamples& samples, const Observer& obser
 }
 
 double PixelFitter::squared_residual() const {
+  // In the basis: ‖b‖² − 2 yᵀz + ‖z‖².
   double sum = 0.0;
-  for (int c = 0; c < 3; ++c)
-    sum +=
-        refield::squared_residual(gram(c), max_leaves_, with_samples_[c].data(),
-                                  static_cast<int>(leaves_.size()), weights_[c].data(), samples_.squared[c]);
+  for (int c = 0; c < 3; ++c) {
+    double inside = samples_.squared[c];
+    for (int k = 0; k < rank_; ++k)
+      inside += fit_in_basis_[c][k] * (fit_in_basis_[c][k] - 2.0 * samples_in_basis_[c][k]);
+    sum += std::max(inside, 0.0);
+  }
   return sum;
 }
 
@@ -212,7 +216,7 @@ void PixelFitter::add_candidates(int leaf) {
     if (unused_.empty()) {
       slot = static_cast<int>(candidates_.size());
       candidates_.emplace_back();
-      candidate_coordinates_.resize(candidates_.size() * 3 * max_leaves_);
+      candidate_coordinates_.resize(candidates_.size() * 3 * coordinate_stride_);
     } else {
       slot = unused_.back();
       unused_.pop_back();
@@ -237,17 +241,18 @@ void PixelFitter::add_candidates(int leaf) {
         coordinate[k] = products_[k + 1];
         norm2 -= coordinate[k] * coordinate[k];
       }
+      std::fill(coordinate + rank_, coordinate + coordinate_stride_, 0.0f);
       candidate.residual_norm2[c] = norm2;
     }
     live_.push_back(slot);
     leaves_[leaf].candidates.push_back(slot);
   }
+  pointers_.resize(std::max(pointers_.size(), live_.size()));
+  products_.resize(pointers_.size());
 }
 
 void PixelFitter::update_candidates() {
   const int k = rank_ - 1;
-  pointers_.resize(std::max<std::size_t>(pointers_.size(), live_.size()));
-  products_.resize(pointers_.size());
   for (int c = 0; c < 3; ++c) {
     for (std::size_t i = 0; i < live_.size(); ++i)
       pointers_[i] = candidates_[live_[i]].split->direction + c * stride_;
@@ -328,25 +333,22 @@ void PixelFitter::solve() {
   }
 }
 
-int PixelFitter::best_by_gain() const {
-  int best = -1;
-  double best_gain = 0.0;
-  for (const int slot : live_) {
-    const Candidate& candidate = candidates_[slot];
-    double gain = 0.0;
-    for (int c = 0; c < 3; ++c) {
+int PixelFitter::best_by_gain() {
+  gains_.assign(live_.size(), 0.0f);
+  fit_coordinates_.assign(coordinate_stride_, 0.0f);
+  for (int c = 0; c < 3; ++c) {
+    for (int k = 0; k < rank_; ++k) fit_coordinates_[k] = static_cast<float>(fit_in_basis_[c][k]);
+    for (std::size_t i = 0; i < live_.size(); ++i) pointers_[i] = coordinates(live_[i], c);
+    dots(fit_coordinates_.data(), pointers_.data(), live_.size(), padded_length(rank_), products_.data());
+    for (std::size_t i = 0; i < live_.size(); ++i) {
+      const Candidate& candidate = candidates_[live_[i]];
       if (!(candidate.residual_norm2[c] > dependence_tolerance * candidate.split->norm2[c])) continue;
-      const float* coordinate = coordinates(slot, c);
-      double correlation = candidate.with_samples[c];
-      for (int k = 0; k < rank_; ++k) correlation -= coordinate[k] * fit_in_basis_[c][k];
-      gain += correlation * correlation / candidate.residual_norm2[c];
-    }
-    if (gain > best_gain) {
-      best_gain = gain;
-      best = slot;
+      const float correlation = candidate.with_samples[c] - products_[i];
+      gains_[i] += correlation * correlation / candidate.residual_norm2[c];
     }
   }
-  return best;
+  const auto best = std::ranges::max_element(gains_);
+  return best == gains_.end() || !(*best > 0.0f) ? -1 : live_[best - gains_.begin()];
 }
 
 double PixelFitter::residual_bound(int slot) const {

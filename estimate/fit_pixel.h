@@ -80,7 +80,7 @@ class PixelFitter {
   void update_candidates();
   void update_gram(int leaf);
   void solve();
-  int best_by_gain() const;
+  int best_by_gain();
   int best_by_solving();
   double residual_after(const Candidate& candidate, double give_up_above);
   double residual_bound(int candidate) const;
@@ -94,10 +94,10 @@ class PixelFitter {
     return basis_.data() + (static_cast<std::size_t>(c) * max_leaves_ + k) * stride_;
   }
   float* coordinates(int candidate, int c) {
-    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_leaves_;
+    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * coordinate_stride_;
   }
   const float* coordinates(int candidate, int c) const {
-    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * max_leaves_;
+    return candidate_coordinates_.data() + (static_cast<std::size_t>(candidate) * 3 + c) * coordinate_stride_;
   }
   double* leaf_coordinates(int leaf, int c) {
     return leaf_coordinates_.data() + (static_cast<std::size_t>(leaf) * 3 + c) * max_leaves_;
@@ -113,7 +113,8 @@ class PixelFitter {
   KernelCache& cache_;
   EstimateOptions options_;
   int max_leaves_;
-  std::size_t stride_;
+  std::size_t stride_;             // of vectors over images
+  std::size_t coordinate_stride_;  // of vectors of coordinates in the basis
 
   MaskedSamples samples_;
   std::vector<Leaf> leaves_;
@@ -124,11 +125,11 @@ class PixelFitter {
   AlignedFloats basis_;                                  // [3 × max_leaves × stride]
   std::array<std::vector<double>, 3> samples_in_basis_;  // y = Qᵀb
   std::array<std::vector<double>, 3> fit_in_basis_;      // z = Qᵀ A x
-  std::vector<float> candidate_coordinates_;             // [candidates × 3 × max_leaves]
-  std::vector<double> leaf_coordinates_;                 // [max_leaves × 3 × max_leaves]
-  std::vector<double> gram_;                             // [3 × max_leaves × max_leaves]
-  std::array<std::vector<double>, 3> with_samples_;      // h = Aᵀb
-  std::array<std::vector<double>, 3> weights_;           // x
+  AlignedFloats candidate_coordinates_;   // [candidates × 3 × coordinate_stride], zero beyond the basis
+  std::vector<double> leaf_coordinates_;  // [max_leaves × 3 × max_leaves]
+  std::vector<double> gram_;              // [3 × max_leaves × max_leaves]
+  std::array<std::vector<double>, 3> with_samples_;  // h = Aᵀb
+  std::array<std::vector<double>, 3> weights_;       // x
   NnlsSolver nnls_;
   KernelDictionary dictionary_;
   KernelSelector selector_;
@@ -137,6 +138,8 @@ class PixelFitter {
   std::vector<double> trial_gram_, trial_h_, trial_x_;
   std::vector<const float*> pointers_;
   std::vector<float> products_;
+  std::vector<float> gains_;
+  AlignedFloats fit_coordinates_;
 };
 
 }  // namespace refield

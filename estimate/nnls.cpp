@@ -14,41 +14,33 @@ constexpr double gradient_tolerance = 1e-9;
 }  // namespace
 
 bool NnlsSolver::factorise_and_solve(const double* G, int stride, const double* h) {
-  // Row-wise Cholesky of the free block, then two triangular solves. Dependent variables are barred and
-  // dropped.
-  const int m = static_cast<int>(free_.size());
-  factor_.resize(static_cast<std::size_t>(m) * m);
+  const std::size_t m = free_.size();
+  const std::size_t rows = (m + cholesky_padding - 1) / cholesky_padding * cholesky_padding;
+  factor_.resize(rows * m);
   solution_.resize(m);
-  for (int i = 0; i < m; ++i) {
-    const double* g = G + static_cast<std::size_t>(free_[i]) * stride;
-    double* li = factor_.data() + static_cast<std::size_t>(i) * m;
-    for (int j = 0; j <= i; ++j) {
-      const double* lj = factor_.data() + static_cast<std::size_t>(j) * m;
-      double s = g[free_[j]];
-      for (int k = 0; k < j; ++k) s -= li[k] * lj[k];
-      if (j < i) {
-        li[j] = s * lj[j];  // the diagonal holds its own inverse
-      } else {
-        if (!(s > dependence_tolerance * g[free_[i]])) {
-          barred_[free_[i]] = 1;
-          free_.erase(free_.begin() + i);
-          return false;
-        }
-        li[i] = 1.0 / std::sqrt(s);
-      }
-    }
+  for (std::size_t j = 0; j < m; ++j) {
+    const double* g = G + static_cast<std::size_t>(free_[j]) * stride;
+    double* column = factor_.data() + j * rows;
+    for (std::size_t i = j; i < m; ++i) column[i] = g[free_[i]];
   }
-  for (int i = 0; i < m; ++i) {
-    const double* li = factor_.data() + static_cast<std::size_t>(i) * m;
-    double s = h[free_[i]];
-    for (int k = 0; k < i; ++k) s -= li[k] * solution_[k];
-    solution_[i] = s * li[i];
+  const int dependent = factorise_cholesky(factor_.data(), m, rows, dependence_tolerance);
+  if (dependent >= 0) {
+    barred_[free_[dependent]] = 1;
+    free_.erase(free_.begin() + dependent);
+    return false;
   }
-  for (int i = m - 1; i >= 0; --i) {
-    const double value = solution_[i] * factor_[static_cast<std::size_t>(i) * m + i];
-    solution_[i] = value;
-    const double* li = factor_.data() + static_cast<std::size_t>(i) * m;
-    for (int k = 0; k < i; ++k) solution_[k] -= li[k] * value;
+  // Two triangular solves; the diagonal holds its own inverse.
+  for (std::size_t i = 0; i < m; ++i) solution_[i] = h[free_[i]];
+  for (std::size_t j = 0; j < m; ++j) {
+    const double* column = factor_.data() + j * rows;
+    const double value = solution_[j] *= column[j];
+    for (std::size_t i = j + 1; i < m; ++i) solution_[i] -= column[i] * value;
+  }
+  for (std::size_t j = m; j-- > 0;) {
+    const double* column = factor_.data() + j * rows;
+    double value = solution_[j];
+    for (std::size_t i = j + 1; i < m; ++i) value -= column[i] * solution_[i];
+    solution_[j] = value * column[j];
   }
   return true;
 }
@@ -63,13 +55,11 @@ bool NnlsSolver::solve(const double* G, int stride, const double* h, int size, d
   }
   const int limit = 3 * size + 10;
   for (int iteration = 0; iteration < limit; ++iteration) {
-    const std::size_t free_before = free_.size();
     if (!factorise_and_solve(G, stride, h)) {
       // The barred variable's part goes to nobody: the objective may rise for a moment, the next solve
       // repairs it.
       for (int i = 0; i < size; ++i)
         if (barred_[i]) x[i] = 0.0;
-      (void)free_before;
       continue;
     }
     // Walk from x towards the solution as far as all stay non-negative; who reaches zero is held there.

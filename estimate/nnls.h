@@ -2,6 +2,8 @@
 #pragma once
 #include <vector>
 
+#include "estimate/vector_kernels.h"
+
 namespace refield {
 
 /// Non-negative least squares in normal form: min ½ xᵀ G x − hᵀ x subject to x ≥ 0 (Matusik et al. 2004, eq.
@@ -19,7 +21,8 @@ class NnlsSolver {
   bool factorise_and_solve(const double* G, int stride, const double* h);
   std::vector<int> free_;  // variables not held at zero
   std::vector<char> barred_;
-  std::vector<double> factor_, solution_;
+  std::vector<double, AlignedAllocator<double>> factor_;
+  std::vector<double> solution_;
 };
 
 /// Value of the least-squares residual ‖b‖² − 2 hᵀx + xᵀGx.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/vector_kernels.h"
 
+#include <cmath>
+
 // Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "estimate/vector_kernels.cpp"
@@ -51,6 +53,31 @@ void subtract_vectorised(float* HWY_RESTRICT vector, const float* const* HWY_RES
   }
 }
 
+int cholesky_vectorised(double* HWY_RESTRICT A, std::size_t size, std::size_t stride, double least_pivot) {
+  const hn::CappedTag<double, cholesky_padding> d;
+  const std::size_t lanes = hn::Lanes(d);
+  double diagonal[3 * 256];
+  for (std::size_t j = 0; j < size; ++j) diagonal[j] = A[j * stride + j];
+  for (std::size_t k = 0; k < size; ++k) {
+    double* pivot_column = A + k * stride;
+    const double pivot = pivot_column[k];
+    if (!(pivot > least_pivot * diagonal[k])) return static_cast<int>(k);
+    const double inverse = 1.0 / std::sqrt(pivot);
+    const auto scale = hn::Set(d, inverse);
+    for (std::size_t i = (k + 1) / lanes * lanes; i < size; i += lanes)
+      hn::Store(hn::Mul(hn::Load(d, pivot_column + i), scale), d, pivot_column + i);
+    pivot_column[k] = inverse;
+    for (std::size_t j = k + 1; j < size; ++j) {
+      double* column = A + j * stride;
+      const auto factor = hn::Set(d, pivot_column[j]);
+      for (std::size_t i = j / lanes * lanes; i < size; i += lanes)
+        hn::Store(hn::NegMulAdd(factor, hn::Load(d, pivot_column + i), hn::Load(d, column + i)), d,
+                  column + i);
+    }
+  }
+  return -1;
+}
+
 }  // namespace refield::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -59,6 +86,7 @@ namespace refield {
 
 HWY_EXPORT(dots_vectorised);
 HWY_EXPORT(subtract_vectorised);
+HWY_EXPORT(cholesky_vectorised);
 
 void dots(const float* vector, const float* const* others, std::size_t count, std::size_t n, float* out) {
   HWY_DYNAMIC_DISPATCH(dots_vectorised)(vector, others, count, n, out);
@@ -67,6 +95,10 @@ void dots(const float* vector, const float* const* others, std::size_t count, st
 void subtract_combination(float* vector, const float* const* others, const float* coefficients,
                           std::size_t count, std::size_t n) {
   HWY_DYNAMIC_DISPATCH(subtract_vectorised)(vector, others, coefficients, count, n);
+}
+
+int factorise_cholesky(double* A, std::size_t size, std::size_t stride, double least_pivot) {
+  return HWY_DYNAMIC_DISPATCH(cholesky_vectorised)(A, size, stride, least_pivot);
 }
 
 }  // namespace refield

@@ -37,6 +37,14 @@ constexpr std::size_t padded_length(std::size_t n) {
 /// product.
 void dots(const float* vector, const float* const* others, std::size_t count, std::size_t n, float* out);
 
+/// Cholesky factorisation in place: A [size × size], symmetric, column by column with leading dimension
+/// `stride` (a multiple of cholesky_padding; memory behind the last row is written to). Its lower triangle
+/// becomes L with the inverse of the diagonal in place of the diagonal. Returns the first column whose pivot
+/// is not above `least_pivot` times its diagonal, or −1. Columns are updated as whole vectors: dot products
+/// would wait for their own sums.
+int factorise_cholesky(double* A, std::size_t size, std::size_t stride, double least_pivot);
+inline constexpr std::size_t cholesky_padding = 8;
+
 /// vector[j] −= Σ_k coefficient[k] · others[k][j].
 void subtract_combination(float* vector, const float* const* others, const float* coefficients,
                           std::size_t count, std::size_t n);
