@@ -45,7 +45,7 @@ std::vector<std::string> kinds_of(const CaptureSession& session) {
   std::vector<std::string> kinds;
   for (const CaptureFrame& frame : session.frames_of(FrameRole::test)) kinds.push_back(frame.kind);
   std::ranges::sort(kinds, comes_before);
-  kinds.erase(std::ranges::unique(kinds).begin(), kinds.end());
+  kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
   return kinds;
 }
 
@@ -58,6 +58,18 @@ std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const Cap
   auto errors = held_out_errors(field, reference);
   std::ranges::stable_sort(errors, comes_before, &HeldOutError::kind);
   return errors;
+}
+
+Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind) {
+  SeriesError error;
+  for (const CaptureFrame& frame : reference.frames_of(FrameRole::test)) {
+    if (frame.kind != kind) continue;
+    throw_if_interrupted();
+    const LightMap light = read_light_map(frame.illumination, reference.light.parameterisation);
+    const Photograph photograph = read_photograph(frame.observed);
+    error.add(field.relight(light), photograph.radiance, photograph.sigma);
+  }
+  return error.relative_rmse_map();
 }
 
 std::vector<FieldFigures> evaluate(const ReportInput& input) {

@@ -30,6 +30,9 @@ const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std
 /// Errors of `field` on the held-out frames, sorted as kinds_of() sorts.
 std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference);
 
+/// [height × width × 1]: relative RMSE of each pixel over the held-out frames of a kind.
+Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind);
+
 /// Evaluates all fields, one after the other.
 std::vector<FieldFigures> evaluate(const ReportInput& input);
 

@@ -20,12 +20,6 @@ constexpr const char* style = R"css(
     --c0: #5aa9f0; --c1: #f29a52; --c2: #45c0a2; --c3: #d588cd; --c4: #d3b340; --c5: #a2a9b3;
   }
 }
-@media print {
-  :root { --ground: #fff; --panel: #fff; --ink: #000; --soft: #444; --line: #bbb; color-scheme: light; }
-  body { font-size: 10pt; } section, header { box-shadow: none !important; }
-  .row, .chart-box, figure, tr { break-inside: avoid; } h2, h3, .row-title { break-after: avoid; }
-  * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
-}
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--ground); color: var(--ink);
   font: 15px/1.55 system-ui, -apple-system, "Segoe UI", "Liberation Sans", "Noto Sans", sans-serif; }
@@ -80,10 +74,21 @@ img.kernel { image-rendering: pixelated; border-radius: 0; outline: 1px solid va
 .c0 { --colour: var(--c0); } .c1 { --colour: var(--c1); } .c2 { --colour: var(--c2); }
 .c3 { --colour: var(--c3); } .c4 { --colour: var(--c4); } .c5 { --colour: var(--c5); }
 .legend { display: flex; flex-wrap: wrap; gap: 4px 18px; font-size: 13px; margin: 4px 0 0 30px; }
-.key i { display: inline-block; width: 18px; height: 0; margin-right: 7px; vertical-align: 4px; border-top: 3px solid var(--colour); } .key.dashed i { border-top-style: dashed; }
+.key { white-space: nowrap; } .key i { display: inline-block; width: 18px; height: 0; margin-right: 7px; vertical-align: 4px; border-top: 3px solid var(--colour); } .key.dashed i { border-top-style: dashed; }
 footer { color: var(--soft); font-size: 13px; } footer p { max-width: none; }
 @media (max-width: 720px) { .hero { grid-template-columns: 1fr; } .grid { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .located { grid-template-columns: 1fr; } }
+@page { margin: 13mm; }
+@media print {
+  :root { color-scheme: light; --ground: #fff; --panel: #fff; --ink: #000; --soft: #444; --line: #bbb; --accent: #0f5fae;
+    --c0: #0f6cbd; --c1: #d9680f; --c2: #14866d; --c3: #a3439a; --c4: #8a6d00; --c5: #6b7280; }
+  * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
+  body { font-size: 9.5pt; } main { max-width: none; padding: 0; } table { font-size: 8.5pt; }
+  section { border: 0; padding: 0; } .wide { overflow: visible; } .kernels td { min-width: 0; }
+  .split { grid-template-columns: 1fr 1fr; } .tiles { grid-template-columns: repeat(5, 1fr); } .tile { padding: 6px 10px; }
+  .tile b { font-size: 15pt; }
+  .row, .chart-box, .split, figure, tr { break-inside: avoid; } h2, h3, .row-title, .series-name { break-after: avoid; }
+}
 )css";
 
 }  // namespace

@@ -12,11 +12,12 @@ std::string tile(const std::string& value, const std::string& what) {
   return "<div class=\"tile\"><b>" + escaped(value) + "</b><span>" + escaped(what) + "</span></div>";
 }
 
+/// The session's folder; the one around it where that is called "session", as captures are often kept.
 std::string session_name(const CaptureSession& session) {
-  const auto folder = session.folder.lexically_normal();
-  const auto name = folder.has_filename() ? folder.filename() : folder.parent_path().filename();
-  return name.empty() || name == "." ? std::filesystem::weakly_canonical(session.folder).filename().string()
-                                     : name.string();
+  auto folder = std::filesystem::weakly_canonical(session.folder);
+  if (!folder.has_filename()) folder = folder.parent_path();
+  if (folder.filename() == "session" && folder.has_parent_path()) folder = folder.parent_path();
+  return folder.filename().string();
 }
 
 std::string first_impression(const ReportInput& input) {

@@ -81,30 +81,48 @@ std::string map_figure(const Image& map, double high, const Mask& mask, const st
          "</figcaption></figure>";
 }
 
-/// Maps of all fields share their scales.
+struct ErrorMap {
+  std::string title;
+  Image map;
+};
+
+/// Errors pixel by pixel, where known: on the training images, on the first kind of held-out light.
+std::vector<ErrorMap> error_maps(const ReportInput& input, const FieldEntry& entry) {
+  std::vector<ErrorMap> maps;
+  if (!entry.field.training_error.empty()) {
+    maps.push_back({"relative RMSE on its training images", Image(entry.field.width, entry.field.height, 1)});
+    maps.back().map.values = entry.field.training_error;
+  }
+  const auto kinds = kinds_of(input.session);
+  if (!kinds.empty())
+    maps.push_back({"relative RMSE on held-out light" + (kinds.front().empty() ? "" : ", " + kinds.front()),
+                    held_out_map(entry.field, input.reference(), kinds.front())});
+  return maps;
+}
+
+/// A row of maps for each field; all rows share their scales.
 std::string maps(const ReportInput& input) {
   double most = 1.0, worst = 0.0;
+  std::vector<std::vector<ErrorMap>> errors;
   for (const FieldEntry& entry : input.fields) {
     most = std::max(most, static_cast<double>(entry.statistics.histogram.size()) - 1.0);
-    if (!entry.field.training_error.empty()) {
-      Image error(entry.field.width, entry.field.height, 1);
-      error.values = entry.field.training_error;
-      worst = std::max(worst, quantile(values_in_mask(error, input.mask), 0.9));
-    }
+    errors.push_back(error_maps(input, entry));
+    for (const ErrorMap& error : errors.back())
+      worst = std::max(worst, quantile(values_in_mask(error.map, input.mask), 0.9));
   }
   const double error_high = worst > 0.0 && std::isfinite(worst) ? round_up(worst) : 0.01;
   std::string html;
-  for (const FieldEntry& entry : input.fields) {
-    html += map_figure(kernel_count_map(entry.field), most, input.mask, entry.label + ": kernels a pixel",
+  for (std::size_t f = 0; f < input.fields.size(); ++f) {
+    const FieldEntry& entry = input.fields[f];
+    html += "<div class=\"grid maps\" style=\"--columns:3\">" +
+            map_figure(kernel_count_map(entry.field), most, input.mask, entry.label + ": kernels a pixel",
                        fixed(most, 0));
-    if (entry.field.training_error.empty()) continue;
-    Image error(entry.field.width, entry.field.height, 1);
-    error.values = entry.field.training_error;
-    html += map_figure(error, error_high, input.mask, entry.label + ": relative RMSE on its training images",
-                       significant(100.0 * error_high, 2) + " % and above");
+    for (const ErrorMap& error : errors[f])
+      html += map_figure(error.map, error_high, input.mask, entry.label + ": " + error.title,
+                         significant(100.0 * error_high, 2) + " % and above");
+    html += "</div>";
   }
-  return "<div class=\"grid maps\" style=\"--columns:" +
-         std::to_string(std::min<std::size_t>(4, 2 * input.fields.size())) + "\">" + html + "</div>";
+  return html;
 }
 
 }  // namespace
