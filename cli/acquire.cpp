@@ -15,6 +15,7 @@
 #include "core/files.h"
 #include "core/reflectance_field_file.h"
 #include "simulate/recipe.h"
+#include "simulate/simulate.h"
 #include "simulate/virtual_rig.h"
 
 namespace refield::cli {
@@ -91,9 +92,13 @@ std::string checksum_text(const fs::path& file) {
 /// The plan names devices by what decides their frames.
 std::string rig_text(const AcquireOptions& options, const Recipe& recipe, std::uint64_t seed) {
   std::string text = "virtual rig: recipe " + checksum_text(recipe.path);
-  text += ", transport " + checksum_text(options.truth / "transport.rfield");
-  const fs::path ambient = options.truth / "ambient.exr";
-  text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
+  if (options.truth.empty()) {
+    text += ", traced";
+  } else {
+    text += ", transport " + checksum_text(options.truth / transport_file_name);
+    const fs::path ambient = options.truth / ambient_file_name;
+    text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
+  }
   text += ", seed " + std::to_string(seed);
   return text + (options.trigger ? ", triggered" : "");
 }
@@ -169,21 +174,38 @@ void print(const CaptureSummary& summary, const fs::path& session) {
     std::printf("note: %s\n", sentence.c_str());
 }
 
+/// What stands before the virtual camera must be known before anything is written.
+void require_scene(const AcquireOptions& options) {
+  const std::string remedy =
+      "make it with 'refield simulate " + options.recipe.string() + " -o TRUTH' and give --truth TRUTH";
+  if (options.truth.empty() && options.lights.empty())
+    throw InputError("--truth: neither the scene's light transport nor lights are given; " + remedy);
+  if (!options.truth.empty() && !fs::is_regular_file(options.truth / transport_file_name))
+    throw InputError((options.truth / transport_file_name).string() +
+                     ": the scene's light transport is missing; " + remedy);
+}
+
+/// The transport that 'refield simulate' kept or, without it, traced now.
+TracedScene scene_of(const AcquireOptions& options, const Recipe& recipe) {
+  constexpr int balanced_quality = 2;
+  if (options.truth.empty())
+    return trace_scene(recipe.scene, TraceOptions::of_quality(balanced_quality, recipe.seed));
+  const fs::path ambient = options.truth / ambient_file_name;
+  return {read_reflectance_field(options.truth / transport_file_name),
+          fs::exists(ambient) ? read_image(ambient) : Image()};
+}
+
 void acquire(const AcquireOptions& options, const Common& common) {
   const Recipe recipe = read_recipe(options.recipe);
-  const fs::path transport = options.truth / "transport.rfield";
-  if (options.truth.empty() || !fs::is_regular_file(transport))
-    throw InputError((options.truth.empty() ? std::string("--truth") : transport.string()) +
-                     ": the scene's light transport is missing; make it with 'refield simulate " +
-                     options.recipe.string() + " -o TRUTH' and give --truth TRUTH");
+  require_scene(options);
   const std::uint64_t seed = options.seed.value_or(recipe.seed);
   check_session_folder(options.session, options.force    ? IfExists::replace
                                         : options.resume ? IfExists::resume
                                                          : IfExists::refuse);
   const CaptureRequest request = request_of(options, recipe, seed);
-  const fs::path ambient = options.truth / "ambient.exr";
-  VirtualRig rig(read_reflectance_field(transport), fs::exists(ambient) ? read_image(ambient) : Image(),
-                 recipe.rig.monitor, recipe.rig.sensor, seed);
+  TracedScene scene = scene_of(options, recipe);
+  VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
+                 seed);
   const CaptureSummary summary =
       capture(request, rig.camera(), rig.illuminator(), options.trigger ? &rig.trigger() : nullptr);
   if (common.json)
@@ -209,7 +231,9 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
       "  refield acquire recipe.toml --truth truth -o session --auto-mask");
   verb->add_option("recipe", options->recipe, "Recipe (.toml) of the rig: [sensor], [monitor], [exposures]")
       ->required();
-  verb->add_option("--truth", options->truth, "Folder that 'refield simulate' made from the recipe");
+  verb->add_option("--truth", options->truth,
+                   "Folder that 'refield simulate' made from the recipe.\n"
+                   "Without it the scene is traced first, and --lights says what to show");
   verb->add_option("-o,--output", options->session, "Session folder to make")->required();
   verb->add_option(
       "--lights", options->lights,
