@@ -58,6 +58,7 @@ img { display: block; width: 100%; height: auto; border-radius: 3px; background:
 .colour-bar { display: inline-flex; gap: 6px; align-items: center; white-space: nowrap; }
 .colour-bar i { width: 110px; height: 9px; border-radius: 2px; }
 .kernels td { padding: 3px; border: 0; min-width: 74px; } .kernels th { padding: 3px 6px 3px 0; border: 0; text-align: center; vertical-align: middle; }
+.kernels .done { text-align: center; vertical-align: middle; color: var(--soft); }
 img.kernel { image-rendering: pixelated; border-radius: 0; outline: 1px solid var(--line); }
 .marked { width: 100%; height: auto; border-radius: 3px; display: block; }
 .mark circle, .mark rect { fill: none; stroke: #fff; stroke-width: calc(0.5 * var(--unit)); }

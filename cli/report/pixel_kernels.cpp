@@ -55,9 +55,13 @@ KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixe
   for (const ChosenPixel& pixel : pixels) {
     throw_if_interrupted();
     PixelKernels kernels{pixel, {}, {}, {}};
-    for (const KernelSnapshot& snapshot :
-         kernel_history(input.session, options, pixel.x, pixel.y, study.subdivisions))
-      kernels.after.push_back(kernel_density(input.session.light, snapshot.boxes, snapshot.weights));
+    const auto history = kernel_history(input.session, options, pixel.x, pixel.y, study.subdivisions);
+    for (const int count : study.subdivisions) {
+      const auto snapshot = std::ranges::find(history, count, &KernelSnapshot::subdivisions);
+      kernels.after.push_back(snapshot == history.end()
+                                  ? std::optional<Image>()
+                                  : kernel_density(input.session.light, snapshot->boxes, snapshot->weights));
+    }
     const std::size_t index = static_cast<std::size_t>(pixel.y) * input.session.width + pixel.x;
     kernels.in_field = kernel_density(input.fields.front().field, index);
     if (input.transport) kernels.exact = kernel_density(*input.transport, index);

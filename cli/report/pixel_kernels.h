@@ -20,7 +20,8 @@ Image kernel_density(const ReflectanceField& field, std::size_t pixel);
 /// How the kernels of a pixel unfold (Matusik et al. 2004, figure 8).
 struct PixelKernels {
   ChosenPixel pixel;
-  std::vector<Image> after;    ///< [subdivisions], densities
+  /// [subdivisions], densities; nullopt where no further split was worth it.
+  std::vector<std::optional<Image>> after;
   Image in_field;              ///< as the field holds them, after spatial correction
   std::optional<Image> exact;  ///< the pixel's row of the exact transport
 };

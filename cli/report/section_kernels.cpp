@@ -77,13 +77,19 @@ std::string kernels_html(const ReportInput& input, const KernelStudy& study) {
   }
   html += "</table></div></div><div class=\"wide\"><table class=\"kernels\"><thead><tr><th></th>";
   for (const int count : study.subdivisions) html += "<th>" + std::to_string(count) + "</th>";
+  bool any_done = false;
   html += "<th>field</th>" + std::string(has_exact ? "<th>exact</th>" : "") + "</tr></thead><tbody>";
   for (std::size_t i = 0; i < study.pixels.size(); ++i) {
     const PixelKernels& kernels = study.pixels[i];
     const std::string name = "pixel " + letter(i) + ", ";
     html += "<tr><th>" + letter(i) + "</th>";
-    for (std::size_t s = 0; s < kernels.after.size(); ++s)
-      html += panel(kernels.after[s], name + std::to_string(study.subdivisions[s]) + " subdivisions");
+    for (std::size_t s = 0; s < kernels.after.size(); ++s) {
+      if (kernels.after[s])
+        html += panel(*kernels.after[s], name + std::to_string(study.subdivisions[s]) + " subdivisions");
+      else
+        html += "<td class=\"done\">–</td>";
+      any_done = any_done || !kernels.after[s];
+    }
     html += panel(kernels.in_field, name + "in the field");
     if (kernels.exact) html += panel(*kernels.exact, name + "exact");
     html += "</tr>";
@@ -91,6 +97,7 @@ std::string kernels_html(const ReportInput& input, const KernelStudy& study) {
   html += "</tbody></table></div><p class=\"note\">Up to " + std::to_string(study.kernels) +
           " kernels, mode " + std::string(name_of(input.fields.front().options.mode)) +
           ". Pixels are told apart by how far their kernels’ energy spreads, not by knowledge of the scene.";
+  if (any_done) html += " “–”: no further split was worth it.";
   if (input.session.light.width > max_kernel_width)
     html += " A point of a panel shows the highest weight of the texels that it covers.";
   return section_html("What a pixel sees", html + "</p>");
