@@ -16,7 +16,7 @@ EstimateMode estimate_mode_from_name(std::string_view name);
 struct EstimateOptions {
   EstimateMode mode = EstimateMode::refined;
   int kernels = 25;                         ///< cap on the kernels of a pixel, 1 to 255
-  int spatial_passes = 2;                   ///< sweeps of spatial correction; 0: none
+  int spatial_passes = 1;                   ///< sweeps of spatial correction; 0: none
   std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
   /// Samples at or above this radiance are clipped and left out, besides those that the capture marked.
   float clip_level = std::numeric_limits<float>::infinity();
