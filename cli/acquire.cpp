@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/report/run_log.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -208,6 +209,16 @@ void acquire(const AcquireOptions& options, const Common& common) {
                  seed);
   const CaptureSummary summary =
       capture(request, rig.camera(), rig.illuminator(), options.trigger ? &rig.trigger() : nullptr);
+  // A capture that was already complete keeps the log of the run that made it.
+  if (!summary.useful_fraction.empty())
+    report::write_run_log(options.session, "acquire", summary.seconds,
+                          {{"lights", summary.lights},
+                           {"taken_over", summary.found_done},
+                           {"exposures", summary.exposures.size()},
+                           {"clipped_fraction", summary.clipped_fraction},
+                           {"frames_discarded_early", summary.discarded.early},
+                           {"frames_discarded_stale", summary.discarded.stale},
+                           {"frames_lost", summary.discarded.lost}});
   if (common.json)
     std::printf("%s\n", figures_of(summary).dump(2).c_str());
   else

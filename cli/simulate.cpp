@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "cli/report/run_log.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -147,6 +148,12 @@ void simulate(const Arguments& arguments, const Common& common) {
   remove_earlier(arguments.folder);
   const SimulateSummary summary = simulate_session(recipe, options, arguments.folder);
   write_record(arguments.folder, provenance, true);
+  report::write_run_log(arguments.folder, "simulate",
+                        summary.light_seconds + summary.trace_seconds + summary.write_seconds,
+                        {{"lights", summary.lights},
+                         {"rays", summary.rays},
+                         {"entries_per_pixel", summary.entries_per_pixel},
+                         {"transport_bytes", summary.transport_bytes}});
   print(summary, arguments.folder, common.json);
 }
 

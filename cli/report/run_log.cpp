@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/run_log.h"
 
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -37,6 +39,23 @@ std::string detail(std::string key, const nlohmann::ordered_json& value) {
 
 }  // namespace
 
+fs::path run_log_path(const fs::path& made) {
+  fs::path path = made.lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();
+  return path += ".log.json";
+}
+
+void write_run_log(const fs::path& made, const std::string& stage, double seconds,
+                   const nlohmann::ordered_json& details) {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  nlohmann::ordered_json log = {{"stage", stage},
+                                {"seconds", seconds},
+                                {"peak_memory_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024}};
+  log.update(details);
+  write_text_atomically(run_log_path(made), log.dump(2) + "\n");
+}
+
 std::optional<RunLog> read_run_log(const fs::path& path) {
   if (!fs::is_regular_file(path)) return std::nullopt;
   const auto json = nlohmann::ordered_json::parse(read_text(path), nullptr, false);
@@ -58,14 +77,13 @@ std::optional<RunLog> read_run_log(const fs::path& path) {
 }
 
 std::vector<RunLog> find_run_logs(const ReportInput& input) {
-  std::vector<fs::path> places;
-  if (!input.truth_folder.empty()) places.push_back(input.truth_folder / "simulate.log.json");
-  places.push_back(input.session.folder / "simulate.log.json");
-  places.push_back(input.session.folder / "acquire.log.json");
-  for (const FieldEntry& entry : input.fields) places.emplace_back(entry.path.string() + ".log.json");
+  std::vector<fs::path> made;
+  if (!input.truth_folder.empty()) made.push_back(input.truth_folder);
+  made.push_back(input.session.folder);
+  for (const FieldEntry& entry : input.fields) made.push_back(entry.path);
   std::vector<RunLog> logs;
-  for (const fs::path& place : places)
-    if (auto log = read_run_log(place)) logs.push_back(std::move(*log));
+  for (const fs::path& path : made)
+    if (auto log = read_run_log(run_log_path(path))) logs.push_back(std::move(*log));
   return logs;
 }
 

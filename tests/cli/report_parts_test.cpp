@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <nlohmann/json.hpp>
 #include <numeric>
 #include <vector>
 
@@ -202,6 +203,15 @@ TEST(ReportRunLog, ReadsWhatStagesWrite) {
   EXPECT_EQ(log->peak_memory_bytes, 1000u);
   EXPECT_EQ(log->threads, 2);
   EXPECT_EQ(log->details, "bands 4, foreseen memory 2.00 MB, share 0.123");
+  EXPECT_EQ(run_log_path("a/b.rfield"), "a/b.rfield.log.json");
+  EXPECT_EQ(run_log_path("a/session/"), "a/session.log.json");
+  write_run_log(folder / "session/", "acquire", 1.5, {{"lights", 7}});
+  const auto written = read_run_log(folder / "session.log.json");
+  ASSERT_TRUE(written);
+  EXPECT_EQ(written->stage, "acquire");
+  EXPECT_EQ(written->seconds, 1.5);
+  EXPECT_GT(written->peak_memory_bytes, 1000000u) << "this very process holds more";
+  EXPECT_EQ(written->details, "lights 7");
   write_text_atomically(path, "stage: estimate");
   EXPECT_THROW(read_run_log(path), FormatError);
 }
