@@ -24,6 +24,10 @@ std::vector<Tile> tiles_of(int width, RowRange rows) {
   return tiles;
 }
 
+void keep_within_limit(KernelCache& cache) {
+  if (cache.bytes() > cache_limit_bytes) cache.clear();
+}
+
 }  // namespace
 
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options) {
@@ -45,7 +49,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   const auto worker = [&]() -> FitWorker& {
     auto& own = workers.local();
     if (!own) own = std::make_unique<FitWorker>(table, options);
-    if (own->cache.bytes() > cache_limit_bytes) own->cache.clear();
+    keep_within_limit(own->cache);
     return *own;
   };
   const auto at = [&](int x, int y) { return static_cast<std::size_t>(y - held.first) * width + x; };
@@ -62,7 +66,10 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   for_each_tile(held, [&](const Tile& tile, FitWorker& own) {
     for (int y = tile.y0; y < tile.y1; ++y)
       for (int x = tile.x0; x < tile.x1; ++x)
-        if (active(x, y)) kernels[at(x, y)] = own.tree.fit(samples(x, y));
+        if (active(x, y)) {
+          kernels[at(x, y)] = own.tree.fit(samples(x, y));
+          keep_within_limit(own.cache);  // pixels that share little fill it within a tile
+        }
     progress.advance(static_cast<std::uint64_t>(tile.x1 - tile.x0) * (tile.y1 - tile.y0));
   });
 

@@ -34,8 +34,8 @@ TEST(EstimateProgram, KilledAtTenMomentsItEndsInTheSameBytes) {
   const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - start;
   const std::string whole = read_text(folder / "whole.rfield");
 
-  constexpr int kills_wanted = 10;
-  constexpr int most_attempts = 60;
+  const int kills_wanted = kills_asked_for();
+  const int most_attempts = 6 * kills_wanted;
   Rng random(20042);
   int kills = 0, took_over = 0;
   for (int attempt = 0; kills < kills_wanted && attempt < most_attempts; ++attempt) {

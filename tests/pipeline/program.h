@@ -29,6 +29,9 @@ class RunningProgram {
 /// Runs `refield` to its end and returns its exit status.
 int run_program(std::vector<std::string> arguments, const std::filesystem::path& log);
 
+/// How often the tests of kill -9 strike: REFIELD_KILLS of the environment, else 10.
+int kills_asked_for();
+
 /// Empty when two folders hold the same files with the same bytes; else what differs (diff -r).
 std::string folder_difference(const std::filesystem::path& a, const std::filesystem::path& b);
 
