@@ -7,17 +7,10 @@
 
 #include "core/capture_session.h"
 #include "core/reflectance_field.h"
+#include "estimate/estimate_plan.h"
 #include "estimate/options.h"
 
 namespace refield {
-
-/// What an estimation will need, known before it starts.
-struct EstimatePlan {
-  int images = 0;
-  int band_rows = 0;  ///< rows of photographs held at a time
-  int bands = 0;
-  std::uint64_t memory_bytes = 0;  ///< foreseen peak
-};
 
 /// What an estimation did.
 struct EstimateSummary {

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/capture_session.h"
+#include "core/metrics.h"
+#include "estimate/options.h"
+
+namespace refield {
+
+/// The input of an estimation, opened and checked: the training frames of a session, whose images fit
+/// together, and the mask.
+struct EstimateJob {
+  CaptureSession session;
+  std::vector<CaptureFrame> frames;
+  Mask mask;
+};
+
+/// Checks options, the number of training images and the header of every image, and reads the mask. Throws
+/// InputError for input that cannot be estimated from.
+EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options);
+
+/// Names everything that the result depends on, with size and time of every input file: bands of an
+/// interrupted estimation are taken over only where this text is the same.
+std::string describe(const EstimateJob& job, const EstimateOptions& options);
+
+/// What a field says of its making: JSON without time, host or absolute path.
+std::string provenance_of(const EstimateJob& job, const EstimateOptions& options);
+
+std::vector<std::filesystem::path> illumination_paths(const std::vector<CaptureFrame>& frames);
+
+}  // namespace refield

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/estimate_plan.h"
+
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/errors.h"
+#include "core/reflectance_field.h"
+
+namespace refield {
+
+namespace {
+
+constexpr int most_band_rows = 64;
+constexpr int fewest_bands = 8;
+constexpr double gib = 1024.0 * 1024.0 * 1024.0;
+/// The program, its libraries and small allocations.
+constexpr std::uint64_t base_bytes = 200ull << 20;
+
+}  // namespace
+
+int thread_count(const EstimateOptions& options) {
+  return options.threads > 0 ? options.threads : tbb::this_task_arena::max_concurrency();
+}
+
+EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
+  const CaptureSession& session = job.session;
+  const int images = static_cast<int>(job.frames.size());
+  const std::uint64_t threads = thread_count(options);
+  const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * session.height;
+  constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
+  const std::uint64_t kernel_bytes =
+      options.kernels * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
+
+  const std::uint64_t fixed =
+      base_bytes + BoxTable::bytes(session.light, images) + threads * cache_limit_bytes;
+  // A row holds its samples, its kernels before and after a sweep, and its share of the images being read.
+  const std::uint64_t row = ObservationBand::bytes(session.width, 1, images) +
+                            3 * session.width * kernel_bytes +
+                            threads * 16 * session.width * 9 * sizeof(float);
+  const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(options.spatial_passes);
+  // Assembly happens after the tables are gone: twice the field, while vectors grow.
+  const std::uint64_t assembly = base_bytes + 2 * pixels * options.kernels * entry_bytes;
+  const std::uint64_t least = std::max(fixed + (1 + overlap) * row, assembly);
+  if (least > options.memory_bytes)
+    throw InputError(
+        "this estimation needs at least " +
+        std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4) + " GiB (" +
+        std::to_string(images) + " light maps of " + std::to_string(session.light.width) + "×" +
+        std::to_string(session.light.height) + " are held as tables of 24 bytes a texel); --memory allows " +
+        std::to_string(options.memory_bytes / gib).substr(0, 4) + ": raise it, or resample the light maps");
+  EstimatePlan plan;
+  plan.images = images;
+  const std::uint64_t affordable = (options.memory_bytes - fixed) / row - overlap;
+  const int wanted = std::clamp((session.height + fewest_bands - 1) / fewest_bands, 1, most_band_rows);
+  plan.band_rows = static_cast<int>(std::min<std::uint64_t>(wanted, affordable));
+  plan.bands = (session.height + plan.band_rows - 1) / plan.band_rows;
+  plan.memory_bytes = std::max(fixed + (plan.band_rows + overlap) * row, assembly);
+  return plan;
+}
+
+std::vector<RowRange> bands_of(int height, int band_rows) {
+  std::vector<RowRange> bands;
+  for (int row = 0; row < height; row += band_rows) bands.push_back({row, std::min(row + band_rows, height)});
+  return bands;
+}
+
+std::optional<tbb::global_control> limit_threads(const EstimateOptions& options) {
+  if (options.threads == 0) return std::nullopt;
+  return std::optional<tbb::global_control>(std::in_place, tbb::global_control::max_allowed_parallelism,
+                                            options.threads);
+}
+
+}  // namespace refield

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <tbb/global_control.h>
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "estimate/estimate_band.h"
+#include "estimate/estimate_job.h"
+
+namespace refield {
+
+/// What an estimation will need, known before it starts.
+struct EstimatePlan {
+  int images = 0;
+  int band_rows = 0;  ///< rows of photographs held at a time
+  int bands = 0;
+  std::uint64_t memory_bytes = 0;  ///< foreseen peak
+};
+
+/// Foresees memory and cuts the image into bands that fit. Throws InputError where not even one row does.
+EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options);
+
+/// The bands of an image of `height` rows, in order.
+std::vector<RowRange> bands_of(int height, int band_rows);
+
+int thread_count(const EstimateOptions& options);
+
+/// Holds oneTBB to the asked number of threads while it lives.
+std::optional<tbb::global_control> limit_threads(const EstimateOptions& options);
+
+}  // namespace refield

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/field_assembler.h"
+
+#include <cmath>
+
+namespace refield {
+
+FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options) {
+  field_.width = job.session.width;
+  field_.height = job.session.height;
+  field_.basis.domain = job.session.light;
+  field_.provenance = provenance_of(job, options);
+}
+
+void FieldAssembler::append(std::span<const PixelKernels> kernels) {
+  std::vector<std::uint32_t> columns;
+  for (const PixelKernels& pixel : kernels) {
+    columns.clear();
+    for (const Box& box : pixel.boxes) {
+      const auto [entry, is_new] =
+          numbers_.try_emplace(box, static_cast<std::uint32_t>(field_.basis.boxes.size()));
+      if (is_new) field_.basis.boxes.push_back(box);
+      columns.push_back(entry->second);
+    }
+    field_.transfer.append_row(columns, pixel.weights);
+    field_.training_error.push_back(
+        pixel.squared_samples > 0.0
+            ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
+            : 0.0f);
+  }
+}
+
+}  // namespace refield

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <span>
+#include <unordered_map>
+#include <utility>
+
+#include "core/reflectance_field.h"
+#include "estimate/estimate_job.h"
+#include "estimate/fit_pixel.h"
+
+namespace refield {
+
+/// Gathers pixels into a field, in row-major order; boxes get their numbers in order of first use.
+class FieldAssembler {
+ public:
+  FieldAssembler(const EstimateJob& job, const EstimateOptions& options);
+  void append(std::span<const PixelKernels> kernels);
+  ReflectanceField take() { return std::move(field_); }
+
+ private:
+  ReflectanceField field_;
+  std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;
+};
+
+}  // namespace refield
