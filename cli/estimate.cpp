@@ -8,10 +8,15 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/image_io.h"
+#include "core/progress.h"
+#include "estimate/foresee.h"
 
 namespace refield::cli {
 
 namespace {
+
+constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 
 struct EstimateArguments {
   std::string session;
@@ -22,7 +27,9 @@ struct EstimateArguments {
   std::string mode = "refined";
   std::string output;
   double memory_gib = 4.0;
+  std::string rows;
   bool resume = false;
+  bool dry_run = false;
   EstimateOptions options;
 };
 
@@ -40,33 +47,95 @@ CaptureSession open_capture(const EstimateArguments& arguments) {
   return session;
 }
 
+/// "A:B", "A:", ":B", or "I/N": the I-th of N equal bands, from 1.
+RowRange rows_from_text(const std::string& text, const CaptureSession& session) {
+  const int height =
+      session.height > 0 ? session.height : read_image_header(session.frames.front().observed).height;
+  const auto mark = text.find_first_of(":/");
+  const bool of_equal_bands = mark != std::string::npos && text[mark] == '/';
+  const auto number = [&](const std::string& digits, int if_empty) {
+    if (digits.size() > 9 || digits.find_first_not_of("0123456789") != std::string::npos ||
+        (digits.empty() && of_equal_bands))
+      throw InputError("--rows " + text +
+                       ": give A:B for rows A to B - 1, counted from 0, or I/N for the I-th of N bands");
+    return digits.empty() ? if_empty : std::stoi(digits);
+  };
+  const int first = number(mark == std::string::npos ? "no mark" : text.substr(0, mark), 0);
+  const int second = number(text.substr(mark + 1), height);
+  if (!of_equal_bands) return {first, second};
+  if (first < 1 || first > second || second > height)
+    throw InputError("--rows " + text +
+                     ": there is no such band; give I/N with I from 1 to N, and N up to the " +
+                     std::to_string(height) + " rows of the picture");
+  const auto edge = [&](int band) {
+    return static_cast<int>(static_cast<std::int64_t>(height) * band / second);
+  };
+  return {edge(first - 1), edge(first)};
+}
+
+nlohmann::ordered_json plan_figures(const EstimateArguments& arguments, const EstimatePlan& plan) {
+  return {
+      {"mode", arguments.mode},        {"kernels", arguments.options.kernels},      {"images", plan.images},
+      {"threads", plan.threads},       {"rows", {plan.rows.first, plan.rows.last}}, {"bands", plan.bands},
+      {"rows_a_band", plan.band_rows}, {"foreseen_memory_bytes", plan.memory_bytes}};
+}
+
 nlohmann::ordered_json log_of(const EstimateArguments& arguments, const EstimateSummary& summary) {
-  return {{"stage", "estimate"},
-          {"field", arguments.output},
-          {"mode", arguments.mode},
-          {"kernels", arguments.options.kernels},
-          {"images", summary.plan.images},
-          {"bands", summary.plan.bands},
-          {"resumed_bands", summary.resumed_bands},
-          {"seconds", summary.seconds},
-          {"foreseen_memory_bytes", summary.plan.memory_bytes},
-          {"peak_memory_bytes", summary.peak_memory_bytes},
-          {"mean_kernels", summary.mean_kernels},
-          {"median_training_error", summary.median_training_error}};
+  nlohmann::ordered_json log = {
+      {"stage", "estimate"}, {"field", arguments.output}, {"version", REFIELD_VERSION}};
+  log.update(plan_figures(arguments, summary.plan));
+  log.update({{"resumed_bands", summary.resumed_bands},
+              {"seconds", summary.seconds},
+              {"peak_memory_bytes", summary.peak_memory_bytes},
+              {"mean_kernels", summary.mean_kernels},
+              {"median_training_error", summary.median_training_error}});
+  return log;
+}
+
+void dry_run(const EstimateArguments& arguments, const CaptureSession& session, const Common& common) {
+  const Foresight foresight = foresee_estimate(session, arguments.options);
+  auto figures = plan_figures(arguments, foresight.plan);
+  figures.update({{"foreseen_seconds", foresight.seconds()},
+                  {"foreseen_seconds_lights", foresight.lights_seconds},
+                  {"foreseen_seconds_photographs", foresight.photographs_seconds},
+                  {"foreseen_seconds_fit", foresight.fit_seconds},
+                  {"sampled_pixels", foresight.sampled_pixels}});
+  if (common.json) {
+    std::printf("%s\n", figures.dump(2).c_str());
+    return;
+  }
+  const EstimatePlan& plan = foresight.plan;
+  std::printf("%d images can be estimated from; nothing was written\n", plan.images);
+  std::printf("rows %d to %d in %d bands of %d\n", plan.rows.first, plan.rows.last - 1, plan.bands,
+              plan.band_rows);
+  std::printf("memory: %.2f GiB of the %.1f allowed\n", plan.memory_bytes / gib, arguments.memory_gib);
+  std::printf("time on %d threads: about %.0f s (lights %.1f, photographs %.1f, fit %.1f; from %d pixels)\n",
+              plan.threads, foresight.seconds(), foresight.lights_seconds, foresight.photographs_seconds,
+              foresight.fit_seconds, foresight.sampled_pixels);
+}
+
+void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
+  char text[160];
+  std::snprintf(
+      text, sizeof text,
+      "estimate: %d images, rows %d to %d, %d bands of %d, %d threads, foresees %.1f GiB of the %.1f "
+      "allowed",
+      plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
+      plan.memory_bytes / gib, arguments.memory_gib);
+  log_line(text);
 }
 
 void run(EstimateArguments arguments, const Common& common) {
-  constexpr double gib = 1024.0 * 1024.0 * 1024.0;
   arguments.options.mode = estimate_mode_from_name(arguments.mode);
   if (!(arguments.memory_gib > 0.0 && arguments.memory_gib < 1e6))
     throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
                      "; give a number of GiB above 0");
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
   const CaptureSession session = open_capture(arguments);
-  const EstimatePlan plan = plan_estimate(session, arguments.options);
-  if (!common.quiet)
-    std::fprintf(stderr, "%d images, %d bands of %d rows, foresees %.1f GiB of the %.1f allowed\n",
-                 plan.images, plan.bands, plan.band_rows, plan.memory_bytes / gib, arguments.memory_gib);
+  if (!arguments.rows.empty()) arguments.options.rows = rows_from_text(arguments.rows, session);
+  if (arguments.dry_run) return dry_run(arguments, session, common);
+  if (arguments.output.empty()) throw InputError("--output is missing; give -o NAME.rfield");
+  announce(arguments, plan_estimate(session, arguments.options));
   const EstimateSummary summary =
       estimate_to_file(session, arguments.options, arguments.output, arguments.resume);
   const auto log = log_of(arguments, summary);
@@ -90,7 +159,12 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       "  refield estimate session -o scene.rfield\n"
       "  refield estimate --light 'light/train_*.exr' --observed 'observed/train_*.exr' -o scene.rfield\n"
       "Light maps and photographs pair up by what the wildcards stand for. Both are scene-linear OpenEXR.\n"
-      "An interrupted estimation goes on with --resume; finished rows wait in OUTPUT.partial.");
+      "An interrupted estimation goes on with --resume; finished rows wait in OUTPUT.partial.\n"
+      "Exit status: 0 done; 2 input or an option was refused; 130 stopped by Ctrl-C or SIGTERM, go on with "
+      "--resume;\n"
+      "1 a defect. OUTPUT.log.json says what was done; lines on standard error carry the time where that is "
+      "no "
+      "terminal.");
   verb->add_option("session", arguments->session,
                    "Capture session folder, as refield acquire or simulate makes it");
   verb->add_option("--light", arguments->light_glob,
@@ -102,7 +176,7 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       ->capture_default_str();
   verb->add_option("--mask", arguments->mask,
                    "Image that is bright where the scene is; other pixels stay empty");
-  verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
+  verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
   verb->add_option("--mode", arguments->mode,
                    "refined: splits at thirds and halves; paper: even splits as published in 2004")
       ->capture_default_str();
@@ -118,6 +192,11 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--threads", arguments->options.threads,
                    "0: all cores; the result is the same for any number")
       ->capture_default_str();
+  verb->add_option("--rows", arguments->rows,
+                   "Estimate some rows only, into a part for 'refield merge': A:B for rows A to B - 1,\n"
+                   "counted from 0, or I/N for the I-th of N equal bands");
+  verb->add_flag("--dry-run", arguments->dry_run,
+                 "Check all input and print images, bands, memory and time foreseen; writes nothing");
   verb->add_flag("--resume", arguments->resume, "Take over the finished rows of an interrupted estimation");
   verb->callback(
       [arguments, &common, &action] { action = [arguments, &common] { run(*arguments, common); }; });

@@ -11,6 +11,7 @@
 #include "cli/verbs.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
+#include "core/field_part.h"
 #include "core/field_statistics.h"
 #include "core/image_io.h"
 #include "core/metrics.h"
@@ -40,8 +41,7 @@ int kernel_cap(const ordered_json& provenance) {
   return kernels != provenance.end() && kernels->is_number_integer() ? kernels->get<int>() : 0;
 }
 
-ordered_json describe_field(const fs::path& path) {
-  const ReflectanceField field = read_reflectance_field(path);
+ordered_json describe_field(const fs::path& path, const ReflectanceField& field) {
   ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
   if (provenance.is_discarded()) provenance = field.provenance;
   const KernelStatistics kernels = kernel_statistics(field, kernel_cap(provenance));
@@ -64,6 +64,16 @@ ordered_json describe_field(const fs::path& path) {
     info["training_error"] = {{"median", quantile(field.training_error, 0.5)},
                               {"percentile_90", quantile(field.training_error, 0.9)}};
   info["provenance"] = std::move(provenance);
+  return info;
+}
+
+ordered_json describe_part(const fs::path& path) {
+  const FieldPart part = read_field_part(path);
+  ordered_json info = describe_field(path, part.field);
+  info["kind"] = "part of a reflectance field";
+  info["rows"] = {part.rows.first, part.rows.last};
+  info["whole_image"] = size_of(part.field.width, part.image_height);
+  info["job"] = part.job;
   return info;
 }
 
@@ -124,7 +134,8 @@ ordered_json describe_image(const fs::path& path) {
 
 ordered_json describe_path(const fs::path& path) {
   if (fs::is_directory(path)) return describe_session(path);
-  if (path.extension() == ".rfield") return describe_field(path);
+  if (path.extension() == ".rfield")
+    return is_field_part(path) ? describe_part(path) : describe_field(path, read_reflectance_field(path));
   return describe_image(path);
 }
 

@@ -26,6 +26,10 @@ int run(int argc, char** argv) {
       "  refield estimate session -o scene.rfield                     estimate the reflectance field\n"
       "  refield relight scene.rfield --light new.exr -o new-image.exr\n");
   app.name("refield");
+  app.footer(
+      "Exit status: 0 done; 2 the input, an option or the system refused, see the message; 130 stopped by "
+      "Ctrl-C or\n"
+      "SIGTERM, what is finished is kept; 1 a defect of this program; 128 + N ended by signal N.");
   app.require_subcommand(1);
   app.set_version_flag("--version", "refield " REFIELD_VERSION);
   app.fallthrough();
@@ -37,6 +41,7 @@ int run(int argc, char** argv) {
   refield::cli::add_acquire(app, common, action);
   refield::cli::add_hdr(app, common, action);
   refield::cli::add_estimate(app, common, action);
+  refield::cli::add_merge(app, common, action);
   refield::cli::add_relight(app, common, action);
   refield::cli::add_compare(app, common, action);
   refield::cli::add_info(app, common, action);

@@ -19,6 +19,7 @@ void add_simulate(CLI::App& app, const Common& common, Action& action);
 void add_acquire(CLI::App& app, const Common& common, Action& action);
 void add_hdr(CLI::App& app, const Common& common, Action& action);
 void add_estimate(CLI::App& app, const Common& common, Action& action);
+void add_merge(CLI::App& app, const Common& common, Action& action);
 void add_relight(CLI::App& app, const Common& common, Action& action);
 void add_compare(CLI::App& app, const Common& common, Action& action);
 void add_info(CLI::App& app, const Common& common, Action& action);

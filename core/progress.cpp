@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 
 namespace refield {
 
@@ -15,6 +16,18 @@ std::atomic<int> alive{0};
 bool on_terminal() {
   static const bool terminal = ::isatty(STDERR_FILENO) == 1;
   return terminal;
+}
+std::string utc_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  ::gmtime_r(&now, &parts);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &parts);
+  return text;
+}
+/// Until the next line in a log: a log of a long run stays short.
+std::int64_t log_interval_ms(std::int64_t elapsed_ms) {
+  return std::clamp<std::int64_t>(elapsed_ms / 10, 10'000, 600'000);
 }
 std::string duration_text(double seconds) {
   char text[32];
@@ -26,6 +39,15 @@ std::string duration_text(double seconds) {
   return text;
 }
 }  // namespace
+
+void log_line(const std::string& text) {
+  if (silent) return;
+  if (on_terminal())
+    std::fprintf(stderr, "%s\n", text.c_str());
+  else
+    std::fprintf(stderr, "%s %s\n", utc_now().c_str(), text.c_str());
+  std::fflush(stderr);
+}
 
 void Progress::silence() {
   silent = true;
@@ -50,7 +72,7 @@ void Progress::advance(std::uint64_t steps) {
   if (elapsed_ms < next_draw_ms_) return;
   const std::unique_lock lock(mutex_, std::try_to_lock);
   if (!lock) return;
-  next_draw_ms_ = elapsed_ms + (on_terminal() ? 200 : 10'000);
+  next_draw_ms_ = elapsed_ms + (on_terminal() ? 200 : log_interval_ms(elapsed_ms));
   draw(false);
 }
 
@@ -67,10 +89,12 @@ void Progress::draw(bool last) {
     const std::string bar = std::string(filled, '#') + std::string(bar_width - filled, '.');
     std::fprintf(stderr, "\r%-24s [%s] %3.0f %%  %s\033[K%s", label_.c_str(), bar.c_str(), 100.0 * fraction,
                  times.c_str(), last ? "\n" : "");
+    std::fflush(stderr);
   } else {
-    std::fprintf(stderr, "%s: %.0f %%, %s\n", label_.c_str(), 100.0 * fraction, times.c_str());
+    char percent[16];
+    std::snprintf(percent, sizeof percent, "%.0f %%", 100.0 * fraction);
+    log_line(label_ + ": " + percent + ", " + times);
   }
-  std::fflush(stderr);
   drawn_ = true;
 }
 

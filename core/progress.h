@@ -8,9 +8,14 @@
 
 namespace refield {
 
-/// Progress of one stage on standard error: a bar with the time left on a terminal, a line every ten seconds
-/// elsewhere, nothing for stages shorter than a second or when silenced. advance() may be called from any
-/// thread. Of progresses within each other the outermost alone is shown.
+/// One line for people and schedulers on standard error; where that is no terminal, the time (UTC) stands
+/// before it. Nothing when silenced.
+void log_line(const std::string& text);
+
+/// Progress of one stage on standard error: a bar with the time left on a terminal; elsewhere log_line()s
+/// with per cent, every ten seconds at first and at least every ten minutes in a run of hours. Nothing for
+/// stages shorter than a second or when silenced. advance() may be called from any thread. Of progresses
+/// within each other the outermost alone is shown.
 class Progress {
  public:
   Progress(std::string label, std::uint64_t total);

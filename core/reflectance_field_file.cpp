@@ -10,8 +10,10 @@
 #include <cmath>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include "core/errors.h"
+#include "core/field_part.h"
 #include "core/files.h"
 
 namespace refield {
@@ -21,6 +23,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* format_name = "refield reflectance field";
+constexpr const char* part_format_name = "refield reflectance field part";
 constexpr const char* crc_name = "crc32";
 constexpr std::uint64_t max_pixels = 1ull << 32;
 
@@ -31,8 +34,8 @@ class Handle {
   ~Handle() {
     if (id_ >= 0) close_(id_);
   }
-  Handle(const Handle&) = delete;
-  Handle& operator=(const Handle&) = delete;
+  Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, -1)), close_(other.close_) {}
+  Handle& operator=(Handle&&) = delete;
   operator hid_t() const { return id_; }
   bool valid() const { return id_ >= 0; }
   /// Closes now and says whether all of it reached the file.
@@ -234,9 +237,8 @@ std::uint64_t content_bytes(const ReflectanceField& field) {
          field.training_error.size() * sizeof(float);
 }
 
-}  // namespace
-
-void write_reflectance_field(const fs::path& path, const ReflectanceField& field) {
+/// `part` is null for a whole field, else it says which rows these are.
+void write_field(const fs::path& path, const ReflectanceField& field, const FieldPart* part) {
   const SilencedErrors silenced;
   std::vector<std::int32_t> corners;
   corners.reserve(field.basis.boxes.size() * 4);
@@ -260,10 +262,15 @@ void write_reflectance_field(const fs::path& path, const ReflectanceField& field
       writer.check(created.valid());
     }
     const SparseTransfer& transfer = field.transfer;
-    writer.text("format", format_name);
+    writer.text("format", part ? part_format_name : format_name);
     writer.number("version", reflectance_field_version);
     writer.number("width", field.width);
-    writer.number("height", field.height);
+    writer.number("height", part ? part->image_height : field.height);
+    if (part) {
+      writer.number("first_row", part->rows.first);
+      writer.number("last_row", part->rows.last);
+      writer.text("job", part->job);
+    }
     writer.number("light_width", field.basis.domain.width);
     writer.number("light_height", field.basis.domain.height);
     writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
@@ -278,24 +285,31 @@ void write_reflectance_field(const fs::path& path, const ReflectanceField& field
   });
 }
 
-ReflectanceField read_reflectance_field(const fs::path& path) {
+/// Opens a field or a part and leaves `format` with what the file says it is.
+Handle open_field(const fs::path& path, std::string& format) {
   const SilencedErrors silenced;
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
   if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
     throw FormatError(path,
                       "is not a reflectance field (no HDF5 file); give a file that 'refield estimate' wrote");
-  const Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file.valid())
     throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
   const Reader reader{file, path};
-  if (H5Aexists(file, "format") <= 0 || reader.text("format") != format_name)
+  if (H5Aexists(file, "format") > 0) format = reader.text("format");
+  if (format != format_name && format != part_format_name)
     throw FormatError(
         path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
   if (const int version = reader.number("version"); version != reflectance_field_version)
     throw FormatError(path, "has format version " + std::to_string(version) +
                                 ", this program reads version " + std::to_string(reflectance_field_version) +
                                 "; use the matching refield or estimate the field again");
+  return file;
+}
+
+/// Sizes, light and provenance: what a reader needs before it asks for the numbers.
+ReflectanceField read_outline(const Reader& reader) {
   ReflectanceField field;
   field.width = reader.number("width");
   field.height = reader.number("height");
@@ -306,6 +320,11 @@ ReflectanceField read_reflectance_field(const fs::path& path) {
       field.basis.domain.width <= 0 || field.basis.domain.height <= 0)
     reader.fail("has impossible dimensions");
   field.provenance = reader.text("provenance");
+  return field;
+}
+
+/// Fills in the numbers; `field.height` must be that of the rows held.
+void read_content(const Reader& reader, ReflectanceField& field) {
   const auto corners = reader.dataset<std::int32_t>("basis/boxes", 4);
   for (std::size_t k = 0; k < corners.size(); k += 4)
     field.basis.boxes.push_back({corners[k], corners[k + 1], corners[k + 2], corners[k + 3]});
@@ -315,7 +334,67 @@ ReflectanceField read_reflectance_field(const fs::path& path) {
   field.training_error = reader.dataset<float>("statistics/training_error", 1);
   if (field.transfer.row_start.empty()) reader.fail("transfer/row_start is empty");
   validate(field, reader);
+}
+
+FieldPart read_part(const fs::path& path, bool with_content) {
+  std::string format;
+  const Handle file = open_field(path, format);
+  const Reader reader{file, path};
+  if (format != part_format_name)
+    throw InputError(path.string() +
+                     ": is a whole field, not a part of one; give files that 'refield estimate --rows' made");
+  FieldPart part;
+  part.field = read_outline(reader);
+  part.image_height = part.field.height;
+  part.rows = {reader.number("first_row"), reader.number("last_row")};
+  if (part.rows.first < 0 || part.rows.first >= part.rows.last || part.rows.last > part.image_height)
+    reader.fail("states impossible rows");
+  part.field.height = part.rows.count();
+  part.job = reader.text("job");
+  if (with_content) read_content(reader, part.field);
+  return part;
+}
+
+}  // namespace
+
+void write_reflectance_field(const fs::path& path, const ReflectanceField& field) {
+  write_field(path, field, nullptr);
+}
+
+ReflectanceField read_reflectance_field(const fs::path& path) {
+  std::string format;
+  const Handle file = open_field(path, format);
+  const Reader reader{file, path};
+  if (format == part_format_name)
+    throw InputError(path.string() + ": holds rows " + std::to_string(reader.number("first_row")) + " to " +
+                     std::to_string(reader.number("last_row") - 1) + " of a field of " +
+                     std::to_string(reader.number("height")) +
+                     " rows; join all parts with 'refield merge PARTS -o WHOLE.rfield' and give that");
+  ReflectanceField field = read_outline(reader);
+  read_content(reader, field);
   return field;
+}
+
+bool is_field_part(const fs::path& path) {
+  try {
+    std::string format;
+    const Handle file = open_field(path, format);
+    return format == part_format_name;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+void write_field_part(const fs::path& path, const FieldPart& part) {
+  write_field(path, part.field, &part);
+}
+
+FieldPart read_field_part(const fs::path& path) {
+  return read_part(path, true);
+}
+
+FieldPart read_field_part_outline(const fs::path& path) {
+  return read_part(path, false);
 }
 
 }  // namespace refield

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/errors.h"
+#include "core/field_part.h"
 #include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "estimate/checkpoint.h"
@@ -31,7 +32,7 @@ int estimate_bands(const EstimateJob& job, const EstimateOptions& options, const
   FitWorkers workers;
   std::uint64_t pixels = 0;
   std::vector<RowRange> missing;
-  const auto bands = bands_of(height, plan.band_rows);
+  const auto bands = bands_of(plan);
   for (const RowRange& rows : bands)
     if (!find(rows)) {
       missing.push_back(rows);
@@ -48,11 +49,13 @@ int estimate_bands(const EstimateJob& job, const EstimateOptions& options, const
   return static_cast<int>(bands.size() - missing.size());
 }
 
-void summarise(const ReflectanceField& field, const Mask& mask, EstimateSummary& summary) {
+/// `field` holds the job's rows alone, the mask the whole picture.
+void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSummary& summary) {
+  const std::size_t before = static_cast<std::size_t>(job.rows.first) * job.session.width;
   std::size_t active = 0;
   std::vector<float> errors;
   for (std::size_t p = 0; p < field.transfer.rows(); ++p) {
-    if (!mask.empty() && mask[p] == 0) continue;
+    if (!job.mask.empty() && job.mask[before + p] == 0) continue;
     ++active;
     errors.push_back(field.training_error[p]);
   }
@@ -84,18 +87,22 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
       [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); });
 
   FieldAssembler assembler(job, options);
-  for (const RowRange& rows : bands_of(job.session.height, summary.plan.band_rows)) {
+  for (const RowRange& rows : bands_of(summary.plan)) {
     const auto kernels = checkpoint.load(rows, width);
     if (!kernels)
       throw InputError(output.string() +
                        ".partial: a finished band is damaged; run again with --resume to redo it");
     assembler.append(*kernels);
   }
-  const ReflectanceField field = assembler.take();
-  write_reflectance_field(output, field);
+  FieldPart part{assembler.take(), job.rows, job.session.height, job_key(job, options)};
+  const ReflectanceField& field = part.field;
+  if (options.rows)
+    write_field_part(output, part);
+  else
+    write_reflectance_field(output, field);
   checkpoint.remove();
 
-  summarise(field, job.mask, summary);
+  summarise(field, job, summary);
   summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);

@@ -26,13 +26,14 @@ struct EstimateSummary {
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options);
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
-/// bands of rows. Finished bands are kept in the folder `output`.partial; with `resume` they are taken over,
-/// and the result is the same bit for bit. Throws Interrupted between units of work when asked to stop.
-/// Source: Matusik et al. 2004, sections 3 to 5.
+/// bands of rows; with options.rows set, those rows into a part (core/field_part.h). Finished bands are kept
+/// in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit for bit.
+/// Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004, sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
                                  const std::filesystem::path& output, bool resume);
 
-/// The same, kept in memory: for small sessions, tests and the report.
+/// The same, kept in memory: for small sessions, tests and the report. With options.rows set the field's
+/// height is theirs.
 ReflectanceField estimate_field(const CaptureSession& session, const EstimateOptions& options);
 
 /// A pixel's kernels after some number of subdivisions.

@@ -7,6 +7,7 @@
 
 #include "core/metrics.h"
 #include "core/progress.h"
+#include "core/row_range.h"
 #include "estimate/observations.h"
 #include "estimate/refit.h"
 
@@ -28,10 +29,6 @@ inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 /// Rows of photographs that the estimate of rows [first, last) looks at: each sweep of spatial correction
 /// reaches one row further, so bands overlap by that many and no result depends on how the image is cut into
 /// bands.
-struct RowRange {
-  int first = 0;
-  int last = 0;
-};
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
 /// Estimates the pixels of `wanted` rows, row by row; `band` holds rows_needed(). `mask` [height × width] or

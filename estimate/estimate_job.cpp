@@ -2,6 +2,7 @@
 #include "estimate/estimate_job.h"
 
 #include <cmath>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "core/errors.h"
@@ -18,11 +19,32 @@ std::string name_of(const CaptureSession& session) {
   return session.frames.front().observed.parent_path().string();
 }
 
+/// Everything but the input files that the result depends on.
+nlohmann::ordered_json options_of(const EstimateOptions& options) {
+  nlohmann::ordered_json description = {{"program", "refield"},
+                                        {"version", REFIELD_VERSION},
+                                        {"mode", name_of(options.mode)},
+                                        {"kernels", options.kernels},
+                                        {"spatial_passes", options.spatial_passes}};
+  if (std::isfinite(options.clip_level)) description["clip_level"] = options.clip_level;
+  return description;
+}
+
+std::vector<fs::path> inputs_of(const EstimateJob& job) {
+  std::vector<fs::path> paths;
+  if (job.session.mask) paths.push_back(*job.session.mask);
+  for (const CaptureFrame& frame : job.frames) {
+    paths.push_back(frame.illumination);
+    paths.push_back(frame.observed);
+  }
+  return paths;
+}
+
 }  // namespace
 
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
   options.check();
-  EstimateJob job{session, session.frames_of(FrameRole::train), {}};
+  EstimateJob job{session, session.frames_of(FrameRole::train), {}, {}};
   const int images = static_cast<int>(job.frames.size());
   if (images < 2)
     throw InputError(name_of(session) + ": holds " +
@@ -34,27 +56,37 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
                      std::to_string(images) + " or less");
   job.session.frames = job.frames;
   check_image_sizes(job.session);
+  job.rows = options.rows.value_or(RowRange{0, job.session.height});
+  if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
+    throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +
+                     " are no rows of a picture of " + std::to_string(job.session.height) +
+                     "; rows count from 0, and the last one named is not included");
   if (session.mask) job.mask = read_mask(*session.mask, job.session.width, job.session.height);
   return job;
 }
 
 std::string describe(const EstimateJob& job, const EstimateOptions& options) {
-  nlohmann::ordered_json description = {{"program", "refield"},
-                                        {"mode", name_of(options.mode)},
-                                        {"kernels", options.kernels},
-                                        {"spatial_passes", options.spatial_passes}};
-  if (std::isfinite(options.clip_level)) description["clip_level"] = options.clip_level;
+  nlohmann::ordered_json description = options_of(options);
   const auto stamp = [](const fs::path& path) {
     return nlohmann::ordered_json{{"path", path.string()},
                                   {"bytes", fs::file_size(path)},
                                   {"modified", fs::last_write_time(path).time_since_epoch().count()}};
   };
-  if (job.session.mask) description["mask"] = stamp(*job.session.mask);
-  for (const CaptureFrame& frame : job.frames) {
-    description["inputs"].push_back(stamp(frame.illumination));
-    description["inputs"].push_back(stamp(frame.observed));
-  }
+  for (const fs::path& path : inputs_of(job)) description["inputs"].push_back(stamp(path));
   return description.dump(1);
+}
+
+std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
+  nlohmann::ordered_json key = options_of(options);
+  std::uint64_t hash = 0xcbf29ce484222325ull;  // FNV-1a, 64 bits
+  for (const fs::path& path : inputs_of(job))
+    for (const char byte : path.filename().string() + ' ' + std::to_string(fs::file_size(path)) + '\n')
+      hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3ull;
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  key["inputs"] = inputs_of(job).size();
+  key["names_and_sizes"] = text;
+  return key.dump();
 }
 
 std::string provenance_of(const EstimateJob& job, const EstimateOptions& options) {

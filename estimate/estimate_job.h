@@ -16,6 +16,7 @@ struct EstimateJob {
   CaptureSession session;
   std::vector<CaptureFrame> frames;
   Mask mask;
+  RowRange rows;  ///< of the picture, to be estimated
 };
 
 /// Checks options, the number of training images and the header of every image, and reads the mask. Throws
@@ -25,6 +26,10 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
 /// Names everything that the result depends on, with size and time of every input file: bands of an
 /// interrupted estimation are taken over only where this text is the same.
 std::string describe(const EstimateJob& job, const EstimateOptions& options);
+
+/// The same in short, and without what differs from one host to another (paths, times): parts of a field are
+/// joined only where this text is the same.
+std::string job_key(const EstimateJob& job, const EstimateOptions& options);
 
 /// What a field says of its making: JSON without time, host or absolute path.
 std::string provenance_of(const EstimateJob& job, const EstimateOptions& options);

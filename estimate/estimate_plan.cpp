@@ -14,6 +14,7 @@ namespace refield {
 namespace {
 
 constexpr int most_band_rows = 64;
+constexpr int fewest_band_rows = 16;  ///< below, the rows that bands share would cost more than a tenth
 constexpr int fewest_bands = 8;
 constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 /// The program, its libraries and small allocations.
@@ -29,7 +30,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const CaptureSession& session = job.session;
   const int images = static_cast<int>(job.frames.size());
   const std::uint64_t threads = thread_count(options);
-  const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * session.height;
+  const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * job.rows.count();
   constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
   const std::uint64_t kernel_bytes =
       options.kernels * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
@@ -53,17 +54,22 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
         std::to_string(options.memory_bytes / gib).substr(0, 4) + ": raise it, or resample the light maps");
   EstimatePlan plan;
   plan.images = images;
+  plan.threads = static_cast<int>(threads);
+  plan.rows = job.rows;
   const std::uint64_t affordable = (options.memory_bytes - fixed) / row - overlap;
-  const int wanted = std::clamp((session.height + fewest_bands - 1) / fewest_bands, 1, most_band_rows);
+  const int wanted = std::min(
+      std::clamp((job.rows.count() + fewest_bands - 1) / fewest_bands, fewest_band_rows, most_band_rows),
+      job.rows.count());
   plan.band_rows = static_cast<int>(std::min<std::uint64_t>(wanted, affordable));
-  plan.bands = (session.height + plan.band_rows - 1) / plan.band_rows;
+  plan.bands = (job.rows.count() + plan.band_rows - 1) / plan.band_rows;
   plan.memory_bytes = std::max(fixed + (plan.band_rows + overlap) * row, assembly);
   return plan;
 }
 
-std::vector<RowRange> bands_of(int height, int band_rows) {
+std::vector<RowRange> bands_of(const EstimatePlan& plan) {
   std::vector<RowRange> bands;
-  for (int row = 0; row < height; row += band_rows) bands.push_back({row, std::min(row + band_rows, height)});
+  for (int row = plan.rows.first; row < plan.rows.last; row += plan.band_rows)
+    bands.push_back({row, std::min(row + plan.band_rows, plan.rows.last)});
   return bands;
 }
 

@@ -14,6 +14,8 @@ namespace refield {
 /// What an estimation will need, known before it starts.
 struct EstimatePlan {
   int images = 0;
+  int threads = 0;
+  RowRange rows;      ///< of the picture
   int band_rows = 0;  ///< rows of photographs held at a time
   int bands = 0;
   std::uint64_t memory_bytes = 0;  ///< foreseen peak
@@ -22,8 +24,8 @@ struct EstimatePlan {
 /// Foresees memory and cuts the image into bands that fit. Throws InputError where not even one row does.
 EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options);
 
-/// The bands of an image of `height` rows, in order.
-std::vector<RowRange> bands_of(int height, int band_rows);
+/// The bands of the plan's rows, in order.
+std::vector<RowRange> bands_of(const EstimatePlan& plan);
 
 int thread_count(const EstimateOptions& options);
 

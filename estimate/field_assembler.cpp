@@ -7,7 +7,7 @@ namespace refield {
 
 FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options) {
   field_.width = job.session.width;
-  field_.height = job.session.height;
+  field_.height = job.rows.count();
   field_.basis.domain = job.session.light;
   field_.provenance = provenance_of(job, options);
 }

@@ -11,7 +11,8 @@
 
 namespace refield {
 
-/// Gathers pixels into a field, in row-major order; boxes get their numbers in order of first use.
+/// Gathers the job's rows, pixel by pixel in row-major order, into a field of that height; boxes get their
+/// numbers in order of first use.
 class FieldAssembler {
  public:
   FieldAssembler(const EstimateJob& job, const EstimateOptions& options);

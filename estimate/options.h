@@ -2,7 +2,10 @@
 #pragma once
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string_view>
+
+#include "core/row_range.h"
 
 namespace refield {
 
@@ -20,6 +23,9 @@ struct EstimateOptions {
   std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
   /// Samples at or above this radiance are clipped and left out, besides those that the capture marked.
   float clip_level = std::numeric_limits<float>::infinity();
+  /// Rows of the picture to estimate, for a job array: the output is then a part (core/field_part.h). Empty:
+  /// all.
+  std::optional<RowRange> rows;
   int threads = 0;  ///< 0: all cores. The result does not depend on it.
 
   /// Throws InputError naming the option and its range.

@@ -3,6 +3,7 @@
 #include <sys/types.h>
 
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -19,11 +20,14 @@ class RunningProgram {
 
   /// Waits for the end: exit status, or −signal.
   int wait();
+  /// The most memory that it held, bytes; known after wait().
+  std::uint64_t peak_memory_bytes() const { return peak_memory_bytes_; }
   /// Waits for that long, then kill -9. False when the program had ended by itself.
   bool kill_after(std::chrono::duration<double> delay);
 
  private:
   pid_t process_ = -1;
+  std::uint64_t peak_memory_bytes_ = 0;
 };
 
 /// Runs `refield` to its end and returns its exit status.

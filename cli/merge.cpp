@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "cli/report/run_log.h"
+#include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/field_part.h"
+#include "core/reflectance_field_file.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct MergeArguments {
+  std::vector<fs::path> parts;
+  fs::path output;
+};
+
+void merge(const MergeArguments& arguments, const Common& common) {
+  const auto start = std::chrono::steady_clock::now();
+  for (const fs::path& part : arguments.parts)
+    if (fs::exists(arguments.output) && fs::exists(part) && fs::equivalent(part, arguments.output))
+      throw InputError(part.string() + ": is a part and the output at once; give another --output");
+  const ReflectanceField field = merge_field_parts(arguments.parts);
+  write_reflectance_field(arguments.output, field);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const nlohmann::ordered_json figures = {{"parts", arguments.parts.size()},
+                                          {"width", field.width},
+                                          {"height", field.height},
+                                          {"distinct_boxes", field.basis.boxes.size()},
+                                          {"kernels", field.transfer.entries()}};
+  report::write_run_log(arguments.output, "merge", seconds, figures);
+  if (common.json)
+    std::printf("%s\n", figures.dump(2).c_str());
+  else
+    std::printf("%s: %d×%d pixels from %zu parts, %.1f s\n", arguments.output.c_str(), field.width,
+                field.height, arguments.parts.size(), seconds);
+}
+
+}  // namespace
+
+void add_merge(CLI::App& app, const Common& common, Action& action) {
+  const auto arguments = std::make_shared<MergeArguments>();
+  CLI::App* verb = app.add_subcommand(
+      "merge", "Join the parts that 'refield estimate --rows' made into one reflectance field");
+  verb->footer(
+      "Example, four jobs that may run at once and anywhere:\n"
+      "  for i in 1 2 3 4; do refield estimate session --rows $i/4 -o part$i.rfield; done\n"
+      "  refield merge part*.rfield -o whole.rfield\n"
+      "The result is the same, byte for byte, as that of one run over all rows.");
+  verb->add_option("parts", arguments->parts, "Parts of one field, in any order; every row exactly once")
+      ->required();
+  verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
+  verb->callback(
+      [arguments, &common, &action] { action = [arguments, &common] { merge(*arguments, common); }; });
+}
+
+}  // namespace refield::cli

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/foresee.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "estimate/estimate_band.h"
+
+namespace refield {
+
+namespace {
+
+/// Where the real table would be larger, the lights are sampled more coarsely: a fit walks much the same
+/// tree.
+constexpr std::uint64_t most_table_bytes = 192ull << 20;
+constexpr int sampled_bands = 4;
+constexpr int sampled_rows = 16;  ///< rows of a band: the side of a tile, and of an EXR file's block of rows
+constexpr double seconds_a_band = 0.5;
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// Sums of `step` × `step` texels.
+LightMap coarsened(const LightMap& light, int step) {
+  if (step == 1) return light;
+  const Image& fine = light.radiance;
+  LightMap coarse{Image((fine.width + step - 1) / step, (fine.height + step - 1) / step, 3),
+                  light.parameterisation};
+  for (int y = 0; y < fine.height; ++y)
+    for (int x = 0; x < fine.width; ++x)
+      for (int c = 0; c < 3; ++c) coarse.radiance.at(x / step, y / step, c) += fine.at(x, y, c);
+  return coarse;
+}
+
+std::vector<LightMap> read_lights(const EstimateJob& job, int step) {
+  std::vector<LightMap> lights(job.frames.size());
+  tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t j) {
+    throw_if_interrupted();
+    const LightMap light = read_light_map(job.frames[j].illumination, job.session.light.parameterisation);
+    if (std::ranges::all_of(light.radiance.values, [](float value) { return value == 0.0f; }))
+      throw InputError(job.frames[j].illumination.string() +
+                       ": the light map is black everywhere and says nothing about the scene; leave it out");
+    lights[j] = coarsened(light, step);
+  });
+  return lights;
+}
+
+/// Pixels that the plan fits, those of overlapping rows once for each band; and the rows it reads.
+struct Work {
+  double pixels = 0.0;
+  double rows = 0.0;
+};
+
+Work work_of(const EstimateJob& job, const EstimateOptions& options, const EstimatePlan& plan) {
+  const std::size_t width = job.session.width;
+  Work work;
+  for (const RowRange& band : bands_of(plan)) {
+    const RowRange held = rows_needed(band, job.session.height, options);
+    work.rows += held.count();
+    work.pixels += job.mask.empty()
+                       ? static_cast<double>(width) * held.count()
+                       : static_cast<double>(std::count_if(job.mask.begin() + width * held.first,
+                                                           job.mask.begin() + width * held.last,
+                                                           [](unsigned char m) { return m != 0; }));
+  }
+  return work;
+}
+
+/// Rows spread evenly over the plan's.
+std::vector<RowRange> bands_to_sample(const RowRange& rows) {
+  std::vector<RowRange> bands;
+  const int count = std::clamp(rows.count() / sampled_rows, 1, sampled_bands);
+  for (int i = 0; i < count; ++i) {
+    const int centre = rows.first + rows.count() * (2 * i + 1) / (2 * count);
+    // Whole blocks of rows, where there are enough of them.
+    const int first = std::max(rows.first, centre / sampled_rows * sampled_rows);
+    bands.push_back({first, std::min(first + sampled_rows, rows.last)});
+  }
+  return bands;
+}
+
+/// Fits ever more tiles of a band, from left to right with gaps, until the time is up.
+struct FitSample {
+  const EstimateJob& job;
+  const EstimateOptions& options;
+  const BoxTable& table;
+  FitWorkers workers;
+  double seconds = 0.0;
+  int pixels = 0;
+
+  void add(const ObservationBand& band, const RowRange& rows) {
+    const int width = job.session.width;
+    const int tiles = (width + sampled_rows - 1) / sampled_rows;
+    const int batch = std::min(tiles, 2 * thread_count(options));
+    const int batches = (tiles + batch - 1) / batch;
+    const auto start = Clock::now();
+    for (int b = 0; b < batches && seconds_since(start) < seconds_a_band; ++b) {
+      Mask chosen(static_cast<std::size_t>(width) * job.session.height, 0);
+      int count = 0;
+      for (int y = rows.first; y < rows.last; ++y)
+        for (int x = 0; x < width; ++x) {
+          const std::size_t p = static_cast<std::size_t>(y) * width + x;
+          if (x / sampled_rows % batches != b || (!job.mask.empty() && job.mask[p] == 0)) continue;
+          chosen[p] = 1;
+          ++count;
+        }
+      if (count == 0) continue;
+      const auto before = Clock::now();
+      Progress within("fit", 1);  // not shown: another is
+      estimate_band(table, band, rows, chosen, options, workers, within);
+      seconds += seconds_since(before);
+      pixels += count;
+    }
+  }
+};
+
+}  // namespace
+
+Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options) {
+  const auto limit = limit_threads(options);
+  const EstimateJob job = open_job(session, options);
+  Foresight foresight;
+  foresight.plan = plan_job(job, options);
+  const int images = foresight.plan.images;
+  int step = 1;
+  const auto coarse = [&](int texels) { return (texels + step - 1) / step; };
+  const LightDomain& light = job.session.light;
+  while (BoxTable::bytes({coarse(light.width), coarse(light.height), light.parameterisation}, images) >
+         most_table_bytes)
+    ++step;
+  const auto start = Clock::now();
+  const auto lights = read_lights(job, step);
+  const double read_seconds = seconds_since(start);
+  const BoxTable table(lights);
+  foresight.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
+
+  const Work work = work_of(job, options, foresight.plan);
+  FitSample sample{job, options, table, {}};
+  double reading = 0.0;
+  double rows_read = 0.0;
+  const auto bands = bands_to_sample(foresight.plan.rows);
+  Progress progress("fit a sample", bands.size());
+  for (const RowRange& rows : bands) {
+    const RowRange held = rows_needed(rows, job.session.height, options);
+    const auto before = Clock::now();
+    const auto band =
+        read_observations(job.frames, job.session.width, held.first, held.last, options.clip_level);
+    reading += seconds_since(before);
+    rows_read += held.count();
+    sample.add(band, rows);
+    progress.advance();
+  }
+  foresight.photographs_seconds = reading / rows_read * work.rows;
+  foresight.sampled_pixels = sample.pixels;
+  if (sample.pixels > 0) foresight.fit_seconds = sample.seconds / sample.pixels * work.pixels;
+  return foresight;
+}
+
+}  // namespace refield

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// Parts of a field: what joins, to the bit, and what is refused, by name.
+#include "core/field_part.h"
+
+#include <gtest/gtest.h>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/reflectance_field_file.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int width = 5;
+constexpr int height = 12;
+
+/// Boxes numbered in order of first use, as estimation leaves them.
+ReflectanceField renumbered(const ReflectanceField& field, RowRange rows) {
+  ReflectanceField result;
+  result.width = field.width;
+  result.height = rows.count();
+  result.basis.domain = field.basis.domain;
+  result.provenance = field.provenance;
+  std::vector<std::uint32_t> number(field.basis.boxes.size(), UINT32_MAX);
+  for (int p = rows.first * width; p < rows.last * width; ++p) {
+    std::vector<std::uint32_t> columns;
+    const std::uint64_t first = field.transfer.row_start[p];
+    const std::uint64_t last = field.transfer.row_start[p + 1];
+    for (std::uint64_t e = first; e < last; ++e) {
+      std::uint32_t& k = number[field.transfer.column[e]];
+      if (k == UINT32_MAX) {
+        k = static_cast<std::uint32_t>(result.basis.boxes.size());
+        result.basis.boxes.push_back(field.basis.boxes[field.transfer.column[e]]);
+      }
+      columns.push_back(k);
+    }
+    result.transfer.append_row(columns,
+                               std::span(field.transfer.weight).subspan(3 * first, 3 * (last - first)));
+    result.training_error.push_back(0.25f * static_cast<float>(p));
+  }
+  return result;
+}
+
+class FieldParts : public testing::Test {
+ protected:
+  FieldParts() : field_(test::random_field(rng_, width, height, {9, 7, Parameterisation::monitor}, 30, 4)) {
+    field_.provenance = R"({"kernels":4})";
+  }
+  fs::path write(const std::string& name, RowRange rows, const std::string& job = "job") {
+    write_field_part(folder_ / name, {renumbered(field_, rows), rows, height, job});
+    return folder_ / name;
+  }
+  static std::string refusal(const std::vector<fs::path>& paths) {
+    try {
+      merge_field_parts(paths);
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  }
+  Rng rng_{3};
+  ReflectanceField field_;
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(FieldParts, JoinToTheBitInAnyOrder) {
+  write_reflectance_field(folder_ / "whole.rfield", renumbered(field_, {0, height}));
+  const auto a = write("a.rfield", {0, 5});
+  const auto b = write("b.rfield", {5, 6});
+  const auto c = write("c.rfield", {6, height});
+  for (const auto& order : {std::vector{a, b, c}, std::vector{c, a, b}}) {
+    write_reflectance_field(folder_ / "joined.rfield", merge_field_parts(order));
+    EXPECT_TRUE(read_text(folder_ / "joined.rfield") == read_text(folder_ / "whole.rfield"));
+  }
+}
+
+TEST_F(FieldParts, SayWhichRowsTheyHold) {
+  const auto path = write("part.rfield", {3, 7}, "the job");
+  const FieldPart part = read_field_part(path);
+  EXPECT_EQ(part.rows, (RowRange{3, 7}));
+  EXPECT_EQ(part.image_height, height);
+  EXPECT_EQ(part.job, "the job");
+  EXPECT_EQ(part.field.transfer.rows(), 4u * width);
+  EXPECT_TRUE(is_field_part(path));
+}
+
+TEST_F(FieldParts, AreNoFieldsAndFieldsAreNoParts) {
+  const auto path = write("part.rfield", {3, 7});
+  try {
+    read_reflectance_field(path);
+    ADD_FAILURE() << "a part passed for a field";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("rows 3 to 6 of a field of 12 rows"), std::string::npos);
+  }
+  write_reflectance_field(folder_ / "whole.rfield", renumbered(field_, {0, height}));
+  EXPECT_FALSE(is_field_part(folder_ / "whole.rfield"));
+  EXPECT_FALSE(is_field_part(folder_ / "none.rfield"));
+  EXPECT_THROW(read_field_part(folder_ / "whole.rfield"), InputError);
+}
+
+TEST_F(FieldParts, GapsAndOverlapsAreNamed) {
+  const auto top = write("top.rfield", {0, 4});
+  const auto middle = write("middle.rfield", {4, 9});
+  const auto wide = write("wide.rfield", {3, 9});
+  const auto bottom = write("bottom.rfield", {9, height});
+  EXPECT_EQ(refusal({top, middle, bottom}), "");
+  EXPECT_NE(refusal({top, bottom}).find("rows 4 to 8 of 12 are missing; estimate them with --rows 4:9"),
+            std::string::npos);
+  EXPECT_NE(refusal({top, bottom}).find("top.rfield and"), std::string::npos);
+  EXPECT_NE(refusal({middle, bottom}).find("rows 0 to 3"), std::string::npos);
+  EXPECT_NE(refusal({top, middle}).find("rows 9 to 11"), std::string::npos);
+  const std::string overlap = refusal({top, wide, bottom});
+  EXPECT_NE(overlap.find("both hold row 3"), std::string::npos) << overlap;
+  EXPECT_NE(overlap.find("wide.rfield"), std::string::npos);
+  EXPECT_NE(refusal({top, middle, middle, bottom}).find("both hold rows 4 to 8"), std::string::npos);
+}
+
+TEST_F(FieldParts, OtherJobsAreNamed) {
+  const auto top = write("top.rfield", {0, 4});
+  const auto other = write("other.rfield", {4, height}, "another job");
+  EXPECT_NE(refusal({top, other}).find("other.rfield and"), std::string::npos);
+  field_.provenance = R"({"kernels":5})";
+  EXPECT_NE(refusal({top, write("options.rfield", {4, height})}).find("different options"),
+            std::string::npos);
+  EXPECT_NE(refusal({}), "");
+}
+
+}  // namespace
+}  // namespace refield

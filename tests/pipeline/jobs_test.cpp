@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// Estimation as jobs: bands of rows estimated by processes of their own join into the bytes of one run;
+// memory stays within what was foreseen; logs are plain lines.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <sstream>
+
+#include "core/files.h"
+#include "core/image_io.h"
+#include "tests/pipeline/program.h"
+#include "tests/support/synthetic_capture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using namespace test;
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool memory_is_the_program_s_own = false;
+#else
+constexpr bool memory_is_the_program_s_own = true;
+#endif
+
+std::vector<std::string> words(std::initializer_list<std::string> first,
+                               const std::vector<std::string>& more) {
+  std::vector<std::string> all(first);
+  all.insert(all.end(), more.begin(), more.end());
+  return all;
+}
+
+class Jobs : public testing::Test {
+ protected:
+  Jobs() {
+    const auto lights = random_lights(40, 24, 18, 7);
+    write_capture(
+        folder_ / "session",
+        field_of_boxes(16, 37, lights[0].domain(), {{0, 0, 12, 9}, {8, 6, 20, 11}, {5, 3, 7, 5}}, 2), lights,
+        0.02);
+  }
+  int estimate(const std::string& field, const std::vector<std::string>& more) {
+    return run_program(words({"estimate", folder_ / "session", "-o", folder_ / field}, more), log_);
+  }
+  std::string log() const { return read_text(log_); }
+
+  TemporaryFolder folder_;
+  const std::filesystem::path log_ = folder_ / "log";
+};
+
+TEST_F(Jobs, PartsJoinIntoTheBytesOfOneRun) {
+  for (const std::vector<std::string>& options :
+       {std::vector<std::string>{}, {"--spatial-passes", "2"}, {"--mode", "paper", "--kernels", "8"}}) {
+    ASSERT_EQ(estimate("whole.rfield", options), 0) << log();
+    std::vector<std::string> merge = {"merge", "-o", folder_ / "joined.rfield"};
+    int number = 0;
+    for (const std::string rows : {":3", "3:4", "4:30", "30:"}) {
+      const std::string part = "part" + std::to_string(number++) + ".rfield";
+      ASSERT_EQ(estimate(part, words({"--rows", rows}, options)), 0) << log();
+      merge.push_back(folder_ / part);
+    }
+    ASSERT_EQ(run_program(merge, log_), 0) << log();
+    EXPECT_TRUE(read_text(folder_ / "joined.rfield") == read_text(folder_ / "whole.rfield"))
+        << testing::PrintToString(options);
+  }
+}
+
+TEST_F(Jobs, EqualBandsCoverThePicture) {
+  std::vector<std::string> merge = {"merge", "-o", folder_ / "joined.rfield"};
+  for (int i = 1; i <= 5; ++i) {
+    const std::string part = "part" + std::to_string(i) + ".rfield";
+    ASSERT_EQ(estimate(part, {"--rows", std::to_string(i) + "/5", "--kernels", "3"}), 0) << log();
+    merge.push_back(folder_ / part);
+  }
+  EXPECT_EQ(run_program(merge, log_), 0) << log();
+}
+
+TEST_F(Jobs, PartsOfOtherOptionsOrCapturesAreRefused) {
+  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--kernels", "5"}), 0) << log();
+  EXPECT_EQ(
+      run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "w.rfield"}, log_),
+      2);
+  EXPECT_NE(log().find("b.rfield"), std::string::npos) << log();
+  write_exr(folder_ / "session/observed/train_003.exr", Image(16, 37, 3, 0.5f));
+  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--kernels", "4"}), 0) << log();
+  EXPECT_EQ(
+      run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "w.rfield"}, log_),
+      2);
+  EXPECT_NE(log().find("different captures"), std::string::npos) << log();
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "w.rfield"));
+}
+
+TEST_F(Jobs, RowsThatAreNoneAreRefused) {
+  for (const char* rows :
+       {"5", "5:5", "9:3", "0:38", "-1:4", "0/4", "5/4", "1/0", "/3", "a:b", "1/38", "1:2:3"})
+    EXPECT_EQ(estimate("x.rfield", {"--rows", rows}), 2) << rows << ": " << log();
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield"));
+}
+
+TEST_F(Jobs, ADryRunChecksAndForeseesButWritesNothing) {
+  ASSERT_EQ(estimate("x.rfield", {"--dry-run", "--json", "--quiet", "--rows", "10:20"}), 0) << log();
+  const auto figures = nlohmann::json::parse(log());
+  EXPECT_EQ(figures["images"], 40);
+  EXPECT_EQ(figures["rows"], nlohmann::json({10, 20}));
+  EXPECT_GT(figures["foreseen_memory_bytes"], 0);
+  EXPECT_GT(figures["foreseen_seconds_fit"], 0.0);
+  EXPECT_GT(figures["foreseen_seconds"], figures["foreseen_seconds_fit"]);
+  EXPECT_EQ(figures["sampled_pixels"], 160);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield.log.json"));
+  write_exr(folder_ / "session/observed/train_031.exr", Image(16, 36, 3, 0.5f));
+  EXPECT_EQ(estimate("x.rfield", {"--dry-run"}), 2);
+  EXPECT_NE(log().find("train_031.exr"), std::string::npos);
+}
+
+TEST_F(Jobs, TheLogIsMadeOfPlainLinesThatCarryTheTime) {
+  ASSERT_EQ(estimate("x.rfield", {"--rows", "0:8"}), 0);
+  EXPECT_EQ(log().find_first_of("\r\033"), std::string::npos);
+  EXPECT_TRUE(std::regex_search(
+      log(), std::regex(R"(^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ estimate: 40 images, rows 0 to 7,)")))
+      << log();
+  const auto kept = nlohmann::json::parse(read_text(folder_ / "x.rfield.log.json"));
+  EXPECT_GE(kept["threads"], 1);
+  EXPECT_EQ(kept["rows"], nlohmann::json({0, 8}));
+  EXPECT_GT(kept["foreseen_memory_bytes"], 0);
+  EXPECT_TRUE(kept.contains("version"));
+}
+
+/// Tables, photographs and the field each dominate once. A mask keeps the fits, which need little, few.
+TEST(Memory, StaysWithinWhatWasForeseen) {
+  if (!memory_is_the_program_s_own) GTEST_SKIP() << "a sanitizer's own memory would be measured";
+  struct Case {
+    const char* name;
+    int width, height, light_width, light_height, images;
+  };
+  for (const Case& c : {Case{"lights", 8, 40, 320, 240, 30}, Case{"photographs", 1500, 64, 16, 12, 50}}) {
+    SCOPED_TRACE(c.name);
+    const TemporaryFolder folder;
+    const auto lights = random_lights(c.images, c.light_width, c.light_height, 5);
+    write_capture(folder / "session",
+                  field_of_boxes(c.width, c.height, lights[0].domain(), {{0, 0, 9, 9}}, 2), lights, 0.02);
+    Image mask(c.width, c.height, 3);
+    for (int x = 0; x < std::min(c.width, 64); ++x)
+      for (int y = 0; y < c.height; y += 9)
+        for (int channel = 0; channel < 3; ++channel) mask.at(x, y, channel) = 1.0f;
+    write_png(folder / "mask.png", mask);
+    const auto log = folder / "log";
+    RunningProgram program(
+        {"estimate", folder / "session", "--mask", folder / "mask.png", "--quiet", "-o", folder / "f.rfield"},
+        log);
+    ASSERT_EQ(program.wait(), 0) << read_text(log);
+    const auto kept = nlohmann::json::parse(read_text(folder / "f.rfield.log.json"));
+    const auto foreseen = kept["foreseen_memory_bytes"].get<std::uint64_t>();
+    EXPECT_LE(program.peak_memory_bytes(), foreseen);
+    // Nor is the forecast idle caution: beyond what it holds ready for the program itself and for the caches,
+    // which this small work does not fill, it is used.
+    constexpr std::uint64_t allowance = 400ull << 20;
+    EXPECT_GE(program.peak_memory_bytes() + allowance, foreseen);
+    EXPECT_GE(kept["peak_memory_bytes"], program.peak_memory_bytes() * 9 / 10);
+    std::printf("%s: %.0f MiB foreseen, %.0f MiB held\n", c.name, foreseen / 1048576.0,
+                program.peak_memory_bytes() / 1048576.0);
+  }
+}
+
+}  // namespace
+}  // namespace refield
