@@ -79,7 +79,8 @@ void require_replaceable(const fs::path& folder, bool force) {
 }
 
 void remove_earlier(const fs::path& folder) {
-  for (const char* name : {session_manifest_name, transport_file_name, ambient_file_name})
+  for (const char* name :
+       {session_manifest_name, transport_file_name, ambient_file_name, kinds_file_name, "kinds.json"})
     fs::remove(folder / name);
   for (const char* name : {"illumination", "observed"}) fs::remove_all(folder / name);
 }
@@ -169,7 +170,8 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       "under each light. The folder becomes a capture session: illumination/, observed/, session.toml. "
       "Beside it lie\n"
       "  transport.rfield   the exact light transport: 'refield relight' gives the truth for any light\n"
-      "  ambient.exr        what the camera sees of the room light, for 'refield acquire'\n\n"
+      "  ambient.exr        what the camera sees of the room light, for 'refield acquire'\n"
+      "  kinds.png          what each pixel shows: diffuse, glossy, refraction, hard shadow, mixed\n\n"
       "  refield simulate datasets_synthetic/tabletop/recipe.toml -o truth\n"
       "  refield simulate recipe.toml -o quick --width 64 --height 48 --train 60 --noise 0.005\n"
       "  refield simulate recipe.toml -o huge --width 1024 --height 768 --light-width 800 --light-height 600 "

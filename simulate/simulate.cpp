@@ -13,6 +13,7 @@
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
 #include "simulate/light_maps.h"
+#include "simulate/scene_kinds.h"
 #include "simulate/trace_rows.h"
 
 namespace refield {
@@ -129,6 +130,7 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
     summary.transport_bytes = fs::file_size(folder / transport_file_name);
   }
   write_exr(folder / ambient_file_name, ambient);
+  write_pixel_kinds(folder / kinds_file_name, scene_kinds(scene));
   Progress progress("writing photographs", lights.size());
   tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t l) {
     throw_if_interrupted();

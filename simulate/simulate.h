@@ -45,9 +45,10 @@ SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options)
 
 /// Traces the recipe's scene once, row by row, into its transport T, and writes a complete capture session:
 /// light maps, the photographs B = T L (exact but for `noise`: no ambient light, no sensor), session.toml,
-/// ambient.exr (what the camera sees of the room light, for a virtual rig; it is not part of the session)
-/// and, where kept, transport.rfield. A row of T is multiplied with all lights as soon as it is traced, so T
-/// need not fit into memory. Throws Interrupted when asked to stop.
+/// ambient.exr (what the camera sees of the room light, for a virtual rig; it is not part of the session),
+/// kinds.png (what each pixel shows, see scene_kinds()) and, where kept, transport.rfield. A row of T is
+/// multiplied with all lights as soon as it is traced, so T need not fit into memory. Throws Interrupted when
+/// asked to stop.
 SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options,
                                  const std::filesystem::path& folder);
 
@@ -60,5 +61,6 @@ TracedScene trace_scene(const SceneDescription& scene, const TraceOptions& optio
 
 inline constexpr const char* transport_file_name = "transport.rfield";
 inline constexpr const char* ambient_file_name = "ambient.exr";
+inline constexpr const char* kinds_file_name = "kinds.png";
 
 }  // namespace refield
