@@ -30,6 +30,7 @@ struct CompareOptions {
   fs::path mask;
   fs::path truth;
   fs::path error_map;
+  double noise_scale = 1.0;
 };
 
 /// JSON has no infinity; it stands as null there, as "inf" in text.
@@ -38,11 +39,26 @@ ordered_json finite_or_null(double value) {
 }
 
 ordered_json figures_of(const HeldOutError& error) {
-  return {{"images", error.images},
-          {"relative_rmse", finite_or_null(error.relative_rmse)},
-          {"median", finite_or_null(error.median)},
-          {"percentile_90", finite_or_null(error.percentile_90)},
-          {"psnr_db", finite_or_null(error.psnr_db)}};
+  ordered_json figures = {{"images", error.images},
+                          {"relative_rmse", finite_or_null(error.relative_rmse)},
+                          {"median", finite_or_null(error.median)},
+                          {"percentile_90", finite_or_null(error.percentile_90)},
+                          {"psnr_db", finite_or_null(error.psnr_db)}};
+  if (error.prediction)
+    figures["predicted_error"] = {{"rank_correlation", finite_or_null(error.prediction->rank_correlation)},
+                                  {"median_ratio", finite_or_null(error.prediction->median_ratio)},
+                                  {"median", finite_or_null(error.prediction->predicted_median)}};
+  return figures;
+}
+
+void print_prediction(const std::vector<HeldOutError>& errors) {
+  if (errors.empty() || !errors.front().prediction) return;
+  std::printf("\n%-16s %16s %22s %10s\n", "predicted error", "rank correlation", "predicted/true, median",
+              "median");
+  for (const HeldOutError& error : errors)
+    std::printf("%-16s %16.3f %22.3f %10.4f\n", error.kind.empty() ? "all" : error.kind.c_str(),
+                error.prediction->rank_correlation, error.prediction->median_ratio,
+                error.prediction->predicted_median);
 }
 
 void print_header() {
@@ -94,7 +110,8 @@ void compare_images(const CompareOptions& options, const Common& common) {
                            series.relative_rmse(),
                            series.pixel_quantile(0.5),
                            series.pixel_quantile(0.9),
-                           series.psnr_db()};
+                           series.psnr_db(),
+                           std::nullopt};
   if (!options.error_map.empty()) write_exr(options.error_map, series.relative_rmse_map());
   if (common.json) {
     std::printf("%s\n", figures_of(error).dump(2).c_str());
@@ -112,7 +129,10 @@ void compare_field(const CompareOptions& options, const Common& common) {
   const ReflectanceField field = read_reflectance_field(options.predicted);
   std::optional<ReflectanceField> truth;
   if (!options.truth.empty()) truth = read_reflectance_field(options.truth);
-  const auto errors = held_out_errors(field, session, truth ? &*truth : nullptr);
+  if (!(options.noise_scale >= 0.0))
+    throw InputError("--noise-scale is " + std::to_string(options.noise_scale) + "; give 0 or more");
+  const auto errors =
+      held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test, options.noise_scale);
   if (common.json) {
     ordered_json kinds = ordered_json::object();
     for (const HeldOutError& error : errors) kinds[error.kind] = figures_of(error);
@@ -121,6 +141,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
   }
   print_header();
   for (const HeldOutError& error : errors) print_row(error.kind.empty() ? "all" : error.kind, error);
+  print_prediction(errors);
 }
 
 }  // namespace
@@ -143,6 +164,10 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--mask", options->mask, "Image of the observed size; pixels above one half count");
   verb->add_option("--truth", options->truth,
                    "Field whose noise-free images replace the session's photographs");
+  verb->add_option("--noise-scale", options->noise_scale,
+                   "Noise of held-out photographs that do not carry it (sigma), in units of the training "
+                   "images';\nenters the check of a field's predicted error")
+      ->capture_default_str();
   verb->add_option("-o,--output", options->error_map, "Write each pixel's relative RMSE (.exr)");
   verb->callback([options, &common, &action] {
     action = [options, &common] {

@@ -63,6 +63,17 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
   if (!field.training_error.empty())
     info["training_error"] = {{"median", quantile(field.training_error, 0.5)},
                               {"percentile_90", quantile(field.training_error, 0.9)}};
+  if (!field.predicted_error.empty()) {
+    std::vector<float> predicted, noise;
+    for (std::size_t p = 0; p < field.predicted_error.size(); ++p)
+      if (field.predicted_error[p] > 0.0f) {
+        predicted.push_back(field.predicted_error[p]);
+        noise.push_back(field.photograph_noise[p]);
+      }
+    info["predicted_error"] = {{"median", quantile(predicted, 0.5)},
+                               {"percentile_90", quantile(predicted, 0.9)},
+                               {"of_it_noise_of_the_photographs_median", quantile(noise, 0.5)}};
+  }
   info["provenance"] = std::move(provenance);
   return info;
 }

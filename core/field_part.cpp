@@ -80,8 +80,14 @@ class Joiner {
     }
     whole_.training_error.insert(whole_.training_error.end(), part.training_error.begin(),
                                  part.training_error.end());
+    whole_.error_evidence.insert(whole_.error_evidence.end(), part.error_evidence.begin(),
+                                 part.error_evidence.end());
   }
-  ReflectanceField take() { return std::move(whole_); }
+  /// Errors are predicted now that all rows are there, as a run over all of them does at its end.
+  ReflectanceField take() {
+    predict_errors(whole_);
+    return std::move(whole_);
+  }
 
  private:
   std::uint32_t number_of(const Box& box) {

@@ -36,6 +36,21 @@ SeriesError error_of(std::span<const Image> predicted, std::span<const Image> ob
   return error;
 }
 
+/// Ranks from 0; equal values share the mean of their places.
+std::vector<double> ranks_of(std::span<const float> values) {
+  std::vector<std::size_t> order(values.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::sort(order, {}, [&](std::size_t i) { return values[i]; });
+  std::vector<double> ranks(values.size());
+  for (std::size_t first = 0; first < order.size();) {
+    std::size_t last = first + 1;
+    while (last < order.size() && values[order[last]] == values[order[first]]) ++last;
+    for (std::size_t i = first; i < last; ++i) ranks[order[i]] = 0.5 * static_cast<double>(first + last - 1);
+    first = last;
+  }
+  return ranks;
+}
+
 }  // namespace
 
 void SeriesError::add(const Image& predicted, const Image& observed, const Image& sigma) {
@@ -124,6 +139,20 @@ double quantile(std::vector<float> values, double q) {
   const std::size_t high = std::min(low + 1, values.size() - 1);
   const double fraction = position - static_cast<double>(low);
   return values[low] * (1.0 - fraction) + values[high] * fraction;
+}
+
+double rank_correlation(std::span<const float> a, std::span<const float> b) {
+  if (a.size() != b.size()) throw InputError("a rank correlation needs two series of one length");
+  const std::vector<double> ranks_a = ranks_of(a);
+  const std::vector<double> ranks_b = ranks_of(b);
+  const double mean = 0.5 * (static_cast<double>(a.size()) - 1.0);
+  double ab = 0.0, aa = 0.0, bb = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    ab += (ranks_a[i] - mean) * (ranks_b[i] - mean);
+    aa += (ranks_a[i] - mean) * (ranks_a[i] - mean);
+    bb += (ranks_b[i] - mean) * (ranks_b[i] - mean);
+  }
+  return aa > 0.0 && bb > 0.0 ? ab / std::sqrt(aa * bb) : std::numeric_limits<double>::quiet_NaN();
 }
 
 std::vector<float> values_in_mask(const Image& map, const Mask& mask) {

@@ -61,6 +61,10 @@ Image absolute_error(const Image& predicted, const Image& observed);
 /// The q-quantile, 0 ≤ q ≤ 1, by linear interpolation between order statistics. NaN for no values.
 double quantile(std::vector<float> values, double q);
 
+/// Spearman's rank correlation, −1 to 1; equal values share their mean rank. NaN for fewer than two pairs or
+/// where one side is constant. Throws InputError when the lengths differ.
+double rank_correlation(std::span<const float> a, std::span<const float> b);
+
 /// The values of a one-channel map inside the mask.
 std::vector<float> values_in_mask(const Image& map, const Mask& mask);
 

@@ -135,6 +135,8 @@ struct Reader {
     throw FormatError(path, what + "; the file is damaged or was not written by refield: make it again");
   }
 
+  bool has(const char* name) const { return H5Lexists(file, name, H5P_DEFAULT) > 0; }
+
   template <class T>
   std::vector<T> dataset(const char* name, std::size_t columns) const {
     const Handle set(H5Dopen2(file, name, H5P_DEFAULT), H5Dclose);
@@ -226,6 +228,14 @@ void validate(const ReflectanceField& field, const Reader& reader) {
       reader.fail("basis/boxes reaches outside the light map");
   if (!field.training_error.empty() && field.training_error.size() != pixels)
     reader.fail("statistics/training_error does not fit the image size");
+  if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
+    reader.fail("statistics/error_evidence does not fit the image size");
+  for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
+    if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
+      reader.fail("statistics/predicted_error or photograph_noise does not fit the image size");
+    if (std::ranges::any_of(*map, [](float e) { return !std::isfinite(e) || e < 0.0f; }))
+      reader.fail("statistics/predicted_error or photograph_noise holds what is no error");
+  }
 }
 
 /// What the file will take, HDF5's own structures included.
@@ -234,7 +244,8 @@ std::uint64_t content_bytes(const ReflectanceField& field) {
   return structures + field.provenance.size() + field.basis.boxes.size() * sizeof(Box) +
          field.transfer.row_start.size() * sizeof(std::uint64_t) +
          field.transfer.entries() * (sizeof(std::uint32_t) + 3 * sizeof(float)) +
-         field.training_error.size() * sizeof(float);
+         field.training_error.size() * sizeof(float) + field.error_evidence.size() * sizeof(ErrorEvidence) +
+         (field.predicted_error.size() + field.photograph_noise.size()) * sizeof(float);
 }
 
 /// `part` is null for a whole field, else it says which rows these are.
@@ -280,6 +291,18 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
     writer.dataset("transfer/column", transfer.column.data(), {transfer.column.size()});
     writer.dataset("transfer/weight", transfer.weight.data(), {transfer.column.size(), 3});
     writer.dataset("statistics/training_error", field.training_error.data(), {field.training_error.size()});
+    if (!field.error_evidence.empty()) {
+      std::vector<float> evidence;
+      for (const ErrorEvidence& pixel : field.error_evidence)
+        evidence.insert(evidence.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated});
+      writer.dataset("statistics/error_evidence", evidence.data(), {field.error_evidence.size(), 3});
+    }
+    if (!field.predicted_error.empty()) {
+      writer.dataset("statistics/predicted_error", field.predicted_error.data(),
+                     {field.predicted_error.size()});
+      writer.dataset("statistics/photograph_noise", field.photograph_noise.data(),
+                     {field.photograph_noise.size()});
+    }
     writer.check(H5Fflush(file, H5F_SCOPE_GLOBAL) >= 0);
     writer.check(file.close());
   });
@@ -332,6 +355,15 @@ void read_content(const Reader& reader, ReflectanceField& field) {
   field.transfer.column = reader.dataset<std::uint32_t>("transfer/column", 1);
   field.transfer.weight = reader.dataset<float>("transfer/weight", 3);
   field.training_error = reader.dataset<float>("statistics/training_error", 1);
+  if (reader.has("statistics/error_evidence")) {
+    const auto evidence = reader.dataset<float>("statistics/error_evidence", 3);
+    for (std::size_t i = 0; i < evidence.size(); i += 3)
+      field.error_evidence.push_back({evidence[i], evidence[i + 1], evidence[i + 2]});
+  }
+  if (reader.has("statistics/predicted_error"))
+    field.predicted_error = reader.dataset<float>("statistics/predicted_error", 1);
+  if (reader.has("statistics/photograph_noise"))
+    field.photograph_noise = reader.dataset<float>("statistics/photograph_noise", 1);
   if (field.transfer.row_start.empty()) reader.fail("transfer/row_start is empty");
   validate(field, reader);
 }

@@ -77,6 +77,7 @@ void Checkpoint::store(RowRange rows, const std::vector<PixelKernels>& kernels) 
     put(bytes, static_cast<std::uint32_t>(pixel.boxes.size()));
     put(bytes, pixel.squared_residual);
     put(bytes, pixel.squared_samples);
+    put(bytes, pixel.evidence);
     for (const Box& box : pixel.boxes) put(bytes, box);
     for (const float weight : pixel.weights) put(bytes, weight);
   }
@@ -97,6 +98,7 @@ std::optional<std::vector<PixelKernels>> Checkpoint::load(RowRange rows, int wid
     const auto count = parser.take<std::uint32_t>();
     pixel.squared_residual = parser.take<double>();
     pixel.squared_samples = parser.take<double>();
+    pixel.evidence = parser.take<ErrorEvidence>();
     if (!parser.ok || count > parser.bytes.size() / (sizeof(Box) + 3 * sizeof(float))) return std::nullopt;
     for (std::uint32_t k = 0; k < count; ++k) pixel.boxes.push_back(parser.take<Box>());
     for (std::uint32_t k = 0; k < 3 * count; ++k) pixel.weights.push_back(parser.take<float>());

@@ -4,6 +4,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cmath>
+#include <functional>
+#include <utility>
 
 #include "core/interrupt.h"
 #include "estimate/spatial_correction.h"
@@ -27,6 +30,70 @@ std::vector<Tile> tiles_of(int width, RowRange rows) {
 void keep_within_limit(KernelCache& cache) {
   if (cache.bytes() > cache_limit_bytes) cache.clear();
 }
+
+/// Fills in what a band's final kernels tell about their own error. Looks along rows only, so that no result
+/// depends on where the band begins.
+struct EvidenceGatherer {
+  const BoxTable& table;
+  const std::function<PixelSamples(int, int)> samples;
+  const std::function<bool(int, int)> active;
+  std::vector<PixelKernels>& kernels;  // of the band's wanted rows
+  int width;
+  int first_row;
+
+  PixelKernels& at(int x, int y) const {
+    return kernels[static_cast<std::size_t>(y - first_row) * width + x];
+  }
+
+  /// Leave-one-out residuals in units of the pixel's √Σb², or false where there is nothing to judge.
+  bool residuals_of(int x, int y, FitWorker& own, MaskedSamples& masked, AlignedFloats& residuals,
+                    double& squared) const {
+    if (x < 0 || x >= width || !active(x, y)) return false;
+    const PixelKernels& pixel = at(x, y);
+    if (pixel.boxes.empty() || !(pixel.squared_samples > 0.0)) return false;
+    keep_within_limit(own.cache);
+    masked.assign(samples(x, y), table.stride(), table.images());
+    residuals.resize(3 * table.stride());
+    squared =
+        own.judge.leave_one_out(prepare_columns(pixel.boxes, own.cache), pixel, masked, residuals.data()) /
+        pixel.squared_samples;
+    const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
+    for (float& r : residuals) r *= scale;
+    return true;
+  }
+
+  void judge_tile(const Tile& tile, FitWorker& own) const {
+    MaskedSamples masked;
+    AlignedFloats before, here;
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      double squared = 0.0;
+      bool has_before = residuals_of(tile.x0 - 1, y, own, masked, before, squared);
+      double shared_before = 0.0;  // with the pixel before
+      bool is_shared_before = false;
+      for (int x = tile.x0; x <= tile.x1; ++x) {
+        const bool has_here = residuals_of(x, y, own, masked, here, squared);
+        const bool is_shared = has_before && has_here;
+        double shared = 0.0;
+        for (std::size_t j = 0; is_shared && j < here.size(); ++j)
+          shared += static_cast<double>(before[j]) * here[j];
+        if (x > tile.x0 && has_before)
+          at(x - 1, y).evidence.shared = static_cast<float>(
+              (shared_before + shared) / std::max(1, static_cast<int>(is_shared_before) + is_shared));
+        if (x < tile.x1 && has_here) {
+          ErrorEvidence& evidence = at(x, y).evidence;
+          evidence.leave_one_out = static_cast<float>(squared);
+          if (is_cross_validated(x, y))
+            evidence.cross_validated = static_cast<float>(
+                own.judge.cross_validate(own.tree, own.cache, samples(x, y)) / at(x, y).squared_samples);
+        }
+        shared_before = shared;
+        is_shared_before = is_shared;
+        has_before = has_here;
+        std::swap(before, here);
+      }
+    }
+  }
+};
 
 }  // namespace
 
@@ -106,6 +173,10 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
             own.weights.fit(prepare_kernel_set(found.boxes, own.cache), masked, found.weights);
       }
   });
+  if (options.predict_errors) {
+    const EvidenceGatherer gatherer{table, samples, active, result, width, wanted.first};
+    for_each_tile(wanted, [&](const Tile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
+  }
   return result;
 }
 

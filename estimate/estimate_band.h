@@ -8,6 +8,7 @@
 #include "core/metrics.h"
 #include "core/progress.h"
 #include "core/row_range.h"
+#include "estimate/error_evidence.h"
 #include "estimate/observations.h"
 #include "estimate/refit.h"
 
@@ -16,10 +17,11 @@ namespace refield {
 /// What each thread keeps between pixels.
 struct FitWorker {
   FitWorker(const BoxTable& table, const EstimateOptions& options)
-      : cache(table, options.mode), tree(cache, options), weights(table) {}
+      : cache(table, options.mode), tree(cache, options), weights(table), judge(table) {}
   KernelCache cache;
   PixelFitter tree;
   WeightFitter weights;
+  ErrorJudge judge;
 };
 using FitWorkers = tbb::enumerable_thread_specific<std::unique_ptr<FitWorker>>;
 

@@ -25,7 +25,8 @@ nlohmann::ordered_json options_of(const EstimateOptions& options) {
                                         {"version", REFIELD_VERSION},
                                         {"mode", name_of(options.mode)},
                                         {"kernels", options.kernels},
-                                        {"spatial_passes", options.spatial_passes}};
+                                        {"spatial_passes", options.spatial_passes},
+                                        {"predict_errors", options.predict_errors}};
   if (std::isfinite(options.clip_level)) description["clip_level"] = options.clip_level;
   return description;
 }

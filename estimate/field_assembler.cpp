@@ -5,7 +5,8 @@
 
 namespace refield {
 
-FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options) {
+FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options)
+    : with_evidence_(options.predict_errors), is_whole_(!options.rows) {
   field_.width = job.session.width;
   field_.height = job.rows.count();
   field_.basis.domain = job.session.light;
@@ -27,7 +28,13 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
         pixel.squared_samples > 0.0
             ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
             : 0.0f);
+    if (with_evidence_) field_.error_evidence.push_back(pixel.evidence);
   }
+}
+
+ReflectanceField FieldAssembler::take() {
+  if (is_whole_) predict_errors(field_);
+  return std::move(field_);
 }
 
 }  // namespace refield

@@ -17,9 +17,12 @@ class FieldAssembler {
  public:
   FieldAssembler(const EstimateJob& job, const EstimateOptions& options);
   void append(std::span<const PixelKernels> kernels);
-  ReflectanceField take() { return std::move(field_); }
+  /// The field, with its errors predicted where the pixels came with evidence.
+  ReflectanceField take();
 
  private:
+  bool with_evidence_;
+  bool is_whole_;  // parts are predicted when they are merged
   ReflectanceField field_;
   std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;
 };

@@ -27,6 +27,8 @@ struct EstimateOptions {
   /// all.
   std::optional<RowRange> rows;
   int threads = 0;  ///< 0: all cores. The result does not depend on it.
+  bool predict_errors =
+      true;  ///< cross-validate a lattice of pixels (a fifth more time), see core/predicted_error.h
 
   /// Throws InputError naming the option and its range.
   void check() const;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -7,6 +8,13 @@
 #include "core/reflectance_field.h"
 
 namespace refield {
+
+/// How well a field foresaw its own errors, pixel by pixel.
+struct PredictionCheck {
+  double rank_correlation = 0.0;  ///< Spearman, predicted against true error
+  double median_ratio = 0.0;      ///< of predicted to true error
+  double predicted_median = 0.0;
+};
 
 /// How well a field predicts photographs that it was not estimated from, for one kind of light. All errors
 /// are relative RMSE, unitless: over everything, and as quantiles of the errors that single pixels make over
@@ -18,14 +26,19 @@ struct HeldOutError {
   double median = 0.0;
   double percentile_90 = 0.0;
   double psnr_db = 0.0;
+  std::optional<PredictionCheck> prediction;  ///< where the field holds predicted errors
 };
 
 /// Relights `field` with each of the session's frames of a role and compares by kind of light, kinds in order
 /// of first appearance; the session's mask is respected and samples that were not measured are left out. With
 /// `truth`, another field's noise-free images stand in for the photographs. Throws InputError when there is
 /// no such frame or sizes differ.
+///
+/// A field's predicted error holds for photographs as noisy as its training images. What these photographs
+/// add is put in its place: their sigma where they carry it, else `noise_scale` times the training images'
+/// noise; nothing with `truth`. The check leaves out pixels that are black in all frames.
 std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const CaptureSession& session,
                                           const ReflectanceField* truth = nullptr,
-                                          FrameRole role = FrameRole::test);
+                                          FrameRole role = FrameRole::test, double noise_scale = 1.0);
 
 }  // namespace refield

@@ -92,6 +92,7 @@ ImageCountStudy study_image_count(const ReportInput& input, std::size_t most_pix
       first_images.frames.resize(static_cast<std::size_t>(count));
       EstimateOptions options = series.options;
       options.kernels = std::min(options.kernels, count);
+      options.predict_errors = false;  // the study knows the true ones
       std::optional<ReflectanceField> field;
       if (count == available) field = made_already(input, options, study.window);
       if (!field) field = estimate_field(first_images, options);

@@ -67,6 +67,36 @@ std::string histogram(const ReportInput& input) {
   return "<div class=\"chart-box\">" + bar_chart_svg(chart) + legend_html(chart.series) + "</div>";
 }
 
+/// Shares of pixels by predicted error, in twelve equal steps; the last one takes all above.
+std::string predicted_histogram(const ReportInput& input) {
+  constexpr int steps = 12;
+  double high = 0.0;
+  for (const FieldEntry& entry : input.fields)
+    if (!entry.field.predicted_error.empty())
+      high = std::max(high, quantile(entry.field.predicted_error, 0.95));
+  if (!(high > 0.0)) return "";
+  high = round_up(high);
+  BarChart chart;
+  chart.title = "Predicted error of pixels";
+  chart.x_label = "relative RMSE predicted for new photographs, upper end, %";
+  chart.y_label = "share of pixels";
+  for (int i = 1; i <= steps; ++i)
+    chart.groups.push_back(i == steps ? "more" : significant(100.0 * high * i / steps, 2));
+  for (std::size_t f = 0; f < input.fields.size(); ++f) {
+    BarSeries series{input.fields[f].label, static_cast<int>(f), std::vector<double>(steps)};
+    double pixels = 0.0;
+    for (const float error : input.fields[f].field.predicted_error)
+      if (error > 0.0f) {
+        series.values[std::min(static_cast<int>(steps * (error / high)), steps - 1)] += 1.0;
+        pixels += 1.0;
+      }
+    if (!(pixels > 0.0)) continue;
+    for (double& value : series.values) value /= pixels;
+    chart.series.push_back(std::move(series));
+  }
+  return "<div class=\"chart-box\">" + bar_chart_svg(chart) + legend_html(chart.series) + "</div>";
+}
+
 Image kernel_count_map(const ReflectanceField& field) {
   Image map(field.width, field.height, 1);
   for (std::size_t p = 0; p < map.pixel_count(); ++p)
@@ -93,6 +123,11 @@ std::vector<ErrorMap> error_maps(const ReportInput& input, const FieldEntry& ent
     maps.push_back({"relative RMSE on its training images", Image(entry.field.width, entry.field.height, 1)});
     maps.back().map.values = entry.field.training_error;
   }
+  if (!entry.field.predicted_error.empty()) {
+    maps.push_back(
+        {"relative RMSE predicted for new photographs", Image(entry.field.width, entry.field.height, 1)});
+    maps.back().map.values = entry.field.predicted_error;
+  }
   const auto kinds = kinds_of(input.session);
   if (!kinds.empty())
     maps.push_back({"relative RMSE on held-out light" + (kinds.front().empty() ? "" : ", " + kinds.front()),
@@ -114,7 +149,7 @@ std::string maps(const ReportInput& input) {
   std::string html;
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
     const FieldEntry& entry = input.fields[f];
-    html += "<div class=\"grid maps\" style=\"--columns:3\">" +
+    html += "<div class=\"grid maps\" style=\"--columns:" + std::to_string(1 + errors[f].size()) + "\">" +
             map_figure(kernel_count_map(entry.field), most, input.mask, entry.label + ": kernels a pixel",
                        fixed(most, 0));
     for (const ErrorMap& error : errors[f])
@@ -134,7 +169,8 @@ std::string statistics_html(const ReportInput& input) {
                       "the scene’s energy (weight × area). Reflective and refractive scenes need fewer. "
                       "Beside them, table 1 of Matusik, "
                       "Loper and Pfister (2004).</p><div class=\"split\"><div>" +
-                          energy_table(input) + "</div>" + histogram(input) + "</div>" + maps(input));
+                          energy_table(input) + "</div>" + histogram(input) + predicted_histogram(input) +
+                          "</div>" + maps(input));
 }
 
 }  // namespace refield::report

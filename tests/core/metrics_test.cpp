@@ -112,6 +112,18 @@ TEST(AbsoluteError, IsPerChannel) {
   EXPECT_THROW(absolute_error(filled({1}), filled({1, 2})), InputError);
 }
 
+TEST(RankCorrelation, LooksAtOrderAlone) {
+  const std::vector<float> rising = {1, 2, 3, 4}, cubes = {1, 8, 27, 64}, falling = {4, 3, 2, 1};
+  EXPECT_NEAR(rank_correlation(rising, cubes), 1.0, 1e-12);
+  EXPECT_NEAR(rank_correlation(rising, falling), -1.0, 1e-12);
+  // Ranks 0 2 1 3 against 0 1 2 3: 1 − 6 Σd² / (n (n² − 1)) = 0.8.
+  EXPECT_NEAR(rank_correlation(rising, std::vector<float>{1, 3, 2, 4}), 0.8, 1e-12);
+  // Equal values share their mean rank: 0 1.5 1.5 3.
+  EXPECT_NEAR(rank_correlation(rising, std::vector<float>{1, 2, 2, 3}), 4.5 / std::sqrt(5.0 * 4.5), 1e-12);
+  EXPECT_TRUE(std::isnan(rank_correlation(rising, std::vector<float>(4, 1.0f))));
+  EXPECT_THROW(rank_correlation(rising, std::vector<float>(3)), InputError);
+}
+
 TEST(Quantile, InterpolatesBetweenOrderStatistics) {
   const std::vector<float> values = {4, 1, 3, 2};
   EXPECT_EQ(quantile(values, 0.0), 1.0);

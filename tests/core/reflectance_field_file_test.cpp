@@ -95,6 +95,33 @@ TEST(ReflectanceFieldFile, AFieldWithoutKernelsOrErrorsRoundTrips) {
   EXPECT_TRUE(back.training_error.empty());
 }
 
+TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
+  const test::TemporaryFolder folder;
+  ReflectanceField field = sample_field();
+  for (int y = 0; y < field.height; ++y)
+    for (int x = 0; x < field.width; ++x) {
+      field.error_evidence.push_back({1e-4f * static_cast<float>(x + 1), -1e-6f});
+      if (is_cross_validated(x, y)) field.error_evidence.back().cross_validated = 2e-4f;
+    }
+  predict_errors(field);
+  write_reflectance_field(folder / "a.rfield", field);
+  ReflectanceField back = read_reflectance_field(folder / "a.rfield");
+  EXPECT_EQ(back.predicted_error, field.predicted_error);
+  EXPECT_EQ(back.photograph_noise, field.photograph_noise);
+  predict_errors(back);  // from the evidence that the file kept
+  EXPECT_EQ(back.predicted_error, field.predicted_error);
+
+  field.predicted_error.pop_back();
+  write_reflectance_field(folder / "short.rfield", field);
+  EXPECT_THAT(message_of(folder / "short.rfield"), HasSubstr("predicted_error"));
+  field.predicted_error.push_back(-1.0f);
+  write_reflectance_field(folder / "negative.rfield", field);
+  EXPECT_THAT(message_of(folder / "negative.rfield"), HasSubstr("predicted_error"));
+  field.error_evidence.pop_back();
+  write_reflectance_field(folder / "evidence.rfield", field);
+  EXPECT_THAT(message_of(folder / "evidence.rfield"), HasSubstr("error_evidence"));
+}
+
 TEST(ReflectanceFieldFile, EqualFieldsGiveEqualBytes) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "a.rfield", sample_field());

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 
 #include "core/errors.h"
@@ -77,6 +78,31 @@ TEST_F(HeldOut, RefusesWhatDoesNotFit) {
   CaptureSession larger = session_;
   larger.width = 11;
   EXPECT_THROW(held_out_errors(field_, larger), InputError);
+}
+
+TEST_F(HeldOut, ChecksPredictedErrors) {
+  EXPECT_FALSE(held_out_errors(field_, session_)[0].prediction);
+  // Photographs are 10 % too bright: every pixel of a bar is off by 1 − 1/1.1. The sessions's sigma is 0.01.
+  const std::size_t pixels = static_cast<std::size_t>(field_.width) * field_.height;
+  field_.predicted_error.assign(pixels, 0.05f);
+  field_.photograph_noise.assign(pixels, 0.03f);  // 0.04 are the field's own
+  const double actual = 1.0 - 1.0 / 1.1;
+  const auto against_truth = [&] {
+    ReflectanceField bright = field_;
+    for (float& weight : bright.transfer.weight) weight *= 1.1f;
+    return held_out_errors(field_, session_, &bright);
+  };
+  EXPECT_NEAR(against_truth()[1].prediction->median_ratio, 0.04 / actual, 1e-4);
+  for (CaptureFrame& frame :
+       session_.frames) {  // without sigma, noise is that of the training images, scaled
+    Photograph photograph = read_photograph(frame.observed);
+    photograph.sigma = {};
+    write_photograph(frame.observed, photograph);
+  }
+  EXPECT_NEAR(held_out_errors(field_, session_)[1].prediction->median_ratio, 0.05 / actual, 1e-4);
+  EXPECT_NEAR(
+      held_out_errors(field_, session_, nullptr, FrameRole::test, 3.0)[1].prediction->predicted_median,
+      std::sqrt(0.04 * 0.04 + 0.09 * 0.09), 1e-6);
 }
 
 }  // namespace

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/predicted_error.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "core/reflectance_field.h"
+
+namespace refield {
+
+namespace {
+
+/// Lattice pixels weigh by a Gaussian of this many lattice steps, and are looked for this far.
+constexpr double spread_steps = 1.5;
+constexpr int reach_steps = 4;
+/// The same for the logarithm of the squared leave-one-out error: e^0.7, a factor of two of the error.
+constexpr double spread_log_error = 1.4;
+/// Part of the way from leave-one-out to cross-validation.
+constexpr double share_of_cross_validation = 0.5;
+/// Squared relative errors below float32's own are not told apart.
+constexpr double least = 1e-12;
+
+/// One pixel of the lattice: how much larger, as a logarithm, the cross-validated error is.
+struct LatticePoint {
+  bool known = false;
+  double log_error = 0.0;
+  double log_ratio = 0.0;
+};
+
+class Prediction {
+ public:
+  explicit Prediction(const ReflectanceField& field)
+      : field_(field),
+        lattice_width_(lattice_size(field.width)),
+        lattice_height_(lattice_size(field.height)),
+        lattice_(static_cast<std::size_t>(lattice_width_) * lattice_height_) {
+    std::vector<double> ratios;
+    for (int v = 0; v < lattice_height_; ++v)
+      for (int u = 0; u < lattice_width_; ++u) {
+        const ErrorEvidence& evidence = at(place(u), place(v));
+        if (!(evidence.leave_one_out > 0.0f) || !(evidence.cross_validated > 0.0f)) continue;
+        const double log_error = logarithm(evidence.leave_one_out);
+        const double log_ratio = logarithm(evidence.cross_validated) - log_error;
+        lattice_[static_cast<std::size_t>(v) * lattice_width_ + u] = {true, log_error, log_ratio};
+        ratios.push_back(log_ratio);
+      }
+    if (ratios.empty()) return;
+    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+    std::nth_element(ratios.begin(), middle, ratios.end());
+    common_log_ratio_ = *middle;
+  }
+
+  /// Squared relative error of leave-one-out, steadied by the neighbours.
+  double steadied(int x, int y) const {
+    std::array<double, 9> near;
+    near.fill(std::numeric_limits<double>::infinity());
+    int count = 0;
+    for (int ny = std::max(y - 1, 0); ny <= std::min(y + 1, field_.height - 1); ++ny)
+      for (int nx = std::max(x - 1, 0); nx <= std::min(x + 1, field_.width - 1); ++nx)
+        if (at(nx, ny).leave_one_out > 0.0f) near[count++] = at(nx, ny).leave_one_out;
+    // Of an even number, the mean of the middle two.
+    std::ranges::sort(near);
+    const double median = 0.5 * (near[(count - 1) / 2] + near[count / 2]);
+    return std::sqrt(at(x, y).leave_one_out * median);
+  }
+
+  double ratio(int x, int y) const {
+    const double log_error = logarithm(at(x, y).leave_one_out);
+    const int u0 = x / cross_validation_step;
+    const int v0 = y / cross_validation_step;
+    // What is far away in every way still says a little.
+    constexpr double common_weight = 1e-3;
+    double sum = common_weight * common_log_ratio_;
+    double weights = common_weight;
+    for (int v = std::max(v0 - reach_steps, 0); v <= std::min(v0 + reach_steps, lattice_height_ - 1); ++v)
+      for (int u = std::max(u0 - reach_steps, 0); u <= std::min(u0 + reach_steps, lattice_width_ - 1); ++u) {
+        const LatticePoint& point = lattice_[static_cast<std::size_t>(v) * lattice_width_ + u];
+        if (!point.known) continue;
+        const double dx = static_cast<double>(place(u) - x) / (spread_steps * cross_validation_step);
+        const double dy = static_cast<double>(place(v) - y) / (spread_steps * cross_validation_step);
+        const double de = (point.log_error - log_error) / spread_log_error;
+        const double weight = std::exp(-0.5 * (dx * dx + dy * dy + de * de));
+        sum += weight * point.log_ratio;
+        weights += weight;
+      }
+    return std::exp(sum / weights);
+  }
+
+ private:
+  static int place(int lattice) { return lattice * cross_validation_step + cross_validation_offset; }
+  static int lattice_size(int pixels) {
+    return (pixels - cross_validation_offset + cross_validation_step - 1) / cross_validation_step;
+  }
+  static double logarithm(double squared) { return std::log(std::max(squared, least)); }
+  const ErrorEvidence& at(int x, int y) const {
+    return field_.error_evidence[static_cast<std::size_t>(y) * field_.width + x];
+  }
+
+  const ReflectanceField& field_;
+  int lattice_width_, lattice_height_;
+  std::vector<LatticePoint> lattice_;
+  double common_log_ratio_ = 0.0;
+};
+
+}  // namespace
+
+void predict_errors(ReflectanceField& field) {
+  field.predicted_error.clear();
+  field.photograph_noise.clear();
+  if (field.error_evidence.empty()) return;
+  field.predicted_error.assign(field.error_evidence.size(), 0.0f);
+  field.photograph_noise.assign(field.error_evidence.size(), 0.0f);
+  const Prediction prediction(field);
+  tbb::parallel_for(0, field.height, [&](int y) {
+    for (int x = 0; x < field.width; ++x) {
+      const std::size_t p = static_cast<std::size_t>(y) * field.width + x;
+      const ErrorEvidence& evidence = field.error_evidence[p];
+      if (!(evidence.leave_one_out > 0.0f)) continue;
+      const double steadied = prediction.steadied(x, y);
+      const double predicted =
+          steadied * std::max(1.0 + share_of_cross_validation * (prediction.ratio(x, y) - 1.0), 0.0);
+      const double noise = steadied - std::clamp<double>(evidence.shared, 0.0, steadied);
+      field.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
+      field.photograph_noise[p] = static_cast<float>(std::sqrt(std::min(noise, predicted)));
+    }
+  });
+}
+
+}  // namespace refield

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <limits>
+
+namespace refield {
+
+struct ReflectanceField;
+
+/// What a pixel's training images tell about its error on images to come. All three are squared and relative
+/// to Σ b² over the pixel's measured samples; a pixel without kernels or light has zeros.
+struct ErrorEvidence {
+  /// Residual of each image predicted by the final kernels with weights fitted without it. Too low, since the
+  /// kernels themselves were chosen with it.
+  float leave_one_out = 0.0f;
+  /// The part of it that the pixel shares with its left and right neighbour, image by image: what the field
+  /// misses. The rest is noise, which neighbours do not share. May be negative by chance.
+  float shared = 0.0f;
+  /// Residual of images that the whole choice of kernels was made without; known on a lattice of pixels, NaN
+  /// elsewhere.
+  float cross_validated = std::numeric_limits<float>::quiet_NaN();
+};
+
+/// Cross-validation is done where x and y of a pixel, counted from the whole picture's corner, leave
+/// `cross_validation_offset` when divided by the step.
+inline constexpr int cross_validation_step = 5;
+inline constexpr int cross_validation_offset = 2;
+constexpr bool is_cross_validated(int x, int y) {
+  return x % cross_validation_step == cross_validation_offset &&
+         y % cross_validation_step == cross_validation_offset;
+}
+
+/// Fills `predicted_error` and `photograph_noise` from `error_evidence`; empties both where there is none.
+///
+/// Every pixel's leave-one-out error is steadied by the median of its 3 × 3 neighbours (geometric mean of the
+/// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
+/// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
+/// images; the prediction is the mean of the two squares, which measurements on two captures bear out
+/// (docs/estimation.md). Runs on all cores; the result does not depend on their number.
+void predict_errors(ReflectanceField& field);
+
+}  // namespace refield

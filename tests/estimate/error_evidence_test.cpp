@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/error_evidence.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+#include "core/rng.h"
+#include "core/summed_area_table.h"
+#include "estimate/estimate.h"
+#include "tests/support/synthetic_capture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+constexpr int images = 40;
+constexpr double float32_sums = 1e-4;  // relative, of residuals of a few per cent
+
+/// One pixel that three boxes and 5 % noise make.
+class ErrorEvidenceOfAPixel : public ::testing::Test {
+ protected:
+  ErrorEvidenceOfAPixel()
+      : lights_(test::random_lights(images, 16, 12, 5)),
+        table_(lights_),
+        cache_(table_, EstimateMode::refined),
+        values_(3 * table_.stride()) {
+    Rng rng(8);
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < images; ++j) {
+        const SummedAreaTable sums(lights_[j].radiance);
+        double b = 0.0;
+        for (const Box& box : boxes_) b += sums.sum(box)[c];
+        values_[c * table_.stride() + j] = static_cast<float>(b * (1.0 + 0.05 * rng.normal()));
+      }
+  }
+  PixelSamples samples() const {
+    return {values_.data(), values_.data() + table_.stride(), values_.data() + 2 * table_.stride()};
+  }
+
+  /// Leave-one-out by doing it: least squares anew without each image.
+  double slow_leave_one_out(const KernelSet& set) const {
+    const auto kernels = static_cast<Eigen::Index>(set.columns.size());
+    double squared = 0.0;
+    for (int c = 0; c < 3; ++c)
+      for (int out = 0; out < images; ++out) {
+        const float* b = samples()[c];
+        if (std::isnan(b[out])) continue;
+        Eigen::MatrixXd A = Eigen::MatrixXd::Zero(images, kernels);
+        Eigen::VectorXd y = Eigen::VectorXd::Zero(images);
+        double predicted = 0.0;
+        for (int j = 0; j < images; ++j) {
+          if (j == out || std::isnan(b[j])) continue;
+          y[j] = b[j];
+          for (Eigen::Index k = 0; k < kernels; ++k) A(j, k) = set.columns[k][c * table_.stride() + j];
+        }
+        const Eigen::VectorXd x = A.colPivHouseholderQr().solve(y);
+        for (Eigen::Index k = 0; k < kernels; ++k)
+          predicted += x[k] * set.columns[k][c * table_.stride() + out];
+        squared += (b[out] - predicted) * (b[out] - predicted);
+      }
+    return squared;
+  }
+
+  double fast_leave_one_out(const KernelSet& set) {
+    MaskedSamples masked;
+    masked.assign(samples(), table_.stride(), images);
+    const std::vector<float> ones(9, 1.0f);
+    const PixelKernels kernels = WeightFitter(table_).fit(set, masked, ones);
+    EXPECT_EQ(kernels.boxes.size(), 3u);
+    AlignedFloats residuals(3 * table_.stride());
+    return ErrorJudge(table_).leave_one_out(set, kernels, masked, residuals.data());
+  }
+
+  const std::vector<Box> boxes_ = {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}};
+  std::vector<LightMap> lights_;
+  BoxTable table_;
+  KernelCache cache_;
+  AlignedFloats values_;
+};
+
+TEST_F(ErrorEvidenceOfAPixel, LeaveOneOutEqualsLeavingOneOut) {
+  const KernelSet set = prepare_kernel_set(boxes_, cache_);
+  const double slow = slow_leave_one_out(set);
+  EXPECT_NEAR(fast_leave_one_out(set) / slow, 1.0, float32_sums);
+}
+
+TEST_F(ErrorEvidenceOfAPixel, UnmeasuredSamplesAreLeftOut) {
+  for (const int j : {3, 17, 18}) values_[table_.stride() + j] = std::numeric_limits<float>::quiet_NaN();
+  const KernelSet set = prepare_kernel_set(boxes_, cache_);
+  const double slow = slow_leave_one_out(set);
+  EXPECT_NEAR(fast_leave_one_out(set) / slow, 1.0, float32_sums);
+}
+
+TEST_F(ErrorEvidenceOfAPixel, CrossValidationExceedsTheNoiseAndTheTrainingError) {
+  EstimateOptions options;
+  options.kernels = 10;
+  PixelFitter fitter(cache_, options);
+  const PixelKernels all = fitter.fit(samples());
+  const double cross_validated = ErrorJudge(table_).cross_validate(fitter, cache_, samples());
+  EXPECT_GT(cross_validated, all.squared_residual);
+  const double noise = 0.05 * 0.05 * all.squared_samples;
+  EXPECT_GT(cross_validated, 0.8 * noise);
+  EXPECT_LT(cross_validated, 4.0 * noise);
+}
+
+TEST(PredictedErrorOfAField, ForeseesTheErrorOnNewLights) {
+  const test::TemporaryFolder folder;
+  const auto lights = test::random_lights(60, 16, 12, 3);
+  const auto truth = test::field_of_boxes(23, 18, lights[0].domain(),
+                                          {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}, {1, 7, 3, 11}}, 9);
+  const auto session = test::write_capture(folder / "session", truth, lights, 0.03);
+  EstimateOptions options;
+  options.kernels = 10;
+  const auto field = estimate_field(session, options);
+  ASSERT_EQ(field.predicted_error.size(), field.transfer.rows());
+
+  double predicted = 0.0, noise = 0.0, own = 0.0, signal = 0.0;
+  for (const LightMap& light : test::random_lights(20, 16, 12, 99)) {
+    const Image estimated = field.relight(light);
+    const Image exact = truth.relight(light);
+    for (std::size_t i = 0; i < exact.values.size(); ++i) {
+      own += std::pow(estimated.values[i] - exact.values[i], 2.0);
+      signal += std::pow(exact.values[i], 2.0);
+    }
+  }
+  for (std::size_t p = 0; p < field.predicted_error.size(); ++p) {
+    predicted += std::pow(field.predicted_error[p], 2.0) / field.predicted_error.size();
+    noise += std::pow(field.photograph_noise[p], 2.0) / field.predicted_error.size();
+  }
+  const double actual = std::sqrt(own / signal + 0.03 * 0.03);  // on photographs as noisy
+  EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.2);
+  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.2);
+
+  options.predict_errors = false;
+  const auto without = estimate_field(session, options);
+  EXPECT_TRUE(without.predicted_error.empty());
+  EXPECT_EQ(without.transfer.weight, field.transfer.weight);
+}
+
+}  // namespace
+}  // namespace refield
