@@ -23,7 +23,7 @@ struct PixelKernels {
   std::vector<float> weights;     ///< [boxes × 3], ≥ 0, of the sum of texel values
   double squared_residual = 0.0;  ///< over images and channels
   double squared_samples = 0.0;   ///< Σ b² over images and channels
-  ErrorEvidence evidence;         ///< filled by estimate_band() where it was asked for
+  ErrorEvidence evidence = {};    ///< filled by estimate_band() where it was asked for
 };
 
 /// Samples with the unmeasured ones taken out: zero in `values`, zero in `measured`, so that every product
