@@ -83,6 +83,7 @@ peers::Model estimate_model(const Task& task, const ChartData& data, const Estim
     options.mode = task.method == "paper" ? EstimateMode::paper : EstimateMode::refined;
     if (task.kernels > 0) options.kernels = task.kernels;
     options.kernels = std::min(options.kernels, task.images);
+    options.predict_errors = false;  // the chart measures errors and times of the fit
     return estimate_field(first_images(data.session, task.images), options);
   }
   if (task.method == "cells") return photograph_cells(data, task.images);
