@@ -80,6 +80,26 @@ nlohmann::ordered_json plan_figures(const EstimateArguments& arguments, const Es
       {"rows_a_band", plan.band_rows}, {"foreseen_memory_bytes", plan.memory_bytes}};
 }
 
+/// What was found about the frames, for the log.
+nlohmann::ordered_json frame_figures(const FrameReport& report) {
+  static constexpr const char* kinds[] = {"brightness", "light", "region"};
+  const auto list = [](const std::vector<LeftOutFrame>& frames) {
+    nlohmann::ordered_json result = nlohmann::ordered_json::array();
+    for (const LeftOutFrame& frame : frames)
+      result.push_back({{"frame", frame.name},
+                        {"why", frame.why},
+                        {"kind", kinds[static_cast<int>(frame.found.kind)]},
+                        {"residual", frame.found.residual},
+                        {"times_typical", frame.found.times_typical},
+                        {"share_of_picture", frame.found.share}});
+    return result;
+  };
+  nlohmann::ordered_json figures = {{"left_out", list(report.left_out)}};
+  if (!report.doubtful.empty()) figures["doubtful"] = list(report.doubtful);
+  if (report.typical_residual > 0.0) figures["typical_frame_residual"] = report.typical_residual;
+  return figures;
+}
+
 nlohmann::ordered_json log_of(const EstimateArguments& arguments, const EstimateSummary& summary) {
   nlohmann::ordered_json log = {
       {"stage", "estimate"}, {"field", arguments.output}, {"version", REFIELD_VERSION}};
@@ -89,6 +109,7 @@ nlohmann::ordered_json log_of(const EstimateArguments& arguments, const Estimate
               {"peak_memory_bytes", summary.peak_memory_bytes},
               {"mean_kernels", summary.mean_kernels},
               {"median_training_error", summary.median_training_error}});
+  log.update(frame_figures(summary.frames));
   return log;
 }
 
@@ -99,7 +120,9 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
                   {"foreseen_seconds_lights", foresight.lights_seconds},
                   {"foreseen_seconds_photographs", foresight.photographs_seconds},
                   {"foreseen_seconds_fit", foresight.fit_seconds},
+                  {"foreseen_seconds_frame_check", foresight.check_seconds},
                   {"sampled_pixels", foresight.sampled_pixels}});
+  figures.update(frame_figures(foresight.frames));
   if (common.json) {
     std::printf("%s\n", figures.dump(2).c_str());
     return;
@@ -109,9 +132,12 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
   std::printf("rows %d to %d in %d bands of %d\n", plan.rows.first, plan.rows.last - 1, plan.bands,
               plan.band_rows);
   std::printf("memory: %.2f GiB of the %.1f allowed\n", plan.memory_bytes / gib, arguments.memory_gib);
-  std::printf("time on %d threads: about %.0f s (lights %.1f, photographs %.1f, fit %.1f; from %d pixels)\n",
-              plan.threads, foresight.seconds(), foresight.lights_seconds, foresight.photographs_seconds,
-              foresight.fit_seconds, foresight.sampled_pixels);
+  std::printf(
+      "time on %d threads: about %.0f s (check of frames %.1f, lights %.1f, photographs %.1f, fit %.1f; from "
+      "%d "
+      "pixels)\n",
+      plan.threads, foresight.seconds(), foresight.check_seconds, foresight.lights_seconds,
+      foresight.photographs_seconds, foresight.fit_seconds, foresight.sampled_pixels);
 }
 
 void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
@@ -123,6 +149,12 @@ void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
       plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
       plan.memory_bytes / gib, arguments.memory_gib);
   log_line(text);
+}
+
+std::string names_of(const std::vector<LeftOutFrame>& frames) {
+  std::string names;
+  for (const LeftOutFrame& frame : frames) names += (names.empty() ? "" : ", ") + frame.name;
+  return names;
 }
 
 void run(EstimateArguments arguments, const Common& common) {
@@ -146,6 +178,9 @@ void run(EstimateArguments arguments, const Common& common) {
     std::printf("%s: %.1f kernels a pixel, training error %.4f (median), %.1f s, %.2f GiB\n",
                 arguments.output.c_str(), summary.mean_kernels, summary.median_training_error,
                 summary.seconds, summary.peak_memory_bytes / gib);
+  if (!common.json && !summary.frames.left_out.empty())
+    std::printf("left out, since they do not fit the others: %s\n",
+                names_of(summary.frames.left_out).c_str());
 }
 
 }  // namespace
@@ -187,6 +222,10 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       ->capture_default_str();
   verb->add_option("--clip", arguments->options.clip_level,
                    "Leave out samples of at least this radiance (clipped by the camera)");
+  verb->add_flag(
+      "--keep-outliers", arguments->options.keep_outliers,
+      "Estimate from photographs that do not fit the others, too (a flicker, another light, someone\n"
+      "who walked by); without it they are found, named and left out");
   verb->add_option("--memory", arguments->memory_gib, "Limit in GiB; rows are worked on in bands that fit")
       ->capture_default_str();
   verb->add_option("--threads", arguments->options.threads,

@@ -18,6 +18,8 @@ namespace {
 /// Lights are scattered into the table this many at a time: one cache line of doubles.
 constexpr int group_size = 8;
 
+}  // namespace
+
 void require_usable(const LightMap& light, const LightDomain& domain, const std::string& name) {
   if (light.domain() != domain)
     throw InputError(name + ": the light map is " + shape_text(light.radiance) + ", the others are " +
@@ -26,8 +28,6 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
     throw InputError(name +
                      ": the light map is black everywhere and says nothing about the scene; leave it out");
 }
-
-}  // namespace
 
 BoxTable::BoxTable(LightDomain domain, int images)
     : domain_(domain),

@@ -2,12 +2,16 @@
 #pragma once
 #include <filesystem>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/box.h"
 #include "core/light_map.h"
 
 namespace refield {
+
+/// Throws InputError, naming `name`, for a light that is black everywhere or does not have the domain's size.
+void require_usable(const LightMap& light, const LightDomain& domain, const std::string& name);
 
 /// The sums R_k · L_j of eq. 6 for any rectangle and all training lights at once: one summed-area table whose
 /// entries are vectors over channels and lights, so that a column of A costs four contiguous reads. Kept in

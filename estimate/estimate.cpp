@@ -73,8 +73,9 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
                                  const fs::path& output, bool resume) {
   const auto start = std::chrono::steady_clock::now();
   const auto limit = limit_threads(options);
-  const EstimateJob job = open_job(session, options);
+  EstimateJob job = open_job(session, options);
   EstimateSummary summary;
+  summary.frames = check_frames(job, options);
   summary.plan = plan_job(job, options);
   Checkpoint checkpoint(output, describe(job, options));
   if (resume)
@@ -112,7 +113,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
 
 ReflectanceField estimate_field(const CaptureSession& session, const EstimateOptions& options) {
   const auto limit = limit_threads(options);
-  const EstimateJob job = open_job(session, options);
+  EstimateJob job = open_job(session, options);
+  check_frames(job, options);
   FieldAssembler assembler(job, options);
   estimate_bands(
       job, options, plan_job(job, options), [](RowRange) { return false; },

@@ -8,6 +8,7 @@
 #include "core/capture_session.h"
 #include "core/reflectance_field.h"
 #include "estimate/estimate_plan.h"
+#include "estimate/frame_check.h"
 #include "estimate/options.h"
 
 namespace refield {
@@ -15,6 +16,7 @@ namespace refield {
 /// What an estimation did.
 struct EstimateSummary {
   EstimatePlan plan;
+  FrameReport frames;
   int resumed_bands = 0;  ///< found finished on disk
   double seconds = 0.0;
   std::uint64_t peak_memory_bytes = 0;  ///< resident, of the whole process

@@ -43,18 +43,22 @@ std::vector<fs::path> inputs_of(const EstimateJob& job) {
 
 }  // namespace
 
-EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
-  options.check();
-  EstimateJob job{session, session.frames_of(FrameRole::train), {}, {}};
+void require_enough_frames(const EstimateJob& job, const EstimateOptions& options) {
   const int images = static_cast<int>(job.frames.size());
   if (images < 2)
-    throw InputError(name_of(session) + ": holds " +
+    throw InputError(name_of(job.session) + ": holds " +
                      (images == 0 ? "no training image" : "one training image only") +
                      "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
   if (images < options.kernels)
-    throw InputError(name_of(session) + ": " + std::to_string(images) + " training images cannot determine " +
-                     std::to_string(options.kernels) + " kernels a pixel; add images or give --kernels " +
-                     std::to_string(images) + " or less");
+    throw InputError(name_of(job.session) + ": " + std::to_string(images) +
+                     " training images cannot determine " + std::to_string(options.kernels) +
+                     " kernels a pixel; add images or give --kernels " + std::to_string(images) + " or less");
+}
+
+EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
+  options.check();
+  EstimateJob job{session, session.frames_of(FrameRole::train), {}, {}, {}};
+  require_enough_frames(job, options);
   job.session.frames = job.frames;
   check_image_sizes(job.session);
   job.rows = options.rows.value_or(RowRange{0, job.session.height});
@@ -101,6 +105,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
   if (std::isfinite(options.clip_level)) provenance["clip_level"] = options.clip_level;
   if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
   for (const CaptureFrame& frame : job.frames) provenance["frames"].push_back(frame.name);
+  for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
   return provenance.dump();
 }
 

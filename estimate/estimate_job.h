@@ -16,12 +16,16 @@ struct EstimateJob {
   CaptureSession session;
   std::vector<CaptureFrame> frames;
   Mask mask;
-  RowRange rows;  ///< of the picture, to be estimated
+  RowRange rows;                      ///< of the picture, to be estimated
+  std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
 };
 
 /// Checks options, the number of training images and the header of every image, and reads the mask. Throws
 /// InputError for input that cannot be estimated from.
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options);
+
+/// Throws InputError when the job has too few frames for the options; open_job() has asked.
+void require_enough_frames(const EstimateJob& job, const EstimateOptions& options);
 
 /// Names everything that the result depends on, with size and time of every input file: bands of an
 /// interrupted estimation are taken over only where this text is the same.

@@ -46,9 +46,7 @@ std::vector<LightMap> read_lights(const EstimateJob& job, int step) {
   tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t j) {
     throw_if_interrupted();
     const LightMap light = read_light_map(job.frames[j].illumination, job.session.light.parameterisation);
-    if (std::ranges::all_of(light.radiance.values, [](float value) { return value == 0.0f; }))
-      throw InputError(job.frames[j].illumination.string() +
-                       ": the light map is black everywhere and says nothing about the scene; leave it out");
+    require_usable(light, job.session.light, job.frames[j].illumination.string());
     lights[j] = coarsened(light, step);
   });
   return lights;
@@ -127,8 +125,11 @@ struct FitSample {
 
 Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options) {
   const auto limit = limit_threads(options);
-  const EstimateJob job = open_job(session, options);
+  EstimateJob job = open_job(session, options);
   Foresight foresight;
+  const auto begin = Clock::now();
+  foresight.frames = check_frames(job, options);
+  foresight.check_seconds = seconds_since(begin);
   foresight.plan = plan_job(job, options);
   const int images = foresight.plan.images;
   int step = 1;

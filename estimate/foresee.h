@@ -2,6 +2,7 @@
 #pragma once
 #include "core/capture_session.h"
 #include "estimate/estimate_plan.h"
+#include "estimate/frame_check.h"
 #include "estimate/options.h"
 
 namespace refield {
@@ -9,11 +10,13 @@ namespace refield {
 /// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
 struct Foresight {
   EstimatePlan plan;
+  FrameReport frames;
+  double check_seconds = 0.0;        ///< comparing the frames with each other
   double lights_seconds = 0.0;       ///< reading all lights and building their table
   double photographs_seconds = 0.0;  ///< reading all bands of all photographs
   double fit_seconds = 0.0;
   int sampled_pixels = 0;  ///< that were fitted to find out
-  double seconds() const { return lights_seconds + photographs_seconds + fit_seconds; }
+  double seconds() const { return check_seconds + lights_seconds + photographs_seconds + fit_seconds; }
 };
 
 /// Checks options and all input as estimate_to_file() does (the header of every image, the values of every

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/frame_check.h"
+
+#include <algorithm>
+
+#include "core/progress.h"
+
+namespace refield {
+
+FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
+  FrameReport report;
+  if (options.keep_outliers || static_cast<int>(job.frames.size()) < fewest_frames_to_judge) return report;
+  const auto grams = light_grams(illumination_paths(job.frames), job.session.light);
+  const auto sample =
+      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level);
+  const OutlierSearch search = find_outlier_frames(grams, sample);
+  report.typical_residual = search.typical_residual;
+  auto& list = search.too_many ? report.doubtful : report.left_out;
+  for (const OutlierFrame& outlier : search.outliers)
+    list.push_back({job.frames[outlier.frame].name, description_of(outlier), outlier});
+  for (const LeftOutFrame& frame : report.left_out) log_line(frame.name + " is left out: " + frame.why);
+  if (!report.doubtful.empty())
+    log_line(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
+             " photographs do not fit the others, too many to leave out; look at the capture. The first: " +
+             report.doubtful.front().name + ": " + report.doubtful.front().why);
+  if (report.left_out.empty()) return report;
+  for (const LeftOutFrame& frame : report.left_out) job.left_out.push_back(frame.name);
+  std::erase_if(job.frames, [&](const CaptureFrame& frame) {
+    return std::ranges::find(report.left_out, frame.name, &LeftOutFrame::name) != report.left_out.end();
+  });
+  job.session.frames = job.frames;
+  require_enough_frames(job, options);
+  return report;
+}
+
+}  // namespace refield

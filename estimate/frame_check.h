@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <vector>
+
+#include "estimate/estimate_job.h"
+#include "estimate/outlier_frames.h"
+
+namespace refield {
+
+/// A training frame that is not estimated from, and why.
+struct LeftOutFrame {
+  std::string name;
+  std::string why;
+  OutlierFrame found;
+};
+
+/// What the check of the frames against each other found.
+struct FrameReport {
+  std::vector<LeftOutFrame> left_out;
+  /// Frames that disagree but are kept, since they are too many to be the exception.
+  std::vector<LeftOutFrame> doubtful;
+  double typical_residual = 0.0;  ///< relative; 0: frames were not checked
+};
+
+/// Takes the frames out of a job that do not fit the others (outlier_frames.h) and says so on standard error.
+/// Does nothing with options.keep_outliers or for few frames. What it finds does not depend on the rows asked
+/// for. Throws InputError when too few frames are left.
+FrameReport check_frames(EstimateJob& job, const EstimateOptions& options);
+
+}  // namespace refield
