@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "cli/chart/chart.h"
+
+#include <cmath>
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "cli/chart/measure.h"
+#include "cli/chart/verdict.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 
 namespace refield::cli {
 
@@ -25,11 +27,7 @@ struct ChartArguments {
   fs::path truth;
   fs::path kinds;
   fs::path output;
-  std::vector<std::string> methods;
-  std::vector<int> images;
-  std::vector<int> kernels = {10, 25};
-  bool resume = false;
-  EstimateOptions base;
+  chart::ChartOptions options;
 };
 
 chart::Sources open_sources(const ChartArguments& arguments) {
@@ -53,51 +51,52 @@ chart::Sources open_sources(const ChartArguments& arguments) {
   if (!arguments.mask.empty()) sources.session.mask = arguments.mask;
   sources.truth = arguments.truth;
   if (!arguments.kinds.empty()) sources.kinds = arguments.kinds;
-  sources.clip_level = arguments.base.clip_level;
+  sources.clip_level = arguments.options.estimate.clip_level;
   return sources;
 }
 
-/// Those asked for; else about a seventh, a quarter, a half and all of the training images.
-std::vector<int> image_counts(const ChartArguments& arguments, int available) {
-  std::vector<int> counts = arguments.images;
-  if (counts.empty())
-    for (const int count : {25, 50, 100, 180, available})
-      if (count < available || count == available) counts.push_back(count);
-  std::ranges::sort(counts);
-  counts.erase(std::unique(counts.begin(), counts.end()), counts.end());
-  for (const int count : counts)
-    if (count < 2 || count > available)
-      throw InputError("--images " + std::to_string(count) + ": give numbers from 2 to the " +
-                       std::to_string(available) + " training images that there are");
-  return counts;
+nlohmann::ordered_json json_of(const chart::ChartResult& result, const std::vector<chart::Verdict>& verdicts,
+                               const fs::path& folder) {
+  nlohmann::ordered_json json = {{"folder", folder.string()},
+                                 {"rows", result.rows.size()},
+                                 {"kept_rows", result.kept_rows},
+                                 {"reference", result.reference_note},
+                                 {"pixel_kinds", result.kinds_note}};
+  json["left_out"] = nlohmann::ordered_json::object();
+  for (const auto& [method, reason] : result.left_out) json["left_out"][method] = reason;
+  const auto number = [](double value) {
+    return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+  };
+  for (const chart::Verdict& verdict : verdicts)
+    json["verdicts"].push_back({{"images", verdict.images},
+                                {"measure", verdict.measure},
+                                {"best", verdict.best},
+                                {"error", number(verdict.error)},
+                                {"ours", number(verdict.ours)},
+                                {"best_other", verdict.rival},
+                                {"best_other_error", number(verdict.rival_error)},
+                                {"ours_is_best", verdict.ours_is_best()}});
+  return json;
 }
 
 void run(const ChartArguments& arguments, const Common& common) {
-  std::vector<std::string> methods = arguments.methods;
-  if (methods.empty())
-    for (const chart::Method& method : chart::all_methods()) methods.push_back(method.name);
-  for (const std::string& method : methods) chart::method_named(method);
-  const chart::ChartData data = chart::load_chart_data(open_sources(arguments));
-  std::erase_if(methods, [&](const std::string& method) {
-    const auto reason = chart::reason_against(method, data);
-    if (reason && !common.quiet) std::fprintf(stderr, "%s: left out: %s\n", method.c_str(), reason->c_str());
-    return reason.has_value();
-  });
-  const auto counts = image_counts(arguments, static_cast<int>(data.session.frames.size()));
-  const auto tasks = chart::grid_of(methods, arguments.kernels, counts);
-  const auto names = chart::error_names(data);
-  create_folders(arguments.output);
-  const fs::path csv = arguments.output / "chart.csv";
-  std::vector<chart::ChartRow> rows;
-  std::uint64_t work = 0;
-  for (const chart::Task& task : tasks) work += static_cast<std::uint64_t>(task.images);
-  Progress progress("chart", work);
-  for (const chart::Task& task : tasks) {
-    throw_if_interrupted();
-    rows.push_back(chart::measure(task, data, arguments.base));
-    write_text_atomically(csv, chart::csv_of(rows, names));
-    progress.advance(static_cast<std::uint64_t>(task.images));
+  const chart::ChartResult result =
+      chart::make_chart(open_sources(arguments), arguments.options, arguments.output);
+  const auto verdicts = chart::verdicts_of(result.rows, result.names);
+  const auto json = json_of(result, verdicts, arguments.output);
+  write_text_atomically(arguments.output / "chart.json", json.dump(2) + "\n");
+  if (common.json) {
+    std::printf("%s\n", json.dump(2).c_str());
+    return;
   }
+  for (const auto& [method, reason] : result.left_out)
+    std::printf("%s: not available: %s\n", method.c_str(), reason.c_str());
+  std::printf("Relative RMSE against %s; %s.\n\n", result.reference_note.c_str(), result.kinds_note.c_str());
+  std::printf("%s\n", chart::verdict_table(verdicts, result.rows.back().images).c_str());
+  std::printf(
+      "%s: %zu rows in chart.csv; time.svg, size.svg, images.svg, relighting.svg; verdicts for every "
+      "number of images in chart.json\n",
+      arguments.output.c_str(), result.rows.size());
 }
 
 }  // namespace
@@ -106,6 +105,12 @@ void add_chart(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<ChartArguments>();
   CLI::App* verb = app.add_subcommand(
       "chart", "Chart methods and settings against one another on a data set: error, time, size, images");
+  verb->footer(
+      "Examples:\n"
+      "  refield chart session --truth truth -o chart\n"
+      "  refield chart --light 'light/train_*.exr' --observed 'observed/train_*.exr'\n"
+      "                --test-light 'light/test_*.exr' --test-observed 'observed/test_*.exr' -o chart\n"
+      "Writes chart.csv, chart.json and four pictures. docs/chart.md says what each method is.");
   verb->add_option("session", arguments->session, "Capture session folder with held-out frames");
   verb->add_option("--light", arguments->light, "Light maps to estimate from: pattern in quotes, or folder");
   verb->add_option("--observed", arguments->observed, "Their photographs");
@@ -120,12 +125,17 @@ void add_chart(CLI::App& app, const Common& common, Action& action) {
       "Folder that 'refield simulate' wrote, or its transport: exact images replace photographs");
   verb->add_option("--kinds", arguments->kinds, "Map of pixel kinds, as 'refield simulate' writes kinds.png");
   verb->add_option("-o,--output", arguments->output, "Folder to write")->required();
-  verb->add_option("--methods", arguments->methods, "Of ours,paper,ridge,svd,smooth,haar,box,cells")
+  verb->add_option("--methods", arguments->options.methods, "Of ours,paper,ridge,svd,smooth,haar,box,cells")
       ->delimiter(',');
-  verb->add_option("--images", arguments->images, "Numbers of training images")->delimiter(',');
-  verb->add_option("--kernels", arguments->kernels, "Kernels a pixel")->delimiter(',')->capture_default_str();
-  verb->add_option("--clip", arguments->base.clip_level, "Leave out samples of at least this radiance");
-  verb->add_flag("--resume", arguments->resume, "Keep the rows that are in the folder's chart.csv");
+  verb->add_option("--images", arguments->options.images, "Numbers of training images")->delimiter(',');
+  verb->add_option("--kernels", arguments->options.kernels, "Kernels a pixel")
+      ->delimiter(',')
+      ->capture_default_str();
+  verb->add_option("--clip", arguments->options.estimate.clip_level,
+                   "Leave out samples of at least this radiance");
+  verb->add_flag("--resume", arguments->options.resume, "Keep the rows that are in the folder's chart.csv");
+  verb->add_option("--redo", arguments->options.redo, "With --resume: measure the rows of these methods anew")
+      ->delimiter(',');
   verb->callback(
       [arguments, &common, &action] { action = [arguments, &common] { run(*arguments, common); }; });
 }

@@ -56,7 +56,9 @@ void load_kinds(ChartData& data, const Sources& sources) {
   std::optional<fs::path> path = sources.kinds;
   if (!path && fs::is_directory(sources.truth) && fs::exists(sources.truth / "kinds.png"))
     path = sources.truth / "kinds.png";
-  if (path) data.pixel_kinds = read_pixel_kinds(*path, data.session.width, data.session.height);
+  if (!path) return;
+  data.pixel_kinds = read_pixel_kinds(*path, data.session.width, data.session.height);
+  data.kinds_note = "kinds of pixel from " + path->filename().string();
 }
 
 }  // namespace

@@ -36,6 +36,7 @@ struct ChartData {
   std::vector<TestFrame> tests;
   std::vector<std::string> light_kinds;  ///< that are charted, natural first
   std::optional<PixelKinds> pixel_kinds;
+  std::string kinds_note;                     ///< where they come from
   std::optional<ReflectanceField> transport;  ///< exact
   NoiseCurve noise{
       std::span<const CaptureFrame>()};  ///< of the camera and exposures that made the photographs
