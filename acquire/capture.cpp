@@ -110,6 +110,27 @@ class CaptureRun {
     session_.finish_step(light.name, files);
   }
 
+  /// What the manifest will say of a light's frame.
+  CaptureFrame frame_of(const CaptureLight& light) const {
+    return {light.name, light.role, light.kind, session_.folder() / illumination_file(light),
+            session_.folder() / observed_file(light)};
+  }
+
+  void take_all(Progress& progress) {
+    bool enough = false;
+    for (const CaptureLight& light : request_.lights) {
+      throw_if_interrupted();
+      const bool counts = light.role == FrameRole::train && request_.is_enough;
+      if (counts && (enough || session_.is_left_out(light.name))) {
+        if (!session_.is_done(light.name)) session_.leave_out(light.name);
+      } else {
+        take_photograph(light);
+        if (counts) enough = request_.is_enough(frame_of(light));
+      }
+      progress.advance();
+    }
+  }
+
   void finish() {
     CaptureSession manifest;
     manifest.folder = session_.folder();
@@ -117,9 +138,7 @@ class CaptureRun {
     manifest.width = camera_.width;
     manifest.height = camera_.height;
     for (const CaptureLight& light : request_.lights)
-      manifest.frames.push_back({light.name, light.role, light.kind,
-                                 session_.folder() / illumination_file(light),
-                                 session_.folder() / observed_file(light)});
+      if (!session_.is_left_out(light.name)) manifest.frames.push_back(frame_of(light));
     manifest.ambient = session_.folder() / ambient_file;
     if (request_.mask.kind != MaskSource::Kind::none) manifest.mask = session_.folder() / mask_file;
     session_.finish(manifest);
@@ -215,16 +234,13 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
     run.take_ambient();
     run.make_mask();
     Progress progress("capturing", request.lights.size());
-    for (const CaptureLight& light : request.lights) {
-      throw_if_interrupted();
-      run.take_photograph(light);
-      progress.advance();
-    }
+    run.take_all(progress);
     run.finish();
   }
 
   CaptureSummary summary;
-  summary.lights = request.lights.size();
+  for (const CaptureLight& light : request.lights) summary.left_out += session.is_left_out(light.name);
+  summary.lights = request.lights.size() - summary.left_out;
   summary.found_done = session.found_done();
   summary.found_damaged = session.found_damaged();
   summary.discarded = pairing.counts();

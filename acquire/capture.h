@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -52,6 +53,11 @@ struct CaptureRequest {
   Precision precision = Precision::single;  ///< of observed images
   IfExists if_exists = IfExists::refuse;
 
+  /// Asked after each training photograph, in the order of `lights` (those of an earlier run included); once
+  /// it says true, the training lights that are left are not taken. Null: all are.
+  std::function<bool(const CaptureFrame& taken)> is_enough = nullptr;
+  std::string stop_rule;  ///< says in words what is_enough goes by; part of the plan
+
   bool is_metered() const { return exposures.empty() && exposure_plan.shortest.count() <= 0.0; }
 
   /// Throws InputError naming the option and the remedy.
@@ -59,7 +65,8 @@ struct CaptureRequest {
 };
 
 struct CaptureSummary {
-  std::size_t lights = 0;
+  std::size_t lights = 0;         ///< photographed, by this run or an earlier one
+  std::size_t left_out = 0;       ///< training lights that were not needed
   std::size_t found_done = 0;     ///< steps taken over from an earlier run
   std::size_t found_damaged = 0;  ///< steps done again since their files had changed
   std::vector<Seconds> exposures;
@@ -71,9 +78,9 @@ struct CaptureSummary {
 };
 
 /// Photographs the scene under each light into a capture session folder: ambient light first, then the mask,
-/// then the lights in order. Talks to interfaces only. Stops between photographs when asked to (throws
-/// Interrupted); whatever ends it, the folder can be resumed. Throws InputError, FormatError or DeviceError.
-/// `trigger` may be null.
+/// then the lights in order, as far as CaptureRequest::is_enough wants them. Talks to interfaces only. Stops
+/// between photographs when asked to (throws Interrupted); whatever ends it, the folder can be resumed.
+/// Throws InputError, FormatError or DeviceError. `trigger` may be null.
 CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminator& illuminator,
                        Trigger* trigger);
 

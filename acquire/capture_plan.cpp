@@ -129,7 +129,7 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
                                  {"role", std::string(name_of(light.role))},
                                  {"kind", light.kind},
                                  {"wanted_crc32", checksum_of(light.wanted)}});
-  const toml::table plan{
+  toml::table plan{
       {"format", format_name},
       {"version", format_version},
       {"rig", request.rig},
@@ -141,6 +141,7 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
       {"files",
        toml::table{{"keep_raw", request.keep_raw}, {"half_precision", request.precision == Precision::half}}},
       {"light", lights}};
+  if (!request.stop_rule.empty()) plan.insert("stop", request.stop_rule);
   std::ostringstream text;
   text << plan << "\n";
   return text.str();

@@ -141,6 +141,11 @@ bool SessionWriter::is_done(const std::string& step) const {
   return std::ranges::find(entries_, step, &JournalEntry::step) != entries_.end();
 }
 
+bool SessionWriter::is_left_out(const std::string& step) const {
+  const auto entry = std::ranges::find(entries_, step, &JournalEntry::step);
+  return entry != entries_.end() && entry->files.empty();
+}
+
 void SessionWriter::finish_step(const std::string& step, const std::vector<std::string>& files) {
   JournalEntry entry{step, {}};
   for (const std::string& file : files) entry.files.push_back(inspect_file(folder_, file));

@@ -46,6 +46,10 @@ class SessionWriter {
   /// Records that a step's files (paths relative to the folder) are on disk.
   void finish_step(const std::string& step, const std::vector<std::string>& files);
 
+  /// Records that a step is not needed: it is done, and there is nothing of it.
+  void leave_out(const std::string& step) { finish_step(step, {}); }
+  bool is_left_out(const std::string& step) const;
+
   /// Puts the journal in the order of the steps, then writes the manifest. Every step must be done.
   void finish(const CaptureSession& session);
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/acquire_progress.h"
 #include "cli/report/run_log.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
@@ -40,6 +41,10 @@ struct AcquireOptions {
   bool auto_mask = false;
   fs::path background;
   std::optional<std::uint64_t> seed;
+  std::string order = "given";
+  std::string until_error;
+  int min_images = 30;
+  int check_every = 10;
   bool trigger = false;
   bool keep_raw = false;
   bool half = false;
@@ -119,6 +124,7 @@ CaptureRequest request_of(const AcquireOptions& options, const Recipe& recipe, s
   CaptureRequest request;
   request.folder = options.session;
   request.lights = lights_of(options);
+  order_lights(request.lights, options.order, seed);
   request.camera = calibration_of(recipe.rig.sensor, request.gain);
   request.monitor = calibration_of(recipe.rig.monitor);
   request.rig = rig_text(options, recipe, seed);
@@ -133,22 +139,46 @@ CaptureRequest request_of(const AcquireOptions& options, const Recipe& recipe, s
   return request;
 }
 
-ordered_json figures_of(const CaptureSummary& summary) {
+ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) {
   ordered_json exposures = ordered_json::array();
   for (std::size_t i = 0; i < summary.exposures.size(); ++i) {
     exposures.push_back({{"seconds", summary.exposures[i].count()}});
     if (!summary.useful_fraction.empty()) exposures.back()["useful_fraction"] = summary.useful_fraction[i];
   }
-  return {{"lights", summary.lights},
-          {"taken_over", summary.found_done},
-          {"damaged_and_repeated", summary.found_damaged},
-          {"exposures", exposures},
-          {"clipped_fraction", summary.clipped_fraction},
-          {"lights_brighter_than_monitor", summary.out_of_range_lights},
-          {"frames_discarded_early", summary.discarded.early},
-          {"frames_discarded_stale", summary.discarded.stale},
-          {"frames_lost", summary.discarded.lost},
-          {"seconds", summary.seconds}};
+  ordered_json figures = {{"lights", summary.lights},
+                          {"left_out", summary.left_out},
+                          {"taken_over", summary.found_done},
+                          {"damaged_and_repeated", summary.found_damaged},
+                          {"exposures", exposures},
+                          {"clipped_fraction", summary.clipped_fraction},
+                          {"lights_brighter_than_monitor", summary.out_of_range_lights},
+                          {"frames_discarded_early", summary.discarded.early},
+                          {"frames_discarded_stale", summary.discarded.stale},
+                          {"frames_lost", summary.discarded.lost},
+                          {"seconds", summary.seconds}};
+  if (until && until->last().images > 0)
+    figures["until_error"] = {{"asked", until->asked()},
+                              {"reached", until->reached()},
+                              {"predicted", until->last().predicted},
+                              {"photograph_noise", until->last().noise},
+                              {"images", until->last().images},
+                              {"images_that_would_do", until->images_for()}};
+  return figures;
+}
+
+void print(const UntilError& until, const CaptureSummary& summary) {
+  if (until.last().images == 0) return;
+  std::printf("predicted error %.2f %% after %d images, asked were %.2f %%: ", 100.0 * until.last().predicted,
+              until.last().images, 100.0 * until.asked());
+  if (until.reached())
+    std::printf("reached, %zu lights left out\n", summary.left_out);
+  else if (until.last().noise > until.asked())
+    std::printf("cannot be reached, the photographs' own noise is %.2f %%; take more frames an exposure\n",
+                100.0 * until.last().noise);
+  else if (const int needed = until.images_for(); needed > 0)
+    std::printf("not reached, about %d images would do\n", needed);
+  else
+    std::printf("not reached, and more images of this kind would hardly reach it\n");
 }
 
 void print(const CaptureSummary& summary, const fs::path& session) {
@@ -203,7 +233,12 @@ void acquire(const AcquireOptions& options, const Common& common) {
   check_session_folder(options.session, options.force    ? IfExists::replace
                                         : options.resume ? IfExists::resume
                                                          : IfExists::refuse);
-  const CaptureRequest request = request_of(options, recipe, seed);
+  CaptureRequest request = request_of(options, recipe, seed);
+  std::optional<UntilError> until;
+  if (!options.until_error.empty()) {
+    until.emplace(error_from_text(options.until_error), options.min_images, options.check_every);
+    until->attach(request);
+  }
   TracedScene scene = scene_of(options, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  seed);
@@ -220,9 +255,10 @@ void acquire(const AcquireOptions& options, const Common& common) {
                            {"frames_discarded_stale", summary.discarded.stale},
                            {"frames_lost", summary.discarded.lost}});
   if (common.json)
-    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+    std::printf("%s\n", figures_of(summary, until ? &*until : nullptr).dump(2).c_str());
   else
     print(summary, options.session);
+  if (until && !common.json) print(*until, summary);
 }
 
 }  // namespace
@@ -268,6 +304,20 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--background", options->background,
                    "With --auto-mask: photograph (.exr) under white without the objects; mask what differs")
       ->needs(automatic);
+  verb->add_option("--order", options->order,
+                   "Of the training lights: given, random, or useful: the next is the one that tells most "
+                   "beside\nthose before it, so that a capture cut short has the best lights")
+      ->capture_default_str();
+  CLI::Option* until = verb->add_option(
+      "--until-error", options->until_error,
+      "Stop taking training photographs when the error predicted for the middle pixel on new photographs\n"
+      "falls to this, such as 2%: a sample of pixels is estimated as the capture goes on");
+  verb->add_option("--min-images", options->min_images, "With --until-error: look from so many images on")
+      ->capture_default_str()
+      ->needs(until);
+  verb->add_option("--check-every", options->check_every, "With --until-error: look again after so many")
+      ->capture_default_str()
+      ->needs(until);
   verb->add_option("--seed", options->seed, "Of the virtual camera's noise (default: the recipe's)");
   verb->add_flag("--trigger", options->trigger, "Start each exposure through the trigger line");
   verb->add_flag("--keep-raw", options->keep_raw, "Keep every exposure as a 16-bit PNG in raw/");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/estimate.h"
 
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -100,6 +101,18 @@ nlohmann::ordered_json frame_figures(const FrameReport& report) {
   return figures;
 }
 
+nlohmann::ordered_json more_images_figures(int images, const EstimateSummary& summary) {
+  const auto& points = summary.learning_curve;
+  const LearningCurve curve(points, summary.median_photograph_noise.value_or(0.0));
+  auto measured = nlohmann::ordered_json::array();
+  for (const LearningPoint& point : points)
+    measured.push_back({{"images", std::lround(point.share * images)}, {"error", point.error}});
+  return {{"measured", measured},
+          {"error_now", curve.error_at(1.0)},
+          {"error_with_twice_the_images", curve.error_at(2.0)},
+          {"advice", curve.advice()}};
+}
+
 nlohmann::ordered_json log_of(const EstimateArguments& arguments, const EstimateSummary& summary) {
   nlohmann::ordered_json log = {
       {"stage", "estimate"}, {"field", arguments.output}, {"version", REFIELD_VERSION}};
@@ -110,6 +123,12 @@ nlohmann::ordered_json log_of(const EstimateArguments& arguments, const Estimate
               {"mean_kernels", summary.mean_kernels},
               {"median_training_error", summary.median_training_error}});
   log.update(frame_figures(summary.frames));
+  if (summary.median_predicted_error)
+    log.update({{"median_predicted_error", *summary.median_predicted_error},
+                {"median_photograph_noise", *summary.median_photograph_noise}});
+  if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
+      curve.known())
+    log["more_images"] = more_images_figures(summary.plan.images, summary);
   return log;
 }
 
@@ -172,13 +191,20 @@ void run(EstimateArguments arguments, const Common& common) {
       estimate_to_file(session, arguments.options, arguments.output, arguments.resume);
   const auto log = log_of(arguments, summary);
   write_text_atomically(arguments.output + ".log.json", log.dump(2) + "\n");
-  if (common.json)
+  if (common.json) {
     std::printf("%s\n", log.dump(2).c_str());
-  else
-    std::printf("%s: %.1f kernels a pixel, training error %.4f (median), %.1f s, %.2f GiB\n",
-                arguments.output.c_str(), summary.mean_kernels, summary.median_training_error,
-                summary.seconds, summary.peak_memory_bytes / gib);
-  if (!common.json && !summary.frames.left_out.empty())
+    return;
+  }
+  std::printf("%s: %.1f kernels a pixel, training error %.4f (median), %.1f s, %.2f GiB\n",
+              arguments.output.c_str(), summary.mean_kernels, summary.median_training_error, summary.seconds,
+              summary.peak_memory_bytes / gib);
+  if (summary.median_predicted_error)
+    std::printf("predicted error on new photographs %.4f (median), of it their noise %.4f\n",
+                *summary.median_predicted_error, *summary.median_photograph_noise);
+  if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
+      curve.known())
+    std::printf("%s\n", curve.advice().c_str());
+  if (!summary.frames.left_out.empty())
     std::printf("left out, since they do not fit the others: %s\n",
                 names_of(summary.frames.left_out).c_str());
 }
@@ -231,6 +257,10 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--threads", arguments->options.threads,
                    "0: all cores; the result is the same for any number")
       ->capture_default_str();
+  verb->add_option(
+      "--refine", arguments->options.refine,
+      "Field (.rfield) of the same capture, made from fewer of its images: take in the new ones\n"
+      "from where it stands, for about half the time of a fresh start");
   verb->add_option("--rows", arguments->rows,
                    "Estimate some rows only, into a part for 'refield merge': A:B for rows A to B - 1,\n"
                    "counted from 0, or I/N for the I-th of N equal bands");

@@ -73,6 +73,8 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
     info["predicted_error"] = {{"median", quantile(predicted, 0.5)},
                                {"percentile_90", quantile(predicted, 0.9)},
                                {"of_it_noise_of_the_photographs_median", quantile(noise, 0.5)}};
+    if (const LearningCurve curve(field.learning_curve, quantile(noise, 0.5)); curve.known())
+      info["more_images"] = curve.advice();
   }
   info["provenance"] = std::move(provenance);
   return info;

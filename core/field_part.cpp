@@ -86,6 +86,7 @@ class Joiner {
   /// Errors are predicted now that all rows are there, as a run over all of them does at its end.
   ReflectanceField take() {
     predict_errors(whole_);
+    whole_.error_evidence = {};
     return std::move(whole_);
   }
 

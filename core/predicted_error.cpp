@@ -9,6 +9,7 @@
 #include <limits>
 #include <vector>
 
+#include "core/metrics.h"
 #include "core/reflectance_field.h"
 
 namespace refield {
@@ -107,11 +108,28 @@ class Prediction {
   double common_log_ratio_ = 0.0;
 };
 
+/// Middle errors over the pixels where fits to parts of the images were tried.
+std::vector<LearningPoint> learning_curve_of(const std::vector<ErrorEvidence>& evidence) {
+  std::vector<float> quarter, half, most;
+  for (const ErrorEvidence& pixel : evidence) {
+    if (!(pixel.from_quarter > 0.0f && pixel.from_half > 0.0f && pixel.cross_validated > 0.0f)) continue;
+    quarter.push_back(std::sqrt(pixel.from_quarter));
+    half.push_back(std::sqrt(pixel.from_half));
+    most.push_back(std::sqrt(pixel.cross_validated));
+  }
+  if (quarter.empty()) return {};
+  const auto median = [](const std::vector<float>& errors) {
+    return static_cast<float>(quantile(errors, 0.5));
+  };
+  return {{0.25f, median(quarter)}, {0.5f, median(half)}, {0.8f, median(most)}};
+}
+
 }  // namespace
 
 void predict_errors(ReflectanceField& field) {
   field.predicted_error.clear();
   field.photograph_noise.clear();
+  field.learning_curve = learning_curve_of(field.error_evidence);
   if (field.error_evidence.empty()) return;
   field.predicted_error.assign(field.error_evidence.size(), 0.0f);
   field.photograph_noise.assign(field.error_evidence.size(), 0.0f);

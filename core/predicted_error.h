@@ -18,6 +18,9 @@ struct ErrorEvidence {
   /// Residual of images that the whole choice of kernels was made without; known on a lattice of pixels, NaN
   /// elsewhere.
   float cross_validated = std::numeric_limits<float>::quiet_NaN();
+  /// The same for fits to a half and to a quarter of the images; known at every second lattice pixel.
+  float from_half = std::numeric_limits<float>::quiet_NaN();
+  float from_quarter = std::numeric_limits<float>::quiet_NaN();
 };
 
 /// Cross-validation is done where x and y of a pixel, counted from the whole picture's corner, leave
@@ -29,7 +32,14 @@ constexpr bool is_cross_validated(int x, int y) {
          y % cross_validation_step == cross_validation_offset;
 }
 
-/// Fills `predicted_error` and `photograph_noise` from `error_evidence`; empties both where there is none.
+/// Where fits to parts of the images are tried, too.
+constexpr bool is_learning_pixel(int x, int y) {
+  return x % (2 * cross_validation_step) == cross_validation_offset &&
+         y % (2 * cross_validation_step) == cross_validation_offset;
+}
+
+/// Fills `predicted_error` and `photograph_noise` and `learning_curve` from `error_evidence`; empties them
+/// where there is none.
 ///
 /// Every pixel's leave-one-out error is steadied by the median of its 3 × 3 neighbours (geometric mean of the
 /// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/image.h"
+#include "core/learning_curve.h"
 #include "core/light_basis.h"
 #include "core/predicted_error.h"
 #include "core/transfer_matrix.h"
@@ -20,13 +21,16 @@ struct ReflectanceField {
   SparseTransfer transfer;
   /// [pixels], relative RMSE over the images it was estimated from; empty where the field was not estimated.
   std::vector<float> training_error;
-  /// [pixels] or empty: what predict_errors() predicts from.
+  /// [pixels] or empty: what predict_errors() predicts from. Whole fields do without once it has; parts of a
+  /// field keep it.
   std::vector<ErrorEvidence> error_evidence;
   /// [pixels] or empty: relative RMSE to be expected on new photographs, as noisy as the training images and
   /// under light of their kind.
   std::vector<float> predicted_error;
   /// [pixels] or empty: the part of it that is the photographs' own noise.
   std::vector<float> photograph_noise;
+  /// Error against the share of the training images; empty where it was not measured.
+  std::vector<LearningPoint> learning_curve;
   /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal
   /// inputs give equal files.
   std::string provenance = "{}";

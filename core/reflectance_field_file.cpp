@@ -230,6 +230,10 @@ void validate(const ReflectanceField& field, const Reader& reader) {
     reader.fail("statistics/training_error does not fit the image size");
   if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
     reader.fail("statistics/error_evidence does not fit the image size");
+  if (std::ranges::any_of(field.learning_curve, [](const LearningPoint& point) {
+        return !(point.share > 0.0f && std::isfinite(point.error) && point.error >= 0.0f);
+      }))
+    reader.fail("statistics/learning_curve holds what is no error");
   for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
     if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
       reader.fail("statistics/predicted_error or photograph_noise does not fit the image size");
@@ -294,8 +298,15 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
     if (!field.error_evidence.empty()) {
       std::vector<float> evidence;
       for (const ErrorEvidence& pixel : field.error_evidence)
-        evidence.insert(evidence.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated});
-      writer.dataset("statistics/error_evidence", evidence.data(), {field.error_evidence.size(), 3});
+        evidence.insert(evidence.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated,
+                                         pixel.from_half, pixel.from_quarter});
+      writer.dataset("statistics/error_evidence", evidence.data(), {field.error_evidence.size(), 5});
+    }
+    if (!field.learning_curve.empty()) {
+      std::vector<float> points;
+      for (const LearningPoint& point : field.learning_curve)
+        points.insert(points.end(), {point.share, point.error});
+      writer.dataset("statistics/learning_curve", points.data(), {field.learning_curve.size(), 2});
     }
     if (!field.predicted_error.empty()) {
       writer.dataset("statistics/predicted_error", field.predicted_error.data(),
@@ -356,9 +367,15 @@ void read_content(const Reader& reader, ReflectanceField& field) {
   field.transfer.weight = reader.dataset<float>("transfer/weight", 3);
   field.training_error = reader.dataset<float>("statistics/training_error", 1);
   if (reader.has("statistics/error_evidence")) {
-    const auto evidence = reader.dataset<float>("statistics/error_evidence", 3);
-    for (std::size_t i = 0; i < evidence.size(); i += 3)
-      field.error_evidence.push_back({evidence[i], evidence[i + 1], evidence[i + 2]});
+    const auto evidence = reader.dataset<float>("statistics/error_evidence", 5);
+    for (std::size_t i = 0; i < evidence.size(); i += 5)
+      field.error_evidence.push_back(
+          {evidence[i], evidence[i + 1], evidence[i + 2], evidence[i + 3], evidence[i + 4]});
+  }
+  if (reader.has("statistics/learning_curve")) {
+    const auto points = reader.dataset<float>("statistics/learning_curve", 2);
+    for (std::size_t i = 0; i < points.size(); i += 2)
+      field.learning_curve.push_back({points[i], points[i + 1]});
   }
   if (reader.has("statistics/predicted_error"))
     field.predicted_error = reader.dataset<float>("statistics/predicted_error", 1);

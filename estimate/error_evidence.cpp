@@ -8,7 +8,6 @@
 namespace refield {
 
 namespace {
-constexpr int most_folds = 5;
 /// An image that determines a kernel nearly alone (h near 1) tells nothing about it: its residual grows no
 /// further than twentyfold.
 constexpr float least_freedom = 0.05f;
@@ -73,33 +72,52 @@ double ErrorJudge::leave_one_out(const KernelSet& set, const PixelKernels& kerne
   return squared;
 }
 
-double ErrorJudge::cross_validate(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples) {
-  const int folds = std::min(most_folds, images_);
-  double squared = 0.0;
-  for (int fold = 0; fold < folds; ++fold) {
-    reduced_.resize(3 * stride_);
-    PixelSamples without;
-    for (int c = 0; c < 3; ++c) {
-      float* values = reduced_.data() + c * stride_;
-      std::copy_n(samples[c], stride_, values);
-      for (int j = fold; j < images_; j += folds) values[j] = std::numeric_limits<float>::quiet_NaN();
-      without[c] = values;
-    }
-    const PixelKernels kernels = fitter.fit(without);
-    const std::size_t count = kernels.boxes.size();
-    pointers_.resize(std::max(count, std::size_t{1}));
-    for (std::size_t k = 0; k < count; ++k) pointers_[k] = cache.column(kernels.boxes[k]);
-    for (int c = 0; c < 3; ++c)
-      for (int j = fold; j < images_; j += folds) {
-        const float b = samples[c][j];
-        if (std::isnan(b)) continue;
-        double predicted = 0.0;
-        for (std::size_t k = 0; k < count; ++k)
-          predicted += static_cast<double>(kernels.weights[3 * k + c]) * pointers_[k][c * stride_ + j];
-        squared += (predicted - b) * (predicted - b);
-      }
+/// Fits the pixel to the images that `is_seen` and sums its squared error on the others.
+template <class IsSeen>
+double ErrorJudge::error_on_unseen(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
+                                   IsSeen is_seen) {
+  reduced_.resize(3 * stride_);
+  PixelSamples seen;
+  for (int c = 0; c < 3; ++c) {
+    float* values = reduced_.data() + c * stride_;
+    std::copy_n(samples[c], stride_, values);
+    for (int j = 0; j < images_; ++j)
+      if (!is_seen(j)) values[j] = std::numeric_limits<float>::quiet_NaN();
+    seen[c] = values;
   }
+  const PixelKernels kernels = fitter.fit(seen);
+  const std::size_t count = kernels.boxes.size();
+  pointers_.resize(std::max(count, std::size_t{1}));
+  for (std::size_t k = 0; k < count; ++k) pointers_[k] = cache.column(kernels.boxes[k]);
+  double squared = 0.0;
+  for (int c = 0; c < 3; ++c)
+    for (int j = 0; j < images_; ++j) {
+      const float b = samples[c][j];
+      if (is_seen(j) || std::isnan(b)) continue;
+      double predicted = 0.0;
+      for (std::size_t k = 0; k < count; ++k)
+        predicted += static_cast<double>(kernels.weights[3 * k + c]) * pointers_[k][c * stride_ + j];
+      squared += (predicted - b) * (predicted - b);
+    }
   return squared;
+}
+
+double ErrorJudge::cross_validate(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
+                                  int folds) {
+  folds = std::min(folds, images_);
+  double squared = 0.0;
+  for (int fold = 0; fold < folds; ++fold)
+    squared += error_on_unseen(fitter, cache, samples, [=](int j) { return j % folds != fold; });
+  return squared;
+}
+
+double ErrorJudge::validate_folds_alone(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
+                                        int folds) {
+  folds = std::min(folds, images_);
+  double squared = 0.0;
+  for (int fold = 0; fold < folds; ++fold)
+    squared += error_on_unseen(fitter, cache, samples, [=](int j) { return j % folds == fold; });
+  return squared / std::max(folds - 1, 1);
 }
 
 }  // namespace refield

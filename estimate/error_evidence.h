@@ -21,11 +21,19 @@ class ErrorJudge {
                        float* residuals);
 
   /// Squared error, over images and channels, of k-fold cross-validation: the pixel is fitted anew without
-  /// each fold (images j, j + k, …), choice of kernels included, and predicts it. k = 5, or as many as there
-  /// are images.
-  double cross_validate(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples);
+  /// each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k folds there are at
+  /// most as many as images.
+  double cross_validate(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples, int folds = 5);
+  /// The other way round, for fits to few images: each fold alone is fitted and predicts all others. The mean
+  /// over the k − 1 predictions of each image, on the same scale.
+  double validate_folds_alone(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
+                              int folds);
 
  private:
+  template <class IsSeen>
+  double error_on_unseen(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
+                         IsSeen is_seen);
+
   int images_;
   std::size_t stride_;
   AlignedFloats orthonormal_, vector_, reduced_;

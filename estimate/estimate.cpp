@@ -40,11 +40,12 @@ int estimate_bands(const EstimateJob& job, const EstimateOptions& options, const
       pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
     }
   if (!missing.empty()) table.emplace(illumination_paths(job.frames), job.session.light);
+  if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress("estimate", pixels);
   for (const RowRange& rows : missing) {
     const RowRange held = rows_needed(rows, height, options);
     const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level);
-    keep(rows, estimate_band(*table, band, rows, job.mask, options, workers, progress));
+    keep(rows, estimate_band(*table, band, rows, job.mask, options, workers, progress, job.refinement.get()));
   }
   return static_cast<int>(bands.size() - missing.size());
 }
@@ -61,6 +62,17 @@ void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSu
   }
   summary.mean_kernels = active > 0 ? static_cast<double>(field.transfer.entries()) / active : 0.0;
   summary.median_training_error = quantile(std::move(errors), 0.5);
+  if (field.predicted_error.empty()) return;
+  std::vector<float> predicted, noise;
+  for (std::size_t p = 0; p < field.predicted_error.size(); ++p) {
+    if (!(field.predicted_error[p] > 0.0f)) continue;
+    predicted.push_back(field.predicted_error[p]);
+    noise.push_back(field.photograph_noise[p]);
+  }
+  if (predicted.empty()) return;
+  summary.median_predicted_error = quantile(std::move(predicted), 0.5);
+  summary.median_photograph_noise = quantile(std::move(noise), 0.5);
+  summary.learning_curve = field.learning_curve;
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "core/capture_session.h"
@@ -22,6 +23,10 @@ struct EstimateSummary {
   std::uint64_t peak_memory_bytes = 0;  ///< resident, of the whole process
   double mean_kernels = 0.0;            ///< non-zero kernels a pixel
   double median_training_error = 0.0;   ///< relative RMSE over the training images
+  std::optional<double>
+      median_predicted_error;  ///< relative RMSE expected on new photographs, where predicted
+  std::optional<double> median_photograph_noise;
+  std::vector<LearningPoint> learning_curve;  ///< error against the share of the images, where measured
 };
 
 /// Checks options and input, and foresees memory. Throws InputError for input that cannot be estimated from.

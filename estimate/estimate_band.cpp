@@ -40,6 +40,8 @@ struct EvidenceGatherer {
   std::vector<PixelKernels>& kernels;  // of the band's wanted rows
   int width;
   int first_row;
+  /// A refinement is judged on a quarter of the lattice: it is to cost less than a fresh start.
+  bool refinement;
 
   PixelKernels& at(int x, int y) const {
     return kernels[static_cast<std::size_t>(y - first_row) * width + x];
@@ -62,6 +64,17 @@ struct EvidenceGatherer {
     return true;
   }
 
+  void validate(int x, int y, FitWorker& own) const {
+    ErrorEvidence& evidence = at(x, y).evidence;
+    const double squared = at(x, y).squared_samples;
+    const PixelSamples b = samples(x, y);
+    const auto relative = [&](double error) { return static_cast<float>(error / squared); };
+    evidence.cross_validated = relative(own.judge.cross_validate(own.tree, own.cache, b));
+    if (refinement || !is_learning_pixel(x, y)) return;
+    evidence.from_half = relative(own.judge.cross_validate(own.tree, own.cache, b, 2));
+    evidence.from_quarter = relative(own.judge.validate_folds_alone(own.tree, own.cache, b, 4));
+  }
+
   void judge_tile(const Tile& tile, FitWorker& own) const {
     MaskedSamples masked;
     AlignedFloats before, here;
@@ -82,9 +95,7 @@ struct EvidenceGatherer {
         if (x < tile.x1 && has_here) {
           ErrorEvidence& evidence = at(x, y).evidence;
           evidence.leave_one_out = static_cast<float>(squared);
-          if (is_cross_validated(x, y))
-            evidence.cross_validated = static_cast<float>(
-                own.judge.cross_validate(own.tree, own.cache, samples(x, y)) / at(x, y).squared_samples);
+          if (refinement ? is_learning_pixel(x, y) : is_cross_validated(x, y)) validate(x, y, own);
         }
         shared_before = shared;
         is_shared_before = is_shared;
@@ -104,7 +115,7 @@ RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options
 
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
                                         const Mask& mask, const EstimateOptions& options, FitWorkers& workers,
-                                        Progress& progress) {
+                                        Progress& progress, const Refinement* refinement) {
   const int width = band.width();
   const RowRange held{band.first_row(), band.last_row()};
   const auto active = [&](int x, int y) {
@@ -131,12 +142,21 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   };
 
   for_each_tile(held, [&](const Tile& tile, FitWorker& own) {
+    std::vector<PixelToRefine> group;
     for (int y = tile.y0; y < tile.y1; ++y)
-      for (int x = tile.x0; x < tile.x1; ++x)
+      for (int x = tile.x0; x < tile.x1; ++x) {
         if (active(x, y)) {
-          kernels[at(x, y)] = own.tree.fit(samples(x, y));
+          if (refinement)
+            group.push_back({static_cast<std::size_t>(y) * width + x, samples(x, y), &kernels[at(x, y)]});
+          else
+            kernels[at(x, y)] = own.tree.fit(samples(x, y));
           keep_within_limit(own.cache);  // pixels that share little fill it within a tile
         }
+        if (refinement && (x % refinement_group == refinement_group - 1 || x + 1 == tile.x1)) {
+          refine_pixels(*refinement, group, own.cache, own.tree, own.weights);
+          group.clear();
+        }
+      }
     progress.advance(static_cast<std::uint64_t>(tile.x1 - tile.x0) * (tile.y1 - tile.y0));
   });
 
@@ -174,7 +194,8 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
       }
   });
   if (options.predict_errors) {
-    const EvidenceGatherer gatherer{table, samples, active, result, width, wanted.first};
+    const EvidenceGatherer gatherer{
+        table, samples, active, result, width, wanted.first, refinement != nullptr};
     for_each_tile(wanted, [&](const Tile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
   }
   return result;

@@ -10,6 +10,7 @@
 #include "core/row_range.h"
 #include "estimate/error_evidence.h"
 #include "estimate/observations.h"
+#include "estimate/refinement.h"
 #include "estimate/refit.h"
 
 namespace refield {
@@ -34,9 +35,10 @@ inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
 /// Estimates the pixels of `wanted` rows, row by row; `band` holds rows_needed(). `mask` [height × width] or
-/// empty. Throws Interrupted between tiles when asked to stop.
+/// empty. With a refinement, pixels start from its field's kernels. Throws Interrupted between tiles when
+/// asked to stop.
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
                                         const Mask& mask, const EstimateOptions& options, FitWorkers& workers,
-                                        Progress& progress);
+                                        Progress& progress, const Refinement* refinement = nullptr);
 
 }  // namespace refield

@@ -33,6 +33,7 @@ nlohmann::ordered_json options_of(const EstimateOptions& options) {
 
 std::vector<fs::path> inputs_of(const EstimateJob& job) {
   std::vector<fs::path> paths;
+  if (job.refinement) paths.push_back(job.refinement->path());
   if (job.session.mask) paths.push_back(*job.session.mask);
   for (const CaptureFrame& frame : job.frames) {
     paths.push_back(frame.illumination);
@@ -57,7 +58,7 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
 
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
   options.check();
-  EstimateJob job{session, session.frames_of(FrameRole::train), {}, {}, {}};
+  EstimateJob job{session, session.frames_of(FrameRole::train), {}, {}, {}, nullptr};
   require_enough_frames(job, options);
   job.session.frames = job.frames;
   check_image_sizes(job.session);
@@ -67,6 +68,8 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
                      " are no rows of a picture of " + std::to_string(job.session.height) +
                      "; rows count from 0, and the last one named is not included");
   if (session.mask) job.mask = read_mask(*session.mask, job.session.width, job.session.height);
+  if (!options.refine.empty())
+    job.refinement = std::make_shared<Refinement>(options.refine, job.session, job.frames);
   return job;
 }
 
@@ -103,6 +106,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
                                        {"spatial_passes", options.spatial_passes},
                                        {"images", job.frames.size()}};
   if (std::isfinite(options.clip_level)) provenance["clip_level"] = options.clip_level;
+  if (job.refinement) provenance["refined_from_images"] = job.refinement->known_images();
   if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
   for (const CaptureFrame& frame : job.frames) provenance["frames"].push_back(frame.name);
   for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "core/capture_session.h"
 #include "core/metrics.h"
 #include "estimate/options.h"
+#include "estimate/refinement.h"
 
 namespace refield {
 
@@ -18,6 +20,8 @@ struct EstimateJob {
   Mask mask;
   RowRange rows;                      ///< of the picture, to be estimated
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
+  /// The field that takes in new images; null for a fresh start.
+  std::shared_ptr<Refinement> refinement = nullptr;
 };
 
 /// Checks options, the number of training images and the header of every image, and reads the mask. Throws

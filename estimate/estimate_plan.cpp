@@ -35,15 +35,16 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const std::uint64_t kernel_bytes =
       options.kernels * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
 
+  const std::uint64_t old_field = job.refinement ? std::filesystem::file_size(job.refinement->path()) : 0;
   const std::uint64_t fixed =
-      base_bytes + BoxTable::bytes(session.light, images) + threads * cache_limit_bytes;
+      base_bytes + old_field + BoxTable::bytes(session.light, images) + threads * cache_limit_bytes;
   // A row holds its samples, its kernels before and after a sweep, and its share of the images being read.
   const std::uint64_t row = ObservationBand::bytes(session.width, 1, images) +
                             3 * session.width * kernel_bytes +
                             threads * 16 * session.width * 9 * sizeof(float);
   const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(options.spatial_passes);
   // Assembly happens after the tables are gone: twice the field, while vectors grow.
-  const std::uint64_t assembly = base_bytes + 2 * pixels * options.kernels * entry_bytes;
+  const std::uint64_t assembly = base_bytes + old_field + 2 * pixels * options.kernels * entry_bytes;
   const std::uint64_t least = std::max(fixed + (1 + overlap) * row, assembly);
   if (least > options.memory_bytes)
     throw InputError(

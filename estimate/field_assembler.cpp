@@ -33,7 +33,10 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
 }
 
 ReflectanceField FieldAssembler::take() {
-  if (is_whole_) predict_errors(field_);
+  if (is_whole_) {
+    predict_errors(field_);
+    field_.error_evidence = {};
+  }
   return std::move(field_);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <optional>
 #include <string_view>
@@ -30,6 +31,10 @@ struct EstimateOptions {
   int threads = 0;  ///< 0: all cores. The result does not depend on it.
   bool predict_errors =
       true;  ///< cross-validate a lattice of pixels (a fifth more time), see core/predicted_error.h
+
+  /// A field of the same capture (.rfield) that takes in the images it was not made from, see
+  /// estimate/refinement.h. Empty: a fresh start.
+  std::filesystem::path refine = {};
 
   /// Throws InputError naming the option and its range.
   void check() const;

@@ -39,7 +39,7 @@ nlohmann::ordered_json write_report(const ReportRequest& request) {
   const ImageCountStudy study = study_image_count(input, request.study_pixels, scratch.path());
   const KernelStudy kernels = study_kernels(input, pixels);
   const std::string body = opening_html(input, figures) + summary_html(input, figures) +
-                           pictures_html(input) + image_count_html(input, study) +
+                           pictures_html(input) + image_count_html(input, study) + more_images_html(input) +
                            kernels_html(input, kernels) + statistics_html(input) +
                            timing_html(input, figures, logs);
   write_text_atomically(request.output, page_html("Reflectance field report", body));

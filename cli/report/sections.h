@@ -22,6 +22,8 @@ std::string summary_html(const ReportInput& input, const std::vector<FieldFigure
 std::string pictures_html(const ReportInput& input);
 /// Error against the number of images (figure 7).
 std::string image_count_html(const ReportInput& input, const ImageCountStudy& study);
+/// Error against images as the fields measured it on their training images, and whether more would help.
+std::string more_images_html(const ReportInput& input);
 /// Kernels of chosen pixels while they are subdivided (figure 8).
 std::string kernels_html(const ReportInput& input, const KernelStudy& study);
 /// Kernels that matter (table 1), kernels a pixel, training error.

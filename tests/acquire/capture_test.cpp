@@ -133,6 +133,36 @@ TEST_F(CaptureTest, RepeatsDamagedPhotographs) {
   expect_equal_folders(folder / "whole", folder / "damaged");
 }
 
+TEST_F(CaptureTest, StopsTakingTrainingLightsWhenThereAreEnough) {
+  const auto two_are_enough = [this](const fs::path& name, IfExists if_exists = IfExists::refuse) {
+    CaptureRequest wanted = request(name, if_exists);
+    wanted.stop_rule = "two";
+    wanted.is_enough = [taken = 0](const CaptureFrame& frame) mutable {
+      EXPECT_TRUE(fs::exists(frame.observed) && fs::exists(frame.illumination));
+      return ++taken == 2;
+    };
+    return wanted;
+  };
+  const auto summary = run(two_are_enough("stopped"));
+  EXPECT_EQ(summary.lights, 4u);
+  EXPECT_EQ(summary.left_out, 1u);
+  const CaptureSession session = read_capture_session(folder / "stopped");
+  EXPECT_EQ(session.frames_of(FrameRole::train).size(), 2u);
+  EXPECT_EQ(session.frames_of(FrameRole::test).size(), 2u);
+  EXPECT_FALSE(fs::exists(folder / "stopped/observed/light_2.exr"));
+
+  // Cut anywhere and resumed, it stops at the same place.
+  for (const int frames : {3, 15, 25, 40}) {
+    FakeRigHabits habits;
+    habits.unplugged_after = frames;
+    const fs::path name = "cut_" + std::to_string(frames);
+    EXPECT_THROW(run(two_are_enough(name), habits), DeviceError);
+    run(two_are_enough(name, IfExists::resume));
+    expect_equal_folders(folder / "stopped", folder / name);
+  }
+  EXPECT_THROW(run(request("stopped", IfExists::resume)), InputError) << "all lights is another capture";
+}
+
 TEST_F(CaptureTest, RefusesToResumeAsAnotherCapture) {
   run(request("session"));
   const auto refused = [&](const std::function<void(CaptureRequest&)>& change) {

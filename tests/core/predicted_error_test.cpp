@@ -71,10 +71,33 @@ TEST(PredictedError, PixelsOutsideTheMaskStayEmpty) {
   EXPECT_NEAR(field.predicted_error[8 * 120 + 50], std::sqrt(1.5e-4), rounding);
 }
 
+TEST(PredictedError, LearningCurveTakesMiddleErrors) {
+  auto field = field_with([](int) { return 2.0; });
+  EXPECT_TRUE(field.learning_curve.empty());
+  int row = 0;
+  for (int y = 0; y < field.height; ++y)
+    for (int x = 0; x < field.width; ++x)
+      if (is_learning_pixel(x, y)) {
+        ErrorEvidence& evidence = field.error_evidence[static_cast<std::size_t>(y) * field.width + x];
+        ASSERT_TRUE(is_cross_validated(x, y));
+        evidence.from_half = row == 0 ? 1.0f : 9e-4f;  // few odd ones
+        evidence.from_quarter = 16e-4f;
+        row = (row + 1) % 5;
+      }
+  predict_errors(field);
+  ASSERT_EQ(field.learning_curve.size(), 3u);
+  EXPECT_EQ(field.learning_curve[0].share, 0.25f);
+  EXPECT_NEAR(field.learning_curve[0].error, 0.04, rounding);
+  EXPECT_NEAR(field.learning_curve[1].error, 0.03, rounding);
+  EXPECT_NEAR(field.learning_curve[2].error, std::sqrt(2e-4), rounding);
+}
+
 TEST(PredictedError, WithoutALatticePointLeaveOneOutStands) {
   ReflectanceField field;
   field.width = field.height = 2;
-  field.error_evidence.assign(4, {leave_one_out, 0.0f, std::nanf("")});
+  ErrorEvidence evidence;
+  evidence.leave_one_out = leave_one_out;
+  field.error_evidence.assign(4, evidence);
   predict_errors(field);
   for (const float error : field.predicted_error) EXPECT_NEAR(error, 0.01, rounding);
   field.error_evidence.clear();

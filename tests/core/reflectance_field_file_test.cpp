@@ -100,14 +100,20 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
   ReflectanceField field = sample_field();
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x) {
-      field.error_evidence.push_back({1e-4f * static_cast<float>(x + 1), -1e-6f});
-      if (is_cross_validated(x, y)) field.error_evidence.back().cross_validated = 2e-4f;
+      ErrorEvidence evidence;
+      evidence.leave_one_out = 1e-4f * static_cast<float>(x + 1);
+      evidence.shared = -1e-6f;
+      if (is_cross_validated(x, y)) evidence.cross_validated = 2e-4f;
+      if (is_learning_pixel(x, y)) evidence.from_half = evidence.from_quarter = 3e-4f;
+      field.error_evidence.push_back(evidence);
     }
   predict_errors(field);
   write_reflectance_field(folder / "a.rfield", field);
   ReflectanceField back = read_reflectance_field(folder / "a.rfield");
   EXPECT_EQ(back.predicted_error, field.predicted_error);
   EXPECT_EQ(back.photograph_noise, field.photograph_noise);
+  ASSERT_EQ(back.learning_curve.size(), 3u);
+  EXPECT_EQ(back.learning_curve[1].error, field.learning_curve[1].error);
   predict_errors(back);  // from the evidence that the file kept
   EXPECT_EQ(back.predicted_error, field.predicted_error);
 

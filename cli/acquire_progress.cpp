@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/acquire_progress.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cstdio>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "estimate/light_order.h"
+
+namespace refield::cli {
+
+void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed) {
+  if (order == "given") return;
+  if (order != "random" && order != "useful")
+    throw InputError("--order " + order + ": give useful, given or random");
+  const auto others = std::ranges::stable_partition(
+      lights, [](const CaptureLight& light) { return light.role == FrameRole::train; });
+  const std::vector<CaptureLight> trained(lights.begin(), others.begin());
+  std::vector<int> places;
+  if (order == "random") {
+    places = random_order(static_cast<int>(trained.size()), seed);
+  } else {
+    std::vector<LightMap> maps;
+    Progress progress("ordering lights", trained.size());
+    for (const CaptureLight& light : trained) {
+      throw_if_interrupted();
+      maps.push_back(read_light_map(light.wanted, Parameterisation::monitor));
+      progress.advance();
+    }
+    places = most_useful_order(maps);
+  }
+  for (std::size_t i = 0; i < places.size(); ++i) lights[i] = trained[places[i]];
+}
+
+double error_from_text(const std::string& text) {
+  double value = 0.0;
+  const auto [end, problem] = std::from_chars(text.data(), text.data() + text.size(), value);
+  const std::string unit(end, text.data() + text.size());
+  if (unit == "%") value /= 100.0;
+  if (problem != std::errc() || (!unit.empty() && unit != "%") || !(value > 0.0 && value < 1.0))
+    throw InputError("--until-error " + text +
+                     ": give a relative error between 0 and 100 %, such as 2% or 0.02");
+  return value;
+}
+
+UntilError::UntilError(double error, int fewest_images, int check_every)
+    : error_(error), fewest_images_(fewest_images), check_every_(check_every), follower_(EstimateOptions()) {
+  if (fewest_images < 10)
+    throw InputError("--min-images is " + std::to_string(fewest_images) +
+                     "; give 10 or more: fewer say little about an error");
+  if (check_every < 1)
+    throw InputError("--check-every is " + std::to_string(check_every) + "; give 1 or more");
+}
+
+void UntilError::attach(CaptureRequest& request) {
+  char rule[128];
+  std::snprintf(rule, sizeof rule, "predicted error %.6g, from %d images, every %d", error_, fewest_images_,
+                check_every_);
+  request.stop_rule = rule;
+  request.is_enough = [this](const CaptureFrame& frame) { return is_enough(frame); };
+}
+
+bool UntilError::is_enough(const CaptureFrame& frame) {
+  follower_.add(frame, Parameterisation::monitor);
+  const int images = follower_.images();
+  if (images < fewest_images_ || (images - fewest_images_) % check_every_ != 0) return false;
+  last_ = follower_.predict();
+  reached_ = last_.predicted <= error_;
+  char text[160];
+  const int needed = reached_ ? 0 : follower_.images_for(error_);
+  std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (asked: %.2f %%)%s", images,
+                100.0 * last_.predicted, 100.0 * error_,
+                needed > 0 ? (", about " + std::to_string(needed) + " would do").c_str() : "");
+  log_line(text);
+  return reached_;
+}
+
+}  // namespace refield::cli

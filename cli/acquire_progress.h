@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "acquire/capture.h"
+#include "estimate/error_follower.h"
+
+namespace refield::cli {
+
+/// Puts the training lights first, in the given order: "given", "random" or "useful" (most_useful_order()).
+/// Throws InputError for another word.
+void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed);
+
+/// "2%" or "0.02" as 0.02. Throws InputError outside (0, 1).
+double error_from_text(const std::string& text);
+
+/// The rule by which a capture ends early.
+class UntilError {
+ public:
+  UntilError(double error, int fewest_images, int check_every);
+
+  /// Makes `request` ask this rule, which must outlive the capture.
+  void attach(CaptureRequest& request);
+  bool reached() const { return reached_; }
+  double asked() const { return error_; }
+  const FollowedError& last() const { return last_; }
+  int images_for() const { return follower_.images_for(error_); }
+
+ private:
+  bool is_enough(const CaptureFrame& frame);
+  double error_;
+  int fewest_images_, check_every_;
+  ErrorFollower follower_;
+  FollowedError last_;
+  bool reached_ = false;
+};
+
+}  // namespace refield::cli

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+
+#include "cli/report/html.h"
+#include "cli/report/sections.h"
+#include "cli/report/svg_chart.h"
+
+namespace refield::report {
+
+namespace {
+
+/// The noise of a field's middle pixel.
+double middle_noise(const ReflectanceField& field) {
+  std::vector<float> noise;
+  for (std::size_t p = 0; p < field.photograph_noise.size(); ++p)
+    if (field.predicted_error[p] > 0.0f) noise.push_back(field.photograph_noise[p]);
+  return noise.empty() ? 0.0 : quantile(std::move(noise), 0.5);
+}
+
+}  // namespace
+
+std::string more_images_html(const ReportInput& input) {
+  LineChart chart;
+  chart.title = "Error of the middle pixel against images";
+  chart.x_label = "images, in units of the training images";
+  chart.y_label = "relative RMSE on unseen images";
+  chart.x_ticks = {0.25, 0.5, 1.0, 2.0};
+  std::string advice;
+  for (std::size_t f = 0; f < input.fields.size(); ++f) {
+    const FieldEntry& entry = input.fields[f];
+    const LearningCurve curve(entry.field.learning_curve, middle_noise(entry.field));
+    if (!curve.known()) continue;
+    Series measured{entry.label + ": measured", static_cast<int>(f), false, {}};
+    Series foreseen{entry.label + ": foreseen", static_cast<int>(f), true, {}};
+    for (const LearningPoint& point : entry.field.learning_curve)
+      measured.points.push_back({point.share, point.error});
+    for (const double share : {0.8, 1.0, 1.25, 1.5, 1.75, 2.0})
+      foreseen.points.push_back({share, curve.error_at(share)});
+    chart.series.push_back(std::move(measured));
+    chart.series.push_back(std::move(foreseen));
+    advice += "<p><b>" + escaped(entry.label) + "</b>: " + escaped(curve.advice()) + ".</p>";
+  }
+  if (chart.series.empty()) return "";
+  return section_html(
+      "When more images would help",
+      "<div class=\"split\"><div><p>On a sparse lattice of pixels the field was also estimated from a "
+      "quarter, "
+      "a half and four fifths of the training images, and each estimate predicted the images that it had not "
+      "seen. The curve goes on from there, down to the photographs’ own noise and no further.</p>" +
+          advice + "</div><div class=\"chart-box\">" + line_chart_svg(chart) + legend_html(chart.series) +
+          "</div></div>");
+}
+
+}  // namespace refield::report

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/error_follower.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "core/metrics.h"
+#include "estimate/estimate_band.h"
+
+namespace refield {
+
+namespace {
+
+/// Pixels of the sample stand on a square lattice.
+std::vector<std::array<int, 2>> lattice_of(int width, int height, int most) {
+  const double pixels = static_cast<double>(width) * height;
+  const int step = std::max(1, static_cast<int>(std::ceil(std::sqrt(pixels / most))));
+  std::vector<std::array<int, 2>> lattice;
+  for (int y = step / 2; y < height; y += step)
+    for (int x = step / 2; x < width; x += step) lattice.push_back({x, y});
+  return lattice;
+}
+
+}  // namespace
+
+void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisation) {
+  const Photograph photograph = read_photograph(frame.observed);
+  const Image& radiance = photograph.radiance;
+  if (lights_.empty()) {
+    width_ = radiance.width;
+    height_ = radiance.height;
+    pixels_ = lattice_of(width_, height_, most_pixels_);
+    samples_.resize(pixels_.size());
+    noise2_.resize(pixels_.size());
+  }
+  if (radiance.width != width_ || radiance.height != height_)
+    throw InputError(frame.observed.string() + ": is " + shape_text(radiance) + ", those before are " +
+                     std::to_string(width_) + "×" + std::to_string(height_) + "; use one camera mode");
+  lights_.push_back(read_light_map(frame.illumination, parameterisation));
+  for (std::size_t i = 0; i < pixels_.size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      const float sigma =
+          photograph.sigma.empty() ? 0.0f : photograph.sigma.at(pixels_[i][0], pixels_[i][1], c);
+      const bool measured = !std::isinf(sigma);
+      samples_[i][c].push_back(measured ? radiance.at(pixels_[i][0], pixels_[i][1], c)
+                                        : std::numeric_limits<float>::quiet_NaN());
+      if (measured) noise2_[i] += static_cast<double>(sigma) * sigma;
+    }
+}
+
+FollowedError ErrorFollower::predict() {
+  if (images() < 2) throw InputError("an error can be predicted from two images or more");
+  const BoxTable table(lights_);
+  EstimateOptions options = options_;
+  options.kernels = std::min(options.kernels, images());
+  FitWorkers workers;
+  std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
+  tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
+    throw_if_interrupted();
+    auto& own = workers.local();
+    if (!own) own = std::make_unique<FitWorker>(table, options);
+    if (own->cache.bytes() > cache_limit_bytes) own->cache.clear();
+    AlignedFloats padded(3 * table.stride());
+    PixelSamples samples;
+    for (int c = 0; c < 3; ++c) {
+      std::ranges::copy(samples_[i][c], padded.data() + c * table.stride());
+      samples[c] = padded.data() + c * table.stride();
+    }
+    const PixelKernels kernels = own->tree.fit(samples);
+    if (!(kernels.squared_samples > 0.0)) return;
+    MaskedSamples masked;
+    masked.assign(samples, table.stride(), images());
+    AlignedFloats residuals(3 * table.stride());
+    const double left_out = own->judge.leave_one_out(prepare_columns(kernels.boxes, own->cache), kernels,
+                                                     masked, residuals.data());
+    const double validated = own->judge.cross_validate(own->tree, own->cache, samples);
+    predicted[i] = static_cast<float>(std::sqrt(0.5 * (left_out + validated) / kernels.squared_samples));
+    noise[i] = static_cast<float>(std::sqrt(noise2_[i] / kernels.squared_samples));
+  });
+  std::erase(predicted, 0.0f);
+  std::erase(noise, 0.0f);
+  const FollowedError error{images(), predicted.empty() ? 0.0 : quantile(predicted, 0.5),
+                            noise.empty() ? 0.0 : quantile(noise, 0.5)};
+  noise_ = error.noise;
+  history_.push_back({static_cast<float>(error.images), static_cast<float>(error.predicted)});
+  return error;
+}
+
+int ErrorFollower::images_for(double error) const {
+  const LearningCurve curve(history_, noise_);
+  if (!curve.known() || history_.size() < 3) return 0;
+  constexpr int furthest = 10;
+  for (int count = images(); count <= furthest * images(); ++count)
+    if (curve.error_at(count) <= error) return count;
+  return 0;
+}
+
+}  // namespace refield

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/error_follower.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/metrics.h"
+#include "estimate/estimate.h"
+#include "tests/support/synthetic_capture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+constexpr double noise = 0.02;
+
+class Follow : public ::testing::Test {
+ protected:
+  Follow()
+      : lights_(test::random_lights(60, 16, 12, 3)),
+        truth_(test::field_of_boxes(18, 14, lights_[0].domain(),
+                                    {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}, {1, 7, 3, 11}}, 9)),
+        session_(test::write_capture(folder_ / "session", truth_, lights_, noise)) {
+    options_.kernels = 10;
+  }
+  /// What the field of the first images has on new photographs as noisy, middle pixel.
+  double actual_error(int images) const {
+    CaptureSession first = session_;
+    first.frames.resize(images);
+    const auto field = estimate_field(first, options_);
+    SeriesError series;
+    for (const LightMap& light : test::random_lights(20, 16, 12, 99))
+      series.add(field.relight(light), truth_.relight(light));
+    return std::hypot(series.pixel_quantile(0.5), noise);
+  }
+
+  test::TemporaryFolder folder_;
+  std::vector<LightMap> lights_;
+  ReflectanceField truth_;
+  CaptureSession session_;
+  EstimateOptions options_;
+};
+
+TEST_F(Follow, PredictsTheErrorOfTheImagesSoFar) {
+  ErrorFollower follower(options_);
+  EXPECT_THROW(follower.predict(), InputError);
+  double before = 1.0;
+  for (const int images : {20, 40, 60}) {
+    while (follower.images() < images)
+      follower.add(session_.frames[follower.images()], Parameterisation::monitor);
+    const FollowedError error = follower.predict();
+    EXPECT_EQ(error.images, images);
+    EXPECT_NEAR(error.predicted / actual_error(images), 1.0, 0.2) << images;
+    EXPECT_LT(error.predicted, before);
+    before = error.predicted;
+  }
+  EXPECT_EQ(follower.images_for(0.5), 60) << "reached already";
+}
+
+TEST_F(Follow, ASampleOfPixelsIsEnough) {
+  ErrorFollower all(options_), some(options_, 40);
+  for (int j = 0; j < 40; ++j) {
+    all.add(session_.frames[j], Parameterisation::monitor);
+    some.add(session_.frames[j], Parameterisation::monitor);
+  }
+  EXPECT_NEAR(some.predict().predicted / all.predict().predicted, 1.0, 0.15);
+}
+
+TEST_F(Follow, RefusesPhotographsOfAnotherSize) {
+  ErrorFollower follower(options_);
+  follower.add(session_.frames[0], Parameterisation::monitor);
+  write_photograph(session_.frames[1].observed, {Image(4, 4, 3, 1.0f), {}});
+  EXPECT_THROW(follower.add(session_.frames[1], Parameterisation::monitor), InputError);
+}
+
+}  // namespace
+}  // namespace refield
