@@ -23,6 +23,9 @@ constexpr int reach_steps = 4;
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
 constexpr double share_of_cross_validation = 0.5;
+/// Neighbours choose different kernels, so not all misfit is shared: that part of the excess of
+/// cross-validation counts as the field's own error besides what is.
+constexpr double share_that_is_misfit = 0.75;
 /// Squared relative errors below float32's own are not told apart.
 constexpr double least = 1e-12;
 
@@ -140,11 +143,12 @@ void predict_errors(ReflectanceField& field) {
       const ErrorEvidence& evidence = field.error_evidence[p];
       if (!(evidence.leave_one_out > 0.0f)) continue;
       const double steadied = prediction.steadied(x, y);
-      const double predicted =
-          steadied * std::max(1.0 + share_of_cross_validation * (prediction.ratio(x, y) - 1.0), 0.0);
-      const double noise = steadied - std::clamp<double>(evidence.shared, 0.0, steadied);
+      const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
+      const double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
+      const double shared = std::clamp<double>(evidence.shared, 0.0, steadied);
+      const double own = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
       field.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
-      field.photograph_noise[p] = static_cast<float>(std::sqrt(std::min(noise, predicted)));
+      field.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - own));
     }
   });
 }
