@@ -67,9 +67,9 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "refield: %s\n", error.what());
     return status_bad_input;
   } catch (const refield::Interrupted&) {
-    std::fprintf(
-        stderr,
-        "refield: stopped; what is finished is kept: acquire and estimate go on from there with --resume\n");
+    std::fprintf(stderr,
+                 "refield: stopped; what is finished is kept: acquire, estimate and chart go on from there "
+                 "with --resume\n");
     return status_interrupted;
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "refield: out of memory; give --memory a smaller limit or work on smaller images\n");
