@@ -112,9 +112,14 @@ class CaptureRun {
 
   /// What the manifest will say of a light's frame.
   CaptureFrame frame_of(const CaptureLight& light) const {
-    return {light.name, light.role, light.kind, session_.folder() / illumination_file(light),
-            session_.folder() / observed_file(light)};
+    return {light.name,
+            light.role,
+            light.kind,
+            session_.folder() / illumination_file(light),
+            session_.folder() / observed_file(light),
+            static_cast<double>(place_of(light))};
   }
+  std::size_t place_of(const CaptureLight& light) const { return &light - request_.lights.data(); }
 
   void take_all(Progress& progress) {
     bool enough = false;
@@ -124,6 +129,7 @@ class CaptureRun {
       if (counts && (enough || session_.is_left_out(light.name))) {
         if (!session_.is_done(light.name)) session_.leave_out(light.name);
       } else {
+        if (request_.before_light) request_.before_light(place_of(light));
         take_photograph(light);
         if (counts) enough = request_.is_enough(frame_of(light));
       }

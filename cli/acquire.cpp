@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -45,6 +46,8 @@ struct AcquireOptions {
   std::string until_error;
   int min_images = 30;
   int check_every = 10;
+  std::optional<int> reference_every;
+  fs::path reference_light;
   bool trigger = false;
   bool keep_raw = false;
   bool half = false;
@@ -89,6 +92,29 @@ std::vector<CaptureLight> lights_of(const AcquireOptions& options) {
   return lights;
 }
 
+/// Puts frames of one light, to tell drift by, first, last, and after every so many lights.
+std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& lights, int every,
+                                          fs::path reference) {
+  if (every <= 0 || lights.empty()) return lights;
+  if (reference.empty()) {
+    const auto white = std::ranges::find(lights, "white", &CaptureLight::kind);
+    reference = (white != lights.end() ? *white : lights.front()).wanted;
+  }
+  std::vector<CaptureLight> result;
+  int count = 0;
+  const auto add_reference = [&] {
+    char name[32];
+    std::snprintf(name, sizeof name, "reference_%03d", count++);
+    result.push_back({name, FrameRole::reference, "reference", reference});
+  };
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    if (i % static_cast<std::size_t>(every) == 0) add_reference();
+    result.push_back(lights[i]);
+  }
+  add_reference();
+  return result;
+}
+
 std::string checksum_text(const fs::path& file) {
   char text[9];
   std::snprintf(text, sizeof text, "%08x", inspect_file(fs::path(), file.string()).crc32);
@@ -123,8 +149,12 @@ void fill_exposures(const AcquireOptions& options, const Recipe& recipe, Capture
 CaptureRequest request_of(const AcquireOptions& options, const Recipe& recipe, std::uint64_t seed) {
   CaptureRequest request;
   request.folder = options.session;
-  request.lights = lights_of(options);
-  order_lights(request.lights, options.order, seed);
+  const int every = options.reference_every.value_or(recipe.rig.reference_every);
+  if (every < 0)
+    throw InputError("--reference-every is " + std::to_string(every) + "; give 0 (none) or more");
+  auto lights = lights_of(options);
+  order_lights(lights, options.order, seed);
+  request.lights = with_references(lights, every, options.reference_light);
   request.camera = calibration_of(recipe.rig.sensor, request.gain);
   request.monitor = calibration_of(recipe.rig.monitor);
   request.rig = rig_text(options, recipe, seed);
@@ -242,6 +272,14 @@ void acquire(const AcquireOptions& options, const Common& common) {
   TracedScene scene = scene_of(options, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  seed);
+  std::uint32_t references = 0;
+  std::vector<std::uint32_t> repetition;
+  for (const CaptureLight& light : request.lights)
+    repetition.push_back(light.role == FrameRole::reference ? ++references : 0);
+  request.before_light = [&](std::size_t i) {
+    const double last = std::max<double>(1.0, static_cast<double>(request.lights.size()) - 1.0);
+    rig.set_place(static_cast<double>(i) / last, repetition[i]);
+  };
   const CaptureSummary summary =
       capture(request, rig.camera(), rig.illuminator(), options.trigger ? &rig.trigger() : nullptr);
   // A capture that was already complete keeps the log of the run that made it.
@@ -318,6 +356,11 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--check-every", options->check_every, "With --until-error: look again after so many")
       ->capture_default_str()
       ->needs(until);
+  verb->add_option("--reference-every", options->reference_every,
+                   "Take a frame of a reference light first, last and after every N lights, from which\n"
+                   "estimation tells the drift of monitor and camera (recipe, else 0: none)");
+  verb->add_option("--reference-light", options->reference_light,
+                   "That light (default: the white one among the lights, else the first)");
   verb->add_option("--seed", options->seed, "Of the virtual camera's noise (default: the recipe's)");
   verb->add_flag("--trigger", options->trigger, "Start each exposure through the trigger line");
   verb->add_flag("--keep-raw", options->keep_raw, "Keep every exposure as a 16-bit PNG in raw/");

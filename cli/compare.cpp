@@ -9,6 +9,7 @@
 
 #include "cli/verbs.h"
 #include "core/capture_session.h"
+#include "core/drift.h"
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
@@ -125,6 +126,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
   if (!options.error_map.empty())
     throw InputError("-o goes with images: compare relit images to get an error map");
   CaptureSession session = read_capture_session(options.observed);
+  if (options.truth.empty()) remove_drift(session);
   if (!options.mask.empty()) session.mask = options.mask;
   const ReflectanceField field = read_reflectance_field(options.predicted);
   std::optional<ReflectanceField> truth;

@@ -97,6 +97,18 @@ nlohmann::ordered_json frame_figures(const FrameReport& report) {
   };
   nlohmann::ordered_json figures = {{"left_out", list(report.left_out)}};
   if (!report.doubtful.empty()) figures["doubtful"] = list(report.doubtful);
+  if (!report.drift.points.empty()) {
+    nlohmann::ordered_json points = nlohmann::ordered_json::array();
+    for (const DriftPoint& point : report.drift.points)
+      points.push_back({{"frame", point.frame},
+                        {"order", point.order},
+                        {"gain", point.gain},
+                        {"uncertainty", point.uncertainty},
+                        {"used", point.used}});
+    figures["drift"] = {{"removed", report.drift.significant},
+                        {"largest_change", report.drift.largest},
+                        {"reference_frames", points}};
+  }
   if (report.typical_residual > 0.0) figures["typical_frame_residual"] = report.typical_residual;
   return figures;
 }
@@ -248,6 +260,8 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       ->capture_default_str();
   verb->add_option("--clip", arguments->options.clip_level,
                    "Leave out samples of at least this radiance (clipped by the camera)");
+  verb->add_flag("--keep-drift", arguments->options.keep_drift,
+                 "Leave brightness as it is where repeated reference frames show that it drifted");
   verb->add_flag(
       "--keep-outliers", arguments->options.keep_outliers,
       "Estimate from photographs that do not fit the others, too (a flicker, another light, someone\n"

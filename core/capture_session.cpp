@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <map>
 #include <set>
 #include <sstream>
@@ -110,13 +111,18 @@ void write_session_manifest(const CaptureSession& session) {
   const auto relative = [&](const fs::path& path) {
     return path.lexically_relative(session.folder).generic_string();
   };
+  // Frames that were never given an order all have zero; their place says it.
+  const bool ordered = std::ranges::any_of(session.frames, [](const auto& f) { return f.order != 0.0; });
   toml::array frames;
-  for (const CaptureFrame& frame : session.frames)
-    frames.push_back(toml::table{{"name", frame.name},
-                                 {"role", std::string(name_of(frame.role))},
-                                 {"kind", frame.kind},
-                                 {"illumination", relative(frame.illumination)},
-                                 {"observed", relative(frame.observed)}});
+  for (const CaptureFrame& frame : session.frames) {
+    toml::table entry{{"name", frame.name},
+                      {"role", std::string(name_of(frame.role))},
+                      {"kind", frame.kind},
+                      {"illumination", relative(frame.illumination)},
+                      {"observed", relative(frame.observed)}};
+    if (ordered && frame.order != static_cast<double>(frames.size())) entry.insert("order", frame.order);
+    frames.push_back(std::move(entry));
+  }
   toml::table manifest{
       {"format", format_name},
       {"version", format_version},
@@ -173,6 +179,13 @@ CaptureSession read_capture_session(const fs::path& folder) {
     frame.kind = (*entry)["kind"].value_or(std::string());
     frame.illumination = folder / required<std::string>(*entry, "illumination", manifest);
     frame.observed = folder / required<std::string>(*entry, "observed", manifest);
+    frame.order = static_cast<double>(session.frames.size());
+    if (const toml::node* order = entry->get("order")) {
+      const auto number = order->value<double>();
+      if (!number || !std::isfinite(*number))
+        throw FormatError(manifest, "frame '" + frame.name + "': order is no finite number");
+      frame.order = *number;
+    }
     if (!names.insert(frame.name).second)
       throw FormatError(manifest, "lists frame '" + frame.name + "' twice");
     require_exists(frame.illumination, manifest);
@@ -218,7 +231,8 @@ CaptureSession pair_by_globs(const std::string& light_glob, const std::string& o
   CaptureSession session;
   session.light.parameterisation = parameterisation;
   for (const auto& [light, observed] : pair_files(light_glob, observed_glob, "light map", "photograph"))
-    session.frames.push_back({light.stem().string(), FrameRole::train, "", light, observed});
+    session.frames.push_back({light.stem().string(), FrameRole::train, "", light, observed,
+                              static_cast<double>(session.frames.size())});
   return session;
 }
 
@@ -229,6 +243,25 @@ void check_image_sizes(CaptureSession& session) {
     check_size(frame.illumination, session.light.width, session.light.height, first_light);
     check_size(frame.observed, session.width, session.height, first_photograph);
   }
+}
+
+namespace {
+
+Photograph divided(Photograph photograph, const std::array<float, 3>& gain) {
+  if (gain == std::array<float, 3>{1.0f, 1.0f, 1.0f}) return photograph;
+  for (Image* image : {&photograph.radiance, &photograph.sigma})
+    for (std::size_t i = 0; i < image->values.size(); ++i) image->values[i] /= gain[i % 3];
+  return photograph;
+}
+
+}  // namespace
+
+Photograph read_observed(const CaptureFrame& frame) {
+  return divided(read_photograph(frame.observed), frame.gain);
+}
+
+Photograph read_observed_rows(const CaptureFrame& frame, int first, int last) {
+  return divided(read_photograph_rows(frame.observed, first, last), frame.gain);
 }
 
 Mask read_mask(const fs::path& path, int width, int height) {

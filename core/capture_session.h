@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "core/image_io.h"
 #include "core/light_map.h"
 #include "core/metrics.h"
 
@@ -23,6 +25,10 @@ struct CaptureFrame {
   std::string kind;                    ///< of light: "natural", "bar", "square", "white", "black"; free text
   std::filesystem::path illumination;  ///< EXR: linear radiance that the light emitted
   std::filesystem::path observed;      ///< EXR: photograph, ambient light already subtracted
+  /// When it was taken, in any unit that grows with time: what the manifest says, else its place there.
+  double order = 0.0;
+  /// By which read_observed() divides each channel; remove_drift() sets it.
+  std::array<float, 3> gain = {1.0f, 1.0f, 1.0f};
 };
 
 /// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and
@@ -63,6 +69,10 @@ CaptureSession pair_by_globs(const std::string& light_glob, const std::string& o
 /// Checks that the headers of all images fit together, filling in sizes where the session does not state
 /// them. Throws InputError naming the first image whose size differs.
 void check_image_sizes(CaptureSession& session);
+
+/// Reads a frame's photograph, or its rows [first, last), and divides radiance and sigma by the frame's gain.
+Photograph read_observed(const CaptureFrame& frame);
+Photograph read_observed_rows(const CaptureFrame& frame, int first, int last);
 
 /// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size
 /// differs.

@@ -39,6 +39,8 @@ std::vector<fs::path> inputs_of(const EstimateJob& job) {
     paths.push_back(frame.illumination);
     paths.push_back(frame.observed);
   }
+  if (job.drift.significant)
+    for (const CaptureFrame& frame : job.references) paths.push_back(frame.observed);
   return paths;
 }
 
@@ -58,7 +60,11 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
 
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
   options.check();
-  EstimateJob job{session, session.frames_of(FrameRole::train), {}, {}, {}, nullptr};
+  EstimateJob job;
+  job.session = session;
+  if (!options.keep_drift) job.drift = remove_drift(job.session);
+  job.references = job.session.frames_of(FrameRole::reference);
+  job.frames = job.session.frames_of(FrameRole::train);
   require_enough_frames(job, options);
   job.session.frames = job.frames;
   check_image_sizes(job.session);
@@ -109,6 +115,9 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
   if (job.refinement) provenance["refined_from_images"] = job.refinement->known_images();
   if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
   for (const CaptureFrame& frame : job.frames) provenance["frames"].push_back(frame.name);
+  if (job.drift.significant)
+    provenance["drift_removed"] = {{"reference_frames", job.references.size()},
+                                   {"largest_change", job.drift.largest}};
   for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
   return provenance.dump();
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/capture_session.h"
+#include "core/drift.h"
 #include "core/metrics.h"
 #include "estimate/options.h"
 #include "estimate/refinement.h"
@@ -18,13 +19,16 @@ struct EstimateJob {
   CaptureSession session;
   std::vector<CaptureFrame> frames;
   Mask mask;
-  RowRange rows;                      ///< of the picture, to be estimated
+  RowRange rows;  ///< of the picture, to be estimated
+  std::vector<CaptureFrame> references;
+  Drift drift;                        ///< what reference frames show; removed where significant
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
   /// The field that takes in new images; null for a fresh start.
   std::shared_ptr<Refinement> refinement = nullptr;
 };
 
-/// Checks options, the number of training images and the header of every image, and reads the mask. Throws
+/// Checks options, the number of training images and the header of every image, reads the mask, and sets the
+/// frames' gain to the drift that reference frames show. Throws
 /// InputError for input that cannot be estimated from.
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options);
 

@@ -2,13 +2,31 @@
 #include "estimate/frame_check.h"
 
 #include <algorithm>
+#include <cstdio>
 
 #include "core/progress.h"
 
 namespace refield {
 
+namespace {
+
+void log_drift(const Drift& drift) {
+  if (drift.points.empty()) return;
+  char text[160];
+  std::snprintf(text, sizeof text, "drift: brightness changed by up to %.2f %% over %zu reference frames: %s",
+                100.0 * drift.largest, drift.points.size(),
+                drift.significant ? "divided out" : "no more than they can tell, left as it is");
+  log_line(text);
+  for (const DriftPoint& point : drift.points)
+    if (!point.used) log_line("drift: " + point.frame + " breaks the curve of the others and is not used");
+}
+
+}  // namespace
+
 FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
   FrameReport report;
+  report.drift = job.drift;
+  log_drift(job.drift);
   if (options.keep_outliers || static_cast<int>(job.frames.size()) < fewest_frames_to_judge) return report;
   const auto grams = light_grams(illumination_paths(job.frames), job.session.light);
   const auto sample =

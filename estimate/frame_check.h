@@ -21,6 +21,7 @@ struct FrameReport {
   /// Frames that disagree but are kept, since they are too many to be the exception.
   std::vector<LeftOutFrame> doubtful;
   double typical_residual = 0.0;  ///< relative; 0: frames were not checked
+  Drift drift;                    ///< of the capture, as its reference frames show it
 };
 
 /// Takes the frames out of a job that do not fit the others (outlier_frames.h) and says so on standard error.

@@ -21,14 +21,15 @@ constexpr int group_size = 16;
 
 /// A photograph's rows with unmeasured samples as NaN.
 Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
-  Photograph photograph = read_photograph_rows(frame.observed, first_row, last_row);
+  Photograph photograph = read_observed_rows(frame, first_row, last_row);
   Image& radiance = photograph.radiance;
   if (radiance.width != width)
     throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) +
                      " pixels wide, not " + std::to_string(width));
   for (std::size_t i = 0; i < radiance.values.size(); ++i) {
     float& value = radiance.values[i];
-    const bool clipped = std::isfinite(clip_level) && value >= clip_level;
+    // The camera clips before drift is divided out.
+    const bool clipped = std::isfinite(clip_level) && value * frame.gain[i % 3] >= clip_level;
     if (clipped || (!photograph.sigma.empty() && std::isinf(photograph.sigma.values[i]))) {
       value = std::numeric_limits<float>::quiet_NaN();
     } else if (!std::isfinite(value)) {

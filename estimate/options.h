@@ -24,6 +24,7 @@ struct EstimateOptions {
   std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
   /// Samples at or above this radiance are clipped and left out, besides those that the capture marked.
   float clip_level = std::numeric_limits<float>::infinity();
+  bool keep_drift = false;     ///< leave brightness as it is where reference frames show drift
   bool keep_outliers = false;  ///< estimate from frames that do not fit the others, too
   /// Rows of the picture to estimate, for a job array: the output is then a part (core/field_part.h). Empty:
   /// all.

@@ -16,7 +16,7 @@ namespace {
 
 Photograph reference_for(const CaptureFrame& frame, const LightMap& light, const ReflectanceField* truth) {
   if (truth) return {truth->relight(light), {}};
-  Photograph photograph = read_photograph(frame.observed);
+  Photograph photograph = read_observed(frame);
   require_finite(photograph.radiance, frame.observed.string(), true,
                  "repair that pixel or leave it out by a mask");
   return photograph;

@@ -16,10 +16,19 @@ void MonitorModel::check() const {
   require(black_level >= 0.0 && black_level < 1.0,
           "black_level is a fraction of white and must lie in 0 to 1");
   require(white_radiance > 0.0 && std::isfinite(white_radiance), "white_radiance must be positive");
+  for (double change : drift)
+    require(change > -1.0 && change <= 10.0, "drift must lie above -1 and up to 10");
+  require(drift_settling >= 0.0 && drift_settling <= 100.0, "drift_settling must lie in 0 to 100");
   require(refresh_interval.count() >= 1e-4 && refresh_interval.count() <= 1.0,
           "refresh must lie in 1 to 10000 Hz");
   require(latency.count() >= 0.0 && latency.count() <= 10.0, "latency must lie in 0 to 10 s");
   require(settling.count() >= 0.0 && settling.count() <= 10.0, "settling must lie in 0 to 10 s");
+}
+
+double MonitorModel::gain(int channel, double done) const {
+  const double share =
+      drift_settling > 0.0 ? std::expm1(-done / drift_settling) / std::expm1(-1.0 / drift_settling) : done;
+  return 1.0 + drift[channel] * share;
 }
 
 std::array<std::vector<double>, 3> MonitorModel::tone_curve() const {

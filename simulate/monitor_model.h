@@ -18,6 +18,14 @@ struct MonitorModel {
   Seconds latency{2.0 / 60.0};                 ///< from the flip's time stamp to the first changed light
   Seconds settling{0.012};  ///< from the first changed light to the last; linear in between
 
+  /// How much brighter each channel is at the end of a capture than at its start, −0.05: 5 % darker.
+  std::array<double, 3> drift{};
+  /// Share of the capture in which 1 − 1/e of the change happens, as a lamp warms up; 0: evenly.
+  double drift_settling = 0.0;
+
+  /// Brightness of a channel, relative to the start, when the share `done` (0 to 1) of the capture is over.
+  double gain(int channel, double done) const;
+
   /// Throws InputError naming the property and its range.
   void check() const;
 

@@ -194,6 +194,8 @@ void read_monitor(Section section, MonitorInScene& place, MonitorModel& model) {
   section.triple("gamma", model.gamma, 0.5, 5.0);
   section.number("black_level", model.black_level, 0.0, 0.999);
   section.number("white_radiance", model.white_radiance, 1e-6, 1e5);
+  section.triple("drift", model.drift, -0.9, 10.0);
+  section.number("drift_settling", model.drift_settling, 0.0, 100.0);
   double refresh_hz = 1.0 / model.refresh_interval.count();
   section.number("refresh_hz", refresh_hz, 1.0, 10000.0);
   model.refresh_interval = Seconds(1.0 / refresh_hz);
@@ -327,14 +329,14 @@ Recipe read_recipe(const fs::path& path) {
     throw InputError(path.string() + ":" + std::to_string(error.source().begin.line) +
                      ": is no valid TOML: " + std::string(error.description()));
   }
-  static const std::set<std::string_view> known{"seed",   "camera", "monitor", "ambient",  "material",
-                                                "object", "lights", "sensor",  "exposures"};
+  static const std::set<std::string_view> known{"seed",   "camera", "monitor", "ambient",   "material",
+                                                "object", "lights", "sensor",  "exposures", "reference"};
   for (const auto& [key, node] : root)
     if (!known.contains(key.str()))
       throw InputError(path.string() + ":" + std::to_string(node.source().begin.line) + ": '" +
                        std::string(key.str()) +
                        "' is not known; known are seed, [camera], [monitor], [ambient], " +
-                       "[[material]], [[object]], [lights], [sensor] and [exposures]");
+                       "[[material]], [[object]], [lights], [sensor], [exposures] and [reference]");
 
   Recipe recipe;
   recipe.path = path;
@@ -357,6 +359,9 @@ Recipe read_recipe(const fs::path& path) {
   read_lights({path, "lights", optional_table("lights")}, recipe.lights);
   read_sensor({path, "sensor", optional_table("sensor")}, recipe.rig.sensor);
   read_exposures({path, "exposures", optional_table("exposures")}, recipe.rig.exposures);
+  Section reference(path, "reference", optional_table("reference"));
+  reference.integer("every", recipe.rig.reference_every, 0, 9999);
+  reference.finish();
   for_each_table(root, "material", path, [&](Section section) {
     recipe.scene.materials.push_back(read_material(std::move(section)));
   });

@@ -34,6 +34,7 @@ struct RigRecipe {
   MonitorModel monitor;
   SensorModel sensor;
   ExposureSeries exposures;
+  int reference_every = 0;  ///< lights between two frames of the reference light; 0: none are taken
 };
 
 /// One synthetic data set, as datasets_synthetic/<name>/recipe.toml describes it.

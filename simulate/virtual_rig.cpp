@@ -41,7 +41,7 @@ std::uint64_t content_hash(const std::vector<std::uint8_t>& bytes) {  // FNV-1a,
 struct Pattern {
   DriveImage drive;
   std::uint64_t hash = 0;
-  Image scene;  // [height × width × 3], ambient included; empty until asked for
+  Image scene;  // [height × width × 3], without ambient light or drift; empty until asked for
 };
 using PatternPointer = std::shared_ptr<Pattern>;
 
@@ -62,6 +62,7 @@ struct ExposedFrame {
   double gain;
   std::uint64_t sequence;
   std::vector<Share> light;
+  std::array<float, 3> gain_of_monitor;
   std::uint64_t noise_key;
 };
 
@@ -107,6 +108,8 @@ struct VirtualRig::State {
   std::uint64_t sequence = 0;
   std::map<std::pair<double, double>, std::uint64_t> settled_frames;  // since the flip, by exposure and gain
   std::uint64_t unsettled_frames = 0;
+  double done = 0.0;             // share of the capture that is over
+  std::uint64_t repetition = 0;  // of the patterns shown
 
   State(ReflectanceField t, Image a, MonitorModel m, SensorModel s, std::uint64_t seed_)
       : transport(std::move(t)), ambient(std::move(a)), monitor(m), sensor(s), seed(seed_) {
@@ -186,32 +189,33 @@ struct VirtualRig::State {
     now = std::max(now, end);
     while (flips.size() > 1 && risen(flips[1], start) >= 1.0) flips.pop_front();
 
-    ExposedFrame frame{start, exposure, gain, sequence++, gathered(start, end), 0};
+    ExposedFrame frame{start, exposure, gain, sequence++, gathered(start, end), {}, 0};
+    for (int c = 0; c < 3; ++c) frame.gain_of_monitor[c] = static_cast<float>(monitor.gain(c, done));
     const bool settled = flips.size() == 1;
     const std::uint64_t ordinal = settled ? settled_frames[{exposure.count(), gain}]++ : unsettled_frames++;
     Rng key(seed, settled, flips.back().pattern->hash, std::bit_cast<std::uint64_t>(exposure.count()),
-            std::bit_cast<std::uint64_t>(gain), ordinal);
+            std::bit_cast<std::uint64_t>(gain), ordinal + (repetition << 32));
     frame.noise_key = key.next();
     return frame;
   }
 
   const Image& scene_under(Pattern& pattern) {
-    if (pattern.scene.empty()) {
-      pattern.scene = transport.relight(monitor.emitted(pattern.drive));
-      for (std::size_t i = 0; i < ambient.values.size(); ++i) pattern.scene.values[i] += ambient.values[i];
-    }
+    if (pattern.scene.empty()) pattern.scene = transport.relight(monitor.emitted(pattern.drive));
     return pattern.scene;
   }
 
-  Image gathered_light(const std::vector<Share>& light) {
-    Image sum = scene_under(*light[0].pattern);
-    if (light.size() == 1) return sum;
-    for (float& v : sum.values) v *= static_cast<float>(light[0].weight);
-    for (std::size_t k = 1; k < light.size(); ++k) {
-      const Image& scene = scene_under(*light[k].pattern);
-      for (std::size_t i = 0; i < sum.values.size(); ++i)
-        sum.values[i] += static_cast<float>(light[k].weight) * scene.values[i];
+  Image gathered_light(const ExposedFrame& frame) {
+    Image sum = scene_under(*frame.light[0].pattern);
+    if (frame.light.size() > 1) {
+      for (float& v : sum.values) v *= static_cast<float>(frame.light[0].weight);
+      for (std::size_t k = 1; k < frame.light.size(); ++k) {
+        const Image& scene = scene_under(*frame.light[k].pattern);
+        for (std::size_t i = 0; i < sum.values.size(); ++i)
+          sum.values[i] += static_cast<float>(frame.light[k].weight) * scene.values[i];
+      }
     }
+    for (std::size_t i = 0; i < sum.values.size(); ++i)
+      sum.values[i] = sum.values[i] * frame.gain_of_monitor[i % 3] + ambient.values[i];
     return sum;
   }
 
@@ -245,14 +249,11 @@ struct VirtualRig::State {
     }
     const ExposedFrame frame = std::move(queue.front());
     queue.pop_front();
-    return {transport.width,
-            transport.height,
-            sensor.layout,
-            sensor.expose(gathered_light(frame.light), frame.exposure, frame.gain, frame.noise_key),
-            frame.start,
-            frame.exposure,
-            frame.gain,
-            frame.sequence};
+    return {
+        transport.width, transport.height,
+        sensor.layout,   sensor.expose(gathered_light(frame), frame.exposure, frame.gain, frame.noise_key),
+        frame.start,     frame.exposure,
+        frame.gain,      frame.sequence};
   }
 
   IlluminatorDescription describe_monitor() const {
@@ -295,6 +296,10 @@ Camera& VirtualRig::camera() {
 }
 Illuminator& VirtualRig::illuminator() {
   return state_->illuminator;
+}
+void VirtualRig::set_place(double done, std::uint32_t repetition) {
+  state_->done = done;
+  state_->repetition = repetition;
 }
 Trigger& VirtualRig::trigger() {
   return state_->trigger;

@@ -27,7 +27,7 @@ namespace refield {
 /// The noise of a settled frame depends on the seed, the pattern shown, exposure, gain and how many frames
 /// were taken with these settings since the pattern appeared, and on nothing else: a capture that was killed
 /// and goes on takes the photographs that it would have taken. It follows that a pattern shown again gives
-/// the same noise again.
+/// the same noise again, unless set_place() says that it is a repetition.
 class VirtualRig {
  public:
   /// `transport` stands for what a camera pixel sees of the monitor's light, `ambient` [height × width × 3]
@@ -42,6 +42,11 @@ class VirtualRig {
   Camera& camera();
   Illuminator& illuminator();
   Trigger& trigger();
+
+  /// From now on the share `done` (0 to 1) of the capture is over, by which the monitor drifts, and patterns
+  /// shown are shown for the `repetition`-th time (from 0), with noise of its own. Time in the rig starts
+  /// anew with each run, so a capture that was stopped and goes on must say where it is.
+  void set_place(double done, std::uint32_t repetition);
 
  private:
   struct State;

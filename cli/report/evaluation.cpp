@@ -66,7 +66,7 @@ Image held_out_map(const ReflectanceField& field, const CaptureSession& referenc
     if (frame.kind != kind) continue;
     throw_if_interrupted();
     const LightMap light = read_light_map(frame.illumination, reference.light.parameterisation);
-    const Photograph photograph = read_photograph(frame.observed);
+    const Photograph photograph = read_observed(frame);
     error.add(field.relight(light), photograph.radiance, photograph.sigma);
   }
   return error.relative_rmse_map();

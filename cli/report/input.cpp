@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/report/html.h"
+#include "core/drift.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -156,6 +157,7 @@ ReportInput load_input(const fs::path& session_folder, const std::vector<fs::pat
                        const fs::path& truth_folder, const fs::path& scratch) {
   ReportInput input;
   input.session = read_capture_session(session_folder);
+  remove_drift(input.session);
   if (input.session.mask)
     input.mask = read_mask(*input.session.mask, input.session.width, input.session.height);
   for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session));
