@@ -36,11 +36,6 @@ NoiseCurve::NoiseCurve(std::span<const CaptureFrame> frames) {
   }
 }
 
-NoiseCurve::NoiseCurve(std::vector<double> radiance, std::vector<double> sigma) {
-  for (const double value : radiance) log_radiance_.push_back(std::log(value));
-  for (const double value : sigma) log_sigma_.push_back(std::log(value));
-}
-
 double NoiseCurve::sigma(double radiance) const {
   if (!known()) return 0.0;
   const double at = radiance > 0.0 ? std::log(radiance) : log_radiance_.front();

@@ -16,8 +16,6 @@ class NoiseCurve {
  public:
   /// Reads a few of the frames, evenly spread. Where they carry no sigma the curve stays empty.
   explicit NoiseCurve(std::span<const CaptureFrame> frames);
-  /// A curve for tests: `radiance` ascending, > 0.
-  NoiseCurve(std::vector<double> radiance, std::vector<double> sigma);
 
   bool known() const { return !log_radiance_.empty(); }
   double sigma(double radiance) const;  ///< 0 where the curve is empty

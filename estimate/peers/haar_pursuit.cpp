@@ -89,9 +89,10 @@ class HaarFit {
       correlations[c].noalias() = dictionary_.columns(c).transpose() * channel;
     }
     for (int i = 0; i < count; ++i) {
-      if (!data_.counts(first + i)) continue;
+      const int pixel = first + i;
+      if (!data_.counts(pixel)) continue;
       const auto chosen = pursue({correlations[0].col(i), correlations[1].col(i), correlations[2].col(i)});
-      found[static_cast<std::size_t>(first + i)] = refit(first + i, chosen);
+      found[static_cast<std::size_t>(pixel)] = refit(pixel, chosen);
     }
   }
 
@@ -171,7 +172,7 @@ class HaarFit {
     double squared = 0.0;      // ‖b‖²
 
     SequentialFit() = default;
-    SequentialFit(Eigen::MatrixXd columns, Eigen::VectorXd observed)
+    SequentialFit(Eigen::MatrixXd columns, const Eigen::VectorXd& observed)
         : r(Eigen::MatrixXd::Zero(columns.cols(), columns.cols())),
           products(Eigen::VectorXd::Zero(columns.cols())),
           squared(observed.squaredNorm()) {

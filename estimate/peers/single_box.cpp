@@ -155,13 +155,14 @@ class SingleBoxFit {
     }
     std::vector<Eigen::Index> order(boxes_.size());
     for (int i = 0; i < count; ++i) {
-      if (!data_.counts(first + i)) continue;
+      const int pixel = first + i;
+      if (!data_.counts(pixel)) continue;
       for (std::size_t k = 0; k < order.size(); ++k) order[k] = static_cast<Eigen::Index>(k);
       const auto kept = std::min<std::ptrdiff_t>(starts, std::ssize(order));
       std::partial_sort(order.begin(), order.begin() + kept, order.end(), [&](auto a, auto b) {
         return gains(a, i) != gains(b, i) ? gains(a, i) > gains(b, i) : a < b;
       });
-      const Samples samples = samples_of(first + i);
+      const Samples samples = samples_of(pixel);
       double best = -1.0;
       for (std::ptrdiff_t k = 0; k < kept; ++k) {
         const Box box =
@@ -169,7 +170,7 @@ class SingleBoxFit {
         const double gain = score(box, samples).gain;
         if (gain <= best) continue;
         best = gain;
-        found[static_cast<std::size_t>(first + i)] = box;
+        found[static_cast<std::size_t>(pixel)] = box;
       }
     }
   }
