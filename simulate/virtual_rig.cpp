@@ -74,7 +74,7 @@ struct VirtualRig::State {
     explicit CameraFace(State* r) : rig(r) {}
     CameraDescription describe() const override { return rig->describe_camera(); }
     void set_exposure(Seconds e, double g) override { rig->set_exposure(e, g); }
-    RawFrame next_frame(Seconds timeout) { return rig->next_frame(timeout); }
+    RawFrame next_frame(Seconds timeout) override { return rig->next_frame(timeout); }
   };
   struct MonitorFace final : Illuminator {
     State* rig;

@@ -67,6 +67,25 @@ TEST_F(Jobs, PartsJoinIntoTheBytesOfOneRun) {
   }
 }
 
+TEST_F(Jobs, PartsOfARefinementJoinToo) {
+  ASSERT_EQ(run_program(
+                {"estimate", "--light", folder_ / "session/illumination/train_0?0.exr", "--observed",
+                 folder_ / "session/observed/train_0?0.exr", "--kernels", "3", "-o", folder_ / "few.rfield"},
+                log_),
+            0)
+      << log();
+  const std::vector<std::string> refine = {"--kernels", "6", "--refine", folder_ / "few.rfield"};
+  ASSERT_EQ(estimate("whole.rfield", refine), 0) << log();
+  ASSERT_EQ(estimate("top.rfield", words({"--rows", ":17"}, refine)), 0) << log();
+  ASSERT_EQ(estimate("bottom.rfield", words({"--rows", "17:"}, refine)), 0) << log();
+  ASSERT_EQ(run_program(
+                {"merge", folder_ / "top.rfield", folder_ / "bottom.rfield", "-o", folder_ / "joined.rfield"},
+                log_),
+            0)
+      << log();
+  EXPECT_TRUE(read_text(folder_ / "joined.rfield") == read_text(folder_ / "whole.rfield"));
+}
+
 TEST_F(Jobs, EqualBandsCoverThePicture) {
   std::vector<std::string> merge = {"merge", "-o", folder_ / "joined.rfield"};
   for (int i = 1; i <= 5; ++i) {
