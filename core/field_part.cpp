@@ -30,7 +30,7 @@ void require_same_job(const Outline& one, const Outline& other) {
   const ReflectanceField& b = other.part.field;
   const std::string names = other.path.string() + " and " + one.path.string() + ": ";
   if (a.width != b.width || one.part.image_height != other.part.image_height ||
-      a.basis.domain != b.basis.domain)
+      a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats)
     throw InputError(names +
                      "are parts of pictures or lights of different sizes; merge parts of one capture");
   if (one.part.job != other.part.job || a.provenance != b.provenance)
@@ -75,7 +75,10 @@ class Joiner {
       const std::uint64_t count = part.transfer.row_start[p + 1] - first;
       columns.clear();
       for (std::uint64_t e = first; e < first + count; ++e)
-        columns.push_back(number_of(part.basis.boxes[part.transfer.column[e]]));
+      {
+        const std::uint32_t kernel = part.transfer.column[e];
+        columns.push_back(part.basis.is_hat(kernel) ? kernel : number_of(part.basis.box(kernel)));
+      }
       whole_.transfer.append_row(columns, std::span(part.transfer.weight).subspan(3 * first, 3 * count));
     }
     whole_.training_error.insert(whole_.training_error.end(), part.training_error.begin(),
@@ -93,7 +96,7 @@ class Joiner {
  private:
   std::uint32_t number_of(const Box& box) {
     const auto [entry, is_new] =
-        numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.boxes.size()));
+        numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.size()));
     if (is_new) whole_.basis.boxes.push_back(box);
     return entry->second;
   }

@@ -37,11 +37,13 @@ KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_
   statistics.kernels = statistics.pixels * std::max<std::uint64_t>(most, std::max(kernels_a_pixel, 0));
   statistics.mean_stored = static_cast<double>(statistics.stored) / static_cast<double>(statistics.pixels);
 
+  std::vector<double> areas(field.basis.size());
+  for (std::size_t k = 0; k < areas.size(); ++k) areas[k] = field.basis.area(k);
   std::vector<float> energies(transfer.entries());
   for (std::size_t e = 0; e < energies.size(); ++e) {
     const float* weight = transfer.weight.data() + 3 * e;
     energies[e] = (weight[0] + weight[1] + weight[2]) *
-                  static_cast<float>(field.basis.boxes[transfer.column[e]].area());
+                  static_cast<float>(areas[transfer.column[e]]);
   }
   tbb::parallel_sort(energies.begin(), energies.end(), std::greater<>());
   const double total = std::accumulate(energies.begin(), energies.end(), 0.0);

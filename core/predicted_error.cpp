@@ -18,7 +18,7 @@ namespace {
 
 /// Lattice pixels weigh by a Gaussian of this many lattice steps, and are looked for this far.
 constexpr double spread_steps = 1.5;
-constexpr int reach_steps = 4;
+constexpr int reach_steps = 3;
 /// The same for the logarithm of the squared leave-one-out error: e^0.7, a factor of two of the error.
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
@@ -29,7 +29,7 @@ constexpr double share_that_is_misfit = 0.75;
 /// Squared relative errors below float32's own are not told apart.
 constexpr double least = 1e-12;
 
-/// One pixel of the lattice: how much larger, as a logarithm, the cross-validated error is.
+/// One block of the lattice: how much larger, as a logarithm, the cross-validated error is.
 struct LatticePoint {
   bool known = false;
   double log_error = 0.0;
@@ -46,10 +46,18 @@ class Prediction {
     std::vector<double> ratios;
     for (int v = 0; v < lattice_height_; ++v)
       for (int u = 0; u < lattice_width_; ++u) {
-        const ErrorEvidence& evidence = at(place(u), place(v));
-        if (!(evidence.leave_one_out > 0.0f) || !(evidence.cross_validated > 0.0f)) continue;
-        const double log_error = logarithm(evidence.leave_one_out);
-        const double log_ratio = logarithm(evidence.cross_validated) - log_error;
+        double log_errors = 0.0, log_ratios = 0.0;
+        int known = 0;
+        for (int y = corner(v); y < std::min(corner(v) + cross_validation_side, field.height); ++y)
+          for (int x = corner(u); x < std::min(corner(u) + cross_validation_side, field.width); ++x) {
+            const ErrorEvidence& evidence = at(x, y);
+            if (!(evidence.leave_one_out > 0.0f) || !(evidence.cross_validated > 0.0f)) continue;
+            log_errors += logarithm(evidence.leave_one_out);
+            log_ratios += logarithm(evidence.cross_validated) - logarithm(evidence.leave_one_out);
+            ++known;
+          }
+        if (known == 0) continue;
+        const double log_error = log_errors / known, log_ratio = log_ratios / known;
         lattice_[static_cast<std::size_t>(v) * lattice_width_ + u] = {true, log_error, log_ratio};
         ratios.push_back(log_ratio);
       }
@@ -75,8 +83,8 @@ class Prediction {
 
   double ratio(int x, int y) const {
     const double log_error = logarithm(at(x, y).leave_one_out);
-    const int u0 = x / cross_validation_step;
-    const int v0 = y / cross_validation_step;
+    const int u0 = x / step_px;
+    const int v0 = y / step_px;
     // What is far away in every way still says a little.
     constexpr double common_weight = 1e-3;
     double sum = common_weight * common_log_ratio_;
@@ -85,8 +93,8 @@ class Prediction {
       for (int u = std::max(u0 - reach_steps, 0); u <= std::min(u0 + reach_steps, lattice_width_ - 1); ++u) {
         const LatticePoint& point = lattice_[static_cast<std::size_t>(v) * lattice_width_ + u];
         if (!point.known) continue;
-        const double dx = static_cast<double>(place(u) - x) / (spread_steps * cross_validation_step);
-        const double dy = static_cast<double>(place(v) - y) / (spread_steps * cross_validation_step);
+        const double dx = (place(u) - x) / (spread_steps * step_px);
+        const double dy = (place(v) - y) / (spread_steps * step_px);
         const double de = (point.log_error - log_error) / spread_log_error;
         const double weight = std::exp(-0.5 * (dx * dx + dy * dy + de * de));
         sum += weight * point.log_ratio;
@@ -96,10 +104,10 @@ class Prediction {
   }
 
  private:
-  static int place(int lattice) { return lattice * cross_validation_step + cross_validation_offset; }
-  static int lattice_size(int pixels) {
-    return (pixels - cross_validation_offset + cross_validation_step - 1) / cross_validation_step;
-  }
+  static constexpr int step_px = cross_validation_side * cross_validation_step;
+  static int corner(int lattice) { return lattice * step_px + cross_validation_offset * cross_validation_side; }
+  static double place(int lattice) { return corner(lattice) + 0.5 * (cross_validation_side - 1); }
+  static int lattice_size(int pixels) { return (pixels - corner(0) + step_px - 1) / step_px; }
   static double logarithm(double squared) { return std::log(std::max(squared, least)); }
   const ErrorEvidence& at(int x, int y) const {
     return field_.error_evidence[static_cast<std::size_t>(y) * field_.width + x];

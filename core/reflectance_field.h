@@ -17,7 +17,7 @@ namespace refield {
 struct ReflectanceField {
   int width = 0;
   int height = 0;
-  BoxBasis basis;
+  LightBasis basis;
   SparseTransfer transfer;
   /// [pixels], relative RMSE over the images it was estimated from; empty where the field was not estimated.
   std::vector<float> training_error;

@@ -219,8 +219,8 @@ void validate(const ReflectanceField& field, const Reader& reader) {
     reader.fail("transfer/row_start does not fit the image size");
   if (transfer.weight.size() != transfer.column.size() * 3)
     reader.fail("transfer/weight does not fit transfer/column");
-  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.boxes.size(); }))
-    reader.fail("transfer/column names a box that is not there");
+  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
+    reader.fail("transfer/column names a kernel that is not there");
   if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w) || w < 0.0f; }))
     reader.fail("transfer/weight holds a negative or infinite weight");
   for (const Box& box : field.basis.boxes)
@@ -288,6 +288,8 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
     }
     writer.number("light_width", field.basis.domain.width);
     writer.number("light_height", field.basis.domain.height);
+    writer.number("hat_columns", field.basis.hats.columns);
+    writer.number("hat_rows", field.basis.hats.rows);
     writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
     writer.text("provenance", field.provenance);
     writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
@@ -353,6 +355,11 @@ ReflectanceField read_outline(const Reader& reader) {
       static_cast<std::uint64_t>(field.width) * static_cast<std::uint64_t>(field.height) > max_pixels ||
       field.basis.domain.width <= 0 || field.basis.domain.height <= 0)
     reader.fail("has impossible dimensions");
+  field.basis.hats = {reader.number("hat_columns"), reader.number("hat_rows")};
+  const HatGrid& hats = field.basis.hats;
+  if (hats.columns < 0 || hats.rows < 0 || hats.columns > field.basis.domain.width ||
+      hats.rows > field.basis.domain.height)
+    reader.fail("has an impossible grid of hats");
   field.provenance = reader.text("provenance");
   return field;
 }

@@ -8,7 +8,7 @@ namespace refield {
 
 /// The version of the file format that this program writes and reads. docs/reflectance-field-format.md
 /// describes it.
-inline constexpr int reflectance_field_version = 1;
+inline constexpr int reflectance_field_version = 2;
 
 /// Writes a field as one HDF5 file (.rfield), atomically. Equal fields give equal bytes.
 /// Throws DeviceError where the disk refuses.

@@ -29,14 +29,30 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
                      ": the light map is black everywhere and says nothing about the scene; leave it out");
 }
 
-BoxTable::BoxTable(LightDomain domain, int images)
+BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
     : domain_(domain),
       images_(images),
+      stored_images_(images),
       stride_(padded_length(images)),
-      prefix_(static_cast<std::size_t>(domain.width + 1) * (domain.height + 1) * 3 * images) {}
+      hats_(hats),
+      hat_sums_(std::size_t{3} * hats.count() * images),
+      prefix_(std::make_shared<std::vector<double>>(static_cast<std::size_t>(domain.width + 1) *
+                                                    (domain.height + 1) * 3 * images)) {}
 
-BoxTable::BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain)
-    : BoxTable(domain, static_cast<int>(lights.size())) {
+BoxTable BoxTable::subset(const std::vector<int>& images) const {
+  BoxTable part = *this;
+  part.selected_.clear();
+  for (const int j : images) part.selected_.push_back(selected_.empty() ? j : selected_[j]);
+  part.images_ = static_cast<int>(images.size());
+  part.stride_ = padded_length(part.images_);
+  part.hat_sums_.clear();
+  for (int i = 0; i < 3 * hats_.count(); ++i)
+    for (const int j : images) part.hat_sums_.push_back(hat_sums_[static_cast<std::size_t>(i) * images_ + j]);
+  return part;
+}
+
+BoxTable::BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain, HatGrid hats)
+    : BoxTable(domain, static_cast<int>(lights.size()), hats) {
   Progress progress("light maps", lights.size());
   const int groups = (images_ + group_size - 1) / group_size;
   tbb::parallel_for(0, groups, [&](int group) {
@@ -53,9 +69,9 @@ BoxTable::BoxTable(std::span<const std::filesystem::path> lights, LightDomain do
   integrate();
 }
 
-BoxTable::BoxTable(std::span<const LightMap> lights)
+BoxTable::BoxTable(std::span<const LightMap> lights, HatGrid hats)
     : BoxTable(lights.empty() ? throw InputError("no light maps were given") : lights[0].domain(),
-               static_cast<int>(lights.size())) {
+               static_cast<int>(lights.size()), hats) {
   for (const LightMap& light : lights) require_usable(light, domain_, "light map");
   for (int first = 0; first < images_; first += group_size)
     fill(lights.subspan(first, std::min(group_size, images_ - first)), first);
@@ -63,6 +79,10 @@ BoxTable::BoxTable(std::span<const LightMap> lights)
 }
 
 void BoxTable::fill(std::span<const LightMap> lights, int first) {
+  for (std::size_t j = 0; j < lights.size(); ++j) {
+    const auto sums = hats_.project(lights[j]);
+    for (std::size_t i = 0; i < sums.size(); ++i) hat_sums_[i * images_ + first + j] = sums[i];
+  }
   for (int y = 0; y < domain_.height; ++y)
     for (int x = 0; x < domain_.width; ++x) {
       double* entry = const_cast<double*>(corner(x + 1, y + 1));
@@ -77,27 +97,32 @@ void BoxTable::integrate() {
   const std::size_t row = entry * (domain_.width + 1);
   // Along rows, then down columns; both walk contiguous memory.
   tbb::parallel_for(1, domain_.height + 1, [&](int y) {
-    double* current = prefix_.data() + row * y + entry;
+    double* current = prefix_->data() + row * y + entry;
     for (std::size_t i = 0; i < row - 2 * entry; ++i) current[entry + i] += current[i];
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, row, 4096), [&](const auto& range) {
     for (int y = 1; y <= domain_.height; ++y) {
-      const double* above = prefix_.data() + row * (y - 1);
-      double* current = prefix_.data() + row * y;
+      const double* above = prefix_->data() + row * (y - 1);
+      double* current = prefix_->data() + row * y;
       for (std::size_t i = range.begin(); i != range.end(); ++i) current[i] += above[i];
     }
   });
 }
 
-void BoxTable::column(const Box& box, float* column) const {
+void BoxTable::column(const Box& box, float* column, std::size_t extent) const {
   const double* a = corner(box.x0, box.y0);
   const double* b = corner(box.x1, box.y0);
   const double* c = corner(box.x0, box.y1);
   const double* d = corner(box.x1, box.y1);
   for (int channel = 0; channel < 3; ++channel) {
-    float* out = column + channel * stride_;
-    const std::size_t offset = static_cast<std::size_t>(channel) * images_;
-    for (int j = 0; j < images_; ++j)
+    float* out = column + channel * extent;
+    const std::size_t offset = static_cast<std::size_t>(channel) * stored_images_;
+    if (!selected_.empty())
+      for (int i = 0; i < images_; ++i) {
+        const std::size_t j = offset + selected_[i];
+        out[i] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
+      }
+    else for (int j = 0; j < images_; ++j)
       out[j] = static_cast<float>((d[offset + j] - c[offset + j]) - (b[offset + j] - a[offset + j]));
     std::fill(out + images_, out + stride_, 0.0f);
   }

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "core/box.h"
+#include "core/hat_grid.h"
 #include "core/light_map.h"
 
 namespace refield {
@@ -18,31 +20,45 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
 /// double, as every summed-area table here; 24 bytes × lights a texel.
 class BoxTable {
  public:
-  /// Reads the lights. Throws InputError when one is black everywhere, not finite or of another size.
-  BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain);
+  /// Reads the lights; `hats` are summed along. Throws InputError when one is black everywhere, not finite or of another size.
+  BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain, HatGrid hats = {});
   /// For lights in memory.
-  explicit BoxTable(std::span<const LightMap> lights);
+  explicit BoxTable(std::span<const LightMap> lights, HatGrid hats = {});
+
+  /// The same table of some of its images; shares its memory.
+  BoxTable subset(const std::vector<int>& images) const;
 
   const LightDomain& domain() const { return domain_; }
   int images() const { return images_; }
   /// Length of one channel's column, padded (see vector_kernels.h).
   std::size_t stride() const { return stride_; }
-  /// Sums over `box`: column [3 × stride], channel by channel, padding zero.
-  void column(const Box& box, float* column) const;
+  /// Sums over `box`: [3 × stride] floats, channel by channel, `extent` ≥ stride apart; padding zero.
+  void column(const Box& box, float* column, std::size_t extent) const;
+  void column(const Box& box, float* values) const { column(box, values, stride_); }
+
+  const HatGrid& hats() const { return hats_; }
+  /// Sums of the lights weighted by hat function `node`: [images] of a channel.
+  const double* hat_sums(int node, int channel) const {
+    return hat_sums_.data() + (static_cast<std::size_t>(node) * 3 + channel) * images_;
+  }
 
   static std::uint64_t bytes(const LightDomain& domain, std::uint64_t images);
 
  private:
-  BoxTable(LightDomain domain, int images);
+  BoxTable(LightDomain domain, int images, HatGrid hats);
   void fill(std::span<const LightMap> lights, int first);
   void integrate();
   const double* corner(int x, int y) const {
-    return prefix_.data() + (static_cast<std::size_t>(y) * (domain_.width + 1) + x) * 3 * images_;
+    return prefix_->data() + (static_cast<std::size_t>(y) * (domain_.width + 1) + x) * 3 * stored_images_;
   }
   LightDomain domain_;
   int images_;
+  int stored_images_;
+  std::vector<int> selected_;  // which of the stored images; empty: all
   std::size_t stride_;
-  std::vector<double> prefix_;  // [(height+1) × (width+1) × 3 × images]
+  HatGrid hats_;
+  std::vector<double> hat_sums_;  // [hats × 3 × images]
+  std::shared_ptr<std::vector<double>> prefix_;  // [(height+1) × (width+1) × 3 × images]
 };
 
 }  // namespace refield

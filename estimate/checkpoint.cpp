@@ -80,6 +80,8 @@ void Checkpoint::store(RowRange rows, const std::vector<PixelKernels>& kernels) 
     put(bytes, pixel.evidence);
     for (const Box& box : pixel.boxes) put(bytes, box);
     for (const float weight : pixel.weights) put(bytes, weight);
+    put(bytes, static_cast<std::uint32_t>(pixel.smooth.size()));
+    for (const float weight : pixel.smooth) put(bytes, weight);
   }
   put(bytes, checksum(bytes));
   write_text_atomically(band_path(rows), bytes);
@@ -102,6 +104,9 @@ std::optional<std::vector<PixelKernels>> Checkpoint::load(RowRange rows, int wid
     if (!parser.ok || count > parser.bytes.size() / (sizeof(Box) + 3 * sizeof(float))) return std::nullopt;
     for (std::uint32_t k = 0; k < count; ++k) pixel.boxes.push_back(parser.take<Box>());
     for (std::uint32_t k = 0; k < 3 * count; ++k) pixel.weights.push_back(parser.take<float>());
+    const auto smooth = parser.take<std::uint32_t>();
+    if (!parser.ok || smooth > parser.bytes.size() / sizeof(float)) return std::nullopt;
+    for (std::uint32_t k = 0; k < smooth; ++k) pixel.smooth.push_back(parser.take<float>());
   }
   if (!parser.ok || !parser.bytes.empty()) return std::nullopt;
   return kernels;

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <utility>
 
 namespace refield {
 
 namespace {
+/// A part's cache of columns is emptied beyond this.
+constexpr std::size_t part_cache_bytes = 8u << 20;
 /// An image that determines a kernel nearly alone (h near 1) tells nothing about it: its residual grows no
 /// further than twentyfold.
 constexpr float least_freedom = 0.05f;
@@ -15,13 +17,17 @@ constexpr float least_freedom = 0.05f;
 constexpr float dependence_tolerance = 1e-6f;
 }  // namespace
 
-double ErrorJudge::leave_one_out(const KernelSet& set, const PixelKernels& kernels,
-                                 const MaskedSamples& samples, float* residuals) {
+double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache, const MaskedSamples& samples,
+                                 float* residuals) {
   const std::size_t count = kernels.boxes.size();
+  const int hats = static_cast<int>(kernels.smooth.size()) / 3;
+  const std::size_t extent = cache.smooth().extent();
   orthonormal_.resize(std::max(count, std::size_t{1}) * stride_);
   vector_.resize(stride_);
-  pointers_.resize(std::max(count, std::size_t{1}));
+  pointers_.resize(count + hats + 1);
   coefficients_.resize(pointers_.size());
+  std::vector<const float*> columns;
+  for (const Box& box : kernels.boxes) columns.push_back(cache.column(box));
   double squared = 0.0;
   for (int c = 0; c < 3; ++c) {
     float* residual = residuals + c * stride_;
@@ -30,14 +36,18 @@ double ErrorJudge::leave_one_out(const KernelSet& set, const PixelKernels& kerne
     AlignedFloats& leverage = vector_;
     std::vector<float>& weight = coefficients_;
     for (std::size_t k = 0; k < count; ++k) {
-      pointers_[k] = set.columns[k] + c * stride_;
+      pointers_[k] = columns[k] + c * extent;
       weight[k] = kernels.weights[3 * k + c];
     }
-    subtract_combination(residual, pointers_.data(), weight.data(), count, stride_);
+    for (int h = 0; h < hats; ++h) {
+      pointers_[count + h] = cache.smooth().hat_column(h, c);
+      weight[count + h] = kernels.smooth[3 * h + c];
+    }
+    subtract_combination(residual, pointers_.data(), weight.data(), count + hats, stride_);
     std::size_t rank = 0;
     for (std::size_t k = 0; k < count; ++k) {
       if (!(kernels.weights[3 * k + c] > 0.0f)) continue;
-      const float* column = set.columns[k] + c * stride_;
+      const float* column = columns[k] + c * extent;
       float* q = orthonormal_.data() + rank * stride_;
       if (measured)
         std::transform(column, column + stride_, measured, q, std::multiplies<>());
@@ -72,52 +82,79 @@ double ErrorJudge::leave_one_out(const KernelSet& set, const PixelKernels& kerne
   return squared;
 }
 
-/// Fits the pixel to the images that `is_seen` and sums its squared error on the others.
-template <class IsSeen>
-double ErrorJudge::error_on_unseen(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
-                                   IsSeen is_seen) {
-  reduced_.resize(3 * stride_);
-  PixelSamples seen;
-  for (int c = 0; c < 3; ++c) {
-    float* values = reduced_.data() + c * stride_;
-    std::copy_n(samples[c], stride_, values);
+ErrorJudge::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options)
+    : seen(std::move(seen_images)), table(all.subset(seen)), model(table, options) {}
+
+ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
+  auto& found = parts_[{fold, folds, alone ? 1 : 0}];
+  if (!found) {
+    std::vector<int> seen;
     for (int j = 0; j < images_; ++j)
-      if (!is_seen(j)) values[j] = std::numeric_limits<float>::quiet_NaN();
-    seen[c] = values;
+      if ((j % folds == fold) == alone) seen.push_back(j);
+    found = std::make_unique<Part>(table_, std::move(seen), options_);
   }
-  const PixelKernels kernels = fitter.fit(seen);
-  const std::size_t count = kernels.boxes.size();
-  pointers_.resize(std::max(count, std::size_t{1}));
-  for (std::size_t k = 0; k < count; ++k) pointers_[k] = cache.column(kernels.boxes[k]);
-  double squared = 0.0;
-  for (int c = 0; c < 3; ++c)
-    for (int j = 0; j < images_; ++j) {
-      const float b = samples[c][j];
-      if (is_seen(j) || std::isnan(b)) continue;
-      double predicted = 0.0;
-      for (std::size_t k = 0; k < count; ++k)
-        predicted += static_cast<double>(kernels.weights[3 * k + c]) * pointers_[k][c * stride_ + j];
-      squared += (predicted - b) * (predicted - b);
+  if (found->model.cache().bytes() > part_cache_bytes) found->model.cache().clear();
+  return *found;
+}
+
+std::vector<double> ErrorJudge::cross_validate(std::span<const PixelSamples> block, int width, int folds) {
+  folds = std::min(folds, images_);
+  std::vector<double> squared(block.size(), 0.0);
+  for (int fold = 0; fold < folds; ++fold) add_errors_on_unseen(part(fold, folds, false), block, width, squared);
+  return squared;
+}
+
+std::vector<double> ErrorJudge::validate_folds_alone(std::span<const PixelSamples> block, int width,
+                                                     int folds) {
+  folds = std::min(folds, images_);
+  std::vector<double> squared(block.size(), 0.0);
+  for (int fold = 0; fold < folds; ++fold) add_errors_on_unseen(part(fold, folds, true), block, width, squared);
+  for (double& each : squared) each /= std::max(folds - 1, 1);
+  return squared;
+}
+
+void ErrorJudge::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
+                                      std::vector<double>& squared) {
+  const std::size_t stride = part.table.stride();
+  std::vector<char> is_seen(images_, 0);
+  for (const int j : part.seen) is_seen[j] = 1;
+  std::vector<AlignedFloats> values(block.size());
+  std::vector<PixelSamples> seen(block.size(), PixelSamples{});
+  for (std::size_t p = 0; p < block.size(); ++p) {
+    if (block[p][0] == nullptr) continue;
+    values[p].assign(3 * stride, 0.0f);
+    for (int c = 0; c < 3; ++c) {
+      float* kept = values[p].data() + c * stride;
+      seen[p][c] = kept;
+      for (const int j : part.seen) *kept++ = block[p][c][j];
     }
-  return squared;
-}
-
-double ErrorJudge::cross_validate(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
-                                  int folds) {
-  folds = std::min(folds, images_);
-  double squared = 0.0;
-  for (int fold = 0; fold < folds; ++fold)
-    squared += error_on_unseen(fitter, cache, samples, [=](int j) { return j % folds != fold; });
-  return squared;
-}
-
-double ErrorJudge::validate_folds_alone(PixelFitter& fitter, KernelCache& cache, const PixelSamples& samples,
-                                        int folds) {
-  folds = std::min(folds, images_);
-  double squared = 0.0;
-  for (int fold = 0; fold < folds; ++fold)
-    squared += error_on_unseen(fitter, cache, samples, [=](int j) { return j % folds == fold; });
-  return squared / std::max(folds - 1, 1);
+  }
+  const auto fitted = part.model.fit(seen, width);
+  predicted_.resize(3 * stride_);
+  column_.resize(3 * stride_);
+  for (std::size_t p = 0; p < block.size(); ++p) {
+    if (block[p][0] == nullptr) continue;
+    const PixelKernels& kernels = fitted[p];
+    std::ranges::fill(predicted_, 0.0f);
+    for (std::size_t k = 0; k < kernels.boxes.size(); ++k) {
+      table_.column(kernels.boxes[k], column_.data());
+      for (int c = 0; c < 3; ++c)
+        for (int j = 0; j < images_; ++j)
+          predicted_[c * stride_ + j] += kernels.weights[3 * k + c] * column_[c * stride_ + j];
+    }
+    for (std::size_t h = 0; h < kernels.smooth.size() / 3; ++h)
+      for (int c = 0; c < 3; ++c)
+        for (int j = 0; j < images_; ++j)
+          predicted_[c * stride_ + j] +=
+              kernels.smooth[3 * h + c] * static_cast<float>(table_.hat_sums(static_cast<int>(h), c)[j]);
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < images_; ++j) {
+        const float b = block[p][c][j];
+        if (is_seen[j] || std::isnan(b)) continue;
+        const double error = static_cast<double>(predicted_[c * stride_ + j]) - b;
+        squared[p] += error * error;
+      }
+  }
 }
 
 }  // namespace refield

@@ -19,13 +19,16 @@ namespace refield {
 
 namespace {
 
-/// Pixels of the sample stand on a square lattice.
+/// Pixels of the sample: blocks on a square lattice, row by row within a block.
 std::vector<std::array<int, 2>> lattice_of(int width, int height, int most) {
-  const double pixels = static_cast<double>(width) * height;
-  const int step = std::max(1, static_cast<int>(std::ceil(std::sqrt(pixels / most))));
+  constexpr int side = block_side_px;
+  const double blocks = std::max(1.0, static_cast<double>(width / side) * (height / side));
+  const int step = std::max(1, static_cast<int>(std::ceil(std::sqrt(blocks * side * side / most)))) * side;
   std::vector<std::array<int, 2>> lattice;
-  for (int y = step / 2; y < height; y += step)
-    for (int x = step / 2; x < width; x += step) lattice.push_back({x, y});
+  for (int y = step / (2 * side) * side; y + side <= height; y += step)
+    for (int x = step / (2 * side) * side; x + side <= width; x += step)
+      for (int i = 0; i < side * side; ++i) lattice.push_back({x + i % side, y + i / side});
+  if (lattice.empty()) lattice.assign(side * side, {width / 2, height / 2});  // a tiny picture
   return lattice;
 }
 
@@ -58,32 +61,38 @@ void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisa
 
 FollowedError ErrorFollower::predict() {
   if (images() < 2) throw InputError("an error can be predicted from two images or more");
-  const BoxTable table(lights_);
+  const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()));
   EstimateOptions options = options_;
   options.kernels = std::min(options.kernels, images());
   FitWorkers workers;
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
-  tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
+  constexpr std::size_t block_size = block_side_px * block_side_px;
+  tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
     throw_if_interrupted();
     auto& own = workers.local();
     if (!own) own = std::make_unique<FitWorker>(table, options);
-    if (own->cache.bytes() > cache_limit_bytes) own->cache.clear();
-    AlignedFloats padded(3 * table.stride());
-    PixelSamples samples;
-    for (int c = 0; c < 3; ++c) {
-      std::ranges::copy(samples_[i][c], padded.data() + c * table.stride());
-      samples[c] = padded.data() + c * table.stride();
-    }
-    const PixelKernels kernels = own->tree.fit(samples);
-    if (!(kernels.squared_samples > 0.0)) return;
+    KernelCache& cache = own->model.cache();
+    if (cache.bytes() > cache_limit_bytes) cache.clear();
+    AlignedFloats padded(block_size * 3 * table.stride());
+    std::vector<PixelSamples> block(block_size);
+    for (std::size_t i = 0; i < block_size; ++i)
+      for (int c = 0; c < 3; ++c) {
+        float* values = padded.data() + (3 * i + c) * table.stride();
+        std::ranges::copy(samples_[b * block_size + i][c], values);
+        block[i][c] = values;
+      }
+    const auto fitted = own->model.fit(block, block_side_px);
+    const auto validated = own->judge.cross_validate(block, block_side_px);
     MaskedSamples masked;
-    masked.assign(samples, table.stride(), images());
     AlignedFloats residuals(3 * table.stride());
-    const double left_out = own->judge.leave_one_out(prepare_columns(kernels.boxes, own->cache), kernels,
-                                                     masked, residuals.data());
-    const double validated = own->judge.cross_validate(own->tree, own->cache, samples);
-    predicted[i] = static_cast<float>(std::sqrt(0.5 * (left_out + validated) / kernels.squared_samples));
-    noise[i] = static_cast<float>(std::sqrt(noise2_[i] / kernels.squared_samples));
+    for (std::size_t i = 0; i < block_size; ++i) {
+      const double squared = fitted[i].squared_samples;
+      if (!(squared > 0.0)) continue;
+      masked.assign(block[i], table.stride(), images());
+      const double left_out = own->judge.leave_one_out(fitted[i], cache, masked, residuals.data());
+      predicted[b * block_size + i] = static_cast<float>(std::sqrt(0.5 * (left_out + validated[i]) / squared));
+      noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));
+    }
   });
   std::erase(predicted, 0.0f);
   std::erase(noise, 0.0f);

@@ -22,7 +22,7 @@ struct FollowedError {
 class ErrorFollower {
  public:
   /// At most about `most_pixels` pixels, evenly spread, are followed.
-  explicit ErrorFollower(const EstimateOptions& options, int most_pixels = 400)
+  explicit ErrorFollower(const EstimateOptions& options, int most_pixels = 640)
       : options_(options), most_pixels_(most_pixels) {}
 
   /// Reads a photograph and its light. Throws InputError when sizes differ from those before.

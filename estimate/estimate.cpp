@@ -39,7 +39,8 @@ int estimate_bands(const EstimateJob& job, const EstimateOptions& options, const
       const RowRange held = rows_needed(rows, height, options);
       pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
     }
-  if (!missing.empty()) table.emplace(illumination_paths(job.frames), job.session.light);
+  if (!missing.empty()) table.emplace(illumination_paths(job.frames), job.session.light,
+                  hats_of(options, job.session.light, static_cast<int>(job.frames.size())));
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress("estimate", pixels);
   for (const RowRange& rows : missing) {
@@ -142,9 +143,10 @@ std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const 
                      std::to_string(job.session.width) + "×" + std::to_string(job.session.height) + " image");
   const BoxTable table(illumination_paths(job.frames), job.session.light);
   const auto band = read_observations(job.frames, job.session.width, y, y + 1, options.clip_level);
-  FitWorker worker(table, options);
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, options.mode);
   std::vector<KernelSnapshot> history;
-  worker.tree.fit({band.samples(x, y, 0), band.samples(x, y, 1), band.samples(x, y, 2)},
+  PixelFitter(cache, options).fit({band.samples(x, y, 0), band.samples(x, y, 1), band.samples(x, y, 2)},
                   [&](int count, std::span<const Box> boxes, std::span<const float> weights) {
                     if (std::ranges::find(subdivisions, count) == subdivisions.end()) return;
                     KernelSnapshot& snapshot = history.emplace_back();

@@ -27,6 +27,15 @@ std::vector<Tile> tiles_of(int width, RowRange rows) {
   return tiles;
 }
 
+/// Samples of a tile's pixels; null pointers for those outside the mask.
+std::vector<PixelSamples> samples_of(const Tile& tile, const std::function<PixelSamples(int, int)>& samples,
+                                     const std::function<bool(int, int)>& active) {
+  std::vector<PixelSamples> result;
+  for (int y = tile.y0; y < tile.y1; ++y)
+    for (int x = tile.x0; x < tile.x1; ++x) result.push_back(active(x, y) ? samples(x, y) : PixelSamples{});
+  return result;
+}
+
 void keep_within_limit(KernelCache& cache) {
   if (cache.bytes() > cache_limit_bytes) cache.clear();
 }
@@ -52,27 +61,40 @@ struct EvidenceGatherer {
                     double& squared) const {
     if (x < 0 || x >= width || !active(x, y)) return false;
     const PixelKernels& pixel = at(x, y);
-    if (pixel.boxes.empty() || !(pixel.squared_samples > 0.0)) return false;
-    keep_within_limit(own.cache);
+    if ((pixel.boxes.empty() && pixel.smooth.empty()) || !(pixel.squared_samples > 0.0)) return false;
+    keep_within_limit(own.model.cache());
     masked.assign(samples(x, y), table.stride(), table.images());
     residuals.resize(3 * table.stride());
-    squared =
-        own.judge.leave_one_out(prepare_columns(pixel.boxes, own.cache), pixel, masked, residuals.data()) /
-        pixel.squared_samples;
+    squared = own.judge.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
     const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
     for (float& r : residuals) r *= scale;
     return true;
   }
 
-  void validate(int x, int y, FitWorker& own) const {
-    ErrorEvidence& evidence = at(x, y).evidence;
-    const double squared = at(x, y).squared_samples;
-    const PixelSamples b = samples(x, y);
-    const auto relative = [&](double error) { return static_cast<float>(error / squared); };
-    evidence.cross_validated = relative(own.judge.cross_validate(own.tree, own.cache, b));
-    if (refinement || !is_learning_pixel(x, y)) return;
-    evidence.from_half = relative(own.judge.cross_validate(own.tree, own.cache, b, 2));
-    evidence.from_quarter = relative(own.judge.validate_folds_alone(own.tree, own.cache, b, 4));
+  /// Cross-validates a block of the lattice.
+  void judge_block(const Tile& block, FitWorker& own) const {
+    const auto b = samples_of(block, samples, active);
+    const int block_width = block.x1 - block.x0;
+    const bool learns = is_learning_block(block.x0, block.y0);
+    if (refinement && !learns) return;
+    const auto validated = own.judge.cross_validate(b, block_width);
+    std::vector<double> half, quarter;
+    if (!refinement && learns) {
+      half = own.judge.cross_validate(b, block_width, 2);
+      quarter = own.judge.validate_folds_alone(b, block_width, 4);
+    }
+    const int last_row = first_row + static_cast<int>(kernels.size()) / width;
+    std::size_t i = 0;
+    for (int y = block.y0; y < block.y1; ++y)
+      for (int x = block.x0; x < block.x1; ++x, ++i) {
+        if (y < first_row || y >= last_row || !active(x, y) || !(at(x, y).squared_samples > 0.0)) continue;
+        ErrorEvidence& evidence = at(x, y).evidence;
+        const auto relative = [&](double squared) { return static_cast<float>(squared / at(x, y).squared_samples); };
+        evidence.cross_validated = relative(validated[i]);
+        if (half.empty()) continue;
+        evidence.from_half = relative(half[i]);
+        evidence.from_quarter = relative(quarter[i]);
+      }
   }
 
   void judge_tile(const Tile& tile, FitWorker& own) const {
@@ -95,7 +117,6 @@ struct EvidenceGatherer {
         if (x < tile.x1 && has_here) {
           ErrorEvidence& evidence = at(x, y).evidence;
           evidence.leave_one_out = static_cast<float>(squared);
-          if (refinement ? is_learning_pixel(x, y) : is_cross_validated(x, y)) validate(x, y, own);
         }
         shared_before = shared;
         is_shared_before = is_shared;
@@ -108,9 +129,13 @@ struct EvidenceGatherer {
 
 }  // namespace
 
+int most_rows_beyond(const EstimateOptions& options) { return block_side_px - 1 + options.sweeps(); }
+
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options) {
-  return {std::max(wanted.first - options.spatial_passes, 0),
-          std::min(wanted.last + options.spatial_passes, height)};
+  const int first = std::max(wanted.first - options.sweeps(), 0);
+  const int last = std::min(wanted.last + options.sweeps(), height);
+  return {first / block_side_px * block_side_px,
+          std::min((last + block_side_px - 1) / block_side_px * block_side_px, height)};
 }
 
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
@@ -127,7 +152,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   const auto worker = [&]() -> FitWorker& {
     auto& own = workers.local();
     if (!own) own = std::make_unique<FitWorker>(table, options);
-    keep_within_limit(own->cache);
+    keep_within_limit(own->model.cache());
     return *own;
   };
   const auto at = [&](int x, int y) { return static_cast<std::size_t>(y - held.first) * width + x; };
@@ -142,27 +167,25 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   };
 
   for_each_tile(held, [&](const Tile& tile, FitWorker& own) {
-    std::vector<PixelToRefine> group;
-    for (int y = tile.y0; y < tile.y1; ++y)
-      for (int x = tile.x0; x < tile.x1; ++x) {
-        if (active(x, y)) {
-          if (refinement)
-            group.push_back({static_cast<std::size_t>(y) * width + x, samples(x, y), &kernels[at(x, y)]});
-          else
-            kernels[at(x, y)] = own.tree.fit(samples(x, y));
-          keep_within_limit(own.cache);  // pixels that share little fill it within a tile
-        }
-        if (refinement && (x % refinement_group == refinement_group - 1 || x + 1 == tile.x1)) {
-          refine_pixels(*refinement, group, own.cache, own.tree, own.weights);
-          group.clear();
-        }
+    for (int y = tile.y0; y < tile.y1; y += block_side_px)
+      for (int x = tile.x0; x < tile.x1; x += block_side_px) {
+        const Tile block{x, y, std::min(x + block_side_px, tile.x1), std::min(y + block_side_px, tile.y1)};
+        std::vector<std::vector<Box>> old;
+        for (int by = block.y0; refinement && by < block.y1; ++by)
+          for (int bx = block.x0; bx < block.x1; ++bx)
+            old.push_back(refinement->boxes(static_cast<std::size_t>(by) * width + bx));
+        auto fitted = own.model.fit(samples_of(block, samples, active), block.x1 - block.x0, old);
+        std::size_t i = 0;
+        for (int by = block.y0; by < block.y1; ++by)
+          for (int bx = block.x0; bx < block.x1; ++bx) kernels[at(bx, by)] = std::move(fitted[i++]);
+        keep_within_limit(own.model.cache());  // blocks that share little fill it within a tile
       }
     progress.advance(static_cast<std::uint64_t>(tile.x1 - tile.x0) * (tile.y1 - tile.y0));
   });
 
-  for (int pass = 1; pass <= options.spatial_passes; ++pass) {
+  for (int pass = 1; pass <= options.sweeps(); ++pass) {
     // What lies beyond the band's overlap is not known; the rows that would need it are no longer asked for.
-    const int left = options.spatial_passes - pass;
+    const int left = options.sweeps() - pass;
     const RowRange rows = {std::max(wanted.first - left, held.first),
                            std::min(wanted.last + left, held.last)};
     const PixelGrid grid{width,
@@ -173,7 +196,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
                          active};
     std::vector<PixelKernels> next(kernels.size());
     for_each_tile(rows, [&](const Tile& tile, FitWorker& own) {
-      auto corrected = correct_tile(grid, tile, options.mode, own.cache, own.weights);
+      auto corrected = correct_tile(grid, tile, own.model.cache(), own.weights);
       std::size_t i = 0;
       for (int y = tile.y0; y < tile.y1; ++y)
         for (int x = tile.x0; x < tile.x1; ++x) next[at(x, y)] = std::move(corrected[i++]);
@@ -187,16 +210,29 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
     for (int y = tile.y0; y < tile.y1; ++y)
       for (int x = tile.x0; x < tile.x1; ++x) {
         if (!active(x, y)) continue;
-        const PixelKernels& found = kernels[at(x, y)];
+        PixelKernels& found = kernels[at(x, y)];
+        if (options.mode == EstimateMode::refined) {
+          result[static_cast<std::size_t>(y - wanted.first) * width + x] = std::move(found);
+          continue;
+        }
         masked.assign(samples(x, y), table.stride(), table.images());
         result[static_cast<std::size_t>(y - wanted.first) * width + x] =
-            own.weights.fit(prepare_kernel_set(found.boxes, own.cache), masked, found.weights);
+            own.weights.fit(prepare_kernel_set(found.boxes, own.model.cache()), masked, found.weights);
       }
   });
   if (options.predict_errors) {
     const EvidenceGatherer gatherer{
         table, samples, active, result, width, wanted.first, refinement != nullptr};
     for_each_tile(wanted, [&](const Tile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
+    std::vector<Tile> blocks;
+    for (int y = wanted.first / block_side_px * block_side_px; y < wanted.last; y += block_side_px)
+      for (int x = 0; x < width; x += block_side_px)
+        if (is_cross_validated(x, y))
+          blocks.push_back({x, y, std::min(x + block_side_px, width), std::min(y + block_side_px, held.last)});
+    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
+      throw_if_interrupted();
+      gatherer.judge_block(blocks[i], worker());
+    });
   }
   return result;
 }

@@ -18,9 +18,8 @@ namespace refield {
 /// What each thread keeps between pixels.
 struct FitWorker {
   FitWorker(const BoxTable& table, const EstimateOptions& options)
-      : cache(table, options.mode), tree(cache, options), weights(table), judge(table) {}
-  KernelCache cache;
-  PixelFitter tree;
+      : model(table, options), weights(table), judge(table, options) {}
+  BlockModel model;
   WeightFitter weights;
   ErrorJudge judge;
 };
@@ -29,9 +28,11 @@ using FitWorkers = tbb::enumerable_thread_specific<std::unique_ptr<FitWorker>>;
 /// A thread's cache of columns and splits is emptied beyond this.
 inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 
-/// Rows of photographs that the estimate of rows [first, last) looks at: each sweep of spatial correction
-/// reaches one row further, so bands overlap by that many and no result depends on how the image is cut into
-/// bands.
+/// Rows of photographs that the estimate of rows [first, last) looks at: whole blocks of pixels; in paper mode each
+/// sweep of spatial correction reaches one row further. So bands overlap and no result depends on how the image is
+/// cut into bands.
+/// Rows that rows_needed() adds at most at one side.
+int most_rows_beyond(const EstimateOptions& options);
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
 /// Estimates the pixels of `wanted` rows, row by row; `band` holds rows_needed(). `mask` [height × width] or

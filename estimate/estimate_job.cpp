@@ -52,7 +52,7 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
     throw InputError(name_of(job.session) + ": holds " +
                      (images == 0 ? "no training image" : "one training image only") +
                      "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
-  if (images < options.kernels)
+  if (options.kernels > images)
     throw InputError(name_of(job.session) + ": " + std::to_string(images) +
                      " training images cannot determine " + std::to_string(options.kernels) +
                      " kernels a pixel; add images or give --kernels " + std::to_string(images) + " or less");

@@ -20,6 +20,11 @@ constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 /// The program, its libraries and small allocations.
 constexpr std::uint64_t base_bytes = 200ull << 20;
 
+/// Kernels of a pixel that a whole picture has on average: where the data decide, less than half the cap.
+int usual_kernels(const EstimateOptions& options) {
+  return options.kernels > 0 ? options.kernels : std::min(options.most_kernels(), 30);
+}
+
 }  // namespace
 
 int thread_count(const EstimateOptions& options) {
@@ -33,7 +38,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * job.rows.count();
   constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
   const std::uint64_t kernel_bytes =
-      options.kernels * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
+      options.most_kernels() * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
 
   const std::uint64_t old_field = job.refinement ? std::filesystem::file_size(job.refinement->path()) : 0;
   const std::uint64_t fixed =
@@ -42,9 +47,9 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const std::uint64_t row = ObservationBand::bytes(session.width, 1, images) +
                             3 * session.width * kernel_bytes +
                             threads * 16 * session.width * 9 * sizeof(float);
-  const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(options.spatial_passes);
+  const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(most_rows_beyond(options));
   // Assembly happens after the tables are gone: twice the field, while vectors grow.
-  const std::uint64_t assembly = base_bytes + old_field + 2 * pixels * options.kernels * entry_bytes;
+  const std::uint64_t assembly = base_bytes + old_field + 2 * pixels * usual_kernels(options) * entry_bytes;
   const std::uint64_t least = std::max(fixed + (1 + overlap) * row, assembly);
   if (least > options.memory_bytes)
     throw InputError(
@@ -62,6 +67,8 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
       std::clamp((job.rows.count() + fewest_bands - 1) / fewest_bands, fewest_band_rows, most_band_rows),
       job.rows.count());
   plan.band_rows = static_cast<int>(std::min<std::uint64_t>(wanted, affordable));
+  // Bands of whole blocks of pixels share no work.
+  if (plan.band_rows > block_side_px) plan.band_rows -= plan.band_rows % block_side_px;
   plan.bands = (job.rows.count() + plan.band_rows - 1) / plan.band_rows;
   plan.memory_bytes = std::max(fixed + (plan.band_rows + overlap) * row, assembly);
   return plan;

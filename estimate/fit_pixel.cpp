@@ -13,13 +13,6 @@ namespace {
 constexpr double dependence_tolerance = 1e-6;
 /// A fit this close to the samples (relative, squared) has reached the precision of float32 columns.
 constexpr double exact_fit = 1e-10;
-/// Leaves that the refined mode grows for each kernel that it may keep. Measured: 2 leaves a kernel reach
-/// nearly the error of 4 at a third of the time.
-constexpr int leaves_a_kernel = 2;
-/// In refined mode a tree stops growing after this many splits in a row that the information criterion does
-/// not reward: it may take several to reach a small highlight. Measured on a noisy capture: without this, the
-/// choice among many rectangles fits noise (4 % more error at six times the cost).
-constexpr int patience = 8;
 }  // namespace
 
 void MaskedSamples::assign(const PixelSamples& samples, std::size_t stride, int images) {
@@ -48,8 +41,9 @@ void MaskedSamples::assign(const PixelSamples& samples, std::size_t stride, int 
 PixelFitter::PixelFitter(KernelCache& cache, const EstimateOptions& options)
     : cache_(cache),
       options_(options),
-      max_leaves_(options.mode == EstimateMode::paper ? options.kernels : leaves_a_kernel * options.kernels),
+      max_leaves_(std::min(options.most_kernels(), cache.table().images())),
       stride_(cache.table().stride()),
+      extent_(cache.smooth().extent()),
       coordinate_stride_(padded_length(max_leaves_)),
       basis_(std::size_t{3} * max_leaves_ * stride_),
       leaf_coordinates_(std::size_t{3} * max_leaves_ * max_leaves_),
@@ -70,22 +64,14 @@ PixelKernels PixelFitter::fit(const PixelSamples& samples, const Observer& obser
   solve();
   if (observer) report(observer, 0);
   const double squared = samples_.squared[0] + samples_.squared[1] + samples_.squared[2];
-  double best_criterion = std::numeric_limits<double>::infinity();
-  int unrewarded = 0;
   while (static_cast<int>(leaves_.size()) < max_leaves_ && squared_residual() > exact_fit * squared) {
-    if (options_.mode == EstimateMode::refined) {
-      const double criterion = leaf_criterion(squared);
-      unrewarded = criterion < best_criterion ? 0 : unrewarded + 1;
-      best_criterion = std::min(best_criterion, criterion);
-      if (unrewarded == patience) break;
-    }
     const int best = options_.mode == EstimateMode::paper ? best_by_solving() : best_by_gain();
     if (best < 0) break;
     split_leaf(best);
     solve();
     if (observer) report(observer, static_cast<int>(leaves_.size()) - 1);
   }
-  PixelKernels kernels = options_.mode == EstimateMode::paper ? leaves_as_kernels() : select_from_tree();
+  PixelKernels kernels = leaves_as_kernels();
   kernels.squared_samples = squared;
   return kernels;
 }
@@ -102,15 +88,6 @@ double PixelFitter::squared_residual() const {
   return sum;
 }
 
-double PixelFitter::leaf_criterion(double squared) const {
-  int parameters = 0, measured = 0;
-  for (int c = 0; c < 3; ++c) {
-    for (std::size_t l = 0; l < leaves_.size(); ++l) parameters += weights_[c][l] > 0.0;
-    measured += samples_.count[c];
-  }
-  return information_criterion(squared_residual(), squared, measured, parameters);
-}
-
 PixelKernels PixelFitter::leaves_as_kernels() const {
   PixelKernels kernels;
   kernels.squared_residual = squared_residual();
@@ -122,43 +99,9 @@ PixelKernels PixelFitter::leaves_as_kernels() const {
   return kernels;
 }
 
-PixelKernels PixelFitter::select_from_tree() {
-  // All rectangles of the tree, inner ones first: a tie goes to the larger.
-  const int inner = static_cast<int>(inner_.size());
-  dictionary_.resize(inner + static_cast<int>(leaves_.size()), rank_);
-  dictionary_.squared_outside = dictionary_.squared_samples = dictionary_.measured = 0.0;
-  for (int c = 0; c < 3; ++c) {
-    for (int i = 0; i < inner; ++i) {
-      const double* from = inner_[i].coordinates.data() + static_cast<std::size_t>(c) * inner_[i].rank;
-      std::copy_n(from, inner_[i].rank, dictionary_.column(c, i));
-    }
-    for (int l = 0; l < static_cast<int>(leaves_.size()); ++l)
-      std::copy_n(leaf_coordinates(l, c), rank_, dictionary_.column(c, inner + l));
-    std::copy_n(samples_in_basis_[c].begin(), rank_, dictionary_.samples[c].begin());
-    double inside = 0.0;
-    for (int k = 0; k < rank_; ++k) inside += samples_in_basis_[c][k] * samples_in_basis_[c][k];
-    dictionary_.squared_outside += std::max(samples_.squared[c] - inside, 0.0);
-    dictionary_.squared_samples += samples_.squared[c];
-    dictionary_.measured += samples_.count[c];
-  }
-  selector_.select(dictionary_, options_.kernels);
-  PixelKernels kernels;
-  kernels.squared_residual = selector_.squared_residual();
-  for (std::size_t i = 0; i < selector_.chosen().size(); ++i) {
-    const std::array<double, 3> w = {selector_.weights(0)[i], selector_.weights(1)[i],
-                                     selector_.weights(2)[i]};
-    if (w[0] <= 0.0 && w[1] <= 0.0 && w[2] <= 0.0) continue;
-    const int d = selector_.chosen()[i];
-    kernels.boxes.push_back(d < inner ? inner_[d].box : leaves_[d - inner].box);
-    for (int c = 0; c < 3; ++c) kernels.weights.push_back(static_cast<float>(w[c]));
-  }
-  return kernels;
-}
-
 void PixelFitter::start(const PixelSamples& samples) {
   samples_.assign(samples, stride_, cache_.table().images());
   leaves_.clear();
-  inner_.clear();
   candidates_.clear();
   live_.clear();
   unused_.clear();
@@ -178,7 +121,7 @@ void PixelFitter::start(const PixelSamples& samples) {
 void PixelFitter::append_direction(const float* direction, std::vector<float>& coordinates) {
   for (int c = 0; c < 3; ++c) {
     float* q = basis(c, rank_);
-    const float* d = direction + c * stride_;
+    const float* d = direction + c * extent_;
     if (samples_.complete)
       std::copy_n(d, stride_, q);
     else
@@ -225,7 +168,7 @@ void PixelFitter::add_candidates(int leaf) {
     candidate.split = &split;
     candidate.leaf = leaf;
     for (int c = 0; c < 3; ++c) {
-      const float* d = split.direction + c * stride_;
+      const float* d = split.direction + c * extent_;
       pointers_[0] = samples_.values.data() + c * stride_;
       for (int k = 0; k < rank_; ++k) pointers_[k + 1] = basis(c, k);
       dots(d, pointers_.data(), rank_ + 1, stride_, products_.data());
@@ -255,7 +198,7 @@ void PixelFitter::update_candidates() {
   const int k = rank_ - 1;
   for (int c = 0; c < 3; ++c) {
     for (std::size_t i = 0; i < live_.size(); ++i)
-      pointers_[i] = candidates_[live_[i]].split->direction + c * stride_;
+      pointers_[i] = candidates_[live_[i]].split->direction + c * extent_;
     dots(basis(c, k), pointers_.data(), live_.size(), stride_, products_.data());
     for (std::size_t i = 0; i < live_.size(); ++i) {
       coordinates(live_[i], c)[k] = products_[i];
@@ -271,12 +214,6 @@ void PixelFitter::split_leaf(int chosen) {
   std::erase_if(live_, [&](int slot) { return candidates_[slot].leaf == first; });
   unused_.insert(unused_.end(), leaves_[first].candidates.begin(), leaves_[first].candidates.end());
 
-  if (options_.mode == EstimateMode::refined) {
-    InnerNode& node = inner_.emplace_back(InnerNode{leaves_[first].box, rank_, {}});
-    for (int c = 0; c < 3; ++c)
-      node.coordinates.insert(node.coordinates.end(), leaf_coordinates(first, c),
-                              leaf_coordinates(first, c) + rank_);
-  }
   std::vector<float> direction(3 * max_leaves_);
   append_direction(split.direction, direction);
   for (int c = 0; c < 3; ++c) {

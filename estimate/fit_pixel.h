@@ -9,7 +9,6 @@
 #include "estimate/kernel_cache.h"
 #include "estimate/nnls.h"
 #include "estimate/options.h"
-#include "estimate/select_kernels.h"
 #include "estimate/vector_kernels.h"
 
 namespace refield {
@@ -21,6 +20,7 @@ using PixelSamples = std::array<const float*, 3>;
 struct PixelKernels {
   std::vector<Box> boxes;
   std::vector<float> weights;     ///< [boxes × 3], ≥ 0, of the sum of texel values
+  std::vector<float> smooth;      ///< [hats × 3], ≥ 0; empty without a smooth part
   double squared_residual = 0.0;  ///< over images and channels
   double squared_samples = 0.0;   ///< Σ b² over images and channels
   ErrorEvidence evidence = {};    ///< filled by estimate_band() where it was asked for
@@ -53,8 +53,8 @@ class PixelFitter {
 
   PixelFitter(KernelCache& cache, const EstimateOptions& options);
 
-  /// Deviation from the paper in refined mode: a split is scored by its projected gain (⟨d,r⟩²/‖d⊥‖² summed
-  /// over channels, with the residual r of the non-negative fit), not by solving for all candidates;
+  /// Deviation from the paper in all modes but `paper`: a split is scored by its projected gain (⟨d,r⟩²/‖d⊥‖²
+  /// summed over channels, with the residual r of the non-negative fit), not by solving for all candidates;
   /// prototypes found no loss.
   PixelKernels fit(const PixelSamples& samples, const Observer& observer = {});
 
@@ -62,11 +62,6 @@ class PixelFitter {
   struct Leaf {
     Box box;
     std::vector<int> candidates;
-  };
-  struct InnerNode {
-    Box box;
-    int rank;                         // of the basis when it was split: how many coordinates it has
-    std::vector<double> coordinates;  // [3 × rank]
   };
   struct Candidate {
     const Split* split;
@@ -87,9 +82,7 @@ class PixelFitter {
   double residual_after(const Candidate& candidate, double give_up_above);
   double residual_bound(int candidate) const;
   double squared_residual() const;
-  double leaf_criterion(double squared) const;
   PixelKernels leaves_as_kernels() const;
-  PixelKernels select_from_tree();
   void report(const Observer& observer, int subdivisions) const;
 
   float* basis(int c, int k) {
@@ -116,11 +109,11 @@ class PixelFitter {
   EstimateOptions options_;
   int max_leaves_;
   std::size_t stride_;             // of vectors over images
+  std::size_t extent_;             // of one channel of a cached column
   std::size_t coordinate_stride_;  // of vectors of coordinates in the basis
 
   MaskedSamples samples_;
   std::vector<Leaf> leaves_;
-  std::vector<InnerNode> inner_;  // rectangles that were split
   std::vector<Candidate> candidates_;
   std::vector<int> live_, unused_;                       // candidate slots
   int rank_ = 0;                                         // vectors in the basis
@@ -133,8 +126,6 @@ class PixelFitter {
   std::array<std::vector<double>, 3> with_samples_;  // h = Aᵀb
   std::array<std::vector<double>, 3> weights_;       // x
   NnlsSolver nnls_;
-  KernelDictionary dictionary_;
-  KernelSelector selector_;
 
   AlignedFloats scratch_;
   std::vector<double> trial_gram_, trial_h_, trial_x_;

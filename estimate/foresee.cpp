@@ -141,7 +141,7 @@ Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions&
   const auto start = Clock::now();
   const auto lights = read_lights(job, step);
   const double read_seconds = seconds_since(start);
-  const BoxTable table(lights);
+  const BoxTable table(lights, hats_of(options, job.session.light, images));
   foresight.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
 
   const Work work = work_of(job, options, foresight.plan);

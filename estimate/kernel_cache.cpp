@@ -20,14 +20,17 @@ std::vector<int> split_positions(int begin, int end, EstimateMode mode) {
   return positions;
 }
 
-float* KernelCache::allocate_column() {
-  const std::size_t size = 3 * table_.stride();
+float* KernelCache::make_column(const Box& box) {
+  const std::size_t extent = smooth_.extent();
+  const std::size_t size = 3 * extent;
   const std::size_t block_size = std::max(block_floats, size);
   if (blocks_.empty() || blocks_.back().used + size > block_size)
     blocks_.push_back({AlignedFloats(block_size)});
   Block& block = blocks_.back();
   float* column = block.memory.data() + block.used;
   block.used += size;
+  table_.column(box, column, extent);
+  for (int c = 0; c < 3; ++c) smooth_.extend(column + c * extent, c);
   return column;
 }
 
@@ -39,11 +42,7 @@ void KernelCache::clear() {
 
 const float* KernelCache::column(const Box& box) {
   const float*& slot = columns_[box];
-  if (!slot) {
-    float* column = allocate_column();
-    table_.column(box, column);
-    slot = column;
-  }
+  if (!slot) slot = make_column(box);
   return slot;
 }
 
@@ -52,17 +51,17 @@ void KernelCache::add_split(const Box& box, const float* parent, int axis, int p
   Split split{box, box};
   (axis == 0 ? split.first.x1 : split.first.y1) = position;
   (axis == 0 ? split.second.x0 : split.second.y0) = position;
-  float* direction = allocate_column();
-  table_.column(split.first, direction);
+  float* direction = make_column(split.first);
   const std::size_t stride = table_.stride();
+  const std::size_t extent = smooth_.extent();
   for (int c = 0; c < 3; ++c) {
-    const float* p = parent + c * stride;
-    float* d = direction + c * stride;
+    const float* p = parent + c * extent;
+    float* d = direction + c * extent;
     float with_parent[2];
     const float* others[2] = {d, p};
     dots(p, others, 2, stride, with_parent);
     split.fraction[c] = with_parent[1] > 0.0f ? with_parent[0] / with_parent[1] : 0.0f;
-    subtract_combination(d, &p, &split.fraction[c], 1, stride);
+    subtract_combination(d, &p, &split.fraction[c], 1, extent);
     const float* self = d;
     dots(d, &self, 1, stride, &split.norm2[c]);
   }

@@ -7,6 +7,7 @@
 
 #include "estimate/box_table.h"
 #include "estimate/options.h"
+#include "estimate/smooth_space.h"
 #include "estimate/vector_kernels.h"
 
 namespace refield {
@@ -19,21 +20,25 @@ namespace refield {
 struct Split {
   Box first;  ///< the half with the smaller coordinates
   Box second;
-  const float* direction = nullptr;  ///< d, [3 × stride]
+  const float* direction = nullptr;  ///< d, [3 × extent]
   std::array<float, 3> fraction{};   ///< f of each channel
   std::array<float, 3> norm2{};      ///< ‖d‖² of each channel over all images
 };
 
 /// Columns of A and splits of rectangles, made on demand and shared by the pixels that one thread visits:
 /// neighbouring pixels walk nearly the same tree. A pixel of 25 kernels needs about 1 MB of it, so tiles of
-/// pixels run from cache.
+/// pixels run from cache. Columns are extended as
+/// SmoothSpace asks.
 class KernelCache {
  public:
-  KernelCache(const BoxTable& table, EstimateMode mode) : table_(table), mode_(mode) {}
+  KernelCache(const BoxTable& table, const SmoothSpace& smooth, EstimateMode mode)
+      : table_(table), smooth_(smooth), mode_(mode) {}
 
   const BoxTable& table() const { return table_; }
 
-  /// The column of a rectangle, [3 × stride].
+  const SmoothSpace& smooth() const { return smooth_; }
+
+  /// The extended column of a rectangle, [3 × extent].
   const float* column(const Box& box);
   /// All ways to split a rectangle: even halves in both axes, or thirds and halves. Empty for a single texel.
   std::span<const Split> splits(const Box& box);
@@ -48,10 +53,11 @@ class KernelCache {
     AlignedFloats memory;
     std::size_t used = 0;
   };
-  float* allocate_column();
+  float* make_column(const Box& box);
   void add_split(const Box& box, const float* parent, int axis, int position, std::vector<Split>& splits);
 
   const BoxTable& table_;
+  const SmoothSpace& smooth_;
   EstimateMode mode_;
   std::unordered_map<Box, const float*, BoxHash> columns_;
   std::unordered_map<Box, std::vector<Split>, BoxHash> splits_;

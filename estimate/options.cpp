@@ -8,13 +8,18 @@
 namespace refield {
 
 std::string_view name_of(EstimateMode mode) {
-  return mode == EstimateMode::paper ? "paper" : "refined";
+  return mode == EstimateMode::paper ? "paper" : mode == EstimateMode::fast ? "fast" : "refined";
 }
 
 EstimateMode estimate_mode_from_name(std::string_view name) {
-  for (auto mode : {EstimateMode::refined, EstimateMode::paper})
+  for (auto mode : {EstimateMode::refined, EstimateMode::paper, EstimateMode::fast})
     if (name == name_of(mode)) return mode;
-  throw InputError("unknown mode '" + std::string(name) + "'; use refined or paper");
+  throw InputError("unknown mode '" + std::string(name) + "'; use refined, paper or fast");
+}
+
+int EstimateOptions::most_kernels() const {
+  constexpr int of_the_paper = 25, by_data = 64;
+  return kernels > 0 ? kernels : mode == EstimateMode::refined ? by_data : of_the_paper;
 }
 
 void EstimateOptions::check() const {
@@ -22,7 +27,7 @@ void EstimateOptions::check() const {
     if (!holds)
       throw InputError(std::string(option) + " is " + std::to_string(value) + "; give a value of " + range);
   };
-  require(kernels >= 1 && kernels <= 255, "--kernels", kernels, "1 to 255");
+  require(kernels >= 0 && kernels <= 255, "--kernels", kernels, "1 to 255, or 0 to let the data decide");
   require(spatial_passes >= 0 && spatial_passes <= 16, "--spatial-passes", spatial_passes, "0 to 16");
   require(threads >= 0, "--threads", threads, "0 (all cores) or more");
   if (!(clip_level > 0.0f))

@@ -10,17 +10,18 @@
 
 namespace refield {
 
+/// `refined`: a smooth part and few rectangles, as many as the data bear (docs/estimation.md): most accurate.
 /// `paper`: Matusik et al. 2004 as published: even splits, every candidate split re-solved by NNLS.
-/// `refined`: splits at thirds and halves, scored by projected gain: lower error at less cost.
-enum class EstimateMode { refined, paper };
+/// `fast`: the paper's splits scored by projected gain, without spatial correction.
+enum class EstimateMode { refined, paper, fast };
 
 std::string_view name_of(EstimateMode mode);
 EstimateMode estimate_mode_from_name(std::string_view name);
 
 struct EstimateOptions {
   EstimateMode mode = EstimateMode::refined;
-  int kernels = 25;                         ///< cap on the kernels of a pixel, 1 to 255
-  int spatial_passes = 1;                   ///< sweeps of spatial correction; 0: none
+  int kernels = 0;                          ///< cap on the kernels of a pixel, 1 to 255; 0: by the data
+  int spatial_passes = 1;                   ///< sweeps of spatial correction in paper mode; 0: none
   std::uint64_t memory_bytes = 4ull << 30;  ///< limit that row bands are planned for
   /// Samples at or above this radiance are clipped and left out, besides those that the capture marked.
   float clip_level = std::numeric_limits<float>::infinity();
@@ -36,6 +37,10 @@ struct EstimateOptions {
   /// A field of the same capture (.rfield) that takes in the images it was not made from, see
   /// estimate/refinement.h. Empty: a fresh start.
   std::filesystem::path refine = {};
+  /// The cap that `kernels` stands for.
+  int most_kernels() const;
+  /// Sweeps of spatial correction that the mode makes.
+  int sweeps() const { return mode == EstimateMode::paper ? spatial_passes : 0; }
 
   /// Throws InputError naming the option and its range.
   void check() const;

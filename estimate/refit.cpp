@@ -25,15 +25,10 @@ void fill_gram(const std::vector<const float*>& columns, std::size_t stride, Lef
 
 }  // namespace
 
-KernelSet prepare_columns(std::span<const Box> boxes, KernelCache& cache) {
+KernelSet prepare_kernel_set(std::span<const Box> boxes, KernelCache& cache) {
   KernelSet set;
   set.boxes.assign(boxes.begin(), boxes.end());
   for (const Box& box : boxes) set.columns.push_back(cache.column(box));
-  return set;
-}
-
-KernelSet prepare_kernel_set(std::span<const Box> boxes, KernelCache& cache) {
-  KernelSet set = prepare_columns(boxes, cache);
   const std::size_t stride = cache.table().stride();
   for (int c = 0; c < 3; ++c) {
     std::vector<const float*> channel;

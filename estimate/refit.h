@@ -16,8 +16,6 @@ struct KernelSet {
 };
 
 KernelSet prepare_kernel_set(std::span<const Box> boxes, KernelCache& cache);
-/// The same without Gram matrices.
-KernelSet prepare_columns(std::span<const Box> boxes, KernelCache& cache);
 
 /// Fits weights to given rectangles: min ‖A W − B‖², W ≥ 0 (eq. 6), channel by channel.
 class WeightFitter {

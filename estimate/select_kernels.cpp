@@ -3,157 +3,281 @@
 
 #include <algorithm>
 #include <cmath>
+
+
 #include <limits>
+#include <optional>
+
+#include "estimate/information_criterion.h"
 
 namespace refield {
 
 namespace {
 /// Rectangles that keep less than this part of their squared norm beside the chosen ones say nothing new.
-constexpr float dependence_tolerance = 1e-6f;
+constexpr float dependence_tolerance = 1e-5f;
 /// The pursuit ends after this many rectangles in a row that the criterion does not reward: a shape may take
 /// several rectangles before it pays.
-constexpr int patience = 12;
-/// Relative squared residual below which float32 columns tell nothing.
-constexpr double exact_fit = 1e-10;
+constexpr int patience = 6;
 }  // namespace
 
-void KernelDictionary::resize(int rectangles, std::size_t coordinates) {
-  size = rectangles;
-  stride = padded_length(coordinates);
-  for (int c = 0; c < 3; ++c) {
-    columns[c].assign(static_cast<std::size_t>(size) * stride, 0.0f);
-    samples[c].assign(stride, 0.0);
-  }
-}
+KernelSelector::KernelSelector(const SmoothSpace& smooth)
+    : smooth_(smooth), metrics_(smooth.classes().size()) {}
 
-double information_criterion(double squared_residual, double squared_samples, double measured,
-                             int parameters) {
-  const double floor = std::max(exact_fit * squared_samples, std::numeric_limits<double>::min());
-  return measured * std::log(std::max(squared_residual, floor) / measured) + parameters * std::log(measured);
-}
-
-void KernelSelector::select(const KernelDictionary& dictionary, int most) {
-  most_ = most;
-  chosen_.clear();
-  best_chosen_.clear();
-  best_residual_ = dictionary.squared_samples;
-  is_chosen_.assign(dictionary.size, 0);
-  // Weights that fall to zero free their place, so a few more rectangles than `most` may be tried.
-  const int most_tried = std::min(3 * most, static_cast<int>(dictionary.stride));
-  orthonormal_.resize(std::size_t{3} * most_tried * dictionary.stride);
-  pointers_.resize(std::max(dictionary.size, most_tried));
+void KernelSelector::prepare(const TreeDictionary& dictionary) {
+  dictionary_ = &dictionary;
+  padded_size_ = padded_length(dictionary.size());
+  for (Metric& metric : metrics_) metric.ready = false;
+  pointers_.resize(std::max<std::size_t>(padded_size_, 256));
   products_.resize(pointers_.size());
-  for (int c = 0; c < 3; ++c) {
-    best_weights_[c].clear();
-    weights_[c].clear();
-    with_samples_[c].clear();
-    gram_[c].assign(static_cast<std::size_t>(most_tried) * most_tried, 0.0);
-    residual_[c].assign(dictionary.samples[c].begin(), dictionary.samples[c].end());
-    norm2_[c].resize(dictionary.size);
-    for (int d = 0; d < dictionary.size; ++d) {
-      const float* column = dictionary.column(c, d);
-      dots(column, &column, 1, dictionary.stride, &norm2_[c][d]);
-    }
-    remaining_norm2_[c] = norm2_[c];
-  }
-  if (!(dictionary.squared_samples > 0.0)) return;
+}
 
-  double best_criterion = std::numeric_limits<double>::infinity();
+void KernelSelector::weigh(float* coordinates, int smooth_class, int channel) const {
+  // Q spans the columns' whole space already, V's coordinates correct the products for the class.
+  const auto& correction = smooth_.classes()[smooth_class].correction[channel];
+  for (std::size_t k = 0; k < correction.size(); ++k) coordinates[dictionary_->smooth_offset + k] *= correction[k];
+}
+
+KernelSelector::Metric& KernelSelector::metric(int smooth_class) {
+  Metric& metric = metrics_[smooth_class];
+  if (metric.ready) return metric;
+  const std::size_t stride = dictionary_->coordinate_stride;
+  const int size = dictionary_->size();
+  left_.resize(stride);
+  for (int c = 0; c < 3; ++c) {
+    metric.norm2[c].assign(padded_size_, 0.0f);
+    metric.gram[c].resize(size * padded_size_);
+    for (int d = 0; d < size; ++d) {
+      const float* column = dictionary_->column(c, d);
+      std::copy_n(column, stride, left_.data());
+      weigh(left_.data(), smooth_class, c);
+      dots(left_.data(), &column, 1, stride, &metric.norm2[c][d]);
+    }
+  }
+  metric.has_row.assign(size, 0);
+  metric.ready = true;
+  return metric;
+}
+
+void KernelSelector::make_row(int smooth_class, int box) {
+  Metric& current = metric(smooth_class);
+  if (current.has_row[box]) return;
+  const int size = dictionary_->size();
+  for (int c = 0; c < 3; ++c) {
+    for (int d = 0; d < size; ++d) pointers_[d] = dictionary_->column(c, d);
+    std::copy_n(pointers_[box], dictionary_->coordinate_stride, left_.data());
+    weigh(left_.data(), smooth_class, c);
+    float* row = current.gram[c].data() + box * padded_size_;
+    dots(left_.data(), pointers_.data(), size, dictionary_->coordinate_stride, row);
+    std::fill(row + size, row + padded_size_, 0.0f);
+  }
+  current.has_row[box] = 1;
+}
+
+void KernelSelector::load_samples(const PixelCoordinates& pixel, int smooth_class) {
+  const std::size_t stride = dictionary_->coordinate_stride;
+  const int size = dictionary_->size();
+  left_.resize(stride);
+  for (int c = 0; c < 3; ++c) {
+    const auto& correction = smooth_.classes()[smooth_class].correction[c];
+    std::ranges::fill(left_, 0.0f);
+    std::ranges::copy(pixel.inside[c], left_.begin());
+    std::ranges::copy(pixel.smooth[c], left_.begin() + dictionary_->smooth_offset);
+    weigh(left_.data(), smooth_class, c);
+    squared_[c] = pixel.squared[c];
+    for (std::size_t k = 0; k < correction.size(); ++k)
+      squared_[c] += static_cast<double>(correction[k]) * pixel.smooth[c][k] * pixel.smooth[c][k];
+    squared_[c] = std::max(squared_[c], 0.0);
+    for (int d = 0; d < size; ++d) pointers_[d] = dictionary_->column(c, d);
+    with_samples_[c].assign(padded_size_, 0.0f);
+    dots(left_.data(), pointers_.data(), size, stride, with_samples_[c].data());
+  }
+}
+
+KernelChoice KernelSelector::select(const PixelCoordinates& pixel, int most, int guess) {
+  const int classes = static_cast<int>(metrics_.size());
+  const auto most_boxes = [&](int k) { return smooth_.classes()[k].smooth ? most - smooth_.hats() : most; };
+  std::vector<std::optional<KernelChoice>> tried(classes);
+  const auto criterion = [&](int k) {
+    if (!tried[k]) tried[k] = pursue(pixel, k, most_boxes(k));
+    return tried[k]->criterion;
+  };
+  // Downhill from the guess; the class without a smooth part is another model and always looked at.
+  int best = guess >= 0 && guess < classes - 1 ? guess : std::max(0, (classes - 1) / 2);
+  const auto descend = [&](int step) {
+    while (best + step >= 0 && best + step < classes - 1 && criterion(best + step) < criterion(best)) best += step;
+  };
+  if (classes > 1) {
+    descend(1);
+    descend(-1);
+  } else {
+    best = 0;
+  }
+  if (criterion(classes - 1) < criterion(best)) best = classes - 1;
+  return std::move(*tried[best]);
+}
+
+KernelChoice KernelSelector::pursue(const PixelCoordinates& pixel, int smooth_class, int most) {
+  Metric& current = metric(smooth_class);
+  load_samples(pixel, smooth_class);
+  const double evidence = smooth_.classes()[smooth_class].log_determinant;
+  const double squared = squared_[0] + squared_[1] + squared_[2];
+  // Relative to ‖b‖², whatever the class, so that an exact fit is the same for all.
+  const double squared_samples =
+      pixel.squared[0] + pixel.squared[1] + pixel.squared[2];
+  KernelChoice best;
+  best.smooth_class = smooth_class;
+  best.criterion = information_criterion(squared, squared_samples, pixel.measured, 0) + evidence;
+  if (!(squared > 0.0)) return best;
+
+  chosen_.clear();
+  is_chosen_.assign(dictionary_->size(), 0);
+  for (int c = 0; c < 3; ++c) {
+    correlation_[c] = with_samples_[c];
+    remaining_norm2_[c] = current.norm2[c];
+    weights_[c].clear();
+  }
+  // Weights that fall to zero free their place, so a few more rectangles than `most` may be tried.
+  const int most_tried = std::min(2 * most, dictionary_->size());
+  for (auto& rows : projections_) rows.resize(most_tried * padded_size_);
   int unrewarded = 0;
   while (static_cast<int>(chosen_.size()) < most_tried && unrewarded < patience) {
-    const int next = best_candidate(dictionary);
+    const int next = best_candidate(current);
     if (next < 0) break;
-    add(dictionary, next);
-    double residual = dictionary.squared_outside;
+    add(smooth_class, next);
+    const int count = static_cast<int>(chosen_.size());
+    double residual = 0.0;
     int parameters = 0, kernels = 0;
     for (int c = 0; c < 3; ++c) {
-      for (const float r : residual_[c]) residual += static_cast<double>(r) * r;
-      parameters += static_cast<int>(std::ranges::count_if(weights_[c], [](double w) { return w > 0.0; }));
+      // ‖b − A x‖² = ‖b‖² − xᵀ(h + (h − G x)).
+      double explained = 0.0;
+      for (int i = 0; i < count; ++i) {
+        const int d = chosen_[i];
+        explained += weights_[c][i] * (static_cast<double>(with_samples_[c][d]) + correlation_[c][d]);
+        parameters += weights_[c][i] > 0.0;
+      }
+      residual += std::max(squared_[c] - explained, 0.0);
     }
-    for (std::size_t i = 0; i < chosen_.size(); ++i)
+    for (int i = 0; i < count; ++i)
       kernels += weights_[0][i] > 0.0 || weights_[1][i] > 0.0 || weights_[2][i] > 0.0;
     if (kernels > most) break;
     const double criterion =
-        information_criterion(residual, dictionary.squared_samples, dictionary.measured, parameters);
-    if (criterion < best_criterion) {
-      best_criterion = criterion;
-      best_chosen_ = chosen_;
-      best_weights_ = weights_;
-      best_residual_ = residual;
+        information_criterion(residual, squared_samples, pixel.measured, parameters) + evidence +
+        search_penalty * kernels;
+    if (criterion < best.criterion) {
+      best.criterion = criterion;
+      best.boxes = chosen_;
+      best.weights = weights_;
       unrewarded = 0;
     } else {
       ++unrewarded;
     }
   }
+  return best;
 }
 
-int KernelSelector::best_candidate(const KernelDictionary& dictionary) {
-  std::vector<float>& gains = products_;
-  std::vector<float> total(dictionary.size, 0.0f);
-  for (int c = 0; c < 3; ++c) {
-    for (int d = 0; d < dictionary.size; ++d) pointers_[d] = dictionary.column(c, d);
-    dots(residual_[c].data(), pointers_.data(), dictionary.size, dictionary.stride, gains.data());
-    for (int d = 0; d < dictionary.size; ++d)
-      if (gains[d] > 0.0f && remaining_norm2_[c][d] > dependence_tolerance * norm2_[c][d])
-        total[d] += gains[d] * gains[d] / remaining_norm2_[c][d];
-  }
+int KernelSelector::best_candidate(const Metric& current) {
+  const int size = dictionary_->size();
+  total_gain_.assign(size, 0.0f);
+  for (int c = 0; c < 3; ++c)
+    for (int d = 0; d < size; ++d) {
+      const float gain = std::max(correlation_[c][d], 0.0f);
+      const float norm2 = remaining_norm2_[c][d];
+      total_gain_[d] += norm2 > dependence_tolerance * current.norm2[c][d] ? gain * gain / norm2 : 0.0f;
+    }
   int best = -1;
   float best_gain = 0.0f;
-  for (int d = 0; d < dictionary.size; ++d)
-    if (!is_chosen_[d] && total[d] > best_gain) {
-      best_gain = total[d];
+  for (int d = 0; d < size; ++d)
+    if (!is_chosen_[d] && total_gain_[d] > best_gain) {
+      best_gain = total_gain_[d];
       best = d;
     }
   return best;
 }
 
-void KernelSelector::add(const KernelDictionary& dictionary, int rectangle) {
-  const std::size_t stride = dictionary.stride;
+void KernelSelector::add(int smooth_class, int box) {
+  make_row(smooth_class, box);
+  Metric& current = metric(smooth_class);
   const int index = static_cast<int>(chosen_.size());
-  const int most_tried = std::min(3 * most_, static_cast<int>(stride));
-  chosen_.push_back(rectangle);
-  is_chosen_[rectangle] = 1;
+  const int count = index + 1;
+  chosen_.push_back(box);
+  is_chosen_[box] = 1;
+  gram_.resize(count * count);
+  h_.resize(count);
   for (int c = 0; c < 3; ++c) {
-    const float* column = dictionary.column(c, rectangle);
-    const auto basis = [&](int k) {
-      return orthonormal_.data() + (static_cast<std::size_t>(c) * most_tried + k) * stride;
-    };
-
-    // Its part perpendicular to the chosen ones, normalised (Gram-Schmidt, twice), leaves the others'
-    // remaining norms.
-    float* q = basis(index);
-    std::copy_n(column, stride, q);
-    for (int pass = 0; pass < 2; ++pass) {
-      for (int k = 0; k < index; ++k) pointers_[k] = basis(k);
-      dots(q, pointers_.data(), index, stride, products_.data());
-      subtract_combination(q, pointers_.data(), products_.data(), index, stride);
+    // A row of the Cholesky factor of the Gram matrix, for all rectangles at once: what the new direction
+    // takes from them.
+    const float* row = current.gram[c].data() + box * padded_size_;
+    float* projection = projections_[c].data() + index * padded_size_;
+    std::copy_n(row, padded_size_, projection);
+    for (int i = 0; i < index; ++i) {
+      pointers_[i] = projections_[c].data() + i * padded_size_;
+      products_[i] = pointers_[i][box];
     }
-    float norm2 = 0.0f;
-    const float* self = q;
-    dots(q, &self, 1, stride, &norm2);
-    const float scale = norm2 > dependence_tolerance * norm2_[c][rectangle] ? 1.0f / std::sqrt(norm2) : 0.0f;
-    std::transform(q, q + stride, q, [scale](float v) { return v * scale; });
-    for (int d = 0; d < dictionary.size; ++d) pointers_[d] = dictionary.column(c, d);
-    dots(q, pointers_.data(), dictionary.size, stride, products_.data());
-    for (int d = 0; d < dictionary.size; ++d) remaining_norm2_[c][d] -= products_[d] * products_[d];
+    subtract_combination(projection, pointers_.data(), products_.data(), index, padded_size_);
+    const float pivot = remaining_norm2_[c][box];
+    const float scale = pivot > dependence_tolerance * current.norm2[c][box] ? 1.0f / std::sqrt(pivot) : 0.0f;
+    for (std::size_t d = 0; d < padded_size_; ++d) {
+      projection[d] *= scale;
+      remaining_norm2_[c][d] -= projection[d] * projection[d];
+    }
 
-    // Normal equations grow by a row.
-    for (int i = 0; i <= index; ++i) pointers_[i] = dictionary.column(c, chosen_[i]);
-    dots(column, pointers_.data(), index + 1, stride, products_.data());
-    double* gram = gram_[c].data();
-    for (int i = 0; i <= index; ++i)
-      gram[static_cast<std::size_t>(index) * most_tried + i] =
-          gram[static_cast<std::size_t>(i) * most_tried + index] = products_[i];
-    double h = 0.0;
-    for (std::size_t k = 0; k < stride; ++k) h += column[k] * dictionary.samples[c][k];
-    with_samples_[c].push_back(h);
+    for (int i = 0; i < count; ++i) {
+      const float* g = current.gram[c].data() + chosen_[i] * padded_size_;
+      for (int k = 0; k < count; ++k) gram_[i * count + k] = g[chosen_[k]];
+      h_[i] = with_samples_[c][chosen_[i]];
+    }
     weights_[c].push_back(0.0);
-    nnls_.solve(gram, most_tried, with_samples_[c].data(), index + 1, weights_[c].data());
-
-    for (std::size_t k = 0; k < stride; ++k) residual_[c][k] = static_cast<float>(dictionary.samples[c][k]);
-    for (int i = 0; i <= index; ++i) products_[i] = static_cast<float>(weights_[c][i]);
-    subtract_combination(residual_[c].data(), pointers_.data(), products_.data(), index + 1, stride);
+    nnls_.solve(gram_.data(), count, h_.data(), count, weights_[c].data());
+    std::ranges::copy(with_samples_[c], correlation_[c].begin());
+    for (int i = 0; i < count; ++i) {
+      pointers_[i] = current.gram[c].data() + chosen_[i] * padded_size_;
+      products_[i] = static_cast<float>(weights_[c][i]);
+    }
+    subtract_combination(correlation_[c].data(), pointers_.data(), products_.data(), count, padded_size_);
   }
+}
+
+PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelChoice& choice, const std::array<double, 3>& noise_kept) {
+  const SmoothClass& smooth = smooth_.classes()[choice.smooth_class];
+  const int none = smooth_.class_without();  // in whose metric products are those of images
+  Metric& raw = metric(none);
+  load_samples(pixel, none);
+  const int hats = smooth.smooth ? smooth_.hats() : 0;
+  const int boxes = static_cast<int>(choice.boxes.size());
+  const int size = hats + boxes;
+  for (const int box : choice.boxes) make_row(none, box);
+  gram_.resize(size * size);
+  raw_gram_.resize(size * size);
+  h_.resize(size);
+  x_.resize(size);
+  PixelWeights result;
+  for (int c = 0; c < 3; ++c) {
+    for (int i = 0; i < hats; ++i)
+      for (int k = 0; k < hats; ++k) raw_gram_[i * size + k] = smooth_.hat_gram(c)[i * hats + k];
+    if (hats > 0) smooth_.hat_products(pixel.smooth[c].data(), c, h_.data());
+    std::vector<double> products(hats);
+    for (int i = 0; i < boxes; ++i) {
+      const int box = choice.boxes[i];
+      if (hats > 0)
+        smooth_.hat_products(dictionary_->column(c, box) + dictionary_->smooth_offset, c, products.data());
+      for (int k = 0; k < hats; ++k) raw_gram_[(hats + i) * size + k] = raw_gram_[k * size + hats + i] = products[k];
+      const float* row = raw.gram[c].data() + box * padded_size_;
+      for (int k = 0; k < boxes; ++k) raw_gram_[(hats + i) * size + hats + k] = row[choice.boxes[k]];
+      h_[hats + i] = with_samples_[c][box];
+      x_[hats + i] = choice.weights[c][i];
+    }
+    gram_ = raw_gram_;
+    for (int i = 0; i < hats; ++i) {
+      for (int k = 0; k < hats; ++k) gram_[i * size + k] += noise_kept[c] * smooth.penalty[c][i * hats + k];
+      x_[i] = 1.0;  // all free at first
+    }
+    nnls_.solve(gram_.data(), size, h_.data(), size, x_.data());
+    result.squared_residual[c] = std::max(
+        squared_residual(raw_gram_.data(), size, h_.data(), size, x_.data(), pixel.squared[c]), 0.0);
+    result.hats[c].assign(x_.begin(), x_.begin() + hats);
+    result.boxes[c].assign(x_.begin() + hats, x_.end());
+  }
+  return result;
 }
 
 }  // namespace refield

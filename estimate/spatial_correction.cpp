@@ -2,7 +2,6 @@
 #include "estimate/spatial_correction.h"
 
 #include <algorithm>
-#include <limits>
 
 namespace refield {
 
@@ -11,20 +10,10 @@ namespace {
 /// A neighbour's set must be better by more than the rounding of the two residuals.
 constexpr double clear_gain = 1e-6;
 
-/// What a pixel wants as low as possible.
-double criterion_of(double squared_residual, std::span<const float> weights, const MaskedSamples& samples,
-                    EstimateMode mode) {
-  if (mode == EstimateMode::paper) return squared_residual;
-  const auto parameters = std::ranges::count_if(weights, [](float w) { return w > 0.0f; });
-  return information_criterion(squared_residual, samples.squared[0] + samples.squared[1] + samples.squared[2],
-                               samples.count[0] + samples.count[1] + samples.count[2],
-                               static_cast<int>(parameters));
-}
-
 }  // namespace
 
-std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, EstimateMode mode,
-                                       KernelCache& cache, WeightFitter& fitter) {
+std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, KernelCache& cache,
+                                       WeightFitter& fitter) {
   const Tile reach = {std::max(tile.x0 - 1, 0), std::max(tile.y0 - 1, grid.first_row),
                       std::min(tile.x1 + 1, grid.width), std::min(tile.y1 + 1, grid.last_row)};
   const int reach_width = reach.x1 - reach.x0;
@@ -46,7 +35,6 @@ std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, 
       PixelKernels& best = corrected.back();
       best = grid.kernels(x, y);
       samples.assign(grid.samples(x, y), cache.table().stride(), cache.table().images());
-      double best_criterion = criterion_of(best.squared_residual, best.weights, samples, mode);
       const std::vector<Box>& own_boxes = grid.kernels(x, y).boxes;
       for (int ny = std::max(y - 1, reach.y0); ny < std::min(y + 2, reach.y1); ++ny)
         for (int nx = std::max(x - 1, reach.x0); nx < std::min(x + 2, reach.x1); ++nx) {
@@ -54,14 +42,10 @@ std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, 
           const KernelSet& set = set_at(nx, ny);
           if (set.boxes.empty() || set.boxes == own_boxes) continue;
           const double give_up_above = best.squared_residual * (1.0 - clear_gain);
-          trial.squared_residual = fitter.try_set(
-              set, samples, grid.kernels(nx, ny).weights,
-              mode == EstimateMode::paper ? give_up_above : std::numeric_limits<double>::infinity());
-          if (mode == EstimateMode::paper && trial.squared_residual >= give_up_above) continue;
+          trial.squared_residual =
+              fitter.try_set(set, samples, grid.kernels(nx, ny).weights, give_up_above);
+          if (trial.squared_residual >= give_up_above) continue;
           trial.weights.assign(fitter.weights().begin(), fitter.weights().end());
-          const double criterion = criterion_of(trial.squared_residual, trial.weights, samples, mode);
-          if (criterion >= best_criterion) continue;
-          best_criterion = criterion;
           best.boxes = set.boxes;
           best.weights = trial.weights;
           best.squared_residual = trial.squared_residual;

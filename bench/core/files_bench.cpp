@@ -45,7 +45,7 @@ refield::ReflectanceField field(int width, int height, int kernels) {
   refield::ReflectanceField made;
   made.width = width;
   made.height = height;
-  made.basis = {{128, 96}, {}};
+  made.basis = {{128, 96}, {}, {}};
   for (int x = 0; x < 128; ++x)
     for (int y = 0; y < 96; ++y) made.basis.boxes.push_back({x, y, x + 1, y + 1});
   std::vector<std::uint32_t> columns(kernels);

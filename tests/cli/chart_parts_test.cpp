@@ -198,7 +198,7 @@ TEST(DerivedKinds, TellTheShapeOfTransport) {
   ReflectanceField field;
   field.width = 5;
   field.height = 3;
-  field.basis = {domain, {{0, 0, 20, 20}, {3, 3, 5, 5}, {0, 0, 14, 20}, {2, 2, 8, 8}}};
+  field.basis = {domain, {}, {{0, 0, 20, 20}, {3, 3, 5, 5}, {0, 0, 14, 20}, {2, 2, 8, 8}}};
   const auto row = [&](std::vector<std::uint32_t> boxes, std::vector<float> weights) {
     std::vector<float> rgb;
     for (const float w : weights) rgb.insert(rgb.end(), 3, w);

@@ -13,7 +13,7 @@ ReflectanceField small_field() {
   ReflectanceField field;
   field.width = 3;
   field.height = 1;
-  field.basis = {{10, 3, Parameterisation::monitor}, {{0, 0, 10, 3}, {0, 0, 1, 1}}};
+  field.basis = {{10, 3, Parameterisation::monitor}, {}, {{0, 0, 10, 3}, {0, 0, 1, 1}}};
   const std::vector<std::uint32_t> first = {0};
   const std::vector<std::uint32_t> second = {1, 0, 1};
   field.transfer.append_row(first, std::vector<float>{1, 1, 1});                        // area 30 × 3

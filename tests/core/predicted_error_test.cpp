@@ -77,7 +77,7 @@ TEST(PredictedError, LearningCurveTakesMiddleErrors) {
   int row = 0;
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x)
-      if (is_learning_pixel(x, y)) {
+      if (is_learning_block(x, y)) {
         ErrorEvidence& evidence = field.error_evidence[static_cast<std::size_t>(y) * field.width + x];
         ASSERT_TRUE(is_cross_validated(x, y));
         evidence.from_half = row == 0 ? 1.0f : 9e-4f;  // few odd ones

@@ -104,7 +104,7 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
       evidence.leave_one_out = 1e-4f * static_cast<float>(x + 1);
       evidence.shared = -1e-6f;
       if (is_cross_validated(x, y)) evidence.cross_validated = 2e-4f;
-      if (is_learning_pixel(x, y)) evidence.from_half = evidence.from_quarter = 3e-4f;
+      if (is_learning_block(x, y)) evidence.from_half = evidence.from_quarter = 3e-4f;
       field.error_evidence.push_back(evidence);
     }
   predict_errors(field);
@@ -153,7 +153,7 @@ TEST(ReflectanceFieldFile, NamesAnotherVersion) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "a.rfield", sample_field());
   set_number(folder / "a.rfield", "version", 7);
-  EXPECT_THAT(message_of(folder / "a.rfield"), AllOf(HasSubstr("version 7"), HasSubstr("reads version 1")));
+  EXPECT_THAT(message_of(folder / "a.rfield"), AllOf(HasSubstr("version 7"), HasSubstr("reads version 2")));
 }
 
 TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
@@ -173,7 +173,7 @@ TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
       },
       "outside the light map");
   expect_refused([&] { set_first_values<std::uint32_t>(path, "transfer/column", H5T_NATIVE_UINT32, {60}); },
-                 "a box that is not there");
+                 "a kernel that is not there");
   expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {-1.0f}); },
                  "weight");
   expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {NAN}); },

@@ -67,11 +67,11 @@ TEST(SummedAreaTable, RefusesGreyImages) {
   EXPECT_THROW(SummedAreaTable(Image(4, 4, 1)), InputError);
 }
 
-TEST(BoxBasis, ProjectsToTheSumsOfItsBoxes) {
+TEST(LightBasis, ProjectsToTheSumsOfItsBoxes) {
   Rng rng(3);
   const LightDomain domain{31, 17, Parameterisation::monitor};
   const LightMap light = test::random_light(rng, domain);
-  BoxBasis basis{domain, {}};
+  LightBasis basis{domain, {}, {}};
   for (int k = 0; k < 200; ++k) basis.boxes.push_back(test::random_box(rng, domain.width, domain.height));
   const auto coefficients = basis.project(light);
   ASSERT_EQ(coefficients.size(), basis.boxes.size() * 3);
@@ -81,8 +81,8 @@ TEST(BoxBasis, ProjectsToTheSumsOfItsBoxes) {
   }
 }
 
-TEST(BoxBasis, SaysWhichLightMapItExpects) {
-  const BoxBasis basis{{8, 4, Parameterisation::monitor}, {{0, 0, 8, 4}}};
+TEST(LightBasis, SaysWhichLightMapItExpects) {
+  const LightBasis basis{{8, 4, Parameterisation::monitor}, {}, {{0, 0, 8, 4}}};
   const LightMap wrong_size{Image(9, 4, 3), Parameterisation::monitor};
   const LightMap wrong_kind{Image(8, 4, 3), Parameterisation::lat_long};
   try {

@@ -67,7 +67,8 @@ TEST(SplitPositions, LieStrictlyInside) {
 TEST(KernelCache, DirectionsSpanWhatTheHalvesSpan) {
   const auto lights = test::random_lights(30, 24, 18, 6);
   const BoxTable table(lights);
-  KernelCache cache(table, EstimateMode::refined);
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, EstimateMode::refined);
   const Box root{0, 0, 24, 18};
   const float* parent = cache.column(root);
   std::vector<float> half(3 * table.stride());

@@ -25,7 +25,8 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
   ErrorEvidenceOfAPixel()
       : lights_(test::random_lights(images, 16, 12, 5)),
         table_(lights_),
-        cache_(table_, EstimateMode::refined),
+        none_(table_),
+        cache_(table_, none_, EstimateMode::fast),
         values_(3 * table_.stride()) {
     Rng rng(8);
     for (int c = 0; c < 3; ++c)
@@ -71,12 +72,13 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
     const PixelKernels kernels = WeightFitter(table_).fit(set, masked, ones);
     EXPECT_EQ(kernels.boxes.size(), 3u);
     AlignedFloats residuals(3 * table_.stride());
-    return ErrorJudge(table_).leave_one_out(set, kernels, masked, residuals.data());
+    return ErrorJudge(table_, 25).leave_one_out(kernels, cache_, masked, residuals.data());
   }
 
   const std::vector<Box> boxes_ = {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}};
   std::vector<LightMap> lights_;
   BoxTable table_;
+  SmoothSpace none_;
   KernelCache cache_;
   AlignedFloats values_;
 };
@@ -99,7 +101,7 @@ TEST_F(ErrorEvidenceOfAPixel, CrossValidationExceedsTheNoiseAndTheTrainingError)
   options.kernels = 10;
   PixelFitter fitter(cache_, options);
   const PixelKernels all = fitter.fit(samples());
-  const double cross_validated = ErrorJudge(table_).cross_validate(fitter, cache_, samples());
+  const double cross_validated = ErrorJudge(table_, 25).cross_validate(fitter, cache_, samples());
   EXPECT_GT(cross_validated, all.squared_residual);
   const double noise = 0.05 * 0.05 * all.squared_samples;
   EXPECT_GT(cross_validated, 0.8 * noise);

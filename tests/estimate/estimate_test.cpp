@@ -180,7 +180,7 @@ TEST_F(Estimate, TellsWhatIsWrongWithTheInput) {
   few.frames.resize(1);
   EXPECT_NE(message(few, options_).find("one training image only"), std::string::npos);
   EstimateOptions bad = options_;
-  bad.kernels = 0;
+  bad.kernels = 300;
   EXPECT_NE(message(session_, bad).find("--kernels"), std::string::npos);
   bad = options_;
   bad.memory_bytes = 1 << 20;
@@ -217,6 +217,7 @@ TEST_F(Estimate, ClippedSamplesAreLeftOut) {
   };
   EstimateOptions knowing = options_;
   knowing.clip_level = level;
+  knowing.keep_outliers = true;
   EXPECT_LT(error_of(knowing), 0.35 * error_of(options_));
 }
 
@@ -224,12 +225,13 @@ TEST(Checkpoint, DamagedBandsAreNotTakenOver) {
   const test::TemporaryFolder folder;
   const Checkpoint checkpoint(folder / "f.rfield", "job");
   std::vector<PixelKernels> kernels(6);
-  kernels[2] = {{{0, 0, 3, 4}}, {1.0f, 2.0f, 3.0f}, 0.5, 2.0};
+  kernels[2] = {{{0, 0, 3, 4}}, {1.0f, 2.0f, 3.0f}, {4.0f, 5.0f, 6.0f}, 0.5, 2.0, {}};
   checkpoint.store({4, 6}, kernels);
   const auto loaded = checkpoint.load({4, 6}, 3);
   ASSERT_TRUE(loaded.has_value());
   EXPECT_EQ((*loaded)[2].boxes, kernels[2].boxes);
   EXPECT_EQ((*loaded)[2].weights, kernels[2].weights);
+  EXPECT_EQ((*loaded)[2].smooth, kernels[2].smooth);
   EXPECT_FALSE(checkpoint.load({0, 4}, 3).has_value());
   EXPECT_FALSE(checkpoint.load({4, 6}, 4).has_value()) << "more pixels than were stored";
 

@@ -67,7 +67,8 @@ TEST_P(FitPixel, RecoversAFewBoxesExactlyFromNoiseFreeSamples) {
   const std::vector<Box> boxes = {{0, 0, 16, 12}, {16, 12, 20, 15}, {24, 0, 32, 12}};
   const std::vector<float> weights = {1.0f, 0.5f, 0.25f, 3.0f, 2.0f, 8.0f, 0.2f, 0.7f, 0.1f};
   const Pixel pixel = pixel_of_boxes(table, boxes, weights);
-  KernelCache cache(table, GetParam());
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, GetParam());
   PixelFitter fitter(cache, options_for(GetParam(), 25));
   PixelKernels found = fitter.fit(pixel.view());
   MaskedSamples samples;
@@ -89,7 +90,8 @@ TEST_P(FitPixel, LeavesCoverTheMapAtEveryStep) {
   const auto lights = test::random_lights(40, 20, 14, 2);
   const BoxTable table(lights);
   const Pixel pixel = pixel_of_boxes(table, {{3, 2, 11, 9}, {0, 0, 20, 14}}, {1, 2, 3, .1f, .1f, .1f}, 0.02);
-  KernelCache cache(table, GetParam());
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, GetParam());
   PixelFitter fitter(cache, options_for(GetParam(), 20));
   int steps = 0;
   fitter.fit(pixel.view(), [&](int subdivisions, std::span<const Box> boxes, std::span<const float> weights) {
@@ -118,7 +120,8 @@ TEST_P(FitPixel, AnUnmeasuredSampleCountsAsAMissingImage) {
   }
   lights.resize(55);
   const BoxTable shorter_table(lights);
-  KernelCache cache(table, GetParam()), shorter_cache(shorter_table, GetParam());
+  const SmoothSpace none(table), shorter_none(shorter_table);
+  KernelCache cache(table, none, GetParam()), shorter_cache(shorter_table, shorter_none, GetParam());
   const auto a = PixelFitter(cache, options_for(GetParam(), 8)).fit(pixel.view());
   const auto b = PixelFitter(shorter_cache, options_for(GetParam(), 8)).fit(shorter.view());
   EXPECT_NEAR(a.squared_residual, b.squared_residual, 1e-4 * b.squared_residual);
@@ -140,7 +143,8 @@ TEST_P(FitPixel, ClippedSamplesDoNotPullTheFit) {
       float& b = pixel.samples[c * pixel.stride + j];
       if (b > 30.0f) b = not_measured;
     }
-  KernelCache cache(table, GetParam());
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, GetParam());
   const auto found = PixelFitter(cache, options_for(GetParam(), 10)).fit(pixel.view());
   const Image estimate = rendered(found.boxes, found.weights, table.domain());
   for (int y = 0; y < 14; ++y)
@@ -150,7 +154,8 @@ TEST_P(FitPixel, ClippedSamplesDoNotPullTheFit) {
 TEST_P(FitPixel, DegenerateSamplesGiveFiniteKernels) {
   const auto lights = test::random_lights(12, 6, 5, 4);
   const BoxTable table(lights);
-  KernelCache cache(table, GetParam());
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, GetParam());
   PixelFitter fitter(cache, options_for(GetParam(), 12));
   Pixel pixel{AlignedFloats(3 * table.stride()), table.stride()};
   EXPECT_TRUE(fitter.fit(pixel.view()).boxes.empty()) << "a black pixel needs no kernel";
@@ -165,7 +170,8 @@ TEST_P(FitPixel, DegenerateSamplesGiveFiniteKernels) {
 TEST_P(FitPixel, ASingleTexelHasOneKernel) {
   const auto lights = test::random_lights(5, 1, 1, 4);
   const BoxTable table(lights);
-  KernelCache cache(table, GetParam());
+  const SmoothSpace none(table);
+  KernelCache cache(table, none, GetParam());
   const Pixel pixel = pixel_of_boxes(table, {{0, 0, 1, 1}}, {2.0f, 3.0f, 4.0f});
   const auto found = PixelFitter(cache, options_for(GetParam(), 5)).fit(pixel.view());
   ASSERT_EQ(found.boxes.size(), 1u);
@@ -287,7 +293,8 @@ TEST(FitPixelReference, GreedyChoicesMatchTheSlowReference) {
                                        {1, 2, 1, 2, 1, 1, .1f, .2f, .1f}, 0.03);
     constexpr int steps = 6;
     const auto expected = SlowReference(lights, pixel, mode).residuals(steps);
-    KernelCache cache(table, mode);
+    const SmoothSpace none(table);
+    KernelCache cache(table, none, mode);
     PixelFitter fitter(cache, options_for(mode, steps + 1));
     MaskedSamples samples;
     samples.assign(pixel.view(), table.stride(), table.images());

@@ -3,96 +3,155 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <cmath>
+#include <Eigen/Dense>
 
 #include "core/rng.h"
+#include "tests/support/synthetic_capture.h"
 
 namespace refield {
 namespace {
 
-/// `size` random positive columns in `rank` coordinates; the samples are columns 3 and 7, plus noise.
-KernelDictionary dictionary_of_two(int size, int rank, double noise, double outside) {
-  KernelDictionary dictionary;
-  dictionary.resize(size, rank);
-  Rng rng(1);
-  dictionary.squared_outside = outside;
-  dictionary.squared_samples = outside;
-  dictionary.measured = 300;
-  for (int c = 0; c < 3; ++c) {
-    for (int d = 0; d < size; ++d)
-      for (int k = 0; k < rank; ++k) dictionary.column(c, d)[k] = static_cast<float>(rng.uniform());
-    for (int k = 0; k < rank; ++k) {
-      const double b =
-          2.0 * dictionary.column(c, 3)[k] + 0.5 * dictionary.column(c, 7)[k] + noise * rng.normal();
-      dictionary.samples[c][k] = b;
-      dictionary.squared_samples += b * b;
+/// A dictionary grown for one pixel, and that pixel in its coordinates.
+struct Grown {
+  Grown(int images, int hats_cap, const std::vector<Box>& boxes, double smooth, double noise)
+      : lights(test::random_lights(images, 32, 24, 8)),
+        table(lights, hat_grid_for(lights[0].domain(), hats_cap)),
+        space(table),
+        cache(table, space, EstimateMode::refined),
+        search(cache, 40) {
+    Rng rng(3);
+    values.assign(3 * space.extent(), 0.0f);
+    AlignedFloats column(3 * table.stride());
+    for (const Box& box : boxes) {
+      table.column(box, column.data());
+      for (int c = 0; c < 3; ++c)
+        for (int j = 0; j < images; ++j) values[c * space.extent() + j] += column[c * table.stride() + j];
     }
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < images; ++j) {
+        float& b = values[c * space.extent() + j];
+        // A smooth function over the light map: the hats' weights rise from node to node.
+        for (int h = 0; h < table.hats().count(); ++h)
+          b += static_cast<float>(smooth * (1.0 + 0.1 * h) * table.hat_sums(h, c)[j]);
+        b *= static_cast<float>(1.0 + noise * rng.normal());
+      }
+    SearchTargets targets;
+    for (int c = 0; c < 3; ++c) {
+      space.extend(values.data() + c * space.extent(), c);
+      targets[c] = {values.data() + c * space.extent()};
+    }
+    const TreeDictionary& dictionary = search.grow(targets, 3.0 * images);
+    for (int c = 0; c < 3; ++c) {
+      const float* b = values.data() + c * space.extent();
+      std::vector<const float*> basis;
+      for (int k = 0; k < dictionary.rank; ++k) basis.push_back(dictionary.basis[c].data() + k * space.stride());
+      pixel.inside[c].resize(dictionary.rank);
+      dots(b, basis.data(), dictionary.rank, space.stride(), pixel.inside[c].data());
+      pixel.smooth[c].assign(b + space.stride(), b + space.stride() + space.rank());
+      for (int j = 0; j < images; ++j) pixel.squared[c] += static_cast<double>(b[j]) * b[j];
+    }
+    pixel.measured = 3.0 * images;
   }
-  return dictionary;
+  std::vector<LightMap> lights;
+  BoxTable table;
+  SmoothSpace space;
+  KernelCache cache;
+  TreeSearch search;
+  AlignedFloats values;
+  PixelCoordinates pixel;
+};
+
+TEST(SelectKernels, TwoBoxesOfTheTreeAreFoundAndNoMore) {
+  Grown grown(80, 0, {{0, 0, 16, 12}, {24, 12, 32, 24}}, 0.0, 0.01);
+  KernelSelector selector(grown.space);
+  selector.prepare(grown.search.dictionary());
+  const KernelChoice choice = selector.select(grown.pixel, 25, -1);
+  EXPECT_LE(choice.boxes.size(), 4u);
+  const PixelWeights weights = selector.solve(grown.pixel, choice, {1.0, 1.0, 1.0});
+  for (int c = 0; c < 3; ++c) EXPECT_LT(std::sqrt(weights.squared_residual[c] / grown.pixel.squared[c]), 0.012);
 }
 
-TEST(KernelSelector, FindsTheTwoThatMadeTheSamples) {
-  KernelSelector selector;
-  selector.select(dictionary_of_two(40, 30, 0.0, 0.0), 25);
-  std::vector<int> chosen;
-  for (std::size_t i = 0; i < selector.chosen().size(); ++i)
-    if (selector.weights(0)[i] > 1e-3) chosen.push_back(selector.chosen()[i]);
-  std::ranges::sort(chosen);
-  EXPECT_EQ(chosen, (std::vector<int>{3, 7}));
-  for (std::size_t i = 0; i < selector.chosen().size(); ++i) {
-    const double expected = selector.chosen()[i] == 3 ? 2.0 : selector.chosen()[i] == 7 ? 0.5 : 0.0;
-    for (int c = 0; c < 3; ++c) EXPECT_NEAR(selector.weights(c)[i], expected, 1e-3);
-  }
+TEST(SelectKernels, ASmoothPixelTakesHatsAndHardlyABox) {
+  Grown grown(80, 25, {}, 1.0, 0.01);
+  KernelSelector selector(grown.space);
+  selector.prepare(grown.search.dictionary());
+  const KernelChoice choice = selector.select(grown.pixel, 25, -1);
+  EXPECT_TRUE(grown.space.classes()[choice.smooth_class].smooth);
+  EXPECT_LE(choice.boxes.size(), 1u);
+  const PixelWeights weights = selector.solve(grown.pixel, choice, {1.0, 1.0, 1.0});
+  for (int c = 0; c < 3; ++c) EXPECT_LT(std::sqrt(weights.squared_residual[c] / grown.pixel.squared[c]), 0.012);
 }
 
-TEST(KernelSelector, NoiseDoesNotBuyKernels) {
-  KernelSelector selector;
-  const auto count_at = [&](double noise) {
-    // What lies outside the space is noise of the same size in the remaining images.
-    selector.select(dictionary_of_two(60, 50, noise, 150 * noise * noise), 25);
-    return selector.chosen().size();
-  };
-  EXPECT_LE(count_at(0.3), 4u);
-  EXPECT_GE(count_at(0.3), 1u);
+TEST(SelectKernels, AHighlightOnASmoothPixelTakesHatsAndABox) {
+  Grown grown(80, 25, {{16, 12, 20, 16}}, 0.1, 0.005);
+  KernelSelector selector(grown.space);
+  selector.prepare(grown.search.dictionary());
+  const KernelChoice choice = selector.select(grown.pixel, 25, -1);
+  EXPECT_TRUE(grown.space.classes()[choice.smooth_class].smooth);
+  EXPECT_GE(choice.boxes.size(), 1u);
+  EXPECT_LE(choice.boxes.size(), 5u) << "no more than 25 kernels with the hats";
 }
 
-TEST(KernelSelector, RespectsTheCap) {
-  KernelDictionary dictionary = dictionary_of_two(40, 30, 0.0, 0.0);
+TEST(SelectKernels, NoiseAloneTakesNothing) {
+  Grown grown(60, 25, {}, 0.0, 0.0);
   Rng rng(9);
-  for (int c = 0; c < 3; ++c)
-    for (int k = 0; k < 30; ++k) dictionary.samples[c][k] = 5.0 * rng.uniform();
-  KernelSelector selector;
-  for (const int most : {1, 2, 5, 12}) {
-    selector.select(dictionary, most);
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < selector.chosen().size(); ++i)
-      kept += selector.weights(0)[i] > 0.0 || selector.weights(1)[i] > 0.0 || selector.weights(2)[i] > 0.0;
-    EXPECT_LE(kept, static_cast<std::size_t>(most));
-    EXPECT_GE(kept, 1u);
+  for (int c = 0; c < 3; ++c) {
+    float* b = grown.values.data() + c * grown.space.extent();
+    for (int j = 0; j < 60; ++j) b[j] = static_cast<float>(rng.normal());
+    grown.space.extend(b, c);
   }
+  SearchTargets targets;
+  for (int c = 0; c < 3; ++c) targets[c] = {grown.values.data() + c * grown.space.extent()};
+  const TreeDictionary& dictionary = grown.search.grow(targets, 180.0);
+  for (int c = 0; c < 3; ++c) {
+    const float* b = grown.values.data() + c * grown.space.extent();
+    std::vector<const float*> basis;
+    for (int k = 0; k < dictionary.rank; ++k) basis.push_back(dictionary.basis[c].data() + k * grown.space.stride());
+    grown.pixel.inside[c].resize(dictionary.rank);
+    dots(b, basis.data(), dictionary.rank, grown.space.stride(), grown.pixel.inside[c].data());
+    grown.pixel.smooth[c].assign(b + grown.space.stride(), b + grown.space.stride() + grown.space.rank());
+    grown.pixel.squared[c] = 0.0;
+    for (int j = 0; j < 60; ++j) grown.pixel.squared[c] += static_cast<double>(b[j]) * b[j];
+  }
+  KernelSelector selector(grown.space);
+  selector.prepare(dictionary);
+  EXPECT_LE(selector.select(grown.pixel, 40, -1).boxes.size(), 1u);
 }
 
-TEST(KernelSelector, NothingToExplainNeedsNoKernel) {
-  KernelDictionary dictionary = dictionary_of_two(10, 8, 0.0, 0.0);
-  dictionary.squared_samples = 0.0;
-  for (auto& samples : dictionary.samples) std::ranges::fill(samples, 0.0);
-  KernelSelector selector;
-  selector.select(dictionary, 5);
-  EXPECT_TRUE(selector.chosen().empty());
-  // Samples that point away from all columns: no non-negative weight helps.
-  for (auto& samples : dictionary.samples) std::ranges::fill(samples, -1.0);
-  dictionary.squared_samples = 24.0;
-  selector.select(dictionary, 5);
-  EXPECT_TRUE(selector.chosen().empty());
-  EXPECT_EQ(selector.squared_residual(), 24.0);
-}
-
-TEST(InformationCriterion, RewardsFitAndCountsParameters) {
-  EXPECT_LT(information_criterion(1.0, 10.0, 100, 5), information_criterion(2.0, 10.0, 100, 5));
-  EXPECT_LT(information_criterion(1.0, 10.0, 100, 5), information_criterion(1.0, 10.0, 100, 6));
-  EXPECT_TRUE(std::isfinite(information_criterion(0.0, 10.0, 100, 5)));
-  EXPECT_TRUE(std::isfinite(information_criterion(0.0, 0.0, 100, 0)));
+TEST(SmoothSpaceMetric, EqualsTheDenseOneForEveryClass) {
+  const auto lights = test::random_lights(30, 32, 24, 8);
+  const BoxTable table(lights, hat_grid_for(lights[0].domain(), 25));
+  const SmoothSpace space(table);
+  AlignedFloats a(space.extent()), b(space.extent());
+  Rng rng(4);
+  for (int j = 0; j < 30; ++j) {
+    a[j] = static_cast<float>(rng.normal());
+    b[j] = static_cast<float>(rng.normal());
+  }
+  space.extend(a.data(), 1);
+  space.extend(b.data(), 1);
+  const int hats = space.hats();
+  Eigen::MatrixXd H(30, hats);
+  for (int h = 0; h < hats; ++h)
+    for (int j = 0; j < 30; ++j) H(j, h) = table.hat_sums(h, 1)[j];
+  const Eigen::VectorXd dense_a = Eigen::Map<Eigen::VectorXf>(a.data(), 30).cast<double>();
+  const Eigen::VectorXd dense_b = Eigen::Map<Eigen::VectorXf>(b.data(), 30).cast<double>();
+  for (const SmoothClass& smooth : space.classes()) {
+    double product = dense_a.dot(dense_b);
+    for (int k = 0; k < space.rank(); ++k)
+      product += static_cast<double>(smooth.correction[1][k]) * a[space.stride() + k] * b[space.stride() + k];
+    double dense = dense_a.dot(dense_b);
+    if (smooth.smooth) {
+      // (I + H Λ⁻¹ Hᵀ)⁻¹ = I − H (HᵀH + Λ)⁻¹ Hᵀ, Λ the prior's part of the normal equations.
+      const Eigen::MatrixXd prior = Eigen::Map<const Eigen::MatrixXd>(smooth.penalty[1].data(), hats, hats);
+      dense -= (H.transpose() * dense_a).dot((H.transpose() * H + prior).ldlt().solve(H.transpose() * dense_b));
+    }
+    EXPECT_NEAR(product, dense, 1e-3 * (1.0 + std::abs(dense)));
+  }
+  std::vector<double> products(hats);
+  space.hat_products(a.data() + space.stride(), 1, products.data());
+  const Eigen::VectorXd exact = H.transpose() * dense_a;
+  for (int h = 0; h < hats; ++h) EXPECT_NEAR(products[h], exact[h], 1e-4 * exact.norm());
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ ReflectanceField half_seer() {
   ReflectanceField field;
   field.width = width;
   field.height = height;
-  field.basis = {domain, {{0, 0, 8, 8}}};
+  field.basis = {domain, {}, {{0, 0, 8, 8}}};
   const std::uint32_t column = 0;
   const float weight[3] = {1.0f / 64, 1.0f / 64, 1.0f / 64};
   for (int p = 0; p < width * height; ++p) field.transfer.append_row({&column, 1}, weight);

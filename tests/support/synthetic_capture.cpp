@@ -38,7 +38,7 @@ ReflectanceField field_of_boxes(int width, int height, LightDomain light, const 
   ReflectanceField field;
   field.width = width;
   field.height = height;
-  field.basis = {light, boxes};
+  field.basis = {light, {}, boxes};
   std::vector<std::uint32_t> columns(boxes.size());
   for (std::size_t k = 0; k < boxes.size(); ++k) columns[k] = static_cast<std::uint32_t>(k);
   for (int p = 0; p < width * height; ++p) {

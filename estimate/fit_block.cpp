@@ -1,0 +1,342 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/fit_block.h"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "estimate/information_criterion.h"
+#include "estimate/pool_samples.h"
+
+namespace refield {
+
+namespace {
+/// Leaves that a tree grows at most: twice what a pixel needs, since pixels share it.
+constexpr int most_leaves = 56;
+/// A pixel begins a set of its own when its squared distance is this many times the median's.
+constexpr float far_beyond = 3.0f;
+/// A pixel does clearly better with a tree of its own when its criterion falls by more than this.
+constexpr double clear_gain = 15.0;
+/// Times that edges are moved and weights solved anew.
+constexpr int refinements = 4;
+/// Times that samples which were not measured are filled in from a fit and kernels chosen anew.
+constexpr int fillings = 3;
+
+/// How samples that were not measured are foreseen.
+EstimateOptions gap_options() {
+  EstimateOptions options;
+  options.mode = EstimateMode::refined;
+  options.kernels = 12;
+  return options;
+}
+}  // namespace
+
+BlockFitter::BlockFitter(KernelCache& cache, int most_kernels)
+    : cache_(cache),
+      smooth_(cache.smooth()),
+      most_kernels_(most_kernels),
+      images_(cache.table().images()),
+      stride_(smooth_.stride()),
+      extent_(smooth_.extent()),
+      gap_filler_(cache, gap_options()),
+      tree_(cache, most_leaves),
+      selector_(smooth_),
+      weighted_(cache.table(), smooth_) {}
+
+std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples, int width,
+                                           std::span<const std::vector<Box>> old) {
+  old_ = old;
+  std::vector<Pixel> pixels;
+  for (int i = 0; i < static_cast<int>(samples.size()); ++i) {
+    if (samples[i][0] == nullptr) continue;
+    Pixel& pixel = pixels.emplace_back();
+    pixel.index = i;
+    pixel.x = i % width;
+    pixel.y = i / width;
+    load(pixel, samples[i]);
+  }
+  fitted_.assign(samples.size(), {});
+  Group group;
+  for (Pixel& pixel : pixels) group.push_back(&pixel);
+  if (!group.empty()) fit_group(group, block_side_px);
+  std::vector<PixelKernels> result;
+  for (Fitted& fitted : fitted_) result.push_back(std::move(fitted.kernels));
+  return result;
+}
+
+void BlockFitter::load(Pixel& pixel, const PixelSamples& samples) {
+  pixel.samples.assign(samples, stride_, images_);
+  pixel.values.assign(3 * extent_, 0.0f);
+  PixelKernels guess;
+  if (!pixel.samples.complete) guess = gap_filler_.fit(samples);
+  pixel.gap_boxes = guess.boxes;
+  for (int c = 0; c < 3; ++c) {
+    float* b = pixel.values.data() + c * extent_;
+    std::copy_n(pixel.samples.values.data() + c * stride_, stride_, b);
+    if (!pixel.samples.complete) {
+      // What was not measured is foreseen by a tree that sees only what was.
+      AlignedFloats foreseen(stride_, 0.0f);
+      for (std::size_t k = 0; k < guess.boxes.size(); ++k) {
+        const float* column = cache_.column(guess.boxes[k]) + c * extent_;
+        const float minus_weight = -guess.weights[3 * k + c];
+        subtract_combination(foreseen.data(), &column, &minus_weight, 1, stride_);
+      }
+      for (int j = 0; j < images_; ++j)
+        if (pixel.samples.measured[c * stride_ + j] == 0.0f) b[j] = foreseen[j];
+    }
+    smooth_.extend(b, c);
+  }
+}
+
+const TreeDictionary& BlockFitter::dictionary_for(const Group& pixels) {
+  if (old_.empty()) return search(pixels);
+  std::vector<Box> boxes;
+  for (const Pixel* pixel : pixels)
+    for (const Box& box : old_[pixel->index])
+      if (boxes.size() < most_leaves && std::ranges::find(boxes, box) == boxes.end()) boxes.push_back(box);
+  return tree_.take(boxes);
+}
+
+const TreeDictionary& BlockFitter::search(const Group& pixels) {
+  const int count = static_cast<int>(pixels.size());
+  SearchTargets targets;
+  double measured = 0.0;
+  for (const Pixel* pixel : pixels)
+    measured = std::max<double>(measured, pixel->samples.count[0] + pixel->samples.count[1] + pixel->samples.count[2]);
+  if (count == 1) {
+    for (int c = 0; c < 3; ++c) targets[c] = {pixels[0]->values.data() + c * extent_};
+    return tree_.grow(targets, measured);
+  }
+  sort_alike(pixels);
+  std::vector<const float*> pointers(count);
+  std::vector<float> minus_scale(count);
+  means_.resize(set_count_);
+  for (int set = 0; set < set_count_; ++set) {
+    means_[set].assign(3 * stride_, 0.0f);
+    for (int c = 0; c < 3; ++c) {
+      int members = 0;
+      for (int p = 0; p < count; ++p)
+        if (set_of_[p] == set) {
+          pointers[members] = pixels[p]->values.data() + c * extent_;
+          minus_scale[members++] = -scale_[p];
+        }
+      float* mean = means_[set].data() + c * stride_;
+      subtract_combination(mean, pointers.data(), minus_scale.data(), members, stride_);
+      targets[c].push_back(mean);
+    }
+  }
+  return tree_.grow(targets, measured);
+}
+
+void BlockFitter::sort_alike(const Group& pixels) {
+  const int count = static_cast<int>(pixels.size());
+  scale_.resize(count);
+  // Every pixel counts alike, so that a bright one does not speak for all.
+  for (int p = 0; p < count; ++p) {
+    const auto& squared = pixels[p]->samples.squared;
+    const double sum = squared[0] + squared[1] + squared[2];
+    scale_[p] = sum > 0.0 ? static_cast<float>(1.0 / std::sqrt(sum)) : 0.0f;
+  }
+  Eigen::MatrixXf gram = Eigen::MatrixXf::Zero(count, count);
+  std::vector<const float*> pointers(count);
+  std::vector<float> products(count);
+  for (int c = 0; c < 3; ++c) {
+    for (int p = 0; p < count; ++p) pointers[p] = pixels[p]->values.data() + c * extent_;
+    for (int p = 0; p < count; ++p) {
+      dots(pointers[p], pointers.data(), count, stride_, products.data());
+      for (int q = 0; q < count; ++q) gram(p, q) += scale_[p] * scale_[q] * products[q];
+    }
+  }
+  const auto distance2 = [&](int p, int q) { return gram(p, p) + gram(q, q) - 2.0f * gram(p, q); };
+  const Eigen::VectorXf to_all = gram.rowwise().sum();
+  const auto to_mean = [&](int p) { return gram(p, p) * count - 2.0f * to_all[p]; };
+  int centre = 0;
+  for (int p = 1; p < count; ++p)
+    if (to_mean(p) < to_mean(centre)) centre = p;
+  // Farthest first: a pixel far from all centres begins a set, as long as it is far beyond the usual.
+  set_of_.assign(count, 0);
+  set_count_ = 1;
+  std::vector<float> nearest(count);
+  for (int p = 0; p < count; ++p) nearest[p] = distance2(p, centre);
+  while (set_count_ < std::min(TreeSearch::most_targets, count)) {
+    std::vector<float> sorted = nearest;
+    std::ranges::nth_element(sorted, sorted.begin() + count / 2);
+    const int far = static_cast<int>(std::ranges::max_element(nearest) - nearest.begin());
+    if (!(nearest[far] > far_beyond * sorted[count / 2])) break;
+    for (int p = 0; p < count; ++p)
+      if (const float d = distance2(p, far); d < nearest[p]) {
+        nearest[p] = d;
+        set_of_[p] = set_count_;
+      }
+    ++set_count_;
+  }
+}
+
+PixelCoordinates BlockFitter::coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const {
+  PixelCoordinates coordinates;
+  std::vector<const float*> basis(dictionary.rank);
+  for (int c = 0; c < 3; ++c) {
+    const float* b = pixel.values.data() + c * extent_;
+    for (int k = 0; k < dictionary.rank; ++k) basis[k] = dictionary.basis[c].data() + k * stride_;
+    coordinates.inside[c].resize(dictionary.rank);
+    dots(b, basis.data(), dictionary.rank, stride_, coordinates.inside[c].data());
+    coordinates.smooth[c].assign(b + stride_, b + stride_ + smooth_.rank());
+    for (int j = 0; j < images_; ++j) coordinates.squared[c] += static_cast<double>(b[j]) * b[j];
+    coordinates.measured += pixel.samples.count[c];
+  }
+  return coordinates;
+}
+
+BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, const TreeDictionary& dictionary) {
+  Fitted fitted;
+  for (int filling = 0; filling < (pixel.samples.complete ? 1 : fillings); ++filling) {
+    fitted.choice = selector_.select(coordinates_of(pixel, dictionary), most_kernels_, last_class_);
+    last_class_ = fitted.choice.smooth_class;
+    set_weights(pixel, dictionary, fitted);
+    if (!pixel.samples.complete) fill_in(pixel);
+  }
+  if (!pixel.samples.complete) prune_with_gaps(pixel, fitted);
+  return fitted;
+}
+
+void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
+  const auto& samples = pixel.samples;
+  const double squared = samples.squared[0] + samples.squared[1] + samples.squared[2];
+  const int measured = samples.count[0] + samples.count[1] + samples.count[2];
+  std::vector<Box> all = fitted.kernels.boxes;
+  for (const Box& box : pixel.gap_boxes)
+    if (std::ranges::find(all, box) == all.end()) all.push_back(box);
+  double best = std::numeric_limits<double>::infinity();
+  const int found_class = fitted.choice.smooth_class;
+  for (const int smooth_class : {found_class, smooth_.class_without()}) {
+    if (smooth_class == found_class && best < std::numeric_limits<double>::infinity()) break;
+    std::vector<Box> boxes = all;
+    while (true) {
+      PixelKernels kernels = weighted_.fit(boxes, smooth_class, samples, pixel.noise_kept);
+      const auto parameters =
+          std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
+      const double criterion =
+          information_criterion(kernels.squared_residual, squared, measured, static_cast<int>(parameters)) +
+          KernelSelector::search_penalty * static_cast<double>(kernels.boxes.size()) +
+          smooth_.classes()[smooth_class].log_determinant;
+      boxes = kernels.boxes;
+      // The one that brings least light goes next.
+      std::size_t least = 0;
+      double least_light = std::numeric_limits<double>::infinity();
+      for (std::size_t k = 0; k < boxes.size(); ++k) {
+        const float* w = kernels.weights.data() + 3 * k;
+        const double light = static_cast<double>(boxes[k].area()) * (w[0] + w[1] + w[2]);
+        if (light < least_light) {
+          least_light = light;
+          least = k;
+        }
+      }
+      if (criterion < best) {
+        best = criterion;
+        fitted.kernels = std::move(kernels);
+        fitted.choice.smooth_class = smooth_class;
+      }
+      if (boxes.empty()) break;
+      boxes.erase(boxes.begin() + static_cast<std::ptrdiff_t>(least));
+    }
+  }
+  fitted.choice.criterion = best;
+}
+
+void BlockFitter::set_weights(const Pixel& pixel, const TreeDictionary& dictionary, Fitted& fitted) {
+  PixelKernels& kernels = fitted.kernels;
+  kernels = {};
+  if (!pixel.samples.complete) {
+    std::vector<Box> boxes;
+    for (const int box : fitted.choice.boxes) boxes.push_back(dictionary.boxes[box]);
+    kernels = weighted_.fit(boxes, fitted.choice.smooth_class, pixel.samples, pixel.noise_kept);
+    const int measured = pixel.samples.count[0] + pixel.samples.count[1] + pixel.samples.count[2];
+    fitted.noise.fill(kernels.squared_residual / std::max(measured, 1));
+    return;
+  }
+  const PixelWeights weights =
+      selector_.solve(coordinates_of(pixel, dictionary), fitted.choice, pixel.noise_kept);
+  for (std::size_t i = 0; i < fitted.choice.boxes.size(); ++i) {
+    if (weights.boxes[0][i] <= 0.0 && weights.boxes[1][i] <= 0.0 && weights.boxes[2][i] <= 0.0) continue;
+    kernels.boxes.push_back(dictionary.boxes[fitted.choice.boxes[i]]);
+    for (int c = 0; c < 3; ++c) kernels.weights.push_back(static_cast<float>(weights.boxes[c][i]));
+  }
+  for (std::size_t h = 0; h < weights.hats[0].size(); ++h)
+    for (int c = 0; c < 3; ++c) kernels.smooth.push_back(static_cast<float>(weights.hats[c][h]));
+  for (int c = 0; c < 3; ++c) {
+    kernels.squared_residual += weights.squared_residual[c];
+    kernels.squared_samples += pixel.samples.squared[c];
+    fitted.noise[c] = weights.squared_residual[c] / std::max(pixel.samples.count[c], 1);
+  }
+}
+
+void BlockFitter::fill_in(Pixel& pixel) {
+  for (int c = 0; c < 3; ++c) {
+    float* b = pixel.values.data() + c * extent_;
+    for (int j = 0; j < images_; ++j)
+      if (pixel.samples.measured[c * stride_ + j] == 0.0f) b[j] = weighted_.predicted()[c * stride_ + j];
+    smooth_.extend(b, c);
+  }
+}
+
+void BlockFitter::refine(const Pixel& pixel, Fitted& fitted) {
+  if (fitted.kernels.boxes.empty()) return;
+  const int smooth_class = fitted.choice.smooth_class;
+  PixelKernels current = weighted_.fit(fitted.kernels.boxes, smooth_class, pixel.samples, pixel.noise_kept);
+  for (int k = 0; k < refinements; ++k) {
+    const auto boxes = refine_edges(cache_.table(), current, weighted_.residual());
+    if (boxes == current.boxes) break;
+    PixelKernels moved = weighted_.fit(boxes, smooth_class, pixel.samples, pixel.noise_kept);
+    if (!(moved.squared_residual < current.squared_residual)) break;
+    current = std::move(moved);
+  }
+  if (current.squared_residual < fitted.kernels.squared_residual) fitted.kernels = std::move(current);
+}
+
+void BlockFitter::pool(const Group& pixels) {
+  std::vector<PooledSamples> pooled;
+  for (Pixel* pixel : pixels) pooled.push_back({pixel->values.data(), fitted_[pixel->index].noise, {}});
+  pool_samples(pooled, smooth_, images_);
+  for (std::size_t p = 0; p < pixels.size(); ++p) pixels[p]->noise_kept = pooled[p].noise_kept;
+}
+
+void BlockFitter::fit_group(const Group& pixels, int side) {
+  last_class_ = -1;  // what is found must not depend on what was fitted before
+  const TreeDictionary& dictionary = dictionary_for(pixels);
+  selector_.prepare(dictionary);
+  Pixel* worst = nullptr;
+  for (Pixel* pixel : pixels) {
+    Fitted& fitted = fitted_[pixel->index];
+    fitted = fit_from(*pixel, dictionary);
+    if (!worst || fitted.kernels.squared_residual > fitted_[worst->index].kernels.squared_residual) worst = pixel;
+  }
+  if (pixels.size() == 1) {
+    refine(*worst, fitted_[worst->index]);
+    return;
+  }
+  selector_.prepare(search({worst}));
+  Fitted own = fit_from(*worst, tree_.dictionary());
+  Fitted& shared = fitted_[worst->index];
+  if (own.choice.criterion >= shared.choice.criterion - clear_gain) {
+    selector_.prepare(dictionary_for(pixels));  // the choices name rectangles of this tree
+    pool(pixels);
+    for (const Pixel* pixel : pixels) {
+      Fitted& fitted = fitted_[pixel->index];
+      if (pixel->samples.complete) set_weights(*pixel, tree_.dictionary(), fitted);
+    }
+    return;
+  }
+  refine(*worst, own);
+  shared = std::move(own);
+  const int half = side / 2;
+  for (int part = 0; part < 4; ++part) {
+    Group quarter;
+    for (Pixel* pixel : pixels)
+      if (pixel->x / half % 2 == part % 2 && pixel->y / half % 2 == part / 2) quarter.push_back(pixel);
+    if (quarter.empty() || (quarter.size() == 1 && quarter[0] == worst)) continue;  // it has its own already
+    fit_group(quarter, half);
+  }
+}
+
+}  // namespace refield

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <span>
+#include <vector>
+
+#include "estimate/fit_pixel.h"
+#include "estimate/select_kernels.h"
+#include "estimate/tree_search.h"
+#include "estimate/weighted_fit.h"
+
+namespace refield {
+
+/// Side of the blocks of pixels that are fitted together, in pixels; their corners lie at multiples of it.
+inline constexpr int block_side_px = 4;
+
+/// Fits a block of pixels. One tree of rectangles is grown for all of them; each pixel chooses its own smooth
+/// part, rectangles and weights from it. Where the pixel that is explained worst does clearly better with a tree
+/// of its own, the block is divided in four, down to single pixels, whose rectangles are then moved to where they
+/// fit best. So coherent surfaces share the search, which is what costs, while mirrors and edges pay for
+/// themselves. Final weights of a coherent block come from samples whose noise was reduced by what the pixels have
+/// in common.
+class BlockFitter {
+ public:
+  BlockFitter(KernelCache& cache, int most_kernels);
+
+  /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
+  /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
+  /// `old`: empty, or for each pixel rectangles that it had in an earlier fit to fewer images; they take the place
+  /// of trees, but for the pixel explained worst.
+  std::vector<PixelKernels> fit(std::span<const PixelSamples> samples, int width,
+                                std::span<const std::vector<Box>> old = {});
+
+ private:
+  struct Pixel {
+    int index = 0;  // in the block
+    int x = 0, y = 0;
+    MaskedSamples samples;
+    AlignedFloats values;  // [3 × extent], extended; what was not measured is filled in
+    std::vector<Box> gap_boxes;  // of the tree that sees only what was measured
+    std::array<double, 3> noise_kept = {1.0, 1.0, 1.0};  // part of the noise variance left by pooling
+  };
+  struct Fitted {
+    PixelKernels kernels;
+    KernelChoice choice;
+    std::array<double, 3> noise{};  // variance of a sample about the fit
+  };
+  using Group = std::vector<Pixel*>;
+
+  void load(Pixel& pixel, const PixelSamples& samples);
+  void fit_group(const Group& pixels, int side);
+  const TreeDictionary& search(const Group& pixels);
+  /// The old rectangles of the pixels, or a search where there are none.
+  const TreeDictionary& dictionary_for(const Group& pixels);
+  /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
+  void sort_alike(const Group& pixels);
+  PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
+  Fitted fit_from(Pixel& pixel, const TreeDictionary& dictionary);
+  void set_weights(const Pixel& pixel, const TreeDictionary& dictionary, Fitted& fitted);
+  void fill_in(Pixel& pixel);
+  /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what was
+  /// measured, down to what the information criterion bears, in exact fits to the measured samples.
+  void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
+  void refine(const Pixel& pixel, Fitted& fitted);
+  void pool(const Group& pixels);
+
+  KernelCache& cache_;
+  const SmoothSpace& smooth_;
+  int most_kernels_;
+  int images_;
+  std::size_t stride_, extent_;
+  PixelFitter gap_filler_;
+  TreeSearch tree_;
+  KernelSelector selector_;
+  WeightedFit weighted_;
+  std::span<const std::vector<Box>> old_;
+  int last_class_ = -1;
+  std::vector<Fitted> fitted_;
+  int set_count_ = 0;
+  std::vector<int> set_of_;
+  std::vector<float> scale_;
+  std::vector<AlignedFloats> means_;
+};
+
+}  // namespace refield
