@@ -65,6 +65,13 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
     return squared;
   }
 
+  static EstimateOptions fast() {
+    EstimateOptions options;
+    options.mode = EstimateMode::fast;
+    options.kernels = 10;
+    return options;
+  }
+
   double fast_leave_one_out(const KernelSet& set) {
     MaskedSamples masked;
     masked.assign(samples(), table_.stride(), images);
@@ -72,7 +79,7 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
     const PixelKernels kernels = WeightFitter(table_).fit(set, masked, ones);
     EXPECT_EQ(kernels.boxes.size(), 3u);
     AlignedFloats residuals(3 * table_.stride());
-    return ErrorJudge(table_, 25).leave_one_out(kernels, cache_, masked, residuals.data());
+    return ErrorJudge(table_, fast()).leave_one_out(kernels, cache_, masked, residuals.data());
   }
 
   const std::vector<Box> boxes_ = {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}};
@@ -97,11 +104,9 @@ TEST_F(ErrorEvidenceOfAPixel, UnmeasuredSamplesAreLeftOut) {
 }
 
 TEST_F(ErrorEvidenceOfAPixel, CrossValidationExceedsTheNoiseAndTheTrainingError) {
-  EstimateOptions options;
-  options.kernels = 10;
-  PixelFitter fitter(cache_, options);
-  const PixelKernels all = fitter.fit(samples());
-  const double cross_validated = ErrorJudge(table_, 25).cross_validate(fitter, cache_, samples());
+  const PixelKernels all = PixelFitter(cache_, fast()).fit(samples());
+  const PixelSamples block[] = {samples()};
+  const double cross_validated = ErrorJudge(table_, fast()).cross_validate(block, 1)[0];
   EXPECT_GT(cross_validated, all.squared_residual);
   const double noise = 0.05 * 0.05 * all.squared_samples;
   EXPECT_GT(cross_validated, 0.8 * noise);
@@ -133,8 +138,8 @@ TEST(PredictedErrorOfAField, ForeseesTheErrorOnNewLights) {
     noise += std::pow(field.photograph_noise[p], 2.0) / field.predicted_error.size();
   }
   const double actual = std::sqrt(own / signal + 0.03 * 0.03);  // on photographs as noisy
-  EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.2);
-  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.2);
+  EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.25);
+  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.3);
 
   options.predict_errors = false;
   const auto without = estimate_field(session, options);
