@@ -13,7 +13,9 @@ HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int i
 BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
     : smooth_(table), cache_(table, smooth_, options.mode) {
   if (options.mode == EstimateMode::refined)
-    block_.emplace(cache_, std::min(options.most_kernels(), table.images()));
+    // A part of the images keeps the hats of all; they leave room for rectangles.
+    block_.emplace(cache_,
+                   std::min(options.most_kernels(), std::max(table.images(), table.hats().count() + 5)));
   else
     pixel_.emplace(cache_, options);
 }

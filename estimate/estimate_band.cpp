@@ -61,11 +61,12 @@ struct EvidenceGatherer {
                     double& squared) const {
     if (x < 0 || x >= width || !active(x, y)) return false;
     const PixelKernels& pixel = at(x, y);
-    if ((pixel.boxes.empty() && pixel.smooth.empty()) || !(pixel.squared_samples > 0.0)) return false;
+    if (!(pixel.squared_samples > 0.0)) return false;  // without kernels, all of it is error
     keep_within_limit(own.model.cache());
     masked.assign(samples(x, y), table.stride(), table.images());
     residuals.resize(3 * table.stride());
-    squared = own.judge.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
+    squared =
+        own.judge.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
     const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
     for (float& r : residuals) r *= scale;
     return true;
@@ -89,7 +90,9 @@ struct EvidenceGatherer {
       for (int x = block.x0; x < block.x1; ++x, ++i) {
         if (y < first_row || y >= last_row || !active(x, y) || !(at(x, y).squared_samples > 0.0)) continue;
         ErrorEvidence& evidence = at(x, y).evidence;
-        const auto relative = [&](double squared) { return static_cast<float>(squared / at(x, y).squared_samples); };
+        const auto relative = [&](double squared) {
+          return static_cast<float>(squared / at(x, y).squared_samples);
+        };
         evidence.cross_validated = relative(validated[i]);
         if (half.empty()) continue;
         evidence.from_half = relative(half[i]);
@@ -129,7 +132,9 @@ struct EvidenceGatherer {
 
 }  // namespace
 
-int most_rows_beyond(const EstimateOptions& options) { return block_side_px - 1 + options.sweeps(); }
+int most_rows_beyond(const EstimateOptions& options) {
+  return block_side_px - 1 + options.sweeps();
+}
 
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options) {
   const int first = std::max(wanted.first - options.sweeps(), 0);
@@ -228,7 +233,8 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
     for (int y = wanted.first / block_side_px * block_side_px; y < wanted.last; y += block_side_px)
       for (int x = 0; x < width; x += block_side_px)
         if (is_cross_validated(x, y))
-          blocks.push_back({x, y, std::min(x + block_side_px, width), std::min(y + block_side_px, held.last)});
+          blocks.push_back(
+              {x, y, std::min(x + block_side_px, width), std::min(y + block_side_px, held.last)});
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
       throw_if_interrupted();
       gatherer.judge_block(blocks[i], worker());
