@@ -250,13 +250,15 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--mask", arguments->mask,
                    "Image that is bright where the scene is; other pixels stay empty");
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
-  verb->add_option("--mode", arguments->mode,
-                   "refined: splits at thirds and halves; paper: even splits as published in 2004")
+  verb->add_option(
+          "--mode", arguments->mode,
+          "refined: a smooth part and few rectangles; paper: as published in 2004; fast: its splits, quickly")
       ->capture_default_str();
-  verb->add_option("--kernels", arguments->options.kernels, "Most kernels a pixel may have")
+  verb->add_option("--kernels", arguments->options.kernels,
+                   "Most kernels a pixel may have; 0: as many as the data bear")
       ->capture_default_str();
   verb->add_option("--spatial-passes", arguments->options.spatial_passes,
-                   "Sweeps in which pixels try their neighbours' kernels")
+                   "Paper mode: sweeps in which pixels try their neighbours' kernels")
       ->capture_default_str();
   verb->add_option("--clip", arguments->options.clip_level,
                    "Leave out samples of at least this radiance (clipped by the camera)");
@@ -274,7 +276,7 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option(
       "--refine", arguments->options.refine,
       "Field (.rfield) of the same capture, made from fewer of its images: take in the new ones\n"
-      "from where it stands, for about half the time of a fresh start");
+      "choosing among the rectangles that it has, which saves most of the search");
   verb->add_option("--rows", arguments->rows,
                    "Estimate some rows only, into a part for 'refield merge': A:B for rows A to B - 1,\n"
                    "counted from 0, or I/N for the I-th of N equal bands");
