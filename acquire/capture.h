@@ -52,8 +52,8 @@ struct CaptureRequest {
   bool keep_raw = false;
   Precision precision = Precision::single;  ///< of observed images
   IfExists if_exists = IfExists::refuse;
-  /// Called before each light's turn, with its place in `lights`: a rig that stands for real devices learns by
-  /// it how far the capture is. May be null.
+  /// Called before each light's turn, with its place in `lights`: a rig that stands for real devices learns
+  /// by it how far the capture is. May be null.
   std::function<void(std::size_t)> before_light = nullptr;
 
   /// Asked after each training photograph, in the order of `lights` (those of an earlier run included); once

@@ -74,8 +74,7 @@ class Joiner {
       const std::uint64_t first = part.transfer.row_start[p];
       const std::uint64_t count = part.transfer.row_start[p + 1] - first;
       columns.clear();
-      for (std::uint64_t e = first; e < first + count; ++e)
-      {
+      for (std::uint64_t e = first; e < first + count; ++e) {
         const std::uint32_t kernel = part.transfer.column[e];
         columns.push_back(part.basis.is_hat(kernel) ? kernel : number_of(part.basis.box(kernel)));
       }
@@ -95,8 +94,7 @@ class Joiner {
 
  private:
   std::uint32_t number_of(const Box& box) {
-    const auto [entry, is_new] =
-        numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.size()));
+    const auto [entry, is_new] = numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.size()));
     if (is_new) whole_.basis.boxes.push_back(box);
     return entry->second;
   }

@@ -42,8 +42,7 @@ KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_
   std::vector<float> energies(transfer.entries());
   for (std::size_t e = 0; e < energies.size(); ++e) {
     const float* weight = transfer.weight.data() + 3 * e;
-    energies[e] = (weight[0] + weight[1] + weight[2]) *
-                  static_cast<float>(areas[transfer.column[e]]);
+    energies[e] = (weight[0] + weight[1] + weight[2]) * static_cast<float>(areas[transfer.column[e]]);
   }
   tbb::parallel_sort(energies.begin(), energies.end(), std::greater<>());
   const double total = std::accumulate(energies.begin(), energies.end(), 0.0);

@@ -10,7 +10,9 @@ namespace refield {
 namespace {
 
 /// Position of a texel's centre in units of the distance between nodes.
-double position(int texel, int texels, int nodes) { return (texel + 0.5) / texels * (nodes - 1); }
+double position(int texel, int texels, int nodes) {
+  return (texel + 0.5) / texels * (nodes - 1);
+}
 
 double hat(double position, int node, int nodes) {
   return nodes == 1 ? 1.0 : std::max(0.0, 1.0 - std::abs(position - node));

@@ -19,6 +19,12 @@ double LightBasis::area(std::size_t kernel) const {
   return sum;
 }
 
+float LightBasis::value(std::size_t kernel, int x, int y) const {
+  if (is_hat(kernel)) return hats.value(static_cast<int>(kernel), x, y, domain);
+  const Box& inside = box(kernel);
+  return x >= inside.x0 && x < inside.x1 && y >= inside.y0 && y < inside.y1 ? 1.0f : 0.0f;
+}
+
 Box LightBasis::support(std::size_t kernel) const {
   return is_hat(kernel) ? hats.support(static_cast<int>(kernel), domain) : box(kernel);
 }

@@ -22,6 +22,8 @@ struct LightBasis {
 
   /// Texels of a box; of a hat, the sum of its values.
   double area(std::size_t kernel) const;
+  /// Value of a kernel at a texel: of a box 1 inside, else 0.
+  float value(std::size_t kernel, int x, int y) const;
   /// The rectangle outside which a kernel is zero.
   Box support(std::size_t kernel) const;
 

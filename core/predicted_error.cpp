@@ -105,7 +105,9 @@ class Prediction {
 
  private:
   static constexpr int step_px = cross_validation_side * cross_validation_step;
-  static int corner(int lattice) { return lattice * step_px + cross_validation_offset * cross_validation_side; }
+  static int corner(int lattice) {
+    return lattice * step_px + cross_validation_offset * cross_validation_side;
+  }
   static double place(int lattice) { return corner(lattice) + 0.5 * (cross_validation_side - 1); }
   static int lattice_size(int pixels) { return (pixels - corner(0) + step_px - 1) / step_px; }
   static double logarithm(double squared) { return std::log(std::max(squared, least)); }

@@ -23,8 +23,8 @@ struct ErrorEvidence {
   float from_quarter = std::numeric_limits<float>::quiet_NaN();
 };
 
-/// Cross-validation is done on a lattice of small blocks of pixels, counted from the whole picture's corner: one in
-/// 36, which with five folds costs a seventh of the fit.
+/// Cross-validation is done on a lattice of small blocks of pixels, counted from the whole picture's corner:
+/// one in 36, which with five folds costs a seventh of the fit.
 inline constexpr int cross_validation_side = 4;
 inline constexpr int cross_validation_step = 6;
 inline constexpr int cross_validation_offset = 2;
@@ -33,8 +33,8 @@ constexpr bool is_cross_validated(int x, int y) {
          y / cross_validation_side % cross_validation_step == cross_validation_offset;
 }
 
-/// Whether the pixel lies in a block of every second column and row of that lattice, where fits to parts of the images
-/// are tried, too.
+/// Whether the pixel lies in a block of every second column and row of that lattice, where fits to parts of
+/// the images are tried, too.
 constexpr bool is_learning_block(int x, int y) {
   return is_cross_validated(x, y) && x / cross_validation_side / cross_validation_step % 2 == 0 &&
          y / cross_validation_side / cross_validation_step % 2 == 0;

@@ -13,8 +13,8 @@ namespace refield {
 /// Hats that an estimation with these options uses.
 HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int images);
 
-/// Fits blocks of pixels in the mode that the options ask for, before any spatial correction, with the memory that a
-/// thread keeps between blocks.
+/// Fits blocks of pixels in the mode that the options ask for, before any spatial correction, with the memory
+/// that a thread keeps between blocks.
 class BlockModel {
  public:
   BlockModel(const BoxTable& table, const EstimateOptions& options);

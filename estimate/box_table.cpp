@@ -122,8 +122,9 @@ void BoxTable::column(const Box& box, float* column, std::size_t extent) const {
         const std::size_t j = offset + selected_[i];
         out[i] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
       }
-    else for (int j = 0; j < images_; ++j)
-      out[j] = static_cast<float>((d[offset + j] - c[offset + j]) - (b[offset + j] - a[offset + j]));
+    else
+      for (int j = 0; j < images_; ++j)
+        out[j] = static_cast<float>((d[offset + j] - c[offset + j]) - (b[offset + j] - a[offset + j]));
     std::fill(out + images_, out + stride_, 0.0f);
   }
 }

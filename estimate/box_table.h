@@ -20,7 +20,8 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
 /// double, as every summed-area table here; 24 bytes × lights a texel.
 class BoxTable {
  public:
-  /// Reads the lights; `hats` are summed along. Throws InputError when one is black everywhere, not finite or of another size.
+  /// Reads the lights; `hats` are summed along. Throws InputError when one is black everywhere, not finite or
+  /// of another size.
   BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain, HatGrid hats = {});
   /// For lights in memory.
   explicit BoxTable(std::span<const LightMap> lights, HatGrid hats = {});
@@ -57,7 +58,7 @@ class BoxTable {
   std::vector<int> selected_;  // which of the stored images; empty: all
   std::size_t stride_;
   HatGrid hats_;
-  std::vector<double> hat_sums_;  // [hats × 3 × images]
+  std::vector<double> hat_sums_;                 // [hats × 3 × images]
   std::shared_ptr<std::vector<double>> prefix_;  // [(height+1) × (width+1) × 3 × images]
 };
 

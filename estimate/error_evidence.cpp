@@ -17,8 +17,8 @@ constexpr float least_freedom = 0.05f;
 constexpr float dependence_tolerance = 1e-6f;
 }  // namespace
 
-double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache, const MaskedSamples& samples,
-                                 float* residuals) {
+double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
+                                 const MaskedSamples& samples, float* residuals) {
   const std::size_t count = kernels.boxes.size();
   const int hats = static_cast<int>(kernels.smooth.size()) / 3;
   const std::size_t extent = cache.smooth().extent();
@@ -100,7 +100,8 @@ ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
 std::vector<double> ErrorJudge::cross_validate(std::span<const PixelSamples> block, int width, int folds) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
-  for (int fold = 0; fold < folds; ++fold) add_errors_on_unseen(part(fold, folds, false), block, width, squared);
+  for (int fold = 0; fold < folds; ++fold)
+    add_errors_on_unseen(part(fold, folds, false), block, width, squared);
   return squared;
 }
 
@@ -108,7 +109,8 @@ std::vector<double> ErrorJudge::validate_folds_alone(std::span<const PixelSample
                                                      int folds) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
-  for (int fold = 0; fold < folds; ++fold) add_errors_on_unseen(part(fold, folds, true), block, width, squared);
+  for (int fold = 0; fold < folds; ++fold)
+    add_errors_on_unseen(part(fold, folds, true), block, width, squared);
   for (double& each : squared) each /= std::max(folds - 1, 1);
   return squared;
 }

@@ -19,18 +19,17 @@ class ErrorJudge {
 
   /// Leave-one-out residuals of a pixel's final kernels: r_j / (1 − h_j), channel by channel, where h_j is
   /// the diagonal of the projection onto the columns with a weight above zero. Exact for least squares with
-  /// that set of kernels (Allen 1974); what the hats take is left out of h, since their prior and pooling leave
-  /// them little freedom. Writes [3 × stride], zero where not measured, and returns their
-  /// squared sum.
+  /// that set of kernels (Allen 1974); what the hats take is left out of h, since their prior and pooling
+  /// leave them little freedom. Writes [3 × stride], zero where not measured, and returns their squared sum.
   double leave_one_out(const PixelKernels& kernels, KernelCache& cache, const MaskedSamples& samples,
                        float* residuals);
 
-  /// Squared error of each pixel of a block, over images and channels, of k-fold cross-validation: the block is
-  /// fitted anew without each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k folds
-  /// there are at most as many as images. `block`, `width`: as BlockModel::fit() takes them.
+  /// Squared error of each pixel of a block, over images and channels, of k-fold cross-validation: the block
+  /// is fitted anew without each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k
+  /// folds there are at most as many as images. `block`, `width`: as BlockModel::fit() takes them.
   std::vector<double> cross_validate(std::span<const PixelSamples> block, int width, int folds = 5);
-  /// The other way round, for fits to few images: each fold alone is fitted and predicts all others. The mean over
-  /// the k − 1 predictions of each image, on the same scale.
+  /// The other way round, for fits to few images: each fold alone is fitted and predicts all others. The mean
+  /// over the k − 1 predictions of each image, on the same scale.
   std::vector<double> validate_folds_alone(std::span<const PixelSamples> block, int width, int folds);
 
  private:

@@ -90,7 +90,8 @@ FollowedError ErrorFollower::predict() {
       if (!(squared > 0.0)) continue;
       masked.assign(block[i], table.stride(), images());
       const double left_out = own->judge.leave_one_out(fitted[i], cache, masked, residuals.data());
-      predicted[b * block_size + i] = static_cast<float>(std::sqrt(0.5 * (left_out + validated[i]) / squared));
+      predicted[b * block_size + i] =
+          static_cast<float>(std::sqrt(0.5 * (left_out + validated[i]) / squared));
       noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));
     }
   });

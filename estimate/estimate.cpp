@@ -39,7 +39,8 @@ int estimate_bands(const EstimateJob& job, const EstimateOptions& options, const
       const RowRange held = rows_needed(rows, height, options);
       pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
     }
-  if (!missing.empty()) table.emplace(illumination_paths(job.frames), job.session.light,
+  if (!missing.empty())
+    table.emplace(illumination_paths(job.frames), job.session.light,
                   hats_of(options, job.session.light, static_cast<int>(job.frames.size())));
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress("estimate", pixels);
@@ -146,15 +147,16 @@ std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const 
   const SmoothSpace none(table);
   KernelCache cache(table, none, options.mode);
   std::vector<KernelSnapshot> history;
-  PixelFitter(cache, options).fit({band.samples(x, y, 0), band.samples(x, y, 1), band.samples(x, y, 2)},
-                  [&](int count, std::span<const Box> boxes, std::span<const float> weights) {
-                    if (std::ranges::find(subdivisions, count) == subdivisions.end()) return;
-                    KernelSnapshot& snapshot = history.emplace_back();
-                    snapshot.subdivisions = count;
-                    snapshot.boxes.assign(boxes.begin(), boxes.end());
-                    for (std::size_t k = 0; k < boxes.size(); ++k)
-                      snapshot.weights.push_back({weights[3 * k], weights[3 * k + 1], weights[3 * k + 2]});
-                  });
+  PixelFitter(cache, options)
+      .fit({band.samples(x, y, 0), band.samples(x, y, 1), band.samples(x, y, 2)},
+           [&](int count, std::span<const Box> boxes, std::span<const float> weights) {
+             if (std::ranges::find(subdivisions, count) == subdivisions.end()) return;
+             KernelSnapshot& snapshot = history.emplace_back();
+             snapshot.subdivisions = count;
+             snapshot.boxes.assign(boxes.begin(), boxes.end());
+             for (std::size_t k = 0; k < boxes.size(); ++k)
+               snapshot.weights.push_back({weights[3 * k], weights[3 * k + 1], weights[3 * k + 2]});
+           });
   return history;
 }
 

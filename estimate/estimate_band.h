@@ -28,10 +28,9 @@ using FitWorkers = tbb::enumerable_thread_specific<std::unique_ptr<FitWorker>>;
 /// A thread's cache of columns and splits is emptied beyond this.
 inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 
-/// Rows of photographs that the estimate of rows [first, last) looks at: whole blocks of pixels; in paper mode each
-/// sweep of spatial correction reaches one row further. So bands overlap and no result depends on how the image is
-/// cut into bands.
-/// Rows that rows_needed() adds at most at one side.
+/// Rows of photographs that the estimate of rows [first, last) looks at: whole blocks of pixels; in paper
+/// mode each sweep of spatial correction reaches one row further. So bands overlap and no result depends on
+/// how the image is cut into bands. Rows that rows_needed() adds at most at one side.
 int most_rows_beyond(const EstimateOptions& options);
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 

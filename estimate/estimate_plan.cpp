@@ -38,7 +38,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * job.rows.count();
   constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
   const std::uint64_t kernel_bytes =
-      options.most_kernels() * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
+      usual_kernels(options) * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
 
   const std::uint64_t old_field = job.refinement ? std::filesystem::file_size(job.refinement->path()) : 0;
   const std::uint64_t fixed =

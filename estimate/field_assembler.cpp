@@ -30,8 +30,7 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
     }
     weights.insert(weights.end(), pixel.weights.begin(), pixel.weights.end());
     for (const Box& box : pixel.boxes) {
-      const auto [entry, is_new] =
-          numbers_.try_emplace(box, static_cast<std::uint32_t>(field_.basis.size()));
+      const auto [entry, is_new] = numbers_.try_emplace(box, static_cast<std::uint32_t>(field_.basis.size()));
       if (is_new) field_.basis.boxes.push_back(box);
       columns.push_back(entry->second);
     }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "estimate/information_criterion.h"
 #include "estimate/pool_samples.h"
@@ -18,8 +19,12 @@ constexpr int most_leaves = 56;
 constexpr float far_beyond = 3.0f;
 /// A pixel does clearly better with a tree of its own when its criterion falls by more than this.
 constexpr double clear_gain = 15.0;
+/// And when that takes this part, in quadrature, off the pixel's relative error: photographs are seldom less
+/// noisy. Measured: 0 costs half as much time again (nearly twice on noise-free data) and takes 5 % off the
+/// median pixel's error; 0.01 saves a quarter and costs 12 %.
+constexpr double worthwhile_gain = 0.005;
 /// Times that edges are moved and weights solved anew.
-constexpr int refinements = 4;
+constexpr int refinements = 2;
 /// Times that samples which were not measured are filled in from a fit and kernels chosen anew.
 constexpr int fillings = 3;
 
@@ -103,7 +108,8 @@ const TreeDictionary& BlockFitter::search(const Group& pixels) {
   SearchTargets targets;
   double measured = 0.0;
   for (const Pixel* pixel : pixels)
-    measured = std::max<double>(measured, pixel->samples.count[0] + pixel->samples.count[1] + pixel->samples.count[2]);
+    measured = std::max<double>(measured,
+                                pixel->samples.count[0] + pixel->samples.count[1] + pixel->samples.count[2]);
   if (count == 1) {
     for (int c = 0; c < 3; ++c) targets[c] = {pixels[0]->values.data() + c * extent_};
     return tree_.grow(targets, measured);
@@ -214,8 +220,7 @@ void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
     std::vector<Box> boxes = all;
     while (true) {
       PixelKernels kernels = weighted_.fit(boxes, smooth_class, samples, pixel.noise_kept);
-      const auto parameters =
-          std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
+      const auto parameters = std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
       const double criterion =
           information_criterion(kernels.squared_residual, squared, measured, static_cast<int>(parameters)) +
           KernelSelector::search_penalty * static_cast<double>(kernels.boxes.size()) +
@@ -309,16 +314,23 @@ void BlockFitter::fit_group(const Group& pixels, int side) {
   for (Pixel* pixel : pixels) {
     Fitted& fitted = fitted_[pixel->index];
     fitted = fit_from(*pixel, dictionary);
-    if (!worst || fitted.kernels.squared_residual > fitted_[worst->index].kernels.squared_residual) worst = pixel;
+    if (!worst || fitted.kernels.squared_residual > fitted_[worst->index].kernels.squared_residual)
+      worst = pixel;
   }
   if (pixels.size() == 1) {
     refine(*worst, fitted_[worst->index]);
     return;
   }
-  selector_.prepare(search({worst}));
-  Fitted own = fit_from(*worst, tree_.dictionary());
   Fitted& shared = fitted_[worst->index];
-  if (own.choice.criterion >= shared.choice.criterion - clear_gain) {
+  const double worthwhile = worthwhile_gain * worthwhile_gain * shared.kernels.squared_samples;
+  Fitted own;
+  own.choice.criterion = std::numeric_limits<double>::infinity();
+  if (shared.kernels.squared_residual > worthwhile) {
+    selector_.prepare(search({worst}));
+    own = fit_from(*worst, tree_.dictionary());
+  }
+  if (!(own.choice.criterion < shared.choice.criterion - clear_gain &&
+        shared.kernels.squared_residual - own.kernels.squared_residual > worthwhile)) {
     selector_.prepare(dictionary_for(pixels));  // the choices name rectangles of this tree
     pool(pixels);
     for (const Pixel* pixel : pixels) {
@@ -329,6 +341,9 @@ void BlockFitter::fit_group(const Group& pixels, int side) {
   }
   refine(*worst, own);
   shared = std::move(own);
+  // What differs from pixel to pixel is searched anew even where old rectangles are known: there they say
+  // least, and there most of the picture's error is.
+  const auto old = std::exchange(old_, {});
   const int half = side / 2;
   for (int part = 0; part < 4; ++part) {
     Group quarter;
@@ -337,6 +352,7 @@ void BlockFitter::fit_group(const Group& pixels, int side) {
     if (quarter.empty() || (quarter.size() == 1 && quarter[0] == worst)) continue;  // it has its own already
     fit_group(quarter, half);
   }
+  old_ = old;
 }
 
 }  // namespace refield

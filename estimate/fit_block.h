@@ -14,19 +14,19 @@ namespace refield {
 inline constexpr int block_side_px = 4;
 
 /// Fits a block of pixels. One tree of rectangles is grown for all of them; each pixel chooses its own smooth
-/// part, rectangles and weights from it. Where the pixel that is explained worst does clearly better with a tree
-/// of its own, the block is divided in four, down to single pixels, whose rectangles are then moved to where they
-/// fit best. So coherent surfaces share the search, which is what costs, while mirrors and edges pay for
-/// themselves. Final weights of a coherent block come from samples whose noise was reduced by what the pixels have
-/// in common.
+/// part, rectangles and weights from it. Where the pixel that is explained worst does clearly better with a
+/// tree of its own, the block is divided in four, down to single pixels, whose rectangles are then moved to
+/// where they fit best. So coherent surfaces share the search, which is what costs, while mirrors and edges
+/// pay for themselves. Final weights of a coherent block come from samples whose noise was reduced by what
+/// the pixels have in common.
 class BlockFitter {
  public:
   BlockFitter(KernelCache& cache, int most_kernels);
 
   /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
   /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
-  /// `old`: empty, or for each pixel rectangles that it had in an earlier fit to fewer images; they take the place
-  /// of trees, but for the pixel explained worst.
+  /// `old`: empty, or for each pixel rectangles that it had in an earlier fit to fewer images; they take the
+  /// place of trees, but for the pixel explained worst.
   std::vector<PixelKernels> fit(std::span<const PixelSamples> samples, int width,
                                 std::span<const std::vector<Box>> old = {});
 
@@ -35,7 +35,7 @@ class BlockFitter {
     int index = 0;  // in the block
     int x = 0, y = 0;
     MaskedSamples samples;
-    AlignedFloats values;  // [3 × extent], extended; what was not measured is filled in
+    AlignedFloats values;        // [3 × extent], extended; what was not measured is filled in
     std::vector<Box> gap_boxes;  // of the tree that sees only what was measured
     std::array<double, 3> noise_kept = {1.0, 1.0, 1.0};  // part of the noise variance left by pooling
   };
@@ -57,8 +57,8 @@ class BlockFitter {
   Fitted fit_from(Pixel& pixel, const TreeDictionary& dictionary);
   void set_weights(const Pixel& pixel, const TreeDictionary& dictionary, Fitted& fitted);
   void fill_in(Pixel& pixel);
-  /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what was
-  /// measured, down to what the information criterion bears, in exact fits to the measured samples.
+  /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
+  /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
   void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
   void refine(const Pixel& pixel, Fitted& fitted);
   void pool(const Group& pixels);

@@ -12,8 +12,8 @@ namespace {
 /// Noise is taken as no less than this part of a sample, squared: what float32 tells.
 constexpr double least_noise = 1e-10;
 
-/// What is kept of a component whose squared singular value is `energy` per image, noise being 1. `ratio`: columns by
-/// rows of the matrix.
+/// What is kept of a component whose squared singular value is `energy` per image, noise being 1. `ratio`:
+/// columns by rows of the matrix.
 double kept_part(double energy, double ratio) {
   const double edge = 1.0 + std::sqrt(ratio);  // of what noise alone reaches
   if (!(energy > edge * edge)) return 0.0;

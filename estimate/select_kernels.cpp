@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-
 #include <limits>
 #include <optional>
 
@@ -34,7 +33,8 @@ void KernelSelector::prepare(const TreeDictionary& dictionary) {
 void KernelSelector::weigh(float* coordinates, int smooth_class, int channel) const {
   // Q spans the columns' whole space already, V's coordinates correct the products for the class.
   const auto& correction = smooth_.classes()[smooth_class].correction[channel];
-  for (std::size_t k = 0; k < correction.size(); ++k) coordinates[dictionary_->smooth_offset + k] *= correction[k];
+  for (std::size_t k = 0; k < correction.size(); ++k)
+    coordinates[dictionary_->smooth_offset + k] *= correction[k];
 }
 
 KernelSelector::Metric& KernelSelector::metric(int smooth_class) {
@@ -104,7 +104,8 @@ KernelChoice KernelSelector::select(const PixelCoordinates& pixel, int most, int
   // Downhill from the guess; the class without a smooth part is another model and always looked at.
   int best = guess >= 0 && guess < classes - 1 ? guess : std::max(0, (classes - 1) / 2);
   const auto descend = [&](int step) {
-    while (best + step >= 0 && best + step < classes - 1 && criterion(best + step) < criterion(best)) best += step;
+    while (best + step >= 0 && best + step < classes - 1 && criterion(best + step) < criterion(best))
+      best += step;
   };
   if (classes > 1) {
     descend(1);
@@ -122,8 +123,7 @@ KernelChoice KernelSelector::pursue(const PixelCoordinates& pixel, int smooth_cl
   const double evidence = smooth_.classes()[smooth_class].log_determinant;
   const double squared = squared_[0] + squared_[1] + squared_[2];
   // Relative to ‖b‖², whatever the class, so that an exact fit is the same for all.
-  const double squared_samples =
-      pixel.squared[0] + pixel.squared[1] + pixel.squared[2];
+  const double squared_samples = pixel.squared[0] + pixel.squared[1] + pixel.squared[2];
   KernelChoice best;
   best.smooth_class = smooth_class;
   best.criterion = information_criterion(squared, squared_samples, pixel.measured, 0) + evidence;
@@ -160,9 +160,8 @@ KernelChoice KernelSelector::pursue(const PixelCoordinates& pixel, int smooth_cl
     for (int i = 0; i < count; ++i)
       kernels += weights_[0][i] > 0.0 || weights_[1][i] > 0.0 || weights_[2][i] > 0.0;
     if (kernels > most) break;
-    const double criterion =
-        information_criterion(residual, squared_samples, pixel.measured, parameters) + evidence +
-        search_penalty * kernels;
+    const double criterion = information_criterion(residual, squared_samples, pixel.measured, parameters) +
+                             evidence + search_penalty * kernels;
     if (criterion < best.criterion) {
       best.criterion = criterion;
       best.boxes = chosen_;
@@ -237,7 +236,8 @@ void KernelSelector::add(int smooth_class, int box) {
   }
 }
 
-PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelChoice& choice, const std::array<double, 3>& noise_kept) {
+PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelChoice& choice,
+                                   const std::array<double, 3>& noise_kept) {
   const SmoothClass& smooth = smooth_.classes()[choice.smooth_class];
   const int none = smooth_.class_without();  // in whose metric products are those of images
   Metric& raw = metric(none);
@@ -260,7 +260,8 @@ PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelCh
       const int box = choice.boxes[i];
       if (hats > 0)
         smooth_.hat_products(dictionary_->column(c, box) + dictionary_->smooth_offset, c, products.data());
-      for (int k = 0; k < hats; ++k) raw_gram_[(hats + i) * size + k] = raw_gram_[k * size + hats + i] = products[k];
+      for (int k = 0; k < hats; ++k)
+        raw_gram_[(hats + i) * size + k] = raw_gram_[k * size + hats + i] = products[k];
       const float* row = raw.gram[c].data() + box * padded_size_;
       for (int k = 0; k < boxes; ++k) raw_gram_[(hats + i) * size + hats + k] = row[choice.boxes[k]];
       h_[hats + i] = with_samples_[c][box];
@@ -272,8 +273,8 @@ PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelCh
       x_[i] = 1.0;  // all free at first
     }
     nnls_.solve(gram_.data(), size, h_.data(), size, x_.data());
-    result.squared_residual[c] = std::max(
-        squared_residual(raw_gram_.data(), size, h_.data(), size, x_.data(), pixel.squared[c]), 0.0);
+    result.squared_residual[c] =
+        std::max(squared_residual(raw_gram_.data(), size, h_.data(), size, x_.data(), pixel.squared[c]), 0.0);
     result.hats[c].assign(x_.begin(), x_.begin() + hats);
     result.boxes[c].assign(x_.begin() + hats, x_.end());
   }

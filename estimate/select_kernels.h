@@ -36,19 +36,19 @@ struct PixelWeights {
 /// For each class of smoothness: non-negative orthogonal matching pursuit (the rectangle whose part
 /// perpendicular to the chosen ones correlates best, positively, with the residual; then all weights anew) in
 /// the metric that the class prescribes, along which an information criterion says how many rectangles the
-/// samples can bear: BIC (Schwarz 1978) with the penalty for the search of Chen and Chen 2008 (extended BIC) and
-/// the evidence of the smooth part. The class with the lowest criterion wins.
+/// samples can bear: BIC (Schwarz 1978) with the penalty for the search of Chen and Chen 2008 (extended BIC)
+/// and the evidence of the smooth part. The class with the lowest criterion wins.
 ///
 /// A kd-tree has to split its way down to a small highlight and so spends a dozen leaves of equal weight on
 /// it; with the tree's inner rectangles to choose from as well, the same function takes two kernels.
 ///
-/// Works on Gram matrices in coordinates, which all pixels of a block share: a step costs some products of the
-/// dictionary's size instead of the number of images.
+/// Works on Gram matrices in coordinates, which all pixels of a block share: a step costs some products of
+/// the dictionary's size instead of the number of images.
 class KernelSelector {
  public:
-  /// What a rectangle costs for having been searched: 2 log D, D ≈ 5000 being the rectangles that a tree could have
-  /// reached. A constant, so that criteria from different trees can be compared. Measured on a noisy capture: 17 to
-  /// 22 are best, 12 costs 10 %; on a clean one 12 is 3 % better.
+  /// What a rectangle costs for having been searched: 2 log D, D ≈ 5000 being the rectangles that a tree
+  /// could have reached. A constant, so that criteria from different trees can be compared. Measured on a
+  /// noisy capture: 17 to 22 are best, 12 costs 10 %; on a clean one 12 is 3 % better.
   static constexpr double search_penalty = 17.0;
 
   explicit KernelSelector(const SmoothSpace& smooth);
@@ -57,16 +57,17 @@ class KernelSelector {
   void prepare(const TreeDictionary& dictionary);
   /// At most `most` kernels, hats included. `guess`: class to look at first (−1: none known).
   KernelChoice select(const PixelCoordinates& pixel, int most, int guess);
-  /// Non-negative weights of the chosen rectangles together with the hats (eq. 6). `noise_kept`: of each channel,
-  /// the part of the noise variance that the samples still have; the prior of the hats weighs that much less.
+  /// Non-negative weights of the chosen rectangles together with the hats (eq. 6). `noise_kept`: of each
+  /// channel, the part of the noise variance that the samples still have; the prior of the hats weighs that
+  /// much less.
   PixelWeights solve(const PixelCoordinates& pixel, const KernelChoice& choice,
                      const std::array<double, 3>& noise_kept);
 
  private:
   struct Metric {
     bool ready = false;
-    std::array<AlignedFloats, 3> norm2;    // [padded size]
-    std::array<AlignedFloats, 3> gram;     // [size × padded size], rows made on demand
+    std::array<AlignedFloats, 3> norm2;  // [padded size]
+    std::array<AlignedFloats, 3> gram;   // [size × padded size], rows made on demand
     std::vector<char> has_row;
   };
   Metric& metric(int smooth_class);
@@ -85,7 +86,7 @@ class KernelSelector {
 
   // Of one pursuit.
   AlignedFloats left_;
-  std::array<double, 3> squared_{};           // ‖b‖² in the metric
+  std::array<double, 3> squared_{};            // ‖b‖² in the metric
   std::array<AlignedFloats, 3> with_samples_;  // [padded size]
   std::array<AlignedFloats, 3> correlation_;   // with the residual
   std::array<AlignedFloats, 3> remaining_norm2_;

@@ -21,8 +21,8 @@ struct SmoothClass {
 };
 
 /// The smooth part of light transport: hat functions H whose weights follow a Gaussian process over the light
-/// map (Matérn covariance C, ν = 3/2: Rasmussen and Williams 2006, eq. 4.17), so that neighbouring weights are
-/// alike. What the samples say of it lives in the few directions V that the hats' sums over the training
+/// map (Matérn covariance C, ν = 3/2: Rasmussen and Williams 2006, eq. 4.17), so that neighbouring weights
+/// are alike. What the samples say of it lives in the few directions V that the hats' sums over the training
 /// lights span: K = HCHᵀ = V diag(w) Vᵀ.
 ///
 /// Choosing rectangles beside a smooth part whose weights are integrated out is least squares in the metric
@@ -35,7 +35,8 @@ class SmoothSpace {
 
   int hats() const { return hats_; }
   int rank() const { return rank_; }
-  /// Floats of one channel of an extended vector: its values over the images [stride], then Vᵀa [rank], padded.
+  /// Floats of one channel of an extended vector: its values over the images [stride], then Vᵀa [rank],
+  /// padded.
   std::size_t extent() const { return stride_ + padded_length(rank_); }
   std::size_t stride() const { return stride_; }
   const std::vector<SmoothClass>& classes() const { return classes_; }

@@ -42,8 +42,7 @@ std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, 
           const KernelSet& set = set_at(nx, ny);
           if (set.boxes.empty() || set.boxes == own_boxes) continue;
           const double give_up_above = best.squared_residual * (1.0 - clear_gain);
-          trial.squared_residual =
-              fitter.try_set(set, samples, grid.kernels(nx, ny).weights, give_up_above);
+          trial.squared_residual = fitter.try_set(set, samples, grid.kernels(nx, ny).weights, give_up_above);
           if (trial.squared_residual >= give_up_above) continue;
           trial.weights.assign(fitter.weights().begin(), fitter.weights().end());
           best.boxes = set.boxes;

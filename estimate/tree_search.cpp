@@ -262,8 +262,7 @@ void TreeSearch::split(int chosen) {
       one[k] += split.fraction[c] * p[k];
       other[k] = p[k] - one[k];
     }
-    for (int t = 0; t < target_count_[c]; ++t)
-      fits_[c][t].weights[other_leaf] = fits_[c][t].weights[leaf];
+    for (int t = 0; t < target_count_[c]; ++t) fits_[c][t].weights[other_leaf] = fits_[c][t].weights[leaf];
   }
   update_gram(leaf);
   update_gram(other_leaf);

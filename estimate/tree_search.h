@@ -13,9 +13,9 @@ namespace refield {
 /// orthonormal basis Q of the space that the columns span, then, from `smooth_offset`, Vᵀa (see SmoothSpace).
 struct TreeDictionary {
   std::vector<Box> boxes;
-  int rank = 0;                              ///< vectors of Q
+  int rank = 0;  ///< vectors of Q
   std::size_t smooth_offset = 0;
-  std::size_t coordinate_stride = 0;        ///< floats a rectangle and channel
+  std::size_t coordinate_stride = 0;         ///< floats a rectangle and channel
   std::array<AlignedFloats, 3> coordinates;  ///< [boxes × coordinate_stride]
   std::array<AlignedFloats, 3> basis;        ///< Q, [rank × stride]
 
@@ -35,10 +35,10 @@ using SearchTargets = std::array<std::vector<const float*>, 3>;
 /// ⟨d,r⟩²/‖d⊥‖² summed over targets and channels, d⊥ being the part of its direction outside the space that
 /// the leaves span and r the residual of the non-negative fit, instead of solving for each candidate.
 ///
-/// The fit lives in coordinates of an orthonormal basis Q of the space that the leaves' columns span. Replacing
-/// a leaf by its halves keeps that space and adds one direction, so Q grows by a vector a step, and each
-/// candidate keeps its coordinates at the cost of one inner product over images a step. Limit: the loads of the
-/// candidates' directions from the second-level cache.
+/// The fit lives in coordinates of an orthonormal basis Q of the space that the leaves' columns span.
+/// Replacing a leaf by its halves keeps that space and adds one direction, so Q grows by a vector a step, and
+/// each candidate keeps its coordinates at the cost of one inner product over images a step. Limit: the loads
+/// of the candidates' directions from the second-level cache.
 class TreeSearch {
  public:
   static constexpr int most_targets = 4;
@@ -47,7 +47,8 @@ class TreeSearch {
 
   /// `measured`: samples behind a target of all channels, for the criterion that ends the growth.
   const TreeDictionary& grow(const SearchTargets& targets, double measured);
-  /// A dictionary of given rectangles, at most `most_leaves`, instead of a tree's; the whole light map comes first.
+  /// A dictionary of given rectangles, at most `most_leaves`, instead of a tree's; the whole light map comes
+  /// first.
   const TreeDictionary& take(std::span<const Box> boxes);
   /// The last one made.
   const TreeDictionary& dictionary() const { return dictionary_; }
@@ -56,8 +57,8 @@ class TreeSearch {
   struct Candidate {
     const Split* split;
     int leaf;
-    int slot;                              // of its coordinates
-    std::array<float, 3> remaining_norm2;  // ‖d⊥‖²
+    int slot;                                                     // of its coordinates
+    std::array<float, 3> remaining_norm2;                         // ‖d⊥‖²
     std::array<std::array<float, most_targets>, 3> with_targets;  // ⟨d, target⟩
   };
   /// Of one target and channel.

@@ -7,7 +7,12 @@
 namespace refield {
 
 WeightedFit::WeightedFit(const BoxTable& table, const SmoothSpace& smooth)
-    : table_(table), smooth_(smooth), stride_(table.stride()), fit_(3 * stride_), residual_(3 * stride_), masked_(stride_) {}
+    : table_(table),
+      smooth_(smooth),
+      stride_(table.stride()),
+      fit_(3 * stride_),
+      residual_(3 * stride_),
+      masked_(stride_) {}
 
 PixelKernels WeightedFit::fit(std::span<const Box> boxes, int smooth_class, const MaskedSamples& samples,
                               const std::array<double, 3>& noise_kept) {
@@ -67,7 +72,8 @@ PixelKernels WeightedFit::fit(std::span<const Box> boxes, int smooth_class, cons
 namespace {
 
 /// Squared part of the target that a column explains, with a non-negative weight a channel; the weights.
-double explained(const AlignedFloats& target, const float* column, std::size_t stride, std::array<float, 3>& weight) {
+double explained(const AlignedFloats& target, const float* column, std::size_t stride,
+                 std::array<float, 3>& weight) {
   double sum = 0.0;
   for (int c = 0; c < 3; ++c) {
     const float* a = column + c * stride;
@@ -82,7 +88,8 @@ double explained(const AlignedFloats& target, const float* column, std::size_t s
 
 }  // namespace
 
-std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels, const AlignedFloats& residual) {
+std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels,
+                              const AlignedFloats& residual) {
   constexpr int sweeps = 2;
   const std::size_t stride = table.stride();
   std::vector<Box> boxes = kernels.boxes;

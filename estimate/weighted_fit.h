@@ -8,8 +8,8 @@
 
 namespace refield {
 
-/// Non-negative weights of given rectangles and, in a class with a smooth part, of the hats, from the samples of
-/// one pixel in image space: for pixels that lack samples, whose Gram matrices are their own, and for
+/// Non-negative weights of given rectangles and, in a class with a smooth part, of the hats, from the samples
+/// of one pixel in image space: for pixels that lack samples, whose Gram matrices are their own, and for
 /// rectangles that no dictionary holds.
 class WeightedFit {
  public:
@@ -39,6 +39,7 @@ class WeightedFit {
 /// thirds and halves, while what a mirror sees ends anywhere. Coordinate descent over the edges, coarse steps
 /// first; each move is judged with the other kernels' part of the fit held. `residual`: samples minus fit.
 /// Returns the rectangles in the same order.
-std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels, const AlignedFloats& residual);
+std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels,
+                              const AlignedFloats& residual);
 
 }  // namespace refield

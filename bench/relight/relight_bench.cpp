@@ -52,8 +52,8 @@ const refield::ReflectanceField& full_size_field() {
     refield::ReflectanceField made;
     made.width = width;
     made.height = height;
-    made.basis = {domain, {},
-                  kd_tree_boxes(rng, 88'000)};  // as many distinct boxes as prototypes of that size had
+    made.basis = {
+        domain, {}, kd_tree_boxes(rng, 88'000)};  // as many distinct boxes as prototypes of that size had
     std::vector<std::uint32_t> columns(kernels);
     std::vector<float> weights(3 * kernels);
     for (int y = 0; y < height; ++y)

@@ -38,11 +38,13 @@ TransportSpread transport_spread(const ReflectanceField& field, std::size_t pixe
   const LightDomain& domain = field.basis.domain;
   std::vector<float> texels(static_cast<std::size_t>(domain.width) * domain.height, 0.0f);
   for (std::uint64_t e = field.transfer.row_start[pixel]; e < field.transfer.row_start[pixel + 1]; ++e) {
-    const Box& box = field.basis.boxes[field.transfer.column[e]];
+    const std::uint32_t kernel = field.transfer.column[e];
+    const Box within = field.basis.support(kernel);
     const float* weight = field.transfer.weight.data() + 3 * e;
     const float sum = weight[0] + weight[1] + weight[2];
-    for (int y = box.y0; y < box.y1; ++y)
-      for (int x = box.x0; x < box.x1; ++x) texels[static_cast<std::size_t>(y) * domain.width + x] += sum;
+    for (int y = within.y0; y < within.y1; ++y)
+      for (int x = within.x0; x < within.x1; ++x)
+        texels[static_cast<std::size_t>(y) * domain.width + x] += sum * field.basis.value(kernel, x, y);
   }
   const auto count = static_cast<double>(texels.size());
   TransportSpread spread;

@@ -40,9 +40,7 @@ Image kernel_density(const ReflectanceField& field, std::size_t pixel) {
     const float weight = (w[0] + w[1] + w[2]) / 3.0f;
     const Box within = basis.support(kernel);
     for (int y = within.y0; y < within.y1; ++y)
-      for (int x = within.x0; x < within.x1; ++x)
-        density.at(x, y, 0) +=
-            weight * (basis.is_hat(kernel) ? basis.hats.value(static_cast<int>(kernel), x, y, basis.domain) : 1.0f);
+      for (int x = within.x0; x < within.x1; ++x) density.at(x, y, 0) += weight * basis.value(kernel, x, y);
   }
   return density;
 }

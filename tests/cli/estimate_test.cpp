@@ -126,7 +126,7 @@ TEST_F(EstimateVerb, FewerImagesThanKernels) {
 }
 
 TEST_F(EstimateVerb, OptionsOutOfRange) {
-  for (const std::vector<std::string>& more : {std::vector<std::string>{"--kernels", "0"},
+  for (const std::vector<std::string>& more : {std::vector<std::string>{"--kernels", "-1"},
                                                {"--kernels", "256"},
                                                {"--mode", "best"},
                                                {"--memory", "-1"},

@@ -18,7 +18,7 @@ constexpr double rounding = 1e-6;
 template <class Ratio>
 ReflectanceField field_with(Ratio ratio, float shared = 0.0f) {
   ReflectanceField field;
-  field.width = 120;
+  field.width = 360;
   field.height = 30;
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x) {
@@ -39,9 +39,9 @@ TEST(PredictedError, LiesBetweenLeaveOneOutAndCrossValidation) {
 }
 
 TEST(PredictedError, CorrectsWhereTheLatticeSaysSo) {
-  const auto field = field_with([](int x) { return x < 60 ? 1.0 : 9.0; });
-  EXPECT_NEAR(field.predicted_error[15 * 120 + 5], 0.01, 2e-4);
-  EXPECT_NEAR(field.predicted_error[15 * 120 + 115], std::sqrt(5e-4), 2e-4);
+  const auto field = field_with([](int x) { return x < 180 ? 1.0 : 9.0; });
+  EXPECT_NEAR(field.predicted_error[15 * 360 + 5], 0.01, 2e-4);
+  EXPECT_NEAR(field.predicted_error[15 * 360 + 355], std::sqrt(5e-4), 2e-4);
 }
 
 TEST(PredictedError, NoiseIsWhatNeighboursDoNotShare) {
@@ -56,7 +56,7 @@ TEST(PredictedError, NoiseIsWhatNeighboursDoNotShare) {
 
 TEST(PredictedError, ASingleOddPixelIsSteadiedByItsNeighbours) {
   auto field = field_with([](int) { return 1.0; });
-  const std::size_t odd = 10 * 120 + 60;
+  const std::size_t odd = 10 * 360 + 60;
   field.error_evidence[odd].leave_one_out = 16.0f * leave_one_out;
   predict_errors(field);
   EXPECT_NEAR(field.predicted_error[odd], 0.02, 1e-3);  // √(0.04 · 0.01)
@@ -65,10 +65,10 @@ TEST(PredictedError, ASingleOddPixelIsSteadiedByItsNeighbours) {
 
 TEST(PredictedError, PixelsOutsideTheMaskStayEmpty) {
   auto field = field_with([](int) { return 2.0; });
-  for (int x = 0; x < 120; ++x) field.error_evidence[7 * 120 + x] = {};
+  for (int x = 0; x < 360; ++x) field.error_evidence[7 * 360 + x] = {};
   predict_errors(field);
-  EXPECT_EQ(field.predicted_error[7 * 120 + 50], 0.0f);
-  EXPECT_NEAR(field.predicted_error[8 * 120 + 50], std::sqrt(1.5e-4), rounding);
+  EXPECT_EQ(field.predicted_error[7 * 360 + 50], 0.0f);
+  EXPECT_NEAR(field.predicted_error[8 * 360 + 50], std::sqrt(1.5e-4), rounding);
 }
 
 TEST(PredictedError, LearningCurveTakesMiddleErrors) {

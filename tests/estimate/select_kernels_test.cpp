@@ -44,7 +44,8 @@ struct Grown {
     for (int c = 0; c < 3; ++c) {
       const float* b = values.data() + c * space.extent();
       std::vector<const float*> basis;
-      for (int k = 0; k < dictionary.rank; ++k) basis.push_back(dictionary.basis[c].data() + k * space.stride());
+      for (int k = 0; k < dictionary.rank; ++k)
+        basis.push_back(dictionary.basis[c].data() + k * space.stride());
       pixel.inside[c].resize(dictionary.rank);
       dots(b, basis.data(), dictionary.rank, space.stride(), pixel.inside[c].data());
       pixel.smooth[c].assign(b + space.stride(), b + space.stride() + space.rank());
@@ -68,7 +69,8 @@ TEST(SelectKernels, TwoBoxesOfTheTreeAreFoundAndNoMore) {
   const KernelChoice choice = selector.select(grown.pixel, 25, -1);
   EXPECT_LE(choice.boxes.size(), 4u);
   const PixelWeights weights = selector.solve(grown.pixel, choice, {1.0, 1.0, 1.0});
-  for (int c = 0; c < 3; ++c) EXPECT_LT(std::sqrt(weights.squared_residual[c] / grown.pixel.squared[c]), 0.012);
+  for (int c = 0; c < 3; ++c)
+    EXPECT_LT(std::sqrt(weights.squared_residual[c] / grown.pixel.squared[c]), 0.012);
 }
 
 TEST(SelectKernels, ASmoothPixelTakesHatsAndHardlyABox) {
@@ -79,7 +81,8 @@ TEST(SelectKernels, ASmoothPixelTakesHatsAndHardlyABox) {
   EXPECT_TRUE(grown.space.classes()[choice.smooth_class].smooth);
   EXPECT_LE(choice.boxes.size(), 1u);
   const PixelWeights weights = selector.solve(grown.pixel, choice, {1.0, 1.0, 1.0});
-  for (int c = 0; c < 3; ++c) EXPECT_LT(std::sqrt(weights.squared_residual[c] / grown.pixel.squared[c]), 0.012);
+  for (int c = 0; c < 3; ++c)
+    EXPECT_LT(std::sqrt(weights.squared_residual[c] / grown.pixel.squared[c]), 0.012);
 }
 
 TEST(SelectKernels, AHighlightOnASmoothPixelTakesHatsAndABox) {
@@ -106,7 +109,8 @@ TEST(SelectKernels, NoiseAloneTakesNothing) {
   for (int c = 0; c < 3; ++c) {
     const float* b = grown.values.data() + c * grown.space.extent();
     std::vector<const float*> basis;
-    for (int k = 0; k < dictionary.rank; ++k) basis.push_back(dictionary.basis[c].data() + k * grown.space.stride());
+    for (int k = 0; k < dictionary.rank; ++k)
+      basis.push_back(dictionary.basis[c].data() + k * grown.space.stride());
     grown.pixel.inside[c].resize(dictionary.rank);
     dots(b, basis.data(), dictionary.rank, grown.space.stride(), grown.pixel.inside[c].data());
     grown.pixel.smooth[c].assign(b + grown.space.stride(), b + grown.space.stride() + grown.space.rank());
@@ -144,7 +148,8 @@ TEST(SmoothSpaceMetric, EqualsTheDenseOneForEveryClass) {
     if (smooth.smooth) {
       // (I + H Λ⁻¹ Hᵀ)⁻¹ = I − H (HᵀH + Λ)⁻¹ Hᵀ, Λ the prior's part of the normal equations.
       const Eigen::MatrixXd prior = Eigen::Map<const Eigen::MatrixXd>(smooth.penalty[1].data(), hats, hats);
-      dense -= (H.transpose() * dense_a).dot((H.transpose() * H + prior).ldlt().solve(H.transpose() * dense_b));
+      dense -=
+          (H.transpose() * dense_a).dot((H.transpose() * H + prior).ldlt().solve(H.transpose() * dense_b));
     }
     EXPECT_NEAR(product, dense, 1e-3 * (1.0 + std::abs(dense)));
   }
