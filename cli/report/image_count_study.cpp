@@ -28,12 +28,12 @@ std::vector<int> image_counts(int available) {
 }
 
 std::string series_name(const EstimateOptions& options) {
-  return std::string(name_of(options.mode)) + ", " + std::to_string(options.kernels) + " kernels" +
-         (options.spatial_passes == 0 ? ", no spatial correction" : "");
+  return std::string(name_of(options.mode)) + ", " + (options.kernels > 0 ? std::to_string(options.kernels) + " kernels" : "kernels by the data") +
+         (options.mode == EstimateMode::paper && options.spatial_passes == 0 ? ", no spatial correction" : "");
 }
 
 bool same_way(const EstimateOptions& a, const EstimateOptions& b) {
-  return a.mode == b.mode && a.kernels == b.kernels && a.spatial_passes == b.spatial_passes;
+  return a.mode == b.mode && a.kernels == b.kernels && a.sweeps() == b.sweeps();
 }
 
 std::vector<StudySeries> ways_to_estimate(const ReportInput& input) {
