@@ -43,10 +43,10 @@ std::vector<StudySeries> ways_to_estimate(const ReportInput& input) {
       ways.push_back({series_name(options), options, {}});
   };
   for (const FieldEntry& entry : input.fields) add(entry.options);
-  EstimateOptions uncorrected = input.fields.front().options;
-  uncorrected.spatial_passes = 0;
   EstimateOptions paper = input.fields.front().options;
   paper.mode = EstimateMode::paper;
+  EstimateOptions uncorrected = paper;
+  uncorrected.spatial_passes = 0;
   add(paper);
   add(uncorrected);
   return ways;

@@ -98,7 +98,7 @@ TEST_F(ReportPage, FiguresAreTheMetrics) {
   EXPECT_DOUBLE_EQ(field.at("statistics").at("share_of_99_percent").get<double>(),
                    kernel_statistics(field_).share_of_99_percent);
   EXPECT_EQ(field.at("options"), nullptr) << "this field records none";
-  // 25 and all 30 images, for the field's way, paper mode and without spatial correction.
+  // 25 and all 30 images, for the field's way, paper mode, and that without spatial correction.
   ASSERT_EQ(figures.at("image_count").at("series").size(), 3u);
   for (const auto& series : figures.at("image_count").at("series")) {
     ASSERT_EQ(series.at("points").size(), 2u);
