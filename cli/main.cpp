@@ -21,7 +21,7 @@ int run(int argc, char** argv) {
       "\nThe path of the data:\n"
       "  refield simulate RECIPE.toml -o truth                        a synthetic scene with its exact "
       "transport\n"
-      "  refield acquire RECIPE.toml --truth truth -o session         photograph it under a hundred or so "
+      "  refield acquire virtual RECIPE.toml --truth truth -o session photograph it under a hundred or so "
       "lights\n"
       "  refield estimate session -o scene.rfield                     estimate the reflectance field\n"
       "  refield relight scene.rfield --light new.exr -o new-image.exr\n");

@@ -30,8 +30,9 @@ class CaptureProgram : public ::testing::Test {
     duration = std::chrono::steady_clock::now() - start;
   }
   std::vector<std::string> acquire(const std::string& session, std::vector<std::string> more = {}) const {
-    std::vector<std::string> arguments = {"acquire", folder / "recipe.toml", "--truth",    folder / "truth",
-                                          "-o",      folder / session,       "--keep-raw", "--auto-mask"};
+    std::vector<std::string> arguments = {"acquire",        "virtual",        folder / "recipe.toml",
+                                          "--truth",        folder / "truth", "-o",
+                                          folder / session, "--keep-raw",     "--auto-mask"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }

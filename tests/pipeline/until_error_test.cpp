@@ -31,8 +31,8 @@ class UntilError : public testing::Test {
   static void TearDownTestSuite() { delete folder_; }
 
   int acquire(const std::string& session, std::vector<std::string> more) {
-    std::vector<std::string> words = {"acquire", *folder_ / "recipe.toml", "--truth", *folder_ / "truth",
-                                      "-o",      *folder_ / session};
+    std::vector<std::string> words = {"acquire",          "virtual", *folder_ / "recipe.toml", "--truth",
+                                      *folder_ / "truth", "-o",      *folder_ / session};
     words.insert(words.end(), more.begin(), more.end());
     return run_program(words, *folder_ / "log");
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/acquire_progress.h"
+#include "cli/acquire/until_error.h"
 
 #include <algorithm>
 #include <charconv>

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/acquire/verbs.h"
+
+namespace refield::cli {
+
+void add_acquire(CLI::App& app, const Common& common, Action& action) {
+  CLI::App* group = app.add_subcommand(
+      "acquire",
+      "Photograph a scene under many lights: HDR, ambient light subtracted, into a capture session.\n\n"
+      "Killed or interrupted at any moment, a capture goes on by the same command with --resume, and the "
+      "session ends\n"
+      "in the same bytes. docs/capture-session-format.md describes the folder.");
+  group->require_subcommand(1);
+  add_acquire_virtual(*group, common, action);
+}
+
+}  // namespace refield::cli

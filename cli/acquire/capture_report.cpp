@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/acquire/capture_report.h"
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "cli/report/run_log.h"
+
+namespace refield::cli {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+namespace {
+
+ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) {
+  ordered_json exposures = ordered_json::array();
+  for (std::size_t i = 0; i < summary.exposures.size(); ++i) {
+    exposures.push_back({{"seconds", summary.exposures[i].count()}});
+    if (!summary.useful_fraction.empty()) exposures.back()["useful_fraction"] = summary.useful_fraction[i];
+  }
+  ordered_json figures = {{"lights", summary.lights},
+                          {"left_out", summary.left_out},
+                          {"taken_over", summary.found_done},
+                          {"damaged_and_repeated", summary.found_damaged},
+                          {"exposures", exposures},
+                          {"clipped_fraction", summary.clipped_fraction},
+                          {"lights_brighter_than_monitor", summary.out_of_range_lights},
+                          {"frames_discarded_early", summary.discarded.early},
+                          {"frames_discarded_stale", summary.discarded.stale},
+                          {"frames_lost", summary.discarded.lost},
+                          {"seconds", summary.seconds}};
+  if (until && until->last().images > 0)
+    figures["until_error"] = {{"asked", until->asked()},
+                              {"reached", until->reached()},
+                              {"predicted", until->last().predicted},
+                              {"photograph_noise", until->last().noise},
+                              {"images", until->last().images},
+                              {"images_that_would_do", until->images_for()}};
+  return figures;
+}
+
+void print(const UntilError& until, const CaptureSummary& summary) {
+  if (until.last().images == 0) return;
+  std::printf("predicted error %.2f %% after %d images, asked were %.2f %%: ", 100.0 * until.last().predicted,
+              until.last().images, 100.0 * until.asked());
+  if (until.reached())
+    std::printf("reached, %zu lights left out\n", summary.left_out);
+  else if (until.last().noise > until.asked())
+    std::printf("cannot be reached, the photographs' own noise is %.2f %%; take more frames an exposure\n",
+                100.0 * until.last().noise);
+  else if (const int needed = until.images_for(); needed > 0)
+    std::printf("not reached, about %d images would do\n", needed);
+  else
+    std::printf("not reached, and more images of this kind would hardly reach it\n");
+}
+
+void print(const CaptureSummary& summary, const fs::path& session) {
+  if (summary.useful_fraction.empty()) {
+    std::printf("%s: already complete, %zu photographs\n", session.c_str(), summary.lights);
+    return;
+  }
+  std::printf("%s: %zu photographs", session.c_str(), summary.lights);
+  if (summary.found_done > 0) std::printf(", %zu steps from an earlier run", summary.found_done);
+  if (summary.found_damaged > 0) std::printf(", %zu damaged ones repeated", summary.found_damaged);
+  std::printf("\nexposures:");
+  for (std::size_t i = 0; i < summary.exposures.size(); ++i)
+    std::printf(" %.4g s (useful for %.1f %% of the samples)%s", summary.exposures[i].count(),
+                100.0 * summary.useful_fraction[i], i + 1 < summary.exposures.size() ? "," : "\n");
+  std::printf("clipped in every exposure: %.3f %% of the samples\n", 100.0 * summary.clipped_fraction);
+  std::printf("discarded frames: %llu early, %llu with old settings; lost: %llu\n",
+              static_cast<unsigned long long>(summary.discarded.early),
+              static_cast<unsigned long long>(summary.discarded.stale),
+              static_cast<unsigned long long>(summary.discarded.lost));
+  if (summary.out_of_range_lights > 0)
+    std::printf("%zu lights are brighter in places than the monitor; what it emitted is on record\n",
+                summary.out_of_range_lights);
+  for (const std::string& sentence : wasted_exposures(summary.exposures, summary.useful_fraction))
+    std::printf("note: %s\n", sentence.c_str());
+}
+
+}  // namespace
+
+void report_capture(const CaptureSummary& summary, const fs::path& session, const UntilError* until,
+                    const Common& common) {
+  // A capture that was already complete keeps the log of the run that made it.
+  if (!summary.useful_fraction.empty())
+    report::write_run_log(session, "acquire", summary.seconds,
+                          {{"lights", summary.lights},
+                           {"taken_over", summary.found_done},
+                           {"exposures", summary.exposures.size()},
+                           {"clipped_fraction", summary.clipped_fraction},
+                           {"frames_discarded_early", summary.discarded.early},
+                           {"frames_discarded_stale", summary.discarded.stale},
+                           {"frames_lost", summary.discarded.lost}});
+  if (common.json)
+    std::printf("%s\n", figures_of(summary, until).dump(2).c_str());
+  else
+    print(summary, session);
+  if (until && !common.json) print(*until, summary);
+}
+
+}  // namespace refield::cli

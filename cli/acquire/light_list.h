@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "acquire/capture.h"
+
+namespace refield::cli {
+
+/// The images that `pattern` (a quoted pattern or a folder) names, as training lights.
+std::vector<CaptureLight> lights_of_files(const std::string& pattern);
+
+/// Puts frames of one light, to tell drift by, first, last, and after every `every` lights (0: none). Without
+/// a `reference` it is the white one among the lights, else the first.
+std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& lights, int every,
+                                          std::filesystem::path reference);
+
+/// CRC-32 of a file, eight hexadecimal digits: how a plan names what it rests on.
+std::string checksum_text(const std::filesystem::path& file);
+
+}  // namespace refield::cli

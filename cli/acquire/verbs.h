@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "cli/verbs.h"
+
+namespace refield::cli {
+
+// One file a subcommand of `refield acquire`. Each adds its own to `group`.
+void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
+
+}  // namespace refield::cli

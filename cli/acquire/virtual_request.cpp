@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/acquire/virtual_request.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "cli/acquire/light_list.h"
+#include "cli/acquire/until_error.h"
+#include "core/capture_session.h"
+#include "core/errors.h"
+#include "simulate/simulate.h"
+
+namespace refield::cli {
+
+namespace {
+
+/// What a calibration of the virtual camera would find out.
+CameraCalibration calibration_of(const SensorModel& sensor, double gain) {
+  CameraCalibration camera;
+  camera.bits = sensor.bits;
+  camera.linear_from_dn = sensor.response_gamma == 1.0 ? linear_response(sensor.bits)
+                                                       : gamma_response(sensor.bits, sensor.response_gamma);
+  camera.black_level_dn = sensor.black_level_dn;
+  const double full = sensor.full_scale();
+  const double full_well_dn =
+      sensor.black_level_dn + gain * sensor.full_well_electrons / sensor.electrons_per_dn;
+  camera.saturation_dn =
+      std::round(full * std::pow(std::min(full_well_dn / full, 1.0), 1.0 / sensor.response_gamma));
+  camera.electrons_per_dn = sensor.electrons_per_dn;
+  camera.read_noise_electrons = sensor.read_noise_electrons;
+  camera.electrons_per_radiance_second = sensor.sensitivity;
+  return camera;
+}
+
+MonitorCalibration calibration_of(const MonitorModel& model) {
+  MonitorCalibration monitor;
+  const auto curve = model.tone_curve();
+  for (int c = 0; c < 3; ++c) monitor.radiance_from_level[c].assign(curve[c].begin(), curve[c].end());
+  return monitor;
+}
+
+std::vector<CaptureLight> lights_of(const VirtualOptions& options) {
+  if (!options.lights.empty()) return lights_of_files(options.lights);
+  std::vector<CaptureLight> lights;
+  for (const CaptureFrame& frame : read_capture_session(options.truth).frames)
+    lights.push_back({frame.name, frame.role, frame.kind, frame.illumination});
+  return lights;
+}
+
+/// The plan names devices by what decides their frames.
+std::string rig_text(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed) {
+  std::string text = "virtual rig: recipe " + checksum_text(recipe.path);
+  if (options.truth.empty()) {
+    text += ", traced";
+  } else {
+    text += ", transport " + checksum_text(options.truth / transport_file_name);
+    const fs::path ambient = options.truth / ambient_file_name;
+    text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
+  }
+  text += ", seed " + std::to_string(seed);
+  return text + (options.trigger ? ", triggered" : "");
+}
+
+void fill_exposures(const VirtualOptions& options, const Recipe& recipe, CaptureRequest& request) {
+  const ExposureSeries& series = recipe.rig.exposures;
+  for (double seconds : options.exposures) request.exposures.emplace_back(seconds);
+  request.exposure_plan.count = options.exposure_count.value_or(series.count);
+  request.exposure_plan.ratio = options.exposure_ratio.value_or(series.ratio);
+  request.frames_per_exposure = options.frames.value_or(series.frames);
+  if (series.longest)
+    request.exposure_plan.shortest =
+        *series.longest * std::pow(request.exposure_plan.ratio, 1 - request.exposure_plan.count);
+}
+
+}  // namespace
+
+CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed) {
+  CaptureRequest request;
+  request.folder = options.session;
+  const int every = options.reference_every.value_or(recipe.rig.reference_every);
+  if (every < 0)
+    throw InputError("--reference-every is " + std::to_string(every) + "; give 0 (none) or more");
+  auto lights = lights_of(options);
+  order_lights(lights, options.order, seed);
+  request.lights = with_references(lights, every, options.reference_light);
+  request.camera = calibration_of(recipe.rig.sensor, request.gain);
+  request.monitor = calibration_of(recipe.rig.monitor);
+  request.rig = rig_text(options, recipe, seed);
+  fill_exposures(options, recipe, request);
+  request.ambient_repeats = options.ambient_frames;
+  if (!options.mask.empty()) request.mask = {MaskSource::Kind::painted, options.mask};
+  if (options.auto_mask) request.mask = {MaskSource::Kind::automatic, options.background};
+  request.keep_raw = options.keep_raw;
+  request.precision = options.half ? Precision::half : Precision::single;
+  if (options.resume) request.if_exists = IfExists::resume;
+  if (options.force) request.if_exists = IfExists::replace;
+  return request;
+}
+
+}  // namespace refield::cli

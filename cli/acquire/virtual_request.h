@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/capture.h"
+#include "simulate/recipe.h"
+
+namespace refield::cli {
+
+namespace fs = std::filesystem;
+
+/// Options of `refield acquire virtual`.
+struct VirtualOptions {
+  fs::path recipe;
+  fs::path truth;
+  fs::path session;
+  std::string lights;
+  std::vector<double> exposures;
+  std::optional<int> exposure_count;
+  std::optional<double> exposure_ratio;
+  std::optional<int> frames;
+  int ambient_frames = 4;
+  fs::path mask;
+  bool auto_mask = false;
+  fs::path background;
+  std::optional<std::uint64_t> seed;
+  std::string order = "given";
+  std::string until_error;
+  int min_images = 30;
+  int check_every = 10;
+  std::optional<int> reference_every;
+  fs::path reference_light;
+  bool trigger = false;
+  bool keep_raw = false;
+  bool half = false;
+  bool resume = false;
+  bool force = false;
+};
+
+/// What the options and the recipe ask the capture stage for.
+CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed);
+
+}  // namespace refield::cli
