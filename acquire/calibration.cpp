@@ -69,6 +69,7 @@ void CameraCalibration::check(const std::string& where) const {
   require_positive(electrons_per_radiance_second, "electrons_per_radiance_second", where);
   if (!(std::isfinite(read_noise_electrons) && read_noise_electrons >= 0.0))
     refuse(where, "read_noise_electrons is " + std::to_string(read_noise_electrons));
+  flat_field.check(where + ", flat field");
 }
 
 std::vector<float> linear_response(int bits) {
@@ -108,6 +109,20 @@ void MonitorCalibration::check(const std::string& where) const {
     if (table.front() == table.back())
       refuse(where, "a channel of the monitor emits the same light at all levels");
   }
+  uniformity.check(where + ", uniformity of the screen");
+}
+
+void TimingCalibration::check(const std::string& where) const {
+  const auto require_time = [&](Seconds time, const char* name) {
+    if (!(std::isfinite(time.count()) && time.count() >= 0.0))
+      refuse(where, std::string(name) + " is " + std::to_string(time.count()) + " s");
+  };
+  require_time(display_latency, "the display's latency");
+  require_time(display_settling, "the display's settling");
+  require_time(refresh_period, "the refresh period");
+  require_time(exposure_unit, "the exposure unit");
+  if (control_latency_frames < 0 || control_latency_frames > 1000)
+    refuse(where, "control_latency_frames is " + std::to_string(control_latency_frames));
 }
 
 DriveImage drive_levels(const Image& wanted, const MonitorCalibration& monitor, std::size_t* out_of_range) {
@@ -131,6 +146,7 @@ Image emitted_above_black(const DriveImage& drive, const MonitorCalibration& mon
     const auto& table = monitor.radiance_from_level[i % 3];
     light.values[i] = table[drive.levels[i]] - table.front();
   }
+  multiply(light, monitor.uniformity);
   return light;
 }
 

@@ -2,9 +2,11 @@
 #pragma once
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "acquire/illuminator.h"
+#include "acquire/relative_map.h"
 #include "core/image.h"
 
 namespace refield {
@@ -24,6 +26,9 @@ struct CameraCalibration {
   /// Sensitivity; it sets the unit of radiance. 1 where it is not known: radiance is then in electrons a
   /// second.
   double electrons_per_radiance_second = 1.0;
+  /// Share of the light that arrives at each place of the frame (vignetting of the lens), 1 where most does;
+  /// empty: everywhere the same. Photographs are divided by it once their exposures are merged.
+  RelativeMap flat_field;
 
   bool is_linear() const;
   /// Throws InputError naming `where` and the entry that is not finite, not monotone or out of range.
@@ -41,8 +46,23 @@ std::vector<float> srgb_response(int bits);
 /// decreasing. Level 0 is the monitor's black, which is rarely dark.
 struct MonitorCalibration {
   std::array<std::vector<float>, 3> radiance_from_level;
+  /// Brightness of each place of the screen relative to the brightest; empty: everywhere the same.
+  RelativeMap uniformity;
 
   /// Throws InputError naming `where` and the entry that is not finite, negative or decreasing.
+  void check(const std::string& where) const;
+};
+
+/// When light and settings change, as measured.
+struct TimingCalibration {
+  Seconds display_latency{0};      ///< from a flip's time stamp to the first changed light
+  Seconds display_settling{0};     ///< from the first changed light to the last
+  int control_latency_frames = 0;  ///< frames begun after a change of settings that still have the old ones
+  Seconds refresh_period{0};       ///< of the display; 0: not known
+  /// Exposures that are whole multiples of this show no banding; 0: any exposure will do.
+  Seconds exposure_unit{0};
+
+  /// Throws InputError naming `where` and the entry that is not finite or negative.
   void check(const std::string& where) const;
 };
 
@@ -53,17 +73,21 @@ DriveImage drive_levels(const Image& wanted, const MonitorCalibration& monitor,
                         std::size_t* out_of_range = nullptr);
 
 /// Radiance *above the monitor's black* that drive levels emit, [height × width × 3]. This is what a
-/// photograph sees once an ambient photograph, taken while the monitor shows black, has been subtracted.
+/// photograph sees once an ambient photograph, taken while the monitor shows black, has been subtracted. The
+/// screen's uniformity is in it.
 Image emitted_above_black(const DriveImage& drive, const MonitorCalibration& monitor);
 
 /// A whole image at one drive level.
 DriveImage uniform_drive(int width, int height, std::uint8_t level);
 
-/// Both calibrations as a TOML file, see docs/capture-session-format.md. The text holds every digit.
+/// All calibrations as a TOML file, see docs/capture-session-format.md. The text holds every digit.
 void write_calibration(const std::filesystem::path& path, const CameraCalibration& camera,
-                       const MonitorCalibration& monitor);
+                       const MonitorCalibration& monitor,
+                       const std::optional<TimingCalibration>& timing = std::nullopt);
 /// Throw FormatError where a table or key is missing or malformed and InputError where a value is impossible.
 CameraCalibration read_camera_calibration(const std::filesystem::path& path);
 MonitorCalibration read_monitor_calibration(const std::filesystem::path& path);
+/// nullopt where the file has no section [timing].
+std::optional<TimingCalibration> read_timing_calibration(const std::filesystem::path& path);
 
 }  // namespace refield

@@ -35,13 +35,17 @@ struct RawFrame {
   std::uint64_t sequence = 0;  ///< consecutive; a gap means lost frames
 };
 
-/// A camera that streams frames. Settings act on the next frame whose exposure begins after the call.
+/// A camera that streams frames. Settings act on frames that begin after the call; how many more still have
+/// the old ones is the camera's control latency, which 'refield acquire calibrate' measures.
+/// RawFrame::exposure and gain are what the driver says; within the control latency that may be what was
+/// asked for, not what was.
 class Camera {
  public:
   virtual ~Camera() = default;
   virtual CameraDescription describe() const = 0;
+  /// Returns the instant at which the device took the settings, on the clock of RawFrame::exposure_start.
   /// Throws InputError outside the camera's range, DeviceError when the device refuses.
-  virtual void set_exposure(Seconds exposure, double gain) = 0;
+  virtual TimePoint set_exposure(Seconds exposure, double gain) = 0;
   /// Waits for the next frame. Throws DeviceError on a time-out or an unplugged camera.
   virtual RawFrame next_frame(Seconds timeout) = 0;
 };

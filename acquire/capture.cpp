@@ -187,6 +187,7 @@ class CaptureRun {
       }
     MergeStatistics statistics;
     Photograph merged = merge_exposures(frames, request_.camera, {}, &statistics);
+    divide(merged, request_.camera.flat_field);
     for (std::size_t i = 0; i < frames.size(); ++i)
       useful_[i / repeats] += statistics.useful_fraction[i] / repeats;
     clipped_ += statistics.clipped_fraction;
@@ -227,7 +228,7 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
   const IlluminatorDescription display = illuminator.describe();
   check_session_folder(request.folder, request.if_exists);
   request.check(described, display);
-  FramePairing pairing(camera, illuminator, trigger);
+  FramePairing pairing(camera, illuminator, trigger, request.timing);
   const auto exposures = choose_exposures(request, described, display, pairing);
   SessionWriter session(request.folder, capture_plan_text(request, exposures, described, display),
                         steps_of(request), request.if_exists);
@@ -236,7 +237,7 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
   if (!session.is_complete()) {
     require_free_space(request.folder, run.bytes_needed());
     if (request.keep_raw) create_folders(request.folder / "raw");
-    write_calibration(request.folder / "calibration.toml", request.camera, request.monitor);
+    write_calibration(request.folder / "calibration.toml", request.camera, request.monitor, request.timing);
     run.take_ambient();
     run.make_mask();
     Progress progress("capturing", request.lights.size());

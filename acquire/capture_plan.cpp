@@ -36,13 +36,19 @@ std::string_view bytes_of(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
 }
 
+std::uint32_t checksum_of(const RelativeMap& map, std::uint32_t before) {
+  return map.empty() ? before
+                     : crc32_of(bytes_of(map.values), before + static_cast<std::uint32_t>(map.columns));
+}
+
+/// Of what decides samples and light; timing decides only which frames are taken.
 std::uint32_t checksum_of(const CameraCalibration& camera, const MonitorCalibration& monitor) {
   const std::vector<double> numbers = {
       static_cast<double>(camera.bits), camera.black_level_dn,       camera.saturation_dn,
       camera.electrons_per_dn,          camera.read_noise_electrons, camera.electrons_per_radiance_second};
   std::uint32_t crc = crc32_of(bytes_of(camera.linear_from_dn), crc32_of(bytes_of(numbers)));
   for (const auto& table : monitor.radiance_from_level) crc = crc32_of(bytes_of(table), crc);
-  return crc;
+  return checksum_of(monitor.uniformity, checksum_of(camera.flat_field, crc));
 }
 
 const char* name_of(MaskSource::Kind kind) {
@@ -83,6 +89,7 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
   }
   camera.check("camera calibration");
   monitor.check("monitor calibration");
+  if (timing) timing->check("timing calibration");
   if (camera.bits != described.bits)
     throw InputError("the calibration is for " + std::to_string(camera.bits) + " bits, camera '" +
                      described.name + "' gives " + std::to_string(described.bits) +

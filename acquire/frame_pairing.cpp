@@ -27,19 +27,23 @@ std::size_t samples_of(const CameraDescription& camera) {
 
 }  // namespace
 
-FramePairing::FramePairing(Camera& camera, Illuminator& illuminator, Trigger* trigger)
-    : camera_(camera), illuminator_(illuminator), trigger_(trigger), description_(camera.describe()) {}
+FramePairing::FramePairing(Camera& camera, Illuminator& illuminator, Trigger* trigger,
+                           const std::optional<TimingCalibration>& timing)
+    : camera_(camera), illuminator_(illuminator), trigger_(trigger), description_(camera.describe()) {
+  const IlluminatorDescription display = illuminator.describe();
+  change_ = timing ? timing->display_latency + timing->display_settling : display.latency + display.settling;
+  if (timing) control_latency_ = static_cast<std::uint64_t>(timing->control_latency_frames);
+}
 
 void FramePairing::show(const DriveImage& pattern) {
-  const IlluminatorDescription display = illuminator_.describe();
   // Rounded up: a frame that begins within the last nanosecond of settling is early.
-  const Seconds change = display.latency + display.settling;
-  settled_ = illuminator_.show(pattern) + std::chrono::ceil<TimePoint::duration>(change);
+  settled_ = illuminator_.show(pattern) + std::chrono::ceil<TimePoint::duration>(change_);
 }
 
 void FramePairing::prepare(Seconds exposure, double gain) {
   if (exposure == asked_exposure_ && gain == asked_gain_) return;
-  camera_.set_exposure(exposure, gain);
+  settings_made_ = camera_.set_exposure(exposure, gain);
+  first_since_settings_.reset();
   asked_exposure_ = exposure;
   asked_gain_ = gain;
 }
@@ -65,6 +69,14 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
       "times with the same clock");
 }
 
+/// True once a frame began later than the last change of settings by the control latency. Lost frames count,
+/// too.
+bool FramePairing::has_settings(const RawFrame& frame) {
+  if (frame.exposure_start < settings_made_) return false;
+  if (!first_since_settings_) first_since_settings_ = frame.sequence;
+  return frame.sequence >= *first_since_settings_ + control_latency_;
+}
+
 bool FramePairing::usable(const RawFrame& frame, Seconds exposure, double gain) {
   if (frame.width != description_.width || frame.height != description_.height ||
       frame.layout != description_.layout || frame.samples.size() != samples_of(description_))
@@ -76,11 +88,13 @@ bool FramePairing::usable(const RawFrame& frame, Seconds exposure, double gain) 
   if (last_sequence_ && frame.sequence > *last_sequence_ + 1)
     counts_.lost += frame.sequence - *last_sequence_ - 1;
   last_sequence_ = frame.sequence;
+  const bool settings_act = has_settings(frame);
   if (frame.exposure_start < settled_) {
     ++counts_.early;
     return false;
   }
-  if (repeated || !close_to(frame.exposure.count(), exposure.count()) || !close_to(frame.gain, gain)) {
+  if (repeated || !settings_act || !close_to(frame.exposure.count(), exposure.count()) ||
+      !close_to(frame.gain, gain)) {
     ++counts_.stale;
     return false;
   }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/errors.h"
+#include "simulate/falloff.h"
 
 namespace refield {
 
@@ -16,6 +17,10 @@ void MonitorModel::check() const {
   require(black_level >= 0.0 && black_level < 1.0,
           "black_level is a fraction of white and must lie in 0 to 1");
   require(white_radiance > 0.0 && std::isfinite(white_radiance), "white_radiance must be positive");
+  require(falloff >= 0.0 && falloff < 1.0, "falloff must lie in 0 to 1");
+  require(dimming >= 0.0 && dimming < 1.0, "dimming must lie in 0 to 1");
+  require(pwm_hz == 0.0 || (pwm_hz >= 1.0 && pwm_hz <= 1e6), "pwm_hz must be 0 or lie in 1 to 1000000");
+  require(pwm_depth >= 0.0 && pwm_depth <= 1.0, "pwm_depth must lie in 0 to 1");
   for (double change : drift)
     require(change > -1.0 && change <= 10.0, "drift must lie above -1 and up to 10");
   require(drift_settling >= 0.0 && drift_settling <= 100.0, "drift_settling must lie in 0 to 100");
@@ -29,6 +34,17 @@ double MonitorModel::gain(int channel, double done) const {
   const double share =
       drift_settling > 0.0 ? std::expm1(-done / drift_settling) / std::expm1(-1.0 / drift_settling) : done;
   return 1.0 + drift[channel] * share;
+}
+
+double MonitorModel::backlight(TimePoint start, TimePoint end) const {
+  if (pwm_hz == 0.0 || pwm_depth == 0.0 || end <= start) return 1.0;
+  // The integral of ±1 over whole periods is zero; within one it is a triangle.
+  const auto integral = [&](TimePoint t) {
+    const double periods = Seconds(t.time_since_epoch()).count() * pwm_hz;
+    const double phase = periods - std::floor(periods);
+    return (phase < 0.5 ? phase : 1.0 - phase) / pwm_hz;
+  };
+  return 1.0 + pwm_depth * (integral(end) - integral(start)) / Seconds(end - start).count();
 }
 
 std::array<std::vector<double>, 3> MonitorModel::tone_curve() const {
@@ -47,8 +63,22 @@ LightMap MonitorModel::emitted(const DriveImage& image) const {
     throw InputError("monitor: a drive image of " + std::to_string(image.width) + "×" +
                      std::to_string(image.height) + " texels has " + std::to_string(image.levels.size()) +
                      " levels; three a texel are needed");
-  for (std::size_t i = 0; i < image.levels.size(); ++i)
-    light.radiance.values[i] = static_cast<float>(curve[i % 3][image.levels[i]]);
+  const Falloff screen{image.width, image.height, falloff};
+  double sum = 0.0;
+  std::size_t i = 0;
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) {
+      const double share = screen.at(x, y);
+      for (int c = 0; c < 3; ++c, ++i) {
+        const double radiance = curve[c][image.levels[i]];
+        sum += radiance;
+        light.radiance.values[i] = static_cast<float>(radiance * share);
+      }
+    }
+  if (dimming > 0.0) {
+    const double mean = sum / (white_radiance * static_cast<double>(image.levels.size()));
+    for (float& value : light.radiance.values) value *= static_cast<float>(1.0 - dimming * mean);
+  }
   return light;
 }
 

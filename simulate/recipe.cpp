@@ -194,6 +194,10 @@ void read_monitor(Section section, MonitorInScene& place, MonitorModel& model) {
   section.triple("gamma", model.gamma, 0.5, 5.0);
   section.number("black_level", model.black_level, 0.0, 0.999);
   section.number("white_radiance", model.white_radiance, 1e-6, 1e5);
+  section.number("falloff", model.falloff, 0.0, 0.9);
+  section.number("dimming", model.dimming, 0.0, 0.9);
+  section.number("pwm_hz", model.pwm_hz, 0.0, 1e6);
+  section.number("pwm_depth", model.pwm_depth, 0.0, 1.0);
   section.triple("drift", model.drift, -0.9, 10.0);
   section.number("drift_settling", model.drift_settling, 0.0, 100.0);
   double refresh_hz = 1.0 / model.refresh_interval.count();
@@ -215,12 +219,14 @@ void read_sensor(Section section, SensorModel& sensor) {
   section.number("full_well_electrons", sensor.full_well_electrons, 1.0, 1e9);
   section.number("read_noise_electrons", sensor.read_noise_electrons, 0.0, 1e6);
   section.number("black_level_dn", sensor.black_level_dn, 0.0, sensor.full_scale() / 4.0);
+  section.number("vignetting", sensor.vignetting, 0.0, 0.9);
   section.number("response_gamma", sensor.response_gamma, 0.5, 5.0);
   section.number("largest_gain", sensor.largest_gain, 1.0, 1e4);
   section.seconds("longest_exposure_s", sensor.longest_exposure, Seconds(1.0), 1e-6, 3600.0);
   section.seconds("shortest_exposure_s", sensor.shortest_exposure, Seconds(1.0), 1e-6,
                   sensor.longest_exposure.count());
   section.seconds("frame_interval_ms", sensor.frame_interval, Seconds(1e-3), 0.01, 1e6);
+  section.integer("control_latency_frames", sensor.control_latency_frames, 0, 64);
   section.integer("latency_frames", sensor.latency_frames, 0, 64);
   section.finish();
 }

@@ -9,6 +9,7 @@
 
 #include "core/errors.h"
 #include "core/rng.h"
+#include "simulate/falloff.h"
 
 namespace refield {
 
@@ -41,11 +42,14 @@ void SensorModel::check() const {
           "read_noise_electrons must be at least 0");
   require(black_level_dn >= 0.0 && black_level_dn < full_scale() / 2.0,
           "black_level_dn must lie between 0 and half of the full scale");
+  require(vignetting >= 0.0 && vignetting < 1.0, "vignetting must lie in 0 to 1");
   require(response_gamma >= 0.5 && response_gamma <= 5.0, "response_gamma must lie in 0.5 to 5");
   require(largest_gain >= 1.0, "largest_gain must be at least 1");
   require(shortest_exposure.count() > 0.0 && shortest_exposure <= longest_exposure,
           "exposures must be positive, the shortest no longer than the longest");
   require(frame_interval.count() > 0.0, "frame_interval must be positive");
+  require(control_latency_frames >= 0 && control_latency_frames <= 64,
+          "control_latency_frames must lie in 0 to 64");
   require(latency_frames >= 0 && latency_frames <= 64, "latency_frames must lie in 0 to 64");
 }
 
@@ -71,8 +75,10 @@ std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds ex
   const double read_variance = read_noise_electrons * read_noise_electrons;
   std::vector<std::uint16_t> samples(radiance.pixel_count() * channels);
 
-  const auto sample = [&](double value, Rng& noise) {
-    const double mean = std::max(0.0, value) * electrons_per_radiance;
+  const Falloff lens{radiance.width, radiance.height, vignetting};
+
+  const auto sample = [&](double value, double arriving, Rng& noise) {
+    const double mean = std::max(0.0, value) * arriving * electrons_per_radiance;
     const double electrons = mean >= normal_from_electrons
                                  ? mean + std::sqrt(mean + read_variance) * noise.normal()
                                  : noise.poisson(mean) + read_noise_electrons * noise.normal();
@@ -84,17 +90,21 @@ std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds ex
   tbb::parallel_for(0, radiance.height, [&](int y) {
     Rng noise(noise_key, y);
     std::uint16_t* out = samples.data() + static_cast<std::size_t>(y) * radiance.width * channels;
-    for (int x = 0; x < radiance.width; ++x) switch (layout) {
+    for (int x = 0; x < radiance.width; ++x) {
+      const double arriving = lens.at(x, y);
+      switch (layout) {
         case PixelLayout::rgb:
-          for (int c = 0; c < 3; ++c) *out++ = sample(radiance.at(x, y, c), noise);
+          for (int c = 0; c < 3; ++c) *out++ = sample(radiance.at(x, y, c), arriving, noise);
           break;
         case PixelLayout::bayer_rggb:
-          *out++ = sample(radiance.at(x, y, bayer_channel(x, y)), noise);
+          *out++ = sample(radiance.at(x, y, bayer_channel(x, y)), arriving, noise);
           break;
         case PixelLayout::grey:
-          *out++ = sample((radiance.at(x, y, 0) + radiance.at(x, y, 1) + radiance.at(x, y, 2)) / 3.0, noise);
+          *out++ = sample((radiance.at(x, y, 0) + radiance.at(x, y, 1) + radiance.at(x, y, 2)) / 3.0,
+                          arriving, noise);
           break;
       }
+    }
   });
   return samples;
 }

@@ -21,11 +21,14 @@ struct SensorModel {
   double full_well_electrons = 15000.0;  ///< a well holds no more
   double read_noise_electrons = 3.0;     ///< standard deviation
   double black_level_dn = 64.0;  ///< added before quantisation, so that noise around zero is not cut off
-  double response_gamma = 1.0;   ///< DN/full scale becomes its power 1/response_gamma; 1: linear
-  double largest_gain = 16.0;    ///< gains from 1 to this
+  double vignetting =
+      0.0;  ///< share of the light that the corners lose; grows with the square of the distance
+  double response_gamma = 1.0;  ///< DN/full scale becomes its power 1/response_gamma; 1: linear
+  double largest_gain = 16.0;   ///< gains from 1 to this
   Seconds shortest_exposure{1.0 / 4000};
   Seconds longest_exposure{4.0};
   Seconds frame_interval{1.0 / 30};  ///< shortest time from one exposure's start to the next
+  int control_latency_frames = 0;    ///< frames that still begin with the old settings after a change of them
   int latency_frames = 1;            ///< frames that wait in the driver's queue: the next frame is this old
 
   /// Throws InputError naming the property and its range.
@@ -37,8 +40,8 @@ struct SensorModel {
   double mean_dn(double radiance, Seconds exposure, double gain) const;
   double variance_dn(double radiance, Seconds exposure, double gain) const;
 
-  /// One frame of `radiance` [height × width × 3]; a Bayer sample sees its own channel, a grey one the mean
-  /// of three. The noise is a function of `noise_key` alone; runs on all cores.
+  /// One frame of `radiance` [height × width × 3] behind the vignetting lens; a Bayer sample sees its own
+  /// channel, a grey one the mean of three. The noise is a function of `noise_key` alone; runs on all cores.
   std::vector<std::uint16_t> expose(const Image& radiance, Seconds exposure, double gain,
                                     std::uint64_t noise_key) const;
 };

@@ -56,10 +56,16 @@ struct Share {
   double weight;
 };
 
-struct ExposedFrame {
-  TimePoint start;
+struct Settings {
   Seconds exposure;
   double gain;
+  bool operator==(const Settings&) const = default;
+};
+
+struct ExposedFrame {
+  TimePoint start;
+  Settings acting;
+  Settings stated;  // by the driver, which knows what was asked for
   std::uint64_t sequence;
   std::vector<Share> light;
   std::array<float, 3> gain_of_monitor;
@@ -73,7 +79,7 @@ struct VirtualRig::State {
     State* rig;
     explicit CameraFace(State* r) : rig(r) {}
     CameraDescription describe() const override { return rig->describe_camera(); }
-    void set_exposure(Seconds e, double g) override { rig->set_exposure(e, g); }
+    TimePoint set_exposure(Seconds e, double g) override { return rig->set_exposure(e, g); }
     RawFrame next_frame(Seconds timeout) override { return rig->next_frame(timeout); }
   };
   struct MonitorFace final : Illuminator {
@@ -103,8 +109,9 @@ struct VirtualRig::State {
   std::deque<ExposedFrame> queue;
   std::optional<TimePoint> trigger_edge;
   TimePoint camera_ready{};
-  Seconds exposure;
-  double gain = 1.0;
+  TimePoint last_flip{};
+  Settings asked{{}, 1.0};
+  std::deque<Settings> coming;  // what the frames within the control latency have, then what was asked for
   std::uint64_t sequence = 0;
   std::map<std::pair<double, double>, std::uint64_t> settled_frames;  // since the flip, by exposure and gain
   std::uint64_t unsettled_frames = 0;
@@ -120,7 +127,8 @@ struct VirtualRig::State {
       throw InputError("virtual rig: the ambient image is " + shape_text(ambient) + ", the transport has " +
                        std::to_string(transport.width) + "×" + std::to_string(transport.height) +
                        " pixels; use the ambient image made together with the transport");
-    exposure = std::clamp(sensor.frame_interval, sensor.shortest_exposure, sensor.longest_exposure);
+    asked.exposure = std::clamp(sensor.frame_interval, sensor.shortest_exposure, sensor.longest_exposure);
+    coming.push_back(asked);
     const LightDomain& domain = transport.basis.domain;
     DriveImage black{domain.width, domain.height,
                      std::vector<std::uint8_t>(std::size_t{3} * domain.width * domain.height)};
@@ -184,17 +192,22 @@ struct VirtualRig::State {
     const TimePoint start =
         trigger_edge ? *trigger_edge : next_tick(std::max(now, camera_ready), period(), half);
     trigger_edge.reset();
-    const TimePoint end = start + to_nanoseconds(exposure);
+    const Settings acting = coming.front();
+    if (coming.size() > 1) coming.pop_front();
+    const TimePoint end = start + to_nanoseconds(acting.exposure);
     camera_ready = std::max(end, start + to_nanoseconds(sensor.frame_interval));
     now = std::max(now, end);
     while (flips.size() > 1 && risen(flips[1], start) >= 1.0) flips.pop_front();
 
-    ExposedFrame frame{start, exposure, gain, sequence++, gathered(start, end), {}, 0};
-    for (int c = 0; c < 3; ++c) frame.gain_of_monitor[c] = static_cast<float>(monitor.gain(c, done));
-    const bool settled = flips.size() == 1;
-    const std::uint64_t ordinal = settled ? settled_frames[{exposure.count(), gain}]++ : unsettled_frames++;
-    Rng key(seed, settled, flips.back().pattern->hash, std::bit_cast<std::uint64_t>(exposure.count()),
-            std::bit_cast<std::uint64_t>(gain), ordinal + (repetition << 32));
+    ExposedFrame frame{start, acting, asked, sequence++, gathered(start, end), {}, 0};
+    const double backlight = monitor.backlight(start, end);
+    for (int c = 0; c < 3; ++c)
+      frame.gain_of_monitor[c] = static_cast<float>(backlight * monitor.gain(c, done));
+    const bool settled = flips.size() == 1 && acting == asked;
+    const std::uint64_t ordinal =
+        settled ? settled_frames[{acting.exposure.count(), acting.gain}]++ : unsettled_frames++;
+    Rng key(seed, settled, flips.back().pattern->hash, std::bit_cast<std::uint64_t>(acting.exposure.count()),
+            std::bit_cast<std::uint64_t>(acting.gain), ordinal + (repetition << 32));
     frame.noise_key = key.next();
     return frame;
   }
@@ -224,7 +237,7 @@ struct VirtualRig::State {
             sensor.bits,      sensor.shortest_exposure, sensor.longest_exposure, sensor.frame_interval};
   }
 
-  void set_exposure(Seconds new_exposure, double new_gain) {
+  TimePoint set_exposure(Seconds new_exposure, double new_gain) {
     const auto refuse = [](const std::string& what, double value, double low, double high) {
       throw InputError("virtual camera: " + what + " " + std::to_string(value) + " lies outside " +
                        std::to_string(low) + " to " + std::to_string(high));
@@ -234,14 +247,20 @@ struct VirtualRig::State {
              sensor.longest_exposure.count());
     if (!(new_gain >= 1.0 && new_gain <= sensor.largest_gain))
       refuse("a gain of", new_gain, 1.0, sensor.largest_gain);
-    exposure = new_exposure;
-    gain = new_gain;
+    // The frames within the latency have what was to act until now.
+    const auto latency = static_cast<std::size_t>(sensor.control_latency_frames);
+    const Settings last = coming.back();
+    coming.resize(std::min(coming.size(), latency));
+    while (coming.size() < latency) coming.push_back(last);
+    asked = {new_exposure, new_gain};
+    coming.push_back(asked);
+    return now;
   }
 
   RawFrame next_frame(Seconds timeout) {
-    const TimePoint asked = now;
+    const TimePoint began = now;
     queue.push_back(expose_one());
-    if (const Seconds waited = now - asked; waited > timeout) {
+    if (const Seconds waited = now - began; waited > timeout) {
       queue.pop_back();  // lost: the next frame's sequence number will show the gap
       throw DeviceError("virtual camera", ETIMEDOUT,
                         "no frame within " + std::to_string(timeout.count()) +
@@ -249,11 +268,14 @@ struct VirtualRig::State {
     }
     const ExposedFrame frame = std::move(queue.front());
     queue.pop_front();
-    return {
-        transport.width, transport.height,
-        sensor.layout,   sensor.expose(gathered_light(frame), frame.exposure, frame.gain, frame.noise_key),
-        frame.start,     frame.exposure,
-        frame.gain,      frame.sequence};
+    return {transport.width,
+            transport.height,
+            sensor.layout,
+            sensor.expose(gathered_light(frame), frame.acting.exposure, frame.acting.gain, frame.noise_key),
+            frame.start,
+            frame.stated.exposure,
+            frame.stated.gain,
+            frame.sequence};
   }
 
   IlluminatorDescription describe_monitor() const {
@@ -270,7 +292,8 @@ struct VirtualRig::State {
                        "×" + std::to_string(domain.height) + " texels");
     // Waiting for the frame in progress keeps the time from the flip to the next frame the same, whatever was
     // before.
-    now = next_tick(std::max(now, camera_ready), period(), {});
+    now = next_tick(std::max({now, camera_ready, last_flip + Nanoseconds(1)}), period(), {});
+    last_flip = now;
     flips.push_back({now, pattern_of(image)});
     settled_frames.clear();
     unsettled_frames = 0;

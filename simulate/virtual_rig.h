@@ -24,6 +24,10 @@ namespace refield {
 /// pattern, during `settling` a mix. Frames leave through a queue of `latency_frames`: the first ones read
 /// after a flip were exposed before it. A careful capture tells by RawFrame::exposure_start.
 ///
+/// Settings act after the sensor's control latency; until then frames state the settings that were asked for,
+/// as drivers do. A backlight whose pulses are no whole number in a refresh interval makes photographs depend
+/// on when they were taken.
+///
 /// The noise of a settled frame depends on the seed, the pattern shown, exposure, gain and how many frames
 /// were taken with these settings since the pattern appeared, and on nothing else: a capture that was killed
 /// and goes on takes the photographs that it would have taken. It follows that a pattern shown again gives

@@ -8,6 +8,7 @@
 
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/rng.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {
@@ -97,6 +98,36 @@ TEST(CalibrationFile, RoundTripIsExact) {
   EXPECT_TRUE(read_camera_calibration(path).is_linear());
 }
 
+TEST(CalibrationFile, KeepsTimingFlatFieldAndUniformity) {
+  const test::TemporaryFolder folder;
+  const auto path = folder / "calibration.toml";
+  write_calibration(path, camera(), monitor());
+  EXPECT_FALSE(read_timing_calibration(path));
+  EXPECT_TRUE(read_camera_calibration(path).flat_field.empty());
+
+  CameraCalibration shaded = camera();
+  shaded.flat_field = {3, 2, {0.7f, 1.0f, 0.71f, 0.72f, 0.99f, 0.73f}};
+  MonitorCalibration uneven = monitor();
+  uneven.uniformity = {2, 2, {0.9f, 1.0f, 0.95f, 0.93f}};
+  TimingCalibration timing{Seconds(0.031), Seconds(0.0123), 3, Seconds(1.0 / 60.0), Seconds(1.0 / 240.0)};
+  write_calibration(path, shaded, uneven, timing);
+  EXPECT_EQ(read_camera_calibration(path).flat_field.values, shaded.flat_field.values);
+  EXPECT_EQ(read_monitor_calibration(path).uniformity.values, uneven.uniformity.values);
+  const auto read = read_timing_calibration(path);
+  ASSERT_TRUE(read);
+  EXPECT_EQ(read->display_latency, timing.display_latency);
+  EXPECT_EQ(read->display_settling, timing.display_settling);
+  EXPECT_EQ(read->control_latency_frames, 3);
+  EXPECT_EQ(read->exposure_unit, timing.exposure_unit);
+
+  shaded.flat_field.values[2] = 0.0f;
+  EXPECT_THROW(shaded.check("test"), InputError);
+  uneven.uniformity.rows = 3;
+  EXPECT_THROW(uneven.check("test"), InputError);
+  timing.display_settling = Seconds(-1.0);
+  EXPECT_THROW(timing.check("test"), InputError);
+}
+
 TEST(CalibrationFile, RefusesImpossibleContent) {
   const test::TemporaryFolder folder;
   const auto path = folder / "calibration.toml";
@@ -105,6 +136,37 @@ TEST(CalibrationFile, RefusesImpossibleContent) {
   EXPECT_THROW(read_monitor_calibration(path), FormatError);
   write_text_atomically(path, "not toml at all [");
   EXPECT_THROW(read_camera_calibration(path), FormatError);
+}
+
+TEST(RelativeMap, FollowsASmoothFalloffThroughNoiseAndGaps) {
+  Image image(96, 64, 1);
+  Image weight(96, 64, 1, 1.0f);
+  Rng noise(3);
+  const auto truth = [](double u, double v) {
+    return 1.0 - 0.5 * ((u - 0.5) * (u - 0.5) + (v - 0.5) * (v - 0.5));
+  };
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) {
+      const bool hole = std::hypot(x - 60, y - 30) < 6;
+      weight.at(x, y, 0) = hole ? 0.0f : 1.0f;
+      image.at(x, y, 0) = hole ? 9.0f
+                               : static_cast<float>(40.0 * truth((x + 0.5) / 96, (y + 0.5) / 64) *
+                                                    (1.0 + 0.01 * noise.normal()));
+    }
+  const RelativeMap map = fit_relative_map(image, weight, 9, 7);
+  for (double u : {0.01, 0.3, 0.62, 0.99})
+    for (double v : {0.01, 0.48, 0.99}) EXPECT_NEAR(map.at(u, v) / map.at(0.5, 0.5), truth(u, v), 0.008);
+  EXPECT_THROW(fit_relative_map(image, Image(96, 64, 1), 9, 7), InputError);
+}
+
+TEST(RelativeMap, DividingUndoesMultiplying) {
+  const RelativeMap map{2, 2, {0.5f, 1.0f, 0.8f, 0.9f}};
+  Photograph photograph{Image(5, 4, 3, 2.0f), Image(5, 4, 3, 0.1f)};
+  multiply(photograph.radiance, map);
+  EXPECT_NEAR(photograph.radiance.at(0, 0, 1), 2.0f * map.at(0.1, 0.125), 1e-6f);
+  divide(photograph, map);
+  EXPECT_NEAR(photograph.radiance.at(4, 3, 2), 2.0f, 1e-6f);
+  EXPECT_NEAR(photograph.sigma.at(4, 3, 2), 0.1f / map.at(0.9, 0.875), 1e-6f);
 }
 
 TEST(Calibration, RefusesImpossibleValues) {

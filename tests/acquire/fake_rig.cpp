@@ -79,6 +79,7 @@ RawFrame FakeRig::expose() {
         const double dn = black_dn + dn_per_radiance_second * light * frame.exposure.count();
         frame.samples.push_back(static_cast<std::uint16_t>(std::clamp(std::round(dn), 0.0, 4095.0)));
       }
+  if (habits_.states_what_was_asked) frame.exposure = asked_;
   now_ = std::max(end, now_ + ticks(frame_interval));
   return frame;
 }
@@ -87,11 +88,13 @@ CameraDescription FakeRig::CameraFace::describe() const {
   return {"fake camera", width, height, PixelLayout::rgb, 12, Seconds(1e-5), Seconds(1.0), frame_interval};
 }
 
-void FakeRig::CameraFace::set_exposure(Seconds exposure, double) {
+TimePoint FakeRig::CameraFace::set_exposure(Seconds exposure, double) {
   const Seconds last = rig.pending_exposures_.empty() ? rig.exposure_ : rig.pending_exposures_.back();
   while (static_cast<int>(rig.pending_exposures_.size()) < rig.habits_.settings_delay)
     rig.pending_exposures_.push_back(last);
   rig.pending_exposures_.push_back(exposure);
+  rig.asked_ = exposure;
+  return rig.now_;
 }
 
 RawFrame FakeRig::CameraFace::next_frame(Seconds timeout) {

@@ -15,10 +15,11 @@ namespace refield::test {
 struct FakeRigHabits {
   Seconds latency{0.030};  ///< of the display
   Seconds settling{0.011};
-  int queue_frames = 2;      ///< frames wait in the driver, exposed long before they are handed over
-  int settings_delay = 3;    ///< frames until a new exposure acts
-  int lose_every = 0;        ///< every n-th frame never arrives
-  int unplugged_after = -1;  ///< frames; then next_frame() throws
+  int queue_frames = 2;    ///< frames wait in the driver, exposed long before they are handed over
+  int settings_delay = 3;  ///< frames until a new exposure acts
+  bool states_what_was_asked = false;  ///< frames state the exposure asked for, even before it acts
+  int lose_every = 0;                  ///< every n-th frame never arrives
+  int unplugged_after = -1;            ///< frames; then next_frame() throws
   bool automatic_exposure = false;
   double exposure_rounding = 0.0;  ///< exposures become multiples of it
 };
@@ -47,7 +48,7 @@ class FakeRig {
   struct CameraFace : Camera {
     explicit CameraFace(FakeRig& r) : rig(r) {}
     CameraDescription describe() const override;
-    void set_exposure(Seconds exposure, double gain) override;
+    TimePoint set_exposure(Seconds exposure, double gain) override;
     RawFrame next_frame(Seconds timeout) override;
     FakeRig& rig;
   };
@@ -78,6 +79,7 @@ class FakeRig {
   std::deque<RawFrame> queue_;
   std::deque<Seconds> pending_exposures_;
   Seconds exposure_{0.01};
+  Seconds asked_{0.01};
   std::uint64_t sequence_ = 0;
   int delivered_ = 0;
   int pulses_ = 0;

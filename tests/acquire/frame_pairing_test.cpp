@@ -17,8 +17,9 @@ constexpr Seconds short_exposure{0.005};
 constexpr Seconds long_exposure{0.013};
 
 /// Shows alternating patterns and checks that every frame is of its own pattern, with its own exposure.
-PairingCounts expect_only_right_pairs(FakeRig& rig, Trigger* trigger = nullptr) {
-  FramePairing pairing(rig.camera(), rig.illuminator(), trigger);
+PairingCounts expect_only_right_pairs(FakeRig& rig, Trigger* trigger = nullptr,
+                                      const std::optional<TimingCalibration>& timing = std::nullopt) {
+  FramePairing pairing(rig.camera(), rig.illuminator(), trigger, timing);
   const auto camera = rig.camera_calibration();
   const auto monitor = rig.monitor_calibration();
   for (int pattern = 0; pattern < 12; ++pattern) {
@@ -71,6 +72,28 @@ TEST(FramePairing, AcceptsExposuresThatTheCameraRounds) {
   expect_only_right_pairs(rig);
 }
 
+TEST(FramePairing, WaitsForTheMeasuredControlLatencyOfACameraThatStatesWhatWasAsked) {
+  FakeRigHabits habits;
+  habits.states_what_was_asked = true;
+  habits.settings_delay = 3;
+  FakeRig rig(habits);
+  TimingCalibration timing;
+  timing.display_latency = habits.latency;
+  timing.display_settling = habits.settling;
+  timing.control_latency_frames = 3;
+  expect_only_right_pairs(rig, nullptr, timing);
+}
+
+TEST(FramePairing, TrustsMeasuredTimingRatherThanTheDriver) {
+  FakeRig rig;
+  TimingCalibration timing;
+  timing.display_latency = Seconds(0.5);
+  FramePairing pairing(rig.camera(), rig.illuminator(), nullptr, timing);
+  pairing.show(uniform_drive(FakeRig::width, FakeRig::height, 9));
+  pairing.photograph(short_exposure, 1.0);
+  EXPECT_GT(pairing.counts().early, 0.5 / 0.008 - 2.0);
+}
+
 TEST(FramePairing, FiresTheTrigger) {
   FakeRig rig;
   expect_only_right_pairs(rig, &rig.trigger());
@@ -105,7 +128,9 @@ class RepeatingCamera : public Camera {
  public:
   explicit RepeatingCamera(Camera& camera) : camera_(camera) {}
   CameraDescription describe() const override { return camera_.describe(); }
-  void set_exposure(Seconds exposure, double gain) override { camera_.set_exposure(exposure, gain); }
+  TimePoint set_exposure(Seconds exposure, double gain) override {
+    return camera_.set_exposure(exposure, gain);
+  }
   RawFrame next_frame(Seconds timeout) override {
     repeat_ = !repeat_;
     if (!repeat_) return last_;

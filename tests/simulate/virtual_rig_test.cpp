@@ -194,6 +194,64 @@ TEST(VirtualRig, TriggerStartsTheNextExposure) {
   EXPECT_EQ(rig.camera().next_frame(patience).exposure_start, edge);
 }
 
+TEST(VirtualRig, SettingsActAfterTheControlLatencyThoughFramesStateThemAtOnce) {
+  SensorModel sensor = quiet_sensor();
+  sensor.control_latency_frames = 2;
+  sensor.latency_frames = 0;
+  VirtualRig rig(half_seer(), {}, {}, sensor, 1);
+  rig.camera().set_exposure(Seconds(0.004), 1.0);
+  settled_frame(rig, pattern(255));
+  for (int i = 0; i < 4; ++i) rig.camera().next_frame(patience);
+  const double dark = mean_of(rig.camera().next_frame(patience));
+  const TimePoint made = rig.camera().set_exposure(Seconds(0.016), 1.0);
+  for (int i = 0; i < 5; ++i) {
+    const RawFrame frame = rig.camera().next_frame(patience);
+    EXPECT_GE(frame.exposure_start, made);
+    EXPECT_EQ(frame.exposure, Seconds(0.016));
+    EXPECT_NEAR(mean_of(frame) - sensor.black_level_dn, (i < 2 ? 1.0 : 4.0) * (dark - sensor.black_level_dn),
+                0.01 * dark)
+        << i;
+  }
+}
+
+TEST(VirtualRig, BacklightPulsesAverageOutOverWholePeriods) {
+  MonitorModel monitor;
+  monitor.pwm_hz = 240.0;
+  monitor.pwm_depth = 0.5;
+  const auto at = [](double seconds) {
+    return TimePoint(std::chrono::round<std::chrono::nanoseconds>(Seconds(seconds)));
+  };
+  EXPECT_NEAR(monitor.backlight(at(0.0), at(0.5 / 240.0)), 1.5, 1e-5);
+  EXPECT_NEAR(monitor.backlight(at(0.5 / 240.0), at(1.0 / 240.0)), 0.5, 1e-5);
+  EXPECT_NEAR(monitor.backlight(at(0.0123), at(0.0123 + 3.0 / 240.0)), 1.0, 1e-5);
+}
+
+TEST(VirtualRig, DimmingAndFalloffDarkenWhatIsEmitted) {
+  MonitorModel monitor;
+  monitor.black_level = 0.0;
+  monitor.dimming = 0.05;
+  EXPECT_NEAR(monitor.emitted(pattern(255, 255)).radiance.at(3, 3, 1), 0.95, 1e-6);
+  EXPECT_NEAR(monitor.emitted(pattern(255, 0)).radiance.at(3, 3, 1), 0.975, 1e-6);
+  monitor.dimming = 0.0;
+  monitor.falloff = 0.3;
+  const Image light = monitor.emitted(pattern(255, 255)).radiance;
+  EXPECT_NEAR(light.at(0, 0, 0), 1.0 - 0.3 * (7.5 * 7.5 + 3.5 * 3.5) / (8.0 * 8.0 + 4.0 * 4.0), 1e-6);
+}
+
+TEST(VirtualRig, LensTakesLightFromTheCorners) {
+  SensorModel sensor = quiet_sensor();
+  sensor.vignetting = 0.4;
+  const Image flat(width, height, 3, 0.5f);
+  const auto samples = sensor.expose(flat, Seconds(0.01), 1.0, 1);
+  const auto light = [&](int x, int y) {
+    return samples[(static_cast<std::size_t>(y) * width + x) * 3] - sensor.black_level_dn;
+  };
+  const auto share = [](double dx, double dy) {
+    return 1.0 - 0.4 * (dx * dx + dy * dy) / (6.0 * 6.0 + 4.0 * 4.0);
+  };
+  EXPECT_NEAR(light(0, 0) / light(6, 4), share(5.5, 3.5) / share(0.5, 0.5), 0.01);
+}
+
 TEST(VirtualRig, RefusesWhatDevicesRefuse) {
   VirtualRig rig(half_seer(), {}, {}, SensorModel{}, 1);
   EXPECT_THROW(rig.camera().set_exposure(Seconds(100.0), 1.0), InputError);
