@@ -91,6 +91,8 @@ void add_acquire_virtual(CLI::App& group, const Common& common, Action& action) 
       "--lights", options->lights,
       "Light maps to show, a quoted pattern or folder: linear radiance above the monitor's black.\n"
       "Default: the lights of the truth, with their roles and kinds");
+  verb->add_option("--calibration", options->calibration,
+                   "What 'refield acquire calibrate --virtual' measured; default: what the recipe says");
   CLI::Option* times = verb->add_option("--exposures", options->exposures,
                                         "Exposure times in seconds, growing, separated by commas")
                            ->delimiter(',');

@@ -8,14 +8,25 @@
 #include "cli/acquire/until_error.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
+#include "simulate/falloff.h"
 #include "simulate/simulate.h"
 
 namespace refield::cli {
 
 namespace {
 
+RelativeMap map_of(const Falloff& falloff) {
+  if (falloff.loss == 0.0) return {};
+  RelativeMap map{17, 13, {}};
+  for (int j = 0; j < map.rows; ++j)
+    for (int i = 0; i < map.columns; ++i)
+      map.values.push_back(
+          static_cast<float>(falloff.at_share(i / (map.columns - 1.0), j / (map.rows - 1.0))));
+  return map;
+}
+
 /// What a calibration of the virtual camera would find out.
-CameraCalibration calibration_of(const SensorModel& sensor, double gain) {
+CameraCalibration calibration_of(const SensorModel& sensor, const CameraInScene& place, double gain) {
   CameraCalibration camera;
   camera.bits = sensor.bits;
   camera.linear_from_dn = sensor.response_gamma == 1.0 ? linear_response(sensor.bits)
@@ -29,14 +40,40 @@ CameraCalibration calibration_of(const SensorModel& sensor, double gain) {
   camera.electrons_per_dn = sensor.electrons_per_dn;
   camera.read_noise_electrons = sensor.read_noise_electrons;
   camera.electrons_per_radiance_second = sensor.sensitivity;
+  camera.flat_field = map_of({place.width, place.height, sensor.vignetting});
   return camera;
 }
 
-MonitorCalibration calibration_of(const MonitorModel& model) {
+MonitorCalibration calibration_of(const MonitorModel& model, const MonitorInScene& place) {
   MonitorCalibration monitor;
+  monitor.uniformity = map_of({place.texels.width, place.texels.height, model.falloff});
   const auto curve = model.tone_curve();
   for (int c = 0; c < 3; ++c) monitor.radiance_from_level[c].assign(curve[c].begin(), curve[c].end());
   return monitor;
+}
+
+TimingCalibration timing_of(const RigRecipe& rig) {
+  TimingCalibration timing;
+  timing.display_latency = rig.monitor.latency;
+  timing.display_settling = rig.monitor.settling;
+  timing.control_latency_frames = rig.sensor.control_latency_frames;
+  timing.refresh_period = rig.monitor.refresh_interval;
+  if (rig.monitor.pwm_hz > 0.0) timing.exposure_unit = Seconds(1.0 / rig.monitor.pwm_hz);
+  return timing;
+}
+
+/// From the file of --calibration, else what the recipe says: a calibration without error.
+void fill_calibration(const VirtualOptions& options, const Recipe& recipe, CaptureRequest& request) {
+  if (options.calibration.empty()) {
+    request.camera = calibration_of(recipe.rig.sensor, recipe.scene.camera, request.gain);
+    request.monitor = calibration_of(recipe.rig.monitor, recipe.scene.monitor);
+    request.timing = timing_of(recipe.rig);
+  } else {
+    request.camera = read_camera_calibration(options.calibration);
+    request.monitor = read_monitor_calibration(options.calibration);
+    request.timing = read_timing_calibration(options.calibration);
+  }
+  if (request.timing) request.exposure_plan.multiple_of = request.timing->exposure_unit;
 }
 
 std::vector<CaptureLight> lights_of(const VirtualOptions& options) {
@@ -83,8 +120,7 @@ CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, s
   auto lights = lights_of(options);
   order_lights(lights, options.order, seed);
   request.lights = with_references(lights, every, options.reference_light);
-  request.camera = calibration_of(recipe.rig.sensor, request.gain);
-  request.monitor = calibration_of(recipe.rig.monitor);
+  fill_calibration(options, recipe, request);
   request.rig = rig_text(options, recipe, seed);
   fill_exposures(options, recipe, request);
   request.ambient_repeats = options.ambient_frames;

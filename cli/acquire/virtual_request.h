@@ -18,6 +18,7 @@ struct VirtualOptions {
   fs::path recipe;
   fs::path truth;
   fs::path session;
+  fs::path calibration;
   std::string lights;
   std::vector<double> exposures;
   std::optional<int> exposure_count;
