@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -9,7 +11,27 @@
 namespace refield {
 
 /// How the samples of a raw frame lie on the sensor.
-enum class PixelLayout { grey, rgb, bayer_rggb };
+enum class PixelLayout { grey, rgb, bayer_rggb, bayer_grbg, bayer_gbrg, bayer_bggr };
+
+/// In the order of PixelLayout.
+inline constexpr std::array<const char*, 6> layout_names = {"grey",       "rgb",        "bayer_rggb",
+                                                            "bayer_grbg", "bayer_gbrg", "bayer_bggr"};
+
+constexpr const char* layout_name(PixelLayout layout) {
+  return layout_names[static_cast<std::size_t>(layout)];
+}
+
+constexpr bool is_bayer(PixelLayout layout) {
+  return layout != PixelLayout::grey && layout != PixelLayout::rgb;
+}
+
+/// Channel that a Bayer sensor's site (x, y) measures: 0 red, 1 green, 2 blue. The layout's letters name the
+/// sites (0, 0), (1, 0), (0, 1), (1, 1).
+constexpr int bayer_channel(PixelLayout layout, int x, int y) {
+  const bool red_right = layout == PixelLayout::bayer_grbg || layout == PixelLayout::bayer_bggr;
+  const bool red_below = layout == PixelLayout::bayer_gbrg || layout == PixelLayout::bayer_bggr;
+  return ((x & 1) ^ int{red_right}) + ((y & 1) ^ int{red_below});
+}
 
 struct CameraDescription {
   std::string name;

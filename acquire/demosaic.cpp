@@ -11,11 +11,6 @@ namespace refield {
 
 namespace {
 
-/// Channel of a Bayer site: 0 red, 1 green, 2 blue.
-int channel_at(int x, int y) {
-  return (x & 1) + (y & 1);
-}
-
 cv::Mat filtered(const cv::Mat& plane, const cv::Mat& kernel) {
   cv::Mat result;
   cv::filter2D(plane, result, CV_32F, kernel, cv::Point(-1, -1), 0.0, cv::BORDER_CONSTANT);
@@ -24,8 +19,9 @@ cv::Mat filtered(const cv::Mat& plane, const cv::Mat& kernel) {
 
 }  // namespace
 
-Photograph demosaic_rggb(const Image& radiance, const Image& sigma) {
-  if (radiance.channels != 1 || !radiance.same_shape(sigma) || radiance.width < 2 || radiance.height < 2)
+Photograph demosaic(const Image& radiance, const Image& sigma, PixelLayout layout) {
+  if (!is_bayer(layout) || radiance.channels != 1 || !radiance.same_shape(sigma) || radiance.width < 2 ||
+      radiance.height < 2)
     throw InputError("Bayer planes must have one channel and at least 2×2 pixels, not " +
                      shape_text(radiance));
   const int width = radiance.width;
@@ -40,7 +36,7 @@ Photograph demosaic_rggb(const Image& radiance, const Image& sigma) {
     cv::Mat clipped = present.clone();
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
-        if (channel_at(x, y) != c) continue;
+        if (bayer_channel(layout, x, y) != c) continue;
         const float s = sigma.at(x, y, 0);
         present.at<float>(y, x) = 1.0f;
         value.at<float>(y, x) = radiance.at(x, y, 0);
@@ -55,7 +51,8 @@ Photograph demosaic_rggb(const Image& radiance, const Image& sigma) {
     const cv::Mat clipped_sum = filtered(clipped, kernel);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
-        if (channel_at(x, y) == c) {  // a measured sample; for green the kernel would blend nothing in either
+        if (bayer_channel(layout, x, y) ==
+            c) {  // a measured sample; for green the kernel would blend nothing in either
           rgb.radiance.at(x, y, c) = radiance.at(x, y, 0);
           rgb.sigma.at(x, y, c) = sigma.at(x, y, 0);
           continue;

@@ -216,12 +216,11 @@ Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibra
   switch (first.layout) {
     case PixelLayout::rgb:
       return merged;
-    case PixelLayout::bayer_rggb:
-      return demosaic_rggb(merged.radiance, merged.sigma);
     case PixelLayout::grey:
       return {repeated_in_all_channels(merged.radiance), repeated_in_all_channels(merged.sigma)};
+    default:
+      return demosaic(merged.radiance, merged.sigma, first.layout);
   }
-  throw InputError("unknown pixel layout");
 }
 
 Photograph merge_linear_exposures(std::span<const Image> images, std::span<const Seconds> exposures,

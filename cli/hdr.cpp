@@ -66,6 +66,11 @@ std::vector<Seconds> exposures_of(const HdrOptions& options, const Bracket& brac
   return exposures;
 }
 
+PixelLayout layout_of(const std::string& name) {
+  const auto place = std::ranges::find(layout_names, name) - layout_names.begin();
+  return name == "bayer" ? PixelLayout::bayer_rggb : static_cast<PixelLayout>(place);
+}
+
 Bracket read_bracket(const HdrOptions& options) {
   Bracket bracket;
   for (const std::string& pattern : options.images) {
@@ -74,7 +79,7 @@ Bracket read_bracket(const HdrOptions& options) {
     else
       for (const GlobMatch& match : expand_glob(pattern)) bracket.paths.push_back(match.path);
   }
-  const PixelLayout one_channel = options.layout == "bayer" ? PixelLayout::bayer_rggb : PixelLayout::grey;
+  const PixelLayout one_channel = layout_of(options.layout);
   for (const fs::path& path : bracket.paths) {
     bracket.files.push_back(read_bracket_file(path, one_channel));
     const BracketFile& first = bracket.files.front();
@@ -198,8 +203,9 @@ void add_hdr(CLI::App& app, const Common& common, Action& action) {
       "--response", options->response,
       "How samples encode light: linear, srgb, gamma:X (sample = light^(1/X)) or a calibration.toml.\n"
       "Default: srgb for 8 bits, else linear");
-  verb->add_option("--layout", options->layout, "Of one-channel files: grey, or bayer (RGGB)")
-      ->check(CLI::IsMember({"grey", "bayer"}))
+  verb->add_option("--layout", options->layout,
+                   "Of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg, bayer_bggr")
+      ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}))
       ->capture_default_str();
   verb->add_option("--black", options->black,
                    "What the camera gives without light, in linearised sample units (default 0)");

@@ -209,9 +209,13 @@ void read_monitor(Section section, MonitorInScene& place, MonitorModel& model) {
 }
 
 void read_sensor(Section section, SensorModel& sensor) {
-  section.choice(
-      "layout", sensor.layout,
-      {{"rgb", PixelLayout::rgb}, {"grey", PixelLayout::grey}, {"bayer_rggb", PixelLayout::bayer_rggb}});
+  section.choice("layout", sensor.layout,
+                 {{"rgb", PixelLayout::rgb},
+                  {"grey", PixelLayout::grey},
+                  {"bayer_rggb", PixelLayout::bayer_rggb},
+                  {"bayer_grbg", PixelLayout::bayer_grbg},
+                  {"bayer_gbrg", PixelLayout::bayer_gbrg},
+                  {"bayer_bggr", PixelLayout::bayer_bggr}});
   section.integer("bits", sensor.bits, 8, 12);
   if (sensor.bits % 2 != 0) section.fail("bits", "use 8, 10 or 12");
   section.number("sensitivity", sensor.sensitivity, 1e-3, 1e12);

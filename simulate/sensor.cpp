@@ -23,11 +23,6 @@ int channels_of(PixelLayout layout) {
   return layout == PixelLayout::rgb ? 3 : 1;
 }
 
-// Red in the corner, then green, green, blue.
-int bayer_channel(int x, int y) {
-  return (x & 1) + (y & 1);
-}
-
 }  // namespace
 
 void SensorModel::check() const {
@@ -96,13 +91,12 @@ std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds ex
         case PixelLayout::rgb:
           for (int c = 0; c < 3; ++c) *out++ = sample(radiance.at(x, y, c), arriving, noise);
           break;
-        case PixelLayout::bayer_rggb:
-          *out++ = sample(radiance.at(x, y, bayer_channel(x, y)), arriving, noise);
-          break;
         case PixelLayout::grey:
           *out++ = sample((radiance.at(x, y, 0) + radiance.at(x, y, 1) + radiance.at(x, y, 2)) / 3.0,
                           arriving, noise);
           break;
+        default:
+          *out++ = sample(radiance.at(x, y, bayer_channel(layout, x, y)), arriving, noise);
       }
     }
   });

@@ -206,7 +206,7 @@ TEST(Demosaic, InterpolatesPlanesExactlyInside) {
   Image sigma(8, 8, 1, 0.1f);
   for (int y = 0; y < 8; ++y)
     for (int x = 0; x < 8; ++x) plane.at(x, y, 0) = static_cast<float>(2 * x + 3 * y);
-  const Photograph rgb = demosaic_rggb(plane, sigma);
+  const Photograph rgb = demosaic(plane, sigma, PixelLayout::bayer_rggb);
   for (int y = 1; y < 7; ++y)
     for (int x = 1; x < 7; ++x)
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(rgb.radiance.at(x, y, c), 2 * x + 3 * y, 1e-4);
@@ -215,11 +215,28 @@ TEST(Demosaic, InterpolatesPlanesExactlyInside) {
   EXPECT_NEAR(rgb.sigma.at(3, 2, 0), 0.1 / std::sqrt(2.0), 1e-6);  // mean of two
 }
 
+TEST(Demosaic, EveryOrderOfColoursGivesTheColours) {
+  const std::array<float, 3> colour = {0.25f, 0.5f, 0.75f};
+  for (PixelLayout layout :
+       {PixelLayout::bayer_rggb, PixelLayout::bayer_grbg, PixelLayout::bayer_gbrg, PixelLayout::bayer_bggr}) {
+    // The layout's name spells the first four sites.
+    const std::string letters = std::string(layout_name(layout)).substr(6);
+    Image plane(6, 4, 1);
+    for (int y = 0; y < 4; ++y)
+      for (int x = 0; x < 6; ++x)
+        plane.at(x, y, 0) = colour[std::string("rgb").find(letters[2 * (y % 2) + x % 2])];
+    const Photograph rgb = demosaic(plane, Image(6, 4, 1, 0.1f), layout);
+    for (int y = 0; y < 4; ++y)
+      for (int x = 0; x < 6; ++x)
+        for (int c = 0; c < 3; ++c) EXPECT_FLOAT_EQ(rgb.radiance.at(x, y, c), colour[c]) << letters;
+  }
+}
+
 TEST(Demosaic, ClippedSamplesSpreadToWhatRestsOnThem) {
   Image plane(6, 6, 1, 1.0f);
   Image sigma(6, 6, 1, 0.1f);
   sigma.at(2, 2, 0) = INFINITY;  // a red site
-  const Photograph rgb = demosaic_rggb(plane, sigma);
+  const Photograph rgb = demosaic(plane, sigma, PixelLayout::bayer_rggb);
   EXPECT_TRUE(std::isinf(rgb.sigma.at(2, 2, 0)));
   EXPECT_TRUE(std::isinf(rgb.sigma.at(3, 3, 0)));
   EXPECT_TRUE(std::isfinite(rgb.sigma.at(4, 4, 0)));
