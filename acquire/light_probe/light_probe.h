@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/light_probe/judge.h"
+#include "acquire/light_probe/outline_fit.h"
+#include "acquire/light_probe/unwrap.h"
+
+namespace refield {
+
+/// A camera in front of the ball and its photographs, one after another.
+struct ProbeSide {
+  std::vector<std::filesystem::path> photographs;  ///< linear radiance (OpenEXR)
+  CameraTurn turn;
+  std::optional<double> focal_px;                  ///< or
+  std::optional<double> field_of_view_degrees;     ///< across the photograph's width, or
+  std::optional<double> distance_radii;            ///< just one of the three
+  std::optional<ImageCircle> ball;                 ///< where the ball is,
+  std::optional<std::filesystem::path> ball_mask;  ///< or its painted mask; neither: it is found
+  std::optional<std::filesystem::path> hidden;     ///< mask of what to leave out, white
+};
+
+struct ProbeRequest {
+  std::vector<ProbeSide> sides;  ///< one, or several with equally many photographs, joined one by one
+  UnwrapOptions unwrap;          ///< width 0: natural_width()
+  ProbeLimits limits;
+  bool ball_moves = false;  ///< find it in each photograph anew; else the median place serves all
+  std::optional<double>
+      saturation;                ///< photographs that do not state their noise: clipped from this value on
+  std::filesystem::path folder;  ///< gets NAME.exr for each photograph kept, times.tsv and probe.toml
+  bool replace = false;          ///< of what an earlier run left there
+};
+
+struct ProbedPhotograph {
+  std::filesystem::path photograph;  ///< of the first side
+  ImageCircle ball;
+  ProbeVerdict verdict;
+};
+
+struct ProbeSummary {
+  std::vector<ProbedPhotograph> photographs;
+  int width = 0;                   ///< of the light maps
+  std::vector<std::string> notes;  ///< what the user should know
+  std::size_t kept() const;
+};
+
+/// Turns photographs of a mirror ball into lat-long light maps, see docs/light-probe.md. Maps are written one
+/// by one, each atomically; maps of discarded photographs are not written. Throws InputError, FormatError or
+/// DeviceError.
+ProbeSummary probe_light(const ProbeRequest& request);
+
+}  // namespace refield

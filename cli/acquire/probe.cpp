@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+// refield acquire probe: photographs of a mirror ball to lat-long light maps.
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "acquire/light_probe/light_probe.h"
+#include "cli/acquire/verbs.h"
+#include "core/capture_session.h"
+#include "core/errors.h"
+#include "core/files.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+/// Options of one side of the rig, as text.
+struct SideOptions {
+  std::vector<std::string> photographs;
+  std::string ball;
+  fs::path ball_mask;
+  fs::path hide;
+  CameraTurn turn;
+};
+
+struct ProbeOptionsText {
+  SideOptions first;
+  SideOptions second;
+  std::optional<double> focal_px, field_of_view, distance, diameter;
+  std::string reflectance = "chrome";
+  std::string density = "0";
+  ProbeRequest request;
+};
+
+std::vector<fs::path> files_of(const std::vector<std::string>& patterns) {
+  std::vector<fs::path> files;
+  for (const std::string& pattern : patterns) {
+    if (fs::is_regular_file(pattern))
+      files.emplace_back(pattern);
+    else
+      for (const GlobMatch& match : expand_glob(pattern)) files.push_back(match.path);
+  }
+  return files;
+}
+
+ProbeSide side_of(const SideOptions& text, const ProbeOptionsText& options) {
+  ProbeSide side;
+  side.photographs = files_of(text.photographs);
+  side.turn = text.turn;
+  side.focal_px = options.focal_px;
+  side.field_of_view_degrees = options.field_of_view;
+  if (options.distance) side.distance_radii = 2.0 * *options.distance / *options.diameter;
+  if (!text.ball.empty()) {
+    const auto circle = channel_numbers(text.ball, "--ball");
+    side.ball = ImageCircle{{circle[0], circle[1]}, circle[2]};
+  }
+  if (!text.ball_mask.empty()) side.ball_mask = text.ball_mask;
+  if (!text.hide.empty()) side.hidden = text.hide;
+  return side;
+}
+
+ProbeRequest request_of(const ProbeOptionsText& options) {
+  if (!options.focal_px && !options.field_of_view && !options.distance)
+    throw InputError(
+        "how near the camera is decides what the ball shows: give --distance and --diameter, --focal-px or "
+        "--field-of-view");
+  ProbeRequest request = options.request;
+  request.sides.push_back(side_of(options.first, options));
+  if (!options.second.photographs.empty()) request.sides.push_back(side_of(options.second, options));
+  request.unwrap.reflectance = MirrorReflectance::from_text(options.reflectance);
+  const auto density = channel_numbers(options.density, "--neutral-density");
+  for (int c = 0; c < 3; ++c) {
+    if (!(density[c] >= 0.0 && density[c] <= 12.0))
+      throw InputError("--neutral-density: an optical density of " + std::to_string(density[c]) +
+                       "; give 0 to 12 (3.0 for a filter of 1:1000)");
+    request.unwrap.gain[c] = std::pow(10.0, density[c]);
+  }
+  return request;
+}
+
+ordered_json figures_of(const ProbeSummary& summary) {
+  ordered_json photographs = ordered_json::array();
+  for (const ProbedPhotograph& p : summary.photographs)
+    photographs.push_back({{"file", p.photograph.string()},
+                           {"ball", {p.ball.centre.x(), p.ball.centre.y(), p.ball.radius}},
+                           {"mean_radiance", p.verdict.mean_radiance},
+                           {"sun_fraction", p.verdict.sun_fraction},
+                           {"clipped_fraction", p.verdict.clipped_fraction},
+                           {"unseen_fraction", p.verdict.unseen_fraction},
+                           {"discarded", p.verdict.discarded}});
+  return {{"kept", summary.kept()},
+          {"width", summary.width},
+          {"notes", summary.notes},
+          {"photographs", photographs}};
+}
+
+void print(const ProbeSummary& summary, const fs::path& folder) {
+  for (const std::string& note : summary.notes) std::printf("note: %s\n", note.c_str());
+  for (const ProbedPhotograph& p : summary.photographs)
+    if (!p.verdict.discarded.empty())
+      std::printf("discarded: %s: %s\n", p.photograph.c_str(), p.verdict.discarded.c_str());
+  std::printf(
+      "%s: %zu light maps of %d×%d from %zu photographs; %.1f %% of the sphere filled from its "
+      "surroundings\n",
+      folder.c_str(), summary.kept(), summary.width, summary.width / 2, summary.photographs.size(),
+      100.0 * summary.photographs.front().verdict.unseen_fraction);
+}
+
+void probe(const ProbeOptionsText& options, const Common& common) {
+  const ProbeRequest request = request_of(options);
+  const ProbeSummary summary = probe_light(request);
+  if (common.json)
+    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+  else
+    print(summary, request.folder);
+  if (summary.kept() == 0)
+    throw InputError("no photograph was kept; the reasons stand in " +
+                     (request.folder / "probe.toml").string());
+}
+
+void add_turn(CLI::App& verb, const std::string& prefix, CameraTurn& turn, const std::string& whose) {
+  verb.add_option("--" + prefix + "yaw", turn.yaw,
+                  "Degrees by which " + whose + " is turned to the right of the map's middle (+Z)");
+  verb.add_option("--" + prefix + "pitch", turn.pitch, "Degrees by which it looks down");
+  verb.add_option("--" + prefix + "roll", turn.roll, "Degrees about its axis; what was right turns up");
+}
+
+}  // namespace
+
+void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
+  const auto options = std::make_shared<ProbeOptionsText>();
+  ProbeRequest& request = options->request;
+  request.unwrap.width = 0;
+  CLI::App* verb = group.add_subcommand(
+      "probe",
+      "Turn photographs of a mirror ball into lat-long light maps (the paper's outdoor rig).\n"
+      "A map looks as the surroundings do from the ball's place, the direction in which the camera looks in "
+      "its\n"
+      "middle; docs/light-probe.md has a picture. Photographs are linear (.exr), as 'refield hdr' and "
+      "'refield\n"
+      "acquire import' write them.\n\n"
+      "Examples:\n"
+      "  refield acquire probe ball.exr -o sky --distance 1500 --diameter 100\n"
+      "  refield acquire probe 'roof/*.exr' -o sky --focal-px 5200 --ball 1980.5,1312,540 --pitch 35 \\\n"
+      "      --hide tripod.png --neutral-density 3.0\n"
+      "  refield acquire probe east.exr --join north.exr --join-yaw 90 -o sky --distance 20 --diameter 2");
+  verb->add_option("photographs", options->first.photographs,
+                   "Photographs: files, folders or quoted patterns")
+      ->required();
+  verb->add_option("-o,--output", request.folder, "Folder for the light maps, times.tsv and probe.toml")
+      ->required();
+  CLI::Option* focal = verb->add_option("--focal-px", options->focal_px, "Focal length in pixels");
+  CLI::Option* view =
+      verb->add_option("--field-of-view", options->field_of_view, "Or: degrees across the photograph's width")
+          ->excludes(focal);
+  CLI::Option* distance =
+      verb->add_option("--distance", options->distance, "Or: from the camera's lens to the ball's centre")
+          ->excludes(focal)
+          ->excludes(view);
+  CLI::Option* diameter =
+      verb->add_option("--diameter", options->diameter, "Of the ball, in the unit of --distance")
+          ->needs(distance)
+          ->check(CLI::PositiveNumber);
+  distance->needs(diameter);
+  verb->add_option(
+      "--ball", options->first.ball,
+      "Where the ball is: X,Y,R in pixels, the top left corner being 0,0 (default: it is found)");
+  verb->add_option("--ball-mask", options->first.ball_mask, "Or its painted mask, white on black");
+  verb->add_flag("--ball-moves", request.ball_moves,
+                 "Find the ball in each photograph; default: one place serves all, the rig stands still");
+  verb->add_option(
+      "--hide", options->first.hide,
+      "Painted mask of what is no light: white over tripod, stand, photographer; filled from around");
+  add_turn(*verb, "", options->first.turn, "the camera");
+  verb->add_option("--reflectance", options->reflectance,
+                   "Of the mirror: chrome, silver, perfect, or measured at normal incidence: R or R,G,B")
+      ->capture_default_str();
+  verb->add_option("--neutral-density", options->density,
+                   "Optical density of all filters together, D or R,G,B: light is multiplied by 10^D")
+      ->capture_default_str();
+  verb->add_option("--camera-region", request.unwrap.camera_region_degrees,
+                   "Degrees around the camera's own image that are filled from around")
+      ->capture_default_str();
+  verb->add_option("--rim", request.unwrap.rim_px, "Pixels within the ball's outline that are not used")
+      ->capture_default_str();
+  verb->add_option("--width", request.unwrap.width,
+                   "Of the light maps, texels; their height is half of it (default: what the ball resolves)");
+  verb->add_option("--saturation", request.saturation,
+                   "Photographs that do not state their noise: clipped from this value on");
+  verb->add_option("--most-sun", request.limits.most_sun,
+                   "Discard a map when more than this fraction of its light comes from one spot of 3 degrees")
+      ->capture_default_str();
+  verb->add_option("--most-clipped", request.limits.most_clipped,
+                   "Discard a map when more than this fraction of the sphere was clipped")
+      ->capture_default_str();
+  CLI::Option* second = verb->add_option(
+      "--join", options->second.photographs,
+      "Photographs from a second side, one for each: they show what is behind the ball for the first");
+  verb->add_option("--join-ball", options->second.ball, "As --ball, for these")->needs(second);
+  verb->add_option("--join-ball-mask", options->second.ball_mask, "As --ball-mask")->needs(second);
+  verb->add_option("--join-hide", options->second.hide, "As --hide")->needs(second);
+  add_turn(*verb, "join-", options->second.turn, "the camera of the second side");
+  verb->add_flag("--force", request.replace, "Replace the light maps of an earlier run");
+  verb->callback([options, &common, &action] { action = [options, &common] { probe(*options, common); }; });
+}
+
+}  // namespace refield::cli
