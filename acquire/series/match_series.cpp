@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/series/match_series.h"
+
+#define TOML_EXCEPTIONS 1
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <numbers>
+#include <sstream>
+
+#include "acquire/scene_mask.h"
+#include "core/capture_session.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+struct SeriesFile {
+  fs::path path;  ///< of a discarded light map: what it would have been called
+  ClockSeconds time = 0.0;
+  std::string discarded;
+};
+
+fs::path folder_of(const std::string& pattern) {
+  const fs::path path(pattern);
+  if (fs::is_directory(path)) return path;
+  return path.has_parent_path() ? path.parent_path() : fs::path(".");
+}
+
+/// Reasons by name, from the report that probe_light() leaves.
+std::map<std::string, std::string> discarded_probes(const fs::path& folder) {
+  std::map<std::string, std::string> reasons;
+  if (!fs::is_regular_file(folder / "probe.toml")) return reasons;
+  try {
+    const toml::table report = toml::parse(read_text(folder / "probe.toml"));
+    if (const toml::array* list = report["photograph"].as_array())
+      for (const auto& node : *list) {
+        const toml::table* entry = node.as_table();
+        if (!entry) continue;
+        const auto name = (*entry)["name"].value<std::string>();
+        const auto reason = (*entry)["discarded"].value<std::string>();
+        if (name && reason) reasons[*name] = *reason;
+      }
+  } catch (const toml::parse_error& error) {
+    throw FormatError(folder / "probe.toml", "line " + std::to_string(error.source().begin.line) + ": " +
+                                                 std::string(error.description()));
+  }
+  return reasons;
+}
+
+/// In order of time.
+std::vector<SeriesFile> read_series(const std::string& pattern) {
+  const fs::path folder = folder_of(pattern);
+  const auto times = read_times(folder);
+  std::vector<SeriesFile> series;
+  for (const GlobMatch& match : expand_glob(pattern)) {
+    SeriesFile file{match.path, 0.0, ""};
+    const auto listed = times.find(match.path.stem().string());
+    const auto time = listed != times.end() ? std::optional(listed->second) : capture_time(match.path);
+    if (!time)
+      throw InputError(match.path.string() +
+                       ": when it was taken stands neither in its metadata nor in its name; list it in " +
+                       (folder / times_file_name).string() + " as NAME<tab>2004-06-21T12:30:05");
+    file.time = *time;
+    series.push_back(file);
+  }
+  for (const auto& [name, reason] : discarded_probes(folder))
+    if (const auto listed = times.find(name); listed != times.end() && !fs::exists(folder / (name + ".exr")))
+      series.push_back({folder / (name + ".exr"), listed->second, reason});
+  std::ranges::stable_sort(series, {}, &SeriesFile::time);
+  return series;
+}
+
+std::vector<ClockSeconds> times_of(const std::vector<SeriesFile>& series) {
+  std::vector<ClockSeconds> times;
+  for (const SeriesFile& file : series) times.push_back(file.time);
+  return times;
+}
+
+/// Mean luminance, each row by its weight; of files that are there.
+std::vector<TimedBrightness> brightness_of(const std::vector<SeriesFile>& series, bool lat_long,
+                                           Progress& progress) {
+  std::vector<TimedBrightness> result;
+  for (const SeriesFile& file : series) {
+    throw_if_interrupted();
+    progress.advance();
+    if (!file.discarded.empty()) continue;
+    const Image image = read_image(file.path);
+    double sum = 0.0, total = 0.0;
+    for (int y = 0; y < image.height; ++y) {
+      const double weight = lat_long ? std::sin(std::numbers::pi * (y + 0.5) / image.height) : 1.0;
+      for (float value : image.row(y))
+        if (std::isfinite(value)) {
+          sum += weight * value;
+          total += weight;
+        }
+    }
+    result.push_back({file.time, total > 0.0 ? sum / total : 0.0});
+  }
+  return result;
+}
+
+void bring_clocks_together(const MatchRequest& request, const std::vector<SeriesFile>& observed,
+                           const std::vector<SeriesFile>& probes, MatchSummary& summary) {
+  if (request.offset_seconds) {
+    if (!request.drift_ppm)
+      throw InputError(
+          "the clocks' drift can be told only together with their offset; leave the offset to be told, too");
+    summary.clocks = {*request.offset_seconds, 1e-6 * *request.drift_ppm, probes.front().time};
+    return;
+  }
+  Progress progress("measuring brightness", observed.size() + probes.size());
+  const auto scene = brightness_of(observed, false, progress);
+  const auto light = brightness_of(probes, true, progress);
+  summary.estimate = estimate_clocks(scene, light, request.largest_offset_seconds, !request.drift_ppm);
+  summary.clocks = summary.estimate->relation;
+  if (request.drift_ppm) summary.clocks.drift = 1e-6 * *request.drift_ppm;
+}
+
+void pair_up(const std::vector<SeriesFile>& observed, const std::vector<SeriesFile>& probes,
+             MatchSummary& summary) {
+  const auto observed_times = times_of(observed);
+  const auto probe_times = times_of(probes);
+  std::vector<bool> observed_used(observed.size()), probe_used(probes.size());
+  for (const auto& [o, p] :
+       match_in_time(observed_times, probe_times, summary.clocks, summary.tolerance_seconds)) {
+    observed_used[o] = probe_used[p] = true;
+    if (!probes[p].discarded.empty()) {
+      summary.observed_left_out.push_back(
+          {observed[o].path, "its light was discarded: " + probes[p].discarded});
+      summary.probes_left_out.push_back({probes[p].path, "discarded: " + probes[p].discarded});
+      continue;
+    }
+    summary.pairs.push_back({observed[o].path, probes[p].path,
+                             observed[o].time - summary.clocks.first_from_second(probes[p].time)});
+  }
+  char reason[80];
+  std::snprintf(reason, sizeof reason, "has no partner within %.3g s", summary.tolerance_seconds);
+  for (std::size_t i = 0; i < observed.size(); ++i)
+    if (!observed_used[i]) summary.observed_left_out.push_back({observed[i].path, reason});
+  for (std::size_t i = 0; i < probes.size(); ++i)
+    if (!probe_used[i])
+      summary.probes_left_out.push_back(
+          {probes[i].path, probes[i].discarded.empty() ? reason : "discarded: " + probes[i].discarded});
+}
+
+void copy_atomically(const fs::path& from, const fs::path& to) {
+  write_atomically(to, [&](const fs::path& temporary) {
+    std::error_code error;
+    fs::copy_file(from, temporary, fs::copy_options::overwrite_existing, error);
+    if (error) throw DeviceError(from.string(), error.value(), "cannot copy to " + to.string());
+  });
+}
+
+std::string plan_of(const MatchRequest& request, const CaptureSession& session) {
+  toml::array frames;
+  for (const CaptureFrame& frame : session.frames) {
+    const auto crc = [](const fs::path& file) {
+      char text[9];
+      std::snprintf(text, sizeof text, "%08x",
+                    inspect_file(file.parent_path(), file.filename().string()).crc32);
+      return std::string(text);
+    };
+    frames.push_back(toml::table{{"name", frame.name},
+                                 {"role", std::string(name_of(frame.role))},
+                                 {"illumination", crc(frame.illumination)},
+                                 {"observed", crc(frame.observed)},
+                                 {"order", frame.order}});
+  }
+  std::ostringstream text;
+  text << toml::table{{"format", "refield matched series"},
+                      {"version", 1},
+                      {"mask", request.mask ? request.mask->filename().string() : ""},
+                      {"frame", frames}}
+       << "\n";
+  return text.str();
+}
+
+/// The pairs as frames, named after the photograph, still at their places outside the session.
+CaptureSession frames_of(const MatchRequest& request, const MatchSummary& summary,
+                         const std::vector<SeriesFile>& observed) {
+  CaptureSession session;
+  session.light.parameterisation = Parameterisation::lat_long;
+  std::map<fs::path, ClockSeconds> time;
+  for (const SeriesFile& file : observed) time[file.path] = file.time;
+  for (const MatchedPair& pair : summary.pairs) {
+    const auto place = session.frames.size() + 1;
+    const bool test = request.test_every > 0 && place % static_cast<std::size_t>(request.test_every) == 0;
+    session.frames.push_back({pair.observed.stem().string(), test ? FrameRole::test : FrameRole::train,
+                              "natural", pair.probe, pair.observed,
+                              time[pair.observed] - time[summary.pairs.front().observed]});
+  }
+  return session;
+}
+
+void write_session(const MatchRequest& request, CaptureSession session) {
+  std::vector<std::string> steps;
+  if (request.mask) steps.emplace_back("mask");
+  for (const CaptureFrame& frame : session.frames) steps.push_back(frame.name);
+  const std::string plan = plan_of(request, session);
+  SessionWriter writer(request.folder, plan, steps, request.if_exists);
+  if (writer.is_complete()) return;
+  session.folder = request.folder;
+  if (request.mask) {
+    const Mask mask = read_mask(*request.mask, session.width, session.height);
+    session.mask = request.folder / "mask.png";
+    if (!writer.is_done("mask")) {
+      write_mask(*session.mask, mask, session.width, session.height);
+      writer.finish_step("mask", {"mask.png"});
+    }
+  }
+  Progress progress("writing the session", session.frames.size());
+  for (CaptureFrame& frame : session.frames) {
+    throw_if_interrupted();
+    const std::vector<std::string> files = {"illumination/" + frame.name + ".exr",
+                                            "observed/" + frame.name + ".exr"};
+    if (!writer.is_done(frame.name)) {
+      copy_atomically(frame.illumination, request.folder / files[0]);
+      copy_atomically(frame.observed, request.folder / files[1]);
+      writer.finish_step(frame.name, files);
+    }
+    frame.illumination = request.folder / files[0];
+    frame.observed = request.folder / files[1];
+    progress.advance();
+  }
+  writer.finish(session);
+}
+
+}  // namespace
+
+MatchSummary match_series(const MatchRequest& request) {
+  check_session_folder(request.folder, request.if_exists);
+  const auto observed = read_series(request.observed);
+  const auto probes = read_series(request.probes);
+  MatchSummary summary;
+  bring_clocks_together(request, observed, probes, summary);
+  summary.tolerance_seconds = request.tolerance_seconds.value_or(0.5 * median_interval(times_of(probes)));
+  if (!(summary.tolerance_seconds >= 0.0))
+    throw InputError("the tolerance is " + std::to_string(summary.tolerance_seconds) +
+                     " s; it must not be negative");
+  pair_up(observed, probes, summary);
+  if (summary.pairs.empty())
+    throw InputError("no photograph of " + request.observed + " was taken within " +
+                     std::to_string(summary.tolerance_seconds) + " s of a light map of " + request.probes +
+                     "; check the clocks (--offset) and --tolerance");
+  CaptureSession session = frames_of(request, summary, observed);
+  check_image_sizes(session);
+  write_session(request, std::move(session));
+  return summary;
+}
+
+}  // namespace refield

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// refield acquire match: two series of photographs, of the scene and of the light, matched by time into a
+// session.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "acquire/series/match_series.h"
+#include "cli/acquire/verbs.h"
+#include "core/errors.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct MatchOptions {
+  MatchRequest request;
+  std::string offset = "0";
+  std::string drift = "0";
+  std::optional<double> tolerance;
+  fs::path mask;
+  bool resume = false;
+  bool force = false;
+};
+
+std::optional<double> number_or_auto(const std::string& text, const char* option) {
+  if (text == "auto") return std::nullopt;
+  char* end = nullptr;
+  const double number = std::strtod(text.c_str(), &end);
+  if (end == text.c_str() || *end != '\0' || !std::isfinite(number))
+    throw InputError(std::string(option) + ": '" + text + "' is neither a number nor auto");
+  return number;
+}
+
+ordered_json figures_of(const MatchSummary& summary) {
+  const auto list = [](const std::vector<LeftOut>& files) {
+    ordered_json array = ordered_json::array();
+    for (const LeftOut& file : files)
+      array.push_back({{"file", file.file.string()}, {"reason", file.reason}});
+    return array;
+  };
+  ordered_json pairs = ordered_json::array();
+  for (const MatchedPair& pair : summary.pairs)
+    pairs.push_back({{"observed", pair.observed.string()},
+                     {"light", pair.probe.string()},
+                     {"apart_seconds", pair.apart_seconds}});
+  ordered_json figures = {{"offset_seconds", summary.clocks.offset_seconds},
+                          {"drift_ppm", 1e6 * summary.clocks.drift},
+                          {"tolerance_seconds", summary.tolerance_seconds}};
+  if (summary.estimate) {
+    figures["correlation"] = summary.estimate->correlation;
+    figures["runner_up"] = summary.estimate->runner_up;
+  }
+  figures["pairs"] = pairs;
+  figures["observed_left_out"] = list(summary.observed_left_out);
+  figures["lights_left_out"] = list(summary.probes_left_out);
+  return figures;
+}
+
+void print(const MatchSummary& summary, const fs::path& folder) {
+  if (summary.estimate)
+    std::printf(
+        "clocks, from brightness: the scene's camera is ahead by %.2f s and gains %.1f ppm (correlation "
+        "%.3f, at "
+        "another offset at most %.3f)\n",
+        summary.clocks.offset_seconds, 1e6 * summary.clocks.drift, summary.estimate->correlation,
+        summary.estimate->runner_up);
+  for (const auto& [what, files] :
+       {std::pair{"photograph", &summary.observed_left_out}, std::pair{"light", &summary.probes_left_out}})
+    for (const LeftOut& file : *files)
+      std::printf("left out: %s %s: %s\n", what, file.file.c_str(), file.reason.c_str());
+  double sum = 0.0, most = 0.0;
+  for (const MatchedPair& pair : summary.pairs) {
+    sum += std::abs(pair.apart_seconds);
+    most = std::max(most, std::abs(pair.apart_seconds));
+  }
+  std::printf(
+      "%s: %zu pairs, %.2f s apart on average, %.2f s at most; left out: %zu photographs, %zu lights\n",
+      folder.c_str(), summary.pairs.size(), sum / static_cast<double>(summary.pairs.size()), most,
+      summary.observed_left_out.size(), summary.probes_left_out.size());
+}
+
+void match(const MatchOptions& options, const Common& common) {
+  MatchRequest request = options.request;
+  request.offset_seconds = number_or_auto(options.offset, "--offset");
+  request.drift_ppm = number_or_auto(options.drift, "--drift");
+  request.tolerance_seconds = options.tolerance;
+  if (!options.mask.empty()) request.mask = options.mask;
+  request.if_exists = options.force    ? IfExists::replace
+                      : options.resume ? IfExists::resume
+                                       : IfExists::refuse;
+  const MatchSummary summary = match_series(request);
+  if (common.json)
+    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+  else
+    print(summary, request.folder);
+}
+
+}  // namespace
+
+void add_acquire_match(CLI::App& group, const Common& common, Action& action) {
+  const auto options = std::make_shared<MatchOptions>();
+  MatchRequest& request = options->request;
+  CLI::App* verb = group.add_subcommand(
+      "match",
+      "Pair photographs of a scene with light maps by time, into a capture session (the paper's outdoor rig: "
+      "two\n"
+      "cameras, each with a clock of its own).\n"
+      "Times come from times.tsv in the folder, else from the files' metadata, else from their names\n"
+      "(IMG_20040621_123005, 2004-06-21T12.30.05). Each photograph gets the light nearest in time; what "
+      "stays\n"
+      "without a partner is named, and so is what 'acquire probe' discarded.\n\n"
+      "Examples:\n"
+      "  refield acquire match --observed city --lights sky -o session --tolerance 20\n"
+      "  refield acquire match --observed city --lights sky -o session --offset auto --drift auto");
+  verb->add_option("--observed", request.observed,
+                   "Photographs of the scene (.exr): folder or quoted pattern")
+      ->required();
+  verb->add_option("--lights", request.probes, "Lat-long light maps (.exr): folder or quoted pattern")
+      ->required();
+  verb->add_option("-o,--output", request.folder, "Session folder to make")->required();
+  verb->add_option(
+          "--offset", options->offset,
+          "Seconds by which the scene camera's clock is ahead of the other; auto: from how the brightness\n"
+          "of both series goes up and down together")
+      ->capture_default_str();
+  verb->add_option("--drift", options->drift,
+                   "Parts per million by which it gains on the other; auto: with --offset auto, told as well")
+      ->capture_default_str();
+  verb->add_option("--largest-offset", request.largest_offset_seconds,
+                   "With --offset auto: seconds to look within")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  verb->add_option(
+          "--tolerance", options->tolerance,
+          "Most seconds between a photograph and its light (default: half the lights' usual interval)")
+      ->check(CLI::NonNegativeNumber);
+  verb->add_option("--test-every", request.test_every,
+                   "Hold out every so many pairs for validation (0: none)")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
+  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on where an earlier run was stopped");
+  verb->add_flag("--force", options->force, "Replace a session in the output folder")->excludes(resume);
+  verb->callback([options, &common, &action] { action = [options, &common] { match(*options, common); }; });
+}
+
+}  // namespace refield::cli
