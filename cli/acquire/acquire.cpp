@@ -11,6 +11,7 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
       "session ends\n"
       "in the same bytes. docs/capture-session-format.md describes the folder.");
   group->require_subcommand(1);
+  add_acquire_devices(*group, common, action);
   add_acquire_virtual(*group, common, action);
   add_acquire_match(*group, common, action);
   add_acquire_probe(*group, common, action);

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/units.h"
+
+namespace refield {
+
+// The seam to libgpiod: gpio_lines.cpp alone knows its interface, which version 2 changes altogether.
+
+/// A line of a GPIO chip. Levels are logical: active is low voltage on an `active_low` line.
+struct GpioLineAddress {
+  std::string chip;  ///< "/dev/gpiochip0", "gpiochip0", its label, or its number
+  unsigned line = 0;
+  bool active_low = false;
+
+  std::string text() const;
+};
+
+/// A line that this program drives. It is inactive when the object is made and again when it goes.
+class GpioOutput {
+ public:
+  /// Throws DeviceError when the chip is missing, the line is taken (the message says by whom) or not an
+  /// output.
+  explicit GpioOutput(const GpioLineAddress& address);
+  ~GpioOutput();
+  GpioOutput(GpioOutput&&) noexcept;
+  /// Throws DeviceError when the chip is gone.
+  void set(bool active);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// A line that something else drives, watched for its changes.
+class GpioInput {
+ public:
+  /// Throws as GpioOutput does.
+  explicit GpioInput(const GpioLineAddress& address);
+  ~GpioInput();
+  GpioInput(GpioInput&&) noexcept;
+
+  bool is_active();
+  /// Forgets changes up to now.
+  void forget_changes();
+  /// Waits for the next change to active since the last call; its instant as the kernel saw it, on the
+  /// monotonic clock. nullopt after `timeout`. Throws DeviceError when the chip is gone, Interrupted when
+  /// asked to stop.
+  std::optional<TimePoint> wait_for_active(Seconds timeout);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+struct GpioChipInfo {
+  std::string path;
+  std::string name;
+  std::string label;
+  unsigned lines = 0;
+  std::vector<std::string> named_lines;  ///< "5 camera-trigger (used by X)", those with a name or a user
+};
+
+/// GPIO chips of this machine. Chips that may not be opened are left out.
+std::vector<GpioChipInfo> find_gpio_chips();
+
+}  // namespace refield

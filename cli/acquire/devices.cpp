@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "acquire/drm_display.h"
+#include "acquire/gpio_lines.h"
+#include "acquire/v4l2_device.h"
+#include "acquire/v4l2_formats.h"
+#include "cli/acquire/verbs.h"
+#include "core/errors.h"
+
+namespace refield::cli {
+
+namespace {
+
+using nlohmann::ordered_json;
+
+ordered_json json_of(const V4l2FormatInfo& format) {
+  const auto known = find_v4l2_format(format.fourcc);
+  ordered_json sizes = ordered_json::array();
+  for (const V4l2FrameSize& size : format.sizes)
+    sizes.push_back({{"width", size.width}, {"height", size.height}, {"rates", size.rates}});
+  return {{"format", fourcc_text(format.fourcc)},
+          {"description", format.name},
+          {"supported", known.has_value()},
+          {"raw", known && known->is_raw()},
+          {"layout", known ? ordered_json(layout_name(known->layout)) : ordered_json()},
+          {"bits", known ? ordered_json(known->bits) : ordered_json()},
+          {"sizes", sizes}};
+}
+
+ordered_json json_of(const V4l2ControlInfo& control) {
+  ordered_json result = {{"name", control.name},           {"value", control.value},
+                         {"default", control.standard},    {"lowest", control.lowest},
+                         {"highest", control.highest},     {"step", control.step},
+                         {"writable", control.is_writable}};
+  if (!control.menu.empty()) result["choices"] = control.menu;
+  return result;
+}
+
+ordered_json cameras() {
+  ordered_json list = ordered_json::array();
+  for (const V4l2Identity& camera : find_v4l2_cameras()) try {
+      const V4l2Device device(camera.node);
+      ordered_json formats = ordered_json::array(), controls = ordered_json::array();
+      for (const V4l2FormatInfo& format : formats_of(device)) formats.push_back(json_of(format));
+      for (const V4l2ControlInfo& control : controls_of(device)) controls.push_back(json_of(control));
+      list.push_back({{"node", camera.node.string()},
+                      {"card", camera.card},
+                      {"bus", camera.bus},
+                      {"driver", camera.driver},
+                      {"formats", formats},
+                      {"controls", controls}});
+    } catch (const DeviceError&) {  // unplugged meanwhile
+    }
+  return list;
+}
+
+ordered_json monitors() {
+  ordered_json list = ordered_json::array();
+  for (const DrmConnectorInfo& connector : find_drm_connectors()) {
+    ordered_json modes = ordered_json::array();
+    for (const DrmModeInfo& mode : connector.modes)
+      modes.push_back({{"mode", mode.text()}, {"preferred", mode.is_preferred}});
+    list.push_back({{"connector", connector.name},
+                    {"card", connector.card.string()},
+                    {"driver", connector.driver},
+                    {"connected", connector.is_connected},
+                    {"modes", modes}});
+  }
+  return list;
+}
+
+ordered_json gpio_chips() {
+  ordered_json list = ordered_json::array();
+  for (const GpioChipInfo& chip : find_gpio_chips())
+    list.push_back({{"chip", chip.path},
+                    {"name", chip.name},
+                    {"label", chip.label},
+                    {"lines", chip.lines},
+                    {"named_lines", chip.named_lines}});
+  return list;
+}
+
+std::string word(const ordered_json& value) {
+  return value.get<std::string>();
+}
+
+void print_format(const ordered_json& format) {
+  std::printf("    %-5s %-28s ", word(format["format"]).c_str(), word(format["description"]).c_str());
+  if (!format["supported"].get<bool>())
+    std::printf("not read by refield");
+  else
+    std::printf("%s, %d bits, %s", word(format["layout"]).c_str(), format["bits"].get<int>(),
+                format["raw"].get<bool>() ? "raw" : "processed by the camera");
+  for (const auto& size : format["sizes"]) {
+    std::printf("; %dx%d", size["width"].get<int>(), size["height"].get<int>());
+    for (const auto& rate : size["rates"]) std::printf(" %.4g", rate.get<double>());
+    if (!size["rates"].empty()) std::printf(" Hz");
+  }
+  std::printf("\n");
+}
+
+void print_control(const ordered_json& control) {
+  std::printf("    %-32s %lld  (%lld to %lld, default %lld%s)", word(control["name"]).c_str(),
+              control["value"].get<long long>(), control["lowest"].get<long long>(),
+              control["highest"].get<long long>(), control["default"].get<long long>(),
+              control["writable"].get<bool>() ? "" : ", read only");
+  if (control.contains("choices"))
+    for (const auto& choice : control["choices"]) std::printf(" %s", word(choice).c_str());
+  std::printf("\n");
+}
+
+void print(const ordered_json& devices) {
+  if (devices["cameras"].empty())
+    std::printf("No camera. Is it plugged in, may you open /dev/video* (group video)?\n");
+  for (const auto& camera : devices["cameras"]) {
+    std::printf(
+        "Camera %s: %s at %s, driver %s\n  formats; without one in the session file the raw one of most bits "
+        "is taken:\n",
+        word(camera["node"]).c_str(), word(camera["card"]).c_str(), word(camera["bus"]).c_str(),
+        word(camera["driver"]).c_str());
+    for (const auto& format : camera["formats"]) print_format(format);
+    std::printf("  controls:\n");
+    for (const auto& control : camera["controls"]) print_control(control);
+  }
+  if (devices["monitors"].empty())
+    std::printf("No display connector. May you open /dev/dri/card* (group video)?\n");
+  for (const auto& monitor : devices["monitors"]) {
+    std::printf("Monitor %s of %s, driver %s: %s\n", word(monitor["connector"]).c_str(),
+                word(monitor["card"]).c_str(), word(monitor["driver"]).c_str(),
+                monitor["connected"].get<bool>() ? "connected" : "no monitor");
+    for (const auto& mode : monitor["modes"])
+      std::printf("    %s%s\n", word(mode["mode"]).c_str(),
+                  mode["preferred"].get<bool>() ? "  preferred" : "");
+  }
+  if (devices["gpio_chips"].empty()) std::printf("No GPIO chip.\n");
+  for (const auto& chip : devices["gpio_chips"]) {
+    std::printf("GPIO %s: %s, %d lines\n", word(chip["chip"]).c_str(), word(chip["label"]).c_str(),
+                chip["lines"].get<int>());
+    for (const auto& line : chip["named_lines"]) std::printf("    %s\n", word(line).c_str());
+  }
+}
+
+}  // namespace
+
+void add_acquire_devices(CLI::App& group, const Common& common, Action& action) {
+  CLI::App* verb =
+      group.add_subcommand("devices",
+                           "List cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) with "
+                           "modes, and GPIO chips,\n"
+                           "under the names that a session file uses (docs/devices.md). Changes nothing.");
+  verb->callback([&common, &action] {
+    action = [&common] {
+      const ordered_json devices = {
+          {"cameras", cameras()}, {"monitors", monitors()}, {"gpio_chips", gpio_chips()}};
+      if (common.json)
+        std::printf("%s\n", devices.dump(2).c_str());
+      else
+        print(devices);
+    };
+  });
+}
+
+}  // namespace refield::cli

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// Against the kernel's gpio-sim: outputs are read back, inputs driven, in sysfs.
+#include "acquire/gpio_trigger.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <thread>
+
+#include "core/errors.h"
+#include "tests/devices/lab.h"
+
+namespace refield {
+namespace {
+
+using namespace test;
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr const char* config = "/sys/kernel/config/gpio-sim/lab";
+
+class GpioTriggerTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    fs::create_directory(config);
+    fs::create_directory(std::string(config) + "/bank");
+    write_file(std::string(config) + "/bank/num_lines", "8");
+    write_file(std::string(config) + "/live", "1");
+    plugged_ = true;
+  }
+  void TearDown() override {
+    unplug();
+    fs::remove(std::string(config) + "/bank");
+    fs::remove(config);
+  }
+  void unplug() {
+    if (plugged_) write_file(std::string(config) + "/live", "0");
+    plugged_ = false;
+  }
+  std::string word(const std::string& path) const {
+    std::string text = read_file(path);
+    while (text.ends_with('\n')) text.pop_back();
+    return text;
+  }
+  GpioLineAddress line(unsigned number, bool active_low = false) const {
+    return {word(std::string(config) + "/bank/chip_name"), number, active_low};
+  }
+  std::string sysfs(unsigned number) const {
+    return "/sys/devices/platform/" + word(std::string(config) + "/dev_name") + "/" +
+           word(std::string(config) + "/bank/chip_name") + "/sim_gpio" + std::to_string(number) + "/";
+  }
+  std::string level(unsigned number) const { return word(sysfs(number) + "value"); }
+  void pull(unsigned number, bool up) const {
+    write_file(sysfs(number) + "pull", up ? "pull-up" : "pull-down");
+  }
+  bool plugged_ = false;
+};
+
+TEST_F(GpioTriggerTest, ChipsAreListed) {
+  const auto chips = find_gpio_chips();
+  ASSERT_FALSE(chips.empty());
+  EXPECT_EQ(chips.back().lines, 8u);
+  const GpioOutput taken(line(3));
+  EXPECT_THAT(find_gpio_chips().back().named_lines, testing::ElementsAre("3 (used by refield)"));
+}
+
+TEST_F(GpioTriggerTest, APulseOfTheAskedWidthAndPolarity) {
+  for (bool active_low : {false, true}) {
+    GpioTriggerOptions options{.trigger = line(1, active_low)};
+    options.pulse_width = Seconds(0.3);  // wide enough to be seen from outside
+    GpioTrigger trigger(options);
+    EXPECT_EQ(level(1), active_low ? "1" : "0");
+    std::thread firing([&] { trigger.fire(); });
+    std::this_thread::sleep_for(std::chrono::milliseconds(150));
+    EXPECT_EQ(level(1), active_low ? "0" : "1");
+    firing.join();
+    EXPECT_EQ(level(1), active_low ? "1" : "0");
+  }
+}
+
+TEST_F(GpioTriggerTest, WaitsForReadyAndReportsTheStrobe) {
+  GpioTriggerOptions options{.trigger = line(1)};
+  options.ready = line(2);
+  options.strobe = line(4);
+  options.lamp = line(5);
+  GpioTrigger trigger(options);
+  EXPECT_EQ(level(5), "1");
+  const auto begun = std::chrono::steady_clock::now().time_since_epoch();
+  std::thread camera([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    EXPECT_EQ(level(1), "0");  // not before it is ready
+    pull(2, true);
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    pull(4, true);
+  });
+  const TimePoint strobe = trigger.fire();
+  camera.join();
+  EXPECT_GT(Seconds(strobe.time_since_epoch() - begun).count(), 0.55);
+  EXPECT_LT(strobe.time_since_epoch(), std::chrono::steady_clock::now().time_since_epoch());
+}
+
+TEST_F(GpioTriggerTest, TimeOutsNameTheLine) {
+  GpioTriggerOptions options{.trigger = line(1)};
+  options.ready = line(2);
+  options.timeout = Seconds(0.3);
+  GpioTrigger trigger(options);
+  try {
+    trigger.fire();
+    ADD_FAILURE() << "the camera was never ready";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.error_number(), ETIMEDOUT);
+    EXPECT_THAT(error.what(), HasSubstr("line 2"));
+  }
+  pull(2, true);
+  EXPECT_NO_THROW(trigger.fire());
+}
+
+TEST_F(GpioTriggerTest, AMissingStrobeIsSaid) {
+  GpioTriggerOptions options{.trigger = line(1)};
+  options.strobe = line(4);
+  options.timeout = Seconds(0.3);
+  GpioTrigger trigger(options);
+  try {
+    trigger.fire();
+    ADD_FAILURE() << "there was no strobe";
+  } catch (const DeviceError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("no strobe"));
+  }
+}
+
+TEST_F(GpioTriggerTest, ALineInUseIsRefusedByName) {
+  const GpioOutput mine(line(1));
+  try {
+    GpioTrigger trigger({.trigger = line(1)});
+    ADD_FAILURE() << "the line was taken";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.error_number(), EBUSY);
+    EXPECT_THAT(error.what(), HasSubstr("used by refield"));
+  }
+  EXPECT_THROW(GpioTrigger({.trigger = line(99)}), InputError);
+  EXPECT_THROW(GpioTrigger({.trigger = {"no-such-chip", 1}}), DeviceError);
+}
+
+TEST_F(GpioTriggerTest, AnUnpluggedChipIsSaidAndAPluggedOneWorksAgain) {
+  {
+    GpioTriggerOptions options{.trigger = line(1)};
+    options.ready = line(2);
+    GpioTrigger trigger(options);
+    pull(2, true);
+    trigger.fire();
+    unplug();
+    EXPECT_THROW(trigger.fire(), DeviceError);
+  }
+  write_file(std::string(config) + "/live", "1");
+  plugged_ = true;
+  GpioTrigger again({.trigger = line(1)});
+  EXPECT_NO_THROW(again.fire());
+}
+
+}  // namespace
+}  // namespace refield
