@@ -3,7 +3,10 @@
 
 #include <OpenImageIO/imageio.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
+#include <string_view>
 
 #include "core/errors.h"
 #include "core/files.h"
@@ -22,6 +25,28 @@ std::optional<double> positive_attribute(const OIIO::ImageSpec& spec,
   return std::nullopt;
 }
 
+std::optional<Seconds> exposure_of(const OIIO::ImageSpec& spec) {
+  if (const auto time = positive_attribute(spec, {"ExposureTime", "Exif:ExposureTime", "expTime"}))
+    return Seconds(*time);
+  return std::nullopt;
+}
+
+/// The colours of the first two by two sites, as OpenImageIO names them.
+PixelLayout raw_layout(const OIIO::ImageSpec& spec, const fs::path& path) {
+  const std::string pattern(spec.get_string_attribute("raw:FilterPattern"));
+  for (const PixelLayout layout :
+       {PixelLayout::bayer_rggb, PixelLayout::bayer_grbg, PixelLayout::bayer_gbrg, PixelLayout::bayer_bggr}) {
+    std::string letters(layout_name(layout));
+    letters.erase(0, std::string_view("bayer_").size());
+    std::ranges::transform(letters, letters.begin(), [](unsigned char c) { return std::toupper(c); });
+    if (pattern.starts_with(letters)) return layout;
+  }
+  throw FormatError(
+      path, "has the colour filter '" + pattern +
+                "', which is none of RGGB, GRBG, GBRG, BGGR; give its layout with --layout, or develop "
+                "it to a linear 16-bit TIFF");
+}
+
 template <class T>
 std::vector<std::uint16_t> read_samples(OIIO::ImageInput& input, const fs::path& path, int channels) {
   const OIIO::ImageSpec& spec = input.spec();
@@ -37,17 +62,17 @@ std::vector<std::uint16_t> read_samples(OIIO::ImageInput& input, const fs::path&
 
 }  // namespace
 
-BracketFile read_bracket_file(const fs::path& path, PixelLayout one_channel) {
-  const ImageHeader header = read_image_header(path);  // for its checks
+BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> one_channel) {
+  read_image_header(path);  // for its checks
   BracketFile file;
   // Samples must come as stored: no division by alpha, no conversion.
   OIIO::ImageSpec as_stored;
   as_stored.attribute("oiio:UnassociatedAlpha", 1);
+  as_stored.attribute("raw:Demosaic", "none");
   auto input = OIIO::ImageInput::open(path.string(), &as_stored);
   if (!input) throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + ")");
   const OIIO::ImageSpec& spec = input->spec();
-  if (const auto time = positive_attribute(spec, {"ExposureTime", "Exif:ExposureTime", "expTime"}))
-    file.exposure = Seconds(*time);
+  file.exposure = exposure_of(spec);
   file.iso = positive_attribute(spec, {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
   if (spec.format.is_floating_point()) {
     input.reset();
@@ -55,9 +80,14 @@ BracketFile read_bracket_file(const fs::path& path, PixelLayout one_channel) {
     return file;
   }
   const int channels = spec.nchannels >= 3 ? 3 : 1;
-  file.frame.width = header.width;
-  file.frame.height = header.height;
-  file.frame.layout = channels == 3 ? PixelLayout::rgb : one_channel;
+  // Not the header's: undeveloped, a RAW file may have more pixels than developed.
+  file.frame.width = spec.width;
+  file.frame.height = spec.height;
+  file.is_raw = std::string_view(input->format_name()) == "raw";
+  file.frame.layout = channels == 3 ? PixelLayout::rgb
+                      : one_channel ? *one_channel
+                      : file.is_raw ? raw_layout(spec, path)
+                                    : PixelLayout::grey;
   if (spec.format == OIIO::TypeDesc::UINT8) {
     file.bits = 8;
     file.frame.samples = read_samples<std::uint8_t>(*input, path, channels);
@@ -69,6 +99,14 @@ BracketFile read_bracket_file(const fs::path& path, PixelLayout one_channel) {
                                 "; convert it to 8 or 16 bits or to OpenEXR");
   }
   return file;
+}
+
+std::optional<Seconds> stated_exposure(const fs::path& path) {
+  std::error_code error;
+  if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
+  const auto input = OIIO::ImageInput::open(path.string());
+  if (!input) throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + "); copy it again");
+  return exposure_of(input->spec());
 }
 
 void write_raw_frame(const fs::path& path, const RawFrame& frame) {

@@ -15,12 +15,19 @@ struct BracketFile {
   Image linear;                     ///< float formats: [height × width × 3]
   std::optional<Seconds> exposure;  ///< as the file's metadata state it (EXIF ExposureTime, EXR expTime)
   std::optional<double> iso;
+  bool is_raw =
+      false;  ///< a camera's own format: samples of the sensor, not interpolated, black not subtracted
 };
 
-/// Reads PNG, TIFF, JPEG (8 or 16 bits) or EXR, HDR, PFM. A one-channel integer file is taken to have the
-/// layout `one_channel`, grey or bayer_rggb. Alpha is ignored. Throws DeviceError for a missing file and
-/// FormatError for one that is damaged or no image.
-BracketFile read_bracket_file(const std::filesystem::path& path, PixelLayout one_channel = PixelLayout::grey);
+/// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or a camera's RAW (DNG, CR2, NEF and so on, by LibRaw
+/// where OpenImageIO was built with it). A one-channel integer file is taken to have the layout
+/// `one_channel`; nullopt: grey, or for RAW what the file says. Alpha is ignored. Throws DeviceError for a
+/// missing file and FormatError for one that is damaged or no image.
+BracketFile read_bracket_file(const std::filesystem::path& path,
+                              std::optional<PixelLayout> one_channel = std::nullopt);
+
+/// The exposure time that a file's metadata state; its samples are not read. Throws as read_bracket_file().
+std::optional<Seconds> stated_exposure(const std::filesystem::path& path);
 
 /// Writes a frame's samples, unchanged, as a 16-bit PNG of one or three channels, atomically. What
 /// read_bracket_file() reads back is equal.

@@ -52,8 +52,10 @@ std::optional<std::string> match_wildcards(std::string_view pattern, std::string
 }
 
 bool is_image_file(const fs::path& path) {
-  static const std::vector<std::string> known = {".exr",  ".hdr", ".png",  ".jpg",
-                                                 ".jpeg", ".tif", ".tiff", ".pfm"};
+  static const std::vector<std::string> known = {
+      ".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm",
+      // cameras' own
+      ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"};
   std::string extension = path.extension().string();
   std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
   return std::ranges::find(known, extension) != known.end();
@@ -138,6 +140,17 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
     throw InputError("no file matches '" + pattern + "'; quote the pattern and check the folder's name");
   std::ranges::sort(matches, {}, &GlobMatch::path);
   return matches;
+}
+
+std::vector<fs::path> expand_globs(const std::vector<std::string>& patterns) {
+  std::vector<fs::path> paths;
+  for (const std::string& pattern : patterns) {
+    if (fs::is_regular_file(pattern))
+      paths.emplace_back(pattern);
+    else
+      for (const GlobMatch& match : expand_glob(pattern)) paths.push_back(match.path);
+  }
+  return paths;
 }
 
 }  // namespace refield

@@ -36,4 +36,7 @@ struct GlobMatch {
 /// image files in it. Throws InputError when nothing matches.
 std::vector<GlobMatch> expand_glob(const std::string& pattern);
 
+/// What a list of files, folders and patterns names, in order; an existing file stands for itself.
+std::vector<std::filesystem::path> expand_globs(const std::vector<std::string>& patterns);
+
 }  // namespace refield

@@ -39,20 +39,9 @@ struct ProbeOptionsText {
   ProbeRequest request;
 };
 
-std::vector<fs::path> files_of(const std::vector<std::string>& patterns) {
-  std::vector<fs::path> files;
-  for (const std::string& pattern : patterns) {
-    if (fs::is_regular_file(pattern))
-      files.emplace_back(pattern);
-    else
-      for (const GlobMatch& match : expand_glob(pattern)) files.push_back(match.path);
-  }
-  return files;
-}
-
 ProbeSide side_of(const SideOptions& text, const ProbeOptionsText& options) {
   ProbeSide side;
-  side.photographs = files_of(text.photographs);
+  side.photographs = expand_globs(text.photographs);
   side.turn = text.turn;
   side.focal_px = options.focal_px;
   side.field_of_view_degrees = options.field_of_view;

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/import/bracket_merge.h"
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "acquire/relative_map.h"
+#include "core/errors.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// As given or, for all images, from their metadata.
+std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Seconds> given) {
+  if (!given.empty()) {
+    if (given.size() != bracket.files.size())
+      throw InputError("--exposures gives " + std::to_string(given.size()) + " times for " +
+                       std::to_string(bracket.files.size()) +
+                       " images; give one time for each image, in order");
+    return {given.begin(), given.end()};
+  }
+  std::vector<Seconds> exposures;
+  for (std::size_t i = 0; i < bracket.files.size(); ++i) {
+    const BracketFile& file = bracket.files[i];
+    if (!file.exposure)
+      throw InputError(bracket.paths[i].string() +
+                       ": does not state its exposure time; give the times of all images with --exposures");
+    if (file.iso != bracket.files[0].iso)
+      throw InputError(bracket.paths[i].string() + ": was taken at another ISO speed than " +
+                       bracket.paths[0].string() + "; give times multiplied by speed with --exposures");
+    exposures.push_back(*file.exposure);
+  }
+  return exposures;
+}
+
+std::optional<PixelLayout> layout_of(const std::string& name) {
+  if (name.empty()) return std::nullopt;
+  if (name == "bayer") return PixelLayout::bayer_rggb;
+  const auto found = std::ranges::find(layout_names, name);
+  if (found == layout_names.end())
+    throw InputError("--layout: '" + name + "' is not known; give grey, or a Bayer order such as bayer_rggb");
+  return static_cast<PixelLayout>(found - layout_names.begin());
+}
+
+Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, MergeStatistics* statistics) {
+  if (!camera.response.empty() && camera.response != "linear")
+    throw InputError("--response " + camera.response + ": float images are linear already; leave it out");
+  LinearSensor sensor;
+  sensor.black = camera.black.value_or(0.0);
+  sensor.saturation = camera.saturation.value_or(1.0);
+  sensor.electrons_per_value = camera.full_scale_electrons;
+  sensor.read_noise_electrons = camera.read_noise_electrons;
+  std::vector<Image> images;
+  for (std::size_t i = 0; i < bracket.files.size(); ++i) {
+    require_finite(bracket.files[i].linear, bracket.paths[i].string(), true, "repair that pixel");
+    images.push_back(std::move(bracket.files[i].linear));
+  }
+  return merge_linear_exposures(images, bracket.exposures, sensor, {}, statistics);
+}
+
+}  // namespace
+
+Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& camera,
+                     std::span<const Seconds> exposures) {
+  if (paths.empty()) throw InputError("there is no exposure to merge");
+  Bracket bracket{paths, {}, {}};
+  const auto layout = layout_of(camera.layout);
+  for (const fs::path& path : paths) {
+    bracket.files.push_back(read_bracket_file(path, layout));
+    const BracketFile& first = bracket.files.front();
+    const BracketFile& file = bracket.files.back();
+    if (file.bits != first.bits || file.frame.layout != first.frame.layout ||
+        file.frame.width != first.frame.width || file.frame.height != first.frame.height ||
+        !file.linear.same_shape(first.linear))
+      throw InputError(path.string() + ": differs in size, bits or channels from " + paths.front().string() +
+                       "; merge exposures of one camera and one view");
+    if (file.is_raw && !fs::is_regular_file(camera.response) && !(camera.black && camera.saturation))
+      throw InputError(
+          path.string() +
+          ": a camera's RAW file does not tell its black and saturation levels here; give --black and "
+          "--saturation, or a calibration with --response");
+  }
+  bracket.exposures = exposures_of(bracket, exposures);
+  return bracket;
+}
+
+CameraCalibration bracket_calibration(const BracketCamera& camera, int bits) {
+  const std::string response = camera.response.empty() ? (bits == 8 ? "srgb" : "linear") : camera.response;
+  if (fs::is_regular_file(response)) return read_camera_calibration(response);
+  CameraCalibration calibration;
+  calibration.bits = bits;
+  if (response == "linear") {
+    calibration.linear_from_dn = linear_response(bits);
+  } else if (response == "srgb") {
+    calibration.linear_from_dn = srgb_response(bits);
+  } else if (response.starts_with("gamma:")) {
+    char* end = nullptr;
+    const double gamma = std::strtod(response.c_str() + 6, &end);
+    if (*end != '\0' || !(gamma >= 0.1 && gamma <= 10.0))
+      throw InputError("--response " + response + ": give a gamma from 0.1 to 10, for example gamma:2.2");
+    calibration.linear_from_dn = gamma_response(bits, gamma);
+  } else {
+    throw InputError("--response " + response +
+                     ": is neither linear, srgb, gamma:X nor an existing calibration file");
+  }
+  const double full = calibration.linear_from_dn.back();
+  calibration.black_level_dn = camera.black.value_or(0.0);
+  calibration.saturation_dn = camera.saturation.value_or(full);
+  calibration.electrons_per_dn = camera.full_scale_electrons / full;
+  calibration.read_noise_electrons = camera.read_noise_electrons;
+  calibration.electrons_per_radiance_second = camera.full_scale_electrons;
+  calibration.check("--black, --saturation and noise options");
+  return calibration;
+}
+
+Photograph merge_bracket(Bracket& bracket, const BracketCamera& camera, MergeStatistics* statistics) {
+  if (bracket.files.at(0).bits == 0) return merge_float_bracket(bracket, camera, statistics);
+  std::vector<RawFrame> frames;
+  for (std::size_t i = 0; i < bracket.files.size(); ++i) {
+    frames.push_back(std::move(bracket.files[i].frame));
+    frames.back().exposure = bracket.exposures[i];
+  }
+  const CameraCalibration calibration = bracket_calibration(camera, bracket.files[0].bits);
+  Photograph merged = merge_exposures(frames, calibration, {}, statistics);
+  divide(merged, calibration.flat_field);
+  return merged;
+}
+
+}  // namespace refield

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "acquire/bracket_files.h"
+#include "acquire/hdr_merge.h"
+
+namespace refield {
+
+/// What is known of the camera behind ordinary image files.
+struct BracketCamera {
+  /// How samples encode light: "linear", "srgb", "gamma:X" (sample = light^(1/X)) or a calibration.toml.
+  /// Empty: srgb for 8 bits, else linear.
+  std::string response;
+  std::string
+      layout;  ///< of one-channel files: name of a PixelLayout, "bayer" (RGGB); empty: grey, RAW: theirs
+  std::optional<double> black;       ///< without light, in linearised sample units
+  std::optional<double> saturation;  ///< lowest sample that may be clipped
+  double full_scale_electrons = 20000.0;
+  double read_noise_electrons = 5.0;
+};
+
+/// Exposures of one view.
+struct Bracket {
+  std::vector<std::filesystem::path> paths;
+  std::vector<BracketFile> files;
+  std::vector<Seconds> exposures;
+};
+
+/// Reads the files of a bracket. `exposures`: one for each file, or none: as the files' metadata state them.
+/// Throws InputError when files differ in size, bits, channels or ISO speed, or do not state their exposure.
+Bracket read_bracket(const std::vector<std::filesystem::path>& paths, const BracketCamera& camera,
+                     std::span<const Seconds> exposures = {});
+
+/// Camera of integer files: a calibration file as it is; else radiance 1 fills the range in one second.
+/// Throws InputError naming the option.
+CameraCalibration bracket_calibration(const BracketCamera& camera, int bits);
+
+/// Merges a bracket (whose images are moved out of it) by merge_exposures() or, for float files,
+/// merge_linear_exposures(), and divides by the calibration's flat field.
+Photograph merge_bracket(Bracket& bracket, const BracketCamera& camera,
+                         MergeStatistics* statistics = nullptr);
+
+}  // namespace refield

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/import/bracket_groups.h"
+#include "acquire/import/bracket_merge.h"
+#include "acquire/session_writer.h"
+#include "core/image_io.h"
+#include "core/light_map.h"
+
+namespace refield {
+
+/// What the files of lights hold.
+enum class LightContent {
+  radiance,     ///< linear radiance above the monitor's black, as EXR holds it; PNG and JPEG are decoded from
+                ///< sRGB
+  drive_levels  ///< 8-bit levels that were sent to the monitor; its calibration says what it emitted
+};
+
+/// Photographs from other tools.
+struct ImportRequest {
+  std::vector<std::filesystem::path> photographs;  ///< sorted by name
+  GroupRule rule;
+  BracketCamera camera;
+  std::vector<Seconds> exposures;  ///< of a bracket's files, in order; empty: as their metadata state them
+  std::vector<std::filesystem::path>
+      ambient;  ///< files of one bracket, taken out of the photographs; may be empty
+  /// Lights, in the order of their names; empty: photographs are merged, and no session is made.
+  std::vector<std::filesystem::path> lights;
+  /// The n-th light belongs to the n-th bracket; else the light NAME.* to the bracket NAME.
+  bool lights_by_order = false;
+  LightContent light_content = LightContent::radiance;
+  std::filesystem::path monitor;  ///< calibration.toml with [monitor], for drive levels
+  Parameterisation parameterisation = Parameterisation::monitor;
+  std::optional<std::filesystem::path> mask;
+  int test_every =
+      0;  ///< every so many frames one is held out, beside those whose light is named test…; 0: none
+  Precision precision = Precision::single;
+  std::filesystem::path folder;
+  IfExists if_exists = IfExists::refuse;
+
+  bool makes_session() const { return !lights.empty(); }
+};
+
+struct ImportSummary {
+  std::size_t photographs = 0;
+  std::size_t found_done = 0;           ///< of them, taken over from an earlier run
+  std::vector<Seconds> exposures;       ///< of the first bracket
+  std::vector<double> useful_fraction;  ///< [exposures], mean over this run's photographs; empty when none
+  double clipped_fraction = 0.0;
+  std::size_t timed = 0;  ///< photographs whose time is known
+};
+
+/// Merges bracketed exposures to photographs of linear radiance. With lights: into a capture session
+/// (illumination/, observed/, ambient light subtracted), resumable like any capture; roles by the lights'
+/// names: test…, reference…, all others train. Without: as NAME.exr into a folder, with times.tsv, for
+/// match_series() or probe_light(). Throws InputError, FormatError or DeviceError naming the file.
+ImportSummary import_series(const ImportRequest& request);
+
+}  // namespace refield

@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+// Raw frames of the virtual rig, exported as other tools would and imported, give what the capture itself
+// gave.
+#include <OpenImageIO/imageio.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <regex>
+
+#include "acquire/bracket_files.h"
+#include "acquire/calibration.h"
+#include "acquire/import/import_series.h"
+#include "core/capture_session.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "tests/pipeline/program.h"
+#include "tests/pipeline/tiny_recipe.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using test::run_program;
+using test::TemporaryFolder;
+using ::testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr std::array<double, 3> exposures = {0.02, 0.08, 0.32};
+
+/// A 16-bit TIFF with EXIF exposure and time.
+void export_tiff(const fs::path& path, const RawFrame& frame, double seconds, const std::string& time) {
+  OIIO::ImageSpec spec(frame.width, frame.height, 3, OIIO::TypeDesc::UINT16);
+  spec.attribute("ExposureTime", static_cast<float>(seconds));
+  spec.attribute("DateTime", time);
+  auto output = OIIO::ImageOutput::create(path.string());
+  ASSERT_TRUE(output && output->open(path.string(), spec));
+  ASSERT_TRUE(output->write_image(OIIO::TypeDesc::UINT16, frame.samples.data()) && output->close());
+}
+
+class Import : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<TemporaryFolder>();
+    write_text_atomically(*folder_ / "recipe.toml", test::tiny_recipe);
+    ASSERT_EQ(run_program({"simulate", at("recipe.toml"), "-o", at("truth")}, at("log")), 0)
+        << read_text(at("log"));
+    ASSERT_EQ(
+        run_program({"acquire", "virtual", at("recipe.toml"), "--truth", at("truth"), "-o", at("session"),
+                     "--keep-raw", "--exposures", "0.02,0.08,0.32", "--ambient-frames", "1"},
+                    at("log")),
+        0)
+        << read_text(at("log"));
+    fs::create_directories(at("shots"));
+    const std::regex name("(.*)_e([0-9])\\.png");
+    int second = 0;
+    for (const GlobMatch& raw : expand_glob(at("session/raw"))) {
+      std::smatch match;
+      const std::string file = raw.path.filename().string();
+      ASSERT_TRUE(std::regex_match(file, match, name)) << file;
+      char time[32];
+      std::snprintf(time, sizeof time, "2004:06:21 12:%02d:%02d", second / 60, second % 60);
+      ++second;
+      export_tiff(at("shots/" + match[1].str() + "-" + match[2].str() + ".tif"),
+                  read_bracket_file(raw.path).frame, exposures.at(std::stoul(match[2].str())), time);
+    }
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+  static std::string at(const std::string& name) { return *folder_ / name; }
+
+  ImportRequest request() const {
+    ImportRequest request;
+    for (const GlobMatch& match : expand_glob(at("shots"))) request.photographs.push_back(match.path);
+    for (const GlobMatch& match : expand_glob(at("shots/ambient-*"))) request.ambient.push_back(match.path);
+    for (const GlobMatch& match : expand_glob(at("session/illumination")))
+      request.lights.push_back(match.path);
+    request.rule.pattern = "{light}-?.tif";
+    request.camera.response = at("session/calibration.toml");
+    request.folder = out_ / "imported";
+    return request;
+  }
+  static std::string message(const ImportRequest& request) {
+    try {
+      import_series(request);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  }
+
+  static void expect_equal(const fs::path& imported, const fs::path& captured) {
+    const CaptureSession a = read_capture_session(imported);
+    const CaptureSession b = read_capture_session(captured);
+    ASSERT_EQ(a.frames.size(), b.frames.size());
+    for (const CaptureFrame& frame : a.frames) {
+      const auto twin = std::ranges::find(b.frames, frame.name, &CaptureFrame::name);
+      ASSERT_NE(twin, b.frames.end()) << frame.name;
+      EXPECT_EQ(frame.role, twin->role);
+      const Photograph one = read_photograph(frame.observed), other = read_photograph(twin->observed);
+      constexpr double exif_rounding = 2e-6;  // exposure times are rationals and floats there
+      for (std::size_t i = 0; i < one.radiance.values.size(); ++i) {
+        ASSERT_NEAR(one.radiance.values[i], other.radiance.values[i],
+                    exif_rounding * std::abs(other.radiance.values[i]) + 1e-3 * other.sigma.values[i]);
+        if (std::isfinite(other.sigma.values[i])) {
+          ASSERT_NEAR(one.sigma.values[i], other.sigma.values[i], 1e-3 * other.sigma.values[i]);
+        } else {
+          ASSERT_FALSE(std::isfinite(one.sigma.values[i]));
+        }
+      }
+      EXPECT_EQ(read_image(frame.illumination).values, read_image(twin->illumination).values);
+    }
+  }
+
+  static std::unique_ptr<TemporaryFolder> folder_;
+  const TemporaryFolder out_;
+};
+
+std::unique_ptr<TemporaryFolder> Import::folder_;
+
+TEST_F(Import, GivesTheSameRadianceAsTheCapture) {
+  const ImportSummary summary = import_series(request());
+  EXPECT_EQ(summary.photographs, 15U);
+  EXPECT_EQ(summary.timed, 15U);
+  ASSERT_EQ(summary.exposures.size(), 3U);
+  EXPECT_NEAR(summary.exposures[1].count(), 0.08, 1e-6);
+  expect_equal(out_ / "imported", at("session"));
+}
+
+TEST_F(Import, TellsBracketsByExposureAndLightsByOrder) {
+  ImportRequest by_order = request();
+  by_order.rule.pattern.clear();
+  by_order.lights_by_order = true;
+  import_series(by_order);
+  expect_equal(out_ / "imported", at("session"));
+}
+
+TEST_F(Import, TheCommandMakesASessionThatIsEstimatedFrom) {
+  const std::string log = out_ / "log";
+  ASSERT_EQ(run_program({"acquire", "import", at("shots"), "--lights", at("session/illumination"),
+                         "--pattern", "{light}-?.tif", "--ambient", at("shots/ambient-*"), "--response",
+                         at("session/calibration.toml"), "-o", out_ / "imported"},
+                        log),
+            0)
+      << read_text(log);
+  EXPECT_THAT(read_text(log), HasSubstr("15 photographs"));
+  EXPECT_EQ(run_program({"estimate", out_ / "imported", "-o", out_ / "scene.rfield"}, log), 0)
+      << read_text(log);
+}
+
+TEST_F(Import, GoesOnWhereItWasStopped) {
+  import_series(request());
+  const fs::path whole = out_ / "whole";
+  fs::rename(out_ / "imported", whole);
+  fs::create_directories(out_ / "imported");
+  for (const char* name : {"illumination", "observed", "plan.toml", "ambient.exr", "journal"})
+    fs::copy(whole / name, out_ / "imported" / name, fs::copy_options::recursive);
+  write_text_atomically(out_ / "imported/observed/train_003.exr", "torn");  // as a bad disk leaves it
+  EXPECT_THAT(message(request()), HasSubstr("--resume"));
+  ImportRequest resumed = request();
+  resumed.if_exists = IfExists::resume;
+  EXPECT_EQ(import_series(resumed).found_done, 15U);  // ambient and fourteen lights
+  EXPECT_EQ(test::folder_difference(out_ / "imported", whole), "");
+}
+
+TEST_F(Import, WithoutLightsPhotographsAreMergedWithTheirTimes) {
+  ImportRequest series = request();
+  series.lights.clear();
+  EXPECT_EQ(import_series(series).photographs, 15U);
+  const Photograph merged = read_photograph(out_ / "imported/train_000.exr");
+  EXPECT_EQ(merged.radiance.values.size(), 24U * 18U * 3U);
+  EXPECT_THAT(read_text(out_ / "imported/times.tsv"), HasSubstr("train_000\t2004-06-21T12:"));
+  EXPECT_THAT(message(series), HasSubstr("--resume"));
+  series.if_exists = IfExists::resume;
+  EXPECT_EQ(import_series(series).found_done, 15U);
+}
+
+TEST_F(Import, LightsMayBeDriveLevels) {
+  ImportRequest levels = request();
+  levels.lights.clear();
+  fs::create_directories(out_ / "shown");
+  const MonitorCalibration monitor = read_monitor_calibration(at("session/calibration.toml"));
+  for (const GlobMatch& match : expand_glob(at("session/illumination"))) {
+    const DriveImage drive = drive_levels(read_image(match.path), monitor);
+    const fs::path file = out_ / "shown" / (match.path.stem().string() + ".png");
+    OIIO::ImageSpec spec(drive.width, drive.height, 3, OIIO::TypeDesc::UINT8);
+    auto output = OIIO::ImageOutput::create(file.string());
+    ASSERT_TRUE(output && output->open(file.string(), spec) &&
+                output->write_image(OIIO::TypeDesc::UINT8, drive.levels.data()) && output->close());
+    levels.lights.push_back(file);
+  }
+  levels.light_content = LightContent::drive_levels;
+  EXPECT_THAT(message(levels), HasSubstr("--monitor"));
+  levels.monitor = at("session/calibration.toml");
+  import_series(levels);
+  expect_equal(out_ / "imported", at("session"));
+}
+
+TEST_F(Import, NamesTheFileAndTheRemedy) {
+  ImportRequest wrong = request();
+  wrong.lights.pop_back();
+  EXPECT_THAT(message(wrong),
+              AllOf(HasSubstr("-0.tif: there is no light named '"), HasSubstr("--lights-by order")));
+  wrong = request();
+  wrong.rule = {"", 2};
+  EXPECT_THAT(message(wrong), HasSubstr("do not make brackets of 2"));
+  wrong = request();
+  wrong.exposures = {Seconds(0.1)};
+  EXPECT_THAT(message(wrong), HasSubstr("--exposures gives 1 times for 3"));
+  wrong = request();
+  wrong.camera.response = "cineon";
+  EXPECT_THAT(message(wrong), HasSubstr("cineon"));
+  wrong = request();
+  write_text_atomically(out_ / "train_000-9.tif", "no image");
+  wrong.photographs = {out_ / "train_000-9.tif"};
+  wrong.lights = {at("session/illumination/train_000.exr")};
+  EXPECT_THAT(message(wrong), HasSubstr("train_000-9.tif"));
+}
+
+}  // namespace
+}  // namespace refield
