@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// The window monitor on a real X server without a screen (Xvfb): what a screenshot holds is what was to be
+// shown.
+#include "acquire/window_monitor.h"
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/rng.h"
+#include "tests/support/temporary_folder.h"
+
+extern char** environ;
+
+namespace refield {
+namespace {
+
+using test::TemporaryFolder;
+using ::testing::HasSubstr;
+
+constexpr int screen_width = 320;
+constexpr int screen_height = 200;
+
+pid_t start(std::vector<std::string> words) {
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  pid_t child = -1;
+  return ::posix_spawnp(&child, argv[0], nullptr, nullptr, argv.data(), environ) == 0 ? child : -1;
+}
+
+int finish(pid_t child) {
+  int status = -1;
+  ::waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+bool is_installed(const std::string& program) {
+  return std::system(("command -v " + program + " > /dev/null 2>&1").c_str()) == 0;
+}
+
+/// Xvfb for as long as it lives; DISPLAY points to it.
+class VirtualScreen {
+ public:
+  VirtualScreen() {
+    int ends[2];
+    if (::pipe(ends) != 0) return;
+    const std::string size = std::to_string(screen_width) + "x" + std::to_string(screen_height) + "x24";
+    server_ =
+        start({"Xvfb", "-displayfd", std::to_string(ends[1]), "-screen", "0", size, "-nolisten", "tcp"});
+    ::close(ends[1]);
+    char number[16] = "";
+    pollfd ready{ends[0], POLLIN, 0};
+    constexpr int patience_ms = 20000;
+    if (server_ > 0 && ::poll(&ready, 1, patience_ms) == 1 && ::read(ends[0], number, sizeof number - 1) > 0)
+      ::setenv("DISPLAY", (":" + std::to_string(std::atoi(number))).c_str(), 1);
+    ::close(ends[0]);
+    is_up_ = number[0] != '\0';
+  }
+  ~VirtualScreen() {
+    if (server_ > 0) {
+      ::kill(server_, SIGTERM);
+      finish(server_);
+    }
+    ::unsetenv("DISPLAY");
+  }
+  VirtualScreen(const VirtualScreen&) = delete;
+  VirtualScreen& operator=(const VirtualScreen&) = delete;
+  bool is_up() const { return is_up_; }
+
+ private:
+  pid_t server_ = -1;
+  bool is_up_ = false;
+};
+
+/// The screen's content by xwd: levels red, green, blue; empty when it cannot be read.
+std::vector<std::uint8_t> screenshot(const std::filesystem::path& file) {
+  if (finish(start({"xwd", "-root", "-silent", "-out", file})) != 0) return {};
+  const std::string dump = read_text(file);
+  // X11/XWDFile.h: 32-bit words, most significant byte first.
+  const auto word = [&](std::size_t place) {
+    std::uint32_t value = 0;
+    for (std::size_t i = 0; i < 4; ++i)
+      value = value << 8 | static_cast<std::uint8_t>(dump.at(4 * place + i));
+    return value;
+  };
+  const std::size_t header_bytes = word(0), width = word(4), height = word(5), bits = word(11),
+                    line = word(12), colours = word(19);
+  const bool blue_first = word(7) == 0;
+  if (bits != 32 || width != screen_width || height != screen_height) return {};
+  std::vector<std::uint8_t> levels;
+  for (std::size_t y = 0; y < height; ++y)
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::size_t at = header_bytes + 12 * colours + y * line + 4 * x;
+      for (std::size_t c = 0; c < 3; ++c)
+        levels.push_back(static_cast<std::uint8_t>(dump.at(at + (blue_first ? 2 - c : 1 + c))));
+    }
+  return levels;
+}
+
+DriveImage random_pattern(Rng& random, int width, int height) {
+  DriveImage image{width, height, {}};
+  for (int i = 0; i < width * height * 3; ++i)
+    image.levels.push_back(static_cast<std::uint8_t>(random.below(256)));
+  return image;
+}
+
+class WindowMonitorOnScreen : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!has_window_monitor()) GTEST_SKIP() << "SKIPPED: built without SDL2 (libsdl2-dev)";
+    if (!is_installed("Xvfb") || !is_installed("xwd"))
+      GTEST_SKIP() << "SKIPPED: Xvfb or xwd is not installed (Debian packages xvfb and x11-apps)";
+    ::unsetenv("WAYLAND_DISPLAY");
+    ::setenv("SDL_VIDEODRIVER", "x11", 1);
+    ::setenv("SDL_RENDER_DRIVER", "software",
+             1);  // the X server's own pixels; OpenGL on Xvfb is another emulation
+    screen_ = std::make_unique<VirtualScreen>();
+    ASSERT_TRUE(screen_->is_up()) << "Xvfb does not start";
+  }
+  const TemporaryFolder folder_;
+  std::unique_ptr<VirtualScreen> screen_;
+};
+
+TEST_F(WindowMonitorOnScreen, ShowsEveryLevelOfEveryPixel) {
+  WindowMonitor monitor({});
+  EXPECT_EQ(monitor.describe().width, screen_width);
+  EXPECT_EQ(monitor.describe().height, screen_height);
+  Rng random(4);
+  TimePoint last{};
+  for (int i = 0; i < 3; ++i) {
+    const DriveImage pattern = random_pattern(random, screen_width, screen_height);
+    const TimePoint shown = monitor.show(pattern);
+    EXPECT_GT(shown, last);
+    last = shown;
+    EXPECT_TRUE(screenshot(folder_ / "screen.xwd") == pattern.levels) << "pattern " << i;
+  }
+  EXPECT_THROW(monitor.show(random_pattern(random, 64, 40)), InputError);
+}
+
+TEST_F(WindowMonitorOnScreen, EnlargesByWholePixelsWithBlackAround) {
+  constexpr int width = 90, height = 60, scale = 3, left = 25, top = 10;  // 270×180 on 320×200
+  WindowMonitor monitor({0, width, height});
+  EXPECT_EQ(monitor.pixels_per_texel(), scale);
+  Rng random(5);
+  const DriveImage pattern = random_pattern(random, width, height);
+  monitor.show(pattern);
+  const auto screen = screenshot(folder_ / "screen.xwd");
+  ASSERT_EQ(screen.size(), static_cast<std::size_t>(screen_width) * screen_height * 3);
+  int wrong = 0;
+  for (int y = 0; y < screen_height; ++y)
+    for (int x = 0; x < screen_width; ++x)
+      for (int c = 0; c < 3; ++c) {
+        const bool inside = x >= left && x < left + width * scale && y >= top && y < top + height * scale;
+        const int expected =
+            inside ? pattern.levels[((y - top) / scale * width + (x - left) / scale) * 3 + c] : 0;
+        wrong += screen[(static_cast<std::size_t>(y) * screen_width + x) * 3 + c] != expected;
+      }
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST_F(WindowMonitorOnScreen, SaysWhatIsNotThere) {
+  const auto displays = window_displays();
+  ASSERT_EQ(displays.size(), 1U);
+  EXPECT_EQ(displays[0].width, screen_width);
+  EXPECT_THROW(WindowMonitor({3, 0, 0}), InputError);
+  EXPECT_THROW(WindowMonitor({0, 4000, 3000}), InputError);
+  screen_.reset();
+  try {
+    WindowMonitor monitor({});
+    FAIL();
+  } catch (const DeviceError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("no desktop"));
+  }
+}
+
+}  // namespace
+}  // namespace refield
