@@ -14,6 +14,7 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
   add_acquire_devices(*group, common, action);
   add_acquire_virtual(*group, common, action);
   add_acquire_import(*group, common, action);
+  add_acquire_lights(*group, common, action);
   add_acquire_match(*group, common, action);
   add_acquire_probe(*group, common, action);
 }

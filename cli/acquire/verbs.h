@@ -8,6 +8,7 @@ namespace refield::cli {
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action);
 void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
 void add_acquire_import(CLI::App& group, const Common& common, Action& action);
+void add_acquire_lights(CLI::App& group, const Common& common, Action& action);
 void add_acquire_match(CLI::App& group, const Common& common, Action& action);
 void add_acquire_probe(CLI::App& group, const Common& common, Action& action);
 
