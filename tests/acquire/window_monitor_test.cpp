@@ -54,9 +54,10 @@ class VirtualScreen {
   VirtualScreen() {
     int ends[2];
     if (::pipe(ends) != 0) return;
+    // -noreset: else the server starts anew when the last window closes, and refuses the next one meanwhile.
     const std::string size = std::to_string(screen_width) + "x" + std::to_string(screen_height) + "x24";
-    server_ =
-        start({"Xvfb", "-displayfd", std::to_string(ends[1]), "-screen", "0", size, "-nolisten", "tcp"});
+    server_ = start({"Xvfb", "-displayfd", std::to_string(ends[1]), "-screen", "0", size, "-nolisten", "tcp",
+                     "-noreset"});
     ::close(ends[1]);
     char number[16] = "";
     pollfd ready{ends[0], POLLIN, 0};
