@@ -17,6 +17,7 @@
 #include "core/units.h"
 #include "simulate/mirror_ball_photo.h"
 #include "simulate/panorama.h"
+#include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {
@@ -287,6 +288,29 @@ TEST_F(ProbeFiles, SaysWhatIsWrongWithTheBall) {
   EXPECT_FALSE(fs::exists(request_.folder));  // refused before anything is written
 }
 
+TEST_F(ProbeFiles, TheCommandMakesMapsOfTwoSides) {
+  const Image surroundings = sky(3.0f);
+  rig_.scene.backdrop = Eigen::Vector3f(0.9f, 0.9f, 0.9f);
+  write_exr(folder_ / "east.exr", photograph_mirror_ball(surroundings, rig_.scene));
+  rig_.scene.world_from_camera = CameraTurn{90.0, 0.0, 0.0}.world_from_camera();
+  write_exr(folder_ / "north.exr", photograph_mirror_ball(surroundings, rig_.scene));
+  const std::string log = folder_ / "log";
+  ASSERT_EQ(test::run_program({"acquire", "probe", folder_ / "east.exr", "--join", folder_ / "north.exr",
+                               "--join-yaw", "90", "--distance", "15", "--diameter", "2", "--saturation",
+                               "100", "--width", "32", "--neutral-density", "1", "-o", folder_ / "sky"},
+                              log),
+            0)
+      << read_text(log);
+  EXPECT_THAT(read_text(log), HasSubstr("1 light maps of 32×16"));
+  EXPECT_THAT(read_text(log), HasSubstr("ball found at --ball"));
+  Image expected = resampled(surroundings, 32);
+  for (float& value : expected.values) value *= 10.0f;
+  const Image found = read_image(folder_ / "sky" / "east.exr");
+  constexpr double outline_of_a_pixel =
+      0.03;  // the ball, 58 pixels in radius, is found here, and smooth enough
+  EXPECT_LT(error_on_sphere(found, expected, rig_.looks(), 0.0, 0.0), outline_of_a_pixel);
+}
+
 /// Maps of your own: REFIELD_ENVIRONMENTS=folder prints a line for each, ball given and ball found.
 TEST(LightProbe, EnvironmentsOfYourOwn) {
   const char* folder = std::getenv("REFIELD_ENVIRONMENTS");
@@ -315,6 +339,7 @@ TEST(LightProbe, EnvironmentsOfYourOwn) {
     } catch (const InputError&) {
       std::printf("  not found\n");
     }
+    std::fflush(stdout);
   }
 }
 
