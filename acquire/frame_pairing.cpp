@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/frame_pairing.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 
@@ -32,6 +33,7 @@ FramePairing::FramePairing(Camera& camera, Illuminator& illuminator, Trigger* tr
     : camera_(camera), illuminator_(illuminator), trigger_(trigger), description_(camera.describe()) {
   const IlluminatorDescription display = illuminator.describe();
   change_ = timing ? timing->display_latency + timing->display_settling : display.latency + display.settling;
+  longest_pending_ = description_.longest_exposure;  // what was before is not known
   if (timing) control_latency_ = static_cast<std::uint64_t>(timing->control_latency_frames);
 }
 
@@ -42,6 +44,7 @@ void FramePairing::show(const DriveImage& pattern) {
 
 void FramePairing::prepare(Seconds exposure, double gain) {
   if (exposure == asked_exposure_ && gain == asked_gain_) return;
+  longest_pending_ = std::max({longest_pending_, asked_exposure_, exposure});
   settings_made_ = camera_.set_exposure(exposure, gain);
   first_since_settings_.reset();
   asked_exposure_ = exposure;
@@ -55,8 +58,10 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
   while (counts_.early - early_before < most_early_frames &&
          counts_.stale - stale_before < most_stale_frames) {
     if (trigger_) trigger_->fire();
-    RawFrame frame = camera_.next_frame(exposure + 4 * description_.frame_interval + patience);
-    if (usable(frame, exposure, gain)) return frame;
+    RawFrame frame = camera_.next_frame(longest_pending_ + 4 * description_.frame_interval + patience);
+    if (!usable(frame, exposure, gain)) continue;
+    longest_pending_ = exposure;
+    return frame;
   }
   if (counts_.stale - stale_before == most_stale_frames)
     throw DeviceError(description_.name, EIO,

@@ -53,6 +53,7 @@ class FramePairing {
   TimePoint settings_made_{};
   std::optional<std::uint64_t> first_since_settings_;  // sequence of the first frame begun after that
   Seconds asked_exposure_{0};
+  Seconds longest_pending_{0};  // frames on their way may have been asked for with this
   double asked_gain_ = 0.0;
   std::optional<std::uint64_t> last_sequence_;
   PairingCounts counts_;

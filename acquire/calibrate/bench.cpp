@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/calibrate/bench.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/interrupt.h"
+
+namespace refield {
+
+namespace {
+constexpr int most_control_latency = 12;  // frames; real cameras need 2 to 4
+}
+
+CalibrationBench::CalibrationBench(Camera& camera, Illuminator& illuminator, Trigger* trigger, double gain,
+                                   Seconds patience)
+    : camera_(camera),
+      illuminator_(illuminator),
+      trigger_(trigger),
+      gain_(gain),
+      patience_(patience),
+      camera_description_(camera.describe()),
+      display_description_(illuminator.describe()) {
+  timing_.display_latency = patience;
+  timing_.control_latency_frames = most_control_latency;
+}
+
+void CalibrationBench::use(const TimingCalibration& timing) {
+  timing_ = timing;
+  pairing_.reset();
+}
+
+void CalibrationBench::show(const DriveImage& image) {
+  if (!pairing_) pairing_.emplace(camera_, illuminator_, trigger_, timing_);
+  pairing_->show(image);
+}
+
+void CalibrationBench::show(std::uint8_t grey_level) {
+  show(uniform_drive(display_description_.width, display_description_.height, grey_level));
+}
+
+RawFrame CalibrationBench::frame(Seconds exposure) {
+  throw_if_interrupted();
+  return pairing_.value().photograph(exposure, gain_);
+}
+
+TimePoint CalibrationBench::show_at_once(std::uint8_t grey_level) {
+  pairing_.reset();
+  return illuminator_.show(
+      uniform_drive(display_description_.width, display_description_.height, grey_level));
+}
+
+TimePoint CalibrationBench::set_exposure(Seconds exposure) {
+  pairing_.reset();
+  return camera_.set_exposure(exposure, gain_);
+}
+
+RawFrame CalibrationBench::next_frame(Seconds exposure) {
+  throw_if_interrupted();
+  constexpr Seconds slack{5.0};  // frames on their way may have a longer exposure
+  if (trigger_) trigger_->fire();
+  return camera_.next_frame(exposure + 4 * camera_description_.frame_interval + slack);
+}
+
+SampleMoments sample_moments(CalibrationBench& bench, Seconds exposure, int count,
+                             const std::vector<float>* linear, std::span<const std::uint32_t> steadied,
+                             double black) {
+  std::vector<std::vector<float>> frames;
+  std::vector<double> level;
+  SampleMoments moments;
+  for (int i = 0; i < count; ++i) {
+    const RawFrame frame = bench.frame(exposure);
+    moments.exposure = frame.exposure;
+    std::vector<float>& values = frames.emplace_back(frame.samples.begin(), frame.samples.end());
+    if (linear)
+      for (std::size_t s = 0; s < values.size(); ++s) values[s] = (*linear)[frame.samples[s]];
+    level.push_back(mean_over(values, steadied) - black);
+  }
+  double mean_level = 0.0;
+  for (double l : level) mean_level += l / count;
+  const std::size_t size = frames.front().size();
+  moments.mean.resize(size);
+  moments.variance.resize(size);
+  for (int i = 0; i < count && mean_level > 0.0; ++i)
+    for (float& value : frames[i])
+      value = static_cast<float>(black + (value - black) * mean_level / level[i]);
+  for (std::size_t s = 0; s < size; ++s) {
+    double sum = 0.0;
+    for (const auto& values : frames) sum += values[s];
+    const double mean = sum / count;
+    double squares = 0.0;
+    for (const auto& values : frames) squares += (values[s] - mean) * (values[s] - mean);
+    moments.mean[s] = static_cast<float>(mean);
+    moments.variance[s] = static_cast<float>(squares / std::max(1, count - 1));
+  }
+  return moments;
+}
+
+double mean_over(const RawFrame& frame, std::span<const std::uint32_t> samples) {
+  double sum = 0.0;
+  for (auto s : samples) sum += frame.samples[s];
+  return samples.empty() ? 0.0 : sum / static_cast<double>(samples.size());
+}
+
+double mean_over(const std::vector<float>& values, std::span<const std::uint32_t> samples) {
+  double sum = 0.0;
+  for (auto s : samples) sum += values[s];
+  return samples.empty() ? 0.0 : sum / static_cast<double>(samples.size());
+}
+
+double quantile_of(std::vector<float> values, double q) {
+  const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
+  std::ranges::nth_element(values, values.begin() + rank);
+  return values[rank];
+}
+
+std::vector<Seconds> exposure_series(const CameraDescription& camera, Seconds low, Seconds high, int count,
+                                     Seconds unit) {
+  const Seconds shortest = std::clamp(low, camera.shortest_exposure, camera.longest_exposure);
+  const Seconds longest = std::clamp(high, shortest, camera.longest_exposure);
+  std::vector<Seconds> series;
+  for (int i = 0; i < count; ++i) {
+    Seconds time = shortest * std::pow(longest / shortest, count > 1 ? i / (count - 1.0) : 0.0);
+    if (unit.count() > 0.0) {
+      time = unit * std::max(1.0, std::round(time / unit));
+      if (time > camera.longest_exposure) time = unit * std::floor(camera.longest_exposure / unit);
+    }
+    if (series.empty() || time > series.back()) series.push_back(time);
+  }
+  return series;
+}
+
+}  // namespace refield

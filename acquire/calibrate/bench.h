@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "acquire/calibration.h"
+#include "acquire/camera.h"
+#include "acquire/frame_pairing.h"
+#include "acquire/illuminator.h"
+#include "acquire/trigger.h"
+
+namespace refield {
+
+/// Camera and display as all measurements share them. Until their timing is known, it waits for as long as
+/// any sane device could need: `patience` after a flip, a dozen frames after a change of settings.
+class CalibrationBench {
+ public:
+  /// `trigger` may be null. `gain` is the camera's for all measurements.
+  CalibrationBench(Camera& camera, Illuminator& illuminator, Trigger* trigger, double gain, Seconds patience);
+
+  const CameraDescription& camera() const { return camera_description_; }
+  const IlluminatorDescription& display() const { return display_description_; }
+  double gain() const { return gain_; }
+  Seconds patience() const { return patience_; }
+  /// From now on waits only as long as was measured.
+  void use(const TimingCalibration& timing);
+
+  // Steady light: frames are taken once light and settings have settled, see FramePairing.
+  void show(const DriveImage& image);
+  void show(std::uint8_t grey_level);
+  RawFrame frame(Seconds exposure);
+
+  // Changing light, for measuring how it changes: nothing is waited for. show() must follow before frame().
+  TimePoint show_at_once(std::uint8_t grey_level);
+  TimePoint set_exposure(Seconds exposure);
+  RawFrame next_frame(Seconds exposure);
+
+ private:
+  Camera& camera_;
+  Illuminator& illuminator_;
+  Trigger* trigger_;
+  double gain_;
+  Seconds patience_;
+  CameraDescription camera_description_;
+  IlluminatorDescription display_description_;
+  TimingCalibration timing_;
+  std::optional<FramePairing> pairing_;
+};
+
+/// What the samples of a steady frame do over time.
+struct SampleMoments {
+  Seconds exposure{0};          ///< as the camera states it
+  std::vector<float> mean;      ///< [samples], DN
+  std::vector<float> variance;  ///< [samples], DN²; of one frame, unbiased; zero from a single frame
+};
+
+/// Takes `count` frames of the pattern shown. With `linear`, a table from DN, moments are of linearised
+/// samples. With `steadied` samples, each frame is first scaled so that their mean (above `black`) is that of
+/// all frames: what flickers as a whole is no noise.
+SampleMoments sample_moments(CalibrationBench& bench, Seconds exposure, int count,
+                             const std::vector<float>* linear = nullptr,
+                             std::span<const std::uint32_t> steadied = {}, double black = 0.0);
+
+double mean_over(const RawFrame& frame, std::span<const std::uint32_t> samples);
+double mean_over(const std::vector<float>& values, std::span<const std::uint32_t> samples);
+/// The value below which the share `q` of the values lies.
+double quantile_of(std::vector<float> values, double q);
+
+/// Growing exposures from `low` to `high`, evenly spaced in ratio, within the camera's range and whole
+/// multiples of `unit` where that is not zero; fewer than `count` where multiples coincide, at least one.
+std::vector<Seconds> exposure_series(const CameraDescription& camera, Seconds low, Seconds high, int count,
+                                     Seconds unit);
+
+}  // namespace refield

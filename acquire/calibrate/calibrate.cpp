@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/calibrate/calibrate.h"
+
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+
+#include "core/errors.h"
+#include "core/progress.h"
+
+namespace refield {
+
+namespace {
+
+[[gnu::format(printf, 1, 2)]] std::string sentence(const char* format, ...) {
+  char text[512];
+  va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  return text;
+}
+
+TimingCalibration timing_so_far(const RigMeasurements& rig, Seconds patience) {
+  TimingCalibration timing;
+  timing.display_latency = patience;
+  timing.control_latency_frames = rig.control_latency.frames;
+  timing.refresh_period = rig.banding.refresh_period;
+  timing.exposure_unit = rig.banding.exposure_unit;
+  return timing;
+}
+
+CameraCalibration camera_of(const RigMeasurements& rig, const RelativeMap& flat_field) {
+  CameraCalibration camera;
+  camera.bits = rig.response.bits;
+  camera.linear_from_dn = rig.response.linear_from_dn;
+  camera.black_level_dn = rig.response.black_level_dn;
+  camera.saturation_dn = rig.response.saturation_dn;
+  camera.electrons_per_dn = rig.noise.electrons_per_dn;
+  camera.read_noise_electrons = rig.noise.read_noise_electrons;
+  camera.flat_field = flat_field;
+  camera.check("measured camera calibration");
+  return camera;
+}
+
+std::vector<std::string> warnings_of(const RigMeasurements& rig) {
+  std::vector<std::string> warnings;
+  const auto warn = [&](bool when, const std::string& text) {
+    if (when) warnings.push_back(text);
+  };
+  const CameraResponse& response = rig.response;
+  warn(!response.saturation_seen,
+       sentence(
+           "No sample reached saturation; %.0f DN, full scale, is taken for it. If the sensor saturates "
+           "below, "
+           "bright spots will be wrong without a sign: calibrate again with a longer exposure or more light.",
+           response.saturation_dn));
+  warn(
+      rig.black.clipped > 0.01,
+      sentence("%.0f %% of the samples are 0 in the dark: the camera cuts off noise below zero, so that dark "
+               "places come out too bright. Raise its black level (often called brightness or offset).",
+               100.0 * rig.black.clipped));
+  warn(response.darkest_share > 0.05,
+       sentence(
+           "The response is measured from %.0f %% of the range on and interpolated below: shorter exposures "
+           "or a wider range of brightness in the scene would show more.",
+           100.0 * response.darkest_share));
+  warn(std::abs(rig.noise.excess_at_the_top) > 0.2,
+       sentence("The brightest samples are %.0f %% %s noisy than photons are: %s.",
+                100.0 * std::abs(rig.noise.excess_at_the_top),
+                rig.noise.excess_at_the_top > 0.0 ? "more" : "less",
+                rig.noise.excess_at_the_top > 0.0 ? "light or camera flicker from place to place"
+                                                  : "the camera smooths or compresses; choose a raw format"));
+  if (!rig.banding.ripples.empty()) {
+    const Ripple& ripple = rig.banding.ripples.front();
+    warn(true,
+         sentence("The display's light pulses at %.1f Hz by %.1f %%: expose in whole multiples of %.4g s, or "
+                  "brightness varies from frame to frame (with a rolling shutter: bands). Capture does so by "
+                  "itself.",
+                  ripple.hz, 100.0 * ripple.depth, rig.timing.exposure_unit.count()));
+  }
+  warn(rig.banding.noise > 0.01,
+       sentence(
+           "Brightness varies by %.1f %% from frame to frame without a period: daylight, another lamp, or a "
+           "camera that adjusts itself.",
+           100.0 * rig.banding.noise));
+  const double misfit = std::max(rig.display_timing.rise.residual, rig.display_timing.fall.residual);
+  warn(misfit > 0.05,
+       sentence("The display's change of light does not follow a ramp (%.0f %% off, RMS); settling is "
+                "set by the last frame that differed.",
+                100.0 * misfit));
+  for (double fall : rig.tone_curve.falls)
+    warn(fall > 0.01,
+         sentence("A higher drive level gave less light, by %.1f %% of white; it was smoothed over.",
+                  100.0 * fall));
+  return warnings;
+}
+
+}  // namespace
+
+void CalibrateOptions::check() const {
+  if (!(gain > 0.0)) throw InputError("the gain must be above zero");
+  if (!(patience.count() >= 0.02 && patience.count() <= 60.0))
+    throw InputError("the patience is " + std::to_string(patience.count()) + " s; give 0.02 to 60");
+  if (tone_step < 1 || tone_step > 85 || 255 % tone_step != 0)
+    throw InputError("the step between drive levels is " + std::to_string(tone_step) +
+                     "; give 1, 3, 5, 15, 17, 51 or 85");
+  if (exposures < 1 || exposures > 8)
+    throw InputError("the number of exposures is " + std::to_string(exposures) + "; give 1 to 8");
+  if (!(superposition_tolerance > 0.0 && superposition_tolerance < 1.0))
+    throw InputError("the tolerance of superposition is " + std::to_string(superposition_tolerance) +
+                     "; give a fraction such as 0.01");
+  flat_field.check("flat field");
+}
+
+RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* trigger,
+                          const CalibrateOptions& options) {
+  options.check();
+  CalibrationBench bench(camera, illuminator, trigger, options.gain, options.patience);
+  RigMeasurements rig;
+  rig.camera_description = bench.camera();
+  rig.display_description = bench.display();
+  rig.target = options.target;
+  rig.gain = options.gain;
+
+  log_line("metering; control latency of the camera");
+  const Seconds steady_exposure = std::max(Seconds(0.03), bench.camera().frame_interval);
+  const Metering metering = meter(bench, steady_exposure);
+  rig.control_latency = measure_control_latency(bench, metering);
+  bench.use(timing_so_far(rig, options.patience));
+  log_line("black level of the camera; banding");
+  rig.black = measure_black_level(bench);
+  rig.banding = measure_banding(bench, metering, rig.black.dn);
+  rig.timing = timing_so_far(rig, options.patience);
+  const Seconds unit = rig.timing.exposure_unit;
+  log_line("saturation and response of the camera");
+  rig.response = measure_response(bench, rig.black, unit);
+  if (!rig.response.is_linear)
+    rig.banding = linearised(rig.banding, rig.black.dn, rig.response.linear_from_dn);
+  log_line("latency and settling of the display");
+  rig.display_timing = measure_display_timing(bench, rig.response, unit);
+  rig.timing.display_latency = rig.display_timing.latency;
+  rig.timing.display_settling = rig.display_timing.settling;
+  bench.use(rig.timing);
+  log_line("noise of the camera");
+  rig.noise = measure_photon_transfer(bench, meter(bench, std::max(steady_exposure, 32.0 * unit)),
+                                      rig.response, unit);
+  rig.camera = camera_of(rig, options.flat_field);
+
+  const auto exposures = bracket_for(bench, options.exposures, unit);
+  rig.superposition = measure_superposition(bench, rig.camera, exposures, options.superposition_tolerance);
+  rig.tone_curve = measure_tone_curve(bench, rig.camera, exposures, options.tone_step);
+  rig.monitor.radiance_from_level = rig.tone_curve.light_from_level;
+  if (options.target == CalibrationTarget::card) {
+    rig.flat_field = measure_flat_field(bench, rig.camera, exposures);
+    rig.camera.flat_field = rig.flat_field->map;
+  }
+  if (options.target == CalibrationTarget::screen) {
+    rig.screen = measure_screen_uniformity(bench, rig.camera, exposures);
+    rig.monitor.uniformity = rig.screen->map;
+  }
+  rig.monitor.check("measured monitor calibration");
+  rig.warnings = warnings_of(rig);
+  return rig;
+}
+
+}  // namespace refield
