@@ -23,8 +23,10 @@ constexpr std::uint8_t black = 0;
 constexpr std::uint8_t white = 255;
 
 /// Exposure times: as given, as an earlier run of this capture metered them, or metered now.
+/// `note` receives what there is to say of a plan by noise.
 std::vector<Seconds> choose_exposures(const CaptureRequest& request, const CameraDescription& camera,
-                                      const IlluminatorDescription& display, FramePairing& pairing) {
+                                      const IlluminatorDescription& display, FramePairing& pairing,
+                                      std::string& note) {
   if (!request.exposures.empty()) return request.exposures;
   if (request.is_metered() && request.if_exists == IfExists::resume)
     if (const auto plan = stored_plan(request.folder))
@@ -32,8 +34,14 @@ std::vector<Seconds> choose_exposures(const CaptureRequest& request, const Camer
   ExposurePlanOptions plan = request.exposure_plan;
   if (request.is_metered()) {
     pairing.show(uniform_drive(display.width, display.height, white));
-    const Seconds metered = shortest_useful_exposure(
-        camera, request.camera, [&](Seconds exposure) { return pairing.photograph(exposure, request.gain); });
+    const Probe probe = [&](Seconds exposure) { return pairing.photograph(exposure, request.gain); };
+    if (plan.relative_noise > 0.0) {
+      const NoisePlan fewest = fewest_exposures(meter_range(camera, request.camera, probe), plan, camera,
+                                                request.camera, request.gain, request.frames_per_exposure);
+      note = fewest.sentence();
+      return fewest.exposures;
+    }
+    const Seconds metered = shortest_useful_exposure(camera, request.camera, probe);
     // The longest must fit the camera, too.
     plan.shortest = std::min(metered, camera.longest_exposure * std::pow(plan.ratio, 1 - plan.count));
   }
@@ -229,7 +237,8 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
   check_session_folder(request.folder, request.if_exists);
   request.check(described, display);
   FramePairing pairing(camera, illuminator, trigger, request.timing);
-  const auto exposures = choose_exposures(request, described, display, pairing);
+  std::string exposure_note;
+  const auto exposures = choose_exposures(request, described, display, pairing, exposure_note);
   SessionWriter session(request.folder, capture_plan_text(request, exposures, described, display),
                         steps_of(request), request.if_exists);
   CaptureRun run(request, described, display, exposures, pairing, session);
@@ -246,6 +255,7 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
   }
 
   CaptureSummary summary;
+  summary.exposure_note = exposure_note;
   for (const CaptureLight& light : request.lights) summary.left_out += session.is_left_out(light.name);
   summary.lights = request.lights.size() - summary.left_out;
   summary.found_done = session.found_done();

@@ -62,7 +62,9 @@ struct CaptureRequest {
   std::function<bool(const CaptureFrame& taken)> is_enough = nullptr;
   std::string stop_rule;  ///< says in words what is_enough goes by; part of the plan
 
-  bool is_metered() const { return exposures.empty() && exposure_plan.shortest.count() <= 0.0; }
+  bool is_metered() const {
+    return exposures.empty() && (exposure_plan.shortest.count() <= 0.0 || exposure_plan.relative_noise > 0.0);
+  }
 
   /// Throws InputError naming the option and the remedy.
   void check(const CameraDescription& camera, const IlluminatorDescription& display) const;
@@ -74,6 +76,7 @@ struct CaptureSummary {
   std::size_t found_done = 0;     ///< steps taken over from an earlier run
   std::size_t found_damaged = 0;  ///< steps done again since their files had changed
   std::vector<Seconds> exposures;
+  std::string exposure_note;  ///< how they follow from the scene, where this run planned them by noise
   std::vector<double> useful_fraction;  ///< [exposures], mean over this run's photographs; empty when none
   double clipped_fraction = 0.0;        ///< of the samples, mean over this run's photographs
   std::size_t out_of_range_lights = 0;  ///< lights with texels brighter than the monitor

@@ -124,8 +124,12 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
                   {"ambient_repeats", request.ambient_repeats},
                   {"gain", request.gain}};
   if (request.is_metered()) {
-    how.insert("count", request.exposure_plan.count);
-    how.insert("ratio", request.exposure_plan.ratio);
+    if (request.exposure_plan.relative_noise > 0.0) {
+      how.insert("relative_noise", request.exposure_plan.relative_noise);
+    } else {
+      how.insert("count", request.exposure_plan.count);
+      how.insert("ratio", request.exposure_plan.ratio);
+    }
     how.insert("multiple_of", request.exposure_plan.multiple_of.count());
   }
   toml::table mask{{"source", name_of(request.mask.kind)}};

@@ -30,6 +30,9 @@ void ExposurePlanOptions::check() const {
   if (!(ratio > 1.0 && ratio <= 64.0))
     throw InputError("the ratio of exposures is " + std::to_string(ratio) +
                      "; give more than 1 and at most 64");
+  if (!(relative_noise >= 0.0 && relative_noise < 1.0))
+    throw InputError("the relative noise to plan for is " + std::to_string(relative_noise) +
+                     "; give a fraction such as 0.02, or 0 for a fixed series");
   if (!(shortest.count() >= 0.0 && multiple_of.count() >= 0.0))
     throw InputError("exposure times must not be negative");
 }
@@ -39,9 +42,9 @@ std::vector<Seconds> exponential_exposures(const ExposurePlanOptions& options,
   options.check();
   if (options.shortest.count() <= 0.0) throw InputError("the shortest exposure must be above zero");
   std::vector<Seconds> exposures;
+  const Seconds first = rounded_to_multiple(options.shortest, options.multiple_of);
   for (int i = 0; i < options.count; ++i)
-    exposures.push_back(
-        rounded_to_multiple(options.shortest * std::pow(options.ratio, i), options.multiple_of));
+    exposures.push_back(rounded_to_multiple(first * std::pow(options.ratio, i), options.multiple_of));
   check_exposures(exposures, camera);
   return exposures;
 }

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "acquire/demosaic.h"
+#include "acquire/response_line.h"
 #include "core/errors.h"
 
 namespace refield {
@@ -16,7 +17,6 @@ namespace refield {
 namespace {
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr float useful_share = 0.4f;  // of what an exposure would hold were all equal
 
 /// A decoded sample: electrons above black, and the variance that does not depend on light. An infinite
 /// variance marks a clipped sample: its weight becomes zero without a branch.
@@ -25,101 +25,21 @@ struct Sample {
   float floor_variance;
 };
 
-/// Fits the response lines of one row. `electrons` and `floor` are [exposures × size], `per_radiance`
-/// [exposures] the electrons that radiance 1 gives. `useful` [exposures] counts samples.
-class RowFit {
- public:
-  RowFit(std::size_t exposures, std::size_t size)
-      : exposures_(exposures),
-        size_(size),
-        electrons_(exposures * size),
-        floor_(exposures * size),
-        predicted_(size),
-        numerator_(size),
-        information_(size) {}
-
-  float* electrons(std::size_t i) { return electrons_.data() + i * size_; }
-  float* floor(std::size_t i) { return floor_.data() + i * size_; }
-
-  void fit(std::span<const float> per_radiance, std::span<float> radiance, std::span<float> sigma,
-           std::span<std::uint32_t> useful, std::uint32_t& clipped) {
-    predict(per_radiance);
-    std::ranges::fill(numerator_, 0.0f);
-    std::ranges::fill(information_, 0.0f);
-    for (std::size_t i = 0; i < exposures_; ++i) {
-      const float* e = electrons(i);
-      const float* f = floor(i);
-      const float t = per_radiance[i];
-      for (std::size_t x = 0; x < size_; ++x) {
-        const float weighted_t = t / (predicted_[x] * t + f[x]);
-        numerator_[x] += weighted_t * e[x];
-        information_[x] += weighted_t * t;
-      }
-    }
-    const std::size_t shortest = std::ranges::min_element(per_radiance) - per_radiance.begin();
-    const float* bound = electrons(shortest);
-    clipped = 0;
-    for (std::size_t x = 0; x < size_; ++x) {
-      const bool measured = information_[x] > 0.0f;
-      radiance[x] = measured ? numerator_[x] / information_[x] : bound[x] / per_radiance[shortest];
-      sigma[x] = measured ? 1.0f / std::sqrt(information_[x]) : infinity;
-      clipped += !measured;
-    }
-    for (std::size_t i = 0; i < exposures_; ++i) useful[i] = count_useful(i, per_radiance[i]);
-  }
-
- private:
-  /// Radiance Σ electrons / Σ exposure, not below zero: what variances are predicted from.
-  void predict(std::span<const float> per_radiance) {
-    std::ranges::fill(numerator_, 0.0f);
-    std::ranges::fill(information_, 0.0f);
-    for (std::size_t i = 0; i < exposures_; ++i) {
-      const float* e = electrons(i);
-      const float* f = floor(i);
-      const float t = per_radiance[i];
-      for (std::size_t x = 0; x < size_; ++x) {
-        const float usable = f[x] < infinity ? 1.0f : 0.0f;
-        numerator_[x] += usable * e[x];
-        information_[x] += usable * t;
-      }
-    }
-    for (std::size_t x = 0; x < size_; ++x)
-      predicted_[x] = information_[x] > 0.0f ? std::max(numerator_[x] / information_[x], 0.0f) : 0.0f;
-  }
-
-  std::uint32_t count_useful(std::size_t i, float t) const {
-    const float* f = floor_.data() + i * size_;
-    const float share = useful_share / static_cast<float>(exposures_);
-    std::uint32_t count = 0;
-    for (std::size_t x = 0; x < size_; ++x)
-      count += t * t > share * information_[x] * (predicted_[x] * t + f[x]) && f[x] < infinity;
-    return count;
-  }
-
-  std::size_t exposures_;
-  std::size_t size_;
-  std::vector<float> electrons_;
-  std::vector<float> floor_;
-  std::vector<float> predicted_;
-  std::vector<float> numerator_;
-  std::vector<float> information_;  // Σ weight · t²: the inverse variance of the slope
-};
-
-/// Merges row by row. `decode(i, y, electrons, floor)` fills one row of one exposure.
+/// Merges row by row. `clip` [exposures]. `decode(i, y, electrons, floor)` fills one row of one exposure.
 template <class Decode>
 Photograph merge_rows(int width, int height, int channels, std::span<const float> per_radiance,
-                      const Decode& decode, MergeStatistics* statistics) {
+                      std::span<const ClipLevel> clip, const Decode& decode, MergeStatistics* statistics) {
   Photograph merged{Image(width, height, channels), Image(width, height, channels)};
   const std::size_t exposures = per_radiance.size();
   const std::size_t row_size = static_cast<std::size_t>(width) * channels;
   std::vector<std::uint32_t> useful(exposures * height);
   std::vector<std::uint32_t> clipped(height);
   tbb::parallel_for(tbb::blocked_range<int>(0, height, 8), [&](const tbb::blocked_range<int>& rows) {
-    RowFit fit(exposures, row_size);
+    ResponseLines lines(exposures, row_size);
     for (int y = rows.begin(); y < rows.end(); ++y) {
-      for (std::size_t i = 0; i < exposures; ++i) decode(i, y, fit.electrons(i), fit.floor(i));
-      fit.fit(per_radiance, merged.radiance.row(y), merged.sigma.row(y),
-              std::span(useful).subspan(exposures * y, exposures), clipped[y]);
+      for (std::size_t i = 0; i < exposures; ++i) decode(i, y, lines.electrons(i), lines.floor(i));
+      lines.fit(per_radiance, clip, merged.radiance.row(y), merged.sigma.row(y),
+                std::span(useful).subspan(exposures * y, exposures), clipped[y]);
     }
   });
   if (statistics) {
@@ -135,12 +55,18 @@ Photograph merge_rows(int width, int height, int channels, std::span<const float
   return merged;
 }
 
-/// Raw sample to electrons and noise floor, for one gain.
-std::vector<Sample> sample_table(const CameraCalibration& camera, double gain, double clip_margin) {
+/// What raw samples of one gain stand for.
+struct SampleTable {
+  std::vector<Sample> samples;  // by DN
+  ClipLevel clip;
+};
+
+SampleTable sample_table(const CameraCalibration& camera, double gain, double clip_margin) {
   const auto& linear = camera.linear_from_dn;
   const double electrons_per_dn = camera.electrons_per_dn / gain;
   const double clipped_from = camera.saturation_dn * (1.0 - clip_margin);
   std::vector<Sample> table(linear.size());
+  ClipLevel clip{0.0f, 0.0f};
   for (std::size_t dn = 0; dn < table.size(); ++dn) {
     const std::size_t below = dn == 0 ? 0 : dn - 1;
     const std::size_t above = std::min(dn + 1, table.size() - 1);
@@ -152,8 +78,11 @@ std::vector<Sample> sample_table(const CameraCalibration& camera, double gain, d
         std::max(read * read + step * step / 12.0, 1e-6 * electrons_per_dn * electrons_per_dn);
     table[dn].electrons = static_cast<float>((linear[dn] - camera.black_level_dn) * electrons_per_dn);
     table[dn].floor_variance = static_cast<double>(dn) >= clipped_from ? infinity : static_cast<float>(floor);
+    // Rounding takes samples from half a step below on for the first one that counts as clipped.
+    if (static_cast<double>(dn) < clipped_from + 1.0)
+      clip = {static_cast<float>(table[dn].electrons - 0.5 * step), static_cast<float>(floor)};
   }
-  return table;
+  return {std::move(table), clip};
 }
 
 void check_frames(std::span<const RawFrame> frames, const CameraCalibration& camera) {
@@ -191,7 +120,8 @@ Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibra
   check_frames(frames, calibration);
   const RawFrame& first = frames.front();
   std::vector<float> per_radiance;
-  std::vector<std::vector<Sample>> tables;
+  std::vector<SampleTable> tables;
+  std::vector<ClipLevel> clip;
   std::vector<std::size_t> table_of;
   for (const RawFrame& frame : frames) {
     per_radiance.push_back(
@@ -201,18 +131,19 @@ Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibra
     table_of.push_back(static_cast<std::size_t>(same_gain) < index ? table_of[same_gain] : tables.size());
     if (table_of.back() == tables.size())
       tables.push_back(sample_table(calibration, frame.gain, options.clip_margin));
+    clip.push_back(tables[table_of.back()].clip);
   }
   const int channels = first.layout == PixelLayout::rgb ? 3 : 1;
   const std::size_t row_size = static_cast<std::size_t>(first.width) * channels;
   const auto decode = [&](std::size_t i, int y, float* electrons, float* floor) {
     const std::uint16_t* dn = frames[i].samples.data() + row_size * y;
-    const Sample* table = tables[table_of[i]].data();
+    const Sample* table = tables[table_of[i]].samples.data();
     for (std::size_t x = 0; x < row_size; ++x) {
       electrons[x] = table[dn[x]].electrons;
       floor[x] = table[dn[x]].floor_variance;
     }
   };
-  Photograph merged = merge_rows(first.width, first.height, channels, per_radiance, decode, statistics);
+  Photograph merged = merge_rows(first.width, first.height, channels, per_radiance, clip, decode, statistics);
   switch (first.layout) {
     case PixelLayout::rgb:
       return merged;
@@ -258,7 +189,9 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
       floor[x] = row[x] >= clipped_from ? infinity : floor_variance;
     }
   };
-  return merge_rows(images[0].width, images[0].height, images[0].channels, per_radiance, decode, statistics);
+  const std::vector<ClipLevel> clip(images.size(), {(clipped_from - black) * scale, floor_variance});
+  return merge_rows(images[0].width, images[0].height, images[0].channels, per_radiance, clip, decode,
+                    statistics);
 }
 
 void subtract_ambient(Photograph& photograph, const Photograph& ambient) {

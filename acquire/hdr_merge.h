@@ -10,10 +10,14 @@
 namespace refield {
 
 struct MergeOptions {
-  /// Samples less than this fraction below saturation count as clipped too: sensors bend there, and a noisy
-  /// sample may read lower than the level it was clipped at.
-  double clip_margin = 0.01;
+  /// Samples less than this fraction below saturation count as clipped too. 0 where saturation was measured,
+  /// as calibration does: it is then the lowest sample that may be clipped. Where it was not, sensors bend
+  /// below it.
+  double clip_margin = 0.0;
 };
+
+/// For cameras whose saturation was not measured.
+inline constexpr MergeOptions with_unmeasured_saturation{0.01};
 
 /// What each exposure was good for.
 struct MergeStatistics {
@@ -30,7 +34,8 @@ struct MergeStatistics {
 /// response line. Its slope, fitted by weighted least squares, is the radiance. The weights are the inverse
 /// of the variance (shot, read and quantisation noise) that the line itself *predicts*: weights from the
 /// observed samples would favour those that came out low and bias the result. The prediction starts from Σ
-/// electrons / Σ exposure, which is unbiased. Clipped samples are left out. Where all are clipped, sigma is
+/// electrons / Σ exposure, which is unbiased. Clipped samples are left out, except where noise alone may have
+/// clipped them (ResponseLines). Where all are clipped, sigma is
 /// +infinity and the radiance a lower bound, the clipping level of the shortest exposure. Radiance may be
 /// negative near black; it is kept, so that averages stay true. Bayer samples are merged before they are
 /// interpolated, grey ones are repeated in all channels.

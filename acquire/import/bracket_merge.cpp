@@ -58,7 +58,7 @@ Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, Me
     require_finite(bracket.files[i].linear, bracket.paths[i].string(), true, "repair that pixel");
     images.push_back(std::move(bracket.files[i].linear));
   }
-  return merge_linear_exposures(images, bracket.exposures, sensor, {}, statistics);
+  return merge_linear_exposures(images, bracket.exposures, sensor, with_unmeasured_saturation, statistics);
 }
 
 }  // namespace
@@ -124,7 +124,9 @@ Photograph merge_bracket(Bracket& bracket, const BracketCamera& camera, MergeSta
     frames.back().exposure = bracket.exposures[i];
   }
   const CameraCalibration calibration = bracket_calibration(camera, bracket.files[0].bits);
-  Photograph merged = merge_exposures(frames, calibration, {}, statistics);
+  const bool measured = fs::is_regular_file(camera.response);
+  Photograph merged = merge_exposures(frames, calibration,
+                                      measured ? MergeOptions{} : with_unmeasured_saturation, statistics);
   divide(merged, calibration.flat_field);
   return merged;
 }

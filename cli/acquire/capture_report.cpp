@@ -24,6 +24,7 @@ ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) 
                           {"taken_over", summary.found_done},
                           {"damaged_and_repeated", summary.found_damaged},
                           {"exposures", exposures},
+                          {"exposure_plan", summary.exposure_note},
                           {"clipped_fraction", summary.clipped_fraction},
                           {"lights_brighter_than_monitor", summary.out_of_range_lights},
                           {"frames_discarded_early", summary.discarded.early},
@@ -67,6 +68,7 @@ void print(const CaptureSummary& summary, const fs::path& session) {
   for (std::size_t i = 0; i < summary.exposures.size(); ++i)
     std::printf(" %.4g s (useful for %.1f %% of the samples)%s", summary.exposures[i].count(),
                 100.0 * summary.useful_fraction[i], i + 1 < summary.exposures.size() ? "," : "\n");
+  if (!summary.exposure_note.empty()) std::printf("%s\n", summary.exposure_note.c_str());
   std::printf("clipped in every exposure: %.3f %% of the samples\n", 100.0 * summary.clipped_fraction);
   std::printf("discarded frames: %llu early, %llu with old settings; lost: %llu\n",
               static_cast<unsigned long long>(summary.discarded.early),

@@ -11,8 +11,6 @@
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "core/errors.h"
-#include "core/reflectance_field_file.h"
-#include "simulate/simulate.h"
 #include "simulate/virtual_rig.h"
 
 namespace refield::cli {
@@ -30,16 +28,6 @@ void require_scene(const VirtualOptions& options) {
                      ": the scene's light transport is missing; " + remedy);
 }
 
-/// The transport that 'refield simulate' kept or, without it, traced now.
-TracedScene scene_of(const VirtualOptions& options, const Recipe& recipe) {
-  constexpr int balanced_quality = 2;
-  if (options.truth.empty())
-    return trace_scene(recipe.scene, TraceOptions::of_quality(balanced_quality, recipe.seed));
-  const fs::path ambient = options.truth / ambient_file_name;
-  return {read_reflectance_field(options.truth / transport_file_name),
-          fs::exists(ambient) ? read_image(ambient) : Image()};
-}
-
 void acquire_virtual(const VirtualOptions& options, const Common& common) {
   const Recipe recipe = read_recipe(options.recipe);
   require_scene(options);
@@ -53,7 +41,7 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
     until.emplace(error_from_text(options.until_error), options.min_images, options.check_every);
     until->attach(request);
   }
-  TracedScene scene = scene_of(options, recipe);
+  TracedScene scene = scene_of(options.truth, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  seed);
   std::uint32_t references = 0;
@@ -99,6 +87,11 @@ void add_acquire_virtual(CLI::App& group, const Common& common, Action& action) 
   verb->add_option("--exposure-count", options->exposure_count, "Exposures of a photograph (recipe, else 4)")
       ->excludes(times);
   verb->add_option("--exposure-ratio", options->exposure_ratio, "Of each to the one before (recipe, else 4)")
+      ->excludes(times);
+  verb->add_option(
+          "--noise", options->noise,
+          "Instead: meter the scene and take as few exposures as keep the noise of a sample below this "
+          "share of\nits radiance, such as 2%")
       ->excludes(times);
   verb->add_option("--frames", options->frames, "Frames taken with each exposure (recipe, else 1)");
   verb->add_option("--ambient-frames", options->ambient_frames,

@@ -8,8 +8,9 @@
 #include "cli/acquire/until_error.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
+#include "core/image_io.h"
+#include "core/reflectance_field_file.h"
 #include "simulate/falloff.h"
-#include "simulate/simulate.h"
 
 namespace refield::cli {
 
@@ -104,12 +105,22 @@ void fill_exposures(const VirtualOptions& options, const Recipe& recipe, Capture
   request.exposure_plan.count = options.exposure_count.value_or(series.count);
   request.exposure_plan.ratio = options.exposure_ratio.value_or(series.ratio);
   request.frames_per_exposure = options.frames.value_or(series.frames);
-  if (series.longest)
+  if (!options.noise.empty()) request.exposure_plan.relative_noise = error_from_text(options.noise);
+  if (series.longest && options.noise.empty())
     request.exposure_plan.shortest =
         *series.longest * std::pow(request.exposure_plan.ratio, 1 - request.exposure_plan.count);
 }
 
 }  // namespace
+
+TracedScene scene_of(const fs::path& truth, const Recipe& recipe) {
+  constexpr int balanced_quality = 2;
+  if (truth.empty())
+    return trace_scene(recipe.scene, TraceOptions::of_quality(balanced_quality, recipe.seed));
+  const fs::path ambient = truth / ambient_file_name;
+  return {read_reflectance_field(truth / transport_file_name),
+          fs::exists(ambient) ? read_image(ambient) : Image()};
+}
 
 CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed) {
   CaptureRequest request;

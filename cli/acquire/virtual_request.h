@@ -8,6 +8,7 @@
 
 #include "acquire/capture.h"
 #include "simulate/recipe.h"
+#include "simulate/simulate.h"
 
 namespace refield::cli {
 
@@ -23,6 +24,7 @@ struct VirtualOptions {
   std::vector<double> exposures;
   std::optional<int> exposure_count;
   std::optional<double> exposure_ratio;
+  std::string noise;
   std::optional<int> frames;
   int ambient_frames = 4;
   fs::path mask;
@@ -41,6 +43,10 @@ struct VirtualOptions {
   bool resume = false;
   bool force = false;
 };
+
+/// The scene before the virtual camera: from the folder `truth` that 'refield simulate' made or, where it is
+/// empty, traced now.
+TracedScene scene_of(const fs::path& truth, const Recipe& recipe);
 
 /// What the options and the recipe ask the capture stage for.
 CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed);

@@ -91,5 +91,78 @@ TEST(ExposurePlan, NamesExposuresThatAreWasted) {
   EXPECT_NE(sentences[0].find("0.001 s"), std::string::npos);
 }
 
+ExposurePlanOptions with_noise(double bound) {
+  ExposurePlanOptions options;
+  options.relative_noise = bound;
+  return options;
+}
+
+CameraCalibration noisy_camera() {
+  CameraCalibration c = calibration();
+  c.electrons_per_dn = 4.0;
+  c.read_noise_electrons = 3.0;
+  c.electrons_per_radiance_second = 200'000.0;
+  return c;
+}
+
+TEST(NoisePlan, OneExposureDoesForANarrowRange) {
+  const NoisePlan plan = fewest_exposures({0.5, 1.0}, with_noise(0.03), camera(), noisy_camera(), 1.0, 1);
+  EXPECT_EQ(plan.exposures.size(), 1u);
+  EXPECT_TRUE(plan.reached);
+  EXPECT_LE(plan.worst_noise, 0.03);
+}
+
+TEST(NoisePlan, TakesNoMoreExposuresThanAnySeriesNeeds) {
+  const SceneRange range{0.002, 1.0};
+  const double bound = 0.02;
+  const NoisePlan plan = fewest_exposures(range, with_noise(bound), camera(), noisy_camera(), 1.0, 1);
+  ASSERT_TRUE(plan.reached) << plan.sentence();
+  ASSERT_EQ(plan.exposures.size(), 4u) << plan.sentence();
+  // No three exposures do it: the shortest must hold the bright end, the others are tried out.
+  const auto worst_of = [&](const std::vector<Seconds>& exposures) {
+    double worst = 0.0;
+    for (int i = 0; i <= 60; ++i)
+      worst = std::max(
+          worst, predicted_noise(range.dark * std::pow(500.0, i / 60.0), exposures, noisy_camera(), 1.0, 1));
+    return worst;
+  };
+  EXPECT_LE(worst_of(plan.exposures), bound * 1.001);
+  double best = 1.0;
+  for (double first = 1.0; first <= 1.12; first += 0.04)  // up to the clipping of the bright end
+    for (double second = 1.2; second < 40.0; second *= 1.1)
+      for (double third = second * 1.1; third < 600.0; third *= 1.1)
+        best = std::min(best, worst_of({plan.exposures[0] * first, plan.exposures[0] * second,
+                                        plan.exposures[0] * third}));
+  EXPECT_GT(best, bound);
+}
+
+TEST(NoisePlan, KeepsToWholePeriodsAndToTheCamera) {
+  ExposurePlanOptions options = with_noise(0.05);
+  options.multiple_of = Seconds(1.0 / 240);
+  const NoisePlan plan = fewest_exposures({1e-4, 1.0}, options, camera(), noisy_camera(), 1.0, 1);
+  EXPECT_GT(plan.exposures.size(), 1u);
+  for (Seconds exposure : plan.exposures) {
+    EXPECT_NEAR(std::remainder(exposure.count(), 1.0 / 240), 0.0, 1e-9);
+    EXPECT_LE(exposure, camera().longest_exposure);
+  }
+  EXPECT_NO_THROW(check_exposures(plan.exposures, camera()));
+}
+
+TEST(NoisePlan, SaysWhenTheWellIsTooSmall) {
+  // 14 500 electrons have 0.8 % of noise by themselves.
+  const NoisePlan plan = fewest_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 1);
+  EXPECT_FALSE(plan.reached);
+  EXPECT_NE(plan.sentence().find("more frames an exposure"), std::string::npos) << plan.sentence();
+  EXPECT_TRUE(fewest_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 8).reached);
+}
+
+TEST(NoisePlan, RangeIsMeteredFromTheScene) {
+  const CameraCalibration c = noisy_camera();
+  const double per_second = c.electrons_per_radiance_second / c.electrons_per_dn;
+  const SceneRange range = meter_range(camera(), c, probe_of(per_second * 0.8));  // radiance 0.4 to 0.8
+  EXPECT_NEAR(range.bright, 0.8, 0.01);
+  EXPECT_NEAR(range.dark, 0.2 * 0.4 * 1.05, 0.01);
+}
+
 }  // namespace
 }  // namespace refield

@@ -136,11 +136,12 @@ TEST(HdrMerge, LeavesClippedSamplesOut) {
   EXPECT_DOUBLE_EQ(statistics.useful_fraction[3], 0.5);  // clipped for the two bright pixels
 }
 
-TEST(HdrMerge, StaysClearOfSaturation) {
+TEST(HdrMerge, StaysClearOfSaturationThatWasNotMeasured) {
   auto camera = twelve_bits();
   RawFrame frame{1, 1, PixelLayout::grey, {4060}, {}, Seconds(0.01), 1.0, 0};
-  EXPECT_TRUE(std::isinf(merge_exposures(std::span(&frame, 1), camera).sigma.values[0]));
-  EXPECT_TRUE(std::isfinite(merge_exposures(std::span(&frame, 1), camera, {0.0}).sigma.values[0]));
+  EXPECT_TRUE(
+      std::isinf(merge_exposures(std::span(&frame, 1), camera, with_unmeasured_saturation).sigma.values[0]));
+  EXPECT_TRUE(std::isfinite(merge_exposures(std::span(&frame, 1), camera).sigma.values[0]));
 }
 
 TEST(HdrMerge, AllExposuresClippedGiveNoFalseNumbers) {
