@@ -45,8 +45,9 @@ class Deviation {
   /// Relative, frame by frame.
   Eigen::VectorXd values;
   /// Weighted columns without what the smooth dependence could take up.
-  Eigen::MatrixXd beside_smooth(const Eigen::MatrixXd& columns) const {
-    const Eigen::MatrixXd weighted = weight_.asDiagonal() * columns;
+  template <class Columns>
+  Columns beside_smooth(const Columns& columns) const {
+    const Columns weighted = weight_.asDiagonal() * columns;
     return weighted - smooth_ * (smooth_.transpose() * weighted);
   }
   /// RMS of what is neither smooth nor was taken from `values`.
@@ -83,10 +84,11 @@ struct Wave {
 };
 
 Wave fit_wave(double hz, const std::vector<ExposedLight>& light, const Deviation& deviation) {
-  Eigen::MatrixXd columns(deviation.values.size(), 3);
+  using Columns = Eigen::Matrix<double, Eigen::Dynamic, 3>;
+  Columns columns(deviation.values.size(), 3);
   for (Eigen::Index i = 0; i < columns.rows(); ++i)
     columns.row(i) << mean_wave(hz, light[i]).transpose(), deviation.values(i);
-  const Eigen::MatrixXd beside = deviation.beside_smooth(columns);
+  const Columns beside = deviation.beside_smooth(columns);
   const Eigen::Matrix3d products = beside.transpose() * beside;
   const Eigen::Matrix2d normal = products.topLeftCorner<2, 2>();
   const Eigen::Vector2d right = products.topRightCorner<2, 1>();
@@ -104,7 +106,7 @@ double best_frequency(const std::vector<ExposedLight>& light, const Deviation& d
     first = std::min(first, l.start_s);
     last = std::max(last, l.start_s + l.exposure_s);
   }
-  const double step = 0.2 / (last - first);
+  const double step = 0.35 / (last - first);  // a peak is about three of them wide
   const auto count = static_cast<std::size_t>((highest_hz - lowest_hz) / step);
   std::vector<float> explained(count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "core/errors.h"
 
@@ -27,10 +28,10 @@ struct Bin {
 class Rounding {
  public:
   explicit Rounding(const std::vector<float>& linear) : linear_(linear) {}
-  double variance_at(double dn) const {
+  double variance_at(double dn) const { return step_at(dn) * step_at(dn) / 12.0; }
+  double step_at(double dn) const {
     const auto i = static_cast<std::size_t>(std::clamp(dn, 1.0, static_cast<double>(linear_.size()) - 2.0));
-    const double step = (linear_[i + 1] - linear_[i - 1]) / 2.0;
-    return step * step / 12.0;
+    return (linear_[i + 1] - linear_[i - 1]) / 2.0;
   }
   /// The raw sample whose linear value is nearest above.
   double dn_of(double linear) const {
@@ -42,20 +43,36 @@ class Rounding {
   const std::vector<float>& linear_;
 };
 
+/// Variance of a normal variable from that of its rounded values, DN². Rounding adds 1/12 and, for noise of
+/// less than half a step, a term that goes with the place of the mean between two steps: `phase` is the mean
+/// of cos(2π mean). (First harmonic of the characteristic function; Widrow and Kollár 2008, chapter 4.)
+double unrounded_variance(double rounded, double phase) {
+  const auto rounded_from = [&](double variance) {
+    const double pi2 = std::numbers::pi * std::numbers::pi;
+    return variance + 1.0 / 12.0 - (1.0 / pi2 + 4.0 * variance) * std::exp(-2.0 * pi2 * variance) * phase;
+  };
+  double low = 0.0, high = rounded;
+  for (int i = 0; i < 50; ++i) {
+    const double middle = (low + high) / 2.0;
+    (rounded_from(middle) < rounded ? low : high) = middle;
+  }
+  return (low + high) / 2.0;
+}
+
 /// Signal (ambient light alone) and variance under black at the shortest exposure, rounding taken off.
 Bin dark_variance(CalibrationBench& bench, const CameraResponse& response, const Rounding& rounding) {
   bench.show(0);
-  const SampleMoments dark =
-      sample_moments(bench, bench.camera().shortest_exposure, 2 * frames_compared, &response.linear_from_dn);
-  Bin bin;
-  bin.count = static_cast<double>(dark.variance.size());
+  const SampleMoments dark = sample_moments(bench, bench.camera().shortest_exposure, 2 * frames_compared);
+  const auto count = static_cast<double>(dark.variance.size());
+  double mean = 0.0, variance = 0.0, phase = 0.0;
   for (std::size_t s = 0; s < dark.variance.size(); ++s) {
-    bin.signal += (dark.mean[s] - response.black_level_dn) / bin.count;
-    bin.variance += dark.variance[s] / bin.count;
+    mean += dark.mean[s] / count;
+    variance += dark.variance[s] / count;
+    phase += std::cos(2.0 * std::numbers::pi * dark.mean[s]) / count;
   }
-  bin.signal = std::max(0.0, bin.signal);
-  bin.variance = std::max(0.0, bin.variance - rounding.variance_at(response.black_level_dn));
-  return bin;
+  const double step = rounding.step_at(mean);
+  return {std::max(0.0, (mean - response.black_level_dn) * step),
+          unrounded_variance(variance, phase) * step * step, count};
 }
 
 /// Slope of the line through `dark` that comes nearest to the curve. A variance from some frames of N samples

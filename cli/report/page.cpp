@@ -94,14 +94,15 @@ footer { color: var(--soft); font-size: 13px; } footer p { max-width: none; }
 
 }  // namespace
 
-std::string page_html(const std::string& title, const std::string& body) {
+std::string page_html(const std::string& title, const std::string& body, const std::string& made_by) {
   return "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
          "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
          escaped(title) + "</title>\n<style>" + style + "</style>\n</head>\n<body>\n<main>\n" + body +
          "<footer><p>W. Matusik, M. Loper, H. Pfister: Progressively-Refined Reflectance Functions from "
          "Natural "
-         "Illumination, Eurographics Symposium on Rendering 2004. Page made by <code>refield "
-         "report</code>.</p></footer>\n"
+         "Illumination, Eurographics Symposium on Rendering 2004. Page made by <code>" +
+         escaped(made_by) +
+         "</code>.</p></footer>\n"
          "</main>\n</body>\n</html>\n";
 }
 

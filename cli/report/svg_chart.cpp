@@ -48,11 +48,11 @@ std::string text_at(double x, double y, const char* css, const std::string& cont
 
 /// Opens the SVG and draws what all charts share: title, labels, horizontal grid with its numbers.
 std::string frame_svg(double width, const std::string& title, const std::string& x_label,
-                      const std::string& y_label, Numbers numbers, const Scale& y, double y_high) {
+                      const std::string& y_label, Numbers numbers, const Scale& y) {
   std::string svg = "<svg class=\"chart\" role=\"img\" viewBox=\"0 0 " + px(width) + " " + px(chart_height) +
                     "\" aria-label=\"" + escaped(title) + "\">";
   svg += text_at(left, 14, "chart-title", title);
-  const auto ticks = round_ticks(0.0, y_high, 5);
+  const auto ticks = round_ticks(y.domain_low, y.domain_high, 5);
   const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : 1.0;
   for (const double tick : ticks) {
     svg += "<line class=\"grid\" x1=\"" + px(left) + "\" x2=\"" + px(width - right) + "\" y1=\"" +
@@ -123,21 +123,21 @@ std::string line_chart_svg(const LineChart& chart) {
     }
   if (!std::isfinite(x_low)) x_low = x_high = 0.0;
   const Scale x{x_low, x_high, left + 12, width - right - 12};
-  const Scale y{0.0, highest(y_high), chart_height - bottom, top};
-  std::string svg =
-      frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y, highest(y_high));
+  const Scale y{chart.y_low, std::max(highest(y_high), chart.y_low), chart_height - bottom, top};
+  std::string svg = frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y);
   const auto ticks = chart.x_ticks.empty() ? round_ticks(x_low, x_high, 6) : chart.x_ticks;
   for (const double tick : ticks) {
-    svg += "<line class=\"tick\" x1=\"" + px(x(tick)) + "\" x2=\"" + px(x(tick)) + "\" y1=\"" + px(y(0.0)) +
-           "\" y2=\"" + px(y(0.0) + 4) + "\"/>";
-    svg += text_at(x(tick), y(0.0) + 17, "tick-x", short_text(tick));
+    svg += "<line class=\"tick\" x1=\"" + px(x(tick)) + "\" x2=\"" + px(x(tick)) + "\" y1=\"" +
+           px(y(chart.y_low)) + "\" y2=\"" + px(y(chart.y_low) + 4) + "\"/>";
+    svg += text_at(x(tick), y(chart.y_low) + 17, "tick-x", short_text(tick));
   }
   for (const Series& series : chart.series) {
     std::string path, marks;
     for (const auto& [value_x, value_y] : series.points) {
       if (!std::isfinite(value_x) || !std::isfinite(value_y)) continue;
-      path += path.empty() ? "M" : "L";
-      path += px(x(value_x)) + " " + px(y(value_y));
+      if (series.marks != Marks::points)
+        path += (path.empty() ? "M" : "L") + px(x(value_x)) + " " + px(y(value_y));
+      if (series.marks == Marks::line) continue;
       marks +=
           "<circle cx=\"" + px(x(value_x)) + "\" cy=\"" + px(y(value_y)) + "\" r=\"3.5\"><title>" +
           escaped(series.name + ", " + short_text(value_x) + ": " + value_text(value_y, chart.y_numbers)) +
@@ -156,8 +156,7 @@ std::string bar_chart_svg(const BarChart& chart) {
     for (const double value : series.values)
       if (std::isfinite(value)) y_high = std::max(y_high, value);
   const Scale y{0.0, highest(y_high), chart_height - bottom, top};
-  std::string svg =
-      frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y, highest(y_high));
+  std::string svg = frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y);
   const auto groups = static_cast<double>(std::max<std::size_t>(1, chart.groups.size()));
   const double group_width = (width - left - right) / groups;
   const double bar_width =

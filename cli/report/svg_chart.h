@@ -25,11 +25,15 @@ double round_up(double value);
 /// How the numbers of an axis are written.
 enum class Numbers { plain, percent };
 
+/// What is drawn of a series.
+enum class Marks { line_and_points, line, points };
+
 struct Series {
   std::string name;
   int colour = 0;  ///< index into the page's palette, see page_style()
   bool dashed = false;
   std::vector<std::array<double, 2>> points;  ///< (x, y); points that are not finite are left out
+  Marks marks = Marks::line_and_points;
 };
 
 struct LineChart {
@@ -38,10 +42,11 @@ struct LineChart {
   std::string y_label;
   Numbers y_numbers = Numbers::percent;
   std::vector<double> x_ticks;  ///< empty: round numbers
+  double y_low = 0.0;           ///< lower end of the y axis
   std::vector<Series> series;
 };
 
-/// A line chart with markers, its y axis from zero, as an inline SVG that takes its colours from the page.
+/// A line chart with markers, as an inline SVG that takes its colours from the page.
 std::string line_chart_svg(const LineChart& chart);
 
 struct BarSeries {
