@@ -45,8 +45,8 @@ BlockFitter::BlockFitter(KernelCache& cache, int most_kernels)
       stride_(smooth_.stride()),
       extent_(smooth_.extent()),
       gap_filler_(cache, gap_options()),
-      tree_(cache, most_leaves),
-      selector_(smooth_),
+      shared_(cache, most_leaves),
+      single_(cache, most_leaves),
       weighted_(cache.table(), smooth_) {}
 
 std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples, int width,
@@ -94,16 +94,16 @@ void BlockFitter::load(Pixel& pixel, const PixelSamples& samples) {
   }
 }
 
-const TreeDictionary& BlockFitter::dictionary_for(const Group& pixels) {
-  if (old_.empty()) return search(pixels);
+void BlockFitter::take_or_grow(Search& search, const Group& pixels) {
+  if (old_.empty()) return grow(search, pixels);
   std::vector<Box> boxes;
   for (const Pixel* pixel : pixels)
     for (const Box& box : old_[pixel->index])
       if (boxes.size() < most_leaves && std::ranges::find(boxes, box) == boxes.end()) boxes.push_back(box);
-  return tree_.take(boxes);
+  search.selector.prepare(search.tree.take(boxes));
 }
 
-const TreeDictionary& BlockFitter::search(const Group& pixels) {
+void BlockFitter::grow(Search& search, const Group& pixels) {
   const int count = static_cast<int>(pixels.size());
   SearchTargets targets;
   double measured = 0.0;
@@ -112,7 +112,8 @@ const TreeDictionary& BlockFitter::search(const Group& pixels) {
                                 pixel->samples.count[0] + pixel->samples.count[1] + pixel->samples.count[2]);
   if (count == 1) {
     for (int c = 0; c < 3; ++c) targets[c] = {pixels[0]->values.data() + c * extent_};
-    return tree_.grow(targets, measured);
+    search.selector.prepare(search.tree.grow(targets, measured));
+    return;
   }
   sort_alike(pixels);
   std::vector<const float*> pointers(count);
@@ -132,7 +133,7 @@ const TreeDictionary& BlockFitter::search(const Group& pixels) {
       targets[c].push_back(mean);
     }
   }
-  return tree_.grow(targets, measured);
+  search.selector.prepare(search.tree.grow(targets, measured));
 }
 
 void BlockFitter::sort_alike(const Group& pixels) {
@@ -194,12 +195,13 @@ PixelCoordinates BlockFitter::coordinates_of(const Pixel& pixel, const TreeDicti
   return coordinates;
 }
 
-BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, const TreeDictionary& dictionary) {
+BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, Search& search) {
   Fitted fitted;
   for (int filling = 0; filling < (pixel.samples.complete ? 1 : fillings); ++filling) {
-    fitted.choice = selector_.select(coordinates_of(pixel, dictionary), most_kernels_, last_class_);
+    const PixelCoordinates coordinates = coordinates_of(pixel, search.tree.dictionary());
+    fitted.choice = search.selector.select(coordinates, most_kernels_, last_class_);
     last_class_ = fitted.choice.smooth_class;
-    set_weights(pixel, dictionary, fitted);
+    set_weights(pixel, coordinates, search, fitted);
     if (!pixel.samples.complete) fill_in(pixel);
   }
   if (!pixel.samples.complete) prune_with_gaps(pixel, fitted);
@@ -249,7 +251,9 @@ void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
   fitted.choice.criterion = best;
 }
 
-void BlockFitter::set_weights(const Pixel& pixel, const TreeDictionary& dictionary, Fitted& fitted) {
+void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search,
+                              Fitted& fitted) {
+  const TreeDictionary& dictionary = search.tree.dictionary();
   PixelKernels& kernels = fitted.kernels;
   kernels = {};
   if (!pixel.samples.complete) {
@@ -260,8 +264,7 @@ void BlockFitter::set_weights(const Pixel& pixel, const TreeDictionary& dictiona
     fitted.noise.fill(kernels.squared_residual / std::max(measured, 1));
     return;
   }
-  const PixelWeights weights =
-      selector_.solve(coordinates_of(pixel, dictionary), fitted.choice, pixel.noise_kept);
+  const PixelWeights weights = search.selector.solve(coordinates, fitted.choice, pixel.noise_kept);
   for (std::size_t i = 0; i < fitted.choice.boxes.size(); ++i) {
     if (weights.boxes[0][i] <= 0.0 && weights.boxes[1][i] <= 0.0 && weights.boxes[2][i] <= 0.0) continue;
     kernels.boxes.push_back(dictionary.boxes[fitted.choice.boxes[i]]);
@@ -308,12 +311,11 @@ void BlockFitter::pool(const Group& pixels) {
 
 void BlockFitter::fit_group(const Group& pixels, int side) {
   last_class_ = -1;  // what is found must not depend on what was fitted before
-  const TreeDictionary& dictionary = dictionary_for(pixels);
-  selector_.prepare(dictionary);
+  take_or_grow(shared_, pixels);
   Pixel* worst = nullptr;
   for (Pixel* pixel : pixels) {
     Fitted& fitted = fitted_[pixel->index];
-    fitted = fit_from(*pixel, dictionary);
+    fitted = fit_from(*pixel, shared_);
     if (!worst || fitted.kernels.squared_residual > fitted_[worst->index].kernels.squared_residual)
       worst = pixel;
   }
@@ -326,17 +328,15 @@ void BlockFitter::fit_group(const Group& pixels, int side) {
   Fitted own;
   own.choice.criterion = std::numeric_limits<double>::infinity();
   if (shared.kernels.squared_residual > worthwhile) {
-    selector_.prepare(search({worst}));
-    own = fit_from(*worst, tree_.dictionary());
+    grow(single_, {worst});
+    own = fit_from(*worst, single_);
   }
   if (!(own.choice.criterion < shared.choice.criterion - clear_gain &&
         shared.kernels.squared_residual - own.kernels.squared_residual > worthwhile)) {
-    selector_.prepare(dictionary_for(pixels));  // the choices name rectangles of this tree
     pool(pixels);
-    for (const Pixel* pixel : pixels) {
-      Fitted& fitted = fitted_[pixel->index];
-      if (pixel->samples.complete) set_weights(*pixel, tree_.dictionary(), fitted);
-    }
+    for (const Pixel* pixel : pixels)
+      if (pixel->samples.complete)
+        set_weights(*pixel, coordinates_of(*pixel, shared_.tree.dictionary()), shared_, fitted_[pixel->index]);
     return;
   }
   refine(*worst, own);

@@ -48,14 +48,20 @@ class BlockFitter {
 
   void load(Pixel& pixel, const PixelSamples& samples);
   void fit_group(const Group& pixels, int side);
-  const TreeDictionary& search(const Group& pixels);
-  /// The old rectangles of the pixels, or a search where there are none.
-  const TreeDictionary& dictionary_for(const Group& pixels);
+  /// A tree and what chooses from it.
+  struct Search {
+    Search(KernelCache& cache, int most_leaves) : tree(cache, most_leaves), selector(cache.smooth()) {}
+    TreeSearch tree;
+    KernelSelector selector;
+  };
+  void grow(Search& search, const Group& pixels);
+  /// Takes the old rectangles of the pixels, or grows a tree where there are none.
+  void take_or_grow(Search& search, const Group& pixels);
   /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
   void sort_alike(const Group& pixels);
   PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
-  Fitted fit_from(Pixel& pixel, const TreeDictionary& dictionary);
-  void set_weights(const Pixel& pixel, const TreeDictionary& dictionary, Fitted& fitted);
+  Fitted fit_from(Pixel& pixel, Search& search);
+  void set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search, Fitted& fitted);
   void fill_in(Pixel& pixel);
   /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
   /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
@@ -69,8 +75,8 @@ class BlockFitter {
   int images_;
   std::size_t stride_, extent_;
   PixelFitter gap_filler_;
-  TreeSearch tree_;
-  KernelSelector selector_;
+  Search shared_;  // of a group of pixels
+  Search single_;  // of its pixel that is explained worst
   WeightedFit weighted_;
   std::span<const std::vector<Box>> old_;
   int last_class_ = -1;
