@@ -15,7 +15,8 @@ BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
   if (options.mode == EstimateMode::refined)
     // A part of the images keeps the hats of all; they leave room for rectangles.
     block_.emplace(cache_,
-                   std::min(options.most_kernels(), std::max(table.images(), table.hats().count() + 5)));
+                   std::min(options.most_kernels(), std::max(table.images(), table.hats().count() + 5)),
+                   options.mean_square);
   else
     pixel_.emplace(cache_, options);
 }

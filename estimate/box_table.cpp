@@ -110,23 +110,23 @@ void BoxTable::integrate() {
 }
 
 void BoxTable::column(const Box& box, float* column, std::size_t extent) const {
-  const double* a = corner(box.x0, box.y0);
-  const double* b = corner(box.x1, box.y0);
-  const double* c = corner(box.x0, box.y1);
-  const double* d = corner(box.x1, box.y1);
-  for (int channel = 0; channel < 3; ++channel) {
-    float* out = column + channel * extent;
-    const std::size_t offset = static_cast<std::size_t>(channel) * stored_images_;
-    if (!selected_.empty())
-      for (int i = 0; i < images_; ++i) {
-        const std::size_t j = offset + selected_[i];
-        out[i] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
-      }
-    else
-      for (int j = 0; j < images_; ++j)
-        out[j] = static_cast<float>((d[offset + j] - c[offset + j]) - (b[offset + j] - a[offset + j]));
-    std::fill(out + images_, out + stride_, 0.0f);
-  }
+  for (int channel = 0; channel < 3; ++channel) channel_column(box, channel, column + channel * extent);
+}
+
+void BoxTable::channel_column(const Box& box, int channel, float* values) const {
+  const std::size_t offset = static_cast<std::size_t>(channel) * stored_images_;
+  const double* a = corner(box.x0, box.y0) + offset;
+  const double* b = corner(box.x1, box.y0) + offset;
+  const double* c = corner(box.x0, box.y1) + offset;
+  const double* d = corner(box.x1, box.y1) + offset;
+  if (!selected_.empty())
+    for (int i = 0; i < images_; ++i) {
+      const int j = selected_[i];
+      values[i] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
+    }
+  else
+    for (int j = 0; j < images_; ++j) values[j] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
+  std::fill(values + images_, values + stride_, 0.0f);
 }
 
 std::uint64_t BoxTable::bytes(const LightDomain& domain, std::uint64_t images) {

@@ -36,6 +36,8 @@ class BoxTable {
   /// Sums over `box`: [3 × stride] floats, channel by channel, `extent` ≥ stride apart; padding zero.
   void column(const Box& box, float* column, std::size_t extent) const;
   void column(const Box& box, float* values) const { column(box, values, stride_); }
+  /// Sums of one channel: [stride].
+  void channel_column(const Box& box, int channel, float* values) const;
 
   const HatGrid& hats() const { return hats_; }
   /// Sums of the lights weighted by hat function `node`: [images] of a channel.

@@ -13,20 +13,17 @@ constexpr std::size_t part_cache_bytes = 8u << 20;
 /// An image that determines a kernel nearly alone (h near 1) tells nothing about it: its residual grows no
 /// further than twentyfold.
 constexpr float least_freedom = 0.05f;
-/// Columns that keep less than this part of their squared norm are combinations of those before.
-constexpr float dependence_tolerance = 1e-6f;
 }  // namespace
 
 double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
                                  const MaskedSamples& samples, float* residuals) {
   const std::size_t count = kernels.boxes.size();
   const int hats = static_cast<int>(kernels.smooth.size()) / 3;
-  const std::size_t extent = cache.smooth().extent();
   orthonormal_.resize(std::max(count, std::size_t{1}) * stride_);
   vector_.resize(stride_);
   pointers_.resize(count + hats + 1);
   coefficients_.resize(pointers_.size());
-  std::vector<const float*> columns;
+  std::vector<std::array<const float*, 3>> columns;
   for (const Box& box : kernels.boxes) columns.push_back(cache.column(box));
   double squared = 0.0;
   for (int c = 0; c < 3; ++c) {
@@ -36,7 +33,7 @@ double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache
     AlignedFloats& leverage = vector_;
     std::vector<float>& weight = coefficients_;
     for (std::size_t k = 0; k < count; ++k) {
-      pointers_[k] = columns[k] + c * extent;
+      pointers_[k] = columns[k][c];
       weight[k] = kernels.weights[3 * k + c];
     }
     for (int h = 0; h < hats; ++h) {
@@ -47,25 +44,14 @@ double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache
     std::size_t rank = 0;
     for (std::size_t k = 0; k < count; ++k) {
       if (!(kernels.weights[3 * k + c] > 0.0f)) continue;
-      const float* column = columns[k] + c * extent;
+      const float* column = columns[k][c];
       float* q = orthonormal_.data() + rank * stride_;
       if (measured)
         std::transform(column, column + stride_, measured, q, std::multiplies<>());
       else
         std::copy_n(column, stride_, q);
-      const float* self = q;
-      float before = 0.0f, after = 0.0f;
-      dots(q, &self, 1, stride_, &before);
       for (std::size_t i = 0; i < rank; ++i) pointers_[i] = orthonormal_.data() + i * stride_;
-      for (int pass = 0; pass < 2; ++pass) {
-        dots(q, pointers_.data(), rank, stride_, coefficients_.data());
-        subtract_combination(q, pointers_.data(), coefficients_.data(), rank, stride_);
-      }
-      dots(q, &self, 1, stride_, &after);
-      if (!(after > dependence_tolerance * before)) continue;
-      const float scale = 1.0f / std::sqrt(after);
-      std::transform(q, q + stride_, q, [scale](float v) { return v * scale; });
-      ++rank;
+      if (orthonormalise(q, pointers_.data(), rank, stride_, coefficients_.data()) > 0.0f) ++rank;
     }
     leverage.assign(stride_, 0.0f);
     for (std::size_t i = 0; i < rank; ++i) {

@@ -59,11 +59,25 @@ void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisa
     }
 }
 
+double ErrorFollower::mean_square() const {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (const auto& pixel : samples_)
+    for (const auto& channel : pixel)
+      for (const float value : channel)
+        if (std::isfinite(value)) {
+          sum += static_cast<double>(value) * value;
+          ++count;
+        }
+  return count > 0 ? sum / static_cast<double>(count) : 0.0;
+}
+
 FollowedError ErrorFollower::predict() {
   if (images() < 2) throw InputError("an error can be predicted from two images or more");
   const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()));
   EstimateOptions options = options_;
   options.kernels = std::min(options.kernels, images());
+  options.mean_square = mean_square();
   FitWorkers workers;
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
   constexpr std::size_t block_size = block_side_px * block_side_px;

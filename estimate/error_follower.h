@@ -37,6 +37,8 @@ class ErrorFollower {
   int images_for(double error) const;
 
  private:
+  double mean_square() const;  // of the samples measured
+
   EstimateOptions options_;
   int most_pixels_;
   int width_ = 0, height_ = 0;

@@ -24,8 +24,9 @@ namespace {
 /// Estimates all bands that `find` does not already have, handing each to `keep`. Returns the number taken
 /// over.
 template <class Find, class Keep>
-int estimate_bands(const EstimateJob& job, const EstimateOptions& options, const EstimatePlan& plan,
-                   Find find, Keep keep) {
+int estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
+                   Keep keep) {
+  options.mean_square = job.mean_square;
   const int width = job.session.width;
   const int height = job.session.height;
   std::optional<BoxTable> table;  // built only when there is work to do

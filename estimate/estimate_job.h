@@ -22,6 +22,7 @@ struct EstimateJob {
   RowRange rows;  ///< of the picture, to be estimated
   std::vector<CaptureFrame> references;
   Drift drift;                        ///< what reference frames show; removed where significant
+  double mean_square = 0.0;           ///< of the photographs' samples, see EstimateOptions::mean_square
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
   /// The field that takes in new images; null for a fresh start.
   std::shared_ptr<Refinement> refinement = nullptr;

@@ -15,6 +15,13 @@ namespace refield {
 namespace {
 /// Leaves that a tree grows at most: twice what a pixel needs, since pixels share it.
 constexpr int most_leaves = 56;
+/// And that of a single pixel which is not worth full effort.
+constexpr int few_leaves = 36;
+/// Full effort is for pixels whose error, after the shared fit, is more than this part of the picture's root
+/// mean square: few (mirrors, glass, highlights), but most of the picture's error. Measured: full effort for
+/// all costs three times as much, takes nothing off the picture's error and a few per cent off the median
+/// pixel's.
+constexpr double worth_full_effort = 0.05;
 /// A pixel begins a set of its own when its squared distance is this many times the median's.
 constexpr float far_beyond = 3.0f;
 /// A pixel does clearly better with a tree of its own when its criterion falls by more than this.
@@ -23,7 +30,7 @@ constexpr double clear_gain = 15.0;
 /// noisy. Measured: 0 costs half as much time again (nearly twice on noise-free data) and takes 5 % off the
 /// median pixel's error; 0.01 saves a quarter and costs 12 %.
 constexpr double worthwhile_gain = 0.005;
-/// Times that edges are moved and weights solved anew.
+/// Times that edges are moved and weights solved anew, with full effort.
 constexpr int refinements = 2;
 /// Times that samples which were not measured are filled in from a fit and kernels chosen anew.
 constexpr int fillings = 3;
@@ -37,10 +44,11 @@ EstimateOptions gap_options() {
 }
 }  // namespace
 
-BlockFitter::BlockFitter(KernelCache& cache, int most_kernels)
+BlockFitter::BlockFitter(KernelCache& cache, int most_kernels, double mean_square)
     : cache_(cache),
       smooth_(cache.smooth()),
       most_kernels_(most_kernels),
+      mean_square_(mean_square),
       images_(cache.table().images()),
       stride_(smooth_.stride()),
       extent_(smooth_.extent()),
@@ -83,7 +91,7 @@ void BlockFitter::load(Pixel& pixel, const PixelSamples& samples) {
       // What was not measured is foreseen by a tree that sees only what was.
       AlignedFloats foreseen(stride_, 0.0f);
       for (std::size_t k = 0; k < guess.boxes.size(); ++k) {
-        const float* column = cache_.column(guess.boxes[k]) + c * extent_;
+        const float* column = cache_.column(guess.boxes[k], c);
         const float minus_weight = -guess.weights[3 * k + c];
         subtract_combination(foreseen.data(), &column, &minus_weight, 1, stride_);
       }
@@ -94,46 +102,64 @@ void BlockFitter::load(Pixel& pixel, const PixelSamples& samples) {
   }
 }
 
-void BlockFitter::take_or_grow(Search& search, const Group& pixels) {
-  if (old_.empty()) return grow(search, pixels);
-  std::vector<Box> boxes;
+int BlockFitter::brightest_channel(const Group& pixels) {
+  std::array<double, 3> squared{};
   for (const Pixel* pixel : pixels)
-    for (const Box& box : old_[pixel->index])
-      if (boxes.size() < most_leaves && std::ranges::find(boxes, box) == boxes.end()) boxes.push_back(box);
-  search.selector.prepare(search.tree.take(boxes));
+    for (int c = 0; c < 3; ++c) squared[c] += pixel->samples.squared[c];
+  return static_cast<int>(std::ranges::max_element(squared) - squared.begin());
 }
 
-void BlockFitter::grow(Search& search, const Group& pixels) {
-  const int count = static_cast<int>(pixels.size());
-  SearchTargets targets;
-  double measured = 0.0;
-  for (const Pixel* pixel : pixels)
-    measured = std::max<double>(measured,
-                                pixel->samples.count[0] + pixel->samples.count[1] + pixel->samples.count[2]);
-  if (count == 1) {
-    for (int c = 0; c < 3; ++c) targets[c] = {pixels[0]->values.data() + c * extent_};
-    search.selector.prepare(search.tree.grow(targets, measured));
+void BlockFitter::take_or_grow(const Group& pixels) {
+  if (!old_.empty()) {
+    std::vector<Box> boxes;
+    for (const Pixel* pixel : pixels)
+      for (const Box& box : old_[pixel->index])
+        if (boxes.size() < most_leaves && std::ranges::find(boxes, box) == boxes.end()) boxes.push_back(box);
+    shared_.selector.prepare(shared_.tree.take(boxes));
     return;
   }
   sort_alike(pixels);
+  const int count = static_cast<int>(pixels.size());
+  const int channel = brightest_channel(pixels);
+  double measured = 0.0;
+  for (const Pixel* pixel : pixels) measured = std::max<double>(measured, pixel->samples.count[channel]);
+  SearchTargets targets;
   std::vector<const float*> pointers(count);
   std::vector<float> minus_scale(count);
   means_.resize(set_count_);
   for (int set = 0; set < set_count_; ++set) {
-    means_[set].assign(3 * stride_, 0.0f);
-    for (int c = 0; c < 3; ++c) {
-      int members = 0;
-      for (int p = 0; p < count; ++p)
-        if (set_of_[p] == set) {
-          pointers[members] = pixels[p]->values.data() + c * extent_;
-          minus_scale[members++] = -scale_[p];
-        }
-      float* mean = means_[set].data() + c * stride_;
-      subtract_combination(mean, pointers.data(), minus_scale.data(), members, stride_);
-      targets[c].push_back(mean);
-    }
+    int members = 0;
+    for (int p = 0; p < count; ++p)
+      if (set_of_[p] == set) {
+        pointers[members] = pixels[p]->values.data() + channel * extent_;
+        minus_scale[members++] = -scale_[p];
+      }
+    means_[set].assign(stride_, 0.0f);
+    subtract_combination(means_[set].data(), pointers.data(), minus_scale.data(), members, stride_);
+    targets[channel].push_back(means_[set].data());
   }
-  search.selector.prepare(search.tree.grow(targets, measured));
+  shared_.selector.prepare(shared_.tree.grow(targets, measured, most_leaves));
+}
+
+BlockFitter::Effort BlockFitter::effort_for(const Pixel& pixel, const PixelKernels& fit) const {
+  const int measured = pixel.samples.count[0] + pixel.samples.count[1] + pixel.samples.count[2];
+  const double little = worth_full_effort * worth_full_effort * mean_square_ * measured;
+  return fit.squared_samples > 0.0 && fit.squared_residual < little ? Effort::little : Effort::full;
+}
+
+BlockFitter::Fitted BlockFitter::fit_alone(Pixel& pixel) {
+  const Effort effort = effort_for(pixel, fitted_[pixel.index].kernels);
+  const int channel = brightest_channel({&pixel});
+  SearchTargets targets;
+  double measured = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    if (effort == Effort::little && c != channel) continue;
+    targets[c] = {pixel.values.data() + c * extent_};
+    measured += pixel.samples.count[c];
+  }
+  const int leaves = effort == Effort::little ? few_leaves : most_leaves;
+  single_.selector.prepare(single_.tree.grow(targets, measured, leaves));
+  return fit_from(pixel, single_);
 }
 
 void BlockFitter::sort_alike(const Group& pixels) {
@@ -199,8 +225,7 @@ BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, Search& search) {
   Fitted fitted;
   for (int filling = 0; filling < (pixel.samples.complete ? 1 : fillings); ++filling) {
     const PixelCoordinates coordinates = coordinates_of(pixel, search.tree.dictionary());
-    fitted.choice = search.selector.select(coordinates, most_kernels_, last_class_);
-    last_class_ = fitted.choice.smooth_class;
+    fitted.choice = search.selector.select(coordinates, most_kernels_, guess_);
     set_weights(pixel, coordinates, search, fitted);
     if (!pixel.samples.complete) fill_in(pixel);
   }
@@ -290,10 +315,12 @@ void BlockFitter::fill_in(Pixel& pixel) {
 
 void BlockFitter::refine(const Pixel& pixel, Fitted& fitted) {
   if (fitted.kernels.boxes.empty()) return;
+  const EdgeSteps steps =
+      effort_for(pixel, fitted.kernels) == Effort::full ? EdgeSteps::to_the_texel : EdgeSteps::coarse;
   const int smooth_class = fitted.choice.smooth_class;
   PixelKernels current = weighted_.fit(fitted.kernels.boxes, smooth_class, pixel.samples, pixel.noise_kept);
-  for (int k = 0; k < refinements; ++k) {
-    const auto boxes = refine_edges(cache_.table(), current, weighted_.residual());
+  for (int k = 0; k < (steps == EdgeSteps::coarse ? 1 : refinements); ++k) {
+    const auto boxes = refine_edges(cache_.table(), current, weighted_.residual(), steps);
     if (boxes == current.boxes) break;
     PixelKernels moved = weighted_.fit(boxes, smooth_class, pixel.samples, pixel.noise_kept);
     if (!(moved.squared_residual < current.squared_residual)) break;
@@ -310,8 +337,14 @@ void BlockFitter::pool(const Group& pixels) {
 }
 
 void BlockFitter::fit_group(const Group& pixels, int side) {
-  last_class_ = -1;  // what is found must not depend on what was fitted before
-  take_or_grow(shared_, pixels);
+  guess_ = {};  // what is found must not depend on what was fitted before
+  if (pixels.size() == 1 && old_.empty()) {
+    Fitted own = fit_alone(*pixels[0]);
+    refine(*pixels[0], own);
+    fitted_[pixels[0]->index] = std::move(own);
+    return;
+  }
+  take_or_grow(pixels);
   Pixel* worst = nullptr;
   for (Pixel* pixel : pixels) {
     Fitted& fitted = fitted_[pixel->index];
@@ -319,24 +352,19 @@ void BlockFitter::fit_group(const Group& pixels, int side) {
     if (!worst || fitted.kernels.squared_residual > fitted_[worst->index].kernels.squared_residual)
       worst = pixel;
   }
-  if (pixels.size() == 1) {
-    refine(*worst, fitted_[worst->index]);
-    return;
-  }
   Fitted& shared = fitted_[worst->index];
   const double worthwhile = worthwhile_gain * worthwhile_gain * shared.kernels.squared_samples;
   Fitted own;
   own.choice.criterion = std::numeric_limits<double>::infinity();
-  if (shared.kernels.squared_residual > worthwhile) {
-    grow(single_, {worst});
-    own = fit_from(*worst, single_);
-  }
+  if (shared.kernels.squared_residual > worthwhile) own = fit_alone(*worst);
   if (!(own.choice.criterion < shared.choice.criterion - clear_gain &&
         shared.kernels.squared_residual - own.kernels.squared_residual > worthwhile)) {
+    if (pixels.size() == 1) return;
     pool(pixels);
     for (const Pixel* pixel : pixels)
       if (pixel->samples.complete)
-        set_weights(*pixel, coordinates_of(*pixel, shared_.tree.dictionary()), shared_, fitted_[pixel->index]);
+        set_weights(*pixel, coordinates_of(*pixel, shared_.tree.dictionary()), shared_,
+                    fitted_[pixel->index]);
     return;
   }
   refine(*worst, own);

@@ -21,7 +21,9 @@ inline constexpr int block_side_px = 4;
 /// the pixels have in common.
 class BlockFitter {
  public:
-  BlockFitter(KernelCache& cache, int most_kernels);
+  /// `mean_square`: of the picture's samples, over pixels, channels and images. Pixels whose error is small
+  /// beside it are searched with less effort; 0: none are.
+  BlockFitter(KernelCache& cache, int most_kernels, double mean_square);
 
   /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
   /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
@@ -45,6 +47,8 @@ class BlockFitter {
     std::array<double, 3> noise{};  // variance of a sample about the fit
   };
   using Group = std::vector<Pixel*>;
+  /// How thoroughly rectangles are sought: `full` looks at all channels and moves edges to the texel.
+  enum class Effort { full, little };
 
   void load(Pixel& pixel, const PixelSamples& samples);
   void fit_group(const Group& pixels, int side);
@@ -54,9 +58,14 @@ class BlockFitter {
     TreeSearch tree;
     KernelSelector selector;
   };
-  void grow(Search& search, const Group& pixels);
-  /// Takes the old rectangles of the pixels, or grows a tree where there are none.
-  void take_or_grow(Search& search, const Group& pixels);
+  /// The channel in which the pixels are brightest: of it alone the tree of a group is grown.
+  static int brightest_channel(const Group& pixels);
+  /// Takes the old rectangles of the pixels, or grows a tree from the means of alike pixels.
+  void take_or_grow(const Group& pixels);
+  /// What a pixel deserves that is fitted like this.
+  Effort effort_for(const Pixel& pixel, const PixelKernels& fit) const;
+  /// With a tree of its own.
+  Fitted fit_alone(Pixel& pixel);
   /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
   void sort_alike(const Group& pixels);
   PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
@@ -72,6 +81,7 @@ class BlockFitter {
   KernelCache& cache_;
   const SmoothSpace& smooth_;
   int most_kernels_;
+  double mean_square_;
   int images_;
   std::size_t stride_, extent_;
   PixelFitter gap_filler_;
@@ -79,7 +89,7 @@ class BlockFitter {
   Search single_;  // of its pixel that is explained worst
   WeightedFit weighted_;
   std::span<const std::vector<Box>> old_;
-  int last_class_ = -1;
+  ClassGuess guess_;
   std::vector<Fitted> fitted_;
   int set_count_ = 0;
   std::vector<int> set_of_;

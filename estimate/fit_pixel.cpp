@@ -43,7 +43,6 @@ PixelFitter::PixelFitter(KernelCache& cache, const EstimateOptions& options)
       options_(options),
       max_leaves_(std::min(options.most_kernels(), cache.table().images())),
       stride_(cache.table().stride()),
-      extent_(cache.smooth().extent()),
       coordinate_stride_(padded_length(max_leaves_)),
       basis_(std::size_t{3} * max_leaves_ * stride_),
       leaf_coordinates_(std::size_t{3} * max_leaves_ * max_leaves_),
@@ -118,33 +117,19 @@ void PixelFitter::start(const PixelSamples& samples) {
   if (max_leaves_ > 1) add_candidates(0);
 }
 
-void PixelFitter::append_direction(const float* direction, std::vector<float>& coordinates) {
+void PixelFitter::append_direction(const std::array<const float*, 3>& direction,
+                                   std::vector<float>& coordinates) {
   for (int c = 0; c < 3; ++c) {
     float* q = basis(c, rank_);
-    const float* d = direction + c * extent_;
+    const float* d = direction[c];
     if (samples_.complete)
       std::copy_n(d, stride_, q);
     else
       std::transform(d, d + stride_, samples_.measured.data() + c * stride_, q, std::multiplies<>());
-    const float* self = q;
-    float before = 0.0f;
-    dots(q, &self, 1, stride_, &before);
     float* coordinate = coordinates.data() + static_cast<std::size_t>(c) * max_leaves_;
     std::fill_n(coordinate, max_leaves_, 0.0f);
     for (int k = 0; k < rank_; ++k) pointers_[k] = basis(c, k);
-    // Gram-Schmidt twice is enough to be orthogonal to working precision (Kahan, Parlett).
-    for (int pass = 0; pass < 2; ++pass) {
-      dots(q, pointers_.data(), rank_, stride_, products_.data());
-      subtract_combination(q, pointers_.data(), products_.data(), rank_, stride_);
-      for (int k = 0; k < rank_; ++k) coordinate[k] += products_[k];
-    }
-    float after = 0.0f;
-    dots(q, &self, 1, stride_, &after);
-    const bool independent = after > dependence_tolerance * before;
-    const float norm = independent ? std::sqrt(after) : 0.0f;
-    const float scale = independent ? 1.0f / norm : 0.0f;
-    std::transform(q, q + stride_, q, [scale](float v) { return v * scale; });
-    coordinate[rank_] = norm;
+    coordinate[rank_] = orthonormalise(q, pointers_.data(), rank_, stride_, coordinate);
     float y = 0.0f;
     const float* b = samples_.values.data() + c * stride_;
     dots(q, &b, 1, stride_, &y);
@@ -154,7 +139,7 @@ void PixelFitter::append_direction(const float* direction, std::vector<float>& c
 }
 
 void PixelFitter::add_candidates(int leaf) {
-  for (const Split& split : cache_.splits(leaves_[leaf].box)) {
+  for (Split& split : cache_.splits(leaves_[leaf].box)) {
     int slot;
     if (unused_.empty()) {
       slot = static_cast<int>(candidates_.size());
@@ -168,7 +153,8 @@ void PixelFitter::add_candidates(int leaf) {
     candidate.split = &split;
     candidate.leaf = leaf;
     for (int c = 0; c < 3; ++c) {
-      const float* d = split.direction + c * extent_;
+      cache_.make(split, c);
+      const float* d = split.direction[c];
       pointers_[0] = samples_.values.data() + c * stride_;
       for (int k = 0; k < rank_; ++k) pointers_[k + 1] = basis(c, k);
       dots(d, pointers_.data(), rank_ + 1, stride_, products_.data());
@@ -197,8 +183,7 @@ void PixelFitter::add_candidates(int leaf) {
 void PixelFitter::update_candidates() {
   const int k = rank_ - 1;
   for (int c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < live_.size(); ++i)
-      pointers_[i] = candidates_[live_[i]].split->direction + c * extent_;
+    for (std::size_t i = 0; i < live_.size(); ++i) pointers_[i] = candidates_[live_[i]].split->direction[c];
     dots(basis(c, k), pointers_.data(), live_.size(), stride_, products_.data());
     for (std::size_t i = 0; i < live_.size(); ++i) {
       coordinates(live_[i], c)[k] = products_[i];

@@ -73,7 +73,7 @@ class PixelFitter {
   void start(const PixelSamples& samples);
   void add_candidates(int leaf);
   void split_leaf(int candidate);
-  void append_direction(const float* direction, std::vector<float>& coordinates);
+  void append_direction(const std::array<const float*, 3>& direction, std::vector<float>& coordinates);
   void update_candidates();
   void update_gram(int leaf);
   void solve();
@@ -109,7 +109,6 @@ class PixelFitter {
   EstimateOptions options_;
   int max_leaves_;
   std::size_t stride_;             // of vectors over images
-  std::size_t extent_;             // of one channel of a cached column
   std::size_t coordinate_stride_;  // of vectors of coordinates in the basis
 
   MaskedSamples samples_;

@@ -145,7 +145,9 @@ Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions&
   foresight.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
 
   const Work work = work_of(job, options, foresight.plan);
-  FitSample sample{job, options, table, {}};
+  EstimateOptions fitting = options;
+  fitting.mean_square = job.mean_square;
+  FitSample sample{job, fitting, table, {}};
   double reading = 0.0;
   double rows_read = 0.0;
   const auto bands = bands_to_sample(foresight.plan.rows);

@@ -27,10 +27,13 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
   FrameReport report;
   report.drift = job.drift;
   log_drift(job.drift);
-  if (options.keep_outliers || static_cast<int>(job.frames.size()) < fewest_frames_to_judge) return report;
-  const auto grams = light_grams(illumination_paths(job.frames), job.session.light);
+  const bool judges = !options.keep_outliers && static_cast<int>(job.frames.size()) >= fewest_frames_to_judge;
+  if (!judges && options.mode != EstimateMode::refined) return report;
   const auto sample =
       read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level);
+  job.mean_square = sample.mean_square({});
+  if (!judges) return report;
+  const auto grams = light_grams(illumination_paths(job.frames), job.session.light);
   const OutlierSearch search = find_outlier_frames(grams, sample);
   report.typical_residual = search.typical_residual;
   auto& list = search.too_many ? report.doubtful : report.left_out;
@@ -42,6 +45,9 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
              " photographs do not fit the others, too many to leave out; look at the capture. The first: " +
              report.doubtful.front().name + ": " + report.doubtful.front().why);
   if (report.left_out.empty()) return report;
+  std::vector<int> images;
+  for (const LeftOutFrame& frame : report.left_out) images.push_back(frame.found.frame);
+  job.mean_square = sample.mean_square(images);
   for (const LeftOutFrame& frame : report.left_out) job.left_out.push_back(frame.name);
   std::erase_if(job.frames, [&](const CaptureFrame& frame) {
     return std::ranges::find(report.left_out, frame.name, &LeftOutFrame::name) != report.left_out.end();

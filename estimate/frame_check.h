@@ -24,9 +24,9 @@ struct FrameReport {
   Drift drift;                    ///< of the capture, as its reference frames show it
 };
 
-/// Takes the frames out of a job that do not fit the others (outlier_frames.h) and says so on standard error.
-/// Does nothing with options.keep_outliers or for few frames. What it finds does not depend on the rows asked
-/// for. Throws InputError when too few frames are left.
+/// Takes the frames out of a job that do not fit the others (outlier_frames.h) and says so on standard error,
+/// but none with options.keep_outliers or where frames are few. Measures how bright the picture is. What it
+/// finds does not depend on the rows asked for. Throws InputError when too few frames are left.
 FrameReport check_frames(EstimateJob& job, const EstimateOptions& options);
 
 }  // namespace refield

@@ -20,17 +20,16 @@ std::vector<int> split_positions(int begin, int end, EstimateMode mode) {
   return positions;
 }
 
-float* KernelCache::make_column(const Box& box) {
+float* KernelCache::make_column(const Box& box, int channel) {
   const std::size_t extent = smooth_.extent();
-  const std::size_t size = 3 * extent;
-  const std::size_t block_size = std::max(block_floats, size);
-  if (blocks_.empty() || blocks_.back().used + size > block_size)
+  const std::size_t block_size = std::max(block_floats, extent);
+  if (blocks_.empty() || blocks_.back().used + extent > block_size)
     blocks_.push_back({AlignedFloats(block_size)});
   Block& block = blocks_.back();
   float* column = block.memory.data() + block.used;
-  block.used += size;
-  table_.column(box, column, extent);
-  for (int c = 0; c < 3; ++c) smooth_.extend(column + c * extent, c);
+  block.used += extent;
+  table_.channel_column(box, channel, column);
+  smooth_.extend(column, channel);
   return column;
 }
 
@@ -40,41 +39,38 @@ void KernelCache::clear() {
   blocks_.clear();
 }
 
-const float* KernelCache::column(const Box& box) {
-  const float*& slot = columns_[box];
-  if (!slot) slot = make_column(box);
+const float* KernelCache::column(const Box& box, int channel) {
+  const float*& slot = columns_[box][channel];
+  if (!slot) slot = make_column(box, channel);
   return slot;
 }
 
-void KernelCache::add_split(const Box& box, const float* parent, int axis, int position,
-                            std::vector<Split>& splits) {
-  Split split{box, box};
-  (axis == 0 ? split.first.x1 : split.first.y1) = position;
-  (axis == 0 ? split.second.x0 : split.second.y0) = position;
-  float* direction = make_column(split.first);
-  const std::size_t stride = table_.stride();
-  const std::size_t extent = smooth_.extent();
-  for (int c = 0; c < 3; ++c) {
-    const float* p = parent + c * extent;
-    float* d = direction + c * extent;
-    float with_parent[2];
-    const float* others[2] = {d, p};
-    dots(p, others, 2, stride, with_parent);
-    split.fraction[c] = with_parent[1] > 0.0f ? with_parent[0] / with_parent[1] : 0.0f;
-    subtract_combination(d, &p, &split.fraction[c], 1, extent);
-    const float* self = d;
-    dots(d, &self, 1, stride, &split.norm2[c]);
-  }
-  split.direction = direction;
-  splits.push_back(split);
+std::array<const float*, 3> KernelCache::column(const Box& box) {
+  return {column(box, 0), column(box, 1), column(box, 2)};
 }
 
-std::span<const Split> KernelCache::splits(const Box& box) {
+void KernelCache::make(Split& split, int channel) {
+  if (split.direction[channel]) return;
+  const float* p = column(split.parent(), channel);
+  float* d = make_column(split.first, channel);
+  const std::size_t stride = table_.stride();
+  const float* others[2] = {d, p};
+  float with_parent[2];
+  dots(p, others, 2, stride, with_parent);
+  split.fraction[channel] = with_parent[1] > 0.0f ? with_parent[0] / with_parent[1] : 0.0f;
+  subtract_combination(d, &p, &split.fraction[channel], 1, smooth_.extent());
+  const float* self = d;
+  dots(d, &self, 1, stride, &split.norm2[channel]);
+  split.direction[channel] = d;
+}
+
+std::span<Split> KernelCache::splits(const Box& box) {
   const auto [entry, is_new] = splits_.try_emplace(box);
   if (is_new) {
-    const float* parent = column(box);
-    for (const int x : split_positions(box.x0, box.x1, mode_)) add_split(box, parent, 0, x, entry->second);
-    for (const int y : split_positions(box.y0, box.y1, mode_)) add_split(box, parent, 1, y, entry->second);
+    for (const int x : split_positions(box.x0, box.x1, mode_))
+      entry->second.push_back({{box.x0, box.y0, x, box.y1}, {x, box.y0, box.x1, box.y1}});
+    for (const int y : split_positions(box.y0, box.y1, mode_))
+      entry->second.push_back({{box.x0, box.y0, box.x1, y}, {box.x0, y, box.x1, box.y1}});
   }
   return entry->second;
 }

@@ -20,9 +20,11 @@ namespace refield {
 struct Split {
   Box first;  ///< the half with the smaller coordinates
   Box second;
-  const float* direction = nullptr;  ///< d, [3 × extent]
-  std::array<float, 3> fraction{};   ///< f of each channel
-  std::array<float, 3> norm2{};      ///< ‖d‖² of each channel over all images
+  std::array<const float*, 3> direction{};  ///< d, [extent] of each channel; null before KernelCache::make()
+  std::array<float, 3> fraction{};          ///< f of each channel
+  std::array<float, 3> norm2{};             ///< ‖d‖² of each channel over all images
+
+  Box parent() const { return {first.x0, first.y0, second.x1, second.y1}; }
 };
 
 /// Columns of A and splits of rectangles, made on demand and shared by the pixels that one thread visits:
@@ -38,10 +40,13 @@ class KernelCache {
 
   const SmoothSpace& smooth() const { return smooth_; }
 
-  /// The extended column of a rectangle, [3 × extent].
-  const float* column(const Box& box);
+  /// The extended column of a rectangle, [extent] of each channel.
+  std::array<const float*, 3> column(const Box& box);
+  const float* column(const Box& box, int channel);
   /// All ways to split a rectangle: even halves in both axes, or thirds and halves. Empty for a single texel.
-  std::span<const Split> splits(const Box& box);
+  /// Their directions are made on demand, since reading the table is what costs.
+  std::span<Split> splits(const Box& box);
+  void make(Split& split, int channel);
 
   std::size_t bytes() const { return blocks_.size() * block_floats * sizeof(float); }
   /// Forgets everything; pointers handed out become invalid.
@@ -53,13 +58,12 @@ class KernelCache {
     AlignedFloats memory;
     std::size_t used = 0;
   };
-  float* make_column(const Box& box);
-  void add_split(const Box& box, const float* parent, int axis, int position, std::vector<Split>& splits);
+  float* make_column(const Box& box, int channel);
 
   const BoxTable& table_;
   const SmoothSpace& smooth_;
   EstimateMode mode_;
-  std::unordered_map<Box, const float*, BoxHash> columns_;
+  std::unordered_map<Box, std::array<const float*, 3>, BoxHash> columns_;
   std::unordered_map<Box, std::vector<Split>, BoxHash> splits_;
   std::vector<Block> blocks_;
 };

@@ -37,6 +37,9 @@ struct EstimateOptions {
   /// A field of the same capture (.rfield) that takes in the images it was not made from, see
   /// estimate/refinement.h. Empty: a fresh start.
   std::filesystem::path refine = {};
+  /// Not asked for but found by check_frames(): mean square of the picture's samples, beside which pixels are
+  /// worth more or less effort; 0: full effort everywhere.
+  double mean_square = 0.0;
   /// The cap that `kernels` stands for.
   int most_kernels() const;
   /// Sweeps of spatial correction that the mode makes.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "estimate/observations.h"
 
@@ -33,6 +34,17 @@ int offset(int i, int count, int size) {
 }
 
 }  // namespace
+
+double PixelSample::mean_square(std::span<const int> left_out) const {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i]) || std::ranges::count(left_out, static_cast<int>(i % images)) > 0) continue;
+    sum += static_cast<double>(values[i]) * values[i];
+    ++count;
+  }
+  return count > 0 ? sum / static_cast<double>(count) : 0.0;
+}
 
 PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, int height, const Mask& mask,
                               float clip_level) {

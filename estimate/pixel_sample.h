@@ -29,6 +29,8 @@ struct PixelSample {
   const float* series(int channel, int pixel) const {
     return values.data() + (static_cast<std::size_t>(channel) * pixels + pixel) * images;
   }
+  /// Of what was measured in the images that are not left out; 0 where that is nothing.
+  double mean_square(std::span<const int> left_out) const;
 };
 
 /// Reads at most 12 × 16 cells of at most 12 pixels, inside the mask. Samples at or above `clip_level` count

@@ -28,13 +28,11 @@ void fill_gram(const std::vector<const float*>& columns, std::size_t stride, Lef
 KernelSet prepare_kernel_set(std::span<const Box> boxes, KernelCache& cache) {
   KernelSet set;
   set.boxes.assign(boxes.begin(), boxes.end());
-  for (const Box& box : boxes) set.columns.push_back(cache.column(box));
-  const std::size_t stride = cache.table().stride();
   for (int c = 0; c < 3; ++c) {
-    std::vector<const float*> channel;
-    for (const float* column : set.columns) channel.push_back(column + c * stride);
+    auto& columns = set.columns[c];
+    for (const Box& box : boxes) columns.push_back(cache.column(box, c));
     fill_gram(
-        channel, stride, [&](std::size_t i) { return channel[i]; }, set.gram[c]);
+        columns, cache.table().stride(), [&](std::size_t i) { return columns[i]; }, set.gram[c]);
   }
   return set;
 }
@@ -56,14 +54,13 @@ const double* WeightFitter::masked_gram(const KernelSet& set, const MaskedSample
 double WeightFitter::try_set(const KernelSet& set, const MaskedSamples& samples, std::span<const float> start,
                              double give_up_above) {
   const std::size_t count = set.boxes.size();
-  pointers_.resize(count);
   products_.resize(count);
   h_.resize(count);
   x_.resize(count);
   weights_.assign(3 * count, 0.0);
   double residual = 0.0;
   for (int c = 0; c < 3; ++c) {
-    for (std::size_t k = 0; k < count; ++k) pointers_[k] = set.columns[k] + c * stride_;
+    pointers_ = set.columns[c];
     dots(samples.values.data() + c * stride_, pointers_.data(), count, stride_, products_.data());
     for (std::size_t k = 0; k < count; ++k) {
       h_[k] = products_[k];
@@ -87,7 +84,7 @@ PixelKernels WeightFitter::fit(const KernelSet& set, const MaskedSamples& sample
   std::vector<float> minus(count);
   PixelKernels kernels;
   for (int c = 0; c < 3; ++c) {
-    for (std::size_t k = 0; k < count; ++k) pointers_[k] = set.columns[k] + c * stride_;
+    pointers_ = set.columns[c];
     const double* G = masked_gram(set, samples, c);
     const auto compute_residual = [&] {
       std::copy_n(samples.values.data() + c * stride_, stride_, residual.data());

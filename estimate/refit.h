@@ -11,8 +11,8 @@ namespace refield {
 /// AᵀA, which depend on the lights alone and so serve every pixel that tries this set.
 struct KernelSet {
   std::vector<Box> boxes;
-  std::vector<const float*> columns;        ///< [3 × stride] each, owned by the cache
-  std::array<std::vector<double>, 3> gram;  ///< [boxes × boxes] of each channel
+  std::array<std::vector<const float*>, 3> columns;  ///< [boxes] of each channel, owned by the cache
+  std::array<std::vector<double>, 3> gram;           ///< [boxes × boxes] of each channel
 };
 
 KernelSet prepare_kernel_set(std::span<const Box> boxes, KernelCache& cache);

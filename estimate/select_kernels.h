@@ -24,6 +24,12 @@ struct KernelChoice {
   double criterion = 0.0;                      ///< lower is better
 };
 
+/// What a pixel tells of the classes that suit the next, which is like it.
+struct ClassGuess {
+  int best = -1;               ///< −1: none known
+  std::vector<double> behind;  ///< [classes], by how much each class's criterion was worse; 0 where untried
+};
+
 /// Final weights of a pixel.
 struct PixelWeights {
   std::array<std::vector<double>, 3> hats;   ///< [hats], empty without a smooth part
@@ -55,8 +61,9 @@ class KernelSelector {
 
   /// The dictionary that the next calls choose from; must outlive them.
   void prepare(const TreeDictionary& dictionary);
-  /// At most `most` kernels, hats included. `guess`: class to look at first (−1: none known).
-  KernelChoice select(const PixelCoordinates& pixel, int most, int guess);
+  /// At most `most` kernels, hats included. Looks at the class guessed first, leaves out those guessed to be
+  /// far behind, and brings the guess up to date.
+  KernelChoice select(const PixelCoordinates& pixel, int most, ClassGuess& guess);
   /// Non-negative weights of the chosen rectangles together with the hats (eq. 6). `noise_kept`: of each
   /// channel, the part of the noise variance that the samples still have; the prior of the hats weighs that
   /// much less.
@@ -66,8 +73,9 @@ class KernelSelector {
  private:
   struct Metric {
     bool ready = false;
-    std::array<AlignedFloats, 3> norm2;  // [padded size]
-    std::array<AlignedFloats, 3> gram;   // [size × padded size], rows made on demand
+    std::array<AlignedFloats, 3> norm2;        // [padded size]
+    std::array<AlignedFloats, 3> least_norm2;  // [padded size]; who keeps no more says nothing new
+    std::array<AlignedFloats, 3> gram;         // [size × padded size], rows made on demand
     std::vector<char> has_row;
   };
   Metric& metric(int smooth_class);
@@ -94,7 +102,7 @@ class KernelSelector {
   std::vector<int> chosen_;
   std::vector<char> is_chosen_;
   std::array<std::vector<double>, 3> weights_;
-  std::vector<float> total_gain_;
+  AlignedFloats total_gain_;  // [padded size]
   std::vector<double> gram_, raw_gram_, h_, x_;
   std::vector<const float*> pointers_;
   std::vector<float> products_;

@@ -24,7 +24,6 @@ TreeSearch::TreeSearch(KernelCache& cache, int most_leaves)
     : cache_(cache),
       most_leaves_(most_leaves),
       stride_(cache.smooth().stride()),
-      extent_(cache.smooth().extent()),
       candidate_stride_(padded_length(most_leaves)),
       smooth_rank_(cache.smooth().rank()),
       scratch_(padded_length(most_leaves)) {
@@ -43,13 +42,14 @@ TreeSearch::TreeSearch(KernelCache& cache, int most_leaves)
   products_.resize(pointers_.size());
 }
 
-const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double measured) {
+const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double measured, int leaves) {
+  leaves_asked_ = std::min(leaves, most_leaves_);
   start(targets);
   solve();
   const int count = *std::ranges::max_element(target_count_);
   double best_criterion = std::numeric_limits<double>::infinity();
   int unrewarded = 0;
-  while (static_cast<int>(leaf_node_.size()) < most_leaves_) {
+  while (static_cast<int>(leaf_node_.size()) < leaves_asked_) {
     const double residual = squared_residual();
     if (residual <= exact_fit * squared_targets_) break;
     int parameters = 0;
@@ -78,7 +78,7 @@ const TreeDictionary& TreeSearch::take(std::span<const Box> boxes) {
   for (const Box& box : boxes)
     if (static_cast<int>(all.size()) < most_leaves_ && !(box == all.front())) all.push_back(box);
   for (const Box& box : all) {
-    const float* column = cache_.column(box);
+    const auto column = cache_.column(box);
     add_direction(column);
     const int node = dictionary_.size();
     dictionary_.boxes.push_back(box);
@@ -86,7 +86,7 @@ const TreeDictionary& TreeSearch::take(std::span<const Box> boxes) {
       float* coordinate = coordinates(c, node);
       std::fill_n(coordinate, dictionary_.coordinate_stride, 0.0f);
       std::copy_n(newest_[c].data(), dictionary_.rank, coordinate);
-      std::copy_n(column + c * extent_ + stride_, smooth_rank_, coordinate + dictionary_.smooth_offset);
+      std::copy_n(column[c] + stride_, smooth_rank_, coordinate + dictionary_.smooth_offset);
     }
   }
   return dictionary_;
@@ -129,48 +129,34 @@ void TreeSearch::start(const SearchTargets& targets) {
   const Box all{0, 0, domain.width, domain.height};
   dictionary_.boxes.push_back(all);
   leaf_node_.assign(1, 0);
-  const float* root = cache_.column(all);
+  const auto root = cache_.column(all);
   add_direction(root);
   for (int c = 0; c < 3; ++c) {
     float* coordinate = coordinates(c, 0);
     std::fill_n(coordinate, dictionary_.coordinate_stride, 0.0f);
     coordinate[0] = newest_[c][0];
-    std::copy_n(root + c * extent_ + stride_, smooth_rank_, coordinate + dictionary_.smooth_offset);
+    std::copy_n(root[c] + stride_, smooth_rank_, coordinate + dictionary_.smooth_offset);
   }
   update_gram(0);
   add_candidates(0);
 }
 
-void TreeSearch::add_direction(const float* direction) {
+void TreeSearch::add_direction(const std::array<const float*, 3>& direction) {
   const int rank = dictionary_.rank;
   for (int c = 0; c < 3; ++c) {
     float* q = basis(c, rank);
-    std::copy_n(direction + c * extent_, stride_, q);
-    const float* self = q;
-    float before = 0.0f, after = 0.0f;
-    dots(q, &self, 1, stride_, &before);
-    std::ranges::fill(newest_[c], 0.0f);
+    std::copy_n(direction[c], stride_, q);
     for (int k = 0; k < rank; ++k) pointers_[k] = basis(c, k);
-    // Gram-Schmidt twice is enough to be orthogonal to working precision (Kahan, Parlett).
-    for (int pass = 0; pass < 2; ++pass) {
-      dots(q, pointers_.data(), rank, stride_, products_.data());
-      subtract_combination(q, pointers_.data(), products_.data(), rank, stride_);
-      for (int k = 0; k < rank; ++k) newest_[c][k] += products_[k];
-    }
-    dots(q, &self, 1, stride_, &after);
-    const bool independent = after > dependence_tolerance * before;
-    const float norm = independent ? std::sqrt(after) : 0.0f;
-    const float scale = independent ? 1.0f / norm : 0.0f;
-    for (std::size_t j = 0; j < stride_; ++j) q[j] *= scale;
-    newest_[c][rank] = norm;
+    std::ranges::fill(newest_[c], 0.0f);
+    newest_[c][rank] = orthonormalise(q, pointers_.data(), rank, stride_, newest_[c].data());
+    if (target_count_[c] == 0) continue;
 
     for (int t = 0; t < target_count_[c]; ++t) {
       float product = 0.0f;
       dots(q, &fits_[c][t].target, 1, stride_, &product);
       fits_[c][t].in_basis[rank] = product;
     }
-    for (std::size_t i = 0; i < candidates_.size(); ++i)
-      pointers_[i] = candidates_[i].split->direction + c * extent_;
+    for (std::size_t i = 0; i < candidates_.size(); ++i) pointers_[i] = candidates_[i].split->direction[c];
     dots(q, pointers_.data(), candidates_.size(), stride_, products_.data());
     for (std::size_t i = 0; i < candidates_.size(); ++i) {
       candidate_coordinates(c, candidates_[i].slot)[rank] = products_[i];
@@ -182,7 +168,7 @@ void TreeSearch::add_direction(const float* direction) {
 
 void TreeSearch::add_candidates(int leaf) {
   const std::size_t first = candidates_.size();
-  for (const Split& split : cache_.splits(dictionary_.boxes[leaf_node_[leaf]])) {
+  for (Split& split : cache_.splits(dictionary_.boxes[leaf_node_[leaf]])) {
     int slot = slots_;
     if (free_slots_.empty()) {
       ++slots_;
@@ -192,15 +178,18 @@ void TreeSearch::add_candidates(int leaf) {
       slot = free_slots_.back();
       free_slots_.pop_back();
     }
-    candidates_.push_back({&split, leaf, slot, split.norm2, {}});
+    candidates_.push_back({&split, leaf, slot, {}, {}});
   }
   const int rank = dictionary_.rank;
   for (int c = 0; c < 3; ++c) {
+    if (target_count_[c] == 0) continue;
     for (int k = 0; k < rank; ++k) pointers_[k] = basis(c, k);
     for (int t = 0; t < target_count_[c]; ++t) pointers_[rank + t] = fits_[c][t].target;
     for (std::size_t i = first; i < candidates_.size(); ++i) {
       Candidate& candidate = candidates_[i];
-      dots(candidate.split->direction + c * extent_, pointers_.data(), rank + target_count_[c], stride_,
+      cache_.make(*candidate.split, c);
+      candidate.remaining_norm2[c] = candidate.split->norm2[c];
+      dots(candidate.split->direction[c], pointers_.data(), rank + target_count_[c], stride_,
            products_.data());
       float* coordinate = candidate_coordinates(c, candidate.slot);
       std::fill_n(coordinate, candidate_stride_, 0.0f);
@@ -216,6 +205,7 @@ void TreeSearch::add_candidates(int leaf) {
 int TreeSearch::best_candidate() {
   gains_.assign(candidates_.size(), 0.0f);
   for (int c = 0; c < 3; ++c) {
+    if (target_count_[c] == 0) continue;
     for (std::size_t i = 0; i < candidates_.size(); ++i)
       pointers_[i] = candidate_coordinates(c, candidates_[i].slot);
     for (int t = 0; t < target_count_[c]; ++t) {
@@ -237,7 +227,8 @@ int TreeSearch::best_candidate() {
 }
 
 void TreeSearch::split(int chosen) {
-  const Split split = *candidates_[chosen].split;
+  Split& split = *candidates_[chosen].split;
+  for (int c = 0; c < 3; ++c) cache_.make(split, c);
   const int leaf = candidates_[chosen].leaf;
   const int parent = leaf_node_[leaf];
   for (const Candidate& candidate : candidates_)
@@ -257,7 +248,7 @@ void TreeSearch::split(int chosen) {
     float* other = coordinates(c, first + 1);
     std::fill_n(one, dictionary_.coordinate_stride, 0.0f);
     std::copy_n(newest_[c].data(), dictionary_.rank, one);
-    std::copy_n(split.direction + c * extent_ + stride_, smooth_rank_, one + dictionary_.smooth_offset);
+    std::copy_n(split.direction[c] + stride_, smooth_rank_, one + dictionary_.smooth_offset);
     for (std::size_t k = 0; k < dictionary_.coordinate_stride; ++k) {
       one[k] += split.fraction[c] * p[k];
       other[k] = p[k] - one[k];
@@ -266,7 +257,7 @@ void TreeSearch::split(int chosen) {
   }
   update_gram(leaf);
   update_gram(other_leaf);
-  if (static_cast<int>(leaf_node_.size()) == most_leaves_) return;
+  if (static_cast<int>(leaf_node_.size()) == leaves_asked_) return;
   add_candidates(leaf);
   add_candidates(other_leaf);
 }
@@ -275,6 +266,7 @@ void TreeSearch::update_gram(int leaf) {
   const int count = static_cast<int>(leaf_node_.size());
   const std::size_t length = padded_length(dictionary_.rank);
   for (int c = 0; c < 3; ++c) {
+    if (target_count_[c] == 0) continue;
     const float* a = coordinates(c, leaf_node_[leaf]);
     // What lies behind the basis' coordinates is the smooth part's: not of this metric.
     std::ranges::fill(scratch_, 0.0f);

@@ -25,7 +25,8 @@ struct TreeDictionary {
   }
 };
 
-/// Vectors that one tree shall explain together, [3][targets] of `stride` floats each.
+/// Vectors that one tree shall explain together, [3][targets] of `stride` floats each. Channels without
+/// targets cost little: where colours vary alike, one tells of nearly all splits what three would.
 using SearchTargets = std::array<std::vector<const float*>, 3>;
 
 /// Grows a kd-tree of rectangles greedily (Matusik et al. 2004, section 5.2) for several targets at once,
@@ -45,8 +46,9 @@ class TreeSearch {
 
   TreeSearch(KernelCache& cache, int most_leaves);
 
-  /// `measured`: samples behind a target of all channels, for the criterion that ends the growth.
-  const TreeDictionary& grow(const SearchTargets& targets, double measured);
+  /// At most `leaves` leaves. `measured`: samples behind a target of all its channels, for the criterion that
+  /// ends the growth.
+  const TreeDictionary& grow(const SearchTargets& targets, double measured, int leaves);
   /// A dictionary of given rectangles, at most `most_leaves`, instead of a tree's; the whole light map comes
   /// first.
   const TreeDictionary& take(std::span<const Box> boxes);
@@ -55,7 +57,7 @@ class TreeSearch {
 
  private:
   struct Candidate {
-    const Split* split;
+    Split* split;
     int leaf;
     int slot;                                                     // of its coordinates
     std::array<float, 3> remaining_norm2;                         // ‖d⊥‖²
@@ -71,7 +73,7 @@ class TreeSearch {
     std::vector<double> weights;       // x
   };
   void start(const SearchTargets& targets);
-  void add_direction(const float* direction);
+  void add_direction(const std::array<const float*, 3>& direction);
   void add_candidates(int leaf);
   void split(int candidate);
   void update_gram(int leaf);
@@ -88,7 +90,8 @@ class TreeSearch {
 
   KernelCache& cache_;
   int most_leaves_;
-  std::size_t stride_, extent_, candidate_stride_;
+  int leaves_asked_ = 0;
+  std::size_t stride_, candidate_stride_;
   int smooth_rank_;
   TreeDictionary dictionary_;
   std::vector<int> leaf_node_;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/vector_kernels.h"
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
 
 // Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.
 #undef HWY_TARGET_INCLUDE
@@ -39,6 +41,18 @@ void dots_vectorised(const float* HWY_RESTRICT vector, const float* const* HWY_R
     for (std::size_t j = 0; j < n; j += hn::Lanes(d))
       s = hn::MulAdd(hn::Load(d, vector + j), hn::Load(d, others[k] + j), s);
     out[k] = hn::GetLane(hn::SumOfLanes(d, s));
+  }
+}
+
+void add_gains_vectorised(const float* HWY_RESTRICT correlation, const float* HWY_RESTRICT norm2,
+                          const float* HWY_RESTRICT least, std::size_t n, float* HWY_RESTRICT gain) {
+  const Floats d;
+  for (std::size_t j = 0; j < n; j += hn::Lanes(d)) {
+    const auto positive = hn::Max(hn::Load(d, correlation + j), hn::Zero(d));
+    const auto divisor = hn::Load(d, norm2 + j);
+    const auto value = hn::Div(hn::Mul(positive, positive), divisor);
+    const auto valid = hn::Gt(divisor, hn::Load(d, least + j));
+    hn::Store(hn::Add(hn::Load(d, gain + j), hn::IfThenElseZero(valid, value)), d, gain + j);
   }
 }
 
@@ -85,6 +99,7 @@ HWY_AFTER_NAMESPACE();
 namespace refield {
 
 HWY_EXPORT(dots_vectorised);
+HWY_EXPORT(add_gains_vectorised);
 HWY_EXPORT(subtract_vectorised);
 HWY_EXPORT(cholesky_vectorised);
 
@@ -95,6 +110,37 @@ void dots(const float* vector, const float* const* others, std::size_t count, st
 void subtract_combination(float* vector, const float* const* others, const float* coefficients,
                           std::size_t count, std::size_t n) {
   HWY_DYNAMIC_DISPATCH(subtract_vectorised)(vector, others, coefficients, count, n);
+}
+
+void add_gains(const float* correlation, const float* norm2, const float* least, std::size_t n, float* gain) {
+  HWY_DYNAMIC_DISPATCH(add_gains_vectorised)(correlation, norm2, least, n, gain);
+}
+
+float orthonormalise(float* vector, const float* const* basis, std::size_t count, std::size_t n,
+                     float* coordinates) {
+  /// Directions that keep less than this part of their squared norm after projection are rounding noise.
+  constexpr float dependence_tolerance = 1e-6f;
+  /// Those that keep more than this are orthogonal to working precision after one pass.
+  constexpr float kept_at_once = 0.1f;
+  const float* self = vector;
+  float before = 0.0f, after = 0.0f;
+  dots(vector, &self, 1, n, &before);
+  dots(vector, basis, count, n, coordinates);
+  subtract_combination(vector, basis, coordinates, count, n);
+  dots(vector, &self, 1, n, &after);
+  if (after < kept_at_once * before && count > 0) {
+    // Gram-Schmidt twice is enough (Kahan, Parlett).
+    std::vector<float> again(count);
+    dots(vector, basis, count, n, again.data());
+    subtract_combination(vector, basis, again.data(), count, n);
+    std::transform(again.begin(), again.end(), coordinates, coordinates, std::plus<>());
+    dots(vector, &self, 1, n, &after);
+  }
+  const bool independent = after > dependence_tolerance * before;
+  const float norm = independent ? std::sqrt(after) : 0.0f;
+  const float scale = independent ? 1.0f / norm : 0.0f;
+  std::transform(vector, vector + n, vector, [scale](float v) { return v * scale; });
+  return norm;
 }
 
 int factorise_cholesky(double* A, std::size_t size, std::size_t stride, double least_pivot) {

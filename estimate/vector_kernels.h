@@ -49,4 +49,13 @@ inline constexpr std::size_t cholesky_padding = 8;
 void subtract_combination(float* vector, const float* const* others, const float* coefficients,
                           std::size_t count, std::size_t n);
 
+/// gain[j] += max(correlation[j], 0)² / norm2[j] where norm2[j] > least[j]; `n` a multiple of column_padding.
+void add_gains(const float* correlation, const float* norm2, const float* least, std::size_t n, float* gain);
+
+/// Makes `vector` a unit vector orthogonal to `count` orthonormal ones, `n` as above, and returns the length
+/// that it then had; 0, and a zero vector, where it depends on them to the precision of float32 sums.
+/// `coordinates`: [count] products with them.
+float orthonormalise(float* vector, const float* const* basis, std::size_t count, std::size_t n,
+                     float* coordinates);
+
 }  // namespace refield

@@ -71,6 +71,9 @@ PixelKernels WeightedFit::fit(std::span<const Box> boxes, int smooth_class, cons
 
 namespace {
 
+/// Coarse steps end at this part of a rectangle's longer side.
+constexpr int coarse_parts = 24;
+
 /// Squared part of the target that a column explains, with a non-negative weight a channel; the weights.
 double explained(const AlignedFloats& target, const float* column, std::size_t stride,
                  std::array<float, 3>& weight) {
@@ -89,8 +92,9 @@ double explained(const AlignedFloats& target, const float* column, std::size_t s
 }  // namespace
 
 std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels,
-                              const AlignedFloats& residual) {
-  constexpr int sweeps = 2;
+                              const AlignedFloats& residual, EdgeSteps steps) {
+  const bool coarse = steps == EdgeSteps::coarse;
+  const int sweeps = coarse ? 1 : 2;
   const std::size_t stride = table.stride();
   std::vector<Box> boxes = kernels.boxes;
   std::vector<float> weights = kernels.weights;
@@ -109,7 +113,9 @@ std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels
       add(column.data(), &weights[3 * k], 1.0f);
       std::array<float, 3> weight{};
       double best = explained(rest, column.data(), stride, weight);
-      for (int step = std::max({(box.x1 - box.x0) / 3, (box.y1 - box.y0) / 3, 1}); step > 0; step /= 2)
+      const int side = std::max(box.x1 - box.x0, box.y1 - box.y0);
+      const int finest = coarse ? std::max(side / coarse_parts, 1) : 1;
+      for (int step = std::max(side / 3, 1); step >= finest; step /= 2)
         for (int edge = 0; edge < 4; ++edge)
           for (const int direction : {-step, step}) {
             Box moved = box;

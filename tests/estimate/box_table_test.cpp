@@ -70,19 +70,21 @@ TEST(KernelCache, DirectionsSpanWhatTheHalvesSpan) {
   const SmoothSpace none(table);
   KernelCache cache(table, none, EstimateMode::refined);
   const Box root{0, 0, 24, 18};
-  const float* parent = cache.column(root);
+  const auto parent = cache.column(root);
   std::vector<float> half(3 * table.stride());
   ASSERT_EQ(cache.splits(root).size(), 6u);
-  for (const Split& split : cache.splits(root)) {
+  for (Split& split : cache.splits(root)) {
     EXPECT_EQ(split.first.area() + split.second.area(), root.area());
     table.column(split.first, half.data());
     for (int c = 0; c < 3; ++c) {
       double with_parent = 0.0, norm2 = 0.0;
+      EXPECT_EQ(split.direction[c], nullptr);
+      cache.make(split, c);
       for (int j = 0; j < 30; ++j) {
-        const std::size_t i = c * table.stride() + j;
-        EXPECT_NEAR(split.direction[i] + split.fraction[c] * parent[i], half[i], 1e-5 * parent[i]);
-        with_parent += static_cast<double>(split.direction[i]) * parent[i];
-        norm2 += static_cast<double>(parent[i]) * parent[i];
+        const float d = split.direction[c][j], p = parent[c][j];
+        EXPECT_NEAR(d + split.fraction[c] * p, half[c * table.stride() + j], 1e-5 * p);
+        with_parent += static_cast<double>(d) * p;
+        norm2 += static_cast<double>(p) * p;
       }
       EXPECT_NEAR(with_parent / norm2, 0.0, 1e-6);
     }

@@ -40,7 +40,7 @@ struct Grown {
       space.extend(values.data() + c * space.extent(), c);
       targets[c] = {values.data() + c * space.extent()};
     }
-    const TreeDictionary& dictionary = search.grow(targets, 3.0 * images);
+    const TreeDictionary& dictionary = search.grow(targets, 3.0 * images, 56);
     for (int c = 0; c < 3; ++c) {
       const float* b = values.data() + c * space.extent();
       std::vector<const float*> basis;
@@ -66,7 +66,8 @@ TEST(SelectKernels, TwoBoxesOfTheTreeAreFoundAndNoMore) {
   Grown grown(80, 0, {{0, 0, 16, 12}, {24, 12, 32, 24}}, 0.0, 0.01);
   KernelSelector selector(grown.space);
   selector.prepare(grown.search.dictionary());
-  const KernelChoice choice = selector.select(grown.pixel, 25, -1);
+  ClassGuess guess;
+  const KernelChoice choice = selector.select(grown.pixel, 25, guess);
   EXPECT_LE(choice.boxes.size(), 4u);
   const PixelWeights weights = selector.solve(grown.pixel, choice, {1.0, 1.0, 1.0});
   for (int c = 0; c < 3; ++c)
@@ -77,7 +78,8 @@ TEST(SelectKernels, ASmoothPixelTakesHatsAndHardlyABox) {
   Grown grown(80, 25, {}, 1.0, 0.01);
   KernelSelector selector(grown.space);
   selector.prepare(grown.search.dictionary());
-  const KernelChoice choice = selector.select(grown.pixel, 25, -1);
+  ClassGuess guess;
+  const KernelChoice choice = selector.select(grown.pixel, 25, guess);
   EXPECT_TRUE(grown.space.classes()[choice.smooth_class].smooth);
   EXPECT_LE(choice.boxes.size(), 1u);
   const PixelWeights weights = selector.solve(grown.pixel, choice, {1.0, 1.0, 1.0});
@@ -89,7 +91,8 @@ TEST(SelectKernels, AHighlightOnASmoothPixelTakesHatsAndABox) {
   Grown grown(80, 25, {{16, 12, 20, 16}}, 0.1, 0.005);
   KernelSelector selector(grown.space);
   selector.prepare(grown.search.dictionary());
-  const KernelChoice choice = selector.select(grown.pixel, 25, -1);
+  ClassGuess guess;
+  const KernelChoice choice = selector.select(grown.pixel, 25, guess);
   EXPECT_TRUE(grown.space.classes()[choice.smooth_class].smooth);
   EXPECT_GE(choice.boxes.size(), 1u);
   EXPECT_LE(choice.boxes.size(), 5u) << "no more than 25 kernels with the hats";
@@ -105,7 +108,7 @@ TEST(SelectKernels, NoiseAloneTakesNothing) {
   }
   SearchTargets targets;
   for (int c = 0; c < 3; ++c) targets[c] = {grown.values.data() + c * grown.space.extent()};
-  const TreeDictionary& dictionary = grown.search.grow(targets, 180.0);
+  const TreeDictionary& dictionary = grown.search.grow(targets, 180.0, 56);
   for (int c = 0; c < 3; ++c) {
     const float* b = grown.values.data() + c * grown.space.extent();
     std::vector<const float*> basis;
@@ -119,7 +122,8 @@ TEST(SelectKernels, NoiseAloneTakesNothing) {
   }
   KernelSelector selector(grown.space);
   selector.prepare(dictionary);
-  EXPECT_LE(selector.select(grown.pixel, 40, -1).boxes.size(), 1u);
+  ClassGuess guess;
+  EXPECT_LE(selector.select(grown.pixel, 40, guess).boxes.size(), 1u);
 }
 
 TEST(SmoothSpaceMetric, EqualsTheDenseOneForEveryClass) {
