@@ -40,6 +40,7 @@ class Prediction {
  public:
   explicit Prediction(const ReflectanceField& field)
       : field_(field),
+        blocks_(field.width, field.height),
         lattice_width_(lattice_size(field.width)),
         lattice_height_(lattice_size(field.height)),
         lattice_(static_cast<std::size_t>(lattice_width_) * lattice_height_) {
@@ -48,8 +49,9 @@ class Prediction {
       for (int u = 0; u < lattice_width_; ++u) {
         double log_errors = 0.0, log_ratios = 0.0;
         int known = 0;
-        for (int y = corner(v); y < std::min(corner(v) + cross_validation_side, field.height); ++y)
-          for (int x = corner(u); x < std::min(corner(u) + cross_validation_side, field.width); ++x) {
+        for (int y = blocks_.corner(v); y < std::min(blocks_.corner(v) + blocks_.side_px, field.height); ++y)
+          for (int x = blocks_.corner(u); x < std::min(blocks_.corner(u) + blocks_.side_px, field.width);
+               ++x) {
             const ErrorEvidence& evidence = at(x, y);
             if (!(evidence.leave_one_out > 0.0f) || !(evidence.cross_validated > 0.0f)) continue;
             log_errors += logarithm(evidence.leave_one_out);
@@ -83,6 +85,7 @@ class Prediction {
 
   double ratio(int x, int y) const {
     const double log_error = logarithm(at(x, y).leave_one_out);
+    const int step_px = blocks_.step_px();
     const int u0 = x / step_px;
     const int v0 = y / step_px;
     // What is far away in every way still says a little.
@@ -104,18 +107,17 @@ class Prediction {
   }
 
  private:
-  static constexpr int step_px = cross_validation_side * cross_validation_step;
-  static int corner(int lattice) {
-    return lattice * step_px + cross_validation_offset * cross_validation_side;
+  double place(int lattice) const { return blocks_.corner(lattice) + 0.5 * (blocks_.side_px - 1); }
+  int lattice_size(int pixels) const {
+    return (pixels - blocks_.corner(0) + blocks_.step_px() - 1) / blocks_.step_px();
   }
-  static double place(int lattice) { return corner(lattice) + 0.5 * (cross_validation_side - 1); }
-  static int lattice_size(int pixels) { return (pixels - corner(0) + step_px - 1) / step_px; }
   static double logarithm(double squared) { return std::log(std::max(squared, least)); }
   const ErrorEvidence& at(int x, int y) const {
     return field_.error_evidence[static_cast<std::size_t>(y) * field_.width + x];
   }
 
   const ReflectanceField& field_;
+  CrossValidationLattice blocks_;
   int lattice_width_, lattice_height_;
   std::vector<LatticePoint> lattice_;
   double common_log_ratio_ = 0.0;

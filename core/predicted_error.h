@@ -7,7 +7,8 @@ namespace refield {
 struct ReflectanceField;
 
 /// What a pixel's training images tell about its error on images to come. All three are squared and relative
-/// to Σ b² over the pixel's measured samples; a pixel without kernels or light has zeros.
+/// to Σ b² over the pixel's measured samples: a pixel without kernels misses all of it, one without light has
+/// zeros.
 struct ErrorEvidence {
   /// Residual of each image predicted by the final kernels with weights fitted without it. Too low, since the
   /// kernels themselves were chosen with it.
@@ -24,21 +25,31 @@ struct ErrorEvidence {
 };
 
 /// Cross-validation is done on a lattice of small blocks of pixels, counted from the whole picture's corner:
-/// one in 36, which with five folds costs a seventh of the fit.
-inline constexpr int cross_validation_side = 4;
-inline constexpr int cross_validation_step = 6;
-inline constexpr int cross_validation_offset = 2;
-constexpr bool is_cross_validated(int x, int y) {
-  return x / cross_validation_side % cross_validation_step == cross_validation_offset &&
-         y / cross_validation_side % cross_validation_step == cross_validation_offset;
-}
+/// one in 36, which with five folds costs a seventh of the fit, and fewer in large pictures, where a few
+/// hundred tell enough.
+class CrossValidationLattice {
+ public:
+  static constexpr int side_px = 4;  ///< of a block
 
-/// Whether the pixel lies in a block of every second column and row of that lattice, where fits to parts of
-/// the images are tried, too.
-constexpr bool is_learning_block(int x, int y) {
-  return is_cross_validated(x, y) && x / cross_validation_side / cross_validation_step % 2 == 0 &&
-         y / cross_validation_side / cross_validation_step % 2 == 0;
-}
+  CrossValidationLattice(int width, int height) {
+    while (static_cast<long>(width / step_px()) * (height / step_px()) > most_blocks) step_ *= 2;
+  }
+
+  int step_px() const { return side_px * step_; }
+  /// Place of the lattice's i-th block in either direction, in pixels.
+  int corner(int i) const { return i * step_px() + offset * side_px; }
+  bool holds(int x, int y) const { return x / side_px % step_ == offset && y / side_px % step_ == offset; }
+  /// Whether the pixel lies in a block of every second column and row of the lattice, where fits to parts of
+  /// the images are tried, too.
+  bool is_for_learning(int x, int y) const {
+    return holds(x, y) && x / step_px() % 2 == 0 && y / step_px() % 2 == 0;
+  }
+
+ private:
+  static constexpr int offset = 2;
+  static constexpr long most_blocks = 600;
+  int step_ = 6;  // blocks
+};
 
 /// Fills `predicted_error` and `photograph_noise` and `learning_curve` from `error_evidence`; empties them
 /// where there is none.
@@ -47,7 +58,7 @@ constexpr bool is_learning_block(int x, int y) {
 /// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
 /// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
 /// images; the prediction is the mean of the two squares, which measurements on two captures bear out
-/// (docs/estimation.md). Runs on all cores; the result does not depend on their number.
+/// (docs/progressive.md). Runs on all cores; the result does not depend on their number.
 void predict_errors(ReflectanceField& field);
 
 }  // namespace refield

@@ -49,6 +49,7 @@ struct EvidenceGatherer {
   std::vector<PixelKernels>& kernels;  // of the band's wanted rows
   int width;
   int first_row;
+  CrossValidationLattice lattice;
   /// A refinement is judged on a quarter of the lattice: it is to cost less than a fresh start.
   bool refinement;
 
@@ -76,7 +77,7 @@ struct EvidenceGatherer {
   void judge_block(const Tile& block, FitWorker& own) const {
     const auto b = samples_of(block, samples, active);
     const int block_width = block.x1 - block.x0;
-    const bool learns = is_learning_block(block.x0, block.y0);
+    const bool learns = lattice.is_for_learning(block.x0, block.y0);
     if (refinement && !learns) return;
     const auto validated = own.judge.cross_validate(b, block_width);
     std::vector<double> half, quarter;
@@ -144,8 +145,9 @@ RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options
 }
 
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
-                                        const Mask& mask, const EstimateOptions& options, FitWorkers& workers,
-                                        Progress& progress, const Refinement* refinement) {
+                                        int height, const Mask& mask, const EstimateOptions& options,
+                                        FitWorkers& workers, Progress& progress,
+                                        const Refinement* refinement) {
   const int width = band.width();
   const RowRange held{band.first_row(), band.last_row()};
   const auto active = [&](int x, int y) {
@@ -226,13 +228,14 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
       }
   });
   if (options.predict_errors) {
-    const EvidenceGatherer gatherer{
-        table, samples, active, result, width, wanted.first, refinement != nullptr};
+    const CrossValidationLattice lattice(width, height);
+    const EvidenceGatherer gatherer{table, samples,      active,  result,
+                                    width, wanted.first, lattice, refinement != nullptr};
     for_each_tile(wanted, [&](const Tile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
     std::vector<Tile> blocks;
     for (int y = wanted.first / block_side_px * block_side_px; y < wanted.last; y += block_side_px)
       for (int x = 0; x < width; x += block_side_px)
-        if (is_cross_validated(x, y))
+        if (lattice.holds(x, y))
           blocks.push_back(
               {x, y, std::min(x + block_side_px, width), std::min(y + block_side_px, held.last)});
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {

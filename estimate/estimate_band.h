@@ -34,11 +34,12 @@ inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 int most_rows_beyond(const EstimateOptions& options);
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
-/// Estimates the pixels of `wanted` rows, row by row; `band` holds rows_needed(). `mask` [height × width] or
-/// empty. With a refinement, pixels start from its field's kernels. Throws Interrupted between tiles when
-/// asked to stop.
+/// Estimates the pixels of `wanted` rows of a picture of `height`, row by row; `band` holds rows_needed().
+/// `mask` [height × width] or empty. With a refinement, pixels start from its field's kernels. Throws
+/// Interrupted between tiles when asked to stop.
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
-                                        const Mask& mask, const EstimateOptions& options, FitWorkers& workers,
-                                        Progress& progress, const Refinement* refinement = nullptr);
+                                        int height, const Mask& mask, const EstimateOptions& options,
+                                        FitWorkers& workers, Progress& progress,
+                                        const Refinement* refinement = nullptr);
 
 }  // namespace refield

@@ -15,7 +15,7 @@ namespace refield {
 namespace {
 /// Leaves that a tree grows at most: twice what a pixel needs, since pixels share it.
 constexpr int most_leaves = 56;
-/// And that of a single pixel which is not worth full effort.
+/// And that of a part of a block, or of a single pixel which is not worth full effort.
 constexpr int few_leaves = 36;
 /// Full effort is for pixels whose error, after the shared fit, is more than this part of the picture's root
 /// mean square: few (mirrors, glass, highlights), but most of the picture's error. Measured: full effort for
@@ -29,7 +29,7 @@ constexpr double clear_gain = 15.0;
 /// And when that takes this part, in quadrature, off the pixel's relative error: photographs are seldom less
 /// noisy. Measured: 0 costs half as much time again (nearly twice on noise-free data) and takes 5 % off the
 /// median pixel's error; 0.01 saves a quarter and costs 12 %.
-constexpr double worthwhile_gain = 0.005;
+constexpr double worthwhile_gain = 0.006;
 /// Times that edges are moved and weights solved anew, with full effort.
 constexpr int refinements = 2;
 /// Times that samples which were not measured are filled in from a fit and kernels chosen anew.
@@ -138,7 +138,8 @@ void BlockFitter::take_or_grow(const Group& pixels) {
     subtract_combination(means_[set].data(), pointers.data(), minus_scale.data(), members, stride_);
     targets[channel].push_back(means_[set].data());
   }
-  shared_.selector.prepare(shared_.tree.grow(targets, measured, most_leaves));
+  const bool whole_block = count > block_side_px * block_side_px / 4;
+  shared_.selector.prepare(shared_.tree.grow(targets, measured, whole_block ? most_leaves : few_leaves));
 }
 
 BlockFitter::Effort BlockFitter::effort_for(const Pixel& pixel, const PixelKernels& fit) const {

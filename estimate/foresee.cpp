@@ -114,7 +114,7 @@ struct FitSample {
       if (count == 0) continue;
       const auto before = Clock::now();
       Progress within("fit", 1);  // not shown: another is
-      estimate_band(table, band, rows, chosen, options, workers, within);
+      estimate_band(table, band, rows, job.session.height, chosen, options, workers, within);
       seconds += seconds_since(before);
       pixels += count;
     }

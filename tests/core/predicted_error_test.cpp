@@ -20,12 +20,13 @@ ReflectanceField field_with(Ratio ratio, float shared = 0.0f) {
   ReflectanceField field;
   field.width = 360;
   field.height = 30;
+  const CrossValidationLattice lattice(field.width, field.height);
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x) {
       ErrorEvidence evidence;
       evidence.leave_one_out = leave_one_out;
       evidence.shared = shared;
-      if (is_cross_validated(x, y)) evidence.cross_validated = leave_one_out * static_cast<float>(ratio(x));
+      if (lattice.holds(x, y)) evidence.cross_validated = leave_one_out * static_cast<float>(ratio(x));
       field.error_evidence.push_back(evidence);
     }
   predict_errors(field);
@@ -74,12 +75,13 @@ TEST(PredictedError, PixelsOutsideTheMaskStayEmpty) {
 TEST(PredictedError, LearningCurveTakesMiddleErrors) {
   auto field = field_with([](int) { return 2.0; });
   EXPECT_TRUE(field.learning_curve.empty());
+  const CrossValidationLattice lattice(field.width, field.height);
   int row = 0;
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x)
-      if (is_learning_block(x, y)) {
+      if (lattice.is_for_learning(x, y)) {
         ErrorEvidence& evidence = field.error_evidence[static_cast<std::size_t>(y) * field.width + x];
-        ASSERT_TRUE(is_cross_validated(x, y));
+        ASSERT_TRUE(lattice.holds(x, y));
         evidence.from_half = row == 0 ? 1.0f : 9e-4f;  // few odd ones
         evidence.from_quarter = 16e-4f;
         row = (row + 1) % 5;

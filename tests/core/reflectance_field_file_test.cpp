@@ -98,13 +98,14 @@ TEST(ReflectanceFieldFile, AFieldWithoutKernelsOrErrorsRoundTrips) {
 TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
   const test::TemporaryFolder folder;
   ReflectanceField field = sample_field();
+  const CrossValidationLattice lattice(field.width, field.height);
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x) {
       ErrorEvidence evidence;
       evidence.leave_one_out = 1e-4f * static_cast<float>(x + 1);
       evidence.shared = -1e-6f;
-      if (is_cross_validated(x, y)) evidence.cross_validated = 2e-4f;
-      if (is_learning_block(x, y)) evidence.from_half = evidence.from_quarter = 3e-4f;
+      if (lattice.holds(x, y)) evidence.cross_validated = 2e-4f;
+      if (lattice.is_for_learning(x, y)) evidence.from_half = evidence.from_quarter = 3e-4f;
       field.error_evidence.push_back(evidence);
     }
   predict_errors(field);

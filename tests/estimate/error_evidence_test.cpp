@@ -43,7 +43,7 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
 
   /// Leave-one-out by doing it: least squares anew without each image.
   double slow_leave_one_out(const KernelSet& set) const {
-    const auto kernels = static_cast<Eigen::Index>(set.columns.size());
+    const auto kernels = static_cast<Eigen::Index>(set.boxes.size());
     double squared = 0.0;
     for (int c = 0; c < 3; ++c)
       for (int out = 0; out < images; ++out) {
@@ -55,11 +55,11 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
         for (int j = 0; j < images; ++j) {
           if (j == out || std::isnan(b[j])) continue;
           y[j] = b[j];
-          for (Eigen::Index k = 0; k < kernels; ++k) A(j, k) = set.columns[k][c * table_.stride() + j];
+          for (Eigen::Index k = 0; k < kernels; ++k) A(j, k) = set.columns[c][k][j];
         }
         const Eigen::VectorXd x = A.colPivHouseholderQr().solve(y);
         for (Eigen::Index k = 0; k < kernels; ++k)
-          predicted += x[k] * set.columns[k][c * table_.stride() + out];
+          predicted += x[k] * set.columns[c][k][out];
         squared += (b[out] - predicted) * (b[out] - predicted);
       }
     return squared;
