@@ -110,7 +110,8 @@ Superposition measure_superposition(CalibrationBench& bench, const CameraCalibra
   };
   const Photograph black = shoot([](double, double) { return false; });
   const Photograph both = shoot([](double, double) { return true; });
-  for (const auto& [name, inside] : patterns) {
+  for (const auto& [name, pattern_a] : patterns) {
+    const Inside& inside = pattern_a;  // lambdas cannot capture structured bindings
     const Photograph a = shoot(inside);
     const Photograph b = shoot([&](double u, double v) { return !inside(u, v); });
     result.pairs.push_back(compare(name, {a, b, black, both}));
