@@ -40,6 +40,12 @@ class BlockFitter {
     AlignedFloats values;        // [3 × extent], extended; what was not measured is filled in
     std::vector<Box> gap_boxes;  // of the tree that sees only what was measured
     std::array<double, 3> noise_kept = {1.0, 1.0, 1.0};  // part of the noise variance left by pooling
+
+    int count_in(const std::vector<int>& channels) const {
+      int count = 0;
+      for (const int c : channels) count += samples.count[c];
+      return count;
+    }
   };
   struct Fitted {
     PixelKernels kernels;
@@ -58,8 +64,8 @@ class BlockFitter {
     TreeSearch tree;
     KernelSelector selector;
   };
-  /// The channel in which the pixels are brightest: of it alone the tree of a group is grown.
-  static int brightest_channel(const Group& pixels);
+  /// Channels that a tree is grown from: the brightest where its samples are enough, or all.
+  std::vector<int> channels_to_search(const Group& pixels) const;
   /// Takes the old rectangles of the pixels, or grows a tree from the means of alike pixels.
   void take_or_grow(const Group& pixels);
   /// What a pixel deserves that is fitted like this.
