@@ -13,6 +13,7 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
   group->require_subcommand(1);
   add_acquire_devices(*group, common, action);
   add_acquire_calibrate(*group, common, action);
+  add_acquire_run(*group, common, action);
   add_acquire_virtual(*group, common, action);
   add_acquire_import(*group, common, action);
   add_acquire_lights(*group, common, action);

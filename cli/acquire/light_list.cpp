@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "acquire/journal.h"
+#include "core/capture_session.h"
 #include "core/files.h"
 
 namespace refield::cli {
@@ -15,6 +16,13 @@ std::vector<CaptureLight> lights_of_files(const std::string& pattern) {
   std::vector<CaptureLight> lights;
   for (const GlobMatch& match : expand_glob(pattern))
     lights.push_back({match.path.stem().string(), FrameRole::train, "", match.path});
+  return lights;
+}
+
+std::vector<CaptureLight> lights_of_session(const fs::path& folder) {
+  std::vector<CaptureLight> lights;
+  for (const CaptureFrame& frame : read_capture_session(folder).frames)
+    lights.push_back({frame.name, frame.role, frame.kind, frame.illumination});
   return lights;
 }
 

@@ -11,6 +11,9 @@ namespace refield::cli {
 /// The images that `pattern` (a quoted pattern or a folder) names, as training lights.
 std::vector<CaptureLight> lights_of_files(const std::string& pattern);
 
+/// The lights of a session, with their roles and kinds.
+std::vector<CaptureLight> lights_of_session(const std::filesystem::path& folder);
+
 /// Puts frames of one light, to tell drift by, first, last, and after every `every` lights (0: none). Without
 /// a `reference` it is the white one among the lights, else the first.
 std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& lights, int every,

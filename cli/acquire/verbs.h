@@ -7,6 +7,7 @@ namespace refield::cli {
 // One file a subcommand of `refield acquire`. Each adds its own to `group`.
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action);
 void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action);
+void add_acquire_run(CLI::App& group, const Common& common, Action& action);
 void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
 void add_acquire_import(CLI::App& group, const Common& common, Action& action);
 void add_acquire_lights(CLI::App& group, const Common& common, Action& action);

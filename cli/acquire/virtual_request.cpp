@@ -78,11 +78,7 @@ void fill_calibration(const VirtualOptions& options, const Recipe& recipe, Captu
 }
 
 std::vector<CaptureLight> lights_of(const VirtualOptions& options) {
-  if (!options.lights.empty()) return lights_of_files(options.lights);
-  std::vector<CaptureLight> lights;
-  for (const CaptureFrame& frame : read_capture_session(options.truth).frames)
-    lights.push_back({frame.name, frame.role, frame.kind, frame.illumination});
-  return lights;
+  return options.lights.empty() ? lights_of_session(options.truth) : lights_of_files(options.lights);
 }
 
 /// The plan names devices by what decides their frames.

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "acquire/drm_monitor.h"
+#include "acquire/gpio_trigger.h"
+#include "acquire/v4l2_camera.h"
+#include "cli/acquire/capture_report.h"
+#include "cli/acquire/light_list.h"
+#include "cli/acquire/panorama_lights.h"
+#include "cli/acquire/session_file.h"
+#include "cli/acquire/until_error.h"
+#include "cli/acquire/verbs.h"
+#include "core/errors.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RunOptions {
+  fs::path file;
+  bool resume = false;
+  bool force = false;
+};
+
+/// The plan names devices by what decides their frames, and by what stays the same when a cable is plugged in
+/// again.
+std::string rig_text(const SessionFile& session, const CameraDescription& camera,
+                     const IlluminatorDescription& monitor) {
+  std::string text = "camera " + camera.name + " " + session.camera.format;
+  if (session.camera.window)
+    text += " window " + std::to_string(session.camera.window->x) + "," +
+            std::to_string(session.camera.window->y);
+  for (const auto& [name, value] : session.camera.controls) text += " " + name + "=" + std::to_string(value);
+  text += "; monitor " + monitor.name;
+  return text + (session.trigger ? "; trigger " + session.trigger->trigger.text() : "");
+}
+
+/// The brightest radiance that the monitor has in every channel.
+float white_of(const MonitorCalibration& monitor) {
+  float white = INFINITY;
+  for (const auto& curve : monitor.radiance_from_level) white = std::min(white, curve.back() - curve.front());
+  return white;
+}
+
+std::vector<CaptureLight> lights_of(const SessionFile& session, const IlluminatorDescription& monitor,
+                                    const MonitorCalibration& calibration) {
+  const SessionLights& wanted = session.lights;
+  std::vector<CaptureLight> lights;
+  const auto add = [&](std::vector<CaptureLight> more, std::optional<FrameRole> role = std::nullopt) {
+    for (CaptureLight& light : more) {
+      if (role) light.role = *role;
+      lights.push_back(std::move(light));
+    }
+  };
+  if (!wanted.session.empty()) add(lights_of_session(wanted.session));
+  if (!wanted.images.empty()) add(lights_of_files(wanted.images));
+  if (!wanted.panorama.empty())
+    add(panorama_lights(wanted, monitor.width, monitor.height, white_of(calibration),
+                        fs::path(session.output) += "_lights"));
+  if (!wanted.test_images.empty()) add(lights_of_files(wanted.test_images), FrameRole::test);
+  constexpr std::uint64_t order_seed = 1;
+  order_lights(lights, session.order, order_seed);
+  return with_references(lights, session.reference_every, session.reference_light);
+}
+
+CaptureRequest request_of(const SessionFile& session, const CameraDescription& camera,
+                          const IlluminatorDescription& monitor) {
+  CaptureRequest request;
+  request.folder = session.output;
+  request.camera = read_camera_calibration(session.calibration);
+  request.monitor = read_monitor_calibration(session.calibration);
+  request.timing = read_timing_calibration(session.calibration);
+  request.lights = lights_of(session, monitor, request.monitor);
+  request.rig = rig_text(session, camera, monitor);
+  for (double seconds : session.exposures) request.exposures.emplace_back(seconds);
+  request.exposure_plan.count = session.exposure_count;
+  request.exposure_plan.ratio = session.exposure_ratio;
+  if (request.timing) request.exposure_plan.multiple_of = request.timing->exposure_unit;
+  request.frames_per_exposure = session.frames;
+  request.ambient_repeats = session.ambient_frames;
+  request.gain = session.gain;
+  if (!session.mask.empty()) request.mask = {MaskSource::Kind::painted, session.mask};
+  if (session.auto_mask) request.mask = {MaskSource::Kind::automatic, session.background};
+  request.keep_raw = session.keep_raw;
+  request.precision = session.half ? Precision::half : Precision::single;
+  return request;
+}
+
+/// Also on standard error, where progress is: what a person should know but need not act on.
+void tell(const std::string& sentence) {
+  std::fprintf(stderr, "\nrefield: note: %s\n", sentence.c_str());
+}
+
+void run_session(const RunOptions& options, const Common& common) {
+  SessionFile session = read_session_file(options.file);
+  const IfExists if_exists = options.force    ? IfExists::replace
+                             : options.resume ? IfExists::resume
+                                              : IfExists::refuse;
+  check_session_folder(session.output, if_exists);
+  session.camera.notice = tell;
+  V4l2Camera camera(session.camera);
+  DrmMonitor monitor(session.monitor);
+  std::optional<GpioTrigger> trigger;
+  if (session.trigger) trigger.emplace(*session.trigger);
+
+  CaptureRequest request = request_of(session, camera.describe(), monitor.describe());
+  request.if_exists = if_exists;
+  if (!request.timing)
+    tell(session.calibration.string() +
+         ": has no [timing]; the monitor's latency is taken to be zero. 'refield acquire calibrate' measures "
+         "it");
+  std::optional<UntilError> until;
+  if (!session.until_error.empty()) {
+    constexpr int fewest_images = 30, check_every = 10;
+    until.emplace(error_from_text(session.until_error), fewest_images, check_every);
+    until->attach(request);
+  }
+  const CaptureSummary summary = capture(request, camera, monitor, trigger ? &*trigger : nullptr);
+  const V4l2CameraTroubles& troubles = camera.troubles();
+  if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
+    tell("the camera had " + std::to_string(troubles.damaged) + " damaged frames, " +
+         std::to_string(troubles.restarts) + " restarts of its stream and was plugged in again " +
+         std::to_string(troubles.replugs) + " times; nothing of it is in the session");
+  report_capture(summary, session.output, until ? &*until : nullptr, common);
+}
+
+}  // namespace
+
+void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
+  const auto options = std::make_shared<RunOptions>();
+  CLI::App* verb = group.add_subcommand(
+      "run",
+      "Photograph a scene under many lights with a real camera and monitor, as a session file says.\n"
+      "docs/devices.md describes the file; 'refield acquire devices' lists what it may name. A frame is "
+      "taken for "
+      "a light\n"
+      "only when its time stamp says that it was exposed after the monitor had changed.\n\n"
+      "Unplugged, killed or out of disk space, the same command with --resume goes on.\n\n"
+      "Example:\n"
+      "  refield acquire run session.toml");
+  verb->add_option("session", options->file, "Session file (.toml)")->required();
+  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on with a capture that was stopped");
+  verb->add_flag("--force", options->force, "Replace a capture in the output folder")->excludes(resume);
+  verb->callback(
+      [options, &common, &action] { action = [options, &common] { run_session(*options, common); }; });
+}
+
+}  // namespace refield::cli
