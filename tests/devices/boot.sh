@@ -8,8 +8,8 @@ kernel=$(realpath "$1") share=$2 script=$3 limit=${4:-600}
 version=$(basename "$kernel")
 mkdir -p "$share"
 {
-  printf 'export PATH=/usr/sbin:/usr/bin:/sbin:/bin LAB_MODULES=%q REFIELD_BUILD=%q TEST_FILTER=%q\n' \
-    "$kernel/root" "${REFIELD_BUILD:-}" "${TEST_FILTER:-}"
+  printf 'export PATH=/usr/sbin:/usr/bin:/sbin:/bin LAB_MODULES=%q REFIELD_BUILD=%q REFIELD_SOURCE=%q TEST_FILTER=%q\n' \
+    "$kernel/root" "${REFIELD_BUILD:-}" "$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)" "${TEST_FILTER:-}"
   cat "$script"
 } >"$share/run.sh"
 status=0

@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+// The laboratory between the kernel's virtual monitor and its virtual camera: reads back what the monitor
+// shows, lets the scene of a recipe answer to it and a sensor expose it, and hands the frames, late by 0 to 4
+// of them at random, to the camera. usage: virtual_lab TRUTH RECIPE CARD OUTPUT_NODE CAMERA_NODE LOG LOG gets
+// a line for each frame: checksum of its samples, checksum of the pattern shown while it was exposed (or
+// "mixed"), exposure in microseconds, time stamp.
+#include <linux/videodev2.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <deque>
+#include <filesystem>
+#include <map>
+#include <thread>
+
+#include "acquire/journal.h"
+#include "acquire/v4l2_formats.h"
+#include "core/image_io.h"
+#include "core/reflectance_field_file.h"
+#include "core/rng.h"
+#include "simulate/recipe.h"
+#include "tests/devices/screen_reader.h"
+#include "tests/devices/video_output.h"
+
+namespace refield::test {
+namespace {
+
+constexpr int output_width = 640, output_height = 480;
+constexpr int screen_width = 640, screen_height = 480;  // the session file's mode
+constexpr int longest_delay = 4;                        // frames
+
+TimePoint now() {
+  return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
+}
+
+template <class T>
+std::uint32_t checksum(const std::vector<T>& values) {
+  return crc32_of({reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)});
+}
+
+/// The drive levels on the screen: one of each texel's pixels, which must all be equal.
+DriveImage drive_of(const Screen& screen, int width, int height) {
+  DriveImage drive{width, height, {}};
+  const int scale = std::min(screen.width / width, screen.height / height);
+  const int left = (screen.width - width * scale) / 2, top = (screen.height - height * scale) / 2;
+  const auto pixel = [&](int x, int y) {
+    return screen.pixels[static_cast<std::size_t>(y) * screen.width + x] & 0xffffffu;
+  };
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const std::uint32_t value = pixel(left + x * scale, top + y * scale);
+      for (int j = 0; j < scale; ++j)
+        for (int i = 0; i < scale; ++i)
+          if (pixel(left + x * scale + i, top + y * scale + j) != value) {
+            std::fprintf(stderr, "## FAILED: the screen is not pixel-exact at texel %d, %d\n", x, y);
+            std::_Exit(1);
+          }
+      for (int shift : {16, 8, 0}) drive.levels.push_back(static_cast<std::uint8_t>(value >> shift));
+    }
+  return drive;
+}
+
+struct Frame {
+  std::vector<std::uint16_t> samples;
+  TimePoint stamp;
+};
+
+class Laboratory {
+ public:
+  Laboratory(const std::filesystem::path& truth, const char* recipe, const char* camera, const char* log)
+      : recipe_(read_recipe(recipe)),
+        transport_(read_reflectance_field(truth / "transport.rfield")),
+        ambient_(read_image(truth / "ambient.exr")),
+        camera_(camera),
+        log_(std::fopen(log, "w")) {}
+
+  const LightDomain& domain() const { return transport_.basis.domain; }
+  int columns() const { return transport_.width; }
+
+  /// The camera's controls as they stand.
+  std::pair<Seconds, double> settings() const {
+    v4l2_control exposure{V4L2_CID_EXPOSURE_ABSOLUTE, 0}, gain{V4L2_CID_GAIN, 0};
+    camera_.call(VIDIOC_G_CTRL, &exposure, "tells no exposure");
+    camera_.call(VIDIOC_G_CTRL, &gain, "tells no gain");
+    return {Seconds(exposure.value * 1e-4), gain.value / 100.0};
+  }
+
+  /// A frame that saw `first` and then `second`.
+  Frame expose(const DriveImage& first, const DriveImage& second, TimePoint start, Seconds exposure,
+               double gain) {
+    const bool clean = first.levels == second.levels;
+    Image light = scene_under(first);
+    if (!clean) {
+      const Image& other = scene_under(second);
+      const auto share = static_cast<float>(random_.uniform());
+      for (std::size_t i = 0; i < light.values.size(); ++i)
+        light.values[i] += share * (other.values[i] - light.values[i]);
+    }
+    for (std::size_t i = 0; i < light.values.size(); ++i) light.values[i] += ambient_.values[i];
+    Frame frame{recipe_.rig.sensor.expose(light, exposure, gain, random_.next()), start};
+    const auto stamp = std::chrono::floor<std::chrono::microseconds>(start.time_since_epoch());
+    if (clean)
+      std::fprintf(log_, "%08x %08x %.0f %lld\n", checksum(frame.samples), checksum(first.levels),
+                   exposure.count() * 1e6, static_cast<long long>(stamp.count()));
+    else
+      std::fprintf(log_, "%08x mixed %.0f %lld\n", checksum(frame.samples), exposure.count() * 1e6,
+                   static_cast<long long>(stamp.count()));
+    std::fflush(log_);
+    return frame;
+  }
+
+ private:
+  const Image& scene_under(const DriveImage& drive) {
+    const std::uint32_t key = checksum(drive.levels);
+    if (scenes_.size() > 8) scenes_.clear();
+    auto [place, is_new] = scenes_.try_emplace(key);
+    if (is_new) place->second = transport_.relight(recipe_.rig.monitor.emitted(drive));
+    return place->second;
+  }
+  Recipe recipe_;
+  ReflectanceField transport_;
+  Image ambient_;
+  V4l2Device camera_;
+  std::FILE* log_;
+  Rng random_{2004};
+  std::map<std::uint32_t, Image> scenes_;
+};
+
+void run(char** arguments) {
+  Laboratory laboratory(arguments[1], arguments[2], arguments[5], arguments[6]);
+  ScreenReader reader("refield", arguments[3], screen_width, screen_height);
+  VideoOutput output(arguments[4], V4L2_PIX_FMT_SRGGB12, output_width, output_height);
+  const auto [width, height, parameterisation] = laboratory.domain();
+  const DriveImage dark{width, height, std::vector<std::uint8_t>(std::size_t{3} * width * height)};
+  const auto shown = [&] {
+    const auto screen = reader.read();
+    if (!screen) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return screen ? drive_of(*screen, width, height) : dark;
+  };
+  Rng random(4);
+  std::deque<Frame> late;
+  // A frame's stamp lies before the first look at the screen, and a look closes it that finds the same
+  // pattern: so a frame whose stamp is later than a flip has seen the new pattern alone.
+  TimePoint start = now();
+  DriveImage before = shown();
+  while (true) {
+    const auto [exposure, gain] = laboratory.settings();
+    std::this_thread::sleep_until(std::chrono::steady_clock::time_point(
+        (start + std::chrono::ceil<std::chrono::nanoseconds>(exposure)).time_since_epoch()));
+    const TimePoint next = now();
+    DriveImage after = shown();
+    late.push_back(laboratory.expose(before, after, start, exposure, gain));
+    const auto delay = static_cast<std::size_t>(random.uniform() * (longest_delay + 1));
+    for (; late.size() > delay; late.pop_front())
+      output.send(late.front().samples, laboratory.columns(), late.front().stamp);
+    start = next;
+    before = std::move(after);
+  }
+}
+
+}  // namespace
+}  // namespace refield::test
+
+int main(int argc, char** argv) {
+  if (argc != 7) return 2;
+  try {
+    refield::test::run(argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "## FAILED: virtual_lab: %s\n", error.what());
+  }
+  return 1;
+}
