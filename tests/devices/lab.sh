@@ -2,9 +2,12 @@
 # In the guest, sourced: the virtual laboratory. The monitor is vkms, the camera vivid's, looped from its own output.
 load() { modprobe -d "$LAB_MODULES" "$@"; }
 refield=$REFIELD_BUILD/cli/refield
+
+# start_lab LOG: returns once the sensor exposes frames.
 start_lab() {
-  load vivid_lab n_devs=1 node_types=0x101 num_inputs=1 input_types=3 num_outputs=1 output_types=1
-  load vkms enable_writeback=1
+  lsmod | grep -q '^vivid ' ||
+    load vivid_lab n_devs=1 node_types=0x101 num_inputs=1 input_types=3 num_outputs=1 output_types=1
+  lsmod | grep -q '^vkms ' || load vkms enable_writeback=1
   v4l2-ctl -d1 --set-dv-bt-timings=index=0 >/dev/null
   v4l2-ctl -d0 --set-dv-bt-timings=index=0 >/dev/null
   v4l2-ctl -d0 -c loop_video=1,osd_text_mode=2,timestamp_source=1

@@ -12,10 +12,12 @@
 #include <deque>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <thread>
 
 #include "acquire/journal.h"
 #include "acquire/v4l2_formats.h"
+#include "core/errors.h"
 #include "core/image_io.h"
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
@@ -130,7 +132,7 @@ class Laboratory {
 void run(char** arguments) {
   Laboratory laboratory(arguments[1], arguments[2], arguments[5], arguments[6]);
   ScreenReader reader("refield", arguments[3], screen_width, screen_height);
-  VideoOutput output(arguments[4], V4L2_PIX_FMT_SRGGB12, output_width, output_height);
+  std::optional<VideoOutput> output;
   const auto [width, height, parameterisation] = laboratory.domain();
   const DriveImage dark{width, height, std::vector<std::uint8_t>(std::size_t{3} * width * height)};
   const auto shown = [&] {
@@ -152,8 +154,12 @@ void run(char** arguments) {
     DriveImage after = shown();
     late.push_back(laboratory.expose(before, after, start, exposure, gain));
     const auto delay = static_cast<std::size_t>(random.uniform() * (longest_delay + 1));
-    for (; late.size() > delay; late.pop_front())
-      output.send(late.front().samples, laboratory.columns(), late.front().stamp);
+    for (; late.size() > delay; late.pop_front()) try {
+        if (!output) output.emplace(arguments[4], V4L2_PIX_FMT_SRGGB12, output_width, output_height);
+        output->send(late.front().samples, laboratory.columns(), late.front().stamp);
+      } catch (const DeviceError&) {  // vivid's faults strike its output, too: this frame is lost
+        output.reset();
+      }
     start = next;
     before = std::move(after);
   }
