@@ -111,6 +111,7 @@ void CalibrateOptions::check() const {
     throw InputError("the tolerance of superposition is " + std::to_string(superposition_tolerance) +
                      "; give a fraction such as 0.01");
   flat_field.check("flat field");
+  uniformity.check("uniformity of the screen");
 }
 
 RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* trigger,
@@ -151,6 +152,7 @@ RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* tri
   rig.superposition = measure_superposition(bench, rig.camera, exposures, options.superposition_tolerance);
   rig.tone_curve = measure_tone_curve(bench, rig.camera, exposures, options.tone_step);
   rig.monitor.radiance_from_level = rig.tone_curve.light_from_level;
+  rig.monitor.uniformity = options.uniformity;
   if (options.target == CalibrationTarget::card) {
     rig.flat_field = measure_flat_field(bench, rig.camera, exposures);
     rig.camera.flat_field = rig.flat_field->map;

@@ -29,7 +29,9 @@ struct CalibrateOptions {
   int tone_step = 5;      ///< between drive levels that are shown; divides 255
   int exposures = 3;      ///< of a photograph
   double superposition_tolerance = 0.01;
-  RelativeMap flat_field;  ///< known from an earlier calibration; empty: none
+  // Known from earlier calibrations; empty: none.
+  RelativeMap flat_field;  ///< of the lens
+  RelativeMap uniformity;  ///< of the screen
 
   /// Throws InputError naming the option and its range.
   void check() const;

@@ -8,7 +8,11 @@
 #include <optional>
 #include <string>
 
+#include "acquire/drm_monitor.h"
+#include "acquire/gpio_trigger.h"
+#include "acquire/v4l2_camera.h"
 #include "cli/acquire/calibration_page.h"
+#include "cli/acquire/session_file.h"
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "core/errors.h"
@@ -22,14 +26,16 @@ namespace {
 using nlohmann::ordered_json;
 
 struct CalibrateVerbOptions {
+  fs::path session;
   fs::path recipe;
   fs::path truth;
   fs::path output;
   fs::path page;
   std::string target = "scene";
   fs::path flat_field;
+  fs::path uniformity;
   double patience = 0.5;
-  double gain = 1.0;
+  std::optional<double> gain;
   double tolerance = 0.01;
   int step = 5;
   bool trigger = false;
@@ -42,7 +48,7 @@ CalibrateOptions options_of(const CalibrateVerbOptions& given) {
                    : given.target == "screen" ? CalibrationTarget::screen
                                               : CalibrationTarget::scene;
   options.patience = Seconds(given.patience);
-  options.gain = given.gain;
+  options.gain = given.gain.value_or(1.0);
   options.superposition_tolerance = given.tolerance;
   options.tone_step = given.step;
   if (!given.flat_field.empty()) {
@@ -50,6 +56,12 @@ CalibrateOptions options_of(const CalibrateVerbOptions& given) {
     if (options.flat_field.empty())
       throw InputError(given.flat_field.string() +
                        ": has no flat field; make one with 'refield acquire calibrate --target card'");
+  }
+  if (!given.uniformity.empty()) {
+    options.uniformity = read_monitor_calibration(given.uniformity).uniformity;
+    if (options.uniformity.empty())
+      throw InputError(given.uniformity.string() +
+                       ": has no uniformity; make one with 'refield acquire calibrate --target screen'");
   }
   options.check();
   return options;
@@ -115,16 +127,35 @@ void refuse_existing(const CalibrateVerbOptions& given) {
       throw InputError(path.string() + ": exists; give --force to replace it, or another name");
 }
 
-void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
-  if (given.page.empty()) given.page = fs::path(given.output).replace_extension(".html");
-  refuse_existing(given);
-  const CalibrateOptions options = options_of(given);
+RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options, bool gain_given) {
+  if (!gain_given) options.gain = session.gain;
+  V4l2Camera camera(session.camera);
+  DrmMonitor monitor(session.monitor);
+  std::optional<GpioTrigger> trigger;
+  if (session.trigger) trigger.emplace(*session.trigger);
+  return calibrate(camera, monitor, trigger ? &*trigger : nullptr, options);
+}
+
+RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const CalibrateOptions& options) {
   const Recipe recipe = read_recipe(given.recipe);
   TracedScene scene = scene_of(given.truth, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  recipe.seed);
-  const RigMeasurements measured =
-      calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options);
+  return calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options);
+}
+
+void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
+  std::optional<SessionFile> session;
+  if (!given.session.empty()) session = read_session_file(given.session);
+  if (session.has_value() != given.recipe.empty())
+    throw InputError("give either a session file, which names the devices, or --virtual with a recipe");
+  if (given.output.empty() && session) given.output = session->calibration;
+  if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
+  if (given.page.empty()) given.page = fs::path(given.output).replace_extension(".html");
+  refuse_existing(given);
+  const CalibrateOptions options = options_of(given);
+  const RigMeasurements measured = session ? calibrate_devices(*session, options, given.gain.has_value())
+                                           : calibrate_virtual_rig(given, options);
   write_calibration(given.output, measured.camera, measured.monitor, measured.timing);
   write_text_atomically(given.page, calibration_page(measured));
   if (common.json)
@@ -159,17 +190,25 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
       "through "
       "it.\n\n"
       "Examples:\n"
+      "  refield acquire calibrate session.toml                          devices that the session file "
+      "names; writes\n"
+      "                                                                  the calibration file that it names, "
+      "too\n"
       "  refield acquire calibrate --virtual recipe.toml --truth truth -o calibration.toml\n"
       "  refield acquire calibrate … --target card -o lens.toml          vignetting: plain white card, out "
       "of focus\n"
       "  refield acquire calibrate … --target screen --flat-field lens.toml -o rig.toml\n"
       "                                                                  uniformity: the camera sees the "
       "whole display");
-  verb->add_option("--virtual", options->recipe, "Recipe (.toml) of a virtual rig to calibrate")->required();
+  CLI::Option* session = verb->add_option("session", options->session,
+                                          "Session file (.toml) of 'refield acquire run', for its devices");
+  verb->add_option("--virtual", options->recipe, "Instead: recipe (.toml) of a virtual rig")
+      ->excludes(session);
   verb->add_option(
       "--truth", options->truth,
       "With --virtual: folder that 'refield simulate' made from the recipe (default: traced first)");
-  verb->add_option("-o,--output", options->output, "Calibration file to write (.toml)")->required();
+  verb->add_option("-o,--output", options->output,
+                   "Calibration file to write (.toml; default: the one that the session file names)");
   verb->add_option("--page", options->page, "Page to write (default: the same name, .html)");
   verb->add_option(
           "--target", options->target,
@@ -179,13 +218,16 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
       ->capture_default_str();
   verb->add_option("--flat-field", options->flat_field,
                    "Calibration file whose flat field (vignetting) to keep");
+  verb->add_option("--uniformity", options->uniformity,
+                   "Calibration file whose uniformity of the screen to keep");
   verb->add_option("--patience", options->patience, "Seconds after which the display has surely settled")
       ->capture_default_str();
-  verb->add_option("--gain", options->gain, "Of the camera, for all measurements")->capture_default_str();
+  verb->add_option("--gain", options->gain, "Of the camera, for all measurements (session file, else 1)");
   verb->add_option("--tolerance", options->tolerance, "Of superposition, relative")->capture_default_str();
   verb->add_option("--levels-apart", options->step, "Of the tone curves: 1, 3, 5, 15, 17, 51 or 85")
       ->capture_default_str();
-  verb->add_flag("--trigger", options->trigger, "Start each exposure through the trigger line");
+  verb->add_flag("--trigger", options->trigger,
+                 "With --virtual: start each exposure through the trigger line");
   verb->add_flag("--force", options->force, "Replace the output files");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { acquire_calibrate(*options, common); }; });

@@ -81,6 +81,7 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
   for (double seconds : session.exposures) request.exposures.emplace_back(seconds);
   request.exposure_plan.count = session.exposure_count;
   request.exposure_plan.ratio = session.exposure_ratio;
+  if (!session.noise.empty()) request.exposure_plan.relative_noise = error_from_text(session.noise);
   if (request.timing) request.exposure_plan.multiple_of = request.timing->exposure_unit;
   request.frames_per_exposure = session.frames;
   request.ambient_repeats = session.ambient_frames;

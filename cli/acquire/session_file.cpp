@@ -94,6 +94,7 @@ void read_exposures(ConfigSection section, SessionFile& session) {
   section.numbers("seconds", session.exposures, 1e-6, 3600.0);
   section.integer("count", session.exposure_count, 1, 16);
   section.number("ratio", session.exposure_ratio, 1.1, 100.0);
+  section.text("noise", session.noise);
   section.integer("frames", session.frames, 1, 1000);
   section.integer("ambient_frames", session.ambient_frames, 1, 1000);
   section.number("gain", session.gain, 1e-3, 1e4);

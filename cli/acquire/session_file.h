@@ -34,6 +34,7 @@ struct SessionFile {
   std::vector<double> exposures;  ///< seconds; empty: by count and ratio
   int exposure_count = 4;
   double exposure_ratio = 4.0;
+  std::string noise;  ///< instead: as few exposures as keep it below this share, such as "2%"
   int frames = 1;
   int ambient_frames = 4;
   double gain = 1.0;
