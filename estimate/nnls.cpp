@@ -74,7 +74,9 @@ bool NnlsSolver::solve(const double* G, int stride, const double* h, int size, d
       for (std::size_t i = 0; i < free_.size(); ++i) {
         double& value = x[free_[i]];
         const double moved = value + step * (solution_[i] - value);
-        const bool blocked = solution_[i] <= 0.0 && moved <= 1e-14 * (value + std::abs(solution_[i]));
+        // Rounding may carry a small one below zero even where its solution is not.
+        const bool blocked =
+            moved <= 0.0 || (solution_[i] <= 0.0 && moved <= 1e-14 * (value + std::abs(solution_[i])));
         value = blocked ? 0.0 : moved;
         if (!blocked) free_[kept++] = free_[i];
       }

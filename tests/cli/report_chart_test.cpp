@@ -94,7 +94,7 @@ TEST(ReportChart, RoundUpGivesTheNextRoundNumber) {
 }
 
 TEST(ReportChart, LineChartPlacesPointsOnItsAxes) {
-  LineChart chart{"Error <1>", "images", "error", Numbers::plain, {0.0, 10.0}, {}};
+  LineChart chart{"Error <1>", "images", "error", Numbers::plain, {0.0, 10.0}, 0.0, {}};
   chart.series.push_back({"a", 0, false, {{0.0, 1.0}, {5.0, 0.5}, {10.0, 0.0}, {20.0, nan}}});
   const std::string svg = line_chart_svg(chart);
   EXPECT_NE(svg.find("Error &lt;1&gt;"), std::string::npos);

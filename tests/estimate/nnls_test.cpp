@@ -127,5 +127,18 @@ TEST(Nnls, ResidualIsThatOfTheFit) {
               p.b_squared + objective(p, x), 1e-12 * p.b_squared);
 }
 
+TEST(Nnls, StaysNonNegativeWhereTheSolutionIsNextToNothing) {
+  // From weights of one the way to solutions of 1e-13 loses all digits: rounding must not carry any below zero.
+  Rng rng(5);
+  for (int trial = 0; trial < 5000; ++trial) {
+    Eigen::MatrixXd A(12, 6);
+    Eigen::VectorXd b(12);
+    for (double& a : A.reshaped()) a = rng.normal();
+    for (double& v : b) v = 1e-13 * std::abs(rng.normal());
+    const Problem p{A.transpose() * A, A.transpose() * b, b.squaredNorm()};
+    ASSERT_GE(solve(p, Eigen::VectorXd::Ones(6)).minCoeff(), 0.0) << "trial " << trial;
+  }
+}
+
 }  // namespace
 }  // namespace refield
