@@ -25,6 +25,12 @@ constexpr int enough_samples_a_leaf = 2;
 /// all costs three times as much, takes nothing off the picture's error and a few per cent off the median
 /// pixel's.
 constexpr double worth_full_effort = 0.05;
+/// Pixels this many times as bright as the picture's root mean square mirror or refract what is bright, so
+/// small rectangles are likelier in them from the start and cost less. Measured: with 50 images 8 % off the
+/// picture's error in natural light and 10 % under bars, with 180 images 6 % and none; nothing where there is
+/// noise.
+constexpr double bright = 2.0;
+constexpr double search_penalty_bright = 10.0;
 /// A pixel begins a set of its own when its squared distance is this many times the median's.
 constexpr float far_beyond = 3.0f;
 /// A pixel does clearly better with a tree of its own when its criterion falls by more than this.
@@ -150,9 +156,16 @@ void BlockFitter::take_or_grow(const Group& pixels) {
 }
 
 BlockFitter::Effort BlockFitter::effort_for(const Pixel& pixel, const PixelKernels& fit) const {
-  const int measured = pixel.samples.count[0] + pixel.samples.count[1] + pixel.samples.count[2];
-  const double little = worth_full_effort * worth_full_effort * mean_square_ * measured;
+  const double little = worth_full_effort * worth_full_effort * mean_square_ * pixel.samples.count_sum();
   return fit.squared_samples > 0.0 && fit.squared_residual < little ? Effort::little : Effort::full;
+}
+
+double BlockFitter::search_penalty_for(const MaskedSamples& samples) const {
+  // Where samples are missing, what they would have been is a guess already.
+  const double usual = mean_square_ * samples.count_sum();
+  return samples.complete && usual > 0.0 && samples.squared_sum() > bright * bright * usual
+             ? search_penalty_bright
+             : usual_search_penalty;
 }
 
 BlockFitter::Fitted BlockFitter::fit_alone(Pixel& pixel) {
@@ -171,8 +184,7 @@ void BlockFitter::sort_alike(const Group& pixels) {
   scale_.resize(count);
   // Every pixel counts alike, so that a bright one does not speak for all.
   for (int p = 0; p < count; ++p) {
-    const auto& squared = pixels[p]->samples.squared;
-    const double sum = squared[0] + squared[1] + squared[2];
+    const double sum = pixels[p]->samples.squared_sum();
     scale_[p] = sum > 0.0 ? static_cast<float>(1.0 / std::sqrt(sum)) : 0.0f;
   }
   Eigen::MatrixXf gram = Eigen::MatrixXf::Zero(count, count);
@@ -222,6 +234,7 @@ PixelCoordinates BlockFitter::coordinates_of(const Pixel& pixel, const TreeDicti
     for (int j = 0; j < images_; ++j) coordinates.squared[c] += static_cast<double>(b[j]) * b[j];
     coordinates.measured += pixel.samples.count[c];
   }
+  coordinates.search_penalty = search_penalty_for(pixel.samples);
   return coordinates;
 }
 
@@ -239,8 +252,8 @@ BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, Search& search) {
 
 void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
   const auto& samples = pixel.samples;
-  const double squared = samples.squared[0] + samples.squared[1] + samples.squared[2];
-  const int measured = samples.count[0] + samples.count[1] + samples.count[2];
+  const double squared = samples.squared_sum();
+  const int measured = samples.count_sum();
   std::vector<Box> all = fitted.kernels.boxes;
   for (const Box& box : pixel.gap_boxes)
     if (std::ranges::find(all, box) == all.end()) all.push_back(box);
@@ -254,7 +267,7 @@ void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
       const auto parameters = std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
       const double criterion =
           information_criterion(kernels.squared_residual, squared, measured, static_cast<int>(parameters)) +
-          KernelSelector::search_penalty * static_cast<double>(kernels.boxes.size()) +
+          search_penalty_for(samples) * static_cast<double>(kernels.boxes.size()) +
           smooth_.classes()[smooth_class].log_determinant;
       boxes = kernels.boxes;
       // The one that brings least light goes next.
@@ -289,7 +302,7 @@ void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordi
     std::vector<Box> boxes;
     for (const int box : fitted.choice.boxes) boxes.push_back(dictionary.boxes[box]);
     kernels = weighted_.fit(boxes, fitted.choice.smooth_class, pixel.samples, pixel.noise_kept);
-    const int measured = pixel.samples.count[0] + pixel.samples.count[1] + pixel.samples.count[2];
+    const int measured = pixel.samples.count_sum();
     fitted.noise.fill(kernels.squared_residual / std::max(measured, 1));
     return;
   }

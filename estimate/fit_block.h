@@ -22,7 +22,7 @@ inline constexpr int block_side_px = 4;
 class BlockFitter {
  public:
   /// `mean_square`: of the picture's samples, over pixels, channels and images. Pixels whose error is small
-  /// beside it are searched with less effort; 0: none are.
+  /// beside it are searched with less effort, and in those bright beside it rectangles cost less; 0: neither.
   BlockFitter(KernelCache& cache, int most_kernels, double mean_square);
 
   /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
@@ -74,6 +74,7 @@ class BlockFitter {
   Fitted fit_alone(Pixel& pixel);
   /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
   void sort_alike(const Group& pixels);
+  double search_penalty_for(const MaskedSamples& samples) const;
   PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
   Fitted fit_from(Pixel& pixel, Search& search);
   void set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search, Fitted& fitted);

@@ -62,7 +62,7 @@ PixelKernels PixelFitter::fit(const PixelSamples& samples, const Observer& obser
   start(samples);
   solve();
   if (observer) report(observer, 0);
-  const double squared = samples_.squared[0] + samples_.squared[1] + samples_.squared[2];
+  const double squared = samples_.squared_sum();
   while (static_cast<int>(leaves_.size()) < max_leaves_ && squared_residual() > exact_fit * squared) {
     const int best = options_.mode == EstimateMode::paper ? best_by_solving() : best_by_gain();
     if (best < 0) break;

@@ -35,6 +35,9 @@ struct MaskedSamples {
   std::array<double, 3> squared{};  ///< Σ b² of each channel
   std::array<int, 3> count{};       ///< measured samples of each channel
 
+  double squared_sum() const { return squared[0] + squared[1] + squared[2]; }
+  int count_sum() const { return count[0] + count[1] + count[2]; }
+
   void assign(const PixelSamples& samples, std::size_t stride, int images);
 };
 

@@ -64,12 +64,14 @@ bool NnlsSolver::solve(const double* G, int stride, const double* h, int size, d
     }
     // Walk from x towards the solution as far as all stay non-negative; who reaches zero is held there.
     double step = 1.0;
+    bool blocks = false;  // a step may round to 1 and yet end below zero
     for (std::size_t i = 0; i < free_.size(); ++i)
       if (solution_[i] <= 0.0) {
         const double from = x[free_[i]];
         step = std::min(step, from / (from - solution_[i]));
+        blocks = true;
       }
-    if (step < 1.0) {
+    if (blocks) {
       std::size_t kept = 0;
       for (std::size_t i = 0; i < free_.size(); ++i) {
         double& value = x[free_[i]];

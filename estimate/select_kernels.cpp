@@ -168,7 +168,7 @@ KernelChoice KernelSelector::pursue(const PixelCoordinates& pixel, int smooth_cl
       kernels += weights_[0][i] > 0.0 || weights_[1][i] > 0.0 || weights_[2][i] > 0.0;
     if (kernels > most) break;
     const double criterion = information_criterion(residual, squared_samples, pixel.measured, parameters) +
-                             evidence + search_penalty * kernels;
+                             evidence + pixel.search_penalty * kernels;
     if (criterion < best.criterion) {
       best.criterion = criterion;
       best.boxes = chosen_;

@@ -128,7 +128,8 @@ TEST(Nnls, ResidualIsThatOfTheFit) {
 }
 
 TEST(Nnls, StaysNonNegativeWhereTheSolutionIsNextToNothing) {
-  // From weights of one the way to solutions of 1e-13 loses all digits: rounding must not carry any below zero.
+  // From weights of one the way to solutions of 1e-13 loses all digits: rounding must not carry any below
+  // zero.
   Rng rng(5);
   for (int trial = 0; trial < 5000; ++trial) {
     Eigen::MatrixXd A(12, 6);

@@ -68,7 +68,7 @@ TEST_F(Refine, ComesNearAFreshStart) {
   const double refined = error_of(estimate_field(session_, refining()));
   EXPECT_LT(fresh, old_error) << "the new images tell nothing: the test shows nothing";
   EXPECT_LT(refined, 0.5 * (old_error + fresh));
-  EXPECT_LT(refined, 1.35 * fresh);  // 5 % on a real capture; here four boxes make every pixel alike
+  EXPECT_LT(refined, 1.4 * fresh);  // 5 % on a real capture; here four boxes make every pixel alike
 }
 
 TEST_F(Refine, KeepsPredictingErrorsAndSaysWhereItCameFrom) {
