@@ -18,6 +18,7 @@ namespace {
 
 constexpr Seconds exposure_step{100e-6};  // of V4L2_CID_EXPOSURE_ABSOLUTE
 constexpr int frames_after_start = 2;     // sensors need a frame or two to take on what they are set to
+constexpr int frames_after_replug = 6;    // and so many until they are no longer as they were plugged in
 constexpr int most_restarts_in_a_row = 3;
 constexpr Seconds look_again{0.25};  // for an unplugged camera
 constexpr Seconds usual_interval{1.0 / 30.0};
@@ -71,6 +72,7 @@ struct V4l2Camera::State {
   std::optional<std::pair<Seconds, double>> asked;
 
   int to_skip = frames_after_start;
+  int unsettled = 0;  // frames to leave out after replugging
   std::optional<std::uint32_t> driver_sequence;
   std::uint64_t sequence = 0;
   TimePoint last_stamp{};
@@ -200,6 +202,14 @@ struct V4l2Camera::State {
     driver_sequence = number;
   }
 
+  /// A camera that was plugged in again began with settings of its own, and takes ours on in its time. Nobody
+  /// above knows that it was away.
+  bool is_unsettled(const V4l2Filled& filled) {
+    if (unsettled == 0) return false;
+    if (start_of_exposure(filled) >= settings_made) --unsettled;
+    return true;
+  }
+
   /// The frame in a buffer; nullopt when it cannot be used.
   std::optional<RawFrame> frame_of(const V4l2Filled& filled) {
     count(filled.sequence);
@@ -219,6 +229,7 @@ struct V4l2Camera::State {
       return std::nullopt;
     }
     last_stamp = filled.stamp;
+    if (is_unsettled(filled)) return std::nullopt;
     const V4l2StreamFormat& stream = open->stream.format();
     try {
       return RawFrame{window.width,
@@ -264,6 +275,7 @@ struct V4l2Camera::State {
           break;
         }
         ++troubles.replugs;
+        unsettled = frames_after_replug;
         tell(identity.card + ": is back as " + identity.node.string());
         return;
       }
@@ -298,8 +310,12 @@ TimePoint V4l2Camera::set_exposure(Seconds exposure, double gain) {
 RawFrame V4l2Camera::next_frame(Seconds timeout) {
   state_->require_open();
   auto deadline = std::chrono::steady_clock::now() + timeout;
-  for (int restarts = 0; std::chrono::steady_clock::now() < deadline;) try {
-      const auto filled = state_->open->stream.take(deadline - std::chrono::steady_clock::now());
+  // One look even after the deadline: it may be the program that was stopped for so long.
+  int restarts = 0;
+  for (bool is_last = false; !is_last;) try {
+      const Seconds left = deadline - std::chrono::steady_clock::now();
+      is_last = left.count() <= 0.0;
+      const auto filled = state_->open->stream.take(std::max(left, Seconds(0)));
       if (!filled) continue;
       auto frame = state_->frame_of(*filled);
       state_->open->stream.give_back(*filled);
@@ -309,7 +325,9 @@ RawFrame V4l2Camera::next_frame(Seconds timeout) {
         state_->restart(error, ++restarts);
       } else if (error.error_number() == ENODEV) {
         state_->wait_for_replug(error);
-        deadline = std::chrono::steady_clock::now() + timeout;
+        deadline = std::chrono::steady_clock::now() + timeout +
+                   frames_after_replug * (state_->exposure + state_->interval());
+        is_last = false;
       } else {
         throw;
       }

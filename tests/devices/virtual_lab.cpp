@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The laboratory between the kernel's virtual monitor and its virtual camera: reads back what the monitor
 // shows, lets the scene of a recipe answer to it and a sensor expose it, and hands the frames, late by 0 to 4
-// of them at random, to the camera. usage: virtual_lab TRUTH RECIPE CARD OUTPUT_NODE CAMERA_NODE LOG LOG gets
-// a line for each frame: checksum of its samples, checksum of the pattern shown while it was exposed (or
-// "mixed"), exposure in microseconds, time stamp.
+// of them at random, to the camera. usage: virtual_lab TRUTH RECIPE CARD OUTPUT_NODE CAMERA_NODE LOG [steady]
+// LOG gets a line for each frame: checksum of its samples, checksum of the pattern shown while it was exposed
+// (or "mixed"), exposure in microseconds, time stamp. With "steady" noise follows from pattern and settings
+// alone: then two sessions under the same lights must be equal to the byte.
 #include <linux/videodev2.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
@@ -70,22 +72,30 @@ struct Frame {
 
 class Laboratory {
  public:
-  Laboratory(const std::filesystem::path& truth, const char* recipe, const char* camera, const char* log)
-      : recipe_(read_recipe(recipe)),
+  Laboratory(const std::filesystem::path& truth, const char* recipe, const char* camera, const char* log,
+             bool steady)
+      : steady_(steady),
+        recipe_(read_recipe(recipe)),
         transport_(read_reflectance_field(truth / "transport.rfield")),
         ambient_(read_image(truth / "ambient.exr")),
-        camera_(camera),
+        camera_node_(camera),
         log_(std::fopen(log, "w")) {}
 
   const LightDomain& domain() const { return transport_.basis.domain; }
   int columns() const { return transport_.width; }
 
-  /// The camera's controls as they stand.
-  std::pair<Seconds, double> settings() const {
+  /// The camera's controls as they stand; the last ones while it is gone.
+  std::pair<Seconds, double> settings() {
     v4l2_control exposure{V4L2_CID_EXPOSURE_ABSOLUTE, 0}, gain{V4L2_CID_GAIN, 0};
-    camera_.call(VIDIOC_G_CTRL, &exposure, "tells no exposure");
-    camera_.call(VIDIOC_G_CTRL, &gain, "tells no gain");
-    return {Seconds(exposure.value * 1e-4), gain.value / 100.0};
+    try {
+      if (!camera_) camera_.emplace(camera_node_);
+      camera_->call(VIDIOC_G_CTRL, &exposure, "tells no exposure");
+      camera_->call(VIDIOC_G_CTRL, &gain, "tells no gain");
+      settings_ = {Seconds(exposure.value * 1e-4), gain.value / 100.0};
+    } catch (const DeviceError&) {
+      camera_.reset();
+    }
+    return settings_;
   }
 
   /// A frame that saw `first` and then `second`.
@@ -100,7 +110,10 @@ class Laboratory {
         light.values[i] += share * (other.values[i] - light.values[i]);
     }
     for (std::size_t i = 0; i < light.values.size(); ++i) light.values[i] += ambient_.values[i];
-    Frame frame{recipe_.rig.sensor.expose(light, exposure, gain, random_.next()), start};
+    const std::uint64_t noise =
+        steady_ && clean ? checksum(first.levels) + std::bit_cast<std::uint64_t>(exposure.count() * gain)
+                         : random_.next();
+    Frame frame{recipe_.rig.sensor.expose(light, exposure, gain, noise), start};
     const auto stamp = std::chrono::floor<std::chrono::microseconds>(start.time_since_epoch());
     if (clean)
       std::fprintf(log_, "%08x %08x %.0f %lld\n", checksum(frame.samples), checksum(first.levels),
@@ -120,17 +133,20 @@ class Laboratory {
     if (is_new) place->second = transport_.relight(recipe_.rig.monitor.emitted(drive));
     return place->second;
   }
+  bool steady_;
   Recipe recipe_;
   ReflectanceField transport_;
   Image ambient_;
-  V4l2Device camera_;
+  std::string camera_node_;
+  std::optional<V4l2Device> camera_;
+  std::pair<Seconds, double> settings_{0.01, 1.0};
   std::FILE* log_;
   Rng random_{2004};
   std::map<std::uint32_t, Image> scenes_;
 };
 
-void run(char** arguments) {
-  Laboratory laboratory(arguments[1], arguments[2], arguments[5], arguments[6]);
+void run(char** arguments, bool steady) {
+  Laboratory laboratory(arguments[1], arguments[2], arguments[5], arguments[6], steady);
   ScreenReader reader("refield", arguments[3], screen_width, screen_height);
   std::optional<VideoOutput> output;
   const auto [width, height, parameterisation] = laboratory.domain();
@@ -169,9 +185,10 @@ void run(char** arguments) {
 }  // namespace refield::test
 
 int main(int argc, char** argv) {
-  if (argc != 7) return 2;
+  const bool steady = argc == 8 && argv[7] == std::string("steady");
+  if (argc != 7 && !steady) return 2;
   try {
-    refield::test::run(argv);
+    refield::test::run(argv, steady);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "## FAILED: virtual_lab: %s\n", error.what());
   }
