@@ -116,6 +116,7 @@ class CaptureRun {
     write_exr(session_.folder() / files[0], emitted_above_black(pattern, request_.monitor));
     write_photograph(session_.folder() / files[1], observed, request_.precision);
     session_.finish_step(light.name, files);
+    if (request_.on_photograph) request_.on_photograph(observed);
   }
 
   /// What the manifest will say of a light's frame.

@@ -15,6 +15,7 @@
 #include "acquire/session_writer.h"
 #include "acquire/trigger.h"
 #include "core/capture_session.h"
+#include "core/image_io.h"
 
 namespace refield {
 
@@ -56,6 +57,8 @@ struct CaptureRequest {
   /// Called before each light's turn, with its place in `lights`: a rig that stands for real devices learns
   /// by it how far the capture is. May be null.
   std::function<void(std::size_t)> before_light = nullptr;
+  /// Shown each photograph that was taken, ambient light subtracted, once it is on disk. May be null.
+  std::function<void(const Photograph&)> on_photograph = nullptr;
 
   /// Asked after each training photograph, in the order of `lights` (those of an earlier run included); once
   /// it says true, the training lights that are left are not taken. Null: all are.

@@ -8,11 +8,8 @@
 #include <optional>
 #include <string>
 
-#include "acquire/drm_monitor.h"
-#include "acquire/gpio_trigger.h"
-#include "acquire/v4l2_camera.h"
 #include "cli/acquire/calibration_page.h"
-#include "cli/acquire/session_file.h"
+#include "cli/acquire/session_rig.h"
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "core/errors.h"
@@ -129,11 +126,8 @@ void refuse_existing(const CalibrateVerbOptions& given) {
 
 RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options, bool gain_given) {
   if (!gain_given) options.gain = session.gain;
-  V4l2Camera camera(session.camera);
-  DrmMonitor monitor(session.monitor);
-  std::optional<GpioTrigger> trigger;
-  if (session.trigger) trigger.emplace(*session.trigger);
-  return calibrate(camera, monitor, trigger ? &*trigger : nullptr, options);
+  SessionRig rig(session);
+  return calibrate(rig.camera(), rig.monitor(), rig.trigger(), options);
 }
 
 RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const CalibrateOptions& options) {

@@ -7,6 +7,7 @@
 #include "acquire/gpio_lines.h"
 #include "acquire/v4l2_device.h"
 #include "acquire/v4l2_formats.h"
+#include "acquire/window_monitor.h"
 #include "cli/acquire/verbs.h"
 #include "core/errors.h"
 
@@ -68,6 +69,21 @@ ordered_json monitors() {
                     {"driver", connector.driver},
                     {"connected", connector.is_connected},
                     {"modes", modes}});
+  }
+  return list;
+}
+
+/// Of the desktop, where there is one.
+ordered_json window_displays_of_desktop() {
+  ordered_json list = ordered_json::array();
+  try {
+    for (const WindowDisplay& display : window_displays())
+      list.push_back({{"display", list.size()},
+                      {"name", display.name},
+                      {"width", display.width},
+                      {"height", display.height},
+                      {"refresh_hz", display.refresh_hz}});
+  } catch (const DeviceError&) {  // no desktop, or built without windows
   }
   return list;
 }
@@ -135,6 +151,11 @@ void print(const ordered_json& devices) {
       std::printf("    %s%s\n", word(mode["mode"]).c_str(),
                   mode["preferred"].get<bool>() ? "  preferred" : "");
   }
+  for (const auto& display : devices["window_displays"])
+    std::printf("Window on display %d: %s, %d×%d at %.4g Hz\n", display["display"].get<int>(),
+                word(display["name"]).c_str(), display["width"].get<int>(), display["height"].get<int>(),
+                display["refresh_hz"].get<double>());
+  if (devices["window_displays"].empty()) std::printf("No desktop to open a window on.\n");
   if (devices["gpio_chips"].empty()) std::printf("No GPIO chip.\n");
   for (const auto& chip : devices["gpio_chips"]) {
     std::printf("GPIO %s: %s, %d lines\n", word(chip["chip"]).c_str(), word(chip["label"]).c_str(),
@@ -149,12 +170,14 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
   CLI::App* verb =
       group.add_subcommand("devices",
                            "List cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) with "
-                           "modes, and GPIO chips,\n"
+                           "modes, the desktop's displays for windows, and GPIO chips,\n"
                            "under the names that a session file uses (docs/devices.md). Changes nothing.");
   verb->callback([&common, &action] {
     action = [&common] {
-      const ordered_json devices = {
-          {"cameras", cameras()}, {"monitors", monitors()}, {"gpio_chips", gpio_chips()}};
+      const ordered_json devices = {{"cameras", cameras()},
+                                    {"monitors", monitors()},
+                                    {"window_displays", window_displays_of_desktop()},
+                                    {"gpio_chips", gpio_chips()}};
       if (common.json)
         std::printf("%s\n", devices.dump(2).c_str());
       else

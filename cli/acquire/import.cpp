@@ -10,6 +10,7 @@
 
 #include "acquire/exposure_plan.h"
 #include "acquire/import/import_series.h"
+#include "cli/acquire/if_exists.h"
 #include "cli/acquire/verbs.h"
 #include "cli/bracket_options.h"
 #include "core/errors.h"
@@ -33,8 +34,6 @@ struct ImportOptions {
   std::vector<double> exposures;
   fs::path mask;
   bool half = false;
-  bool resume = false;
-  bool force = false;
 };
 
 ImportRequest request_of(const ImportOptions& options) {
@@ -53,9 +52,6 @@ ImportRequest request_of(const ImportOptions& options) {
   request.parameterisation = parameterisation_from_name(options.parameterisation);
   if (!options.mask.empty()) request.mask = options.mask;
   if (options.half) request.precision = Precision::half;
-  request.if_exists = options.force    ? IfExists::replace
-                      : options.resume ? IfExists::resume
-                                       : IfExists::refuse;
   return request;
 }
 
@@ -158,8 +154,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       ->capture_default_str();
   add_bracket_camera(*verb, request.camera);
   verb->add_flag("--half", options->half, "Half-float photographs: half the size, rounding of 0.05 %");
-  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on where an earlier run was stopped");
-  verb->add_flag("--force", options->force, "Replace what is in the output folder")->excludes(resume);
+  add_if_exists(*verb, request.if_exists, "what is");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { run_import(*options, common); }; });
 }

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "acquire/series/match_series.h"
+#include "cli/acquire/if_exists.h"
 #include "cli/acquire/verbs.h"
 #include "core/errors.h"
 
@@ -25,8 +26,6 @@ struct MatchOptions {
   std::string drift = "0";
   std::optional<double> tolerance;
   fs::path mask;
-  bool resume = false;
-  bool force = false;
 };
 
 std::optional<double> number_or_auto(const std::string& text, const char* option) {
@@ -92,9 +91,6 @@ void match(const MatchOptions& options, const Common& common) {
   request.drift_ppm = number_or_auto(options.drift, "--drift");
   request.tolerance_seconds = options.tolerance;
   if (!options.mask.empty()) request.mask = options.mask;
-  request.if_exists = options.force    ? IfExists::replace
-                      : options.resume ? IfExists::resume
-                                       : IfExists::refuse;
   const MatchSummary summary = match_series(request);
   if (common.json)
     std::printf("%s\n", figures_of(summary).dump(2).c_str());
@@ -146,8 +142,7 @@ void add_acquire_match(CLI::App& group, const Common& common, Action& action) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
-  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on where an earlier run was stopped");
-  verb->add_flag("--force", options->force, "Replace a session in the output folder")->excludes(resume);
+  add_if_exists(*verb, request.if_exists, "a session");
   verb->callback([options, &common, &action] { action = [options, &common] { match(*options, common); }; });
 }
 

@@ -5,13 +5,11 @@
 #include <memory>
 #include <optional>
 
-#include "acquire/drm_monitor.h"
-#include "acquire/gpio_trigger.h"
-#include "acquire/v4l2_camera.h"
 #include "cli/acquire/capture_report.h"
+#include "cli/acquire/if_exists.h"
 #include "cli/acquire/light_list.h"
 #include "cli/acquire/panorama_lights.h"
-#include "cli/acquire/session_file.h"
+#include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
 #include "cli/acquire/verbs.h"
 #include "core/errors.h"
@@ -24,8 +22,7 @@ namespace fs = std::filesystem;
 
 struct RunOptions {
   fs::path file;
-  bool resume = false;
-  bool force = false;
+  IfExists if_exists = IfExists::refuse;
 };
 
 /// The plan names devices by what decides their frames, and by what stays the same when a cable is plugged in
@@ -93,25 +90,26 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
   return request;
 }
 
-/// Also on standard error, where progress is: what a person should know but need not act on.
-void tell(const std::string& sentence) {
-  std::fprintf(stderr, "\nrefield: note: %s\n", sentence.c_str());
+/// Replaces `file` by each photograph, so bright that one sample in a hundred is white: a viewer that looks
+/// at the file again shows the capture as it goes on.
+std::function<void(const Photograph&)> preview_into(const fs::path& file) {
+  if (file.extension() != ".png")
+    throw InputError(file.string() + ": the preview is a PNG; let its name end in .png");
+  return [file](const Photograph& photograph) {
+    std::vector<float> samples = photograph.radiance.values;
+    const auto bright = samples.begin() + static_cast<std::ptrdiff_t>(samples.size() * 99 / 100);
+    std::nth_element(samples.begin(), bright, samples.end());
+    write_png(file, photograph.radiance, *bright > 0.0f ? 1.0 / *bright : 1.0);
+  };
 }
 
 void run_session(const RunOptions& options, const Common& common) {
-  SessionFile session = read_session_file(options.file);
-  const IfExists if_exists = options.force    ? IfExists::replace
-                             : options.resume ? IfExists::resume
-                                              : IfExists::refuse;
-  check_session_folder(session.output, if_exists);
-  session.camera.notice = tell;
-  V4l2Camera camera(session.camera);
-  DrmMonitor monitor(session.monitor);
-  std::optional<GpioTrigger> trigger;
-  if (session.trigger) trigger.emplace(*session.trigger);
-
-  CaptureRequest request = request_of(session, camera.describe(), monitor.describe());
-  request.if_exists = if_exists;
+  const SessionFile session = read_session_file(options.file);
+  check_session_folder(session.output, options.if_exists);
+  SessionRig rig(session);
+  CaptureRequest request = request_of(session, rig.camera().describe(), rig.monitor().describe());
+  request.if_exists = options.if_exists;
+  if (!session.preview.empty()) request.on_photograph = preview_into(session.preview);
   if (!request.timing)
     tell(session.calibration.string() +
          ": has no [timing]; the monitor's latency is taken to be zero. 'refield acquire calibrate' measures "
@@ -122,8 +120,8 @@ void run_session(const RunOptions& options, const Common& common) {
     until.emplace(error_from_text(session.until_error), fewest_images, check_every);
     until->attach(request);
   }
-  const CaptureSummary summary = capture(request, camera, monitor, trigger ? &*trigger : nullptr);
-  const V4l2CameraTroubles& troubles = camera.troubles();
+  const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger());
+  const V4l2CameraTroubles& troubles = rig.camera().troubles();
   if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
     tell("the camera had " + std::to_string(troubles.damaged) + " damaged frames, " +
          std::to_string(troubles.restarts) + " restarts of its stream and was plugged in again " +
@@ -146,8 +144,7 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
       "Example:\n"
       "  refield acquire run session.toml");
   verb->add_option("session", options->file, "Session file (.toml)")->required();
-  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on with a capture that was stopped");
-  verb->add_flag("--force", options->force, "Replace a capture in the output folder")->excludes(resume);
+  add_if_exists(*verb, options->if_exists, "a capture");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { run_session(*options, common); }; });
 }

@@ -41,12 +41,27 @@ void read_camera(ConfigSection section, V4l2CameraOptions& camera) {
   section.finish();
 }
 
-void read_monitor(ConfigSection section, DrmMonitorOptions& monitor) {
+void read_monitor(ConfigSection section, SessionFile& session) {
+  DrmMonitorOptions& monitor = session.monitor;
+  bool is_window = false;
+  int display = 0;
+  section.flag("window", is_window);
+  section.integer("display", display, 0, 63);
   section.text("card", monitor.card);
   section.text("connector", monitor.connector);
   section.text("mode", monitor.mode);
   section.integer("width", monitor.width, 1, most_pixels);
   section.integer("height", monitor.height, 1, most_pixels);
+  if (is_window) {
+    for (const char* key : {"card", "connector", "mode"})
+      if (section.has(key))
+        section.fail(key,
+                     "a window is shown by the desktop in the mode that this has; name a display, or take "
+                     "'window' out");
+    session.window = WindowMonitorOptions{display, monitor.width, monitor.height};
+  } else if (section.has("display")) {
+    section.fail("display", "is one of the desktop's, for window = true; without a window name a connector");
+  }
   section.finish();
 }
 
@@ -114,6 +129,7 @@ void read_session(ConfigSection section, const fs::path& folder, SessionFile& se
   section.text("until_error", session.until_error);
   section.flag("keep_raw", session.keep_raw);
   section.flag("half", session.half);
+  read_path(section, "preview", folder, session.preview);
   section.finish();
 }
 
@@ -128,7 +144,7 @@ SessionFile read_session_file(const fs::path& path) {
   read_session(file.section("session"), folder, session);
   read_camera(file.section("camera"), session.camera);
   session.camera.controls = file.optional_section("controls").settings();
-  read_monitor(file.optional_section("monitor"), session.monitor);
+  read_monitor(file.optional_section("monitor"), session);
   if (file.has("trigger")) session.trigger = read_trigger(file.section("trigger"));
   read_lights(file.section("lights"), folder, session.lights);
   read_exposures(file.optional_section("exposures"), session);

@@ -8,6 +8,7 @@
 #include "acquire/drm_monitor.h"
 #include "acquire/gpio_trigger.h"
 #include "acquire/v4l2_camera.h"
+#include "acquire/window_monitor.h"
 
 namespace refield::cli {
 
@@ -29,6 +30,7 @@ struct SessionFile {
   std::filesystem::path calibration;
   V4l2CameraOptions camera;
   DrmMonitorOptions monitor;
+  std::optional<WindowMonitorOptions> window;  ///< instead of `monitor`
   std::optional<GpioTriggerOptions> trigger;
   SessionLights lights;
   std::vector<double> exposures;  ///< seconds; empty: by count and ratio
@@ -46,6 +48,7 @@ struct SessionFile {
   std::string until_error;
   bool keep_raw = false;
   bool half = false;
+  std::filesystem::path preview;  ///< PNG of the last photograph, replaced by each; empty: none
 };
 
 /// Reads a session file; paths in it are relative to its folder. Throws InputError naming file, line, key,

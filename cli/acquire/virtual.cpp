@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/acquire/capture_report.h"
+#include "cli/acquire/if_exists.h"
 #include "cli/acquire/until_error.h"
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
@@ -32,9 +33,7 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
   const Recipe recipe = read_recipe(options.recipe);
   require_scene(options);
   const std::uint64_t seed = options.seed.value_or(recipe.seed);
-  check_session_folder(options.session, options.force    ? IfExists::replace
-                                        : options.resume ? IfExists::resume
-                                                         : IfExists::refuse);
+  check_session_folder(options.session, options.if_exists);
   CaptureRequest request = request_of(options, recipe, seed);
   std::optional<UntilError> until;
   if (!options.until_error.empty()) {
@@ -127,8 +126,7 @@ void add_acquire_virtual(CLI::App& group, const Common& common, Action& action) 
   verb->add_flag("--trigger", options->trigger, "Start each exposure through the trigger line");
   verb->add_flag("--keep-raw", options->keep_raw, "Keep every exposure as a 16-bit PNG in raw/");
   verb->add_flag("--half", options->half, "Half-float photographs: half the size, rounding of 0.05 %");
-  CLI::Option* resume = verb->add_flag("--resume", options->resume, "Go on with a capture that was stopped");
-  verb->add_flag("--force", options->force, "Replace a capture in the output folder")->excludes(resume);
+  add_if_exists(*verb, options->if_exists, "a capture");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { acquire_virtual(*options, common); }; });
 }

@@ -135,8 +135,7 @@ CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, s
   if (options.auto_mask) request.mask = {MaskSource::Kind::automatic, options.background};
   request.keep_raw = options.keep_raw;
   request.precision = options.half ? Precision::half : Precision::single;
-  if (options.resume) request.if_exists = IfExists::resume;
-  if (options.force) request.if_exists = IfExists::replace;
+  request.if_exists = options.if_exists;
   return request;
 }
 

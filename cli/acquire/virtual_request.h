@@ -40,8 +40,7 @@ struct VirtualOptions {
   bool trigger = false;
   bool keep_raw = false;
   bool half = false;
-  bool resume = false;
-  bool force = false;
+  IfExists if_exists = IfExists::refuse;
 };
 
 /// The scene before the virtual camera: from the folder `truth` that 'refield simulate' made or, where it is

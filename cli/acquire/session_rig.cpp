@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/acquire/session_rig.h"
+
+#include <cstdio>
+
+namespace refield::cli {
+
+namespace {
+
+V4l2CameraOptions with_notices(V4l2CameraOptions camera) {
+  camera.notice = tell;
+  return camera;
+}
+
+std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
+  if (!session.window) return std::make_unique<DrmMonitor>(session.monitor);
+  auto window = std::make_unique<WindowMonitor>(*session.window);
+  if (!window->waits_for_blanking())
+    tell(
+        window->describe().name +
+        ": does not wait for the vertical blanking, as a remote or virtual display; its stamps may be early, "
+        "and 'refield acquire calibrate' must have measured its latency");
+  return window;
+}
+
+}  // namespace
+
+SessionRig::SessionRig(const SessionFile& session)
+    : camera_(with_notices(session.camera)), monitor_(monitor_of(session)) {
+  if (session.trigger) trigger_.emplace(*session.trigger);
+}
+
+void tell(const std::string& sentence) {
+  std::fprintf(stderr, "\nrefield: note: %s\n", sentence.c_str());
+}
+
+}  // namespace refield::cli

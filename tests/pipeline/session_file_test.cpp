@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Session files of 'refield acquire run': what is wrong in them is said before any device is touched.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/files.h"
+#include "tests/pipeline/program.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using ::testing::HasSubstr;
+
+struct Mistake {
+  const char* name;
+  const char* monitor;
+  const char* lights;
+  const char* message;
+};
+
+class SessionFileMistake : public ::testing::TestWithParam<Mistake> {};
+
+TEST_P(SessionFileMistake, IsNamedWithLineAndRemedy) {
+  const test::TemporaryFolder folder;
+  write_text_atomically(folder / "session.toml",
+                        std::string("[session]\noutput = \"out\"\ncalibration = \"c.toml\"\n") +
+                            "[camera]\ndevice = \"no such camera\"\n[monitor]\n" + GetParam().monitor +
+                            "\n[lights]\n" + GetParam().lights + "\n");
+  EXPECT_EQ(test::run_program({"acquire", "run", folder / "session.toml"}, folder / "log"), 2);
+  EXPECT_THAT(read_text(folder / "log"), HasSubstr(GetParam().message));
+  EXPECT_FALSE(std::filesystem::exists(folder / "out"));
+}
+
+constexpr const char* some_lights = "images = \"lights\"";
+INSTANTIATE_TEST_SUITE_P(
+    Tables, SessionFileMistake,
+    ::testing::Values(Mistake{"UnknownKey", "conector = \"HDMI-A-1\"", some_lights,
+                              "session.toml:7: [monitor] conector"},
+                      Mistake{"WindowWithConnector", "window = true\nconnector = \"HDMI-A-1\"", some_lights,
+                              "session.toml:8: [monitor] connector"},
+                      Mistake{"DisplayWithoutWindow", "display = 1", some_lights, "window = true"},
+                      Mistake{"NoLights", "width = 32", "rotations = 4", "nothing is to be shown"},
+                      // A sound file: the camera is the first thing that is missing.
+                      Mistake{"NoCamera", "window = true", some_lights, "no such camera"}),
+    [](const auto& mistake) { return std::string(mistake.param.name); });
+
+}  // namespace
+}  // namespace refield
