@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/import/import_series.h"
 
-#define TOML_EXCEPTIONS 1
-#include <toml++/toml.h>
-
 #include <algorithm>
+#include <limits>
 #include <map>
-#include <set>
-#include <sstream>
 
 #include "acquire/calibration.h"
+#include "acquire/import/import_views.h"
+#include "acquire/import/series_merger.h"
 #include "acquire/scene_mask.h"
-#include "acquire/series/capture_time.h"
-#include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/interrupt.h"
@@ -23,151 +19,6 @@ namespace refield {
 namespace fs = std::filesystem;
 
 namespace {
-
-/// A bracket, the frame that it becomes, and its light.
-struct ImportedView {
-  BracketGroup bracket;
-  std::string name;
-  fs::path light;  ///< empty without a session
-  std::optional<ClockSeconds> time;
-};
-
-bool same_file(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  return fs::equivalent(a, b, error);
-}
-
-std::vector<BracketGroup> group(const ImportRequest& request) {
-  std::vector<fs::path> files;
-  for (const fs::path& file : request.photographs)
-    if (std::ranges::none_of(request.ambient, [&](const fs::path& other) { return same_file(file, other); }))
-      files.push_back(file);
-  std::vector<std::optional<Seconds>> exposures(files.size());
-  if (request.rule.pattern.empty() && request.rule.count == 0) {
-    Progress progress("reading exposure times", files.size());
-    for (std::size_t i = 0; i < files.size(); ++i) {
-      throw_if_interrupted();
-      exposures[i] = stated_exposure(files[i]);
-      progress.advance();
-    }
-  }
-  return group_brackets(files, exposures, request.rule);
-}
-
-std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups) {
-  std::vector<ImportedView> views;
-  for (const BracketGroup& bracket : groups) views.push_back({bracket, bracket.name, {}, {}});
-  return views;
-}
-
-std::vector<ImportedView> with_lights_by_order(const ImportRequest& request,
-                                               const std::vector<BracketGroup>& groups) {
-  if (groups.size() != request.lights.size())
-    throw InputError(std::to_string(groups.size()) + " brackets (the last begins with " +
-                     groups.back().paths.front().string() + ") but " + std::to_string(request.lights.size()) +
-                     " lights (the last is " + request.lights.back().string() +
-                     "); give as many of each, or pair them by name with --pattern");
-  std::vector<ImportedView> views;
-  for (std::size_t i = 0; i < groups.size(); ++i)
-    views.push_back({groups[i], request.lights[i].stem().string(), request.lights[i], {}});
-  return views;
-}
-
-std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
-                                              const std::vector<BracketGroup>& groups) {
-  std::vector<ImportedView> views;
-  std::set<std::string> used;
-  for (const BracketGroup& bracket : groups) {
-    const auto light = std::ranges::find(request.lights, bracket.name,
-                                         [](const fs::path& path) { return path.stem().string(); });
-    if (light == request.lights.end())
-      throw InputError(bracket.paths.front().string() + ": there is no light named '" + bracket.name +
-                       "'; add it, or pair brackets and lights by --lights-by order");
-    views.push_back({bracket, bracket.name, *light, {}});
-    used.insert(bracket.name);
-  }
-  for (const fs::path& light : request.lights)
-    if (!used.contains(light.stem().string()))
-      throw InputError(light.string() + ": no bracket is named '" + light.stem().string() +
-                       "'; add its photographs, or take the light out of the folder");
-  return views;
-}
-
-std::vector<ImportedView> views_of(const ImportRequest& request) {
-  const auto groups = group(request);
-  std::vector<ImportedView> views = !request.makes_session()  ? without_lights(groups)
-                                    : request.lights_by_order ? with_lights_by_order(request, groups)
-                                                              : with_lights_by_name(request, groups);
-  std::set<std::string> names;
-  for (ImportedView& view : views) {
-    if (!names.insert(view.name).second)
-      throw InputError(view.bracket.paths.front().string() + ": two photographs would be named '" +
-                       view.name + "'; rename one");
-    view.time = capture_time(view.bracket.paths.front());
-  }
-  return views;
-}
-
-FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place) {
-  if (name.starts_with("test")) return FrameRole::test;
-  if (name.starts_with("reference")) return FrameRole::reference;
-  const auto every = static_cast<std::size_t>(request.test_every);
-  return every > 0 && (place + 1) % every == 0 ? FrameRole::test : FrameRole::train;
-}
-
-/// Merges brackets and keeps what they have in common.
-class Merger {
- public:
-  explicit Merger(const ImportRequest& request) : request_(request) {}
-
-  Photograph merge(const std::vector<fs::path>& paths, bool counts) {
-    Bracket bracket = read_bracket(paths, request_.camera, request_.exposures);
-    MergeStatistics statistics;
-    Photograph merged;
-    try {
-      merged = merge_bracket(bracket, request_.camera, &statistics);
-    } catch (const InputError& error) {
-      throw InputError(paths.front().string() + ": " + error.what());
-    }
-    if (width_ == 0) {
-      width_ = merged.radiance.width;
-      height_ = merged.radiance.height;
-    }
-    if (merged.radiance.width != width_ || merged.radiance.height != height_)
-      throw InputError(paths.front().string() + ": is " + shape_text(merged.radiance) +
-                       ", the photographs before are " + std::to_string(width_) + "×" +
-                       std::to_string(height_) + "; give photographs of one camera");
-    if (counts) add(statistics, bracket.exposures);
-    return merged;
-  }
-  int width() const { return width_; }
-  int height() const { return height_; }
-
-  void report(ImportSummary& summary) const {
-    summary.exposures = exposures_;
-    if (merged_ == 0) return;
-    for (double useful : useful_) summary.useful_fraction.push_back(useful / merged_);
-    summary.clipped_fraction = clipped_ / merged_;
-  }
-
- private:
-  void add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures) {
-    if (exposures_.empty()) {
-      exposures_ = exposures;
-      useful_.assign(exposures.size(), 0.0);
-    }
-    for (std::size_t i = 0; i < useful_.size(); ++i) useful_[i] += statistics.useful_fraction[i];
-    clipped_ += statistics.clipped_fraction;
-    ++merged_;
-  }
-
-  const ImportRequest& request_;
-  int width_ = 0, height_ = 0;
-  std::vector<Seconds> exposures_;
-  std::vector<double> useful_;
-  double clipped_ = 0.0;
-  int merged_ = 0;
-};
 
 /// Light above the monitor's black that a file stands for.
 Image emitted(const ImportRequest& request, const fs::path& file) {
@@ -180,49 +31,6 @@ Image emitted(const ImportRequest& request, const fs::path& file) {
   DriveImage drive{levels.frame.width, levels.frame.height, {}};
   for (std::uint16_t level : levels.frame.samples) drive.levels.push_back(static_cast<std::uint8_t>(level));
   return emitted_above_black(drive, read_monitor_calibration(request.monitor));
-}
-
-std::string plan_of(const ImportRequest& request, const std::vector<ImportedView>& views) {
-  const auto file_text = [](const fs::path& path) {
-    std::error_code error;
-    const auto bytes = fs::file_size(path, error);
-    return path.filename().string() + " " + (error ? "missing" : std::to_string(bytes));
-  };
-  const auto list_of = [&](const std::vector<fs::path>& paths) {
-    toml::array list;
-    for (const fs::path& path : paths) list.push_back(file_text(path));
-    return list;
-  };
-  toml::array frames, exposures;
-  for (std::size_t i = 0; i < views.size(); ++i)
-    frames.push_back(toml::table{{"name", views[i].name},
-                                 {"role", std::string(name_of(role_of(request, views[i].name, i)))},
-                                 {"light", file_text(views[i].light)},
-                                 {"photographs", list_of(views[i].bracket.paths)}});
-  for (const Seconds exposure : request.exposures) exposures.push_back(exposure.count());
-  const BracketCamera& camera = request.camera;
-  const auto optional_text = [](const std::optional<double>& value) {
-    return value ? std::to_string(*value) : "";
-  };
-  toml::table plan{
-      {"format", "refield import"},
-      {"version", 1},
-      {"response", fs::is_regular_file(camera.response) ? file_text(camera.response) : camera.response},
-      {"layout", camera.layout},
-      {"black", optional_text(camera.black)},
-      {"saturation", optional_text(camera.saturation)},
-      {"full_scale_electrons", camera.full_scale_electrons},
-      {"read_noise_electrons", camera.read_noise_electrons},
-      {"exposures", exposures},
-      {"lights_hold", request.light_content == LightContent::radiance ? "radiance" : "drive levels"},
-      {"parameterisation", std::string(name_of(request.parameterisation))},
-      {"half", request.precision == Precision::half},
-      {"mask", request.mask ? file_text(*request.mask) : ""},
-      {"ambient", list_of(request.ambient)},
-      {"frame", frames}};
-  std::ostringstream text;
-  text << plan << "\n";
-  return text.str();
 }
 
 /// A session while it is imported.
@@ -311,7 +119,7 @@ class SessionImport {
 
   const ImportRequest& request_;
   const std::vector<ImportedView>& views_;
-  Merger merger_;
+  SeriesMerger merger_;
   SessionWriter writer_;
   CaptureSession session_;
   std::optional<Photograph> ambient_;
@@ -343,7 +151,7 @@ void import_photographs(const ImportRequest& request, const std::vector<Imported
   for (const ImportedView& view : views)
     if (view.time) times[view.name] = *view.time;
   write_times(request.folder, times);
-  Merger merger(request);
+  SeriesMerger merger(request);
   std::optional<Photograph> ambient;
   if (!request.ambient.empty()) ambient = merger.merge(request.ambient, false);
   Progress progress("merging exposures", views.size());
@@ -378,7 +186,7 @@ ImportSummary import_series(const ImportRequest& request) {
   check(request);
   const auto views = views_of(request);
   // What is wrong with the options shows in the first photograph, before anything is written.
-  Merger(request).merge(views.front().bracket.paths, false);
+  SeriesMerger(request).merge(views.front().bracket.paths, false);
   if (request.makes_session()) emitted(request, views.front().light);
   ImportSummary summary;
   summary.photographs = views.size();

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/import/import_views.h"
+
+#include <algorithm>
+#include <set>
+
+#include "core/errors.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+bool same_file(const fs::path& a, const fs::path& b) {
+  std::error_code error;
+  return fs::equivalent(a, b, error);
+}
+
+std::vector<BracketGroup> group(const ImportRequest& request) {
+  std::vector<fs::path> files;
+  for (const fs::path& file : request.photographs)
+    if (std::ranges::none_of(request.ambient, [&](const fs::path& other) { return same_file(file, other); }))
+      files.push_back(file);
+  std::vector<std::optional<Seconds>> exposures(files.size());
+  if (request.rule.pattern.empty() && request.rule.count == 0) {
+    Progress progress("reading exposure times", files.size());
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      throw_if_interrupted();
+      exposures[i] = stated_exposure(files[i]);
+      progress.advance();
+    }
+  }
+  return group_brackets(files, exposures, request.rule);
+}
+
+std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups) {
+  std::vector<ImportedView> views;
+  for (const BracketGroup& bracket : groups) views.push_back({bracket, bracket.name, {}, {}});
+  return views;
+}
+
+std::vector<ImportedView> with_lights_by_order(const ImportRequest& request,
+                                               const std::vector<BracketGroup>& groups) {
+  if (groups.size() != request.lights.size())
+    throw InputError(std::to_string(groups.size()) + " brackets (the last begins with " +
+                     groups.back().paths.front().string() + ") but " + std::to_string(request.lights.size()) +
+                     " lights (the last is " + request.lights.back().string() +
+                     "); give as many of each, or pair them by name with --pattern");
+  std::vector<ImportedView> views;
+  for (std::size_t i = 0; i < groups.size(); ++i)
+    views.push_back({groups[i], request.lights[i].stem().string(), request.lights[i], {}});
+  return views;
+}
+
+std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
+                                              const std::vector<BracketGroup>& groups) {
+  std::vector<ImportedView> views;
+  std::set<std::string> used;
+  for (const BracketGroup& bracket : groups) {
+    const auto light = std::ranges::find(request.lights, bracket.name,
+                                         [](const fs::path& path) { return path.stem().string(); });
+    if (light == request.lights.end())
+      throw InputError(bracket.paths.front().string() + ": there is no light named '" + bracket.name +
+                       "'; add it, or pair brackets and lights by --lights-by order");
+    views.push_back({bracket, bracket.name, *light, {}});
+    used.insert(bracket.name);
+  }
+  for (const fs::path& light : request.lights)
+    if (!used.contains(light.stem().string()))
+      throw InputError(light.string() + ": no bracket is named '" + light.stem().string() +
+                       "'; add its photographs, or take the light out of the folder");
+  return views;
+}
+
+}  // namespace
+
+std::vector<ImportedView> views_of(const ImportRequest& request) {
+  const auto groups = group(request);
+  std::vector<ImportedView> views = !request.makes_session()  ? without_lights(groups)
+                                    : request.lights_by_order ? with_lights_by_order(request, groups)
+                                                              : with_lights_by_name(request, groups);
+  std::set<std::string> names;
+  for (ImportedView& view : views) {
+    if (!names.insert(view.name).second)
+      throw InputError(view.bracket.paths.front().string() + ": two photographs would be named '" +
+                       view.name + "'; rename one");
+    view.time = capture_time(view.bracket.paths.front());
+  }
+  return views;
+}
+
+FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place) {
+  if (name.starts_with("test")) return FrameRole::test;
+  if (name.starts_with("reference")) return FrameRole::reference;
+  const auto every = static_cast<std::size_t>(request.test_every);
+  return every > 0 && (place + 1) % every == 0 ? FrameRole::test : FrameRole::train;
+}
+
+}  // namespace refield

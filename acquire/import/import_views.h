@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/import/import_series.h"
+#include "acquire/series/capture_time.h"
+#include "core/capture_session.h"
+
+namespace refield {
+
+/// A bracket, the frame that it becomes, and its light.
+struct ImportedView {
+  BracketGroup bracket;
+  std::string name;
+  std::filesystem::path light;  ///< empty without a session
+  std::optional<ClockSeconds> time;
+};
+
+/// The request's photographs in brackets, each with its light where a session is made. Throws InputError
+/// naming the file when brackets and lights do not belong together or two views would have one name.
+std::vector<ImportedView> views_of(const ImportRequest& request);
+
+/// Role of the frame `name`, the `place`th of the session.
+FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place);
+
+/// What decides the content of an import, with names and sizes of its files: only the same can be resumed.
+std::string plan_of(const ImportRequest& request, const std::vector<ImportedView>& views);
+
+}  // namespace refield
