@@ -34,9 +34,9 @@ struct LightMap {
 };
 
 /// Direction that a point of a lat-long map stands for. `column` in [0, width], `row` in [0, height].
-/// Right-handed, +Y up: with φ = 2π·column/width and θ = π·row/height,
-/// direction = (−sin θ sin φ, cos θ, −sin θ cos φ): the centre column looks along +Z, the left edge along −Z,
-/// a quarter of the width from the left along −X. Row 0 is straight up.
+/// With φ = 2π·column/width and θ = π·row/height: direction = (−sin θ sin φ, cos θ, −sin θ cos φ). Someone
+/// inside who looks along +Z (centre column) has +X to the right, +Y above (row 0): not mirrored, thus
+/// left-handed axes; in a right-handed scene negate X or Z. The left edge is −Z, width/4 right of it is −X.
 Eigen::Vector3d lat_long_direction(double column, double row, int width, int height);
 
 /// Inverse of lat_long_direction: (column, row) of a unit direction, column in [0, width).
