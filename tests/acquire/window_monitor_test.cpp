@@ -13,6 +13,9 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/lsan_interface.h>
+#endif
 
 #include "core/errors.h"
 #include "core/files.h"
@@ -130,6 +133,11 @@ class WindowMonitorOnScreen : public ::testing::Test {
   }
   const TemporaryFolder folder_;
   std::unique_ptr<VirtualScreen> screen_;
+#ifdef __SANITIZE_ADDRESS__
+  // SDL and the libraries that it loads and unloads (D-Bus, X11) leave memory behind, under no name to
+  // suppress.
+  const __lsan::ScopedDisabler sdl_forgets_;
+#endif
 };
 
 TEST_F(WindowMonitorOnScreen, ShowsEveryLevelOfEveryPixel) {

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 
 #include "core/errors.h"
 #include "tests/acquire/calibrate/known_rig.h"
@@ -46,9 +47,28 @@ double tone_error(const MonitorCalibration& measured, const MonitorModel& monito
   return std::sqrt(squares);
 }
 
+/// What the tolerances are held to, for whoever wants to know by how much.
+void print_figures(const RigMeasurements& measured, const MonitorModel& monitor, const SensorModel& sensor) {
+  const auto per_cent = [](double value, double truth) { return 100.0 * (value / truth - 1.0); };
+  std::printf(
+      "response %.3f %% RMS; tone curves %.3f, %.3f, %.3f %% RMS\n",
+      100.0 * response_error(measured.camera, sensor), 100.0 * tone_error(measured.monitor, monitor, 0),
+      100.0 * tone_error(measured.monitor, monitor, 1), 100.0 * tone_error(measured.monitor, monitor, 2));
+  std::printf("electrons at saturation (gain) %+.2f %%, read noise %+.2f %%\n",
+              per_cent(measured.noise.full_well_electrons, sensor.full_well_electrons),
+              per_cent(measured.noise.read_noise_electrons, sensor.read_noise_electrons));
+  std::printf("display latency %+.3f ms, with settling %+.3f ms; control latency %d of %d frames\n",
+              1e3 * (measured.timing.display_latency - monitor.latency).count(),
+              1e3 * (measured.timing.display_latency + measured.timing.display_settling - monitor.latency -
+                     monitor.settling)
+                        .count(),
+              measured.control_latency.frames, sensor.control_latency_frames);
+}
+
 /// Electrons that a linear DN stands for follow from the scale of the table, which is free: compared are
 /// electrons.
 void expect_truth(const RigMeasurements& measured, const MonitorModel& monitor, const SensorModel& sensor) {
+  print_figures(measured, monitor, sensor);
   EXPECT_EQ(measured.control_latency.frames, sensor.control_latency_frames);
   EXPECT_LT(response_error(measured.camera, sensor), curve_rms);
   const double full = sensor.full_scale();
