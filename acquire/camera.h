@@ -42,6 +42,7 @@ struct CameraDescription {
   Seconds shortest_exposure{0};
   Seconds longest_exposure{0};
   Seconds frame_interval{0};
+  Seconds exposure_step{0};  ///< exposures are whole multiples of it; 0: any are
 };
 
 /// One frame as the sensor gave it.

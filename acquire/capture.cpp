@@ -239,7 +239,8 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
   request.check(described, display);
   FramePairing pairing(camera, illuminator, trigger, request.timing);
   std::string exposure_note;
-  const auto exposures = choose_exposures(request, described, display, pairing, exposure_note);
+  const auto exposures =
+      settable_exposures(choose_exposures(request, described, display, pairing, exposure_note), described);
   SessionWriter session(request.folder, capture_plan_text(request, exposures, described, display),
                         steps_of(request), request.if_exists);
   CaptureRun run(request, described, display, exposures, pairing, session);

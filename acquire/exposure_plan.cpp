@@ -67,6 +67,21 @@ void check_exposures(const std::vector<Seconds>& exposures, const CameraDescript
   }
 }
 
+Seconds settable_exposure(Seconds time, const CameraDescription& camera) {
+  if (camera.exposure_step.count() <= 0.0) return time;
+  const Seconds nearest = rounded_to_multiple(time, camera.exposure_step);
+  return std::clamp(nearest, camera.shortest_exposure, camera.longest_exposure);
+}
+
+std::vector<Seconds> settable_exposures(const std::vector<Seconds>& exposures,
+                                        const CameraDescription& camera) {
+  std::vector<Seconds> settable;
+  for (Seconds exposure : exposures)
+    if (const Seconds next = settable_exposure(exposure, camera); settable.empty() || next > settable.back())
+      settable.push_back(next);
+  return settable;
+}
+
 Seconds shortest_useful_exposure(const CameraDescription& camera, const CameraCalibration& calibration,
                                  const Probe& probe) {
   constexpr double clipped_allowed = 1e-3;

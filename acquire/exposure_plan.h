@@ -80,6 +80,12 @@ NoisePlan fewest_exposures(const SceneRange& range, const ExposurePlanOptions& o
                            const CameraDescription& camera, const CameraCalibration& calibration, double gain,
                            int frames_per_exposure);
 
+/// The exposure nearest to `time` that the camera can be set to, within its range.
+Seconds settable_exposure(Seconds time, const CameraDescription& camera);
+/// All of a plan, in growing order, each once.
+std::vector<Seconds> settable_exposures(const std::vector<Seconds>& exposures,
+                                        const CameraDescription& camera);
+
 /// Sentences about exposures that did not earn their time; empty when all did. `useful` as in
 /// MergeStatistics.
 std::vector<std::string> wasted_exposures(const std::vector<Seconds>& exposures,

@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <cmath>
 
+#include "acquire/exposure_plan.h"
 #include "core/errors.h"
 
 namespace refield {
@@ -43,6 +44,7 @@ void FramePairing::show(const DriveImage& pattern) {
 }
 
 void FramePairing::prepare(Seconds exposure, double gain) {
+  exposure = settable_exposure(exposure, description_);
   if (exposure == asked_exposure_ && gain == asked_gain_) return;
   longest_pending_ = std::max({longest_pending_, asked_exposure_, exposure});
   settings_made_ = camera_.set_exposure(exposure, gain);
@@ -52,6 +54,7 @@ void FramePairing::prepare(Seconds exposure, double gain) {
 }
 
 RawFrame FramePairing::photograph(Seconds exposure, double gain) {
+  exposure = settable_exposure(exposure, description_);
   prepare(exposure, gain);
   const auto early_before = counts_.early;
   const auto stale_before = counts_.stale;

@@ -27,10 +27,16 @@ Well well_of(const CameraCalibration& calibration, double gain) {
           calibration.read_noise_electrons * calibration.read_noise_electrons + per_dn * per_dn / 12.0};
 }
 
+/// What exposures are whole multiples of; 0: anything.
+Seconds unit_of(const ExposurePlanOptions& options, const CameraDescription& camera) {
+  return options.multiple_of.count() > 0.0 ? options.multiple_of : camera.exposure_step;
+}
+
 Seconds rounded_down(Seconds time, const ExposurePlanOptions& options, const CameraDescription& camera) {
-  if (options.multiple_of.count() > 0.0) {
+  const Seconds unit = unit_of(options, camera);
+  if (unit.count() > 0.0) {
     constexpr double rounding = 1e-9;
-    time = options.multiple_of * std::max(1.0, std::floor(time / options.multiple_of + rounding));
+    time = unit * std::max(1.0, std::floor(time / unit + rounding));
   }
   return std::clamp(time, camera.shortest_exposure, camera.longest_exposure);
 }
@@ -112,7 +118,7 @@ NoisePlan fewest_exposures(const SceneRange& range, const ExposurePlanOptions& o
       const Seconds middle(std::sqrt(enough.count() * short_of.count()));
       (noise_with(range.dark, middle) <= bound ? enough : short_of) = middle;
     }
-    const Seconds rounded_up = rounded_down(enough + options.multiple_of, options, camera);
+    const Seconds rounded_up = rounded_down(enough + unit_of(options, camera), options, camera);
     plan.exposures.push_back(std::max(plan.exposures.back(), std::min(next, rounded_up)));
   }
   constexpr int probes = 200;

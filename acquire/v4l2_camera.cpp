@@ -144,6 +144,7 @@ struct V4l2Camera::State {
       camera.shortest_exposure =
           exposure_step * static_cast<double>(std::max<std::int64_t>(control->lowest, 1));
       camera.longest_exposure = exposure_step * static_cast<double>(control->highest);
+      camera.exposure_step = exposure_step * static_cast<double>(std::max<std::int64_t>(control->step, 1));
     }
     return camera;
   }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "acquire/exposure_plan.h"
 #include "core/interrupt.h"
 
 namespace refield {
@@ -125,6 +126,7 @@ std::vector<Seconds> exposure_series(const CameraDescription& camera, Seconds lo
       time = unit * std::max(1.0, std::round(time / unit));
       if (time > camera.longest_exposure) time = unit * std::floor(camera.longest_exposure / unit);
     }
+    time = settable_exposure(time, camera);
     if (series.empty() || time > series.back()) series.push_back(time);
   }
   return series;

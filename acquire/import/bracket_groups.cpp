@@ -101,9 +101,9 @@ std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
   if (files.empty()) throw InputError("there is no photograph to import");
   if (rule.count < 0) throw InputError("--count is " + std::to_string(rule.count) + "; give 1 or more");
   if (!rule.pattern.empty() && rule.count > 0) throw InputError("give --pattern or --count, not both");
-  const auto groups = !rule.pattern.empty() ? by_pattern(files, rule.pattern)
-                      : rule.count > 0      ? by_count(files, rule.count)
-                                            : by_exposure(files, exposures);
+  auto groups = !rule.pattern.empty() ? by_pattern(files, rule.pattern)
+                : rule.count > 0      ? by_count(files, rule.count)
+                                      : by_exposure(files, exposures);
   for (const BracketGroup& group : groups)
     if (group.paths.size() != groups.front().paths.size())
       throw InputError(group.paths.front().string() + ": its bracket has " +

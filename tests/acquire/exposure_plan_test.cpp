@@ -164,5 +164,20 @@ TEST(NoisePlan, RangeIsMeteredFromTheScene) {
   EXPECT_NEAR(range.dark, 0.2 * 0.4 * 1.05, 0.01);
 }
 
+TEST(SettableExposures, AreWholeStepsOfTheCameraEachOnce) {
+  CameraDescription camera;
+  camera.shortest_exposure = Seconds(1e-4);
+  camera.longest_exposure = Seconds(0.5);
+  const std::vector<Seconds> wanted = {Seconds(2e-5), Seconds(1.2e-4), Seconds(0.003162), Seconds(0.7)};
+  EXPECT_EQ(settable_exposures(wanted, camera), wanted);  // any will do
+  camera.exposure_step = Seconds(1e-4);
+  const auto settable = settable_exposures(wanted, camera);
+  ASSERT_EQ(settable.size(), 3u);
+  constexpr double rounding = 1e-12;
+  EXPECT_NEAR(settable[0].count(), 1e-4, rounding);
+  EXPECT_NEAR(settable[1].count(), 0.0032, rounding);
+  EXPECT_NEAR(settable[2].count(), 0.5, rounding);
+}
+
 }  // namespace
 }  // namespace refield
