@@ -17,9 +17,9 @@ void order_lights(std::vector<CaptureLight>& lights, const std::string& order, s
   if (order == "given") return;
   if (order != "random" && order != "useful")
     throw InputError("--order " + order + ": give useful, given or random");
-  const auto others = std::ranges::stable_partition(
-      lights, [](const CaptureLight& light) { return light.role == FrameRole::train; });
-  const std::vector<CaptureLight> trained(lights.begin(), others.begin());
+  const auto others = std::stable_partition(
+      lights.begin(), lights.end(), [](const CaptureLight& light) { return light.role == FrameRole::train; });
+  const std::vector<CaptureLight> trained(lights.begin(), others);
   std::vector<int> places;
   if (order == "random") {
     places = random_order(static_cast<int>(trained.size()), seed);
