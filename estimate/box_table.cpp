@@ -36,8 +36,8 @@ BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
       stride_(padded_length(images)),
       hats_(hats),
       hat_sums_(std::size_t{3} * hats.count() * images),
-      prefix_(std::make_shared<std::vector<double>>(static_cast<std::size_t>(domain.width + 1) *
-                                                    (domain.height + 1) * 3 * images)) {}
+      prefix_(std::make_shared<AlignedDoubles>(static_cast<std::size_t>(domain.width + 1) *
+                                               (domain.height + 1) * 3 * images)) {}
 
 BoxTable BoxTable::subset(const std::vector<int>& images) const {
   BoxTable part = *this;

@@ -9,6 +9,7 @@
 #include "core/box.h"
 #include "core/hat_grid.h"
 #include "core/light_map.h"
+#include "estimate/aligned_memory.h"
 
 namespace refield {
 
@@ -60,8 +61,8 @@ class BoxTable {
   std::vector<int> selected_;  // which of the stored images; empty: all
   std::size_t stride_;
   HatGrid hats_;
-  std::vector<double> hat_sums_;                 // [hats × 3 × images]
-  std::shared_ptr<std::vector<double>> prefix_;  // [(height+1) × (width+1) × 3 × images]
+  std::vector<double> hat_sums_;            // [hats × 3 × images]
+  std::shared_ptr<AlignedDoubles> prefix_;  // [(height+1) × (width+1) × 3 × images]
 };
 
 }  // namespace refield

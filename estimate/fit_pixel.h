@@ -9,7 +9,7 @@
 #include "estimate/kernel_cache.h"
 #include "estimate/nnls.h"
 #include "estimate/options.h"
-#include "estimate/vector_kernels.h"
+#include "estimate/aligned_memory.h"
 
 namespace refield {
 

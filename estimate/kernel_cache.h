@@ -8,7 +8,7 @@
 #include "estimate/box_table.h"
 #include "estimate/options.h"
 #include "estimate/smooth_space.h"
-#include "estimate/vector_kernels.h"
+#include "estimate/aligned_memory.h"
 
 namespace refield {
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimate/vector_kernels.h"
+
 namespace refield {
 
 namespace {

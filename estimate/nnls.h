@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "estimate/vector_kernels.h"
+#include "estimate/aligned_memory.h"
 
 namespace refield {
 

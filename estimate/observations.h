@@ -6,7 +6,7 @@
 
 #include "core/capture_session.h"
 #include "core/metrics.h"
-#include "estimate/vector_kernels.h"
+#include "estimate/aligned_memory.h"
 
 namespace refield {
 

@@ -1,28 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstddef>
-#include <new>
-#include <vector>
+
+#include "estimate/aligned_memory.h"
 
 namespace refield {
-
-/// Memory that starts at a cache line.
-template <class T>
-struct AlignedAllocator {
-  using value_type = T;
-  AlignedAllocator() = default;
-  template <class U>
-  AlignedAllocator(const AlignedAllocator<U>&) {}
-  T* allocate(std::size_t count) {
-    return static_cast<T*>(::operator new (count * sizeof(T), std::align_val_t{64}));
-  }
-  void deallocate(T* memory, std::size_t) { ::operator delete (memory, std::align_val_t{64}); }
-  template <class U>
-  bool operator==(const AlignedAllocator<U>&) const {
-    return true;
-  }
-};
-using AlignedFloats = std::vector<float, AlignedAllocator<float>>;
 
 /// The estimator's columns are vectors over the training images, padded with zeros to a multiple of this many
 /// floats and aligned to cache lines, so that the kernels below need no tails.

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/aligned_memory.h"
+
+#include <sys/mman.h>
+
+#include <new>
+
+namespace refield {
+
+namespace {
+constexpr std::size_t huge_page = std::size_t{2} << 20;
+
+std::align_val_t alignment_of(std::size_t bytes) {
+  return std::align_val_t{bytes < 4 * huge_page ? 64 : huge_page};
+}
+}  // namespace
+
+void* allocate_aligned(std::size_t bytes) {
+  void* memory = ::operator new(bytes, alignment_of(bytes));
+  // Advice only: a kernel without huge pages gives small ones.
+  if (bytes >= 4 * huge_page) madvise(memory, bytes, MADV_HUGEPAGE);
+  return memory;
+}
+
+void free_aligned(void* memory, std::size_t bytes) {
+  ::operator delete(memory, alignment_of(bytes));
+}
+
+}  // namespace refield
