@@ -28,7 +28,7 @@ class BlockFitter {
   /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
   /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
   /// `old`: empty, or for each pixel rectangles that it had in an earlier fit to fewer images; they take the
-  /// place of trees, but for the pixel explained worst.
+  /// place of trees where the error that they leave is small.
   std::vector<PixelKernels> fit(std::span<const PixelSamples> samples, int width,
                                 std::span<const std::vector<Box>> old = {});
 
@@ -68,9 +68,11 @@ class BlockFitter {
   std::vector<int> channels_to_search(const Group& pixels) const;
   /// Takes the old rectangles of the pixels, or grows a tree from the means of alike pixels.
   void take_or_grow(const Group& pixels);
+  /// Whether its error with this fit is at least this part of the picture's root mean square.
+  bool matters(const Pixel& pixel, const PixelKernels& fit, double part) const;
   /// What a pixel deserves that is fitted like this.
   Effort effort_for(const Pixel& pixel, const PixelKernels& fit) const;
-  /// With a tree of its own.
+  /// With a tree of its own, or its own old rectangles.
   Fitted fit_alone(Pixel& pixel);
   /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
   void sort_alike(const Group& pixels);

@@ -55,6 +55,13 @@ bool RunningProgram::kill_after(std::chrono::duration<double> delay) {
   return wait() == -SIGKILL;
 }
 
+bool RunningProgram::kill_at(const fs::path& sign, std::chrono::duration<double> patience) {
+  const auto end = std::chrono::steady_clock::now() + patience;
+  while (!fs::exists(sign) && std::chrono::steady_clock::now() < end)
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return kill_after(std::chrono::duration<double>(0));
+}
+
 int run_program(std::vector<std::string> arguments, const fs::path& log) {
   return RunningProgram(std::move(arguments), log).wait();
 }
