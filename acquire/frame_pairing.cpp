@@ -17,7 +17,7 @@ constexpr double setting_tolerance = 0.01;
 // Settings take 2 to 4 frames to act on real cameras; much later means that they never will.
 constexpr int most_stale_frames = 64;
 constexpr int most_early_frames = 100'000;
-constexpr Seconds patience{2.0};  // beyond exposure and frame interval
+constexpr Seconds patience{5.0};  // beyond exposure and frame interval; a busy machine may stall for two
 
 bool close_to(double value, double asked) {
   return std::abs(value - asked) <= setting_tolerance * asked;
