@@ -28,8 +28,10 @@ std::vector<int> image_counts(int available) {
 }
 
 std::string series_name(const EstimateOptions& options) {
-  return std::string(name_of(options.mode)) + ", " + (options.kernels > 0 ? std::to_string(options.kernels) + " kernels" : "kernels by the data") +
-         (options.mode == EstimateMode::paper && options.spatial_passes == 0 ? ", no spatial correction" : "");
+  return std::string(name_of(options.mode)) + ", " +
+         (options.kernels > 0 ? std::to_string(options.kernels) + " kernels" : "kernels by the data") +
+         (options.mode == EstimateMode::paper && options.spatial_passes == 0 ? ", no spatial correction"
+                                                                             : "");
 }
 
 bool same_way(const EstimateOptions& a, const EstimateOptions& b) {

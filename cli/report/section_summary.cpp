@@ -59,16 +59,17 @@ std::string field_table(const ReportInput& input) {
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
     const FieldEntry& entry = input.fields[f];
     const double pixels = static_cast<double>(entry.field.width) * entry.field.height;
-    html +=
-        "<tr><td><span class=\"key c" + std::to_string(f % 6) + "\"><i></i>" + escaped(entry.label) +
-        "</span></td><td>" + escaped(entry.options_recorded ? name_of(entry.options.mode) : "not recorded") +
-        "</td><td class=\"num\">" + (!entry.options_recorded         ? "–"
-         : entry.options.kernels > 0 ? std::to_string(entry.options.kernels)
-                                     : std::string("by the data")) +
-        "</td><td class=\"num\">" + fixed(entry.statistics.mean_stored, 1) + "</td><td class=\"num\">" +
-        std::to_string(entry.statistics.distinct_boxes) + "</td><td class=\"num\">" +
-        bytes_text(static_cast<double>(entry.file_bytes)) + "</td><td class=\"num\">" +
-        significant(static_cast<double>(entry.file_bytes) / pixels, 3) + "</td></tr>";
+    html += "<tr><td><span class=\"key c" + std::to_string(f % 6) + "\"><i></i>" + escaped(entry.label) +
+            "</span></td><td>" +
+            escaped(entry.options_recorded ? name_of(entry.options.mode) : "not recorded") +
+            "</td><td class=\"num\">" +
+            (!entry.options_recorded     ? "–"
+             : entry.options.kernels > 0 ? std::to_string(entry.options.kernels)
+                                         : std::string("by the data")) +
+            "</td><td class=\"num\">" + fixed(entry.statistics.mean_stored, 1) + "</td><td class=\"num\">" +
+            std::to_string(entry.statistics.distinct_boxes) + "</td><td class=\"num\">" +
+            bytes_text(static_cast<double>(entry.file_bytes)) + "</td><td class=\"num\">" +
+            significant(static_cast<double>(entry.file_bytes) / pixels, 3) + "</td></tr>";
   }
   return html + "</tbody></table></div>";
 }
