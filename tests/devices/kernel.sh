@@ -23,7 +23,7 @@ cd "$folder"
 rm -rf root source drivers done
 
 fetch() {
-  ls "debs/$1"_*.deb >/dev/null 2>&1 || (cd debs && apt-get download -qq "$1" >&2)
+  ls "debs/$1"_*.deb >/dev/null 2>&1 || (cd debs && apt-get -o APT::Sandbox::User=root download -qq "$1" >&2)
   dpkg -x "debs/$1"_*.deb root
 }
 fetch "$image"
