@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "core/predicted_error.h"
+#include "estimate/aligned_memory.h"
 #include "estimate/kernel_cache.h"
 #include "estimate/nnls.h"
 #include "estimate/options.h"
-#include "estimate/aligned_memory.h"
 
 namespace refield {
 

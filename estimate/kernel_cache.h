@@ -5,10 +5,10 @@
 #include <unordered_map>
 #include <vector>
 
+#include "estimate/aligned_memory.h"
 #include "estimate/box_table.h"
 #include "estimate/options.h"
 #include "estimate/smooth_space.h"
-#include "estimate/aligned_memory.h"
 
 namespace refield {
 

@@ -58,8 +58,7 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
           for (Eigen::Index k = 0; k < kernels; ++k) A(j, k) = set.columns[c][k][j];
         }
         const Eigen::VectorXd x = A.colPivHouseholderQr().solve(y);
-        for (Eigen::Index k = 0; k < kernels; ++k)
-          predicted += x[k] * set.columns[c][k][out];
+        for (Eigen::Index k = 0; k < kernels; ++k) predicted += x[k] * set.columns[c][k][out];
         squared += (b[out] - predicted) * (b[out] - predicted);
       }
     return squared;

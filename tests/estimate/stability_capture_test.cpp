@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Captures that say little or say it badly: few images, lights that are alike, noise, clipping, a sun, odd sizes
-// of the light map, colours that mix.
+// Captures that say little or say it badly: few images, lights that are alike, noise, clipping, a sun, odd
+// sizes of the light map, colours that mix.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +21,9 @@ namespace {
 /// The field is never worse than the better baseline by more than this factor.
 constexpr double worst_against_baselines = 1.25;
 
-std::string percent(double share) { return std::to_string(static_cast<int>(std::lround(100.0 * share))) + " %"; }
+std::string percent(double share) {
+  return std::to_string(static_cast<int>(std::lround(100.0 * share))) + " %";
+}
 
 EstimateOptions options_without_checks() {
   EstimateOptions options;
@@ -71,8 +73,8 @@ TEST(PoorCapture, LightsThatAreAlikeCountAsFewer) {
     std::vector<LightMap> lights = scene.lights;
     for (std::size_t j = 0; j < lights.size(); ++j)
       for (std::size_t i = 0; i < lights[j].radiance.values.size(); ++i)
-        lights[j].radiance.values[i] = static_cast<float>((1.0 - own) * scene.lights[j % 10].radiance.values[i] +
-                                                          own * scene.lights[j].radiance.values[i]);
+        lights[j].radiance.values[i] = static_cast<float>(
+            (1.0 - own) * scene.lights[j % 10].radiance.values[i] + own * scene.lights[j].radiance.values[i]);
     stable_error(scene, lights, 0.01, "lights that are alike",
                  "10 lights 8 times, " + percent(own) + " their own", undisturbed);
   }
@@ -108,8 +110,10 @@ TEST(PoorCapture, ClippedSamplesAreLeftOutUpToAThird) {
     const double found = scene.error(estimate_field(session, knowing));
     const double unknowing = scene.error(estimate_field(session, options_without_checks()));
     const double constant = scene.error_of_constant(session), ridge = scene.error_of_ridge(session);
-    test::record_figure({"clipping", percent(clipped) + ", --clip given", found, undisturbed, constant, ridge});
-    test::record_figure({"clipping", percent(clipped) + ", taken as measured", unknowing, undisturbed, constant, ridge});
+    test::record_figure(
+        {"clipping", percent(clipped) + ", --clip given", found, undisturbed, constant, ridge});
+    test::record_figure(
+        {"clipping", percent(clipped) + ", taken as measured", unknowing, undisturbed, constant, ridge});
     EXPECT_LE(found, worst_against_baselines * std::min(constant, ridge));
     EXPECT_LT(found, unknowing);
   }
@@ -146,8 +150,8 @@ TEST(PoorCapture, ColoursThatMixAreBeyondTheModelAndDegradeGently) {
         }
       });
     const double found = scene.error(estimate_field(session, options_without_checks()));
-    test::record_figure({"colours that mix", percent(mixed), found, undisturbed, scene.error_of_constant(session),
-                         scene.error_of_ridge(session)});
+    test::record_figure({"colours that mix", percent(mixed), found, undisturbed,
+                         scene.error_of_constant(session), scene.error_of_ridge(session)});
     EXPECT_LE(found, mixed + 0.02);
   }
 }
@@ -157,7 +161,8 @@ TEST(PoorCapture, LightMapsOfOneTexelAndOfPrimeSizesWork) {
     SCOPED_TRACE(std::to_string(width) + "×" + std::to_string(height));
     const test::TemporaryFolder folder;
     const auto lights = test::random_lights(40, width, height, 6);
-    const auto truth = test::field_of_boxes(9, 7, lights[0].domain(), {{0, 0, width, height}, {0, 0, 1, 1}}, 3);
+    const auto truth =
+        test::field_of_boxes(9, 7, lights[0].domain(), {{0, 0, width, height}, {0, 0, 1, 1}}, 3);
     const auto session = test::write_capture(folder / "session", truth, lights, 0.01);
     const auto field = estimate_field(session, options_without_checks());
     std::vector<Image> predicted, exact;

@@ -24,7 +24,8 @@ class RunningProgram {
   std::uint64_t peak_memory_bytes() const { return peak_memory_bytes_; }
   /// Waits for that long, then kill -9. False when the program had ended by itself.
   bool kill_after(std::chrono::duration<double> delay);
-  /// Waits until `sign` exists, for `patience` at most, then kill -9. False when the program had ended by itself.
+  /// Waits until `sign` exists, for `patience` at most, then kill -9. False when the program had ended by
+  /// itself.
   bool kill_at(const std::filesystem::path& sign, std::chrono::duration<double> patience);
 
  private:
