@@ -104,6 +104,7 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
 std::optional<Seconds> stated_exposure(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
+  read_image_header(path);  // for its checks
   const auto input = OIIO::ImageInput::open(path.string());
   if (!input) throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + "); copy it again");
   return exposure_of(input->spec());

@@ -51,17 +51,23 @@ std::optional<std::string> match_wildcards(std::string_view pattern, std::string
   return rest;
 }
 
-bool is_image_file(const fs::path& path) {
-  static const std::vector<std::string> known = {
-      ".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm",
-      // cameras' own
-      ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"};
+/// Whether the extension, in whatever case, is one of `known`.
+bool has_extension(const fs::path& path, std::initializer_list<std::string_view> known) {
   std::string extension = path.extension().string();
   std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
   return std::ranges::find(known, extension) != known.end();
 }
 
+bool is_image_file(const fs::path& path) {
+  return has_extension(path, {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm"}) ||
+         is_camera_raw(path);
+}
+
 }  // namespace
+
+bool is_camera_raw(const fs::path& path) {
+  return has_extension(path, {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"});
+}
 
 void write_atomically(const fs::path& path, const std::function<void(const fs::path&)>& write) {
   const fs::path temporary = folder_of(path) / (".partial-" + path.filename().string());

@@ -19,6 +19,9 @@ void write_text_atomically(const std::filesystem::path& path, std::string_view t
 /// Whole file as text. Throws DeviceError when it cannot be read.
 std::string read_text(const std::filesystem::path& path);
 
+/// Whether a file's name is that of a camera's own format (DNG, CR2, NEF and others).
+bool is_camera_raw(const std::filesystem::path& path);
+
 /// Creates a folder and its parents. Throws DeviceError when the system refuses.
 void create_folders(const std::filesystem::path& folder);
 

@@ -14,17 +14,13 @@
 
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/image_header.h"
 
 namespace refield {
 
 namespace fs = std::filesystem;
 
 namespace {
-
-constexpr std::int64_t max_side_px = 1 << 16;  // beyond this a header is taken as hostile
-// No compression of real images reaches this; a header that promises more than the file can hold is damaged.
-constexpr std::uint64_t max_compression = 5000;
-constexpr std::uint64_t always_allowed_bytes = 64 << 20;
 
 /// Debian's OpenImageIO prints its debugging notes to standard error unless told not to; errors reach us as
 /// results.
@@ -33,26 +29,39 @@ void silence_openimageio() {
   static_cast<void>(done);
 }
 
+/// The one decoder that the content asks for. OpenImageIO itself would try all of its decoders on a file that
+/// the one of its name refuses, among them some that a hostile file can crash. RAW files, which are told by
+/// their names, are left to it.
+std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
+  const auto fail = [&](const std::string& why) {
+    throw FormatError(path, "cannot be read as an image (" + why + "); check that the file is complete");
+  };
+  if (is_camera_raw(path)) {
+    auto input = OIIO::ImageInput::open(path.string());
+    if (!input) fail(OIIO::geterror());
+    return input;
+  }
+  const auto format = image_format(path);
+  if (!format) fail("it is none of EXR, HDR, PNG, JPEG, TIFF and PFM");
+  check_image_header(path, *format);
+  auto input = OIIO::ImageInput::create(name_of(*format));
+  OIIO::ImageSpec spec;
+  if (!input) fail(OIIO::geterror());
+  if (!input->open(path.string(), spec)) fail(input->geterror());
+  return input;
+}
+
 std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
   if (!fs::is_regular_file(path, error)) throw FormatError(path, "is not a file; name an image");
   silence_openimageio();
-  auto input = OIIO::ImageInput::open(path.string());
-  if (!input)
-    throw FormatError(
-        path, "cannot be read as an image (" + OIIO::geterror() + "); check that the file is complete");
+  auto input = open_with_decoder(path);
   const auto& spec = input->spec();
-  if (spec.width <= 0 || spec.height <= 0 || spec.width > max_side_px || spec.height > max_side_px ||
-      spec.depth > 1 || spec.nchannels < 1)
-    throw FormatError(
-        path, "has impossible dimensions " + std::to_string(spec.width) + "×" + std::to_string(spec.height));
-  const std::uint64_t bytes =
-      static_cast<std::uint64_t>(spec.width) * spec.height * spec.nchannels * sizeof(float);
-  if (bytes > always_allowed_bytes && bytes / max_compression > fs::file_size(path))
-    throw FormatError(path, "is too small for the " + std::to_string(spec.width) + "×" +
-                                std::to_string(spec.height) +
-                                " pixels that its header promises; the file is damaged or truncated");
+  if (spec.depth > 1) throw FormatError(path, "has impossible dimensions: it is a volume, not an image");
+  require_plausible({spec.width, spec.height, spec.nchannels,
+                     static_cast<std::int64_t>(spec.tile_width) * spec.tile_height, 0},
+                    path);
   return input;
 }
 

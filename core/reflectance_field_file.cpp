@@ -6,15 +6,17 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cerrno>
 #include <cmath>
-#include <optional>
+#include <fstream>
 #include <type_traits>
 #include <utility>
 
 #include "core/errors.h"
 #include "core/field_part.h"
 #include "core/files.h"
+#include "core/hdf5_outline.h"
 
 namespace refield {
 
@@ -79,6 +81,18 @@ hid_t stored_type() {
     return H5T_STD_U64LE;
 }
 
+template <class T>
+std::string_view stored_type_name() {
+  if constexpr (std::is_same_v<T, float>)
+    return "f4";
+  else if constexpr (std::is_same_v<T, std::int32_t>)
+    return "i4";
+  else if constexpr (std::is_same_v<T, std::uint32_t>)
+    return "u4";
+  else
+    return "u8";
+}
+
 /// CRC-32 as zlib, PNG and Python's zlib.crc32 define it. HDF5 guards its own structures by checksums, not
 /// the values.
 std::uint32_t crc32_of(const void* values, std::size_t bytes) {
@@ -127,67 +141,54 @@ struct Writer {
   }
 };
 
+/// Everything that a reader asks for.
+constexpr std::array data_set_names = {
+    "basis/boxes",
+    "transfer/row_start",
+    "transfer/column",
+    "transfer/weight",
+    "statistics/training_error",
+    "statistics/error_evidence",
+    "statistics/learning_curve",
+    "statistics/predicted_error",
+    "statistics/photograph_noise",
+};
+
 struct Reader {
-  hid_t file;
+  Hdf5Outline outline;
   const fs::path& path;
 
   [[noreturn]] void fail(const std::string& what) const {
     throw FormatError(path, what + "; the file is damaged or was not written by refield: make it again");
   }
 
-  bool has(const char* name) const { return H5Lexists(file, name, H5P_DEFAULT) > 0; }
+  bool has(const char* name) const { return outline.data_sets.contains(name); }
 
   template <class T>
   std::vector<T> dataset(const char* name, std::size_t columns) const {
-    const Handle set(H5Dopen2(file, name, H5P_DEFAULT), H5Dclose);
-    if (!set.valid()) fail(std::string("has no data set '") + name + "'");
-    const Handle space(H5Dget_space(set), H5Sclose);
-    const int rank = H5Sget_simple_extent_ndims(space);
-    std::array<hsize_t, 2> shape = {0, 1};
-    if (rank < 1 || rank > 2 || H5Sget_simple_extent_dims(space, shape.data(), nullptr) != rank ||
-        shape[1] != columns)
-      fail(std::string("data set '") + name + "' has the wrong shape");
-    const Handle type(H5Dget_type(set), H5Tclose);
-    if (H5Tequal(type, stored_type<T>()) <= 0)
-      fail(std::string("data set '") + name + "' has the wrong type");
+    const auto fail_set = [&](const char* what) { fail(std::string("data set '") + name + "' " + what); };
+    if (!has(name)) fail(std::string("has no data set '") + name + "', uncompressed and in one piece");
+    const Hdf5DataSet& set = outline.data_sets.at(name);
+    if ((set.shape.size() > 1 ? set.shape[1] : 1) != columns) fail_set("has the wrong shape");
+    if (set.type != stored_type_name<T>()) fail_set("has the wrong type");
     // A header may promise more than the file holds.
-    const hsize_t bytes = shape[0] * shape[1] * sizeof(T);
-    if (shape[0] > fs::file_size(path) || bytes > fs::file_size(path) || H5Dget_storage_size(set) != bytes)
-      fail(std::string("data set '") + name + "' is truncated");
-    std::vector<T> values(shape[0] * shape[1]);
-    if (!values.empty() && H5Dread(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
-      fail(std::string("data set '") + name + "' cannot be read");
-    if (const auto crc = stored_crc(set); crc && *crc != crc32_of(values.data(), bytes))
-      fail(std::string("data set '") + name + "' does not match its checksum");
+    const std::uint64_t held = fs::file_size(path), rows = set.shape[0], bytes = rows * columns * sizeof(T);
+    if (rows > held || bytes != set.bytes || bytes > held || (bytes > 0 && set.offset > held - bytes))
+      fail_set("is truncated");
+    std::vector<T> values(rows * columns);
+    std::ifstream file(path, std::ios::binary);
+    if (bytes > 0 && !file.seekg(static_cast<std::streamoff>(set.offset))
+                          .read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(bytes)))
+      fail_set("cannot be read");
+    // Absent where another program wrote the file and left the checksum out.
+    if (set.crc32 && *set.crc32 != crc32_of(values.data(), bytes)) fail_set("does not match its checksum");
     return values;
   }
 
-  /// nullopt where another program wrote the file and left the checksum out.
-  std::optional<std::uint32_t> stored_crc(hid_t set) const {
-    if (H5Aexists(set, crc_name) <= 0) return std::nullopt;
-    const Handle attribute(H5Aopen(set, crc_name, H5P_DEFAULT), H5Aclose);
-    const Handle type(H5Aget_type(attribute), H5Tclose);
-    const Handle space(H5Aget_space(attribute), H5Sclose);
-    std::uint32_t crc = 0;
-    if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_npoints(space) != 1 ||
-        H5Aread(attribute, H5T_NATIVE_UINT32, &crc) < 0)
-      fail("a checksum cannot be read");
-    return crc;
-  }
-
-  std::string text(const char* name) const {
-    const Handle attribute(H5Aopen(file, name, H5P_DEFAULT), H5Aclose);
-    if (!attribute.valid()) fail(std::string("has no attribute '") + name + "'");
-    const Handle type(H5Aget_type(attribute), H5Tclose);
-    const Handle space(H5Aget_space(attribute), H5Sclose);
-    if (H5Tget_class(type) != H5T_STRING || H5Tis_variable_str(type) != 0 ||
-        H5Sget_simple_extent_npoints(space) != 1 || H5Tget_size(type) > fs::file_size(path))
-      fail(std::string("attribute '") + name + "' is no text");
-    std::string value(H5Tget_size(type), '\0');
-    if (H5Aread(attribute, type, value.data()) < 0)
-      fail(std::string("attribute '") + name + "' cannot be read");
-    value.resize(value.find_last_not_of('\0') + 1);
-    return value;
+  const std::string& text(const char* name) const {
+    const auto found = outline.texts.find(name);
+    if (found == outline.texts.end()) fail(std::string("has no attribute '") + name + "' that is a text");
+    return found->second;
   }
 
   Parameterisation parameterisation() const {
@@ -199,15 +200,11 @@ struct Reader {
   }
 
   std::int32_t number(const char* name) const {
-    const Handle attribute(H5Aopen(file, name, H5P_DEFAULT), H5Aclose);
-    std::int32_t value = 0;
-    if (!attribute.valid()) fail(std::string("has no attribute '") + name + "'");
-    const Handle type(H5Aget_type(attribute), H5Tclose);
-    const Handle space(H5Aget_space(attribute), H5Sclose);
-    if (H5Tget_class(type) != H5T_INTEGER || H5Sget_simple_extent_npoints(space) != 1 ||
-        H5Aread(attribute, H5T_NATIVE_INT32, &value) < 0)
-      fail(std::string("attribute '") + name + "' is no number");
-    return value;
+    const auto found = outline.numbers.find(name);
+    if (found == outline.numbers.end()) fail(std::string("has no attribute '") + name + "' that is a number");
+    if (!std::in_range<std::int32_t>(found->second))
+      fail(std::string("attribute '") + name + "' is out of range");
+    return static_cast<std::int32_t>(found->second);
   }
 };
 
@@ -321,19 +318,19 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
   });
 }
 
-/// Opens a field or a part and leaves `format` with what the file says it is.
-Handle open_field(const fs::path& path, std::string& format) {
-  const SilencedErrors silenced;
+/// Looks into a field or a part and leaves `format` with what the file says it is.
+Reader open_field(const fs::path& path, std::string& format) {
+  static_assert(std::endian::native == std::endian::little, "values are taken from the file as they stand");
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
   if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
     throw FormatError(path,
                       "is not a reflectance field (no HDF5 file); give a file that 'refield estimate' wrote");
-  Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
-  if (!file.valid())
+  auto outline = read_hdf5_outline(path, data_set_names);
+  if (!outline)
     throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
-  const Reader reader{file, path};
-  if (H5Aexists(file, "format") > 0) format = reader.text("format");
+  Reader reader{std::move(*outline), path};
+  if (reader.outline.texts.contains("format")) format = reader.text("format");
   if (format != format_name && format != part_format_name)
     throw FormatError(
         path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
@@ -341,7 +338,7 @@ Handle open_field(const fs::path& path, std::string& format) {
     throw FormatError(path, "has format version " + std::to_string(version) +
                                 ", this program reads version " + std::to_string(reflectance_field_version) +
                                 "; use the matching refield or estimate the field again");
-  return file;
+  return reader;
 }
 
 /// Sizes, light and provenance: what a reader needs before it asks for the numbers.
@@ -394,8 +391,7 @@ void read_content(const Reader& reader, ReflectanceField& field) {
 
 FieldPart read_part(const fs::path& path, bool with_content) {
   std::string format;
-  const Handle file = open_field(path, format);
-  const Reader reader{file, path};
+  const Reader reader = open_field(path, format);
   if (format != part_format_name)
     throw InputError(path.string() +
                      ": is a whole field, not a part of one; give files that 'refield estimate --rows' made");
@@ -419,8 +415,7 @@ void write_reflectance_field(const fs::path& path, const ReflectanceField& field
 
 ReflectanceField read_reflectance_field(const fs::path& path) {
   std::string format;
-  const Handle file = open_field(path, format);
-  const Reader reader{file, path};
+  const Reader reader = open_field(path, format);
   if (format == part_format_name)
     throw InputError(path.string() + ": holds rows " + std::to_string(reader.number("first_row")) + " to " +
                      std::to_string(reader.number("last_row") - 1) + " of a field of " +
@@ -434,7 +429,7 @@ ReflectanceField read_reflectance_field(const fs::path& path) {
 bool is_field_part(const fs::path& path) {
   try {
     std::string format;
-    const Handle file = open_field(path, format);
+    open_field(path, format);
     return format == part_format_name;
   } catch (const Error&) {
     return false;

@@ -18,7 +18,6 @@ namespace fs = std::filesystem;
 namespace {
 
 using Section = ConfigSection;
-constexpr double unlimited = ConfigSection::unlimited;
 
 void read_colour(Section& section, const std::string& key, Rgb& value, double high) {
   std::array<double, 3> v{value[0], value[1], value[2]};

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace refield {
+
+/// Where in an HDF5 file a data set's values lie, in one piece.
+struct Hdf5DataSet {
+  std::string type;  ///< "f4", "i4", "u4", "u8": little-endian; else ""
+  std::vector<std::uint64_t> shape;
+  std::uint64_t offset = 0;            ///< bytes from the file's begin; of no meaning where nothing is stored
+  std::uint64_t bytes = 0;             ///< stored
+  std::optional<std::uint32_t> crc32;  ///< the attribute of that name
+};
+
+/// What stands in an HDF5 file, without the values of its data sets.
+struct Hdf5Outline {
+  std::map<std::string, std::int64_t> numbers;  ///< attributes of the root: scalar integers
+  std::map<std::string, std::string> texts;     ///< and scalar texts of fixed length
+  std::map<std::string, Hdf5DataSet> data_sets;
+};
+
+/// Reads attributes of the root and the named data sets, where present. HDF5's library (1.10) crashes on many
+/// damaged files, so it runs in a process of its own (run_isolated()), and the caller reads the values
+/// itself. nullopt where the file is no HDF5 file or the library did not survive it. Data sets that are not
+/// stored in one piece in this very file (chunked, compressed, external, virtual) are left out.
+std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
+                                             std::span<const char* const> data_sets);
+
+}  // namespace refield

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+
+namespace refield {
+
+/// What work in a process of its own may use. Generous for what reads the structure of a file.
+struct IsolationLimits {
+  std::uint64_t memory_bytes = std::uint64_t{1} << 30;  ///< above what the parent has; not kept under ASan
+  int cpu_seconds = 20;
+  std::size_t answer_bytes = std::size_t{64} << 20;
+};
+
+/// Runs `work` in a child process and returns its answer: for libraries that a hostile file can crash, hang
+/// or make eat memory. nullopt where it did any of that, threw, or answered too long. `work` must not use
+/// threads or leave anything behind. Keeps accidents in, not intruders: the child has the parent's rights.
+/// Throws DeviceError when the system gives no process.
+std::optional<std::string> run_isolated(const std::function<std::string()>& work,
+                                        const IsolationLimits& limits = {});
+
+}  // namespace refield
