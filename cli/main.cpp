@@ -45,6 +45,7 @@ int run(int argc, char** argv) {
   refield::cli::add_relight(app, common, action);
   refield::cli::add_compare(app, common, action);
   refield::cli::add_chart(app, common, action);
+  refield::cli::add_export_web(app, common, action);
   refield::cli::add_info(app, common, action);
   refield::cli::add_report(app, common, action);
   try {

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// The field's data come as scripts, since pages opened from disk may not fetch files: data.js describes the arrays, each
+// data-NNN.js hands over a part of one.
+'use strict';
+
+const refield = (() => {
+  let description = null;
+  let received = null;
+
+  function loadScript(name) {
+    return new Promise((resolve, reject) => {
+      const script = document.createElement('script');
+      script.src = name;
+      script.onload = () => { script.remove(); resolve(); };
+      script.onerror = () => reject(new Error(`${name} is missing; copy the whole folder`));
+      document.head.append(script);
+    });
+  }
+
+  function bytesOfBase64(text) {
+    if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
+    const binary = atob(text);
+    const bytes = new Uint8Array(binary.length);
+    for (let i = 0; i < bytes.length; ++i) bytes[i] = binary.charCodeAt(i);
+    return bytes;
+  }
+
+  async function inflated(bytes) {
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  /// An array whose bytes were written by significance, the lowest of all values first.
+  async function loadArray({values, bytes, parts}, onPart) {
+    const result = bytes === 2 ? new Uint16Array(values) : new Uint32Array(values);
+    let at = 0, significance = 0;
+    for (const part of parts) {
+      await loadScript(part);
+      const chunk = await inflated(bytesOfBase64(received));
+      received = null;
+      for (let i = 0; i < chunk.length; ++i) {
+        result[at] |= chunk[i] << (8 * significance);
+        if (++at === values) { at = 0; ++significance; }
+      }
+      onPart();
+    }
+    if (significance !== bytes && values > 0) throw new Error('the data are incomplete; export the page again');
+    return result;
+  }
+
+  function startsOf(counts) {
+    const starts = new Uint32Array(counts.length + 1);
+    for (let p = 0; p < counts.length; ++p) starts[p + 1] = starts[p] + counts[p];
+    return starts;
+  }
+
+  /// {width, height, light, hats, exponentOffset, exposure, title, starts, kernels, weights, boxes}; boxes holds all x0, then
+  /// y0, x1, y1. `onProgress` is called with a share from 0 to 1.
+  async function loadField(onProgress) {
+    await loadScript('data.js');
+    const arrays = description.arrays;
+    const total = Object.values(arrays).reduce((sum, array) => sum + array.parts.length, 0);
+    let done = 0;
+    const onPart = () => onProgress(++done / total);
+    const field = {...description, exponentOffset: description.exponent_offset};
+    for (const name of ['kernels', 'weights', 'boxes']) field[name] = await loadArray(arrays[name], onPart);
+    field.starts = startsOf(await loadArray(arrays.counts, onPart));
+    return field;
+  }
+
+  return {
+    loadField,
+    describe: (given) => { description = given; },
+    receive: (base64) => { received = base64; },
+  };
+})();

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/web/export.h"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <string_view>
+#include <vector>
+
+#include "cli/report/html.h"
+#include "cli/web/packed_field.h"
+#include "cli/web/page_files.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "core/metrics.h"
+#include "core/progress.h"
+#include "relight/sequence.h"
+
+namespace refield::web {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// Browsers parse a script as a whole, and some hosts refuse large files.
+constexpr std::size_t part_bytes = std::size_t{12} << 20;
+
+/// Bytes of equal significance one after another: they resemble one another and compress well.
+template <class T>
+std::string shuffled(const std::vector<T>& values) {
+  std::string bytes(values.size() * sizeof(T), '\0');
+  for (std::size_t b = 0; b < sizeof(T); ++b)
+    for (std::size_t i = 0; i < values.size(); ++i)
+      bytes[b * values.size() + i] = static_cast<char>(values[i] >> (8 * b));
+  return bytes;
+}
+
+std::string deflated(std::string_view bytes) {
+  uLongf size = compressBound(bytes.size());
+  std::string packed(size, '\0');
+  if (compress2(reinterpret_cast<Bytef*>(packed.data()), &size, reinterpret_cast<const Bytef*>(bytes.data()),
+                bytes.size(), Z_DEFAULT_COMPRESSION) != Z_OK)
+    throw std::bad_alloc();
+  packed.resize(size);
+  return packed;
+}
+
+/// Writes files into the page's folder and counts them.
+class PageWriter {
+ public:
+  explicit PageWriter(fs::path folder) : folder_(std::move(folder)) { create_folders(folder_); }
+
+  void write(const char* name, std::string_view content) {
+    throw_if_interrupted();
+    write_text_atomically(folder_ / name, content);
+    ++files_;
+    bytes_ += content.size();
+  }
+  std::size_t files() const { return files_; }
+  std::uint64_t bytes() const { return bytes_; }
+
+ private:
+  fs::path folder_;
+  std::size_t files_ = 0;
+  std::uint64_t bytes_ = 0;
+};
+
+/// A name need not be UTF-8.
+std::string dumped(const nlohmann::ordered_json& json) {
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+/// Writes arrays as scripts `data-NNN.js`, each of which hands a part to the page.
+class DataWriter {
+ public:
+  explicit DataWriter(PageWriter& page) : page_(page) {}
+
+  template <class T>
+  void add(const char* name, const std::vector<T>& values) {
+    const std::string bytes = shuffled(values);
+    nlohmann::ordered_json parts = nlohmann::ordered_json::array();
+    for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
+      const std::string packed = deflated(std::string_view(bytes).substr(at, part_bytes));
+      char file[32];
+      std::snprintf(file, sizeof file, "data-%03zu.js", count_++);
+      page_.write(file,
+                  "refield.receive('" +
+                      report::base64({reinterpret_cast<const std::uint8_t*>(packed.data()), packed.size()}) +
+                      "');\n");
+      parts.push_back(file);
+    }
+    arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(T)}, {"parts", parts}};
+  }
+
+  const nlohmann::ordered_json& arrays() const { return arrays_; }
+
+ private:
+  PageWriter& page_;
+  std::size_t count_ = 0;
+  nlohmann::ordered_json arrays_;
+};
+
+std::vector<std::uint16_t> corners_of(const std::vector<Box>& boxes) {
+  std::vector<std::uint16_t> corners;
+  for (const auto corner : {&Box::x0, &Box::y0, &Box::x1, &Box::y1})
+    for (const Box& box : boxes) corners.push_back(static_cast<std::uint16_t>(box.*corner));
+  return corners;
+}
+
+LightMap white_light(const LightDomain& domain) {
+  return {Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation};
+}
+
+/// Brings the brightest hundredth of the scene under white light to white.
+double exposure_for(const Image& image) {
+  std::vector<float> values = image.values;
+  if (values.empty()) return 1.0;
+  const auto nth = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 99 / 100);
+  std::ranges::nth_element(values, nth);
+  return *nth > 0.0f ? 1.0 / *nth : 1.0;
+}
+
+void measure(const ReflectanceField& full, const ReflectanceField& shown, ExportReport& report) {
+  constexpr int bars = 4;
+  double squares = 0.0, reference = 0.0;
+  for (int i = 0; i <= bars; ++i) {
+    throw_if_interrupted();
+    const LightMap light =
+        i < bars ? sliding_bar(full.basis.domain, 0.125, i, bars) : white_light(full.basis.domain);
+    const Image expected = full.relight(light), seen = shown.relight(light);
+    const auto a = tone_mapped(expected, report.exposure), b = tone_mapped(seen, report.exposure);
+    for (std::size_t v = 0; v < a.size(); ++v) {
+      const double difference = static_cast<double>(seen.values[v]) - expected.values[v];
+      squares += difference * difference;
+      reference += static_cast<double>(expected.values[v]) * expected.values[v];
+      report.largest_difference = std::max(report.largest_difference, std::abs(a[v] - b[v]));
+    }
+  }
+  report.relative_rmse = reference > 0.0 ? std::sqrt(squares / reference) : 0.0;
+}
+
+nlohmann::ordered_json description(const PackedField& packed, const std::string& title, double exposure) {
+  const LightBasis& basis = packed.basis;
+  return {{"title", title},
+          {"width", packed.width},
+          {"height", packed.height},
+          {"light",
+           {{"width", basis.domain.width},
+            {"height", basis.domain.height},
+            {"parameterisation", std::string(name_of(basis.domain.parameterisation))}}},
+          {"hats", {{"columns", basis.hats.columns}, {"rows", basis.hats.rows}}},
+          {"exponent_offset", packed.exponent.offset},
+          {"exposure", exposure}};
+}
+
+}  // namespace
+
+ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder) {
+  const PackedField packed = pack(field);
+  ExportReport report;
+  report.exposure = exposure_for(field.relight(white_light(field.basis.domain)));
+  measure(field, unpacked(packed), report);
+  PageWriter page(folder);
+  DataWriter data(page);
+  data.add("counts", packed.counts);
+  data.add("kernels", packed.kernels);
+  data.add("weights", packed.weights);
+  data.add("boxes", corners_of(packed.basis.boxes));
+  auto described = description(packed, title, report.exposure);
+  described["arrays"] = data.arrays();
+  page.write("data.js", "refield.describe(" + dumped(described) + ");\n");
+  for (const PageFile& file : page_files()) page.write(file.name, file.content);
+  report.files = page.files();
+  report.bytes = page.bytes();
+  return report;
+}
+
+}  // namespace refield::web

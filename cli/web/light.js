@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// Light maps and their sums over the field's kernels. A light map is {width, height, values}: linear RGB, row by row from the top.
+'use strict';
+
+const light = (() => {
+  function black(width, height) {
+    return {width, height, values: new Float32Array(width * height * 3)};
+  }
+
+  /// Length of the part of [left, right) that lies in [x, x + 1).
+  function overlap(left, right, x) {
+    return Math.max(0, Math.min(right, x + 1) - Math.max(left, x));
+  }
+
+  /// A vertical bar over columns [left, left + size); columns lit in part are dimmer. As sliding_bar() of relight/sequence.h.
+  function addBar(map, left, size, colour, wraps) {
+    for (let x = 0; x < map.width; ++x) {
+      let covered = overlap(left, left + size, x);
+      if (wraps) covered += overlap(left - map.width, left + size - map.width, x) + overlap(left + map.width, left + size + map.width, x);
+      if (covered <= 0) continue;
+      for (let y = 0; y < map.height; ++y)
+        for (let c = 0; c < 3; ++c) map.values[(y * map.width + x) * 3 + c] = colour[c] * Math.min(covered, 1);
+    }
+  }
+
+  /// A disc with an edge one texel wide.
+  function addLamp(map, centreX, centreY, radius, colour, wraps) {
+    for (let y = Math.max(0, Math.floor(centreY - radius - 1)); y < Math.min(map.height, centreY + radius + 1); ++y) {
+      for (let x = 0; x < map.width; ++x) {
+        let dx = Math.abs(x + 0.5 - centreX);
+        if (wraps) dx = Math.min(dx, map.width - dx);
+        const covered = Math.min(1, Math.max(0, radius + 0.5 - Math.hypot(dx, y + 0.5 - centreY)));
+        if (covered > 0) for (let c = 0; c < 3; ++c) map.values[(y * map.width + x) * 3 + c] = colour[c] * covered;
+      }
+    }
+  }
+
+  /// A lat-long map turned about the vertical axis, content moving to the right. As rotated() of relight/sequence.h.
+  function rotated(map, turns) {
+    const shift = (turns - Math.floor(turns)) * map.width;
+    const whole = Math.floor(shift), fraction = shift - whole;
+    const turned = black(map.width, map.height);
+    for (let x = 0; x < map.width; ++x) {
+      const right = (x - whole + 2 * map.width) % map.width;
+      const left = (right + map.width - 1) % map.width;
+      for (let y = 0; y < map.height; ++y) {
+        const row = y * map.width;
+        for (let c = 0; c < 3; ++c)
+          turned.values[(row + x) * 3 + c] =
+              (1 - fraction) * map.values[(row + right) * 3 + c] + fraction * map.values[(row + left) * 3 + c];
+      }
+    }
+    return turned;
+  }
+
+  /// Which source texels, with which weights, a target texel averages along one axis.
+  function shares(from, to) {
+    return Array.from({length: to}, (_, i) => {
+      const left = i * from / to, right = (i + 1) * from / to, list = [];
+      for (let s = Math.floor(left); s < Math.min(Math.ceil(right), from); ++s)
+        list.push([s, overlap(left, right, s) / (right - left)]);
+      return list;
+    });
+  }
+
+  /// Each texel is the mean over its area: no small sun is lost.
+  function resampled(map, width, height) {
+    if (map.width === width && map.height === height) return map;
+    const columns = shares(map.width, width), rows = shares(map.height, height);
+    const result = black(width, height);
+    for (let y = 0; y < height; ++y)
+      for (let x = 0; x < width; ++x)
+        for (const [sy, wy] of rows[y])
+          for (const [sx, wx] of columns[x])
+            for (let c = 0; c < 3; ++c)
+              result.values[(y * width + x) * 3 + c] += wy * wx * map.values[(sy * map.width + sx) * 3 + c];
+    return result;
+  }
+
+  /// Sums of a light over each kernel of a field (Crow 1984), in double as the program does: the sum over a small box is a
+  /// small difference of large numbers.
+  class Projector {
+    constructor(field) {
+      this.field = field;
+      this.hatCount = field.hats.columns * field.hats.rows;
+      this.boxCount = field.boxes.length / 4;
+      this.table = new Float64Array((field.light.width + 1) * (field.light.height + 1) * 3);
+      const rows = Math.ceil((this.hatCount + this.boxCount) / Projector.width) || 1;
+      this.coefficients = new Float32Array(rows * Projector.width * 4);
+    }
+
+    fillTable(map) {
+      const table = this.table, stride = (map.width + 1) * 3;
+      for (let y = 0, from = 0; y < map.height; ++y) {
+        let r = 0, g = 0, b = 0;
+        for (let x = 0, at = (y + 1) * stride + 3; x < map.width; ++x, at += 3, from += 3) {
+          table[at] = table[at - stride] + (r += map.values[from]);
+          table[at + 1] = table[at + 1 - stride] + (g += map.values[from + 1]);
+          table[at + 2] = table[at + 2 - stride] + (b += map.values[from + 2]);
+        }
+      }
+    }
+
+    projectBoxes() {
+      const n = this.boxCount, boxes = this.field.boxes, table = this.table, result = this.coefficients;
+      const stride = (this.field.light.width + 1) * 3;
+      for (let k = 0, to = this.hatCount * 4; k < n; ++k, to += 4) {
+        const top = boxes[n + k] * stride, bottom = boxes[3 * n + k] * stride;
+        const left = boxes[k] * 3, right = boxes[2 * n + k] * 3;
+        const a = top + left, b = top + right, c = bottom + left, d = bottom + right;
+        result[to] = (table[d] - table[c]) - (table[b] - table[a]);
+        result[to + 1] = (table[d + 1] - table[c + 1]) - (table[b + 1] - table[a + 1]);
+        result[to + 2] = (table[d + 2] - table[c + 2]) - (table[b + 2] - table[a + 2]);
+      }
+    }
+
+    /// Weighted sums along rows, then along columns.
+    projectHats(map) {
+      const {columns, rows} = this.field.hats;
+      const sums = new Float64Array(columns * rows * 3), alongRow = new Float64Array(columns * 3);
+      const nodesOf = (texel, texels, nodes) => {
+        if (nodes === 1) return [[0, 1]];
+        const p = (texel + 0.5) / texels * (nodes - 1), first = Math.min(Math.floor(p), nodes - 2);
+        return [[first, 1 - (p - first)], [first + 1, p - first]];
+      };
+      const across = Array.from({length: map.width}, (_, x) => nodesOf(x, map.width, columns));
+      for (let y = 0, from = 0; y < map.height; ++y) {
+        alongRow.fill(0);
+        for (let x = 0; x < map.width; ++x, from += 3)
+          for (const [node, weight] of across[x])
+            for (let c = 0; c < 3; ++c) alongRow[node * 3 + c] += weight * map.values[from + c];
+        for (const [node, weight] of nodesOf(y, map.height, rows))
+          for (let i = 0; i < alongRow.length; ++i) sums[node * columns * 3 + i] += weight * alongRow[i];
+      }
+      for (let k = 0; k < this.hatCount; ++k)
+        for (let c = 0; c < 3; ++c) this.coefficients[k * 4 + c] = sums[k * 3 + c];
+    }
+
+    /// [rows × Projector.width × 4], kernel after kernel; the fourth value is unused. Valid until the next call.
+    project(map) {
+      this.fillTable(map);
+      this.projectBoxes();
+      if (this.hatCount > 0) this.projectHats(map);
+      return this.coefficients;
+    }
+  }
+  Projector.width = 2048;
+
+  return {black, addBar, addLamp, rotated, resampled, Projector};
+})();

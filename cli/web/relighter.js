@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// image = transfer · coefficients, a fragment a pixel (WebGL 2).
+'use strict';
+
+class Relighter {
+  static vertexShader = `#version 300 es
+    void main() {
+      gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
+    }`;
+
+  // Weights: three mantissas of 9 bits and a shared exponent of 5, see packed_field.h.
+  static fragmentShader = `#version 300 es
+    precision highp float;
+    precision highp int;
+    precision highp sampler2D;
+    precision highp usampler2D;
+    uniform usampler2D rows;          // of each pixel: first entry, number of entries
+    uniform usampler2D entries;       // kernel, weights
+    uniform sampler2D coefficients;   // of each kernel
+    uniform ivec2 entryLayout, kernelLayout;  // mask of the column, shift to the row
+    uniform int height;
+    uniform int spacing;              // of drawn pixels; above 1 in a draft
+    uniform float gain;
+    out vec4 colour;
+
+    ivec2 place(uint index, ivec2 size) {
+      return ivec2(int(index) & size.x, int(index) >> size.y);
+    }
+
+    vec3 encoded(vec3 linear) {
+      return mix(1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055, 12.92 * linear,
+                 vec3(lessThanEqual(linear, vec3(0.0031308))));
+    }
+
+    void main() {
+      ivec2 pixel = ivec2(gl_FragCoord.xy) * spacing;
+      uvec2 row = texelFetch(rows, ivec2(pixel.x, height - 1 - pixel.y), 0).xy;
+      vec3 sum = vec3(0.0);
+      for (uint i = row.x; i < row.x + row.y; ++i) {
+        uvec2 entry = texelFetch(entries, place(i, entryLayout), 0).xy;
+        vec3 mantissa = vec3(uvec3(entry.y, entry.y >> 9, entry.y >> 18) & 511u);
+        float power = uintBitsToFloat(((entry.y >> 27) + 127u) << 23);
+        sum += mantissa * power * texelFetch(coefficients, place(entry.x, kernelLayout), 0).rgb;
+      }
+      colour = vec4(encoded(clamp(sum * gain, 0.0, 1.0)), 1.0);
+    }`;
+
+  constructor(canvas, field) {
+    this.field = field;
+    canvas.width = field.width;
+    canvas.height = field.height;
+    const gl = this.gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false});
+    if (!gl) throw new Error('this browser has no WebGL 2');
+    this.largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    this.program = this.link();
+    gl.useProgram(this.program);
+    this.uploadRows();
+    this.uploadEntries();
+    this.coefficients = this.texture(2, 'coefficients');
+    gl.uniform1i(this.uniform('height'), field.height);
+    gl.uniform2i(this.uniform('kernelLayout'), light.Projector.width - 1, Math.log2(light.Projector.width));
+  }
+
+  uniform(name) {
+    return this.gl.getUniformLocation(this.program, name);
+  }
+
+  link() {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, Relighter.vertexShader], [gl.FRAGMENT_SHADER, Relighter.fragmentShader]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    return program;
+  }
+
+  texture(unit, name) {
+    const gl = this.gl;
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+    gl.uniform1i(this.uniform(name), unit);
+    return unit;
+  }
+
+  requireSize(width, height, what) {
+    if (width > this.largest || height > this.largest)
+      throw new Error(`${what} do not fit this browser's largest texture (${this.largest}); export a smaller field`);
+  }
+
+  uploadRows() {
+    const gl = this.gl, {width, height, starts} = this.field;
+    this.requireSize(width, height, 'the pixels');
+    const rows = new Uint32Array(width * height * 2);
+    for (let p = 0; p < width * height; ++p) {
+      rows[2 * p] = starts[p];
+      rows[2 * p + 1] = starts[p + 1] - starts[p];
+    }
+    this.texture(0, 'rows');
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32UI, width, height, 0, gl.RG_INTEGER, gl.UNSIGNED_INT, rows);
+  }
+
+  /// In bands, so that the interleaved copy stays small.
+  uploadEntries() {
+    const gl = this.gl, {kernels, weights} = this.field, count = kernels.length;
+    const shift = Math.floor(Math.log2(Math.min(this.largest, 8192))), width = 1 << shift;
+    const height = Math.max(1, Math.ceil(count / width)), band = 64;
+    this.requireSize(width, height, 'the kernels');
+    this.texture(1, 'entries');
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG32UI, width, height);
+    const values = new Uint32Array(width * band * 2);
+    for (let top = 0; top < height; top += band) {
+      const first = top * width, last = Math.min(count, first + width * band);
+      for (let i = first, to = 0; i < last; ++i) {
+        values[to++] = kernels[i];
+        values[to++] = weights[i];
+      }
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, width, Math.min(band, height - top), gl.RG_INTEGER, gl.UNSIGNED_INT, values);
+    }
+    gl.uniform2i(this.uniform('entryLayout'), width - 1, shift);
+  }
+
+  setCoefficients(values) {
+    const gl = this.gl, width = light.Projector.width, height = values.length / 4 / width;
+    this.requireSize(width, height, 'the boxes');
+    gl.activeTexture(gl.TEXTURE0 + this.coefficients);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, height, 0, gl.RGBA, gl.FLOAT, values);
+  }
+
+  /// With `spacing` above 1 a draft: every so manieth pixel in each direction, enlarged.
+  draw(exposure, spacing = 1) {
+    const gl = this.gl, {width, height} = this.field;
+    const columns = Math.ceil(width / spacing), rows = Math.ceil(height / spacing);
+    const target = spacing > 1 ? this.draftTarget() : null;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target);
+    gl.viewport(0, 0, columns, rows);
+    gl.uniform1i(this.uniform('spacing'), spacing);
+    gl.uniform1f(this.uniform('gain'), exposure * 2 ** -this.field.exponentOffset);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    if (!target) return;
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, columns, rows, 0, 0, columns * spacing, rows * spacing, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  /// As large as the largest draft; made when first asked for.
+  draftTarget() {
+    const gl = this.gl;
+    if (this.draft) return this.draft;
+    const colour = gl.createRenderbuffer();
+    gl.bindRenderbuffer(gl.RENDERBUFFER, colour);
+    gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA8, Math.ceil(this.field.width / 2), Math.ceil(this.field.height / 2));
+    this.draft = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.draft);
+    gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, colour);
+    return this.draft;
+  }
+
+  /// What was just drawn, row by row from the top, RGBA. To be called in the same task as draw().
+  readPixels(x = 0, y = 0, width = this.field.width, height = this.field.height) {
+    const gl = this.gl, upsideDown = new Uint8Array(width * height * 4), result = new Uint8Array(upsideDown.length);
+    gl.readPixels(x, this.field.height - y - height, width, height, gl.RGBA, gl.UNSIGNED_BYTE, upsideDown);
+    for (let row = 0; row < height; ++row)
+      result.set(upsideDown.subarray((height - 1 - row) * width * 4, (height - row) * width * 4), row * width * 4);
+    return result;
+  }
+}

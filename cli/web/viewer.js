@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page: controls, dragging, frames.
+'use strict';
+
+class Viewer {
+  static slowMs = 60;
+  static restMs = 150;
+
+  constructor(field) {
+    this.field = field;
+    this.projector = new light.Projector(field);
+    this.relighter = new Relighter(Viewer.element('scene'), field);
+    this.latLong = field.light.parameterisation === 'lat_long';
+    this.lightContext = this.prepareLightCanvas();
+    this.reset();
+    this.connect();
+  }
+
+  static element(id) {
+    return document.getElementById(id);
+  }
+
+  prepareLightCanvas() {
+    const canvas = Viewer.element('light');
+    canvas.width = this.field.light.width;
+    canvas.height = this.field.light.height;
+    return canvas.getContext('2d');
+  }
+
+  reset() {
+    this.state = {kind: 'bar', x: 0.5, y: 0.5, size: 0.2, colour: [1, 1, 1], stops: 0, degrees: 0, playing: false};
+    this.map = null;
+    this.picked = null;
+    Viewer.element('colour').value = '#ffffff';
+    this.changed();
+  }
+
+  /// The light of the current state.
+  composed() {
+    const {width, height} = this.field.light, {kind, x, y, size, colour, degrees} = this.state;
+    if (kind === 'map' && this.map) return degrees === 0 ? this.map : light.rotated(this.map, degrees / 360);
+    const map = light.black(width, height);
+    if (kind === 'lamp') light.addLamp(map, x * width, y * height, size * height / 2, colour, this.latLong);
+    else light.addBar(map, this.barLeft(), size * width, colour, this.latLong);
+    return map;
+  }
+
+  /// On a monitor the bar stays within the edges.
+  barLeft() {
+    const {width} = this.field.light, bar = this.state.size * width, left = this.state.x * width - bar / 2;
+    return this.latLong ? left : Math.min(Math.max(left, 0), width - bar);
+  }
+
+  /// Asks for a frame; `lightChanged` is false where the exposure alone did.
+  changed(lightChanged = true) {
+    this.lightChanged ||= lightChanged;
+    if (this.requested) return;
+    this.requested = true;
+    clearTimeout(this.refinement);
+    this.refinement = null;
+    requestAnimationFrame((time) => { this.requested = false; this.frame(time); });
+  }
+
+  /// Whether the whole image is drawn, and nothing moves.
+  atRest() {
+    return !this.requested && !this.refinement;
+  }
+
+  /// Where a whole image takes long, drafts are drawn while something moves, and the whole when it rests.
+  spacing() {
+    const slow = this.wholeTime ?? 0;
+    return slow < Viewer.slowMs ? 1 : slow < 4 * Viewer.slowMs ? 2 : 3;
+  }
+
+  refineLater() {
+    this.refinement = setTimeout(() => {
+      this.refinement = null;
+      this.frame(performance.now(), 1);
+    }, Viewer.restMs);
+  }
+
+  frame(time, spacing = this.spacing()) {
+    if (this.state.playing) this.advance(time);
+    const start = performance.now();
+    if (this.lightChanged) {
+      this.light = this.composed();
+      this.relighter.setCoefficients(this.projector.project(this.light));
+    }
+    const projected = performance.now();
+    this.relighter.draw(this.exposure(), spacing);
+    this.relighter.readPixels(0, 0, 1, 1);  // waits for the image
+    this.timing = {light: projected - start, draw: performance.now() - projected};
+    if (spacing === 1) this.wholeTime = this.timing.draw;
+    if (this.lightChanged || this.pickedChanged) this.showLight();
+    this.lightChanged = this.pickedChanged = false;
+    this.showState();
+    if (this.state.playing) this.changed();
+    else if (spacing > 1) this.refineLater();
+  }
+
+  exposure() {
+    return this.field.exposure * 2 ** this.state.stops;
+  }
+
+  /// The bar or lamp crosses in eight seconds, there and back; a lat-long map turns in sixteen.
+  advance(time) {
+    const seconds = (time - (this.before ?? time)) / 1000;
+    this.before = time;
+    if (this.state.kind === 'map') {
+      this.state.degrees = (this.state.degrees + seconds * 22.5) % 360;
+    } else {
+      this.phase = ((this.phase ?? this.state.x / 2) + seconds / 16) % 1;
+      this.state.x = this.latLong ? this.phase : 1 - Math.abs(1 - 2 * this.phase);
+    }
+    this.lightChanged = true;
+  }
+
+  showLight() {
+    const most = this.light.values.reduce((a, b) => Math.max(a, b), 0);
+    const gain = this.state.kind === 'map' && most > 0 ? 2 ** this.state.stops : 1;
+    overlay.drawLight(this.lightContext, this.light, gain, this.picked);
+  }
+
+  showState() {
+    const {state, field} = this, show = (id, text) => { Viewer.element(id).textContent = text; };
+    show('status', `${field.width}×${field.height} pixels, ${field.kernels.length.toLocaleString('en')} weights; ` +
+        `light ${this.timing.light.toFixed(1)} ms, image ${this.timing.draw.toFixed(1)} ms`);
+    show('size-value', `${Math.round(state.size * 100)} %`);
+    show('exposure-value', `${state.stops > 0 ? '+' : ''}${state.stops.toFixed(1)}`);
+    show('rotation-value', `${Math.round(state.degrees)}°`);
+    Viewer.element('size').value = state.size;
+    Viewer.element('exposure').value = state.stops;
+    Viewer.element('rotation').value = state.degrees;
+    Viewer.element('play').setAttribute('aria-pressed', state.playing);
+    show('play', state.playing ? 'Pause' : 'Play');
+    document.querySelector(`input[name=kind][value=${state.kind}]`).checked = true;
+    document.querySelector('input[value=map]').disabled = !this.map;
+    const isMap = state.kind === 'map';
+    for (const [id, on] of [['size', !isMap], ['colour', !isMap], ['rotation', isMap && this.latLong]])
+      Viewer.element(id).closest('.row').classList.toggle('off', !on);
+    show('light-caption', !isMap ? 'Drag the light.' : this.latLong ? 'Drag to turn the map.' : 'The loaded map.');
+    this.showPicked();
+  }
+
+  showPicked() {
+    const picked = this.picked, show = (id, text) => { Viewer.element(id).textContent = text; };
+    if (!picked) {
+      show('picked', 'Click a pixel to see which light it gathers.');
+      show('kernels', '');
+      return;
+    }
+    const total = picked.list.reduce((sum, {energy}) => sum + energy, 0);
+    show('picked', `Pixel ${picked.x}, ${picked.y}: ${picked.list.length} kernels, over the light map in orange.`);
+    show('kernels', picked.list.slice(0, 4).map(({kernel, energy}) =>
+        `${kernel.hat ? 'hat' : 'box'} ${kernel.x0}–${kernel.x1} × ${kernel.y0}–${kernel.y1}: ${(100 * energy / total).toFixed(1)} %`).join(' · '));
+  }
+
+  pick(x, y) {
+    const list = overlay.kernelsOfPixel(this.field, x, y);
+    this.picked = {x, y, list, gathered: overlay.gathered(this.field, list)};
+    this.pickedChanged = true;
+    this.changed(false);
+  }
+
+  release() {
+    this.picked = null;
+    this.pickedChanged = true;
+    this.changed(false);
+  }
+
+  async load(file) {
+    try {
+      const {width, height} = this.field.light;
+      this.map = light.resampled(await mapFile.read(file), width, height);
+      Object.assign(this.state, {kind: 'map', degrees: 0});
+      this.changed();
+    } catch (error) {
+      Viewer.fail(error);
+    }
+  }
+
+  move(dx, dy) {
+    const {state} = this, wrapped = (v) => v - Math.floor(v), clamped = (v) => Math.min(Math.max(v, 0), 1);
+    if (state.kind === 'map') {
+      if (this.latLong) state.degrees = wrapped(state.degrees / 360 + dx) * 360;
+    } else {
+      state.x = this.latLong ? wrapped(state.x + dx) : clamped(state.x + dx);
+      state.y = clamped(state.y + dy);
+    }
+    this.changed();
+  }
+
+  connect() {
+    this.connectControls();
+    this.connectCanvases();
+    addEventListener('dragover', (event) => event.preventDefault());
+    addEventListener('drop', (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files.length > 0) this.load(event.dataTransfer.files[0]);
+    });
+    addEventListener('keydown', (event) => {
+      const step = {ArrowLeft: [-0.01, 0], ArrowRight: [0.01, 0], ArrowUp: [0, -0.01], ArrowDown: [0, 0.01]}[event.key];
+      if (step && event.target.tagName !== 'INPUT') { event.preventDefault(); this.move(...step); }
+      if (event.key === 'Escape') this.release();
+    });
+  }
+
+  connectControls() {
+    const on = (id, type, action) => Viewer.element(id).addEventListener(type, action);
+    on('kinds', 'change', (event) => { this.state.kind = event.target.value; this.changed(); });
+    on('size', 'input', (event) => { this.state.size = Number(event.target.value); this.changed(); });
+    on('exposure', 'input', (event) => { this.state.stops = Number(event.target.value); this.changed(false); });
+    on('rotation', 'input', (event) => { this.state.degrees = Number(event.target.value); this.changed(); });
+    on('colour', 'input', (event) => {
+      this.state.colour = [1, 3, 5].map((i) => mapFile.linearFromSrgb[parseInt(event.target.value.slice(i, i + 2), 16)]);
+      this.changed();
+    });
+    on('map-file', 'change', (event) => { if (event.target.files.length > 0) this.load(event.target.files[0]); });
+    on('reset', 'click', () => this.reset());
+    on('play', 'click', () => {
+      this.state.playing = !this.state.playing;
+      this.before = this.phase = undefined;
+      this.changed();
+    });
+  }
+
+  connectCanvases() {
+    const canvas = Viewer.element('light');
+    const place = (event) => {
+      const area = canvas.getBoundingClientRect();
+      return [(event.clientX - area.left) / area.width, (event.clientY - area.top) / area.height];
+    };
+    canvas.addEventListener('pointerdown', (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      this.dragged = place(event);
+      // A light jumps to the pointer; a map turns from where it is.
+      if (this.state.kind !== 'map') this.move(this.dragged[0] - this.state.x, this.dragged[1] - this.state.y);
+    });
+    canvas.addEventListener('pointermove', (event) => {
+      if (!this.dragged) return;
+      const [x, y] = place(event), [oldX, oldY] = this.dragged;
+      this.dragged = [x, y];
+      if (this.state.kind === 'map') this.move(x - oldX, 0);
+      else this.move(x - this.state.x, y - this.state.y);
+    });
+    for (const type of ['pointerup', 'pointercancel']) canvas.addEventListener(type, () => { this.dragged = null; });
+    Viewer.element('scene').addEventListener('click', (event) => this.pick(...this.pixelAt(event)));
+  }
+
+  /// The canvas may be letterboxed within its element (object-fit: contain).
+  pixelAt(event) {
+    const area = event.target.getBoundingClientRect(), {width, height} = this.field;
+    const scale = Math.min(area.width / width, area.height / height);
+    const at = (position, start, length, pixels) =>
+        Math.min(Math.max(Math.floor((position - start - (length - pixels * scale) / 2) / scale), 0), pixels - 1);
+    return [at(event.clientX, area.left, area.width, width), at(event.clientY, area.top, area.height, height)];
+  }
+
+  static fail(error) {
+    const status = Viewer.element('status');
+    status.textContent = error.message;
+    status.classList.add('error');
+  }
+}
+
+let viewer = null;  // for scripts and the console
+(async () => {
+  try {
+    const field = await refield.loadField((share) => {
+      Viewer.element('status').textContent = `Loading ${Math.round(100 * share)} %`;
+    });
+    document.title = Viewer.element('title').textContent = field.title;
+    viewer = new Viewer(field);
+  } catch (error) {
+    Viewer.fail(error);
+  }
+})();

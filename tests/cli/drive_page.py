@@ -1,0 +1,328 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Drives an exported page in headless Chromium as a person would (mouse, keys, file dialogue) and compares what it draws
+with `refield relight`.
+
+    drive_page.py REFIELD FIELD WORK_FOLDER [SCREENSHOT]
+
+Exit status 77: Chromium or its driver is not installed."""
+import array
+import base64
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import time
+import urllib.request
+import zlib
+
+SKIPPED = 77
+LARGEST_DIFFERENCE = 1  # of 255: what the asked accuracy is, and the rounding of two roundings
+
+ELEMENT = "element-6066-11e4-a52e-4f735466cecf"  # W3C WebDriver, 11
+
+
+class Browser:
+    """Chromium behind chromedriver's HTTP interface."""
+
+    def __init__(self, folder):
+        self.driver = subprocess.Popen(
+            ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self.base = None
+        for line in self.driver.stdout:
+            if "successfully on port" in line:
+                self.base = f"http://127.0.0.1:{int(line.rsplit('port', 1)[1].strip(' .' + chr(10)))}"
+                break
+        if not self.base:
+            raise RuntimeError("chromedriver does not start")
+        arguments = [
+            "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,860", "--force-device-scale-factor=1",
+            "--use-angle=swiftshader", "--enable-unsafe-swiftshader", f"--user-data-dir={folder}", "--no-first-run",
+        ]
+        capabilities = {"alwaysMatch": {"goog:chromeOptions": {"args": arguments}, "goog:loggingPrefs": {"browser": "ALL"}}}
+        self.session = self.request("POST", "/session", {"capabilities": capabilities})["sessionId"]
+        self.command("POST", "/timeouts", {"script": 120000})
+
+    def request(self, method, path, body=None):
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.base + path, data, {"Content-Type": "application/json"}, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=180) as answer:
+                return json.load(answer)["value"]
+        except urllib.error.HTTPError as error:
+            raise RuntimeError(f"{path}: {json.load(error)['value']['message']}") from None
+
+    def command(self, method, path, body=None):
+        return self.request(method, f"/session/{self.session}{path}", body)
+
+    def run(self, script, *arguments):
+        return self.command("POST", "/execute/sync", {"script": script, "args": list(arguments)})
+
+    def find(self, selector):
+        return self.command("POST", "/element", {"using": "css selector", "value": selector})[ELEMENT]
+
+    def pointer(self, actions):
+        self.command("POST", "/actions", {"actions": [{"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}]})
+
+    def place(self, selector, x, y):
+        """Screen position of a point of an element, x and y from 0 to 1."""
+        box = self.run("return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()", selector)
+        return {"x": round(box["x"] + x * box["width"]), "y": round(box["y"] + y * box["height"])}
+
+    def drag(self, selector, points):
+        steps = [{"type": "pointerMove", "duration": 0, **self.place(selector, *points[0])}, {"type": "pointerDown", "button": 0}]
+        steps += [{"type": "pointerMove", "duration": 20, **self.place(selector, x, y)} for x, y in points[1:]]
+        self.pointer(steps + [{"type": "pointerUp", "button": 0}])
+
+    def click(self, selector):
+        self.command("POST", f"/element/{self.find(selector)}/click", {})
+
+    def type(self, selector, text):
+        self.command("POST", f"/element/{self.find(selector)}/value", {"text": text})
+
+    def screenshot(self, path):
+        with open(path, "wb") as file:
+            file.write(base64.b64decode(self.command("GET", "/screenshot")))
+
+    def complaints(self):
+        return [entry["message"] for entry in self.command("POST", "/se/log", {"type": "browser"}) if entry["level"] == "SEVERE"]
+
+    def close(self):
+        try:
+            self.command("DELETE", "")
+        finally:
+            self.driver.terminate()
+            self.driver.wait()
+
+
+def write_pfm(path, width, height, floats):
+    """Portable float map: rows from the bottom up."""
+    row = width * 3
+    with open(path, "wb") as file:
+        file.write(f"PF\n{width} {height}\n-1.0\n".encode())
+        for y in reversed(range(height)):
+            file.write(floats[y * row : (y + 1) * row].tobytes())
+
+
+def read_png(path):
+    """An 8-bit RGB PNG as (width, height, bytes)."""
+    data = open(path, "rb").read()
+    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
+    assert (bits, kind) == (8, 2), "not an 8-bit RGB PNG"
+    packed, at = b"", 8
+    while at < len(data):
+        length, name = struct.unpack(">I4s", data[at : at + 8])
+        if name == b"IDAT":
+            packed += data[at + 8 : at + 8 + length]
+        at += length + 12
+    raw, stride, before, result = zlib.decompress(packed), width * 3, bytearray(width * 3), bytearray()
+    for y in range(height):
+        line = bytearray(raw[y * (stride + 1) + 1 : (y + 1) * (stride + 1)])
+        unfilter(raw[y * (stride + 1)], line, before)
+        result += line
+        before = line
+    return width, height, bytes(result)
+
+
+def unfilter(kind, line, above):
+    """Undoes a PNG row filter in place (PNG specification, 9.2)."""
+    for i in range(len(line)):
+        a, b, c = (line[i - 3] if i >= 3 else 0), above[i], (above[i - 3] if i >= 3 else 0)
+        if kind == 1:
+            line[i] = (line[i] + a) & 255
+        elif kind == 2:
+            line[i] = (line[i] + b) & 255
+        elif kind == 3:
+            line[i] = (line[i] + (a + b) // 2) & 255
+        elif kind == 4:
+            p = a + b - c
+            nearest = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
+            line[i] = (line[i] + nearest) & 255
+
+
+def write_png(path, width, height, rgb):
+    def chunk(name, content):
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    rows = b"".join(b"\0" + rgb[y * width * 3 : (y + 1) * width * 3] for y in range(height))
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+                   + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+class Check:
+    def __init__(self, refield, field, folder, browser):
+        self.refield, self.field, self.folder, self.browser = refield, field, folder, browser
+        self.failed = False
+
+    def expect(self, holds, what):
+        print(("ok    " if holds else "WRONG ") + what, flush=True)
+        self.failed = self.failed or not holds
+
+    def settle(self):
+        """Waits for the frame that the last input asked for."""
+        for _ in range(600):
+            if self.browser.run("return viewer !== null && viewer.atRest()"):
+                return
+            time.sleep(0.05)
+        raise RuntimeError("the page does not come to rest")
+
+    def page_state(self):
+        """The page's light and the pixels that it draws under it."""
+        state = self.browser.run("""
+            const base64 = (bytes) => {
+              let text = '';
+              for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+              return btoa(text);
+            };
+            viewer.relighter.draw(viewer.exposure());
+            const pixels = viewer.relighter.readPixels(), values = viewer.light.values;
+            return {width: viewer.light.width, height: viewer.light.height, exposure: viewer.exposure(),
+                    light: base64(new Uint8Array(values.buffer)), pixels: base64(pixels)};""")
+        rgba = base64.b64decode(state["pixels"])
+        pixels = bytearray(len(rgba) // 4 * 3)
+        for c in range(3):
+            pixels[c::3] = rgba[c::4]
+        return state, array.array("f", base64.b64decode(state["light"])), bytes(pixels)
+
+    def compare(self, what):
+        """The page's pixels with the program's under the very light that the page shows."""
+        self.settle()
+        state, light, pixels = self.page_state()
+        light_file, image_file = os.path.join(self.folder, "light.pfm"), os.path.join(self.folder, "cpu.png")
+        write_pfm(light_file, state["width"], state["height"], light)
+        self.relight(light_file, image_file, state["exposure"])
+        self.expect_equal(what, pixels, read_png(image_file)[2])
+        return pixels
+
+    def relight(self, light, image, exposure):
+        subprocess.run([self.refield, "relight", self.field, "--light", light, "-o", image, "--exposure", repr(exposure)], check=True)
+
+    def expect_equal(self, what, seen, expected):
+        largest = max(abs(a - b) for a, b in zip(seen, expected))
+        differing = sum(a != b for a, b in zip(seen, expected)) / len(expected)
+        mean = sum(expected) / len(expected)
+        self.expect(len(seen) == len(expected) and largest <= LARGEST_DIFFERENCE and mean > 1,
+                    f"{what}: at most {largest} of 255 from the program's, {100 * differing:.1f} % of values differ, mean {mean:.0f}")
+
+    def loads(self):
+        for _ in range(1200):
+            status = self.browser.run("return document.getElementById('status').className + document.getElementById('status').textContent")
+            if self.browser.run("return viewer !== null") or status.startswith("error"):
+                break
+            time.sleep(0.1)
+        self.settle()
+        self.expect("weights" in self.browser.run("return document.getElementById('status').textContent"), "the page loads from disk")
+
+    def drags_the_bar(self):
+        before = self.compare("bar at the start")
+        self.browser.drag("#light", [(0.5, 0.5), (0.6, 0.4), (0.75, 0.4)])
+        self.settle()
+        x = self.browser.run("return viewer.state.x")
+        self.expect(abs(x - 0.75) < 0.02, f"the bar follows the mouse to {x:.2f}")
+        self.expect(self.compare("bar dragged") != before, "the image follows the bar")
+
+    def drags_a_lamp(self):
+        self.browser.click("input[value=lamp]")
+        self.browser.drag("#light", [(0.2, 0.3), (0.3, 0.4)])
+        self.compare("lamp dragged")
+        before = self.browser.run("return viewer.state.y")
+        self.browser.type("body", "\ue015\ue015")  # arrow down
+        self.settle()
+        self.expect(abs(self.browser.run("return viewer.state.y") - before - 0.02) < 1e-9, "arrow keys move the lamp")
+
+    def exposes(self):
+        self.browser.type("#exposure", "\ue014" * 10)  # arrow right: 0.1 stops each
+        self.settle()
+        stops = self.browser.run("return viewer.state.stops")
+        self.expect(abs(stops - 1) < 1e-6, f"the slider exposes by {stops} stops")
+        self.compare("exposed")
+        self.browser.type("#exposure", "\ue012" * 10)
+
+    def loads_a_map(self):
+        width, height = self.browser.run("return [viewer.field.light.width, viewer.field.light.height]")
+        rgb = bytes(v for y in range(height) for x in range(width)
+                    for v in ((255 * x) // width, (255 * y) // height, 200 if (x // 8 + y // 8) % 2 else 30))
+        path = os.path.join(self.folder, "map.png")
+        write_png(path, width, height, rgb)
+        self.browser.type("#map-file", path)
+        for _ in range(100):
+            if self.browser.run("return viewer.state.kind === 'map'"):
+                break
+            time.sleep(0.1)
+        pixels = self.compare("map loaded")
+        image = os.path.join(self.folder, "map-relit.png")
+        self.relight(path, image, self.browser.run("return viewer.exposure()"))
+        self.expect_equal("map loaded, read by the program itself", pixels, read_png(image)[2])
+
+    def turns_the_map(self):
+        if self.browser.run("return viewer.latLong"):
+            self.browser.drag("#light", [(0.3, 0.5), (0.55, 0.5)])
+            self.settle()
+            degrees = self.browser.run("return viewer.state.degrees")
+            self.expect(abs(degrees - 90) < 8, f"dragging turns the map by {degrees:.0f}°")
+            self.compare("map turned")
+
+    def picks_a_pixel(self):
+        self.browser.click("#scene")  # its middle
+        self.settle()
+        seen = self.browser.run("return {x: viewer.picked.x, y: viewer.picked.y, kernels: viewer.picked.list.length, width: viewer.field.width,"
+                                " height: viewer.field.height, text: document.getElementById('picked').textContent}")
+        self.expect(abs(seen["x"] - seen["width"] / 2) <= 1 and abs(seen["y"] - seen["height"] / 2) <= 1 and seen["kernels"] > 0
+                    and f"{seen['kernels']} kernels" in seen["text"], "a click picks the pixel under it: " + seen["text"])
+        # The row of the transfer matrix that is shown over the map must be the one that is drawn with.
+        difference = self.browser.run("""
+            viewer.relighter.draw(viewer.exposure());
+            const {x, y, list} = viewer.picked, seen = viewer.relighter.readPixels(x, y, 1, 1);
+            const sum = [0, 0, 0], map = viewer.light;
+            for (const {kernel, weight} of list)
+              for (let ty = kernel.y0; ty < kernel.y1; ++ty)
+                for (let tx = kernel.x0; tx < kernel.x1; ++tx)
+                  for (let c = 0; c < 3; ++c)
+                    sum[c] += weight[c] * kernel.value(tx, ty) * map.values[(ty * map.width + tx) * 3 + c];
+            const encoded = sum.map((v) => { v = Math.min(v * viewer.exposure(), 1); return 255 * (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055); });
+            return Math.max(...encoded.map((v, c) => Math.abs(v - seen[c])));""")
+        self.expect(difference < 0.55, f"the pixel's kernels add up to what is drawn ({difference:.2f} of 255)")
+
+    def prints_times(self):
+        times = self.browser.run("""
+            const times = [];
+            const spacing = viewer.spacing();
+            const frame = (spaced) => { viewer.lightChanged = true; viewer.frame(0, spaced); times.push([viewer.timing.light, viewer.timing.draw]); };
+            for (let i = 0; i < 5; ++i) frame(1);
+            const whole = times.sort((a, b) => a[1] - b[1])[2];
+            times.length = 0;
+            for (let i = 0; i < 5; ++i) frame(spacing);
+            return [...whole, times.sort((a, b) => a[1] - b[1])[2][1], spacing];""")
+        print(f"      light {times[0]:.1f} ms, image {times[1]:.1f} ms, while moving {times[2]:.1f} ms (every {times[3]} pixels) on {self.browser.run('const gl = viewer.relighter.gl; return gl.getParameter(gl.getExtension(`WEBGL_debug_renderer_info`).UNMASKED_RENDERER_WEBGL)')}")
+
+
+def main():
+    refield, field, folder = sys.argv[1:4]
+    if not shutil.which("chromedriver") or not shutil.which("chromium"):
+        print("skipped: chromium and chromium-driver are not installed")
+        return SKIPPED
+    page = os.path.join(folder, "page")
+    os.makedirs(folder, exist_ok=True)
+    subprocess.run([refield, "export-web", field, "-o", page], check=True)
+    browser = Browser(os.path.join(folder, "profile"))
+    try:
+        check = Check(refield, field, folder, browser)
+        browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(page, "index.html"))})
+        for step in (check.loads, check.drags_the_bar, check.drags_a_lamp, check.exposes, check.loads_a_map, check.turns_the_map,
+                     check.picks_a_pixel, check.prints_times):
+            step()
+        if len(sys.argv) > 4:
+            browser.screenshot(sys.argv[4])
+        complaints = browser.complaints()
+        check.expect(not complaints, "the console is quiet" + "".join("\n      " + c for c in complaints))
+        return 1 if check.failed else 0
+    finally:
+        browser.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

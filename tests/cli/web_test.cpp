@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "cli/web/packed_field.h"
+#include "core/files.h"
+#include "core/reflectance_field_file.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+using testing::HasSubstr;
+using web::SharedExponent;
+
+/// Of 9 bits of mantissa, the highest of which the largest channel may leave unused: relative to that
+/// channel.
+constexpr double rounding = 1.0 / 512.0;
+
+/// Hats and boxes; brighter than the light maps are large, so that images are neither black nor white.
+ReflectanceField sample_field(Parameterisation parameterisation) {
+  Rng rng(7);
+  ReflectanceField field = test::random_field(rng, 60, 45, {64, 32, parameterisation}, 80, 20);
+  field.basis.hats = {5, 4};
+  for (float& weight : field.transfer.weight) weight *= weight * 0.001f;
+  return field;
+}
+
+TEST(SharedExponent, RoundsByLessThanItsMantissa) {
+  Rng rng(1);
+  const SharedExponent exponent = SharedExponent::for_largest(3.7f);
+  for (int i = 0; i < 2000; ++i) {
+    const float scale = std::ldexp(3.7f, -static_cast<int>(rng.below(20)));
+    const float rgb[3] = {scale, scale * static_cast<float>(rng.uniform()),
+                          scale * static_cast<float>(rng.uniform())};
+    float back[3];
+    exponent.unpack(exponent.packed(rgb), back);
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(back[c], rgb[c], rounding * scale) << scale;
+  }
+}
+
+TEST(SharedExponent, ZeroTinyAndMantissasThatRoundUp) {
+  const SharedExponent exponent = SharedExponent::for_largest(1.0f);
+  const auto round_trip = [&](float value) {
+    const float rgb[3] = {value, 0.0f, value};
+    float back[3];
+    exponent.unpack(exponent.packed(rgb), back);
+    EXPECT_EQ(back[0], back[2]);
+    EXPECT_EQ(back[1], 0.0f);
+    return back[0];
+  };
+  EXPECT_EQ(round_trip(0.0f), 0.0f);
+  EXPECT_EQ(round_trip(1e-30f), 0.0f);
+  EXPECT_EQ(round_trip(1.0f), 1.0f);
+  EXPECT_EQ(round_trip(0.99999f), 1.0f);
+  EXPECT_EQ(round_trip(0.5f), 0.5f);
+}
+
+TEST(PackedField, RelightsAsTheFieldDoes) {
+  const ReflectanceField field = sample_field(Parameterisation::monitor);
+  const web::PackedField packed = web::pack(field);
+  Rng rng(2);
+  const LightMap light = test::random_light(rng, field.basis.domain);
+  const Image expected = field.relight(light), seen = web::unpacked(packed).relight(light);
+  for (std::size_t p = 0; p < expected.pixel_count(); ++p) {
+    const auto* values = &expected.values[3 * p];
+    // Weights differ between channels by more than the light does: a bound on the largest bounds them all.
+    const float most = std::max({values[0], values[1], values[2]});
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(seen.values[3 * p + c], values[c], 4 * rounding * most) << p;
+  }
+}
+
+TEST(PackedField, LeavesOutBoxesThatNoPixelUses) {
+  ReflectanceField field = sample_field(Parameterisation::monitor);
+  const std::size_t boxes = field.basis.boxes.size();
+  field.basis.boxes.insert(field.basis.boxes.end(), 30, Box{0, 0, 3, 3});
+  const web::PackedField packed = web::pack(field);
+  EXPECT_LE(packed.basis.boxes.size(), boxes);
+  EXPECT_EQ(web::unpacked(packed).transfer.entries(), field.transfer.entries());
+}
+
+TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "f.rfield", sample_field(Parameterisation::lat_long));
+  const auto result = run_refield(
+      {"export-web", folder / "f.rfield", "-o", folder / "page", "--title", "A </script>", "--json"});
+  ASSERT_THAT(result, Succeeded());
+  const auto report = nlohmann::json::parse(result.out);
+  std::uint64_t bytes = 0;
+  for (const auto& entry : fs::directory_iterator(folder / "page")) bytes += entry.file_size();
+  EXPECT_EQ(report["bytes"], bytes);
+  EXPECT_LT(report["relative_rmse"].get<double>(), rounding);
+  EXPECT_LE(report["largest_8_bit_difference"].get<int>(), 1);
+  const std::string page = read_text(folder / "page" / "index.html");
+  for (const char* name :
+       {"style.css", "decode.js", "light.js", "map_file.js", "relighter.js", "overlay.js", "viewer.js"}) {
+    EXPECT_THAT(page, HasSubstr(name));
+    EXPECT_TRUE(fs::exists(folder / "page" / name)) << name;
+  }
+}
+
+TEST(ExportWeb, RefusesAFileAsItsFolder) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "f.rfield", sample_field(Parameterisation::monitor));
+  EXPECT_THAT(run_refield({"export-web", folder / "f.rfield", "-o", folder / "f.rfield"}),
+              RefusedNaming("f.rfield", "give a folder"));
+}
+
+class PageInChromium : public testing::TestWithParam<Parameterisation> {};
+
+// Loads, drags, turns, exposes and picks as a person would; see drive_page.py.
+TEST_P(PageInChromium, DrawsWhatTheProgramComputes) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "f.rfield", sample_field(GetParam()));
+  const std::string command = "python3 " REFIELD_SOURCE_DIR "/tests/cli/drive_page.py " REFIELD_PROGRAM " " +
+                              (folder / "f.rfield").string() + " " + (folder / "work").string();
+  const int status = std::system(command.c_str());
+  constexpr int skipped = 77, no_such_command = 127;
+  if (WIFEXITED(status) && (WEXITSTATUS(status) == skipped || WEXITSTATUS(status) == no_such_command))
+    GTEST_SKIP()
+        << "no Chromium with its driver, or no Python here (Debian: chromium, chromium-driver, python3)";
+  EXPECT_EQ(status, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Maps, PageInChromium,
+                         testing::Values(Parameterisation::monitor, Parameterisation::lat_long),
+                         [](const auto& maps) { return std::string(name_of(maps.param)); });
+
+}  // namespace
+}  // namespace refield
