@@ -9,16 +9,17 @@ namespace refield {
 
 namespace {
 constexpr std::size_t huge_page = std::size_t{2} << 20;
+constexpr std::size_t large = 4 * huge_page;  // from here on huge pages pay
 
 std::align_val_t alignment_of(std::size_t bytes) {
-  return std::align_val_t{bytes < 4 * huge_page ? 64 : huge_page};
+  return std::align_val_t{bytes < large ? 64 : huge_page};
 }
 }  // namespace
 
 void* allocate_aligned(std::size_t bytes) {
   void* memory = ::operator new(bytes, alignment_of(bytes));
   // Advice only: a kernel without huge pages gives small ones.
-  if (bytes >= 4 * huge_page) madvise(memory, bytes, MADV_HUGEPAGE);
+  if (bytes >= large) madvise(memory, bytes, MADV_HUGEPAGE);
   return memory;
 }
 

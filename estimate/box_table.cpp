@@ -113,20 +113,43 @@ void BoxTable::column(const Box& box, float* column, std::size_t extent) const {
   for (int channel = 0; channel < 3; ++channel) channel_column(box, channel, column + channel * extent);
 }
 
-void BoxTable::channel_column(const Box& box, int channel, float* values) const {
+std::array<const double*, 4> BoxTable::corners(const Box& box, int channel) const {
   const std::size_t offset = static_cast<std::size_t>(channel) * stored_images_;
-  const double* a = corner(box.x0, box.y0) + offset;
-  const double* b = corner(box.x1, box.y0) + offset;
-  const double* c = corner(box.x0, box.y1) + offset;
-  const double* d = corner(box.x1, box.y1) + offset;
+  return {corner(box.x0, box.y0) + offset, corner(box.x1, box.y0) + offset, corner(box.x0, box.y1) + offset,
+          corner(box.x1, box.y1) + offset};
+}
+
+void BoxTable::channel_column(const Box& box, int channel, float* values) const {
+  const auto at = corners(box, channel);
   if (!selected_.empty())
     for (int i = 0; i < images_; ++i) {
       const int j = selected_[i];
-      values[i] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
+      values[i] = static_cast<float>((at[3][j] - at[2][j]) - (at[1][j] - at[0][j]));
     }
   else
-    for (int j = 0; j < images_; ++j) values[j] = static_cast<float>((d[j] - c[j]) - (b[j] - a[j]));
+    corner_sums(at, images_, values);
   std::fill(values + images_, values + stride_, 0.0f);
+}
+
+void BoxTable::products(const Box& box, int channel, const float* vector, float& with_vector,
+                        float& squared) const {
+  if (selected_.empty()) {
+    corner_products(corners(box, channel), images_, vector, with_vector, squared);
+    return;
+  }
+  AlignedFloats column(stride_);
+  channel_column(box, channel, column.data());
+  const float* others[2] = {vector, column.data()};
+  float both[2];
+  dots(column.data(), others, 2, stride_, both);
+  with_vector = both[0];
+  squared = both[1];
+}
+
+void BoxTable::prefetch(int x, int y, int first, int last) const {
+  constexpr int line = 64 / sizeof(double);
+  const double* at = corner(x, y);
+  for (int i = first * stored_images_; i < last * stored_images_; i += line) __builtin_prefetch(at + i);
 }
 
 std::uint64_t BoxTable::bytes(const LightDomain& domain, std::uint64_t images) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <filesystem>
 #include <memory>
 #include <span>
@@ -39,6 +40,12 @@ class BoxTable {
   void column(const Box& box, float* values) const { column(box, values, stride_); }
   /// Sums of one channel: [stride].
   void channel_column(const Box& box, int channel, float* values) const;
+  /// The products of these with a vector over the images and with themselves, without writing them down.
+  void products(const Box& box, int channel, const float* vector, float& with_vector, float& squared) const;
+
+  /// Asks for the sums at a corner of rectangles ahead of time, from channel `first` to before `last`: most
+  /// of the time that a column takes is waiting for them.
+  void prefetch(int x, int y, int first, int last) const;
 
   const HatGrid& hats() const { return hats_; }
   /// Sums of the lights weighted by hat function `node`: [images] of a channel.
@@ -52,6 +59,8 @@ class BoxTable {
   BoxTable(LightDomain domain, int images, HatGrid hats);
   void fill(std::span<const LightMap> lights, int first);
   void integrate();
+  /// Upper before lower, left before right.
+  std::array<const double*, 4> corners(const Box& box, int channel) const;
   const double* corner(int x, int y) const {
     return prefix_->data() + (static_cast<std::size_t>(y) * (domain_.width + 1) + x) * 3 * stored_images_;
   }

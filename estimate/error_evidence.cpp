@@ -79,7 +79,7 @@ ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
       if ((j % folds == fold) == alone) seen.push_back(j);
     found = std::make_unique<Part>(table_, std::move(seen), options_);
   }
-  if (found->model.cache().bytes() > part_cache_bytes) found->model.cache().clear();
+  found->model.cache().keep_within(part_cache_bytes);
   return *found;
 }
 

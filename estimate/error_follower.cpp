@@ -86,7 +86,7 @@ FollowedError ErrorFollower::predict() {
     auto& own = workers.local();
     if (!own) own = std::make_unique<FitWorker>(table, options);
     KernelCache& cache = own->model.cache();
-    if (cache.bytes() > cache_limit_bytes) cache.clear();
+    cache.keep_within(cache_limit_bytes);
     AlignedFloats padded(block_size * 3 * table.stride());
     std::vector<PixelSamples> block(block_size);
     for (std::size_t i = 0; i < block_size; ++i)

@@ -36,10 +36,6 @@ std::vector<PixelSamples> samples_of(const Tile& tile, const std::function<Pixel
   return result;
 }
 
-void keep_within_limit(KernelCache& cache) {
-  if (cache.bytes() > cache_limit_bytes) cache.clear();
-}
-
 /// Fills in what a band's final kernels tell about their own error. Looks along rows only, so that no result
 /// depends on where the band begins.
 struct EvidenceGatherer {
@@ -63,7 +59,7 @@ struct EvidenceGatherer {
     if (x < 0 || x >= width || !active(x, y)) return false;
     const PixelKernels& pixel = at(x, y);
     if (!(pixel.squared_samples > 0.0)) return false;  // without kernels, all of it is error
-    keep_within_limit(own.model.cache());
+    own.model.cache().keep_within(cache_limit_bytes);
     masked.assign(samples(x, y), table.stride(), table.images());
     residuals.resize(3 * table.stride());
     squared =
@@ -159,7 +155,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   const auto worker = [&]() -> FitWorker& {
     auto& own = workers.local();
     if (!own) own = std::make_unique<FitWorker>(table, options);
-    keep_within_limit(own->model.cache());
+    own->model.cache().keep_within(cache_limit_bytes);
     return *own;
   };
   const auto at = [&](int x, int y) { return static_cast<std::size_t>(y - held.first) * width + x; };
@@ -185,7 +181,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
         std::size_t i = 0;
         for (int by = block.y0; by < block.y1; ++by)
           for (int bx = block.x0; bx < block.x1; ++bx) kernels[at(bx, by)] = std::move(fitted[i++]);
-        keep_within_limit(own.model.cache());  // blocks that share little fill it within a tile
+        own.model.cache().keep_within(cache_limit_bytes);  // blocks that share little fill it within a tile
       }
     progress.advance(static_cast<std::uint64_t>(tile.x1 - tile.x0) * (tile.y1 - tile.y0));
   });

@@ -312,6 +312,7 @@ void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordi
                               Fitted& fitted) {
   const TreeDictionary& dictionary = search.tree.dictionary();
   PixelKernels& kernels = fitted.kernels;
+  const std::vector<float> like = kernels.smooth.empty() ? like_ : std::move(kernels.smooth);
   kernels = {};
   if (!pixel.samples.complete) {
     std::vector<Box> boxes;
@@ -321,7 +322,7 @@ void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordi
     fitted.noise.fill(kernels.squared_residual / std::max(measured, 1));
     return;
   }
-  const PixelWeights weights = search.selector.solve(coordinates, fitted.choice, pixel.noise_kept);
+  const PixelWeights weights = search.selector.solve(coordinates, fitted.choice, pixel.noise_kept, like);
   for (std::size_t i = 0; i < fitted.choice.boxes.size(); ++i) {
     if (weights.boxes[0][i] <= 0.0 && weights.boxes[1][i] <= 0.0 && weights.boxes[2][i] <= 0.0) continue;
     kernels.boxes.push_back(dictionary.boxes[fitted.choice.boxes[i]]);
@@ -329,6 +330,7 @@ void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordi
   }
   for (std::size_t h = 0; h < weights.hats[0].size(); ++h)
     for (int c = 0; c < 3; ++c) kernels.smooth.push_back(static_cast<float>(weights.hats[c][h]));
+  if (!kernels.smooth.empty()) like_ = kernels.smooth;
   for (int c = 0; c < 3; ++c) {
     kernels.squared_residual += weights.squared_residual[c];
     kernels.squared_samples += pixel.samples.squared[c];
@@ -370,6 +372,7 @@ void BlockFitter::pool(const Group& pixels) {
 
 void BlockFitter::fit_group(const Group& pixels, int side) {
   guess_ = {};  // what is found must not depend on what was fitted before
+  like_.clear();
   if (pixels.size() == 1 && (old_.empty() || side < block_side_px)) {
     Fitted& fitted = fitted_[pixels[0]->index];
     Fitted own = fit_alone(*pixels[0]);

@@ -99,6 +99,7 @@ class BlockFitter {
   WeightedFit weighted_;
   std::span<const std::vector<Box>> old_;
   ClassGuess guess_;
+  std::vector<float> like_;  // weights of the hats of the pixel before
   std::vector<Fitted> fitted_;
   int set_count_ = 0;
   std::vector<int> set_of_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <array>
+#include <cstdint>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -20,9 +21,10 @@ namespace refield {
 struct Split {
   Box first;  ///< the half with the smaller coordinates
   Box second;
-  std::array<const float*, 3> direction{};  ///< d, [extent] of each channel; null before KernelCache::make()
+  std::array<const float*, 3> direction{};  ///< d, [stride] of each channel; null before KernelCache::make()
   std::array<float, 3> fraction{};          ///< f of each channel
   std::array<float, 3> norm2{};             ///< ‖d‖² of each channel over all images
+  std::array<const float*, 3> smooth{};     ///< Vᵀd; null before KernelCache::smooth_coordinates()
 
   Box parent() const { return {first.x0, first.y0, second.x1, second.y1}; }
 };
@@ -47,25 +49,34 @@ class KernelCache {
   /// Their directions are made on demand, since reading the table is what costs.
   std::span<Split> splits(const Box& box);
   void make(Split& split, int channel);
+  /// Asks ahead of time for what make() will read.
+  void prefetch(const Split& split, int channel) const;
+  /// Vᵀd of a split that was made, [smooth rank]: see SmoothSpace. On demand, since few splits are chosen.
+  const float* smooth_coordinates(Split& split, int channel);
 
-  std::size_t bytes() const { return blocks_.size() * block_floats * sizeof(float); }
-  /// Forgets everything; pointers handed out become invalid.
+  std::size_t bytes() const { return blocks_in_use_ * block_floats * sizeof(float); }
+  /// Forgets everything; pointers handed out become invalid. Keeps the memory for what comes.
   void clear();
+  /// Forgets everything where that takes more than `limit_bytes`.
+  void keep_within(std::uint64_t limit_bytes);
 
  private:
   static constexpr std::size_t block_floats = 1 << 18;
-  struct Block {
-    AlignedFloats memory;
-    std::size_t used = 0;
+  static constexpr int most_splits = 6;  // three positions along each side
+  struct Splits {
+    std::array<Split, most_splits> ways;
+    int count = 0;
   };
-  float* make_column(const Box& box, int channel);
+  float* allocate(std::size_t floats);
 
   const BoxTable& table_;
   const SmoothSpace& smooth_;
   EstimateMode mode_;
   std::unordered_map<Box, std::array<const float*, 3>, BoxHash> columns_;
-  std::unordered_map<Box, std::vector<Split>, BoxHash> splits_;
-  std::vector<Block> blocks_;
+  std::unordered_map<Box, Splits, BoxHash> splits_;
+  std::vector<AlignedFloats> blocks_;
+  std::size_t blocks_in_use_ = 0;
+  std::size_t used_of_block_ = 0;  // floats of the last one in use
 };
 
 /// Positions at which an interval [begin, end) is split in the given mode: the middle, and in refined mode

@@ -145,7 +145,13 @@ KernelChoice KernelSelector::pursue(const PixelCoordinates& pixel, int smooth_cl
   }
   // Weights that fall to zero free their place, so a few more rectangles than `most` may be tried.
   const int most_tried = std::min(2 * most, dictionary_->size());
-  for (auto& rows : projections_) rows.resize(most_tried * padded_size_);
+  for (int c = 0; c < 3; ++c) {
+    projections_[c].resize(most_tried * padded_size_);
+    chosen_gram_[c].resize(static_cast<std::size_t>(most_tried) * most_tried);
+    with_chosen_[c].clear();
+    nnls_[c].start(most_tried);
+  }
+  gram_stride_ = most_tried;
   int unrewarded = 0;
   while (static_cast<int>(chosen_.size()) < most_tried && unrewarded < patience) {
     const int next = best_candidate(current);
@@ -204,8 +210,6 @@ void KernelSelector::add(int smooth_class, int box) {
   const int count = index + 1;
   chosen_.push_back(box);
   is_chosen_[box] = 1;
-  gram_.resize(count * count);
-  h_.resize(count);
   for (int c = 0; c < 3; ++c) {
     // A row of the Cholesky factor of the Gram matrix, for all rectangles at once: what the new direction
     // takes from them.
@@ -224,16 +228,15 @@ void KernelSelector::add(int smooth_class, int box) {
       remaining_norm2_[c][d] -= projection[d] * projection[d];
     }
 
+    double* gram = chosen_gram_[c].data();
+    for (int i = 0; i < count; ++i)
+      gram[index * gram_stride_ + i] = gram[i * gram_stride_ + index] = row[chosen_[i]];
+    with_chosen_[c].push_back(with_samples_[c][box]);
     // The weights so far are the best without the new one, which enters only where it correlates.
     weights_[c].push_back(0.0);
     if (!(correlation_[c][box] > 0.0f)) continue;
     weights_[c].back() = entering_weight;
-    for (int i = 0; i < count; ++i) {
-      const float* g = current.gram[c].data() + chosen_[i] * padded_size_;
-      for (int k = 0; k < count; ++k) gram_[i * count + k] = g[chosen_[k]];
-      h_[i] = with_samples_[c][chosen_[i]];
-    }
-    nnls_.solve(gram_.data(), count, h_.data(), count, weights_[c].data());
+    nnls_[c].proceed(gram, gram_stride_, with_chosen_[c].data(), count, weights_[c].data());
     std::ranges::copy(with_samples_[c], correlation_[c].begin());
     for (int i = 0; i < count; ++i) {
       pointers_[i] = current.gram[c].data() + chosen_[i] * padded_size_;
@@ -244,7 +247,7 @@ void KernelSelector::add(int smooth_class, int box) {
 }
 
 PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelChoice& choice,
-                                   const std::array<double, 3>& noise_kept) {
+                                   const std::array<double, 3>& noise_kept, std::span<const float> like) {
   const SmoothClass& smooth = smooth_.classes()[choice.smooth_class];
   const int none = smooth_.class_without();  // in whose metric products are those of images
   Metric& raw = metric(none);
@@ -277,9 +280,9 @@ PixelWeights KernelSelector::solve(const PixelCoordinates& pixel, const KernelCh
     gram_ = raw_gram_;
     for (int i = 0; i < hats; ++i) {
       for (int k = 0; k < hats; ++k) gram_[i * size + k] += noise_kept[c] * smooth.penalty[c][i * hats + k];
-      x_[i] = 1.0;  // all free at first
+      x_[i] = like.empty() || like[3 * i + c] > 0.0f ? 1.0 : 0.0;
     }
-    nnls_.solve(gram_.data(), size, h_.data(), size, x_.data());
+    nnls_[c].solve(gram_.data(), size, h_.data(), size, x_.data());
     result.squared_residual[c] =
         std::max(squared_residual(raw_gram_.data(), size, h_.data(), size, x_.data(), pixel.squared[c]), 0.0);
     result.hats[c].assign(x_.begin(), x_.begin() + hats);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <array>
+#include <span>
 #include <vector>
 
 #include "estimate/nnls.h"
@@ -67,9 +68,10 @@ class KernelSelector {
   KernelChoice select(const PixelCoordinates& pixel, int most, ClassGuess& guess);
   /// Non-negative weights of the chosen rectangles together with the hats (eq. 6). `noise_kept`: of each
   /// channel, the part of the noise variance that the samples still have; the prior of the hats weighs that
-  /// much less.
+  /// much less. `like`: empty, or [hats × 3] weights of hats in a fit that is alike; those without any are
+  /// held at first, which changes nothing but the time.
   PixelWeights solve(const PixelCoordinates& pixel, const KernelChoice& choice,
-                     const std::array<double, 3>& noise_kept);
+                     const std::array<double, 3>& noise_kept, std::span<const float> like = {});
 
  private:
   struct Metric {
@@ -103,11 +105,14 @@ class KernelSelector {
   std::vector<int> chosen_;
   std::vector<char> is_chosen_;
   std::array<std::vector<double>, 3> weights_;
-  AlignedFloats total_gain_;  // [padded size]
+  int gram_stride_ = 0;
+  std::array<std::vector<double>, 3> chosen_gram_;  // [chosen × gram_stride_]
+  std::array<std::vector<double>, 3> with_chosen_;  // products with the samples
+  std::array<NnlsSolver, 3> nnls_;                  // each goes on from rectangle to rectangle
+  AlignedFloats total_gain_;                        // [padded size]
   std::vector<double> gram_, raw_gram_, h_, x_;
   std::vector<const float*> pointers_;
   std::vector<float> products_;
-  NnlsSolver nnls_;
 };
 
 }  // namespace refield

@@ -116,12 +116,12 @@ void SmoothSpace::analyse(const BoxTable& table, int c) {
   }
 }
 
-void SmoothSpace::extend(float* vector, int channel) const {
+void SmoothSpace::project(const float* vector, int channel, float* coordinates) const {
   if (rank_ == 0) return;
   std::array<const float*, most_hats> V;
   for (int k = 0; k < rank_; ++k) V[k] = directions_[channel].data() + k * stride_;
-  dots(vector, V.data(), rank_, stride_, vector + stride_);
-  std::fill(vector + stride_ + rank_, vector + extent(), 0.0f);
+  dots(vector, V.data(), rank_, stride_, coordinates);
+  std::fill(coordinates + rank_, coordinates + padded_length(rank_), 0.0f);
 }
 
 void SmoothSpace::hat_products(const float* coordinates, int channel, double* products) const {

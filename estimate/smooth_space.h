@@ -42,8 +42,10 @@ class SmoothSpace {
   const std::vector<SmoothClass>& classes() const { return classes_; }
   int class_without() const { return static_cast<int>(classes_.size()) - 1; }
 
-  /// Writes Vᵀa behind one channel's vector a.
-  void extend(float* vector, int channel) const;
+  /// Vᵀa of one channel's vector a: [rank, padded].
+  void project(const float* vector, int channel, float* coordinates) const;
+  /// Writes it behind the vector.
+  void extend(float* vector, int channel) const { project(vector, channel, vector + stride_); }
   /// Hᵀa from Vᵀa: [hats].
   void hat_products(const float* coordinates, int channel, double* products) const;
   /// HᵀH, [hats × hats].

@@ -27,8 +27,7 @@ TreeSearch::TreeSearch(KernelCache& cache, int most_leaves)
       candidate_stride_(padded_length(most_leaves)),
       smooth_rank_(cache.smooth().rank()),
       scratch_(padded_length(most_leaves)) {
-  dictionary_.smooth_offset = most_leaves;
-  dictionary_.coordinate_stride = padded_length(most_leaves + smooth_rank_);
+  lay_out(most_leaves);
   for (int c = 0; c < 3; ++c) {
     dictionary_.coordinates[c].resize(2 * most_leaves * dictionary_.coordinate_stride);
     dictionary_.basis[c].resize(most_leaves * stride_);
@@ -42,8 +41,14 @@ TreeSearch::TreeSearch(KernelCache& cache, int most_leaves)
   products_.resize(pointers_.size());
 }
 
+void TreeSearch::lay_out(int leaves) {
+  dictionary_.smooth_offset = leaves;
+  dictionary_.coordinate_stride = padded_length(leaves + smooth_rank_);
+}
+
 const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double measured, int leaves) {
   leaves_asked_ = std::min(leaves, most_leaves_);
+  lay_out(leaves_asked_);
   start(targets);
   solve();
   const int count = *std::ranges::max_element(target_count_);
@@ -69,6 +74,7 @@ const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double meas
 }
 
 const TreeDictionary& TreeSearch::take(std::span<const Box> boxes) {
+  lay_out(most_leaves_);
   target_count_ = {};
   dictionary_.boxes.clear();
   dictionary_.rank = 0;
@@ -118,6 +124,7 @@ void TreeSearch::start(const SearchTargets& targets) {
         fit.squared += static_cast<double>(fit.target[j]) * fit.target[j];
       squared_targets_ += fit.squared;
       fit.weights[0] = 0.0;
+      fit.nnls.start(most_leaves_);
     }
   }
   dictionary_.boxes.clear();
@@ -188,6 +195,7 @@ void TreeSearch::add_candidates(int leaf) {
     for (std::size_t i = first; i < candidates_.size(); ++i) {
       Candidate& candidate = candidates_[i];
       cache_.make(*candidate.split, c);
+      if (i + 1 < candidates_.size()) cache_.prefetch(*candidates_[i + 1].split, c);
       candidate.remaining_norm2[c] = candidate.split->norm2[c];
       dots(candidate.split->direction[c], pointers_.data(), rank + target_count_[c], stride_,
            products_.data());
@@ -248,12 +256,15 @@ void TreeSearch::split(int chosen) {
     float* other = coordinates(c, first + 1);
     std::fill_n(one, dictionary_.coordinate_stride, 0.0f);
     std::copy_n(newest_[c].data(), dictionary_.rank, one);
-    std::copy_n(split.direction[c] + stride_, smooth_rank_, one + dictionary_.smooth_offset);
+    std::copy_n(cache_.smooth_coordinates(split, c), smooth_rank_, one + dictionary_.smooth_offset);
     for (std::size_t k = 0; k < dictionary_.coordinate_stride; ++k) {
       one[k] += split.fraction[c] * p[k];
       other[k] = p[k] - one[k];
     }
-    for (int t = 0; t < target_count_[c]; ++t) fits_[c][t].weights[other_leaf] = fits_[c][t].weights[leaf];
+    for (int t = 0; t < target_count_[c]; ++t) {
+      fits_[c][t].nnls.drop(leaf);
+      fits_[c][t].weights[other_leaf] = fits_[c][t].weights[leaf];
+    }
   }
   update_gram(leaf);
   update_gram(other_leaf);
@@ -290,7 +301,7 @@ void TreeSearch::solve() {
   for (int c = 0; c < 3; ++c)
     for (int t = 0; t < target_count_[c]; ++t) {
       Fit& fit = fits_[c][t];
-      nnls_.solve(gram_[c].data(), most_leaves_, fit.with_target.data(), count, fit.weights.data());
+      fit.nnls.proceed(gram_[c].data(), most_leaves_, fit.with_target.data(), count, fit.weights.data());
       std::fill_n(fit.fit_in_basis.begin(), dictionary_.rank, 0.0);
       for (int l = 0; l < count; ++l) {
         const double x = fit.weights[l];

@@ -71,7 +71,10 @@ class TreeSearch {
     std::vector<double> fit_in_basis;  // z = Qᵀ A x
     std::vector<double> with_target;   // h = Aᵀ target, of the leaves
     std::vector<double> weights;       // x
+    NnlsSolver nnls;                   // goes on from split to split
   };
+  /// Coordinates in a basis of at most `leaves` vectors, without gaps.
+  void lay_out(int leaves);
   void start(const SearchTargets& targets);
   void add_direction(const std::array<const float*, 3>& direction);
   void add_candidates(int leaf);
@@ -107,7 +110,6 @@ class TreeSearch {
   AlignedFloats scratch_;
   std::vector<const float*> pointers_;
   std::vector<float> products_, gains_;
-  NnlsSolver nnls_;
 };
 
 }  // namespace refield

@@ -74,17 +74,15 @@ namespace {
 /// Coarse steps end at this part of a rectangle's longer side.
 constexpr int coarse_parts = 24;
 
-/// Squared part of the target that a column explains, with a non-negative weight a channel; the weights.
-double explained(const AlignedFloats& target, const float* column, std::size_t stride,
+/// Squared part of the target that a rectangle explains, with a non-negative weight a channel; the weights.
+double explained(const BoxTable& table, const Box& box, const AlignedFloats& target,
                  std::array<float, 3>& weight) {
   double sum = 0.0;
   for (int c = 0; c < 3; ++c) {
-    const float* a = column + c * stride;
-    const float* others[2] = {target.data() + c * stride, a};
-    float products[2];
-    dots(a, others, 2, stride, products);
-    weight[c] = products[1] > 0.0f ? std::max(products[0] / products[1], 0.0f) : 0.0f;
-    sum += static_cast<double>(weight[c]) * products[0];
+    float with_target = 0.0f, squared = 0.0f;
+    table.products(box, c, target.data() + c * table.stride(), with_target, squared);
+    weight[c] = squared > 0.0f ? std::max(with_target / squared, 0.0f) : 0.0f;
+    sum += static_cast<double>(weight[c]) * with_target;
   }
   return sum;
 }
@@ -98,21 +96,21 @@ std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels
   const std::size_t stride = table.stride();
   std::vector<Box> boxes = kernels.boxes;
   std::vector<float> weights = kernels.weights;
-  AlignedFloats rest = residual, column(3 * stride), trial(3 * stride);
-  const auto add = [&](const float* a, const float* w, float sign) {
+  AlignedFloats rest = residual, column(3 * stride);
+  const auto add = [&](const Box& box, const float* w, float sign) {
+    table.column(box, column.data());
     for (int c = 0; c < 3; ++c) {
       const float factor = -sign * w[c];
-      const float* one = a + c * stride;
+      const float* one = column.data() + c * stride;
       subtract_combination(rest.data() + c * stride, &one, &factor, 1, stride);
     }
   };
   for (int sweep = 0; sweep < sweeps; ++sweep)
     for (std::size_t k = 0; k < boxes.size(); ++k) {
       Box& box = boxes[k];
-      table.column(box, column.data());
-      add(column.data(), &weights[3 * k], 1.0f);
+      add(box, &weights[3 * k], 1.0f);
       std::array<float, 3> weight{};
-      double best = explained(rest, column.data(), stride, weight);
+      double best = explained(table, box, rest, weight);
       const int side = std::max(box.x1 - box.x0, box.y1 - box.y0);
       const int finest = coarse ? std::max(side / coarse_parts, 1) : 1;
       for (int step = std::max(side / 3, 1); step >= finest; step /= 2)
@@ -123,17 +121,15 @@ std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels
             if (moved.x0 < 0 || moved.y0 < 0 || moved.x1 > table.domain().width ||
                 moved.y1 > table.domain().height || moved.x0 >= moved.x1 || moved.y0 >= moved.y1)
               continue;
-            table.column(moved, trial.data());
             std::array<float, 3> trial_weight{};
-            const double value = explained(rest, trial.data(), stride, trial_weight);
+            const double value = explained(table, moved, rest, trial_weight);
             if (value <= best) continue;
             best = value;
             box = moved;
             weight = trial_weight;
-            std::swap(column, trial);
           }
       std::copy_n(weight.begin(), 3, weights.begin() + 3 * k);
-      add(column.data(), weight.data(), -1.0f);
+      add(box, weight.data(), -1.0f);
     }
   return boxes;
 }
