@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit_block.h"
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
-#include "estimate/information_criterion.h"
 #include "estimate/pool_samples.h"
 
 namespace refield {
@@ -38,8 +36,6 @@ constexpr double worth_searching_anew = 0.01;
 /// noise.
 constexpr double bright = 2.0;
 constexpr double search_penalty_bright = 10.0;
-/// A pixel begins a set of its own when its squared distance is this many times the median's.
-constexpr float far_beyond = 3.0f;
 /// A pixel does clearly better with a tree of its own when its criterion falls by more than this.
 constexpr double clear_gain = 15.0;
 /// And when that takes this part, in quadrature, off the pixel's relative error: photographs are seldom less
@@ -50,14 +46,6 @@ constexpr double worthwhile_gain = 0.007;
 constexpr int refinements = 2;
 /// Times that samples which were not measured are filled in from a fit and kernels chosen anew.
 constexpr int fillings = 3;
-
-/// How samples that were not measured are foreseen.
-EstimateOptions gap_options() {
-  EstimateOptions options;
-  options.mode = EstimateMode::refined;
-  options.kernels = 12;
-  return options;
-}
 }  // namespace
 
 BlockFitter::BlockFitter(KernelCache& cache, int most_kernels, double mean_square)
@@ -68,7 +56,7 @@ BlockFitter::BlockFitter(KernelCache& cache, int most_kernels, double mean_squar
       images_(cache.table().images()),
       stride_(smooth_.stride()),
       extent_(smooth_.extent()),
-      gap_filler_(cache, gap_options()),
+      gap_filler_(cache),
       shared_(cache, most_leaves),
       single_(cache, most_leaves),
       weighted_(cache.table(), smooth_) {}
@@ -97,25 +85,12 @@ std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples
 void BlockFitter::load(Pixel& pixel, const PixelSamples& samples) {
   pixel.samples.assign(samples, stride_, images_);
   pixel.values.assign(3 * extent_, 0.0f);
-  PixelKernels guess;
-  if (!pixel.samples.complete) guess = gap_filler_.fit(samples);
-  pixel.gap_boxes = guess.boxes;
   for (int c = 0; c < 3; ++c) {
     float* b = pixel.values.data() + c * extent_;
     std::copy_n(pixel.samples.values.data() + c * stride_, stride_, b);
-    if (!pixel.samples.complete) {
-      // What was not measured is foreseen by a tree that sees only what was.
-      AlignedFloats foreseen(stride_, 0.0f);
-      for (std::size_t k = 0; k < guess.boxes.size(); ++k) {
-        const float* column = cache_.column(guess.boxes[k], c);
-        const float minus_weight = -guess.weights[3 * k + c];
-        subtract_combination(foreseen.data(), &column, &minus_weight, 1, stride_);
-      }
-      for (int j = 0; j < images_; ++j)
-        if (pixel.samples.measured[c * stride_ + j] == 0.0f) b[j] = foreseen[j];
-    }
-    smooth_.extend(b, c);
+    if (pixel.samples.complete) smooth_.extend(b, c);
   }
+  if (!pixel.samples.complete) pixel.gap_boxes = gap_filler_.foresee(samples, pixel.samples, pixel.values);
 }
 
 std::vector<int> BlockFitter::channels_to_search(const Group& pixels) const {
@@ -135,7 +110,7 @@ void BlockFitter::take_or_grow(const Group& pixels) {
     shared_.selector.prepare(shared_.tree.take(boxes));
     return;
   }
-  sort_alike(pixels);
+  const AlikeSets sets = sort_alike(pixels);
   const int count = static_cast<int>(pixels.size());
   const auto searched = channels_to_search(pixels);
   double measured = 0.0;
@@ -143,15 +118,15 @@ void BlockFitter::take_or_grow(const Group& pixels) {
   SearchTargets targets;
   std::vector<const float*> pointers(count);
   std::vector<float> minus_scale(count);
-  means_.resize(set_count_);
-  for (int set = 0; set < set_count_; ++set) {
+  means_.resize(sets.count);
+  for (int set = 0; set < sets.count; ++set) {
     means_[set].assign(3 * stride_, 0.0f);
     for (const int c : searched) {
       int members = 0;
       for (int p = 0; p < count; ++p)
-        if (set_of_[p] == set) {
+        if (sets.set_of[p] == set) {
           pointers[members] = pixels[p]->values.data() + c * extent_;
-          minus_scale[members++] = -scale_[p];
+          minus_scale[members++] = -sets.scale[p];
         }
       float* mean = means_[set].data() + c * stride_;
       subtract_combination(mean, pointers.data(), minus_scale.data(), members, stride_);
@@ -194,47 +169,15 @@ BlockFitter::Fitted BlockFitter::fit_alone(Pixel& pixel) {
   return fit_from(pixel, single_);
 }
 
-void BlockFitter::sort_alike(const Group& pixels) {
-  const int count = static_cast<int>(pixels.size());
-  scale_.resize(count);
-  // Every pixel counts alike, so that a bright one does not speak for all.
-  for (int p = 0; p < count; ++p) {
-    const double sum = pixels[p]->samples.squared_sum();
-    scale_[p] = sum > 0.0 ? static_cast<float>(1.0 / std::sqrt(sum)) : 0.0f;
+AlikeSets BlockFitter::sort_alike(const Group& pixels) const {
+  std::vector<std::array<const float*, 3>> values;
+  std::vector<double> squared;
+  for (const Pixel* pixel : pixels) {
+    const float* b = pixel->values.data();
+    values.push_back({b, b + extent_, b + 2 * extent_});
+    squared.push_back(pixel->samples.squared_sum());
   }
-  Eigen::MatrixXf gram = Eigen::MatrixXf::Zero(count, count);
-  std::vector<const float*> pointers(count);
-  std::vector<float> products(count);
-  for (int c = 0; c < 3; ++c) {
-    for (int p = 0; p < count; ++p) pointers[p] = pixels[p]->values.data() + c * extent_;
-    for (int p = 0; p < count; ++p) {
-      dots(pointers[p], pointers.data(), count, stride_, products.data());
-      for (int q = 0; q < count; ++q) gram(p, q) += scale_[p] * scale_[q] * products[q];
-    }
-  }
-  const auto distance2 = [&](int p, int q) { return gram(p, p) + gram(q, q) - 2.0f * gram(p, q); };
-  const Eigen::VectorXf to_all = gram.rowwise().sum();
-  const auto to_mean = [&](int p) { return gram(p, p) * count - 2.0f * to_all[p]; };
-  int centre = 0;
-  for (int p = 1; p < count; ++p)
-    if (to_mean(p) < to_mean(centre)) centre = p;
-  // Farthest first: a pixel far from all centres begins a set, as long as it is far beyond the usual.
-  set_of_.assign(count, 0);
-  set_count_ = 1;
-  std::vector<float> nearest(count);
-  for (int p = 0; p < count; ++p) nearest[p] = distance2(p, centre);
-  while (set_count_ < std::min(TreeSearch::most_targets, count)) {
-    std::vector<float> sorted = nearest;
-    std::ranges::nth_element(sorted, sorted.begin() + count / 2);
-    const int far = static_cast<int>(std::ranges::max_element(nearest) - nearest.begin());
-    if (!(nearest[far] > far_beyond * sorted[count / 2])) break;
-    for (int p = 0; p < count; ++p)
-      if (const float d = distance2(p, far); d < nearest[p]) {
-        nearest[p] = d;
-        set_of_[p] = set_count_;
-      }
-    ++set_count_;
-  }
+  return refield::sort_alike(values, squared, stride_, TreeSearch::most_targets);
 }
 
 PixelCoordinates BlockFitter::coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const {
@@ -259,53 +202,22 @@ BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, Search& search) {
     const PixelCoordinates coordinates = coordinates_of(pixel, search.tree.dictionary());
     fitted.choice = search.selector.select(coordinates, most_kernels_, guess_);
     set_weights(pixel, coordinates, search, fitted);
-    if (!pixel.samples.complete) fill_in(pixel);
+    if (!pixel.samples.complete) gap_filler_.fill_in(pixel.samples, weighted_.predicted(), pixel.values);
   }
   if (!pixel.samples.complete) prune_with_gaps(pixel, fitted);
   return fitted;
 }
 
 void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
-  const auto& samples = pixel.samples;
-  const double squared = samples.squared_sum();
-  const int measured = samples.count_sum();
   std::vector<Box> all = fitted.kernels.boxes;
   for (const Box& box : pixel.gap_boxes)
     if (std::ranges::find(all, box) == all.end()) all.push_back(box);
-  double best = std::numeric_limits<double>::infinity();
-  const int found_class = fitted.choice.smooth_class;
-  for (const int smooth_class : {found_class, smooth_.class_without()}) {
-    if (smooth_class == found_class && best < std::numeric_limits<double>::infinity()) break;
-    std::vector<Box> boxes = all;
-    while (true) {
-      PixelKernels kernels = weighted_.fit(boxes, smooth_class, samples, pixel.noise_kept);
-      const auto parameters = std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
-      const double criterion =
-          information_criterion(kernels.squared_residual, squared, measured, static_cast<int>(parameters)) +
-          search_penalty_for(samples) * static_cast<double>(kernels.boxes.size()) +
-          smooth_.classes()[smooth_class].log_determinant;
-      boxes = kernels.boxes;
-      // The one that brings least light goes next.
-      std::size_t least = 0;
-      double least_light = std::numeric_limits<double>::infinity();
-      for (std::size_t k = 0; k < boxes.size(); ++k) {
-        const float* w = kernels.weights.data() + 3 * k;
-        const double light = static_cast<double>(boxes[k].area()) * (w[0] + w[1] + w[2]);
-        if (light < least_light) {
-          least_light = light;
-          least = k;
-        }
-      }
-      if (criterion < best) {
-        best = criterion;
-        fitted.kernels = std::move(kernels);
-        fitted.choice.smooth_class = smooth_class;
-      }
-      if (boxes.empty()) break;
-      boxes.erase(boxes.begin() + static_cast<std::ptrdiff_t>(least));
-    }
-  }
-  fitted.choice.criterion = best;
+  auto pruned = gap_filler_.prune(all, fitted.choice.smooth_class, pixel.samples,
+                                  search_penalty_for(pixel.samples), pixel.noise_kept, weighted_);
+  fitted.choice.criterion = pruned.criterion;
+  if (!std::isfinite(pruned.criterion)) return;  // nothing was measured
+  fitted.kernels = std::move(pruned.kernels);
+  fitted.choice.smooth_class = pruned.smooth_class;
 }
 
 void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search,
@@ -335,15 +247,6 @@ void BlockFitter::set_weights(const Pixel& pixel, const PixelCoordinates& coordi
     kernels.squared_residual += weights.squared_residual[c];
     kernels.squared_samples += pixel.samples.squared[c];
     fitted.noise[c] = weights.squared_residual[c] / std::max(pixel.samples.count[c], 1);
-  }
-}
-
-void BlockFitter::fill_in(Pixel& pixel) {
-  for (int c = 0; c < 3; ++c) {
-    float* b = pixel.values.data() + c * extent_;
-    for (int j = 0; j < images_; ++j)
-      if (pixel.samples.measured[c * stride_ + j] == 0.0f) b[j] = weighted_.predicted()[c * stride_ + j];
-    smooth_.extend(b, c);
   }
 }
 

@@ -3,7 +3,9 @@
 #include <span>
 #include <vector>
 
+#include "estimate/alike_pixels.h"
 #include "estimate/fit_pixel.h"
+#include "estimate/gap_filling.h"
 #include "estimate/select_kernels.h"
 #include "estimate/tree_search.h"
 #include "estimate/weighted_fit.h"
@@ -75,12 +77,11 @@ class BlockFitter {
   /// With a tree of its own, or its own old rectangles.
   Fitted fit_alone(Pixel& pixel);
   /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
-  void sort_alike(const Group& pixels);
+  AlikeSets sort_alike(const Group& pixels) const;
   double search_penalty_for(const MaskedSamples& samples) const;
   PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
   Fitted fit_from(Pixel& pixel, Search& search);
   void set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search, Fitted& fitted);
-  void fill_in(Pixel& pixel);
   /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
   /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
   void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
@@ -93,7 +94,7 @@ class BlockFitter {
   double mean_square_;
   int images_;
   std::size_t stride_, extent_;
-  PixelFitter gap_filler_;
+  GapFiller gap_filler_;
   Search shared_;  // of a group of pixels
   Search single_;  // of its pixel that is explained worst
   WeightedFit weighted_;
@@ -101,9 +102,6 @@ class BlockFitter {
   ClassGuess guess_;
   std::vector<float> like_;  // weights of the hats of the pixel before
   std::vector<Fitted> fitted_;
-  int set_count_ = 0;
-  std::vector<int> set_of_;
-  std::vector<float> scale_;
   std::vector<AlignedFloats> means_;
 };
 

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+namespace refield {
+
+/// Pixels sorted into a few sets of alike ones, whose means can stand for all.
+struct AlikeSets {
+  int count = 0;
+  std::vector<int> set_of;   ///< [pixels]
+  std::vector<float> scale;  ///< [pixels], what gives each unit norm: a bright one is not to speak for all
+};
+
+/// Farthest first (Gonzalez 1985): from the pixel nearest to the mean, a pixel far from all centres begins a
+/// set, as long as it is far beyond the usual. `values`: [pixels] of [3][stride] samples each, none missing;
+/// `squared`: [pixels], Σ b² over channels; `stride` as in vector_kernels.h.
+AlikeSets sort_alike(std::span<const std::array<const float*, 3>> values, std::span<const double> squared,
+                     std::size_t stride, int most_sets);
+
+}  // namespace refield
