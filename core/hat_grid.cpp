@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/hat_grid.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -16,6 +18,23 @@ double position(int texel, int texels, int nodes) {
 
 double hat(double position, int node, int nodes) {
   return nodes == 1 ? 1.0 : std::max(0.0, 1.0 - std::abs(position - node));
+}
+
+/// Texels [first, last) whose centres lie between two nodes, the first of which is `node`.
+struct Interval {
+  int node = 0;
+  int first = 0;
+  int last = 0;
+};
+
+std::vector<Interval> intervals(int first, int last, int texels, int nodes) {
+  std::vector<Interval> found;
+  for (int texel = first; texel < last; ++texel) {
+    const int node = std::min(static_cast<int>(position(texel, texels, nodes)), std::max(nodes - 2, 0));
+    if (found.empty() || found.back().node != node) found.push_back({node, texel, texel});
+    found.back().last = texel + 1;
+  }
+  return found;
 }
 
 }  // namespace
@@ -39,22 +58,50 @@ Box HatGrid::support(int node, const LightDomain& domain) const {
 
 std::vector<double> HatGrid::project(const LightMap& light) const {
   const LightDomain domain = light.domain();
-  std::vector<double> coefficients(static_cast<std::size_t>(count()) * 3);
-  std::vector<double> along_row(static_cast<std::size_t>(columns) * 3);
-  for (int y = 0; y < domain.height; ++y) {
-    std::ranges::fill(along_row, 0.0);
-    for (int x = 0; x < domain.width; ++x) {
-      const double p = position(x, domain.width, columns);
-      const int first = std::min(static_cast<int>(p), std::max(columns - 2, 0));
-      for (int i = first; i < std::min(first + 2, columns); ++i)
-        for (int c = 0; c < 3; ++c) along_row[3 * i + c] += hat(p, i, columns) * light.radiance.at(x, y, c);
+  return project(light.radiance, {0, 0, domain.width, domain.height}, domain);
+}
+
+std::vector<double> HatGrid::project(const Image& radiance, const Box& within,
+                                     const LightDomain& domain) const {
+  if (count() == 0) return {};
+  // Between two nodes a row gives its light to both, in parts that are linear in x: the sum of the light and
+  // of its share for the right node say it all, two products a texel and channel.
+  const auto row_values = static_cast<std::size_t>(columns) * 3;
+  std::vector<double> along_rows(row_values * static_cast<std::size_t>(within.height()), 0.0);
+  const std::vector<Interval> across = intervals(within.x0, within.x1, domain.width, columns);
+  std::vector<double> shares;
+  for (const Interval& interval : across)
+    for (int x = interval.first; x < interval.last; ++x)
+      shares.push_back(position(x, domain.width, columns) - interval.node);
+  tbb::parallel_for(0, within.height(), [&](int y) {
+    double* along_row = along_rows.data() + row_values * static_cast<std::size_t>(y);
+    const float* texel = radiance.row(y).data();
+    const double* share = shares.data();
+    for (const Interval& interval : across) {
+      double sum[3] = {0.0, 0.0, 0.0}, right[3] = {0.0, 0.0, 0.0};
+      for (int x = interval.first; x < interval.last; ++x, texel += 3, ++share) {
+        for (int c = 0; c < 3; ++c) {
+          sum[c] += texel[c];
+          right[c] += *share * texel[c];
+        }
+      }
+      for (int c = 0; c < 3; ++c) {
+        if (interval.node + 1 < columns) along_row[3 * (interval.node + 1) + c] += right[c];
+        along_row[3 * interval.node + c] += sum[c] - right[c];
+      }
     }
-    const double p = position(y, domain.height, rows);
-    const int first = std::min(static_cast<int>(p), std::max(rows - 2, 0));
-    for (int j = first; j < std::min(first + 2, rows); ++j)
-      for (std::size_t i = 0; i < along_row.size(); ++i)
-        coefficients[static_cast<std::size_t>(j) * along_row.size() + i] += hat(p, j, rows) * along_row[i];
-  }
+  });
+  std::vector<double> coefficients(static_cast<std::size_t>(count()) * 3);
+  for (const Interval& interval : intervals(within.y0, within.y1, domain.height, rows))
+    for (int y = interval.first; y < interval.last; ++y) {
+      const double share = position(y, domain.height, rows) - interval.node;
+      const double* along_row = along_rows.data() + row_values * static_cast<std::size_t>(y - within.y0);
+      double* upper = coefficients.data() + row_values * static_cast<std::size_t>(interval.node);
+      for (std::size_t i = 0; i < row_values; ++i) {
+        upper[i] += (1.0 - share) * along_row[i];
+        if (interval.node + 1 < rows) upper[row_values + i] += share * along_row[i];
+      }
+    }
   return coefficients;
 }
 

@@ -24,6 +24,8 @@ struct HatGrid {
   Box support(int node, const LightDomain& domain) const;
   /// Coefficients [count × 3]: the light's texel values weighted by each function and summed.
   std::vector<double> project(const LightMap& light) const;
+  /// The same for light that is zero outside `within`: `radiance` holds that part of the domain alone.
+  std::vector<double> project(const Image& radiance, const Box& within, const LightDomain& domain) const;
 };
 
 }  // namespace refield

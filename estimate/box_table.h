@@ -10,7 +10,7 @@
 #include "core/box.h"
 #include "core/hat_grid.h"
 #include "core/light_map.h"
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 
 namespace refield {
 

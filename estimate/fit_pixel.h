@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/predicted_error.h"
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 #include "estimate/kernel_cache.h"
 #include "estimate/nnls.h"
 #include "estimate/options.h"

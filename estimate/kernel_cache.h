@@ -6,7 +6,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 #include "estimate/box_table.h"
 #include "estimate/options.h"
 #include "estimate/smooth_space.h"

@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 
 namespace refield {
 

@@ -6,7 +6,7 @@
 
 #include "core/capture_session.h"
 #include "core/metrics.h"
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 
 namespace refield {
 

@@ -3,7 +3,7 @@
 #include <array>
 #include <cstddef>
 
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 
 namespace refield {
 

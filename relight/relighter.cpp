@@ -1,21 +1,152 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/relighter.h"
 
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+
 #include "core/errors.h"
 
 namespace refield {
 
-Relighter::Relighter(const ReflectanceField& field) : field_(field), image_(field.width, field.height, 3) {}
+namespace {
+
+/// From how many texels on whole-number tables are not accurate enough (see FixedPointTable).
+constexpr std::int64_t most_fixed_point_texels = 1 << 20;
+
+/// Light that came or went leaves rounding of about 6e-8 of itself behind: at this many times all light, the
+/// sum is 1e-6 of the image.
+constexpr double most_moved_light = 16.0;
+
+SmallBox small(const Box& box) {
+  return {static_cast<std::int16_t>(box.x0), static_cast<std::int16_t>(box.y0),
+          static_cast<std::int16_t>(box.x1), static_cast<std::int16_t>(box.y1)};
+}
+
+template <class Table>
+Coefficients common_coefficients(const std::vector<double>& hats, const Table& table,
+                                 const std::vector<SmallBox>& boxes) {
+  Coefficients common(hats.size() + boxes.size() * 3 + 1);
+  std::ranges::transform(hats, common.begin(), [](double sum) { return static_cast<float>(sum); });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, boxes.size(), 1024), [&](const auto& range) {
+    std::array<float, 4 * 64> sums;
+    for (std::size_t first = range.begin(); first < range.end(); first += 64) {
+      const std::size_t count = std::min<std::size_t>(64, range.end() - first);
+      sum_boxes(table, std::span(boxes).subspan(first, count), sums.data());
+      for (std::size_t k = 0; k < count; ++k)
+        std::copy_n(sums.data() + 4 * k, 3, common.data() + hats.size() + 3 * (first + k));
+    }
+  });
+  return common;
+}
+
+double sum_of(const Image& image) {
+  double sum = 0.0;
+  for (const float value : image.values) sum += std::abs(value);
+  return sum;
+}
+
+}  // namespace
+
+Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
+    : domain_(field.basis.domain), hats_(field.basis.hats), image_(field.width, field.height, 3) {
+  if (precision == RelightPrecision::fast)
+    transfer_ = tile_transfer<std::uint8_t>(field);
+  else
+    transfer_ = tile_transfer<std::uint16_t>(field);
+  double_sums_ = precision == RelightPrecision::fine ||
+                 std::int64_t{domain_.width} * domain_.height > most_fixed_point_texels;
+  std::visit(
+      [&](const auto& transfer) {
+        for (std::size_t i = static_cast<std::size_t>(hats_.count()); i < transfer.common.size(); ++i)
+          common_boxes_.push_back(small(field.basis.box(transfer.common[i])));
+      },
+      transfer_);
+}
+
+void Relighter::require_fitting(const LightMap& light) const {
+  if (light.domain() != domain_)
+    throw InputError("the light map is " + std::to_string(light.radiance.width) + "×" +
+                     std::to_string(light.radiance.height) + " (" +
+                     std::string(name_of(light.parameterisation)) + "), the field expects " +
+                     std::to_string(domain_.width) + "×" + std::to_string(domain_.height) + " (" +
+                     std::string(name_of(domain_.parameterisation)) + "); resample the map to that size");
+}
 
 const Image& Relighter::relight(const LightMap& light) {
-  field_.transfer.apply(field_.basis.project(light), image_.values);
+  require_fitting(light);
+  const std::vector<double> hats = hats_.project(light);
+  const auto multiply_with = [&](const auto& table) {
+    common_ = common_coefficients(hats, table, common_boxes_);
+    std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, transfer_);
+  };
+  if (double_sums_) {
+    multiply_with(SummedAreaTable(light.radiance));
+  } else {
+    table_.build(light.radiance);
+    multiply_with(table_);
+  }
+  keep(light.radiance);
+  updates_ = 0;
+  moved_light_ = 0.0;
+  total_light_ = -1.0;
   return image_;
 }
 
+void Relighter::keep(const Image& light) {
+  if (light_.values.size() != light.values.size()) light_ = light;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, light.values.size(), 1 << 16), [&](const auto& range) {
+    std::copy_n(light.values.data() + range.begin(), range.size(), light_.values.data() + range.begin());
+  });
+}
+
+Image Relighter::take_change(const LightMap& light, const Box& changed) {
+  if (total_light_ < 0.0) total_light_ = sum_of(light_);
+  Image difference(changed.width(), changed.height(), 3);
+  for (int y = changed.y0; y < changed.y1; ++y) {
+    const float* now = light.radiance.row(y).data() + std::ptrdiff_t{3} * changed.x0;
+    float* before = light_.row(y).data() + std::ptrdiff_t{3} * changed.x0;
+    float* out = difference.row(y - changed.y0).data();
+    for (int i = 0; i < 3 * changed.width(); ++i) {
+      out[i] = now[i] - before[i];
+      moved_light_ += std::abs(now[i]) + std::abs(before[i]);
+      total_light_ += std::abs(now[i]) - std::abs(before[i]);
+      before[i] = now[i];
+    }
+  }
+  return difference;
+}
+
 const Image& Relighter::update(const LightMap& light, const Box& changed) {
-  if (!changed.inside(domain().width, domain().height))
+  require_fitting(light);
+  if (!changed.inside(domain_.width, domain_.height))
     throw InputError("the changed part of the light reaches outside the light map");
-  return relight(light);
+  if (light_.empty() || ++updates_ >= refresh_period) return relight(light);
+  const Image difference = take_change(light, changed);
+  if (moved_light_ > most_moved_light * total_light_) return relight(light);
+  const auto add_with = [&](const auto& table) {
+    const LightChange<std::decay_t<decltype(table)>> change{changed, table,
+                                                            hats_.project(difference, changed, domain_)};
+    std::visit([&](const auto& transfer) { add_change(transfer, change, image_); }, transfer_);
+  };
+  if (double_sums_) {
+    add_with(SummedAreaTable(difference));
+  } else {
+    table_.build(difference);
+    add_with(table_);
+  }
+  return image_;
+}
+
+std::size_t Relighter::bytes_a_frame() const {
+  const auto texels = static_cast<std::size_t>(domain_.width) * domain_.height;
+  const std::size_t table = double_sums_ ? 3 * sizeof(double) : 4 * sizeof(std::int32_t);
+  return std::visit([](const auto& transfer) { return transfer.bytes(); }, transfer_) +
+         common_boxes_.size() * (sizeof(SmallBox) + 4 * sizeof(float)) +
+         texels * (table + 3 * sizeof(float)) + image_.values.size() * sizeof(float);
 }
 
 }  // namespace refield

@@ -1,33 +1,62 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <variant>
+
 #include "core/box.h"
 #include "core/image.h"
 #include "core/light_map.h"
 #include "core/reflectance_field.h"
+#include "relight/tile_product.h"
 
 namespace refield {
+
+/// How a relighter trades error for speed. `fast`: weights of 8 bits, an output error below 1e-3 (relative
+/// RMSE against ReflectanceField::relight()); `fine`: 16 bits and sums of light in double, below 1e-5.
+enum class RelightPrecision { fast, fine };
 
 /// Shows one reflectance field under one light after another. Keeps the light and the image between calls,
 /// so that a change of part of the light costs only what it touches. Not for several threads at once; its own
 /// work runs on all cores.
 class Relighter {
  public:
-  /// `field` must outlive the relighter.
-  explicit Relighter(const ReflectanceField& field);
+  /// Lays the field out for speed; `field` is not needed any more after that. Throws InputError for a light
+  /// map larger than small_box_limit.
+  explicit Relighter(const ReflectanceField& field, RelightPrecision precision = RelightPrecision::fast);
 
-  const LightDomain& domain() const { return field_.basis.domain; }
+  const LightDomain& domain() const { return domain_; }
 
   /// The scene under `light`, [height × width × 3]; valid until the next call. Throws InputError when the
   /// light does not fit domain().
   const Image& relight(const LightMap& light);
 
   /// The same after `light` changed inside `changed` alone since the last call, in less time the less of it
-  /// changed. Throws InputError when the light does not fit domain() or `changed` lies outside it.
+  /// changed. Rounding adds up over such calls: after refresh_period of them, or when as much light came and
+  /// went as makes it matter, the image is computed anew. Throws InputError when the light does not fit
+  /// domain() or `changed` lies outside it.
   const Image& update(const LightMap& light, const Box& changed);
+  static constexpr int refresh_period = 256;
+
+  /// Bytes that one call of relight() reads and writes at least: transfer, table, light and image.
+  std::size_t bytes_a_frame() const;
 
  private:
-  const ReflectanceField& field_;
+  void require_fitting(const LightMap& light) const;
+  void keep(const Image& light);
+  /// Takes over the light inside `changed`; the difference to what it was.
+  Image take_change(const LightMap& light, const Box& changed);
+
+  LightDomain domain_;
+  HatGrid hats_;
+  std::variant<TiledTransfer<std::uint8_t>, TiledTransfer<std::uint16_t>> transfer_;
+  std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
+  bool double_sums_ = false;
+  FixedPointTable table_;
+  Coefficients common_;
+  Image light_;  // as of the last call; empty before
   Image image_;
+  int updates_ = 0;
+  double moved_light_ = 0.0;  // since the image was last computed as a whole
+  double total_light_ = 0.0;
 };
 
 }  // namespace refield

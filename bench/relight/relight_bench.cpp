@@ -1,98 +1,139 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relighting at full size: 1024×768 pixels, 25 kernels a pixel, a light map of 800×600. The product T L reads
-// every entry of the transfer once, so memory bandwidth limits it: ReadMemory measures that limit on this
-// machine, and the GB/s of the others stand beside it.
+// Relighting at full size: 1024×768 pixels, 25 kernels a pixel, a light map of 800×600. Memory bandwidth
+// limits it: ReadMemory measures that on this machine in the same run, and beside each method stand the bytes
+// it moves a second and its error against sums in double.
+//
+// The field is made here: trees of rectangles that blocks of 4×4 pixels share, as where a scene is coherent.
+// REFIELD_FIELD=f.rfield measures a captured or simulated field instead.
 #include <benchmark/benchmark.h>
 #include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
 
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <functional>
 
+#ifdef REFIELD_CBLAS
+#include <cblas.h>
+#endif
+
 #include "core/reflectance_field.h"
+#include "core/reflectance_field_file.h"
 #include "core/rng.h"
+#include "core/summed_area_table.h"
+#include "relight/relighter.h"
 
 namespace {
 
 using refield::Box;
+using refield::Image;
 
-constexpr refield::LightDomain domain{800, 600, refield::Parameterisation::monitor};
 constexpr int width = 1024;
 constexpr int height = 768;
+constexpr int light_width = 800;
+constexpr int light_height = 600;
 constexpr int kernels = 25;
-constexpr int boxes_of_a_tile = 200;  // neighbouring pixels share most of their boxes, as in estimated fields
+constexpr int block_px = 4;
+constexpr std::size_t trees = 3520;  // of 25 rectangles: as many distinct ones as prototypes of that size had
 
-std::int32_t below(refield::Rng& rng, int count) {
-  return static_cast<std::int32_t>(rng.below(count));
-}
-
-/// Boxes of a random kd-tree's nodes: sizes from single texels to the whole map.
-std::vector<Box> kd_tree_boxes(refield::Rng& rng, std::size_t count) {
-  std::vector<Box> boxes = {{0, 0, domain.width, domain.height}};
-  for (std::size_t i = 0; boxes.size() < count; ++i) {
-    const Box box = boxes[i];
-    if (box.width() < 2 && box.height() < 2) continue;
-    Box first = box;
-    Box second = box;
-    if (box.width() >= 2 && (box.height() < 2 || rng.below(2) == 0)) {
-      first.x1 = second.x0 = box.x0 + 1 + below(rng, box.width() - 1);
-    } else {
-      first.y1 = second.y0 = box.y0 + 1 + below(rng, box.height() - 1);
-    }
-    boxes.push_back(first);
-    boxes.push_back(second);
+/// The leaves of a random tree of rectangles over the light map.
+std::vector<Box> random_leaves(refield::Rng& rng) {
+  std::vector<Box> leaves = {{0, 0, light_width, light_height}};
+  while (leaves.size() < kernels) {
+    Box& box = leaves[rng.below(leaves.size())];
+    const bool across = box.width() > box.height();
+    const std::int32_t extent = across ? box.width() : box.height();
+    if (extent < 2) continue;
+    Box rest = box;
+    const auto cut = 1 + static_cast<std::int32_t>(rng.below(static_cast<std::uint64_t>(extent - 1)));
+    if (across)
+      box.x1 = rest.x0 = box.x0 + cut;
+    else
+      box.y1 = rest.y0 = box.y0 + cut;
+    leaves.push_back(rest);
   }
-  return boxes;
+  return leaves;
 }
 
-const refield::ReflectanceField& full_size_field() {
-  static const refield::ReflectanceField field = [] {
-    refield::Rng rng(1);
-    refield::ReflectanceField made;
-    made.width = width;
-    made.height = height;
-    made.basis = {
-        domain, {}, kd_tree_boxes(rng, 88'000)};  // as many distinct boxes as prototypes of that size had
-    std::vector<std::uint32_t> columns(kernels);
-    std::vector<float> weights(3 * kernels);
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) {
-        refield::Rng tile(2, x / 16, y / 16);
-        const auto first = tile.below(made.basis.boxes.size() - boxes_of_a_tile);
-        for (auto& column : columns) column = static_cast<std::uint32_t>(first + rng.below(boxes_of_a_tile));
-        for (auto& weight : weights) weight = static_cast<float>(rng.uniform());
-        made.transfer.append_row(columns, weights);
+refield::ReflectanceField made_field() {
+  refield::Rng rng(1);
+  refield::ReflectanceField made;
+  made.width = width;
+  made.height = height;
+  made.basis.domain = {light_width, light_height, refield::Parameterisation::monitor};
+  for (std::size_t tree = 0; tree < trees; ++tree)
+    for (const Box& leaf : random_leaves(rng)) made.basis.boxes.push_back(leaf);
+  std::vector<std::uint32_t> columns(kernels);
+  std::vector<float> weights(std::size_t{3} * kernels);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      refield::Rng block(2, static_cast<std::uint64_t>(x / block_px),
+                         static_cast<std::uint64_t>(y / block_px));
+      const auto first = block.below(trees) * kernels;
+      for (std::size_t k = 0; k < kernels; ++k) {
+        columns[k] = static_cast<std::uint32_t>(first + k);
+        const auto area = static_cast<double>(made.basis.boxes[columns[k]].area());
+        for (std::size_t c = 0; c < 3; ++c)
+          weights[3 * k + c] = static_cast<float>(rng.uniform() / (kernels * area));
       }
-    return made;
+      made.transfer.append_row(columns, weights);
+    }
+  return made;
+}
+
+const refield::ReflectanceField& the_field() {
+  static const refield::ReflectanceField field = [] {
+    const char* path = std::getenv("REFIELD_FIELD");
+    return path != nullptr ? refield::read_reflectance_field(path) : made_field();
   }();
   return field;
 }
 
-refield::LightMap random_light() {
-  refield::Rng rng(3);
-  refield::LightMap light{refield::Image(domain.width, domain.height, 3), domain.parameterisation};
+refield::LightMap random_light(std::uint64_t seed) {
+  refield::Rng rng(seed);
+  const refield::LightDomain& domain = the_field().basis.domain;
+  refield::LightMap light{Image(domain.width, domain.height, 3), domain.parameterisation};
   for (float& value : light.radiance.values) value = static_cast<float>(rng.uniform());
   return light;
 }
 
-std::int64_t transfer_bytes(const refield::SparseTransfer& transfer) {
-  return static_cast<std::int64_t>(transfer.entries() * (sizeof(std::uint32_t) + 3 * sizeof(float)) +
-                                   transfer.rows() * (sizeof(std::uint64_t) + 3 * sizeof(float)));
+/// The scene under a light, all sums in double, box by box: the reference.
+Image in_double(const refield::LightMap& light) {
+  const auto& field = the_field();
+  const refield::SummedAreaTable table(light.radiance);
+  const std::vector<double> hats = field.basis.hats.project(light);
+  Image image(field.width, field.height, 3);
+  tbb::parallel_for(std::size_t{0}, field.transfer.rows(), [&](std::size_t row) {
+    double sum[3] = {0.0, 0.0, 0.0};
+    for (auto e = field.transfer.row_start[row]; e < field.transfer.row_start[row + 1]; ++e) {
+      const std::uint32_t k = field.transfer.column[e];
+      const auto box = field.basis.is_hat(k) ? std::array{hats[3 * k], hats[3 * k + 1], hats[3 * k + 2]}
+                                             : table.sum(field.basis.box(k));
+      for (std::size_t c = 0; c < 3; ++c) sum[c] += double{field.transfer.weight[3 * e + c]} * box[c];
+    }
+    for (std::size_t c = 0; c < 3; ++c) image.values[3 * row + c] = static_cast<float>(sum[c]);
+  });
+  return image;
 }
 
-/// Greatest relative difference from the product in double.
-double worst_relative_error(const refield::ReflectanceField& field, const std::vector<float>& coefficients,
-                            const std::vector<float>& outputs) {
-  double worst = 0.0;
-  for (std::size_t row = 0; row < field.transfer.rows(); row += 97)
-    for (std::size_t c = 0; c < 3; ++c) {
-      double exact = 0.0;
-      for (auto e = field.transfer.row_start[row]; e < field.transfer.row_start[row + 1]; ++e)
-        exact += double{field.transfer.weight[3 * e + c]} * coefficients[3 * field.transfer.column[e] + c];
-      worst = std::max(worst, std::abs(outputs[3 * row + c] - exact) / exact);
-    }
-  return worst;
+double relative_rmse(const Image& image, const Image& reference) {
+  double error = 0.0, signal = 0.0;
+  for (std::size_t i = 0; i < image.values.size(); ++i) {
+    error += std::pow(double{image.values[i]} - reference.values[i], 2);
+    signal += std::pow(double{reference.values[i]}, 2);
+  }
+  return std::sqrt(error / signal);
+}
+
+void report(benchmark::State& state, std::size_t bytes_a_frame, const Image& image, const Image& reference) {
+  state.SetBytesProcessed(state.iterations() * static_cast<std::int64_t>(bytes_a_frame));
+  state.counters["MB_a_frame"] = static_cast<double>(bytes_a_frame) / 1e6;
+  state.counters["frames_a_second"] =
+      benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
+  state.counters["relative_rmse"] = relative_rmse(image, reference);
 }
 
 /// The limit: all cores read memory that no cache holds.
@@ -110,32 +151,132 @@ void ReadMemory(benchmark::State& state) {
 }
 BENCHMARK(ReadMemory)->Unit(benchmark::kMillisecond)->UseRealTime();
 
-void ApplyTransfer(benchmark::State& state) {
-  const auto& field = full_size_field();
-  const auto coefficients = field.basis.project(random_light());
-  std::vector<float> outputs(3 * field.transfer.rows());
+/// The whole light changes from frame to frame.
+void Whole(benchmark::State& state, refield::RelightPrecision precision) {
+  refield::Relighter relighter(the_field(), precision);
+  const refield::LightMap lights[] = {random_light(3), random_light(4)};
+  std::size_t frame = 0;
+  const Image* image = nullptr;
+  for (auto _ : state) image = &relighter.relight(lights[frame++ % 2]);
+  report(state, relighter.bytes_a_frame(), *image, in_double(lights[(frame - 1) % 2]));
+}
+BENCHMARK_CAPTURE(Whole, fast, refield::RelightPrecision::fast)->Unit(benchmark::kMillisecond)->UseRealTime();
+BENCHMARK_CAPTURE(Whole, fine, refield::RelightPrecision::fine)->Unit(benchmark::kMillisecond)->UseRealTime();
+
+/// A twentieth of the map's width changes: over its whole height, or a region as high as wide.
+void Part(benchmark::State& state, refield::RelightPrecision precision, bool whole_height) {
+  refield::Relighter relighter(the_field(), precision);
+  refield::LightMap light = random_light(3);
+  const int w = light.radiance.width, h = light.radiance.height;
+  const int side = std::max(w / 20, 1);
+  const Box part = whole_height ? Box{w / 2, 0, w / 2 + side, h}
+                                : Box{w / 2, h / 2, w / 2 + side, std::min(h / 2 + side, h)};
+  relighter.relight(light);
+  float brightness = 1.0f;
+  const Image* image = nullptr;
   for (auto _ : state) {
-    field.transfer.apply(coefficients, outputs);
+    state.PauseTiming();
+    brightness = brightness == 1.0f ? 2.0f : 1.0f;
+    for (int y = part.y0; y < part.y1; ++y)
+      for (int x = part.x0; x < part.x1; ++x)
+        for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = brightness;
+    state.ResumeTiming();
+    image = &relighter.update(light, part);
+  }
+  report(state, 0, *image, in_double(light));
+}
+BENCHMARK_CAPTURE(Part, fast_strip, refield::RelightPrecision::fast, true)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Part, fast_square, refield::RelightPrecision::fast, false)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Part, fine_square, refield::RelightPrecision::fine, false)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+/// Entries as the file has them, each distinct kernel summed once: ReflectanceField::relight().
+void Rows(benchmark::State& state) {
+  const auto& field = the_field();
+  const auto light = random_light(3);
+  Image image;
+  for (auto _ : state) image = field.relight(light);
+  report(state,
+         field.transfer.entries() * (sizeof(std::uint32_t) + 3 * sizeof(float)) +
+             field.transfer.rows() * (sizeof(std::uint64_t) + 3 * sizeof(float)),
+         image, in_double(light));
+}
+BENCHMARK(Rows)->Unit(benchmark::kMillisecond)->UseRealTime();
+
+/// As Matusik et al. 2004 relight: for each kernel of each pixel four lookups in the summed-area table.
+void DirectLookups(benchmark::State& state) {
+  const auto& field = the_field();
+  const auto light = random_light(3);
+  Image image;
+  for (auto _ : state) image = in_double(light);
+  report(state, field.transfer.entries() * (sizeof(Box) + 3 * sizeof(float)), image, image);
+}
+BENCHMARK(DirectLookups)->Unit(benchmark::kMillisecond)->UseRealTime();
+
+/// Eigen's product of a sparse matrix by rows, each channel a matrix.
+void EigenSparse(benchmark::State& state) {
+  using Matrix = Eigen::SparseMatrix<float, Eigen::RowMajor, std::int64_t>;
+  const auto& field = the_field();
+  const auto light = random_light(3);
+  std::vector<Matrix> channels;
+  for (int c = 0; c < 3; ++c) {
+    Matrix& matrix = channels.emplace_back(static_cast<Eigen::Index>(field.transfer.rows()),
+                                           static_cast<Eigen::Index>(field.basis.size()));
+    matrix.reserve(static_cast<Eigen::Index>(field.transfer.entries()));
+    for (std::size_t row = 0; row < field.transfer.rows(); ++row) {
+      matrix.startVec(static_cast<Eigen::Index>(row));
+      for (auto e = field.transfer.row_start[row]; e < field.transfer.row_start[row + 1]; ++e)
+        matrix.insertBackByOuterInnerUnordered(static_cast<Eigen::Index>(row),
+                                               static_cast<Eigen::Index>(field.transfer.column[e])) =
+            field.transfer.weight[3 * e + static_cast<std::size_t>(c)];
+    }
+    matrix.finalize();
+  }
+  Image image(field.width, field.height, 3);
+  const auto pixels = static_cast<Eigen::Index>(field.transfer.rows());
+  Eigen::Map<Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>> out(image.values.data(), pixels, 3);
+  for (auto _ : state) {
+    const std::vector<float> sums = field.basis.project(light);
+    const Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>> coefficients(
+        sums.data(), static_cast<Eigen::Index>(field.basis.size()), 3);
+    tbb::parallel_for(0, 3, [&](int c) {
+      out.col(c) = channels[static_cast<std::size_t>(c)] * Eigen::VectorXf(coefficients.col(c));
+    });
+  }
+  report(state, 3 * field.transfer.entries() * (sizeof(float) + sizeof(std::int64_t)), image,
+         in_double(light));
+}
+BENCHMARK(EigenSparse)->Unit(benchmark::kMillisecond)->UseRealTime();
+
+#ifdef REFIELD_CBLAS
+/// The light transport matrix in full, by OpenBLAS, at a size that fits: 128×96 pixels, 100×75 texels. At
+/// full size it would be 4096 times as large.
+void DenseBlas(benchmark::State& state) {
+  constexpr int rows = 128 * 96, columns = 100 * 75;
+  refield::Rng rng(5);
+  std::vector<float> matrix(std::size_t{rows} * columns), light(std::size_t{columns} * 3),
+      image(std::size_t{rows} * 3);
+  for (float& value : matrix) value = static_cast<float>(rng.uniform());
+  for (float& value : light) value = static_cast<float>(rng.uniform());
+  for (auto _ : state) {
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, rows, 3, columns, 1.0f, matrix.data(), columns,
+                light.data(), 3, 0.0f, image.data(), 3);
     benchmark::ClobberMemory();
   }
-  state.SetBytesProcessed(state.iterations() * transfer_bytes(field.transfer));
-  state.counters["worst_relative_error"] = worst_relative_error(field, coefficients, outputs);
+  state.SetBytesProcessed(state.iterations() * static_cast<std::int64_t>(matrix.size() * sizeof(float)));
 }
-BENCHMARK(ApplyTransfer)->Unit(benchmark::kMillisecond)->UseRealTime();
+BENCHMARK(DenseBlas)->Unit(benchmark::kMillisecond)->UseRealTime();
+#endif
 
-void ProjectLight(benchmark::State& state) {
-  const auto& field = full_size_field();
-  const auto light = random_light();
-  for (auto _ : state) benchmark::DoNotOptimize(field.basis.project(light).data());
+/// What comes before the first frame.
+void LayOut(benchmark::State& state) {
+  for (auto _ : state) benchmark::DoNotOptimize(refield::Relighter(the_field()).bytes_a_frame());
 }
-BENCHMARK(ProjectLight)->Unit(benchmark::kMillisecond)->UseRealTime();
-
-void RelightWholeImage(benchmark::State& state) {
-  const auto& field = full_size_field();
-  const auto light = random_light();
-  for (auto _ : state) benchmark::DoNotOptimize(field.relight(light).values.data());
-  state.SetBytesProcessed(state.iterations() * transfer_bytes(field.transfer));
-}
-BENCHMARK(RelightWholeImage)->Unit(benchmark::kMillisecond)->UseRealTime();
+BENCHMARK(LayOut)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/aligned_memory.h"
+#include "core/aligned_memory.h"
 
 #include <sys/mman.h>
 
@@ -9,7 +9,7 @@ namespace refield {
 
 namespace {
 constexpr std::size_t huge_page = std::size_t{2} << 20;
-constexpr std::size_t large = 4 * huge_page;  // from here on huge pages pay
+constexpr std::size_t large = 2 * huge_page;  // from here on huge pages pay
 
 std::align_val_t alignment_of(std::size_t bytes) {
   return std::align_val_t{bytes < large ? 64 : huge_page};

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <span>
+
+#include "core/aligned_memory.h"
+#include "core/box.h"
+#include "core/image.h"
+#include "core/summed_area_table.h"
+#include "relight/fixed_point_table.h"
+#include "relight/tiled_transfer.h"
+
+namespace refield {
+
+/// Light under kernels, three floats each, and one more, so that each can be read as four.
+using Coefficients = AlignedFloats;
+
+/// `sums` [boxes × 4]: of the light under each box, a channel each; the fourth means nothing.
+void sum_boxes(const FixedPointTable& table, std::span<const SmallBox> boxes, float* sums);
+void sum_boxes(const SummedAreaTable& table, std::span<const SmallBox> boxes, float* sums);
+
+/// A light that changed inside one rectangle.
+template <class Table>
+struct LightChange {
+  Box within;
+  const Table& difference;   ///< new less old radiance there
+  std::vector<double> hats;  ///< [hats × 3], what the change adds to their coefficients
+};
+
+/// image [height × width × 3] = transfer · light. `common` [common kernels × 3 + 1]: their coefficients; the
+/// others' light is summed through `table`. Runs on all cores; each output is summed in a fixed order.
+template <class Weight, class Table>
+void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const Table& table,
+              Image& image);
+
+/// image += transfer · change. Kernels outside the change cost one comparison of eight bytes.
+template <class Weight, class Table>
+void add_change(const TiledTransfer<Weight>& transfer, const LightChange<Table>& change, Image& image);
+
+}  // namespace refield

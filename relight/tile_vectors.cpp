@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/tile_vectors.h"
+
+#include <algorithm>
+
+// Vectors of four floats on any machine. Highway goes without them under GCC 12, whose bug 106322 (products'
+// upper halves) does not concern what is used here.
+#define HWY_BROKEN_EMU128 0
+
+// Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "relight/tile_vectors.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace refield::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Rgb = hn::FixedTag<float, 4>;
+using Whole4 = hn::FixedTag<std::int32_t, 4>;
+using Lanes = hn::CappedTag<float, group_pixels>;
+
+/// Where the corners of boxes lie in a table of three numbers a corner. `straight`: (x0, y0) and (x1, y1) of
+/// each box, `crossed`: (x1, y0) and (x0, y1). Reads and writes box_batch boxes.
+constexpr std::size_t box_batch = 32;
+HWY_INLINE void locate_corners(const SmallBox* boxes, std::int32_t stride,
+                               std::int32_t* HWY_RESTRICT straight, std::int32_t* HWY_RESTRICT crossed) {
+  const hn::CappedTag<std::int32_t, 2 * box_batch> d;
+  const auto in_row = hn::Set(d, 0xffff);
+  const auto row = hn::Set(d, 3 * stride);
+  const auto* corners = reinterpret_cast<const std::int32_t*>(boxes);  // x in the low half, y in the high one
+  for (std::size_t i = 0; i < 2 * box_batch; i += hn::Lanes(d)) {
+    const auto corner = hn::LoadU(d, corners + i);
+    const auto y = hn::Mul(hn::ShiftRight<16>(corner), row);
+    const auto column = hn::And(corner, in_row);
+    const auto x = hn::Add(hn::Add(column, column), column);
+    hn::Store(hn::Add(y, x), d, straight + i);
+    hn::Store(hn::Add(y, hn::Shuffle2301(x)), d, crossed + i);
+  }
+}
+
+void sum_boxes_fixed_vectorised(const std::int32_t* HWY_RESTRICT corners, std::int32_t stride,
+                                const float* HWY_RESTRICT step, const SmallBox* HWY_RESTRICT boxes,
+                                std::size_t count, float* HWY_RESTRICT sums) {
+  const Whole4 whole;
+  const Rgb rgb;
+  const auto worth = hn::LoadU(rgb, step);
+  const auto corner = [&](std::int32_t place) { return hn::LoadU(whole, corners + place); };
+  HWY_ALIGN std::int32_t straight[2 * box_batch];
+  HWY_ALIGN std::int32_t crossed[2 * box_batch];
+  SmallBox last[box_batch];
+  for (std::size_t first = 0; first < count; first += box_batch) {
+    const std::size_t batch = HWY_MIN(box_batch, count - first);
+    if (batch < box_batch) std::copy_n(boxes + first, batch, last);
+    locate_corners(batch < box_batch ? last : boxes + first, stride, straight, crossed);
+    for (std::size_t k = 0; k < batch; ++k) {
+      const auto sum = hn::Sub(hn::Add(corner(straight[2 * k]), corner(straight[2 * k + 1])),
+                               hn::Add(corner(crossed[2 * k]), corner(crossed[2 * k + 1])));
+      hn::StoreU(hn::Mul(hn::ConvertTo(rgb, sum), worth), rgb, sums + 4 * (first + k));
+    }
+  }
+}
+
+/// Whole numbers of 8 or 16 bits to float.
+template <class D, class Weight>
+HWY_INLINE auto widened(D d, const Weight* weights) {
+  const hn::Rebind<Weight, D> narrow;
+  const hn::Rebind<std::int32_t, D> wide;
+  return hn::ConvertTo(d, hn::PromoteTo(wide, hn::LoadU(narrow, weights)));
+}
+
+template <class Weight, class V>
+HWY_INLINE void add_uses(const SparseWeights<Weight>* uses, std::size_t count, V light,
+                         float* HWY_RESTRICT pixels) {
+  const Rgb rgb;
+  // The fourth weight is the pixel's number, and what the fourth sums come to is never looked at.
+  for (std::size_t i = 0; i < count; ++i) {
+    float* sum = pixels + 4 * uses[i].pixel;
+    hn::Store(hn::MulAdd(widened(rgb, uses[i].channel), light, hn::Load(rgb, sum)), rgb, sum);
+  }
+}
+
+/// Adds the dense weights of one group; `light` [dense kernels × 4].
+template <class Weight>
+HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT light, std::size_t group,
+                          float* HWY_RESTRICT pixels) {
+  const Lanes d;
+  const Rgb rgb;
+  HWY_ALIGN float factor[4];
+  for (std::size_t lane = 0; lane < group_pixels; lane += hn::Lanes(d)) {
+    auto red = hn::Zero(d), green = hn::Zero(d), blue = hn::Zero(d);
+    for (std::size_t r = tile.group[group]; r < tile.group[group + 1]; ++r) {
+      hn::Store(hn::Mul(hn::LoadU(rgb, light + std::size_t{4} * tile.record_kernel[r]),
+                        hn::Set(rgb, tile.record_scale[r])),
+                rgb, factor);
+      const Weight* weights = tile.record_weight.data() + r * 3 * group_pixels + lane;
+      red = hn::MulAdd(widened(d, weights), hn::Set(d, factor[0]), red);
+      green = hn::MulAdd(widened(d, weights + group_pixels), hn::Set(d, factor[1]), green);
+      blue = hn::MulAdd(widened(d, weights + 2 * group_pixels), hn::Set(d, factor[2]), blue);
+    }
+    hn::Store(red, d, pixels + lane);
+    hn::Store(green, d, pixels + group_pixels + lane);
+    hn::Store(blue, d, pixels + 2 * group_pixels + lane);
+  }
+}
+
+/// Adds the dense weights of one kernel; returns the groups that have any, a bit each.
+template <class Weight>
+HWY_INLINE std::uint32_t add_places(const Tile<Weight>& tile, std::size_t dense,
+                                    const float* HWY_RESTRICT light, float* HWY_RESTRICT pixels) {
+  const Lanes d;
+  std::uint32_t groups = 0;
+  for (std::size_t i = tile.dense_start[dense]; i < tile.dense_start[dense + 1]; ++i) {
+    const std::size_t record = tile.places[i] / groups_of_tile, group = tile.places[i] % groups_of_tile;
+    const Weight* weights = tile.record_weight.data() + record * 3 * group_pixels;
+    float* sums = pixels + group * 3 * group_pixels;
+    groups |= 1u << group;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto factor = hn::Set(d, light[c] * tile.record_scale[record]);
+      for (std::size_t lane = c * group_pixels; lane < (c + 1) * group_pixels; lane += hn::Lanes(d))
+        hn::Store(hn::MulAdd(widened(d, weights + lane), factor, hn::Load(d, sums + lane)), d, sums + lane);
+    }
+  }
+  return groups;
+}
+
+template <class Weight>
+HWY_INLINE void add_all(const Tile<Weight>& tile, const float* HWY_RESTRICT light,
+                        float* HWY_RESTRICT dense_light, TileSums& sums) {
+  const Rgb rgb;
+  const SparseWeights<Weight>* uses = tile.sparse.data();
+  const float* scale = tile.scale.data();
+  const auto scaled = [&](std::size_t k) {
+    return hn::Mul(hn::LoadU(rgb, light + 4 * k), hn::Set(rgb, scale[k]));
+  };
+  std::size_t kernel = 0;
+  for (const auto run : tile.runs) {
+    const std::size_t end = kernel + run.kernels;
+    if (run.uses == 1)
+      for (std::size_t k = kernel; k < end; ++k) add_uses<Weight>(uses++, 1, scaled(k), sums.sparse);
+    else if (run.uses > 1)
+      for (std::size_t k = kernel; k < end; ++k, uses += run.uses)
+        add_uses<Weight>(uses, run.uses, scaled(k), sums.sparse);
+    kernel = end;
+  }
+  for (std::size_t i = 0; i < tile.dense_kernels.size(); ++i)
+    hn::StoreU(hn::LoadU(rgb, light + std::size_t{4} * tile.dense_kernels[i]), rgb, dense_light + 4 * i);
+  for (std::size_t g = 0; g < groups_of_tile; ++g)
+    add_group(tile, dense_light, g, sums.dense + g * 3 * group_pixels);
+}
+
+template <class Weight>
+HWY_INLINE std::uint32_t add_touched(const Tile<Weight>& tile, const std::int64_t* touched, std::size_t count,
+                                     const float* HWY_RESTRICT light, TileSums& sums) {
+  const Rgb rgb;
+  auto run = tile.runs.begin();
+  std::size_t first = 0, dense = 0;  // the run's first kernel; next of the dense kernels
+  const SparseWeights<Weight>* uses = tile.sparse.data();
+  std::uint32_t groups = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto kernel = static_cast<std::size_t>(touched[i]);
+    for (; kernel >= first + run->kernels; ++run) {
+      uses += static_cast<std::size_t>(run->kernels) * run->uses;
+      first += run->kernels;
+    }
+    const SparseWeights<Weight>* own = uses + (kernel - first) * run->uses;
+    add_uses<Weight>(own, run->uses, hn::Mul(hn::LoadU(rgb, light + 4 * i), hn::Set(rgb, tile.scale[kernel])),
+                     sums.sparse);
+    for (std::size_t use = 0; use < run->uses; ++use) groups |= 1u << (own[use].pixel / group_pixels);
+    while (dense < tile.dense_kernels.size() && tile.dense_kernels[dense] < kernel) ++dense;
+    if (dense < tile.dense_kernels.size() && tile.dense_kernels[dense] == kernel)
+      groups |= add_places(tile, dense, light + 4 * i, sums.dense);
+  }
+  return groups;
+}
+
+void add_all_8(const Tile<std::uint8_t>& tile, const float* light, float* dense_light, TileSums& sums) {
+  add_all(tile, light, dense_light, sums);
+}
+void add_all_16(const Tile<std::uint16_t>& tile, const float* light, float* dense_light, TileSums& sums) {
+  add_all(tile, light, dense_light, sums);
+}
+std::uint32_t add_touched_8(const Tile<std::uint8_t>& tile, const std::int64_t* touched, std::size_t count,
+                            const float* light, TileSums& sums) {
+  return add_touched(tile, touched, count, light, sums);
+}
+std::uint32_t add_touched_16(const Tile<std::uint16_t>& tile, const std::int64_t* touched, std::size_t count,
+                             const float* light, TileSums& sums) {
+  return add_touched(tile, touched, count, light, sums);
+}
+
+/// Numbers of the boxes that overlap `within`; returns how many.
+std::size_t find_touched_vectorised(const SmallBox* boxes, std::size_t count, const Box& within,
+                                    std::int64_t* HWY_RESTRICT touched) {
+  // A box overlaps when x0 < within.x1, y0 < within.y1, x1 > within.x0 and y1 > within.y0. Of the first two,
+  // both sides are complemented, so that one comparison does for all four numbers.
+  const hn::ScalableTag<std::int16_t> d;
+  const hn::Repartition<std::int64_t, decltype(d)> whole_box;
+  const auto lanes_of = [&](std::int16_t x0, std::int16_t y0, std::int16_t x1, std::int16_t y1) {
+    std::int64_t bits;
+    const std::int16_t four[4] = {x0, y0, x1, y1};
+    hwy::CopyBytes<sizeof bits>(four, &bits);
+    return hn::BitCast(d, hn::Set(whole_box, bits));
+  };
+  const auto small = [](std::int32_t value) { return static_cast<std::int16_t>(value); };
+  const auto flip = lanes_of(-1, -1, 0, 0);
+  const auto bound = lanes_of(small(~within.x1), small(~within.y1), small(within.x0), small(within.y0));
+  const auto all = hn::Set(whole_box, std::int64_t{-1});
+  const std::size_t step = hn::Lanes(whole_box);
+  const auto apart = hn::Set(whole_box, static_cast<std::int64_t>(step));
+  auto numbers = hn::Iota(whole_box, std::int64_t{0});
+  std::size_t found = 0, k = 0;
+  for (; k + step <= count; k += step, numbers = hn::Add(numbers, apart)) {
+    const auto corners = hn::LoadU(d, reinterpret_cast<const std::int16_t*>(boxes + k));
+    const auto inside = hn::VecFromMask(d, hn::Gt(hn::Xor(corners, flip), bound));
+    found += hn::CompressBlendedStore(numbers, hn::Eq(hn::BitCast(whole_box, inside), all), whole_box,
+                                      touched + found);
+  }
+  for (; k < count; ++k)
+    if (boxes[k].x0 < within.x1 && boxes[k].x1 > within.x0 && boxes[k].y0 < within.y1 &&
+        boxes[k].y1 > within.y0)
+      touched[found++] = static_cast<std::int64_t>(k);
+  return found;
+}
+
+void store_groups_vectorised(const TileSums& sums, std::uint32_t groups, bool add, float* pixels,
+                             std::size_t row_floats) {
+  const Lanes d;
+  const Rgb four;
+  constexpr int across = tile_side_px / group_side_px;
+  constexpr std::size_t row = group_side_px * 3;
+  HWY_ALIGN float packed[group_pixels * 3];
+  for (std::size_t g = 0; g < groups_of_tile; ++g) {
+    if ((groups >> g & 1u) == 0) continue;
+    for (std::size_t i = 0; i < group_pixels; i += hn::Lanes(d)) {
+      const float* dense = sums.dense + g * 3 * group_pixels + i;
+      hn::Vec<Lanes> red, green, blue, none;
+      hn::LoadInterleaved4(d, sums.sparse + 4 * (g * group_pixels + i), red, green, blue, none);
+      hn::StoreInterleaved3(hn::Add(red, hn::Load(d, dense)),
+                            hn::Add(green, hn::Load(d, dense + group_pixels)),
+                            hn::Add(blue, hn::Load(d, dense + 2 * group_pixels)), d, packed + 3 * i);
+    }
+    float* corner = pixels + g / across * group_side_px * row_floats + g % across * row;
+    for (std::size_t y = 0; y < group_side_px; ++y)
+      for (std::size_t i = 0; i < row; i += 4) {
+        float* out = corner + y * row_floats + i;
+        const auto sum = hn::Load(four, packed + y * row + i);
+        hn::StoreU(add ? hn::Add(sum, hn::LoadU(four, out)) : sum, four, out);
+      }
+  }
+}
+
+}  // namespace refield::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace refield {
+
+HWY_EXPORT(sum_boxes_fixed_vectorised);
+HWY_EXPORT(add_all_8);
+HWY_EXPORT(add_all_16);
+HWY_EXPORT(add_touched_8);
+HWY_EXPORT(add_touched_16);
+HWY_EXPORT(find_touched_vectorised);
+HWY_EXPORT(store_groups_vectorised);
+
+void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const float* step,
+                     const SmallBox* boxes, std::size_t count, float* sums) {
+  HWY_DYNAMIC_DISPATCH(sum_boxes_fixed_vectorised)(corners, stride, step, boxes, count, sums);
+}
+
+void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light, TileSums& sums) {
+  HWY_DYNAMIC_DISPATCH(add_all_8)(tile, light, dense_light, sums);
+}
+
+void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light, TileSums& sums) {
+  HWY_DYNAMIC_DISPATCH(add_all_16)(tile, light, dense_light, sums);
+}
+
+std::uint32_t add_kernels(const Tile<std::uint8_t>& tile, std::span<const std::int64_t> touched,
+                          const float* light, TileSums& sums) {
+  return HWY_DYNAMIC_DISPATCH(add_touched_8)(tile, touched.data(), touched.size(), light, sums);
+}
+
+std::uint32_t add_kernels(const Tile<std::uint16_t>& tile, std::span<const std::int64_t> touched,
+                          const float* light, TileSums& sums) {
+  return HWY_DYNAMIC_DISPATCH(add_touched_16)(tile, touched.data(), touched.size(), light, sums);
+}
+
+void find_touched(std::span<const SmallBox> boxes, const Box& within, std::vector<std::int64_t>& touched) {
+  touched.resize(boxes.size());
+  touched.resize(
+      HWY_DYNAMIC_DISPATCH(find_touched_vectorised)(boxes.data(), boxes.size(), within, touched.data()));
+}
+
+void store_groups(const TileSums& sums, std::uint32_t groups, bool add, float* pixels,
+                  std::size_t row_floats) {
+  HWY_DYNAMIC_DISPATCH(store_groups_vectorised)(sums, groups, add, pixels, row_floats);
+}
+
+}  // namespace refield
+#endif

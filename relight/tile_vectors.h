@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/box.h"
+#include "relight/tiled_transfer.h"
+
+/// The inner loops of relighting, vectorised for the instruction set found at run time.
+namespace refield {
+
+/// What a tile's pixels gather, before it goes to the image: single weights pixel by pixel, dense ones
+/// channel by channel.
+struct alignas(64) TileSums {
+  float sparse[tile_pixels * 4] = {};
+  float dense[groups_of_tile * 3 * group_pixels] = {};
+};
+
+/// Sums of texels under boxes, [count × 4] with the fourth meaning nothing, through a table of whole numbers
+/// ([FixedPointTable]).
+void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const float* step,
+                     const SmallBox* boxes, std::size_t count, float* sums);
+
+/// Adds all kernels of a tile; `light` [kernels × 4]; `dense_light`: room for [dense kernels × 4].
+void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light, TileSums& sums);
+void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light, TileSums& sums);
+/// Adds those named in `touched` (ascending); `light` [touched × 4]. Returns the groups of pixels that any of
+/// them reaches, a bit each.
+std::uint32_t add_kernels(const Tile<std::uint8_t>& tile, std::span<const std::int64_t> touched,
+                          const float* light, TileSums& sums);
+std::uint32_t add_kernels(const Tile<std::uint16_t>& tile, std::span<const std::int64_t> touched,
+                          const float* light, TileSums& sums);
+
+/// Numbers of the boxes that overlap `within`, ascending.
+void find_touched(std::span<const SmallBox> boxes, const Box& within, std::vector<std::int64_t>& touched);
+
+inline constexpr std::uint32_t all_groups = (1u << groups_of_tile) - 1;
+
+/// Writes groups of a tile of 16×16 pixels (its first at `pixels`, rows `row_floats` apart) or, with `add`,
+/// adds them.
+void store_groups(const TileSums& sums, std::uint32_t groups, bool add, float* pixels,
+                  std::size_t row_floats);
+
+}  // namespace refield

@@ -1,0 +1,223 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/relighter.h"
+
+#include <gtest/gtest.h>
+
+#include <hwy/targets.h>
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <tuple>
+
+#include "core/errors.h"
+#include "core/rng.h"
+#include "tests/support/random_data.h"
+
+namespace refield {
+namespace {
+
+constexpr double fast_error = 1e-3;  // what RelightPrecision promises
+constexpr double fine_error = 1e-5;
+
+/// Pixels that share lists of kernels, pixels with their own, hats, kernels of far-apart pixels, empty rows.
+ReflectanceField mixed_field(int width, int height, LightDomain domain, HatGrid hats = {3, 2}) {
+  Rng rng(7, static_cast<std::uint64_t>(width), static_cast<std::uint64_t>(height));
+  ReflectanceField field;
+  field.width = width;
+  field.height = height;
+  field.basis = {domain, hats, {}};
+  const auto new_box = [&] {
+    field.basis.boxes.push_back(test::random_box(rng, domain.width, domain.height));
+    return static_cast<std::uint32_t>(field.basis.size() - 1);
+  };
+  std::vector<std::uint32_t> everywhere(8);
+  for (auto& kernel : everywhere) kernel = new_box();
+  std::vector<std::vector<std::uint32_t>> of_block(
+      static_cast<std::size_t>((width / 4 + 1) * (height / 4 + 1)));
+  for (auto& block : of_block)
+    for (int i = 0; i < 6; ++i) block.push_back(new_box());
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      std::vector<std::uint32_t> columns;
+      const std::uint64_t sort = rng.below(8);
+      if (sort > 0) {
+        for (int hat = 0; hat < hats.count(); ++hat)
+          if (rng.below(5) > 0) columns.push_back(static_cast<std::uint32_t>(hat));
+        for (const auto kernel : of_block[static_cast<std::size_t>(y / 4 * (width / 4 + 1) + x / 4)])
+          if (rng.below(6) > 0) columns.push_back(kernel);
+        if (sort > 4) columns.push_back(everywhere[rng.below(everywhere.size())]);
+        for (std::uint64_t own = rng.below(4); own > 0; --own) columns.push_back(new_box());
+      }
+      std::vector<float> weights;
+      for (const auto kernel : columns) {
+        const double area = field.basis.area(kernel);
+        for (int c = 0; c < 3; ++c) weights.push_back(static_cast<float>(rng.uniform() / area));
+      }
+      field.transfer.append_row(columns, weights);
+    }
+  return field;
+}
+
+LightMap random_light(const LightDomain& domain, std::uint64_t seed) {
+  Rng rng(seed);
+  return test::random_light(rng, domain);
+}
+
+double relative_rmse(const Image& image, const Image& reference) {
+  double error = 0.0, signal = 0.0;
+  for (std::size_t i = 0; i < image.values.size(); ++i) {
+    error += std::pow(double{image.values[i]} - reference.values[i], 2);
+    signal += std::pow(double{reference.values[i]}, 2);
+  }
+  return signal > 0.0 ? std::sqrt(error / signal) : std::sqrt(error);
+}
+
+constexpr LightDomain monitor{50, 40, Parameterisation::monitor};
+
+class RelighterOfSize : public testing::TestWithParam<std::tuple<int, int>> {};
+
+TEST_P(RelighterOfSize, EqualsTheFieldUpToItsPrecision) {
+  const auto [width, height] = GetParam();
+  const ReflectanceField field = mixed_field(width, height, monitor);
+  const LightMap light = random_light(monitor, 1);
+  const Image expected = field.relight(light);
+  Relighter fast(field), fine(field, RelightPrecision::fine);
+  EXPECT_LT(relative_rmse(fast.relight(light), expected), fast_error);
+  EXPECT_LT(relative_rmse(fine.relight(light), expected), fine_error);
+}
+
+// Whole tiles, cut tiles, less than a group, a row of vertices.
+INSTANTIATE_TEST_SUITE_P(Sizes, RelighterOfSize,
+                         testing::Values(std::tuple(64, 48), std::tuple(37, 29), std::tuple(3, 2),
+                                         std::tuple(1, 1), std::tuple(101, 1), std::tuple(1, 33)));
+
+TEST(Relighter, GivesTheSameOnEveryInstructionSet) {
+  const ReflectanceField field = mixed_field(37, 29, monitor);
+  const LightMap light = random_light(monitor, 1), other = random_light(monitor, 2);
+  Relighter reference(field);
+  const Image whole = reference.relight(light);
+  LightMap changed = light;
+  const Box part = {10, 5, 22, 31};
+  for (int y = part.y0; y < part.y1; ++y)
+    for (int x = part.x0; x < part.x1; ++x)
+      for (int c = 0; c < 3; ++c) changed.radiance.at(x, y, c) = other.radiance.at(x, y, c);
+  const Image updated = reference.update(changed, part);
+  int tried = 0;
+  for (std::int64_t left = hwy::SupportedTargets(); left != 0; left &= left - 1, ++tried) {
+    const std::int64_t target = left & -left;
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(target);
+    Relighter relighter(field);
+    // Only the order of roundings in float may differ.
+    EXPECT_LT(relative_rmse(relighter.relight(light), whole), 1e-6) << hwy::TargetName(target);
+    EXPECT_LT(relative_rmse(relighter.update(changed, part), updated), 1e-6) << hwy::TargetName(target);
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().DeInit();
+  EXPECT_GT(tried, 0);
+}
+
+TEST(Relighter, LightsNothingWithNoLight) {
+  const ReflectanceField field = mixed_field(20, 20, monitor);
+  const LightMap dark{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
+  for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
+    Relighter relighter(field, precision);
+    for (const float value : relighter.relight(dark).values) EXPECT_EQ(value, 0.0f);
+  }
+}
+
+TEST(Relighter, ShowsEverySingleTexel) {
+  const ReflectanceField field = mixed_field(24, 20, monitor);
+  Relighter relighter(field);
+  for (const auto& [x, y] : {std::pair(0, 0), std::pair(49, 39), std::pair(0, 39), std::pair(23, 17)}) {
+    LightMap light{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
+    for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = 1e5f;
+    EXPECT_LT(relative_rmse(relighter.relight(light), field.relight(light)), 3 * fast_error) << x << ' ' << y;
+  }
+}
+
+TEST(Relighter, WorksWithoutHatsAndWithoutBoxes) {
+  ReflectanceField no_hats = mixed_field(33, 17, monitor, {});
+  const LightMap light = random_light(monitor, 4);
+  EXPECT_LT(relative_rmse(Relighter(no_hats).relight(light), no_hats.relight(light)), fast_error);
+  ReflectanceField only_hats;
+  only_hats.width = only_hats.height = 5;
+  only_hats.basis = {monitor, {3, 2}, {}};
+  const std::vector<std::uint32_t> columns = {0, 1, 2, 3, 4, 5};
+  const std::vector<float> weights(18, 0.25f);
+  for (int i = 0; i < 25; ++i) only_hats.transfer.append_row(columns, weights);
+  EXPECT_LT(relative_rmse(Relighter(only_hats).relight(light), only_hats.relight(light)), fast_error);
+}
+
+TEST(Relighter, UpdatesAsIfComputedAnew) {
+  const ReflectanceField field = mixed_field(37, 29, monitor);
+  for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
+    Relighter relighter(field, precision), anew(field, precision);
+    LightMap light = random_light(monitor, 1);
+    relighter.relight(light);
+    Rng rng(5);
+    // Past the period after which the image is computed as a whole.
+    for (int step = 0; step < Relighter::refresh_period + 20; ++step) {
+      const Box part = test::random_box(rng, monitor.width, monitor.height);
+      for (int y = part.y0; y < part.y1; ++y)
+        for (int x = part.x0; x < part.x1; ++x)
+          for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = static_cast<float>(rng.uniform());
+      const Image& updated = relighter.update(light, part);
+      if (step % 20 == 0 || step > Relighter::refresh_period - 3) {
+        ASSERT_LT(relative_rmse(updated, anew.relight(light)), 5e-6) << "after " << step << " changes";
+      }
+    }
+  }
+}
+
+TEST(Relighter, ForgetsASunThatSet) {
+  const ReflectanceField field = mixed_field(37, 29, monitor);
+  Relighter relighter(field, RelightPrecision::fine);
+  LightMap light = random_light(monitor, 1);
+  const Image before = relighter.relight(light);
+  const Box sun = {20, 20, 21, 21};
+  const float was = light.radiance.at(20, 20, 1);
+  light.radiance.at(20, 20, 1) = 1e7f;  // much more than all other light together
+  relighter.update(light, sun);
+  light.radiance.at(20, 20, 1) = was;
+  EXPECT_LT(relative_rmse(relighter.update(light, sun), before), 1e-6);
+}
+
+TEST(Relighter, TakesAChangeForTheWholeWhereItHasNoImageYet) {
+  const ReflectanceField field = mixed_field(20, 20, monitor);
+  const LightMap light = random_light(monitor, 1);
+  Relighter relighter(field);
+  EXPECT_LT(relative_rmse(relighter.update(light, {0, 0, 1, 1}), field.relight(light)), fast_error);
+}
+
+TEST(Relighter, RefusesWhatDoesNotFit) {
+  const ReflectanceField field = mixed_field(20, 20, monitor);
+  Relighter relighter(field);
+  const LightMap light = random_light(monitor, 1);
+  EXPECT_THROW(relighter.relight(random_light({40, 40, Parameterisation::monitor}, 1)), InputError);
+  EXPECT_THROW(relighter.relight(random_light({50, 40, Parameterisation::lat_long}, 1)), InputError);
+  EXPECT_THROW(relighter.update(light, {0, 0, 51, 2}), InputError);
+  EXPECT_THROW(relighter.update(light, {4, 4, 4, 8}), InputError);
+  ReflectanceField wide = field;
+  wide.basis.domain.width = small_box_limit + 1;
+  EXPECT_THROW(Relighter{wide}, InputError);
+}
+
+// Above some million texels steps of whole numbers would be too coarse: sums are made in double there.
+TEST(Relighter, KeepsDarkTexelsOfALargeMapBesideASun) {
+  const LightDomain large{2048, 1024, Parameterisation::lat_long};
+  ReflectanceField field;
+  field.width = 2;
+  field.height = 1;
+  field.basis = {large, {}, {{5, 5, 6, 6}, {1000, 500, 1001, 501}}};
+  for (std::uint32_t k = 0; k < 2; ++k)
+    field.transfer.append_row(std::vector{k}, std::vector{1.0f, 1.0f, 1.0f});
+  LightMap light = random_light(large, 3);
+  for (int c = 0; c < 3; ++c) light.radiance.at(1000, 500, c) = 1e5f;
+  const Image image = Relighter(field).relight(light);
+  EXPECT_NEAR(image.at(0, 0, 1), light.radiance.at(5, 5, 1), 1e-5);
+  EXPECT_NEAR(image.at(1, 0, 1), 1e5f, 1e-5 * 1e5);
+}
+
+}  // namespace
+}  // namespace refield
