@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "core/errors.h"
 
@@ -51,18 +52,36 @@ double sum_of(const Image& image) {
 
 }  // namespace
 
+Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision)
+    : domain_(basis.domain),
+      hats_(basis.hats),
+      double_sums_(precision == RelightPrecision::fine ||
+                   std::int64_t{basis.domain.width} * basis.domain.height > most_fixed_point_texels),
+      image_(width, height, 3) {}
+
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
-    : domain_(field.basis.domain), hats_(field.basis.hats), image_(field.width, field.height, 3) {
+    : Relighter(field.basis, field.width, field.height, precision) {
   if (precision == RelightPrecision::fast)
     transfer_ = tile_transfer<std::uint8_t>(field);
   else
     transfer_ = tile_transfer<std::uint16_t>(field);
-  double_sums_ = precision == RelightPrecision::fine ||
-                 std::int64_t{domain_.width} * domain_.height > most_fixed_point_texels;
+  list_common_boxes(field.basis);
+}
+
+Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
+    : Relighter(field.basis, field.width, field.height, precision) {
+  if (precision == RelightPrecision::fast)
+    transfer_ = tile_transfer<std::uint8_t>(std::move(field));
+  else
+    transfer_ = tile_transfer<std::uint16_t>(std::move(field));
+  list_common_boxes(field.basis);
+}
+
+void Relighter::list_common_boxes(const LightBasis& basis) {
   std::visit(
       [&](const auto& transfer) {
         for (std::size_t i = static_cast<std::size_t>(hats_.count()); i < transfer.common.size(); ++i)
-          common_boxes_.push_back(small(field.basis.box(transfer.common[i])));
+          common_boxes_.push_back(small(basis.box(transfer.common[i])));
       },
       transfer_);
 }

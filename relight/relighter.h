@@ -22,6 +22,9 @@ class Relighter {
   /// Lays the field out for speed; `field` is not needed any more after that. Throws InputError for a light
   /// map larger than small_box_limit.
   explicit Relighter(const ReflectanceField& field, RelightPrecision precision = RelightPrecision::fast);
+  /// The same for a field whose transfer is not needed elsewhere: its memory is given back on the way, and
+  /// both together never take much more than the field alone. All but the transfer stays.
+  explicit Relighter(ReflectanceField&& field, RelightPrecision precision = RelightPrecision::fast);
 
   const LightDomain& domain() const { return domain_; }
 
@@ -40,6 +43,9 @@ class Relighter {
   std::size_t bytes_a_frame() const;
 
  private:
+  /// Without a transfer yet.
+  Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
+  void list_common_boxes(const LightBasis& basis);
   void require_fitting(const LightMap& light) const;
   void keep(const Image& light);
   /// Takes over the light inside `changed`; the difference to what it was.

@@ -265,7 +265,9 @@ void append(const TileArrays<Weight, Vector>& tile, std::vector<std::byte>& memo
 
 template <class Weight>
 Tile<Weight> TiledTransfer<Weight>::tile(int at) const {
-  const std::byte* next = memory.data() + start[static_cast<std::size_t>(at)];
+  const auto of_band = static_cast<std::size_t>(tiles_across() * band_rows);
+  const Band& band = bands[static_cast<std::size_t>(at) / of_band];
+  const std::byte* next = band.memory.data() + band.start[static_cast<std::size_t>(at) % of_band];
   Lengths lengths;
   std::memcpy(&lengths, next, sizeof lengths);
   next += whole_words(sizeof lengths);
@@ -282,60 +284,119 @@ Tile<Weight> TiledTransfer<Weight>::tile(int at) const {
 template <class Weight>
 void TiledTransfer<Weight>::prefetch(int at, bool head_only) const {
   if (at >= tiles()) return;
-  const auto tile = static_cast<std::size_t>(at);
-  const std::byte* end = memory.data() + (head_only ? start[tile] + head[tile] : start[tile + 1]);
-  for (const std::byte* line = memory.data() + start[tile]; line < end; line += cache_line)
-    __builtin_prefetch(line);
+  const auto of_band = static_cast<std::size_t>(tiles_across() * band_rows);
+  const Band& band = bands[static_cast<std::size_t>(at) / of_band];
+  const std::size_t tile = static_cast<std::size_t>(at) % of_band;
+  const std::byte* begin = band.memory.data() + band.start[tile];
+  const std::byte* end = head_only ? begin + band.head[tile] : band.memory.data() + band.start[tile + 1];
+  for (const std::byte* line = begin; line < end; line += cache_line) __builtin_prefetch(line);
 }
 
 template <class Weight>
-TiledTransfer<Weight> tile_transfer(const ReflectanceField& field) {
-  const LightDomain& domain = field.basis.domain;
+std::size_t TiledTransfer<Weight>::bytes() const {
+  std::size_t sum = common.size() * sizeof(common[0]);
+  for (const Band& band : bands) sum += band.memory.size();
+  return sum;
+}
+
+namespace {
+
+void require_nameable(const LightDomain& domain) {
   if (domain.width > small_box_limit || domain.height > small_box_limit)
     throw InputError("the field's light map of " + std::to_string(domain.width) + "×" +
                      std::to_string(domain.height) + " texels is larger than tiles can name (" +
                      std::to_string(small_box_limit) + "); use a smaller light map");
-  TiledTransfer<Weight> tiled{field.width, field.height, {}, {}, {}, {}};
+}
+
+/// Lays out rows of tiles, each row as a task.
+template <class Weight>
+typename TiledTransfer<Weight>::Band lay_out_band(const ReflectanceField& field,
+                                                  const std::vector<std::uint32_t>& common_place,
+                                                  int first_row, int rows, int across,
+                                                  tbb::enumerable_thread_specific<Workshop>& workshops) {
+  std::vector<std::vector<std::byte>> memory(static_cast<std::size_t>(rows));
+  std::vector<std::vector<std::uint32_t>> ends(static_cast<std::size_t>(rows));
+  tbb::parallel_for(0, rows, [&](int row) {
+    auto& bytes = memory[static_cast<std::size_t>(row)];
+    for (int column = 0; column < across; ++column) {
+      append(TileLayout<Weight>(field, common_place, column, first_row + row, workshops.local()).tile, bytes);
+      ends[static_cast<std::size_t>(row)].push_back(static_cast<std::uint32_t>(bytes.size()));
+    }
+  });
+  typename TiledTransfer<Weight>::Band band;
+  std::size_t size = 0;
+  for (const auto& bytes : memory) size += bytes.size();
+  if (size > std::numeric_limits<std::uint32_t>::max())
+    throw InputError("the field holds too many weights a pixel to be shown in real time");
+  band.memory.reserve(size);
+  band.start.push_back(0);
+  for (int row = 0; row < rows; ++row) {
+    const auto before = static_cast<std::uint32_t>(band.memory.size());
+    auto& bytes = memory[static_cast<std::size_t>(row)];
+    band.memory.insert(band.memory.end(), bytes.begin(), bytes.end());
+    for (const std::uint32_t end : ends[static_cast<std::size_t>(row)]) band.start.push_back(before + end);
+    bytes = {};
+  }
+  return band;
+}
+
+template <class T>
+void forget(std::vector<T>& values, std::uint64_t first, std::uint64_t last) {
+  forget_pages(values.data() + first, (last - first) * sizeof(T));
+}
+
+/// `used`: the field itself where it is given up as it is used.
+template <class Weight>
+TiledTransfer<Weight> lay_out(const ReflectanceField& field, ReflectanceField* used) {
+  require_nameable(field.basis.domain);
+  TiledTransfer<Weight> tiled{field.width, field.height, {}, {}};
   const int across = tiled.tiles_across();
-  const int tiles = across * ((field.height + tile_side_px - 1) / tile_side_px);
-  std::vector<std::uint32_t> common_place = shared_by_tiles(field, across, tiles);
+  std::vector<std::uint32_t> common_place = shared_by_tiles(field, across, tiled.tiles());
   for (std::uint32_t k = 0; k < common_place.size(); ++k) {
     const bool common = common_place[k] != 0;
     common_place[k] = common ? static_cast<std::uint32_t>(tiled.common.size()) : Workshop::none;
     if (common) tiled.common.push_back(k);
   }
   tbb::enumerable_thread_specific<Workshop> workshops;
-  std::vector<std::vector<std::byte>> rows(static_cast<std::size_t>(tiles / across));
-  tiled.start.assign(static_cast<std::size_t>(tiles) + 1, 0);
-  tbb::parallel_for(0, tiles / across, [&](int row) {
-    auto& memory = rows[static_cast<std::size_t>(row)];
-    for (int column = 0; column < across; ++column) {
-      append(TileLayout<Weight>(field, common_place, column, row, workshops.local()).tile, memory);
-      tiled.start[static_cast<std::size_t>(row * across + column) + 1] = memory.size();
+  constexpr int band_rows = TiledTransfer<Weight>::band_rows;
+  for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
+    const int rows = std::min(band_rows, tiled.tiles_down() - row);
+    auto& band =
+        tiled.bands.emplace_back(lay_out_band<Weight>(field, common_place, row, rows, across, workshops));
+    for (int at = row * across; at < (row + rows) * across; ++at) {
+      const auto* first = reinterpret_cast<const std::byte*>(tiled.tile(at).group.data());
+      const std::byte* begin = band.memory.data() + band.start[static_cast<std::size_t>(at - row * across)];
+      band.head.push_back(static_cast<std::uint32_t>(first - begin));
     }
-  });
-  std::size_t size = 0;
-  for (int row = 0; row < tiles / across; ++row) {
-    for (int column = 0; column < across; ++column)
-      tiled.start[static_cast<std::size_t>(row * across + column) + 1] += size;
-    size = tiled.start[static_cast<std::size_t>(row + 1) * static_cast<std::size_t>(across)];
+    if (used == nullptr) continue;
+    const auto entry_of = [&](int tile_row) {
+      const int y = std::min(tile_row * tile_side_px, field.height);
+      return field.transfer.row_start[static_cast<std::size_t>(y) * static_cast<std::size_t>(field.width)];
+    };
+    forget(used->transfer.column, entry_of(row), entry_of(row + rows));
+    forget(used->transfer.weight, 3 * entry_of(row), 3 * entry_of(row + rows));
   }
-  tiled.head.resize(static_cast<std::size_t>(tiles));
-  tiled.memory.reserve(size);
-  for (auto& row : rows) {
-    tiled.memory.insert(tiled.memory.end(), row.begin(), row.end());
-    row = {};
-  }
-  for (int at = 0; at < tiles; ++at) {
-    const auto* first = reinterpret_cast<const std::byte*>(tiled.tile(at).group.data());
-    tiled.head[static_cast<std::size_t>(at)] = static_cast<std::uint32_t>(
-        first - tiled.memory.data() - static_cast<std::ptrdiff_t>(tiled.start[static_cast<std::size_t>(at)]));
-  }
+  return tiled;
+}
+
+}  // namespace
+
+template <class Weight>
+TiledTransfer<Weight> tile_transfer(const ReflectanceField& field) {
+  return lay_out<Weight>(field, nullptr);
+}
+
+template <class Weight>
+TiledTransfer<Weight> tile_transfer(ReflectanceField&& field) {
+  auto tiled = lay_out<Weight>(field, &field);
+  field.transfer = {};
   return tiled;
 }
 
 template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
 template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
+template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);
+template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(ReflectanceField&&);
 template struct TiledTransfer<std::uint8_t>;
 template struct TiledTransfer<std::uint16_t>;
 

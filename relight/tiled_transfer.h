@@ -82,19 +82,24 @@ struct TiledTransfer {
   int width = 0;
   int height = 0;
   std::vector<std::uint32_t> common;  ///< [common kernels], number in the field's basis; hats come first
-  /// The tiles row by row, each one piece of memory that begins at a cache line: the lengths of its arrays,
-  /// then the arrays.
-  std::vector<std::byte, AlignedAllocator<std::byte>> memory;
-  std::vector<std::size_t> start;   ///< [tiles + 1], in `memory`
-  std::vector<std::uint32_t> head;  ///< [tiles], bytes up to the end of what a change of light looks at
+  /// Some rows of tiles. Each tile is one piece of `memory` that begins at a cache line: the lengths of its
+  /// arrays, then the arrays.
+  struct Band {
+    std::vector<std::byte, AlignedAllocator<std::byte>> memory;
+    std::vector<std::uint32_t> start;  ///< [tiles + 1], in `memory`
+    std::vector<std::uint32_t> head;   ///< [tiles], bytes up to the end of what a change of light looks at
+  };
+  static constexpr int band_rows = 4;
+  std::vector<Band> bands;
 
   int tiles_across() const { return (width + tile_side_px - 1) / tile_side_px; }
-  int tiles() const { return static_cast<int>(start.size()) - 1; }
+  int tiles_down() const { return (height + tile_side_px - 1) / tile_side_px; }
+  int tiles() const { return tiles_across() * tiles_down(); }
   Tile<Weight> tile(int at) const;
   /// Asks for a tile's memory, so that it is there when its turn comes: a tile's arrays are too short for
   /// the processor to foresee them.
   void prefetch(int at, bool head_only) const;
-  std::size_t bytes() const { return memory.size() + common.size() * sizeof(common[0]); }
+  std::size_t bytes() const;
 };
 
 /// Lays a field's transfer out in tiles. Weights are rounded to the nearest step, the largest that a scale
@@ -102,9 +107,14 @@ struct TiledTransfer {
 /// Throws InputError for a light map larger than small_box_limit.
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(const ReflectanceField& field);
+/// The same, giving the memory of the field's transfer back as it goes.
+template <class Weight>
+TiledTransfer<Weight> tile_transfer(ReflectanceField&& field);
 
 extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
 extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
+extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);
+extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(ReflectanceField&&);
 extern template struct TiledTransfer<std::uint8_t>;
 extern template struct TiledTransfer<std::uint16_t>;
 

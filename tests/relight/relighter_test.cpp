@@ -8,6 +8,7 @@
 #include <cmath>
 #include <string>
 #include <tuple>
+#include <utility>
 
 #include "core/errors.h"
 #include "core/rng.h"
@@ -115,6 +116,16 @@ TEST(Relighter, GivesTheSameOnEveryInstructionSet) {
   hwy::SetSupportedTargetsForTest(0);
   hwy::GetChosenTarget().DeInit();
   EXPECT_GT(tried, 0);
+}
+
+TEST(Relighter, UsesUpAFieldThatIsGivenUp) {
+  const ReflectanceField field = mixed_field(70, 131, monitor);  // several bands of tiles
+  const LightMap light = random_light(monitor, 1);
+  ReflectanceField given = field;
+  Relighter relighter(std::move(given));
+  EXPECT_EQ(relighter.relight(light).values, Relighter(field).relight(light).values);
+  EXPECT_EQ(given.transfer.entries(), 0u);
+  EXPECT_EQ(given.basis.size(), field.basis.size());
 }
 
 TEST(Relighter, LightsNothingWithNoLight) {
