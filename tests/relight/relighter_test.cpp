@@ -128,6 +128,19 @@ TEST(Relighter, UsesUpAFieldThatIsGivenUp) {
   EXPECT_EQ(given.basis.size(), field.basis.size());
 }
 
+// Other programs' files may name a kernel twice in a row.
+TEST(Relighter, AddsUpAKernelThatAPixelHasTwice) {
+  ReflectanceField field;
+  field.width = field.height = 4;
+  field.basis = {monitor, {}, {{0, 0, 20, 20}, {5, 5, 9, 30}}};
+  for (int i = 0; i < 16; ++i)
+    field.transfer.append_row(std::vector<std::uint32_t>{0, 1, 0},
+                              std::vector<float>(9, 0.01f * static_cast<float>(i + 1)));
+  const LightMap light = random_light(monitor, 1);
+  Relighter relighter(field, RelightPrecision::fine);
+  EXPECT_LT(relative_rmse(relighter.relight(light), field.relight(light)), fine_error);
+}
+
 TEST(Relighter, LightsNothingWithNoLight) {
   const ReflectanceField field = mixed_field(20, 20, monitor);
   const LightMap dark{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
