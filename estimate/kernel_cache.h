@@ -57,7 +57,7 @@ class KernelCache {
   std::size_t bytes() const { return blocks_in_use_ * block_floats * sizeof(float); }
   /// Forgets everything; pointers handed out become invalid. Keeps the memory for what comes.
   void clear();
-  /// Forgets everything where that takes more than `limit_bytes`.
+  /// Forgets everything where that takes more than `limit_bytes`, and keeps no more memory than that.
   void keep_within(std::uint64_t limit_bytes);
 
  private:
