@@ -81,7 +81,8 @@ void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common,
       std::memcpy(light.data() + 4 * k, common.data() + std::size_t{3} * tile.common[k], 4 * sizeof(float));
     sum_boxes(table, tile.support.subspan(shared), light.data() + 4 * shared);
     TileSums sums;
-    add_kernels(tile, light.data(), light.data() + 4 * tile.support.size(), sums);
+    add_kernels(tile, light.data(), light.data() + 4 * tile.support.size(),
+                transfer.tile(std::min(at + 1, transfer.tiles() - 1)), sums);
     store(transfer, at, sums, all_groups, false, image);
   });
 }

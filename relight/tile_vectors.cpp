@@ -81,10 +81,17 @@ HWY_INLINE void add_uses(const SparseWeights<Weight>* uses, std::size_t count, V
   }
 }
 
+/// Prefetches values [first, first + count) of an array that is needed soon; may reach beyond its end.
+template <class T>
+HWY_INLINE void ask_for(std::span<const T> values, std::size_t first, std::size_t count) {
+  const auto* line = reinterpret_cast<const std::byte*>(values.data() + first);
+  for (std::size_t byte = 0; byte < count * sizeof(T); byte += 64) __builtin_prefetch(line + byte);
+}
+
 /// Adds the dense weights of one group; `light` [dense kernels × 4].
 template <class Weight>
 HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT light, std::size_t group,
-                          float* HWY_RESTRICT pixels) {
+                          const Tile<Weight>& next, float* HWY_RESTRICT pixels) {
   const Lanes d;
   const Rgb rgb;
   HWY_ALIGN float factor[4];
@@ -95,6 +102,7 @@ HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT li
                         hn::Set(rgb, tile.record_scale[r])),
                 rgb, factor);
       const Weight* weights = tile.record_weight.data() + r * 3 * group_pixels + lane;
+      ask_for(next.record_weight, r * 3 * group_pixels, 3 * group_pixels);
       red = hn::MulAdd(widened(d, weights), hn::Set(d, factor[0]), red);
       green = hn::MulAdd(widened(d, weights + group_pixels), hn::Set(d, factor[1]), green);
       blue = hn::MulAdd(widened(d, weights + 2 * group_pixels), hn::Set(d, factor[2]), blue);
@@ -127,7 +135,7 @@ HWY_INLINE std::uint32_t add_places(const Tile<Weight>& tile, std::size_t dense,
 
 template <class Weight>
 HWY_INLINE void add_all(const Tile<Weight>& tile, const float* HWY_RESTRICT light,
-                        float* HWY_RESTRICT dense_light, TileSums& sums) {
+                        float* HWY_RESTRICT dense_light, const Tile<Weight>& next, TileSums& sums) {
   const Rgb rgb;
   const SparseWeights<Weight>* uses = tile.sparse.data();
   const float* scale = tile.scale.data();
@@ -138,7 +146,13 @@ HWY_INLINE void add_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
   for (const auto run : tile.runs) {
     const std::size_t end = kernel + run.kernels;
     if (run.uses == 1)
-      for (std::size_t k = kernel; k < end; ++k) add_uses<Weight>(uses++, 1, scaled(k), sums.sparse);
+      for (std::size_t k = kernel; k < end; ++k) {
+        if (k % 16 == 0) {
+          ask_for(next.scale, k, 16);
+          ask_for(next.sparse, static_cast<std::size_t>(uses - tile.sparse.data()), 16);
+        }
+        add_uses<Weight>(uses++, 1, scaled(k), sums.sparse);
+      }
     else if (run.uses > 1)
       for (std::size_t k = kernel; k < end; ++k, uses += run.uses)
         add_uses<Weight>(uses, run.uses, scaled(k), sums.sparse);
@@ -147,7 +161,7 @@ HWY_INLINE void add_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
   for (std::size_t i = 0; i < tile.dense_kernels.size(); ++i)
     hn::StoreU(hn::LoadU(rgb, light + std::size_t{4} * tile.dense_kernels[i]), rgb, dense_light + 4 * i);
   for (std::size_t g = 0; g < groups_of_tile; ++g)
-    add_group(tile, dense_light, g, sums.dense + g * 3 * group_pixels);
+    add_group(tile, dense_light, g, next, sums.dense + g * 3 * group_pixels);
 }
 
 template <class Weight>
@@ -175,11 +189,13 @@ HWY_INLINE std::uint32_t add_touched(const Tile<Weight>& tile, const std::int64_
   return groups;
 }
 
-void add_all_8(const Tile<std::uint8_t>& tile, const float* light, float* dense_light, TileSums& sums) {
-  add_all(tile, light, dense_light, sums);
+void add_all_8(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
+               const Tile<std::uint8_t>& next, TileSums& sums) {
+  add_all(tile, light, dense_light, next, sums);
 }
-void add_all_16(const Tile<std::uint16_t>& tile, const float* light, float* dense_light, TileSums& sums) {
-  add_all(tile, light, dense_light, sums);
+void add_all_16(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
+                const Tile<std::uint16_t>& next, TileSums& sums) {
+  add_all(tile, light, dense_light, next, sums);
 }
 std::uint32_t add_touched_8(const Tile<std::uint8_t>& tile, const std::int64_t* touched, std::size_t count,
                             const float* light, TileSums& sums) {
@@ -270,12 +286,14 @@ void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const flo
   HWY_DYNAMIC_DISPATCH(sum_boxes_fixed_vectorised)(corners, stride, step, boxes, count, sums);
 }
 
-void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light, TileSums& sums) {
-  HWY_DYNAMIC_DISPATCH(add_all_8)(tile, light, dense_light, sums);
+void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
+                 const Tile<std::uint8_t>& next, TileSums& sums) {
+  HWY_DYNAMIC_DISPATCH(add_all_8)(tile, light, dense_light, next, sums);
 }
 
-void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light, TileSums& sums) {
-  HWY_DYNAMIC_DISPATCH(add_all_16)(tile, light, dense_light, sums);
+void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
+                 const Tile<std::uint16_t>& next, TileSums& sums) {
+  HWY_DYNAMIC_DISPATCH(add_all_16)(tile, light, dense_light, next, sums);
 }
 
 std::uint32_t add_kernels(const Tile<std::uint8_t>& tile, std::span<const std::int64_t> touched,

@@ -24,8 +24,11 @@ void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const flo
                      const SmallBox* boxes, std::size_t count, float* sums);
 
 /// Adds all kernels of a tile; `light` [kernels × 4]; `dense_light`: room for [dense kernels × 4].
-void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light, TileSums& sums);
-void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light, TileSums& sums);
+/// On the way asks memory for the weights of the tile that comes `next`.
+void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
+                 const Tile<std::uint8_t>& next, TileSums& sums);
+void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
+                 const Tile<std::uint16_t>& next, TileSums& sums);
 /// Adds those named in `touched` (ascending); `light` [touched × 4]. Returns the groups of pixels that any of
 /// them reaches, a bit each.
 std::uint32_t add_kernels(const Tile<std::uint8_t>& tile, std::span<const std::int64_t> touched,

@@ -20,10 +20,10 @@ namespace {
 /// Calls visit(array) for each of a tile's arrays, always in this order.
 template <class Arrays, class Visit>
 void for_each_array(Arrays& arrays, const Visit& visit) {
-  visit(arrays.support);
-  visit(arrays.dense_kernels);
   visit(arrays.dense_start);
   visit(arrays.places);
+  visit(arrays.support);
+  visit(arrays.dense_kernels);
   visit(arrays.runs);
   visit(arrays.group);
   visit(arrays.record_kernel);
@@ -82,13 +82,15 @@ Tile<Weight> TiledTransfer<Weight>::tile(int at) const {
 }
 
 template <class Weight>
-void TiledTransfer<Weight>::prefetch(int at, bool head_only) const {
+void TiledTransfer<Weight>::prefetch(int at, bool for_change) const {
   if (at >= tiles()) return;
   const auto of_band = static_cast<std::size_t>(tiles_across() * band_rows);
   const Band& band = bands[static_cast<std::size_t>(at) / of_band];
   const std::size_t tile = static_cast<std::size_t>(at) % of_band;
   const std::byte* begin = band.memory.data() + band.start[tile];
-  const std::byte* end = head_only ? begin + band.head[tile] : band.memory.data() + band.start[tile + 1];
+  const std::byte* end = for_change ? begin + band.change_until[tile] : begin + band.weights_from[tile];
+  __builtin_prefetch(begin);  // the lengths
+  if (!for_change) begin += band.whole_from[tile];
   for (const std::byte* line = begin; line < end; line += cache_line) __builtin_prefetch(line);
 }
 
@@ -159,9 +161,14 @@ TiledTransfer<Weight> lay_out(const ReflectanceField& field, ReflectanceField* u
     auto& band =
         tiled.bands.emplace_back(lay_out_band<Weight>(field, common_place, row, rows, across, workshops));
     for (int at = row * across; at < (row + rows) * across; ++at) {
-      const auto* first = reinterpret_cast<const std::byte*>(tiled.tile(at).group.data());
+      const Tile<Weight> tile = tiled.tile(at);
       const std::byte* begin = band.memory.data() + band.start[static_cast<std::size_t>(at - row * across)];
-      band.head.push_back(static_cast<std::uint32_t>(first - begin));
+      const auto offset = [&](const void* array) {
+        return static_cast<std::uint32_t>(static_cast<const std::byte*>(array) - begin);
+      };
+      band.whole_from.push_back(offset(tile.support.data() + tile.common.size()));
+      band.change_until.push_back(offset(tile.group.data()));
+      band.weights_from.push_back(offset(tile.scale.data()));
     }
     if (used == nullptr) continue;
     const auto entry_of = [&](int tile_row) {

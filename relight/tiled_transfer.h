@@ -87,7 +87,9 @@ struct TiledTransfer {
   struct Band {
     std::vector<std::byte, AlignedAllocator<std::byte>> memory;
     std::vector<std::uint32_t> start;  ///< [tiles + 1], in `memory`
-    std::vector<std::uint32_t> head;   ///< [tiles], bytes up to the end of what a change of light looks at
+    /// [tiles], of a tile's bytes: from where on all light needs them, until where a change looks at all, and
+    /// where the weights begin.
+    std::vector<std::uint32_t> whole_from, change_until, weights_from;
   };
   static constexpr int band_rows = 4;
   std::vector<Band> bands;
@@ -97,8 +99,8 @@ struct TiledTransfer {
   int tiles() const { return tiles_across() * tiles_down(); }
   Tile<Weight> tile(int at) const;
   /// Asks for a tile's memory, so that it is there when its turn comes: a tile's arrays are too short for
-  /// the processor to foresee them.
-  void prefetch(int at, bool head_only) const;
+  /// the processor to foresee them. For all light: without the weights, which add_kernels() asks for.
+  void prefetch(int at, bool for_change) const;
   std::size_t bytes() const;
 };
 
