@@ -208,38 +208,28 @@ void write_photograph(const fs::path& path, const Photograph& photograph, Precis
                  six.data(), precision);
 }
 
-float linear_from_srgb(float encoded) {
-  return encoded <= 0.04045f ? encoded / 12.92f : std::pow((encoded + 0.055f) / 1.055f, 2.4f);
-}
-
-float srgb_from_linear(float linear) {
-  return linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1.0f / 2.4f) - 0.055f;
-}
-
-std::vector<std::uint8_t> tone_mapped(const Image& image, double exposure) {
-  std::vector<std::uint8_t> bytes(image.values.size());
-  std::ranges::transform(image.values, bytes.begin(), [&](float value) {
-    const float scaled = std::clamp(static_cast<float>(value * exposure), 0.0f, 1.0f);
-    return static_cast<std::uint8_t>(std::lround(255.0f * srgb_from_linear(scaled)));
-  });
-  return bytes;
-}
-
-std::vector<std::uint8_t> encode_png(const Image& image, double exposure) {
-  const auto bytes = tone_mapped(image, exposure);
+std::vector<std::uint8_t> encode_png(const ScreenImage& image) {
   std::vector<std::uint8_t> file;
   OIIO::Filesystem::IOVecOutput sink(file);
   auto output = OIIO::ImageOutput::create("png");
   OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
   if (!output || !output->set_ioproxy(&sink) || !output->open("memory.png", spec) ||
-      !output->write_image(OIIO::TypeDesc::UINT8, bytes.data()) || !output->close())
+      !output->write_image(OIIO::TypeDesc::UINT8, image.levels.data()) || !output->close())
     throw InputError("cannot encode a PNG: " + (output ? output->geterror() : OIIO::geterror()));
   return file;
 }
 
-void write_png(const fs::path& path, const Image& image, double exposure) {
-  const auto file = encode_png(image, exposure);
+std::vector<std::uint8_t> encode_png(const Image& image, const ToneMapping& mapping) {
+  return encode_png(ScreenImage{image.width, image.height, image.channels, tone_mapped(image, mapping)});
+}
+
+void write_png(const fs::path& path, const ScreenImage& image) {
+  const auto file = encode_png(image);
   write_text_atomically(path, {reinterpret_cast<const char*>(file.data()), file.size()});
+}
+
+void write_png(const fs::path& path, const Image& image, const ToneMapping& mapping) {
+  write_png(path, ScreenImage{image.width, image.height, image.channels, tone_mapped(image, mapping)});
 }
 
 }  // namespace refield

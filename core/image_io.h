@@ -6,6 +6,7 @@
 
 #include "core/image.h"
 #include "core/light_map.h"
+#include "core/tone_map.h"
 
 namespace refield {
 
@@ -48,14 +49,19 @@ void write_exr(const std::filesystem::path& path, const Image& image,
 void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
                       Precision precision = Precision::single);
 
-/// Linear to display-referred: scaled by `exposure`, sRGB-encoded, clipped to 8 bits.
-std::vector<std::uint8_t> tone_mapped(const Image& image, double exposure);
-/// sRGB transfer functions (IEC 61966-2-1) on [0, 1].
-float linear_from_srgb(float encoded);
-float srgb_from_linear(float linear);
+/// What a screen shows, 8 bits a channel: row-major, top row first, channels interleaved.
+struct ScreenImage {
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+  std::vector<std::uint8_t> levels;
+};
 
+/// A PNG file in memory.
+std::vector<std::uint8_t> encode_png(const ScreenImage& image);
 /// A one- or three-channel image as a PNG file in memory, or on disk (atomically).
-std::vector<std::uint8_t> encode_png(const Image& image, double exposure = 1.0);
-void write_png(const std::filesystem::path& path, const Image& image, double exposure = 1.0);
+std::vector<std::uint8_t> encode_png(const Image& image, const ToneMapping& mapping = {});
+void write_png(const std::filesystem::path& path, const Image& image, const ToneMapping& mapping = {});
+void write_png(const std::filesystem::path& path, const ScreenImage& image);
 
 }  // namespace refield

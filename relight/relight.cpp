@@ -22,7 +22,7 @@ void relight_to_files(const ReflectanceField& field, const std::vector<RelightJo
     throw_if_interrupted();
     const Image image = field.relight(jobs[i].light());
     if (jobs[i].output.extension() == ".png")
-      write_png(jobs[i].output, image, exposure);
+      write_png(jobs[i].output, image, {exposure});
     else
       write_exr(jobs[i].output, image);
     progress.advance();

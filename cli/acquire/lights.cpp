@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "acquire/resample_light.h"
 #include "cli/acquire/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
 #include "core/progress.h"
+#include "core/resample.h"
 
 namespace refield::cli {
 

@@ -99,7 +99,7 @@ std::function<void(const Photograph&)> preview_into(const fs::path& file) {
     std::vector<float> samples = photograph.radiance.values;
     const auto bright = samples.begin() + static_cast<std::ptrdiff_t>(samples.size() * 99 / 100);
     std::nth_element(samples.begin(), bright, samples.end());
-    write_png(file, photograph.radiance, *bright > 0.0f ? 1.0 / *bright : 1.0);
+    write_png(file, photograph.radiance, {*bright > 0.0f ? 1.0 / *bright : 1.0});
   };
 }
 

@@ -8,33 +8,16 @@
 #include <limits>
 
 #include "cli/report/html.h"
+#include "core/auto_exposure.h"
 #include "core/errors.h"
+#include "core/false_colour.h"
 #include "core/image_io.h"
 
 namespace refield::report {
 
 namespace {
 
-using Colour = std::array<float, 3>;
-
-// sRGB, evenly spaced; lightness rises steadily so that the picture also reads in grey print.
-constexpr std::array<Colour, 7> colour_stops = {{{0.00f, 0.00f, 0.02f},
-                                                 {0.18f, 0.06f, 0.37f},
-                                                 {0.47f, 0.11f, 0.43f},
-                                                 {0.76f, 0.20f, 0.33f},
-                                                 {0.93f, 0.41f, 0.15f},
-                                                 {0.98f, 0.71f, 0.10f},
-                                                 {0.99f, 1.00f, 0.75f}}};
 constexpr float outside_grey = 0.5f;
-
-Colour colour_at(double fraction) {
-  const double position = std::clamp(fraction, 0.0, 1.0) * (colour_stops.size() - 1);
-  const auto low = std::min(static_cast<std::size_t>(position), colour_stops.size() - 2);
-  const auto t = static_cast<float>(position - static_cast<double>(low));
-  Colour colour;
-  for (int c = 0; c < 3; ++c) colour[c] = (1.0f - t) * colour_stops[low][c] + t * colour_stops[low + 1][c];
-  return colour;
-}
 
 template <class Merge, class Finish>
 Image merged_blocks(const Image& image, int max_width, float start, Merge merge, Finish finish) {
@@ -68,14 +51,9 @@ Image shrunk_by_maximum(const Image& image, int max_width) {
 }
 
 double display_exposure(const Image& image, const Mask& mask) {
-  Image brightest(image.width, image.height, 1);
-  for (std::size_t p = 0; p < brightest.pixel_count(); ++p)
-    for (int c = 0; c < image.channels; ++c)
-      brightest.values[p] = std::max(brightest.values[p], image.values[p * image.channels + c]);
-  const double white = quantile(values_in_mask(brightest, mask), 0.99);
-  if (!(white > 0.0) || !std::isfinite(white)) return 1.0;
-  const std::string text = significant(1.0 / white, 2);
-  double exposure = 1.0 / white;
+  const double exact = exposure_to_white(image, mask);
+  const std::string text = significant(exact, 2);
+  double exposure = exact;
   std::from_chars(text.data(), text.data() + text.size(), exposure);
   return exposure;
 }
@@ -102,8 +80,8 @@ Image false_coloured(const Image& map, double high, const Mask& mask) {
   for (std::size_t p = 0; p < map.pixel_count(); ++p) {
     const bool inside = mask.empty() || mask[p] != 0;
     const double value = map.values[p];
-    const Colour colour = inside ? colour_at(std::isnan(value) ? 1.0 : value / high)
-                                 : Colour{outside_grey, outside_grey, outside_grey};
+    const EncodedColour colour = inside ? false_colour(std::isnan(value) ? 1.0 : value / high)
+                                        : EncodedColour{outside_grey, outside_grey, outside_grey};
     for (int c = 0; c < 3; ++c) coloured.values[3 * p + c] = linear_from_srgb(colour[c]);
   }
   return coloured;
@@ -111,7 +89,7 @@ Image false_coloured(const Image& map, double high, const Mask& mask) {
 
 std::string colour_bar_html(const std::string& low_text, const std::string& high_text) {
   std::string stops;
-  for (const Colour& stop : colour_stops) {
+  for (const EncodedColour& stop : false_colour_stops) {
     stops += ",rgb(";
     for (int c = 0; c < 3; ++c)
       stops.append(std::to_string(std::lround(255.0f * stop[c]))).append(c < 2 ? "," : ")");
@@ -122,7 +100,7 @@ std::string colour_bar_html(const std::string& low_text, const std::string& high
 }
 
 std::string png_address(const Image& image, double exposure) {
-  return "data:image/png;base64," + base64(encode_png(image, exposure));
+  return "data:image/png;base64," + base64(encode_png(image, {exposure}));
 }
 
 std::string image_html(const Image& image, double exposure, const std::string& alt, const std::string& css) {

@@ -31,20 +31,6 @@ Image kernel_density(const LightDomain& domain, std::span<const Box> boxes,
   return density;
 }
 
-Image kernel_density(const ReflectanceField& field, std::size_t pixel) {
-  const LightBasis& basis = field.basis;
-  Image density(basis.domain.width, basis.domain.height, 1);
-  for (std::uint64_t e = field.transfer.row_start[pixel]; e < field.transfer.row_start[pixel + 1]; ++e) {
-    const std::uint32_t kernel = field.transfer.column[e];
-    const float* w = field.transfer.weight.data() + 3 * e;
-    const float weight = (w[0] + w[1] + w[2]) / 3.0f;
-    const Box within = basis.support(kernel);
-    for (int y = within.y0; y < within.y1; ++y)
-      for (int x = within.x0; x < within.x1; ++x) density.at(x, y, 0) += weight * basis.value(kernel, x, y);
-  }
-  return density;
-}
-
 KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixel>& pixels) {
   KernelStudy study;
   const auto images = static_cast<int>(input.session.frames_of(FrameRole::train).size());

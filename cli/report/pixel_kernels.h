@@ -7,6 +7,7 @@
 
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
+#include "core/pixel_kernels.h"
 
 namespace refield::report {
 
@@ -14,8 +15,6 @@ namespace refield::report {
 /// channels) of the boxes over it, [height × width × 1] of the light map.
 Image kernel_density(const LightDomain& domain, std::span<const Box> boxes,
                      std::span<const std::array<float, 3>> weights);
-/// The same of one pixel of a field.
-Image kernel_density(const ReflectanceField& field, std::size_t pixel);
 
 /// How the kernels of a pixel unfold (Matusik et al. 2004, figure 8).
 struct PixelKernels {

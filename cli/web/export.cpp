@@ -133,7 +133,7 @@ void measure(const ReflectanceField& full, const ReflectanceField& shown, Export
     const LightMap light =
         i < bars ? sliding_bar(full.basis.domain, 0.125, i, bars) : white_light(full.basis.domain);
     const Image expected = full.relight(light), seen = shown.relight(light);
-    const auto a = tone_mapped(expected, report.exposure), b = tone_mapped(seen, report.exposure);
+    const auto a = tone_mapped(expected, {report.exposure}), b = tone_mapped(seen, {report.exposure});
     for (std::size_t v = 0; v < a.size(); ++v) {
       const double difference = static_cast<double>(seen.values[v]) - expected.values[v];
       squares += difference * difference;

@@ -3,14 +3,8 @@
 // shown.
 #include "acquire/window_monitor.h"
 
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <poll.h>
-#include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <cstdlib>
 #ifdef __SANITIZE_ADDRESS__
@@ -21,8 +15,7 @@
 #include "core/files.h"
 #include "core/rng.h"
 #include "tests/support/temporary_folder.h"
-
-extern char** environ;
+#include "tests/support/virtual_screen.h"
 
 namespace refield {
 namespace {
@@ -33,62 +26,9 @@ using ::testing::HasSubstr;
 constexpr int screen_width = 320;
 constexpr int screen_height = 200;
 
-pid_t start(std::vector<std::string> words) {
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  pid_t child = -1;
-  return ::posix_spawnp(&child, argv[0], nullptr, nullptr, argv.data(), environ) == 0 ? child : -1;
-}
-
-int finish(pid_t child) {
-  int status = -1;
-  ::waitpid(child, &status, 0);
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
-bool is_installed(const std::string& program) {
-  return std::system(("command -v " + program + " > /dev/null 2>&1").c_str()) == 0;
-}
-
-/// Xvfb for as long as it lives; DISPLAY points to it.
-class VirtualScreen {
- public:
-  VirtualScreen() {
-    int ends[2];
-    if (::pipe(ends) != 0) return;
-    // -noreset: else the server starts anew when the last window closes, and refuses the next one meanwhile.
-    const std::string size = std::to_string(screen_width) + "x" + std::to_string(screen_height) + "x24";
-    server_ = start({"Xvfb", "-displayfd", std::to_string(ends[1]), "-screen", "0", size, "-nolisten", "tcp",
-                     "-noreset"});
-    ::close(ends[1]);
-    char number[16] = "";
-    pollfd ready{ends[0], POLLIN, 0};
-    constexpr int patience_ms = 20000;
-    if (server_ > 0 && ::poll(&ready, 1, patience_ms) == 1 && ::read(ends[0], number, sizeof number - 1) > 0)
-      ::setenv("DISPLAY", (":" + std::to_string(std::atoi(number))).c_str(), 1);
-    ::close(ends[0]);
-    is_up_ = number[0] != '\0';
-  }
-  ~VirtualScreen() {
-    if (server_ > 0) {
-      ::kill(server_, SIGTERM);
-      finish(server_);
-    }
-    ::unsetenv("DISPLAY");
-  }
-  VirtualScreen(const VirtualScreen&) = delete;
-  VirtualScreen& operator=(const VirtualScreen&) = delete;
-  bool is_up() const { return is_up_; }
-
- private:
-  pid_t server_ = -1;
-  bool is_up_ = false;
-};
-
 /// The screen's content by xwd: levels red, green, blue; empty when it cannot be read.
 std::vector<std::uint8_t> screenshot(const std::filesystem::path& file) {
-  if (finish(start({"xwd", "-root", "-silent", "-out", file})) != 0) return {};
+  if (test::finish_program(test::start_program({"xwd", "-root", "-silent", "-out", file})) != 0) return {};
   const std::string dump = read_text(file);
   // X11/XWDFile.h: 32-bit words, most significant byte first.
   const auto word = [&](std::size_t place) {
@@ -122,17 +62,17 @@ class WindowMonitorOnScreen : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!has_window_monitor()) GTEST_SKIP() << "SKIPPED: built without SDL2 (libsdl2-dev)";
-    if (!is_installed("Xvfb") || !is_installed("xwd"))
+    if (!test::is_installed("Xvfb") || !test::is_installed("xwd"))
       GTEST_SKIP() << "SKIPPED: Xvfb or xwd is not installed (Debian packages xvfb and x11-apps)";
     ::unsetenv("WAYLAND_DISPLAY");
     ::setenv("SDL_VIDEODRIVER", "x11", 1);
     ::setenv("SDL_RENDER_DRIVER", "software",
              1);  // the X server's own pixels; OpenGL on Xvfb is another emulation
-    screen_ = std::make_unique<VirtualScreen>();
+    screen_ = std::make_unique<test::VirtualScreen>(screen_width, screen_height);
     ASSERT_TRUE(screen_->is_up()) << "Xvfb does not start";
   }
   const TemporaryFolder folder_;
-  std::unique_ptr<VirtualScreen> screen_;
+  std::unique_ptr<test::VirtualScreen> screen_;
 #ifdef __SANITIZE_ADDRESS__
   // SDL and the libraries that it loads and unloads (D-Bus, X11) leave memory behind, under no name to
   // suppress.

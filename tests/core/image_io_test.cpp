@@ -169,7 +169,7 @@ TEST(Srgb, KnownValuesAndRoundTrip) {
 TEST(ToneMapped, ScalesAndClips) {
   Image image(4, 1, 1);
   image.values = {-1.0f, 0.5f, 2.0f, std::numeric_limits<float>::quiet_NaN()};
-  const auto bytes = tone_mapped(image, 2.0);
+  const auto bytes = tone_mapped(image, {2.0});
   EXPECT_EQ(bytes[0], 0);
   EXPECT_EQ(bytes[1], 255);
   EXPECT_EQ(bytes[2], 255);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/resample_light.h"
+#include "core/resample.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tone_map.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "core/errors.h"
+
+namespace refield {
+
+namespace {
+
+constexpr int cell_shift = 16;
+constexpr std::uint32_t bits_of_infinity = 0x7f800000;
+
+/// In double: rounding in float would make the curves fall here and there.
+double displayed(double x, ToneOperator curve) {
+  switch (curve) {
+    case ToneOperator::clip:
+      return x;
+    case ToneOperator::reinhard: {
+      constexpr double white = 4.0;
+      const double bounded = std::min(x, white);
+      return bounded * (1.0 + bounded / (white * white)) / (1.0 + bounded);
+    }
+    case ToneOperator::filmic: {
+      const double bounded = std::min(x, 1e6);  // infinity by infinity is nothing
+      return bounded * (2.51 * bounded + 0.03) / (bounded * (2.43 * bounded + 0.59) + 0.14);
+    }
+  }
+  throw InputError("unknown tone operator");
+}
+
+/// The least float ≥ 0 whose level is at least `wanted`; NaN when there is none.
+float least_value(const std::function<std::uint8_t(float)>& level, int wanted) {
+  if (level(std::numeric_limits<float>::infinity()) < wanted) return std::numeric_limits<float>::quiet_NaN();
+  std::uint32_t low = 0, high = bits_of_infinity;  // floats ≥ 0 have the order of their bits
+  while (low < high) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    if (level(std::bit_cast<float>(middle)) >= wanted)
+      high = middle;
+    else
+      low = middle + 1;
+  }
+  return std::bit_cast<float>(low);
+}
+
+}  // namespace
+
+std::string_view name_of(ToneOperator curve) {
+  switch (curve) {
+    case ToneOperator::clip:
+      return "clip";
+    case ToneOperator::reinhard:
+      return "reinhard";
+    case ToneOperator::filmic:
+      return "filmic";
+  }
+  throw InputError("unknown tone operator");
+}
+
+ToneOperator tone_operator_from_name(std::string_view name) {
+  for (const ToneOperator curve : tone_operators)
+    if (name == name_of(curve)) return curve;
+  throw InputError("unknown tone operator '" + std::string(name) + "'; use clip, reinhard or filmic");
+}
+
+float linear_from_srgb(float encoded) {
+  return encoded <= 0.04045f ? encoded / 12.92f : std::pow((encoded + 0.055f) / 1.055f, 2.4f);
+}
+
+float srgb_from_linear(float linear) {
+  return linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1.0f / 2.4f) - 0.055f;
+}
+
+std::uint8_t tone_mapped(float radiance, const ToneMapping& mapping) {
+  if (!(radiance > 0.0f)) return 0;
+  const double shown = displayed(radiance * mapping.exposure, mapping.curve);
+  return static_cast<std::uint8_t>(
+      std::lround(255.0f * srgb_from_linear(static_cast<float>(std::min(shown, 1.0)))));
+}
+
+LevelTable::LevelTable(const std::function<std::uint8_t(float)>& level)
+    : level_at_start_of_cell_((bits_of_infinity >> cell_shift) + 1) {
+  least_value_of_.fill(std::numeric_limits<float>::quiet_NaN());
+  for (int wanted = 0; wanted < 256; ++wanted) least_value_of_[wanted] = least_value(level, wanted);
+  int at = 0;
+  for (std::size_t cell = 0; cell < level_at_start_of_cell_.size(); ++cell) {
+    const auto start = std::bit_cast<float>(static_cast<std::uint32_t>(cell) << cell_shift);
+    while (start >= least_value_of_[at + 1]) ++at;
+    level_at_start_of_cell_[cell] = static_cast<std::uint8_t>(at);
+  }
+}
+
+LevelTable::LevelTable(const ToneMapping& mapping)
+    : LevelTable([&mapping](float radiance) { return tone_mapped(radiance, mapping); }) {}
+
+std::uint8_t LevelTable::operator()(float value) const {
+  if (!(value > 0.0f)) return level_at_start_of_cell_[0];
+  int level = level_at_start_of_cell_[std::bit_cast<std::uint32_t>(value) >> cell_shift];
+  while (value >= least_value_of_[level + 1]) ++level;
+  return static_cast<std::uint8_t>(level);
+}
+
+std::vector<std::uint8_t> tone_mapped(const Image& image, const ToneMapping& mapping) {
+  const LevelTable table(mapping);
+  std::vector<std::uint8_t> levels(image.values.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, levels.size(), 16384), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i != range.end(); ++i) levels[i] = table(image.values[i]);
+  });
+  return levels;
+}
+
+void tone_map_rgba(const Image& image, const LevelTable& table, std::span<std::uint8_t> rgba) {
+  if (image.channels != 3 || rgba.size() != 4 * image.pixel_count())
+    throw InputError("an image of " + shape_text(image) + " does not fill " + std::to_string(rgba.size()) +
+                     " bytes of RGBA; it needs 3 channels and 4 bytes a pixel");
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, image.pixel_count(), 8192), [&](const auto& range) {
+    for (std::size_t p = range.begin(); p != range.end(); ++p) {
+      for (std::size_t c = 0; c < 3; ++c) rgba[4 * p + c] = table(image.values[3 * p + c]);
+      rgba[4 * p + 3] = 255;
+    }
+  });
+}
+
+}  // namespace refield

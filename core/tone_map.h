@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "core/image.h"
+
+namespace refield {
+
+/// How radiance that a screen cannot show is brought into its range, channel by channel. None ever falls.
+///  - clip: up to 1 as it is, above it white.
+///  - reinhard: x (1 + x / w²) / (1 + x) with w = 4, which becomes white. Source: Reinhard et al.,
+///    "Photographic Tone Reproduction for Digital Images", 2002, eq. 4; deviation: on each channel instead of
+///    luminance, so that bright lamps whiten as on film.
+///  - filmic: (x (2.51 x + 0.03)) / (x (2.43 x + 0.59) + 0.14), which deepens shadows and rolls off
+///    highlights. Source: Narkowicz, "ACES Filmic Tone Mapping Curve", 2016; deviation: none (his input
+///    scale of 0.6 is the exposure's business).
+enum class ToneOperator { clip, reinhard, filmic };
+
+inline constexpr std::array<ToneOperator, 3> tone_operators = {ToneOperator::clip, ToneOperator::reinhard,
+                                                               ToneOperator::filmic};
+std::string_view name_of(ToneOperator curve);
+/// Throws InputError for an unknown name.
+ToneOperator tone_operator_from_name(std::string_view name);
+
+/// Scene-linear radiance to a screen: × exposure, through the curve, sRGB-encoded, rounded to 8 bits.
+struct ToneMapping {
+  double exposure = 1.0;
+  ToneOperator curve = ToneOperator::clip;
+  bool operator==(const ToneMapping&) const = default;
+};
+
+/// sRGB transfer functions (IEC 61966-2-1) on [0, 1].
+float linear_from_srgb(float encoded);
+float srgb_from_linear(float linear);
+
+/// The level, 0 to 255, that a non-negative value is shown as. Negative values and NaN become 0.
+std::uint8_t tone_mapped(float radiance, const ToneMapping& mapping);
+
+/// A rounded, never falling function from floats to levels, looked up instead of computed: exact, and a
+/// hundred times as fast as a power. The function is evaluated some eight thousand times to make the table.
+class LevelTable {
+ public:
+  /// `level` of a value ≥ 0 must never fall as the value grows.
+  explicit LevelTable(const std::function<std::uint8_t(float)>& level);
+  explicit LevelTable(const ToneMapping& mapping);
+
+  /// As the function gives; 0 for negative values and NaN.
+  std::uint8_t operator()(float value) const;
+
+ private:
+  // A cell is the values that share exponent and upper 7 bits of the mantissa.
+  std::vector<std::uint8_t> level_at_start_of_cell_;
+  std::array<float, 257> least_value_of_;  // NaN where no value reaches the level
+};
+
+/// A whole image, same shape. On all cores.
+std::vector<std::uint8_t> tone_mapped(const Image& image, const ToneMapping& mapping);
+
+/// A three-channel image into pixels of red, green, blue and 255. `rgba` [pixels × 4]. On all cores.
+void tone_map_rgba(const Image& image, const LevelTable& table, std::span<std::uint8_t> rgba);
+
+}  // namespace refield
