@@ -24,7 +24,8 @@ int run(int argc, char** argv) {
       "  refield acquire virtual RECIPE.toml --truth truth -o session photograph it under a hundred or so "
       "lights\n"
       "  refield estimate session -o scene.rfield                     estimate the reflectance field\n"
-      "  refield relight scene.rfield --light new.exr -o new-image.exr\n");
+      "  refield relight scene.rfield --light new.exr -o new-image.exr\n"
+      "  refield view scene.rfield                                    relight it by hand, in a window\n");
   app.name("refield");
   app.footer(
       "Exit status: 0 done; 2 the input, an option or the system refused, see the message; 130 stopped by "
@@ -48,6 +49,7 @@ int run(int argc, char** argv) {
   refield::cli::add_export_web(app, common, action);
   refield::cli::add_info(app, common, action);
   refield::cli::add_report(app, common, action);
+  refield::cli::add_view(app, common, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -26,5 +26,6 @@ void add_chart(CLI::App& app, const Common& common, Action& action);
 void add_export_web(CLI::App& app, const Common& common, Action& action);
 void add_info(CLI::App& app, const Common& common, Action& action);
 void add_report(CLI::App& app, const Common& common, Action& action);
+void add_view(CLI::App& app, const Common& common, Action& action);
 
 }  // namespace refield::cli

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "relight/viewer/canvas.h"
+
+namespace refield {
+
+/// 0xAABBGGRR, as Dear ImGui takes colours.
+using PackedColour = unsigned;
+inline constexpr PackedColour accent_colour = 0xff3da3f0;  // amber
+inline constexpr PackedColour canvas_colour = 0xff161616;
+inline constexpr PackedColour shadow_colour = 0xb0000000;
+inline constexpr PackedColour text_colour = 0xffdcdcdc;
+
+/// Begins a panel without frame or title in an area of the window. `padded`: room at its edges.
+void begin_panel(const char* name, const Area& area, bool padded);
+void end_panel();
+
+/// Text on a dark plate, the area's corner given; returns the plate's width.
+double draw_plate(const Point& corner, const char* text, PackedColour colour);
+/// The false colours in a row, with a label at either end.
+void draw_legend(const Area& area, const char* low, const char* high);
+
+}  // namespace refield

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <imgui.h>
+
+#include <cmath>
+#include <cstdio>
+
+#include "relight/viewer/drawing.h"
+#include "relight/viewer/panels.h"
+
+namespace refield {
+
+namespace {
+
+ImVec2 vector(const Point& point) {
+  return {static_cast<float>(point.x), static_cast<float>(point.y)};
+}
+
+PixelPosition pixel_at(const Canvas& canvas, const ImVec2& window) {
+  const Point p = canvas.image_from_window({window.x, window.y});
+  return {static_cast<int>(std::floor(p.x)), static_cast<int>(std::floor(p.y))};
+}
+
+void handle_mouse(App& app) {
+  const ImGuiIO& io = ImGui::GetIO();
+  if (ImGui::IsItemHovered() && io.MouseWheel != 0.0f)
+    app.picture.zoom_about({io.MousePos.x, io.MousePos.y}, std::pow(1.2, io.MouseWheel));
+  if (!ImGui::IsItemActive()) return;
+  if (ImGui::IsMouseDown(ImGuiMouseButton_Left))
+    app.state->pick(pixel_at(app.picture, io.MousePos));
+  else if (io.MouseDelta.x != 0.0f || io.MouseDelta.y != 0.0f)
+    app.picture.pan(io.MouseDelta.x, io.MouseDelta.y);
+}
+
+/// A ring around the picked pixel, which itself stays free.
+void draw_mark(const App& app) {
+  const auto& picked = app.state->picked();
+  if (!picked) return;
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  const ImVec2 middle = vector(app.picture.window_from_image({picked->x + 0.5, picked->y + 0.5}));
+  const auto radius = static_cast<float>(std::max(7.0, 0.8 * app.picture.scale()));
+  constexpr int smooth = 32;
+  list.AddCircle(middle, radius, shadow_colour, smooth, 4.0f);
+  list.AddCircle(middle, radius, accent_colour, smooth, 2.0f);
+}
+
+void draw_shown_legend(const App& app, const Area& area) {
+  const ViewState& state = *app.state;
+  if (state.shown() == Shown::picture) return;
+  char low[48] = "0 %", high[48];
+  if (state.shown() == Shown::false_colour) {
+    std::snprintf(low, sizeof low, "−%.0f stops", stops_below_white);
+    std::snprintf(high, sizeof high, "white +%.0f", stops_above_white);
+  } else {
+    std::snprintf(high, sizeof high, "%.3g %%", 100.0 * state.error_range());
+  }
+  constexpr double width = 260.0, height = 48.0, margin = 12.0;
+  draw_legend({area.x + margin, area.y + area.height - height - margin, width, height}, low, high);
+}
+
+/// What is shown, where it is not simply the picture.
+void draw_title(const App& app, const Area& area) {
+  const ViewState& state = *app.state;
+  const Point corner{area.x + 12.0, area.y + 12.0};
+  if (state.probed()) {
+    char text[120];
+    std::snprintf(text, sizeof text, "What texels %d, %d + %d×%d light", state.probed()->x0,
+                  state.probed()->y0, state.probed()->width(), state.probed()->height());
+    draw_plate(corner, text, accent_colour);
+    return;
+  }
+  switch (state.shown()) {
+    case Shown::picture:
+      return;
+    case Shown::false_colour:
+      draw_plate(corner, "Luminance in stops", text_colour);
+      return;
+    case Shown::predicted_error:
+      draw_plate(corner, "Predicted relative error on new photographs", text_colour);
+      return;
+    case Shown::photograph_noise:
+      draw_plate(corner, "Of it, the photographs' own noise", text_colour);
+      return;
+    case Shown::training_error:
+      draw_plate(corner, "Relative error on the training photographs", text_colour);
+      return;
+  }
+}
+
+}  // namespace
+
+void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
+  const ReflectanceField& field = app.state->field();
+  app.picture.lay_out(area, field.width, field.height);
+  begin_panel("##picture", area, false);
+  ImGui::InvisibleButton("##canvas", ImGui::GetContentRegionAvail(),
+                         ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight |
+                             ImGuiButtonFlags_MouseButtonMiddle);
+  handle_mouse(app);
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  list.AddRectFilled(vector({area.x, area.y}), vector({area.x + area.width, area.y + area.height}),
+                     canvas_colour, 6.0f);
+  list.AddImage(textures.picture.handle(), vector(app.picture.window_from_image({0.0, 0.0})),
+                vector(app.picture.window_from_image(
+                    {static_cast<double>(field.width), static_cast<double>(field.height)})));
+  draw_mark(app);
+  draw_shown_legend(app, area);
+  draw_title(app, area);
+  end_panel();
+}
+
+}  // namespace refield

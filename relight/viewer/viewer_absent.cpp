@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for viewer.cpp where GLFW or Dear ImGui was not there when the program was configured.
+#include <cerrno>
+
+#include "core/errors.h"
+#include "relight/viewer/viewer.h"
+
+namespace refield {
+
+bool has_viewer() {
+  return false;
+}
+
+void run_viewer(const ViewerOptions&) {
+  throw DeviceError(
+      "viewer", ENOSYS,
+      "this program was built without a window; install libglfw3-dev, libimgui-dev and libgl-dev "
+      "and build it anew, or relight into files with 'refield relight'");
+}
+
+}  // namespace refield

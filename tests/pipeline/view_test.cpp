@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer in a real window on an X server without a screen, driven by scripts whose mouse and keys go the
+// way of a user's: what the screenshots hold is what the field gives.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/reflectance_field_file.h"
+#include "relight/sequence.h"
+#include "relight/viewer/light_painter.h"
+#include "relight/viewer/viewer.h"
+#include "tests/pipeline/program.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+#include "tests/support/virtual_screen.h"
+
+namespace refield {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+constexpr int width = 90, height = 70;
+
+ReflectanceField small_field(const LightDomain& domain) {
+  Rng rng{8};
+  ReflectanceField field = test::random_field(rng, width, height, domain, 300, 12);
+  field.predicted_error.assign(static_cast<std::size_t>(width) * height, 0.1f);
+  field.photograph_noise = field.predicted_error;
+  return field;
+}
+
+/// `view` on a field, and what its script printed.
+class ViewProgram : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!has_viewer()) GTEST_SKIP() << "SKIPPED: built without libglfw3-dev, libimgui-dev and libgl-dev";
+    if (!test::is_installed("Xvfb")) GTEST_SKIP() << "SKIPPED: Xvfb is not installed (Debian package xvfb)";
+#ifdef __SANITIZE_THREAD__
+    GTEST_SKIP() << "SKIPPED: the software renderer's threads are not instrumented";
+#endif
+    ::setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
+    ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // drivers leave memory behind when they are unloaded
+    screen_ = std::make_unique<test::VirtualScreen>(1280, 820);
+    ASSERT_TRUE(screen_->is_up()) << "Xvfb does not start";
+  }
+
+  /// Exit status; what the script printed goes to output_.
+  int view(const LightDomain& domain, const std::string& script) {
+    write_reflectance_field(path("a.rfield"), small_field(domain));
+    write_text_atomically(path("script"), script);
+    const int status = test::run_program(
+        {"view", path("a.rfield"), "--script", path("script"), "--size", "1200x760"}, path("log"));
+    output_ = read_text(path("log"));
+    return status;
+  }
+  std::string path(const std::string& name) const {
+    return (folder_ / name).string();
+  }
+
+  /// The lines that `where` printed.
+  std::vector<json> places() const {
+    std::vector<json> found;
+    std::istringstream lines(output_);
+    for (std::string line; std::getline(lines, line);)
+      if (line.rfind("{\"image\"", 0) == 0) found.push_back(json::parse(line.substr(0, line.rfind('}') + 1)));
+    return found;
+  }
+
+  /// The relit image inside a screenshot taken at 1:1 is the tone-mapped `light` on the field, to a level.
+  void expect_shown(const std::string& screenshot, const json& place, const LightMap& light) const {
+    const Image shot = read_image(path(screenshot));
+    const Image expected = small_field(light.domain()).relight(light);
+    const auto levels = tone_mapped(expected, {place["exposure"].get<double>()});
+    ASSERT_EQ(place["image"]["scale"].get<double>(), 1.0);
+    const int left = place["image"]["x"].get<int>(), top = place["image"]["y"].get<int>();
+    int worst = 0;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int c = 0; c < 3; ++c) {
+          const auto shown = std::lround(255.0f * srgb_from_linear(shot.at(left + x, top + y, c)));
+          const int wanted = levels[(static_cast<std::size_t>(y) * width + x) * 3 + c];
+          worst = std::max(worst, std::abs(static_cast<int>(shown) - wanted));
+        }
+    EXPECT_LE(worst, 1) << screenshot;
+  }
+
+  const test::TemporaryFolder folder_;
+  std::unique_ptr<test::VirtualScreen> screen_;
+  std::string output_;
+};
+
+constexpr LightDomain monitor{64, 48, Parameterisation::monitor};
+constexpr LightDomain sphere{64, 32, Parameterisation::lat_long};
+
+double relative_difference(const Image& a, const Image& b) {
+  double difference = 0.0, sum = 0.0;
+  for (std::size_t i = 0; i < a.values.size(); ++i) {
+    difference += std::pow(a.values[i] - b.values[i], 2.0);
+    sum += std::pow(b.values[i], 2.0);
+  }
+  return std::sqrt(difference / sum);
+}
+
+TEST_F(ViewProgram, DraggedLampRelightsTheScene) {
+  // The first lamp stands at (0.3, 0.35), texel (19.2, 16.8); the texel named is taken by its middle.
+  ASSERT_EQ(view(monitor, "wait 3\nkey Z\nwhere\nsave-light " + path("before.exr") + "\nscreenshot " +
+                              path("before.png") + "\ndrag light 19 17 39 27 20\nwhere\nsave-light " +
+                              path("after.exr") + "\nscreenshot " + path("after.png") + "\nfps\nquit\n"),
+            0)
+      << output_;
+  const auto place = places();
+  ASSERT_EQ(place.size(), 2U) << output_;
+  const LightMap before = read_light_map(path("before.exr"), monitor.parameterisation);
+  const LightMap after = read_light_map(path("after.exr"), monitor.parameterisation);
+  expect_shown("before.png", place[0], before);
+  expect_shown("after.png", place[1], after);
+  LightPainter expected(monitor);
+  expected.set_ambient(0.03);
+  expected.add({Lamp::Shape::spot, 0.3 + 20.0 / 64, 0.35 + 10.0 / 48, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  expected.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  constexpr double mouse_rounding = 0.01;  // the pointer stands on whole pixels of the window or nearly so
+  EXPECT_LT(relative_difference(after.radiance, expected.light().radiance), mouse_rounding);
+  EXPECT_GT(relative_difference(before.radiance, expected.light().radiance), 0.3);
+  EXPECT_THAT(output_, HasSubstr(" frames, "));
+}
+
+TEST_F(ViewProgram, LoadedMapTurns) {
+  Rng rng{3};
+  const LightMap map = test::random_light(rng, sphere);
+  write_exr(path("map.exr"), map.radiance);
+  ASSERT_EQ(
+      view(sphere, "wait 3\nkey Z\nload " + path("map.exr") + "\nwhere\nscreenshot " + path("straight.png") +
+                       "\nrotate 90\nwhere\nscreenshot " + path("turned.png") +
+                       "\ndrag light 40 10 24 10 8\nwhere\nscreenshot " + path("dragged.png") + "\nquit\n"),
+      0)
+      << output_;
+  const auto place = places();
+  ASSERT_EQ(place.size(), 3U) << output_;
+  expect_shown("straight.png", place[0], map);
+  EXPECT_NEAR(place[1]["turn"].get<double>(), 90.0, 1e-4);
+  expect_shown("turned.png", place[1], rotated(map, 0.25));
+  EXPECT_NEAR(place[2]["turn"].get<double>(), 0.0, 1e-4);  // 16 of 64 columns back
+  expect_shown("dragged.png", place[2], map);
+}
+
+TEST_F(ViewProgram, PicksPixelsAndProbesTheLight) {
+  ASSERT_EQ(
+      view(monitor, "wait 3\nkey Z\nscreenshot " + path("plain.png") + "\npick 37 21\nwhere\nscreenshot " +
+                        path("picked.png") + "\nkey Escape\nprobe 20 30\nwhere\nscreenshot " +
+                        path("probe.png") + "\nrelease\nwhere\nscreenshot " + path("released.png") +
+                        "\npress Error\nscreenshot " + path("error.png") + "\nquit\n"),
+      0)
+      << output_;
+  const auto place = places();
+  ASSERT_EQ(place.size(), 3U) << output_;
+  const ReflectanceField field = small_field(monitor);
+  const std::size_t pixel = 21 * width + 37;
+  EXPECT_EQ(place[0]["picked"], json::parse("[37, 21]"));
+  EXPECT_EQ(place[0]["kernels"], field.transfer.row_start[pixel + 1] - field.transfer.row_start[pixel]);
+  // The light map's picture gives way to the kernels'.
+  const Image plain = read_image(path("plain.png")), picked = read_image(path("picked.png"));
+  const int x = place[0]["light"]["x"].get<int>() + 100, y = place[0]["light"]["y"].get<int>() + 100;
+  double change = 0.0;
+  for (int c = 0; c < 3; ++c) change += std::abs(plain.at(x, y, c) - picked.at(x, y, c));
+  EXPECT_GT(change, 0.01);
+  LightMap alone{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
+  for (int c = 0; c < 3; ++c) alone.radiance.at(20, 30, c) = 1.0f;
+  expect_shown("probe.png", place[1], alone);
+  LightPainter start(monitor);
+  start.set_ambient(0.03);
+  start.add({Lamp::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  start.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  expect_shown("released.png", place[2], start.light());
+  // A constant map of errors is one colour, unlike the scene.
+  const Image error = read_image(path("error.png"));
+  const int left = place[2]["image"]["x"].get<int>(), top = place[2]["image"]["y"].get<int>();
+  for (int c = 0; c < 3; ++c) EXPECT_EQ(error.at(left + 10, top + 10, c), error.at(left + 70, top + 60, c));
+}
+
+TEST_F(ViewProgram, SaysWhatIsWrong) {
+  // In the window: it stays open.
+  ASSERT_EQ(view(sphere, "wait 2\nload " + path("missing.exr") + "\nwhere\nquit\n"), 0);
+  EXPECT_EQ(places().at(0)["notice"], "error");
+  EXPECT_THAT(output_, HasSubstr("missing.exr"));
+  write_exr(path("square.exr"), Image(16, 16, 3, 1.0f));
+  ASSERT_EQ(view(sphere, "wait 2\nload " + path("square.exr") + "\nwhere\nquit\n"), 0);
+  EXPECT_THAT(output_, HasSubstr("16×16, the field expects a lat-long map"));
+  // On the command line.
+  EXPECT_EQ(view(sphere, "wait 2\npick one 2\n"), 2);
+  EXPECT_THAT(output_, HasSubstr("script, line 2"));
+  EXPECT_EQ(view(sphere, "wait 2\npress Nothing\n"), 2);
+  EXPECT_THAT(output_, HasSubstr("no control 'Nothing'"));
+  EXPECT_EQ(test::run_program({"view", path("none.rfield")}, path("log")), 2);
+  EXPECT_THAT(read_text(path("log")), HasSubstr("none.rfield"));
+  screen_.reset();
+  EXPECT_EQ(view(sphere, "quit\n"), 2);
+  EXPECT_THAT(output_, HasSubstr("no display"));
+}
+
+}  // namespace
+}  // namespace refield

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the viewer's window is made of, without the window.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "relight/viewer/canvas.h"
+#include "relight/viewer/fit_light.h"
+#include "relight/viewer/frame_times.h"
+#include "relight/viewer/input.h"
+#include "relight/viewer/script.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using testing::HasSubstr;
+
+double mean(const Image& image) {
+  double sum = 0.0;
+  for (const float value : image.values) sum += value;
+  return sum / static_cast<double>(image.values.size());
+}
+
+TEST(FitLight, ResamplesByAreaAndSaysSo) {
+  Rng rng{4};
+  const Image map = test::random_image(rng, 64, 32, 3);
+  const LightDomain sphere{20, 10, Parameterisation::lat_long};
+  const FittedLight smaller = fit_light(map, sphere);
+  EXPECT_EQ(smaller.light.domain(), sphere);
+  EXPECT_EQ(smaller.note, "64×32 to 20×10, by area");
+  EXPECT_NEAR(mean(smaller.light.radiance), mean(map), 1e-6);
+  const FittedLight same = fit_light(map, {64, 32, Parameterisation::monitor});
+  EXPECT_EQ(same.light.radiance.values, map.values);
+  EXPECT_EQ(same.note, "");
+  EXPECT_EQ(fit_light(map, {8, 6, Parameterisation::monitor}).note, "64×32 to 8×6, by area, sides cropped");
+  EXPECT_EQ(fit_light(map, {30, 10, Parameterisation::monitor}).note,
+            "64×32 to 30×10, by area, top and bottom cropped");
+}
+
+TEST(FitLight, RefusesMapsOfAnotherKind) {
+  EXPECT_THROW(fit_light(Image(30, 30, 3), {20, 10, Parameterisation::lat_long}), InputError);
+  EXPECT_THROW(fit_light(Image(64, 32, 3), {8, 48, Parameterisation::cube}), InputError);
+  EXPECT_NO_THROW(fit_light(Image(16, 96, 3), {8, 48, Parameterisation::cube}));
+}
+
+TEST(InputQueue, KeepsClicksApart) {
+  InputQueue queue;
+  queue.push(MouseMoved{1, 1});
+  queue.push(MouseMoved{2, 1});
+  queue.push(MouseButtonChanged{MouseButton::left, true});
+  queue.push(KeyChanged{65, true, false, false});
+  queue.push(MouseMoved{5, 1});
+  queue.push(MouseButtonChanged{MouseButton::left, false});
+  queue.push(MouseButtonChanged{MouseButton::left, true});
+  std::vector<std::size_t> frames;
+  while (!queue.is_empty()) frames.push_back(queue.take_frame().size());
+  EXPECT_EQ(frames, (std::vector<std::size_t>{4, 2, 1}));
+}
+
+TEST(Canvas, FitsZoomsAndPans) {
+  Canvas canvas;
+  const Area area{10, 20, 400, 300};
+  canvas.lay_out(area, 100, 50);
+  EXPECT_DOUBLE_EQ(canvas.scale(), 4.0);
+  const Point middle = canvas.window_from_image({50, 25});
+  EXPECT_NEAR(middle.x, 210, 1.0);
+  EXPECT_NEAR(middle.y, 170, 1.0);
+  const Point fixed{100, 120}, before = canvas.image_from_window(fixed);
+  canvas.zoom_about(fixed, 2.0);
+  EXPECT_DOUBLE_EQ(canvas.scale(), 8.0);
+  EXPECT_NEAR(canvas.image_from_window(fixed).x, before.x, 1e-9);
+  EXPECT_NEAR(canvas.image_from_window(fixed).y, before.y, 1e-9);
+  canvas.zoom_to(1.0);
+  canvas.pan(3.4, 0.0);
+  canvas.lay_out(area, 100, 50);
+  EXPECT_DOUBLE_EQ(canvas.scale(), 1.0);
+  EXPECT_DOUBLE_EQ(canvas.origin().x, std::round(canvas.origin().x));  // pixel on pixel
+  canvas.lay_out(area, 200, 50);                                       // another image: as large as fits
+  EXPECT_DOUBLE_EQ(canvas.scale(), 2.0);
+  canvas.zoom_about(fixed, 1e9);
+  EXPECT_DOUBLE_EQ(canvas.scale(), 64.0);
+}
+
+TEST(FrameStatistics, AreMeans) {
+  EXPECT_EQ(frame_statistics({}).frames, 0U);
+  const auto statistics = frame_statistics({{10, 0, 1, 2}, {30, 8, 3, 4}});
+  EXPECT_EQ(statistics.frames, 2U);
+  EXPECT_EQ(statistics.relit, 1U);
+  EXPECT_DOUBLE_EQ(statistics.per_second, 50.0);
+  EXPECT_DOUBLE_EQ(statistics.mean.relight_ms, 8.0);
+  EXPECT_DOUBLE_EQ(statistics.mean.tone_ms, 2.0);
+  EXPECT_THAT(text_of(statistics), HasSubstr("2 frames, 50.0 a second"));
+}
+
+TEST(Script, ReadsCommands) {
+  EXPECT_FALSE(parse_script_line("", 1));
+  EXPECT_FALSE(parse_script_line("  # a comment", 1));
+  const auto load = parse_script_line("load my sky.exr \r", 1);
+  ASSERT_TRUE(load);
+  EXPECT_EQ(load->verb, ScriptCommand::Verb::load);
+  EXPECT_EQ(load->text, "my sky.exr");
+  const auto drag = parse_script_line("\tdrag light 1 2.5 -3 4", 7);
+  ASSERT_TRUE(drag);
+  EXPECT_EQ(drag->target, ScriptCommand::Target::light);
+  EXPECT_EQ(drag->numbers, (std::vector<double>{1, 2.5, -3, 4}));
+  EXPECT_EQ(drag->line, 7);
+  EXPECT_EQ(parse_script_line("drag image 1 2 3 4 60", 1)->numbers.size(), 5U);
+}
+
+TEST(Script, SaysWhatIsWrongAndWhere) {
+  const auto message = [](const std::string& line) {
+    try {
+      parse_script_line(line, 12);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("nothing");
+  };
+  EXPECT_THAT(message("drga light 1 2 3 4"),
+              HasSubstr("line 12: there is no command 'drga'; there are load,"));
+  EXPECT_THAT(message("pick 1"), HasSubstr("write pick X Y"));
+  EXPECT_THAT(message("pick 1 2 3"), HasSubstr("write pick X Y"));
+  EXPECT_THAT(message("pick one 2"), HasSubstr("'one' is no number"));
+  EXPECT_THAT(message("move scene 1 2"), HasSubstr("neither image nor light"));
+  EXPECT_THAT(message("load"), HasSubstr("write load FILE"));
+}
+
+TEST(Script, IsReadBeforeItIsPlayed) {
+  const test::TemporaryFolder folder;
+  write_text_atomically(folder / "good", "# begin\npick 1 2\n\nquit");
+  ScriptSource source((folder / "good").string());
+  EXPECT_EQ(source.next()->line, 2);
+  EXPECT_EQ(source.next()->verb, ScriptCommand::Verb::quit);
+  EXPECT_FALSE(source.next());
+  write_text_atomically(folder / "bad", "pick 1 2\njump\n");
+  EXPECT_THROW(ScriptSource((folder / "bad").string()), InputError);
+  EXPECT_THROW(ScriptSource((folder / "missing").string()), DeviceError);
+}
+
+}  // namespace
+}  // namespace refield

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/support/virtual_screen.h"
+
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+
+extern char** environ;
+
+namespace refield::test {
+
+pid_t start_program(std::vector<std::string> words) {
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  pid_t child = -1;
+  return ::posix_spawnp(&child, argv[0], nullptr, nullptr, argv.data(), environ) == 0 ? child : -1;
+}
+
+int finish_program(pid_t child) {
+  int status = -1;
+  ::waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+bool is_installed(const std::string& program) {
+  return std::system(("command -v " + program + " > /dev/null 2>&1").c_str()) == 0;
+}
+
+VirtualScreen::VirtualScreen(int width, int height) {
+  int ends[2];
+  if (::pipe(ends) != 0) return;
+  // -noreset: else the server starts anew when the last window closes, and refuses the next one meanwhile.
+  const std::string size = std::to_string(width) + "x" + std::to_string(height) + "x24";
+  server_ = start_program(
+      {"Xvfb", "-displayfd", std::to_string(ends[1]), "-screen", "0", size, "-nolisten", "tcp", "-noreset"});
+  ::close(ends[1]);
+  char number[16] = "";
+  pollfd ready{ends[0], POLLIN, 0};
+  constexpr int patience_ms = 20000;
+  if (server_ > 0 && ::poll(&ready, 1, patience_ms) == 1 && ::read(ends[0], number, sizeof number - 1) > 0)
+    ::setenv("DISPLAY", (":" + std::to_string(std::atoi(number))).c_str(), 1);
+  ::close(ends[0]);
+  is_up_ = number[0] != '\0';
+}
+
+VirtualScreen::~VirtualScreen() {
+  if (server_ > 0) {
+    ::kill(server_, SIGTERM);
+    finish_program(server_);
+  }
+  ::unsetenv("DISPLAY");
+}
+
+}  // namespace refield::test

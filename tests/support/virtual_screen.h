@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <sys/types.h>
+
+#include <string>
+#include <vector>
+
+namespace refield::test {
+
+/// Starts a program of the path; −1 when it cannot be.
+pid_t start_program(std::vector<std::string> words);
+/// Waits for its end: exit status; −1 when a signal ended it.
+int finish_program(pid_t child);
+bool is_installed(const std::string& program);
+
+/// An X server without a screen (Xvfb) for as long as it lives; DISPLAY points to it.
+class VirtualScreen {
+ public:
+  VirtualScreen(int width, int height);
+  ~VirtualScreen();
+  VirtualScreen(const VirtualScreen&) = delete;
+  VirtualScreen& operator=(const VirtualScreen&) = delete;
+  bool is_up() const { return is_up_; }
+
+ private:
+  pid_t server_ = -1;
+  bool is_up_ = false;
+};
+
+}  // namespace refield::test
