@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page: controls, dragging, frames.
+// The page: what is shown, and when a frame is drawn.
 'use strict';
 
 class Viewer {
@@ -13,7 +13,7 @@ class Viewer {
     this.latLong = field.light.parameterisation === 'lat_long';
     this.lightContext = this.prepareLightCanvas();
     this.reset();
-    this.connect();
+    controls.connect(this);
   }
 
   static element(id) {
@@ -38,7 +38,7 @@ class Viewer {
   /// The light of the current state.
   composed() {
     const {width, height} = this.field.light, {kind, x, y, size, colour, degrees} = this.state;
-    if (kind === 'map' && this.map) return degrees === 0 ? this.map : light.rotated(this.map, degrees / 360);
+    if (kind === 'map' && this.map) return degrees === 0 || !this.latLong ? this.map : light.rotated(this.map, degrees / 360);
     const map = light.black(width, height);
     if (kind === 'lamp') light.addLamp(map, x * width, y * height, size * height / 2, colour, this.latLong);
     else light.addBar(map, this.barLeft(), size * width, colour, this.latLong);
@@ -109,7 +109,7 @@ class Viewer {
     if (this.state.kind === 'map') {
       this.state.degrees = (this.state.degrees + seconds * 22.5) % 360;
     } else {
-      this.phase = ((this.phase ?? this.state.x / 2) + seconds / 16) % 1;
+      this.phase = ((this.phase ?? this.state.x / (this.latLong ? 1 : 2)) + seconds / 16) % 1;
       this.state.x = this.latLong ? this.phase : 1 - Math.abs(1 - 2 * this.phase);
     }
     this.lightChanged = true;
@@ -188,72 +188,6 @@ class Viewer {
       state.y = clamped(state.y + dy);
     }
     this.changed();
-  }
-
-  connect() {
-    this.connectControls();
-    this.connectCanvases();
-    addEventListener('dragover', (event) => event.preventDefault());
-    addEventListener('drop', (event) => {
-      event.preventDefault();
-      if (event.dataTransfer.files.length > 0) this.load(event.dataTransfer.files[0]);
-    });
-    addEventListener('keydown', (event) => {
-      const step = {ArrowLeft: [-0.01, 0], ArrowRight: [0.01, 0], ArrowUp: [0, -0.01], ArrowDown: [0, 0.01]}[event.key];
-      if (step && event.target.tagName !== 'INPUT') { event.preventDefault(); this.move(...step); }
-      if (event.key === 'Escape') this.release();
-    });
-  }
-
-  connectControls() {
-    const on = (id, type, action) => Viewer.element(id).addEventListener(type, action);
-    on('kinds', 'change', (event) => { this.state.kind = event.target.value; this.changed(); });
-    on('size', 'input', (event) => { this.state.size = Number(event.target.value); this.changed(); });
-    on('exposure', 'input', (event) => { this.state.stops = Number(event.target.value); this.changed(false); });
-    on('rotation', 'input', (event) => { this.state.degrees = Number(event.target.value); this.changed(); });
-    on('colour', 'input', (event) => {
-      this.state.colour = [1, 3, 5].map((i) => mapFile.linearFromSrgb[parseInt(event.target.value.slice(i, i + 2), 16)]);
-      this.changed();
-    });
-    on('map-file', 'change', (event) => { if (event.target.files.length > 0) this.load(event.target.files[0]); });
-    on('reset', 'click', () => this.reset());
-    on('play', 'click', () => {
-      this.state.playing = !this.state.playing;
-      this.before = this.phase = undefined;
-      this.changed();
-    });
-  }
-
-  connectCanvases() {
-    const canvas = Viewer.element('light');
-    const place = (event) => {
-      const area = canvas.getBoundingClientRect();
-      return [(event.clientX - area.left) / area.width, (event.clientY - area.top) / area.height];
-    };
-    canvas.addEventListener('pointerdown', (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      this.dragged = place(event);
-      // A light jumps to the pointer; a map turns from where it is.
-      if (this.state.kind !== 'map') this.move(this.dragged[0] - this.state.x, this.dragged[1] - this.state.y);
-    });
-    canvas.addEventListener('pointermove', (event) => {
-      if (!this.dragged) return;
-      const [x, y] = place(event), [oldX, oldY] = this.dragged;
-      this.dragged = [x, y];
-      if (this.state.kind === 'map') this.move(x - oldX, 0);
-      else this.move(x - this.state.x, y - this.state.y);
-    });
-    for (const type of ['pointerup', 'pointercancel']) canvas.addEventListener(type, () => { this.dragged = null; });
-    Viewer.element('scene').addEventListener('click', (event) => this.pick(...this.pixelAt(event)));
-  }
-
-  /// The canvas may be letterboxed within its element (object-fit: contain).
-  pixelAt(event) {
-    const area = event.target.getBoundingClientRect(), {width, height} = this.field;
-    const scale = Math.min(area.width / width, area.height / height);
-    const at = (position, start, length, pixels) =>
-        Math.min(Math.max(Math.floor((position - start - (length - pixels * scale) / 2) / scale), 0), pixels - 1);
-    return [at(event.clientX, area.left, area.width, width), at(event.clientY, area.top, area.height, height)];
   }
 
   static fail(error) {

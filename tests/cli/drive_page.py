@@ -8,149 +8,17 @@ with `refield relight`.
 Exit status 77: Chromium or its driver is not installed."""
 import array
 import base64
-import json
 import os
 import shutil
-import struct
 import subprocess
 import sys
 import time
-import urllib.request
-import zlib
+
+from pictures import read_png, write_hdr, write_pfm, write_png
+from webdriver import Browser
 
 SKIPPED = 77
 LARGEST_DIFFERENCE = 1  # of 255: what the asked accuracy is, and the rounding of two roundings
-
-ELEMENT = "element-6066-11e4-a52e-4f735466cecf"  # W3C WebDriver, 11
-
-
-class Browser:
-    """Chromium behind chromedriver's HTTP interface."""
-
-    def __init__(self, folder):
-        self.driver = subprocess.Popen(
-            ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-        self.base = None
-        for line in self.driver.stdout:
-            if "successfully on port" in line:
-                self.base = f"http://127.0.0.1:{int(line.rsplit('port', 1)[1].strip(' .' + chr(10)))}"
-                break
-        if not self.base:
-            raise RuntimeError("chromedriver does not start")
-        arguments = [
-            "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,860", "--force-device-scale-factor=1",
-            "--use-angle=swiftshader", "--enable-unsafe-swiftshader", f"--user-data-dir={folder}", "--no-first-run",
-        ]
-        capabilities = {"alwaysMatch": {"goog:chromeOptions": {"args": arguments}, "goog:loggingPrefs": {"browser": "ALL"}}}
-        self.session = self.request("POST", "/session", {"capabilities": capabilities})["sessionId"]
-        self.command("POST", "/timeouts", {"script": 120000})
-
-    def request(self, method, path, body=None):
-        data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self.base + path, data, {"Content-Type": "application/json"}, method=method)
-        try:
-            with urllib.request.urlopen(request, timeout=180) as answer:
-                return json.load(answer)["value"]
-        except urllib.error.HTTPError as error:
-            raise RuntimeError(f"{path}: {json.load(error)['value']['message']}") from None
-
-    def command(self, method, path, body=None):
-        return self.request(method, f"/session/{self.session}{path}", body)
-
-    def run(self, script, *arguments):
-        return self.command("POST", "/execute/sync", {"script": script, "args": list(arguments)})
-
-    def find(self, selector):
-        return self.command("POST", "/element", {"using": "css selector", "value": selector})[ELEMENT]
-
-    def pointer(self, actions):
-        self.command("POST", "/actions", {"actions": [{"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}]})
-
-    def place(self, selector, x, y):
-        """Screen position of a point of an element, x and y from 0 to 1."""
-        box = self.run("return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()", selector)
-        return {"x": round(box["x"] + x * box["width"]), "y": round(box["y"] + y * box["height"])}
-
-    def drag(self, selector, points):
-        steps = [{"type": "pointerMove", "duration": 0, **self.place(selector, *points[0])}, {"type": "pointerDown", "button": 0}]
-        steps += [{"type": "pointerMove", "duration": 20, **self.place(selector, x, y)} for x, y in points[1:]]
-        self.pointer(steps + [{"type": "pointerUp", "button": 0}])
-
-    def click(self, selector):
-        self.command("POST", f"/element/{self.find(selector)}/click", {})
-
-    def type(self, selector, text):
-        self.command("POST", f"/element/{self.find(selector)}/value", {"text": text})
-
-    def screenshot(self, path):
-        with open(path, "wb") as file:
-            file.write(base64.b64decode(self.command("GET", "/screenshot")))
-
-    def complaints(self):
-        return [entry["message"] for entry in self.command("POST", "/se/log", {"type": "browser"}) if entry["level"] == "SEVERE"]
-
-    def close(self):
-        try:
-            self.command("DELETE", "")
-        finally:
-            self.driver.terminate()
-            self.driver.wait()
-
-
-def write_pfm(path, width, height, floats):
-    """Portable float map: rows from the bottom up."""
-    row = width * 3
-    with open(path, "wb") as file:
-        file.write(f"PF\n{width} {height}\n-1.0\n".encode())
-        for y in reversed(range(height)):
-            file.write(floats[y * row : (y + 1) * row].tobytes())
-
-
-def read_png(path):
-    """An 8-bit RGB PNG as (width, height, bytes)."""
-    data = open(path, "rb").read()
-    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
-    assert (bits, kind) == (8, 2), "not an 8-bit RGB PNG"
-    packed, at = b"", 8
-    while at < len(data):
-        length, name = struct.unpack(">I4s", data[at : at + 8])
-        if name == b"IDAT":
-            packed += data[at + 8 : at + 8 + length]
-        at += length + 12
-    raw, stride, before, result = zlib.decompress(packed), width * 3, bytearray(width * 3), bytearray()
-    for y in range(height):
-        line = bytearray(raw[y * (stride + 1) + 1 : (y + 1) * (stride + 1)])
-        unfilter(raw[y * (stride + 1)], line, before)
-        result += line
-        before = line
-    return width, height, bytes(result)
-
-
-def unfilter(kind, line, above):
-    """Undoes a PNG row filter in place (PNG specification, 9.2)."""
-    for i in range(len(line)):
-        a, b, c = (line[i - 3] if i >= 3 else 0), above[i], (above[i - 3] if i >= 3 else 0)
-        if kind == 1:
-            line[i] = (line[i] + a) & 255
-        elif kind == 2:
-            line[i] = (line[i] + b) & 255
-        elif kind == 3:
-            line[i] = (line[i] + (a + b) // 2) & 255
-        elif kind == 4:
-            p = a + b - c
-            nearest = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
-            line[i] = (line[i] + nearest) & 255
-
-
-def write_png(path, width, height, rgb):
-    def chunk(name, content):
-        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-
-    rows = b"".join(b"\0" + rgb[y * width * 3 : (y + 1) * width * 3] for y in range(height))
-    with open(path, "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
-                   + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 
 
 class Check:
@@ -258,6 +126,24 @@ class Check:
         self.relight(path, image, self.browser.run("return viewer.exposure()"))
         self.expect_equal("map loaded, read by the program itself", pixels, read_png(image)[2])
 
+    def takes_a_dropped_map(self):
+        width, height = self.browser.run("return [viewer.field.light.width, viewer.field.light.height]")
+        rgbe = bytes(v for y in range(height) for x in range(width)
+                     for v in (200, (255 * x) // width, (255 * y) // height, 131 if x // 6 == y // 6 else 127))  # exponents of 8 and 1/2
+        path, image = os.path.join(self.folder, "map.hdr"), os.path.join(self.folder, "dropped-relit.png")
+        write_hdr(path, width, height, rgbe)
+        with open(path, "rb") as file:
+            self.browser.run("""
+                const bytes = Uint8Array.from(atob(arguments[0]), (letter) => letter.charCodeAt(0)), dropped = new DataTransfer();
+                dropped.items.add(new File([bytes], 'map.hdr'));
+                const before = viewer.map;
+                document.body.dispatchEvent(new DragEvent('drop', {bubbles: true, cancelable: true, dataTransfer: dropped}));
+                return new Promise((done) => { const wait = () => viewer.map === before ? setTimeout(wait, 20) : done(); wait(); });""",
+                             base64.b64encode(file.read()).decode())
+        pixels = self.compare("HDR map dropped")
+        self.relight(path, image, self.browser.run("return viewer.exposure()"))
+        self.expect_equal("HDR map dropped, read by the program itself", pixels, read_png(image)[2])
+
     def turns_the_map(self):
         if self.browser.run("return viewer.latLong"):
             self.browser.drag("#light", [(0.3, 0.5), (0.55, 0.5)])
@@ -312,7 +198,7 @@ def main():
     try:
         check = Check(refield, field, folder, browser)
         browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(page, "index.html"))})
-        for step in (check.loads, check.drags_the_bar, check.drags_a_lamp, check.exposes, check.loads_a_map, check.turns_the_map,
+        for step in (check.loads, check.drags_the_bar, check.drags_a_lamp, check.exposes, check.loads_a_map, check.takes_a_dropped_map, check.turns_the_map,
                      check.picks_a_pixel, check.prints_times):
             step()
         if len(sys.argv) > 4:

@@ -104,8 +104,8 @@ TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
   EXPECT_LT(report["relative_rmse"].get<double>(), rounding);
   EXPECT_LE(report["largest_8_bit_difference"].get<int>(), 1);
   const std::string page = read_text(folder / "page" / "index.html");
-  for (const char* name :
-       {"style.css", "decode.js", "light.js", "map_file.js", "relighter.js", "overlay.js", "viewer.js"}) {
+  for (const char* name : {"style.css", "decode.js", "light.js", "map_file.js", "relighter.js", "overlay.js",
+                           "controls.js", "viewer.js"}) {
     EXPECT_THAT(page, HasSubstr(name));
     EXPECT_TRUE(fs::exists(folder / "page" / name)) << name;
   }
@@ -124,7 +124,8 @@ class PageInChromium : public testing::TestWithParam<Parameterisation> {};
 TEST_P(PageInChromium, DrawsWhatTheProgramComputes) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "f.rfield", sample_field(GetParam()));
-  const std::string command = "python3 " REFIELD_SOURCE_DIR "/tests/cli/drive_page.py " REFIELD_PROGRAM " " +
+  const std::string command = "python3 -B " REFIELD_SOURCE_DIR "/tests/cli/drive_page.py " REFIELD_PROGRAM
+                              " " +
                               (folder / "f.rfield").string() + " " + (folder / "work").string();
   const int status = std::system(command.c_str());
   constexpr int skipped = 77, no_such_command = 127;
