@@ -70,7 +70,7 @@ void light_section(App& app) {
       app.light_name.clear();
     }
   } else {
-    ImGui::TextDisabled("Drop a light map (EXR, HDR, PNG, JPEG) onto the window.");
+    ImGui::TextDisabled("Drop a light map onto the window.");
   }
   double shown = app.state->light_exposure();
   if (stops_slider("Shown at", "##light exposure", shown, -16.0f, 16.0f))
@@ -122,13 +122,14 @@ void picture_section(App& app) {
     if (button(app, name.c_str(), tone.curve == each)) state.set_tone({tone.exposure, each});
     ImGui::SameLine();
   }
+  ImGui::NewLine();
   if (button(app, "Expose anew")) state.expose_picture();
+  ImGui::SameLine();
   if (button(app, "Fit")) app.picture.fit();
   ImGui::SameLine();
   if (button(app, "1:1")) app.picture.zoom_to(1.0);
   ImGui::SameLine();
   if (button(app, "Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
-  ImGui::SameLine();
   if (button(app, "Screenshot")) app.wants_screenshot = true;
   ImGui::SameLine();
   if (button(app, "Help", app.shows_help)) app.shows_help = !app.shows_help;
@@ -156,11 +157,10 @@ void kernel_row(const PixelKernel& kernel, int exponent) {
   ImGui::Text("%5.1f %%", 100.0 * kernel.energy_share);
   ImGui::TableNextColumn();
   const Box& box = kernel.support;
-  ImGui::Text("%s %d, %d + %d×%d", kernel.is_hat ? "smooth" : "box", box.x0, box.y0, box.width(),
-              box.height());
+  ImGui::Text("%s %d, %d + %d×%d", kernel.is_hat ? "hat" : "box", box.x0, box.y0, box.width(), box.height());
   for (const float weight : kernel.weight) {
     ImGui::TableNextColumn();
-    ImGui::Text("%.3f", weight / std::pow(10.0, exponent));
+    ImGui::Text("%.2f", weight / std::pow(10.0, exponent));
   }
 }
 
