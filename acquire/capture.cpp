@@ -150,6 +150,7 @@ class CaptureRun {
     CaptureSession manifest;
     manifest.folder = session_.folder();
     manifest.light = {display_.width, display_.height, Parameterisation::monitor};
+    manifest.monitors = request_.monitors;
     manifest.width = camera_.width;
     manifest.height = camera_.height;
     for (const CaptureLight& light : request_.lights)

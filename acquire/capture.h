@@ -44,6 +44,7 @@ struct CaptureRequest {
   CameraCalibration camera;
   MonitorCalibration monitor;
   std::optional<TimingCalibration> timing;  ///< without it: as the devices describe themselves
+  std::vector<MonitorPlacement> monitors{};  ///< where it stands, for the manifest; empty: not known
   std::string rig;                          ///< names the devices and what they look at; part of the plan
   std::vector<Seconds> exposures;           ///< empty: by exposure_plan
   ExposurePlanOptions exposure_plan;        ///< without a shortest exposure it is metered under white

@@ -25,6 +25,7 @@ struct EstimateArguments {
   std::string observed_glob;
   std::string parameterisation = "monitor";
   std::string mask;
+  std::vector<std::string> monitors;
   std::string mode = "refined";
   std::string output;
   double memory_gib = 4.0;
@@ -45,6 +46,7 @@ CaptureSession open_capture(const EstimateArguments& arguments) {
                                                     parameterisation_from_name(arguments.parameterisation))
                                     : read_capture_session(arguments.session);
   if (!arguments.mask.empty()) session.mask = arguments.mask;
+  if (!arguments.monitors.empty()) session.monitors = placements_from_texts(arguments.monitors);
   return session;
 }
 
@@ -254,6 +256,10 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
           "--mode", arguments->mode,
           "refined: a smooth part and few rectangles; paper: as published in 2004; fast: its splits, quickly")
       ->capture_default_str();
+  verb->add_option(
+      "--monitor", arguments->monitors,
+      "Where the monitor stood, as 520x320@600,yaw=90 (mm, degrees), kept in the field for relighting by\n"
+      "environment maps; in place of what the session says. Once for each window of stacked light maps");
   verb->add_option("--kernels", arguments->options.kernels,
                    "Most kernels a pixel may have; 0: as many as the data bear")
       ->capture_default_str();

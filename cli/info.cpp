@@ -28,9 +28,10 @@ ordered_json size_of(int width, int height) {
   return {{"width", width}, {"height", height}};
 }
 
-ordered_json describe(const LightDomain& domain) {
+ordered_json describe(const LightDomain& domain, const std::vector<MonitorPlacement>& monitors) {
   ordered_json light = size_of(domain.width, domain.height);
   light["parameterisation"] = name_of(domain.parameterisation);
+  for (const MonitorPlacement& monitor : monitors) light["monitors"].push_back(text_of(monitor));
   return light;
 }
 
@@ -49,7 +50,7 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
                     {"format_version", reflectance_field_version},
                     {"bytes", fs::file_size(path)},
                     {"image", size_of(field.width, field.height)},
-                    {"light", describe(field.basis.domain)},
+                    {"light", describe(field.basis.domain, field.monitors)},
                     {"pixels_in_scene", kernels.pixels},
                     {"distinct_boxes", kernels.distinct_boxes},
                     {"kernels",
@@ -100,7 +101,7 @@ ordered_json describe_session(const fs::path& folder) {
   }
   ordered_json info{{"kind", "capture session"},
                     {"image", size_of(session.width, session.height)},
-                    {"light", describe(session.light)},
+                    {"light", describe(session.light, session.monitors)},
                     {"frames", session.frames.size()},
                     {"frames_by_role_and_kind", counts},
                     {"frames_with_noise_estimate", with_sigma},

@@ -53,6 +53,48 @@ void require_exists(const fs::path& path, const fs::path& manifest) {
                      " lists it; restore the file, or resume the capture");
 }
 
+toml::array tables_of(const std::vector<MonitorPlacement>& monitors) {
+  toml::array tables;
+  for (const MonitorPlacement& m : monitors)
+    tables.push_back(toml::table{{"width_mm", m.width_mm},
+                                 {"height_mm", m.height_mm},
+                                 {"distance_mm", m.distance_mm},
+                                 {"yaw_degrees", m.turn.yaw},
+                                 {"pitch_degrees", m.turn.pitch},
+                                 {"roll_degrees", m.turn.roll},
+                                 {"offset_x_mm", m.offset_x_mm},
+                                 {"offset_y_mm", m.offset_y_mm}});
+  return tables;
+}
+
+/// [[light.monitor]]: angles and offsets that are left out are zero.
+std::vector<MonitorPlacement> monitors_of(const toml::table& light, const LightDomain& domain,
+                                          const fs::path& manifest) {
+  std::vector<MonitorPlacement> monitors;
+  const toml::node* given = light.get("monitor");
+  if (!given) return monitors;
+  if (!given->is_array_of_tables())
+    throw FormatError(manifest, "light.monitor is no list of tables; write [[light.monitor]]");
+  for (const toml::node& node : *given->as_array()) {
+    const toml::table& table = *node.as_table();
+    const auto optional = [&](const char* key) {
+      return table.contains(key) ? required<double>(table, key, manifest) : 0.0;
+    };
+    monitors.push_back({required<double>(table, "width_mm", manifest),
+                        required<double>(table, "height_mm", manifest),
+                        required<double>(table, "distance_mm", manifest),
+                        {optional("yaw_degrees"), optional("pitch_degrees"), optional("roll_degrees")},
+                        optional("offset_x_mm"),
+                        optional("offset_y_mm")});
+  }
+  try {
+    check_placements(monitors, domain, "[[light.monitor]]");
+  } catch (const InputError& error) {
+    throw FormatError(manifest, error.what());
+  }
+  return monitors;
+}
+
 using FilesByKey = std::map<std::string, fs::path>;
 
 void add_file(FilesByKey& files, const std::string& key, const fs::path& path) {
@@ -130,6 +172,7 @@ void write_session_manifest(const CaptureSession& session) {
       {"light", toml::table{{"width", session.light.width},
                             {"height", session.light.height},
                             {"parameterisation", std::string(name_of(session.light.parameterisation))}}}};
+  if (!session.monitors.empty()) manifest["light"].as_table()->insert("monitor", tables_of(session.monitors));
   if (session.ambient) manifest.insert("ambient", relative(*session.ambient));
   if (session.mask) manifest.insert("mask", relative(*session.mask));
   manifest.insert("frame", frames);
@@ -169,6 +212,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
                    parameterisation(required<std::string>(*light, "parameterisation", manifest), manifest)};
   if (session.width <= 0 || session.height <= 0 || session.light.width <= 0 || session.light.height <= 0)
     throw FormatError(manifest, "states a width or height that is not above zero");
+  session.monitors = monitors_of(*light, session.light, manifest);
   std::set<std::string> names;
   for (const auto& node : *frames) {
     const toml::table* entry = node.as_table();

@@ -10,6 +10,7 @@
 #include "core/image_io.h"
 #include "core/light_map.h"
 #include "core/metrics.h"
+#include "core/monitor_placement.h"
 
 namespace refield {
 
@@ -42,6 +43,9 @@ struct CaptureSession {
   std::vector<CaptureFrame> frames;
   std::optional<std::filesystem::path> ambient;
   std::optional<std::filesystem::path> mask;
+  /// Where the monitor stood, one placement for each window of the light maps (check_placements()); empty
+  /// where that is not known.
+  std::vector<MonitorPlacement> monitors{};
 
   std::vector<CaptureFrame> frames_of(FrameRole role) const;
 };

@@ -42,4 +42,29 @@ Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, i
   return {turn * width, theta / std::numbers::pi * height};
 }
 
+Eigen::Matrix3d cube_face_axes(int face) {
+  Eigen::Matrix3d axes;
+  switch (face) {
+    case 0:
+      axes << 0, 0, -1, 0, 1, 0, 1, 0, 0;
+      return axes;
+    case 1:
+      axes << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+      return axes;
+    case 2:
+      axes << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+      return axes;
+    case 3:
+      axes << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+      return axes;
+    case 4:
+      return Eigen::Matrix3d::Identity();
+    case 5:
+      axes << -1, 0, 0, 0, 1, 0, 0, 0, -1;
+      return axes;
+    default:
+      throw InputError("a cube has no face " + std::to_string(face) + "; faces are 0 to 5");
+  }
+}
+
 }  // namespace refield

@@ -11,7 +11,8 @@ namespace refield {
 /// How the columns and rows of a light map stand for incident light.
 ///  - monitor: texels of a flat emitter, as someone in front of it sees them.
 ///  - lat_long: all directions, see lat_long_direction().
-///  - cube: six square faces stacked from top to bottom, +X −X +Y −Y +Z −Z (height = 6 × width).
+///  - cube: six square faces stacked from top to bottom, +X −X +Y −Y +Z −Z (height = 6 × width), see
+///  cube_face_axes().
 enum class Parameterisation { monitor, lat_long, cube };
 
 std::string_view name_of(Parameterisation parameterisation);
@@ -41,5 +42,12 @@ Eigen::Vector3d lat_long_direction(double column, double row, int width, int hei
 
 /// Inverse of lat_long_direction: (column, row) of a unit direction, column in [0, width).
 Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, int height);
+
+/// Axes of a cube map's face (0 to 5), as rows: where its columns grow to, opposite to where its rows grow
+/// to, and what its middle looks at. Someone inside sees faces +X −X +Z −Z upright; he who looks up from +Z
+/// sees +Y with −Z at its top edge, he who looks down sees −Y with +Z at its top edge. With u, v from −1 to 1
+/// to the right and upwards on the face, its texels lie in directions u·right + v·up + ahead: the layout of
+/// OpenGL's and Direct3D's cube maps.
+Eigen::Matrix3d cube_face_axes(int face);
 
 }  // namespace refield

@@ -6,6 +6,7 @@
 #include "core/image.h"
 #include "core/learning_curve.h"
 #include "core/light_basis.h"
+#include "core/monitor_placement.h"
 #include "core/predicted_error.h"
 #include "core/transfer_matrix.h"
 
@@ -34,6 +35,9 @@ struct ReflectanceField {
   /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal
   /// inputs give equal files.
   std::string provenance = "{}";
+  /// Where the monitor stood, for a basis over monitor texels, one placement for each window of the light map
+  /// (check_placements()); empty where that is not known.
+  std::vector<MonitorPlacement> monitors;
 
   /// The scene under `light`, [height × width × 3]. Throws InputError when the light does not fit the basis'
   /// domain.

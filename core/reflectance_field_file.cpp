@@ -61,6 +61,8 @@ template <class T>
 hid_t native_type() {
   if constexpr (std::is_same_v<T, float>)
     return H5T_NATIVE_FLOAT;
+  else if constexpr (std::is_same_v<T, double>)
+    return H5T_NATIVE_DOUBLE;
   else if constexpr (std::is_same_v<T, std::int32_t>)
     return H5T_NATIVE_INT32;
   else if constexpr (std::is_same_v<T, std::uint32_t>)
@@ -73,6 +75,8 @@ template <class T>
 hid_t stored_type() {
   if constexpr (std::is_same_v<T, float>)
     return H5T_IEEE_F32LE;
+  else if constexpr (std::is_same_v<T, double>)
+    return H5T_IEEE_F64LE;
   else if constexpr (std::is_same_v<T, std::int32_t>)
     return H5T_STD_I32LE;
   else if constexpr (std::is_same_v<T, std::uint32_t>)
@@ -239,6 +243,32 @@ void validate(const ReflectanceField& field, const Reader& reader) {
   }
 }
 
+constexpr const char* monitors_name = "basis/monitors";
+constexpr std::size_t numbers_of_a_monitor = 8;
+
+void write_monitors(const Writer& writer, const std::vector<MonitorPlacement>& monitors) {
+  std::vector<double> numbers;
+  for (const MonitorPlacement& m : monitors)
+    numbers.insert(numbers.end(), {m.width_mm, m.height_mm, m.distance_mm, m.turn.yaw, m.turn.pitch,
+                                   m.turn.roll, m.offset_x_mm, m.offset_y_mm});
+  writer.dataset(monitors_name, numbers.data(), {monitors.size(), numbers_of_a_monitor});
+}
+
+std::vector<MonitorPlacement> read_monitors(const Reader& reader, const LightDomain& domain) {
+  std::vector<MonitorPlacement> monitors;
+  const auto numbers = reader.dataset<double>(monitors_name, numbers_of_a_monitor);
+  for (std::size_t i = 0; i < numbers.size(); i += numbers_of_a_monitor) {
+    const double* m = numbers.data() + i;
+    monitors.push_back({m[0], m[1], m[2], {m[3], m[4], m[5]}, m[6], m[7]});
+  }
+  try {
+    check_placements(monitors, domain, monitors_name);
+  } catch (const InputError& error) {
+    reader.fail(error.what());
+  }
+  return monitors;
+}
+
 /// What the file will take, HDF5's own structures included.
 std::uint64_t content_bytes(const ReflectanceField& field) {
   constexpr std::uint64_t structures = 64 << 10;
@@ -290,6 +320,7 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
     writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
     writer.text("provenance", field.provenance);
     writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
+    if (!field.monitors.empty()) write_monitors(writer, field.monitors);
     writer.dataset("transfer/row_start", transfer.row_start.data(), {transfer.row_start.size()});
     writer.dataset("transfer/column", transfer.column.data(), {transfer.column.size()});
     writer.dataset("transfer/weight", transfer.weight.data(), {transfer.column.size(), 3});
@@ -358,6 +389,7 @@ ReflectanceField read_outline(const Reader& reader) {
       hats.rows > field.basis.domain.height)
     reader.fail("has an impossible grid of hats");
   field.provenance = reader.text("provenance");
+  if (reader.has(monitors_name)) field.monitors = read_monitors(reader, field.basis.domain);
   return field;
 }
 

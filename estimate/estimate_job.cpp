@@ -68,6 +68,7 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   require_enough_frames(job, options);
   job.session.frames = job.frames;
   check_image_sizes(job.session);
+  check_placements(job.session.monitors, job.session.light, "the capture");
   job.rows = options.rows.value_or(RowRange{0, job.session.height});
   if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
     throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +

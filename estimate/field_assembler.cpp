@@ -12,6 +12,7 @@ FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& op
   field_.width = job.session.width;
   field_.height = job.rows.count();
   field_.basis.domain = job.session.light;
+  field_.monitors = job.session.monitors;
   field_.basis.hats = hats_of(options, job.session.light, static_cast<int>(job.frames.size()));
   field_.provenance = provenance_of(job, options);
 }

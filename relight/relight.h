@@ -9,10 +9,13 @@
 
 namespace refield {
 
-/// One image to be made: a light, read or computed when its turn comes, and the file that the relit scene
-/// goes to. The file's extension chooses the format: .exr (scene-linear, float) or .png (sRGB, 8 bits).
+/// A light, read or computed when its turn comes; lights may be asked for from several threads at a time.
+using LightSource = std::function<LightMap()>;
+
+/// One image to be made: a light and the file that the relit scene goes to. The file's extension chooses the
+/// format: .exr (scene-linear, float) or .png (sRGB, 8 bits).
 struct RelightJob {
-  std::function<LightMap()> light;
+  LightSource light;
   std::filesystem::path output;
 };
 

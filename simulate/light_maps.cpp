@@ -49,9 +49,9 @@ Image natural_light(const Image& panorama, std::uint64_t seed, std::uint64_t str
                     int width, int height) {
   Rng rng(seed, 0x766965u, stream, view_number);
   PanoramaView view;
-  view.yaw_degrees = 360.0 * (view_number % views_of_a_panorama + rng.uniform()) / views_of_a_panorama;
-  view.pitch_degrees = rng.uniform(-35.0, 35.0);
-  view.roll_degrees = rng.uniform(-25.0, 25.0);
+  view.turn.yaw = 360.0 * (view_number % views_of_a_panorama + rng.uniform()) / views_of_a_panorama;
+  view.turn.pitch = rng.uniform(-35.0, 35.0);
+  view.turn.roll = rng.uniform(-25.0, 25.0);
   view.horizontal_fov_degrees = rng.uniform(50.0, 90.0);
   Image image = view_of_panorama(panorama, view, width, height);
   expose(image, rng.uniform(-0.4, 0.6));

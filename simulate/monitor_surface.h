@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <vector>
 
 #include "core/box.h"
+#include "core/monitor_placement.h"
 #include "simulate/scene_description.h"
 
 namespace refield {
@@ -33,5 +35,9 @@ class MonitorSurface {
   Eigen::Vector3f corner_, column_step_, row_step_, normal_;
   float texel_area_;
 };
+
+/// Where the monitor stands as seen from the scene, whose middle is what the camera looks at: the one
+/// placement of a session of this scene. None when the middle lies behind the monitor.
+std::vector<MonitorPlacement> monitor_placements(const SceneDescription& scene);
 
 }  // namespace refield

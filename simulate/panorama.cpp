@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/panorama.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -326,11 +325,7 @@ Image make_panorama(std::uint64_t seed, std::uint64_t index, int width) {
 }
 
 Image view_of_panorama(const Image& panorama, const PanoramaView& view, int width, int height) {
-  const Eigen::Matrix3d turn =
-      (Eigen::AngleAxisd(radians_from_degrees(view.yaw_degrees), Eigen::Vector3d::UnitY()) *
-       Eigen::AngleAxisd(radians_from_degrees(view.pitch_degrees), Eigen::Vector3d::UnitX()) *
-       Eigen::AngleAxisd(radians_from_degrees(view.roll_degrees), Eigen::Vector3d::UnitZ()))
-          .toRotationMatrix();
+  const Eigen::Matrix3d turn = view.turn.matrix();
   const double step = 2.0 * std::tan(radians_from_degrees(view.horizontal_fov_degrees) / 2.0) / width;
   const auto at = [&](int x, int y) {
     return pixel(panorama, (x % panorama.width + panorama.width) % panorama.width,

@@ -4,6 +4,7 @@
 
 #include "core/image.h"
 #include "core/light_map.h"
+#include "core/turn.h"
 
 namespace refield {
 
@@ -17,9 +18,7 @@ Image make_panorama(std::uint64_t seed, std::uint64_t index, int width);
 
 /// How someone looks into a panorama.
 struct PanoramaView {
-  double yaw_degrees = 0.0;    ///< 0 looks along +Z, 90 along +X
-  double pitch_degrees = 0.0;  ///< positive looks down
-  double roll_degrees = 0.0;
+  Turn turn;  ///< of the one who looks
   double horizontal_fov_degrees = 70.0;
 };
 

@@ -13,6 +13,7 @@
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
 #include "simulate/light_maps.h"
+#include "simulate/monitor_surface.h"
 #include "simulate/scene_kinds.h"
 #include "simulate/trace_rows.h"
 
@@ -78,6 +79,7 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
   CaptureSession session;
   session.folder = folder;
   session.light = hierarchy.domain();
+  session.monitors = monitor_placements(recipe.scene);
   session.width = camera.width;
   session.height = camera.height;
   for (const LightSpec& light : lights)
@@ -126,6 +128,7 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
   if (options.keep_transport) {
     ReflectanceField field = builder.finish();
     field.provenance = options.provenance;
+    field.monitors = session.monitors;
     write_reflectance_field(folder / transport_file_name, field);
     summary.transport_bytes = fs::file_size(folder / transport_file_name);
   }
@@ -157,6 +160,7 @@ TracedScene trace_scene(const SceneDescription& description, const TraceOptions&
     for (const PixelTransport& pixel : pixels) out = std::copy_n(pixel.ambient.data(), 3, out);
   });
   traced.transport = builder.finish();
+  traced.transport.monitors = monitor_placements(description);
   return traced;
 }
 

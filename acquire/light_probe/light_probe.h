@@ -14,7 +14,7 @@ namespace refield {
 /// A camera in front of the ball and its photographs, one after another.
 struct ProbeSide {
   std::vector<std::filesystem::path> photographs;  ///< linear radiance (OpenEXR)
-  CameraTurn turn;
+  Turn turn;
   std::optional<double> focal_px;                  ///< or
   std::optional<double> field_of_view_degrees;     ///< across the photograph's width, or
   std::optional<double> distance_radii;            ///< just one of the three

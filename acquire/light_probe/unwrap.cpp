@@ -4,7 +4,6 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -46,11 +45,11 @@ double slope(double before, double here, double after) {
 /// Samples one photograph; holds what all texels have in common.
 class Unwrapper {
  public:
-  Unwrapper(const Photograph& photograph, const MirrorBall& ball, const CameraTurn& turn, const Mask& hidden,
+  Unwrapper(const Photograph& photograph, const MirrorBall& ball, const Turn& turn, const Mask& hidden,
             const UnwrapOptions& options)
       : photograph_(photograph),
         ball_(ball),
-        camera_from_world_(turn.world_from_camera().transpose()),
+        camera_from_world_(turn.matrix().transpose()),
         hidden_(hidden),
         options_(options),
         cos_region_(std::cos(radians_from_degrees(options.camera_region_degrees))),
@@ -159,13 +158,6 @@ SeenLight nothing_seen(int width) {
 
 }  // namespace
 
-Eigen::Matrix3d CameraTurn::world_from_camera() const {
-  return (Eigen::AngleAxisd(radians_from_degrees(yaw), Eigen::Vector3d::UnitY()) *
-          Eigen::AngleAxisd(radians_from_degrees(pitch), Eigen::Vector3d::UnitX()) *
-          Eigen::AngleAxisd(radians_from_degrees(roll), Eigen::Vector3d::UnitZ()))
-      .toRotationMatrix();
-}
-
 void UnwrapOptions::check() const {
   if (width < 8 || width > 16384 || width % 2 != 0)
     throw InputError("the light map's width is " + std::to_string(width) +
@@ -178,7 +170,7 @@ void UnwrapOptions::check() const {
                        "; it must be above zero and finite");
 }
 
-SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const CameraTurn& turn,
+SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn,
                  const Mask& hidden, const UnwrapOptions& options) {
   options.check();
   if (photograph.radiance.channels != 3) throw InputError("a light probe needs a photograph of 3 channels");

@@ -8,18 +8,9 @@
 #include "acquire/light_probe/mirror_reflectance.h"
 #include "core/image_io.h"
 #include "core/metrics.h"
+#include "core/turn.h"
 
 namespace refield {
-
-/// How the camera stands in the surroundings, degrees. All zero: its optical axis is +Z, the middle of the
-/// light map, and +Y is up in the image.
-struct CameraTurn {
-  double yaw = 0.0;    ///< turned to the right, towards +X
-  double pitch = 0.0;  ///< looking down
-  double roll = 0.0;   ///< about the optical axis: what was right in the image turns upwards
-
-  Eigen::Matrix3d world_from_camera() const;
-};
 
 struct UnwrapOptions {
   int width = 512;  ///< of the light map, even; its height is half of it
@@ -42,12 +33,13 @@ struct SeenLight {
   Mask clipped;  ///< non-zero: rests on samples that were clipped, so the radiance is a lower bound
 };
 
-/// The lat-long light map that a photograph of a mirror ball shows, see docs/light-probe.md. Each texel is
+/// The lat-long light map that a photograph of a mirror ball shows, see docs/light-probe.md. `turn` is the
+/// camera's: without one its optical axis is the middle of the light map, and +Y is up in the image. Each texel is
 /// the mean radiance over its solid angle, by samples no further apart than a third of a pixel, so that
 /// small bright sources keep their energy; each sample is divided by the mirror's reflectance at its angle of
 /// incidence. `hidden`, empty or as large as the photograph, is non-zero where nothing may be taken from:
 /// tripod, stand, photographer. Throws InputError for sizes that do not fit.
-SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const CameraTurn& turn,
+SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn,
                  const Mask& hidden, const UnwrapOptions& options);
 
 /// One map from photographs from several sides: the mean by weight.

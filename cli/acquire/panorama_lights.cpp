@@ -50,7 +50,7 @@ std::vector<CaptureLight> panorama_lights(const SessionLights& wanted, int width
     char name[32];
     std::snprintf(name, sizeof name, "rotation_%05d", i);
     lights.push_back({name, FrameRole::train, "rotation", folder / (std::string(name) + ".exr")});
-    const PanoramaView view{360.0 * i / wanted.rotations, 0.0, 0.0, horizontal_fov};
+    const PanoramaView view{{.yaw = 360.0 * i / wanted.rotations}, horizontal_fov};
     write_exr(lights.back().wanted, view_of_panorama(panorama, view, width, height));
     progress.advance();
   }

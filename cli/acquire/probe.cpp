@@ -27,7 +27,7 @@ struct SideOptions {
   std::string ball;
   fs::path ball_mask;
   fs::path hide;
-  CameraTurn turn;
+  Turn turn;
 };
 
 struct ProbeOptionsText {
@@ -114,7 +114,7 @@ void probe(const ProbeOptionsText& options, const Common& common) {
                      (request.folder / "probe.toml").string());
 }
 
-void add_turn(CLI::App& verb, const std::string& prefix, CameraTurn& turn, const std::string& whose) {
+void add_turn(CLI::App& verb, const std::string& prefix, Turn& turn, const std::string& whose) {
   verb.add_option("--" + prefix + "yaw", turn.yaw,
                   "Degrees by which " + whose + " is turned to the right of the map's middle (+Z)");
   verb.add_option("--" + prefix + "pitch", turn.pitch, "Degrees by which it looks down");

@@ -75,6 +75,7 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
   request.timing = read_timing_calibration(session.calibration);
   request.lights = lights_of(session, monitor, request.monitor);
   request.rig = rig_text(session, camera, monitor);
+  request.monitors = session.placements;
   for (double seconds : session.exposures) request.exposures.emplace_back(seconds);
   request.exposure_plan.count = session.exposure_count;
   request.exposure_plan.ratio = session.exposure_ratio;

@@ -9,6 +9,7 @@
 #include "acquire/gpio_trigger.h"
 #include "acquire/v4l2_camera.h"
 #include "acquire/window_monitor.h"
+#include "core/monitor_placement.h"
 
 namespace refield::cli {
 
@@ -31,6 +32,7 @@ struct SessionFile {
   V4l2CameraOptions camera;
   DrmMonitorOptions monitor;
   std::optional<WindowMonitorOptions> window;  ///< instead of `monitor`
+  std::vector<MonitorPlacement> placements;    ///< where the monitor stands, one or, if it is not known, none
   std::optional<GpioTriggerOptions> trigger;
   SessionLights lights;
   std::vector<double> exposures;  ///< seconds; empty: by count and ratio

@@ -11,6 +11,7 @@
 #include "core/image_io.h"
 #include "core/reflectance_field_file.h"
 #include "simulate/falloff.h"
+#include "simulate/monitor_surface.h"
 
 namespace refield::cli {
 
@@ -128,6 +129,7 @@ CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, s
   order_lights(lights, options.order, seed);
   request.lights = with_references(lights, every, options.reference_light);
   fill_calibration(options, recipe, request);
+  request.monitors = monitor_placements(recipe.scene);
   request.rig = rig_text(options, recipe, seed);
   fill_exposures(options, recipe, request);
   request.ambient_repeats = options.ambient_frames;

@@ -76,6 +76,45 @@ TEST_F(RelightVerb, SequencesOfABarAndOfARotation) {
   EXPECT_EQ(read_image(folder_ / "turn/rotation_0000.exr").values, read_image(output_).values);
 }
 
+TEST_F(RelightVerb, EnvironmentsOfAnySize) {
+  write_exr(folder_ / "large.exr", Image(64, 32, 3, 1.0f));
+  write_exr(folder_ / "cube.exr", Image(5, 30, 3, 1.0f));
+  write_exr(folder_ / "own.exr", Image(16, 8, 3, 1.0f));
+  EXPECT_THAT(relight({"--light", folder_ / "own.exr", "-o", output_}), Succeeded());
+  for (const char* map : {"large.exr", "cube.exr"}) {
+    EXPECT_THAT(relight({"--env", folder_ / map, "--pitch", "30", "-o", folder_ / "env.exr"}), Succeeded());
+    const Image found = read_image(folder_ / "env.exr"), expected = read_image(output_);
+    for (std::size_t i = 0; i < found.values.size(); ++i)
+      ASSERT_NEAR(found.values[i], expected.values[i], 1e-5 * (1.0 + expected.values[i])) << map;
+  }
+  EXPECT_THAT(relight({"--env", light_, "--rotate", "--frames", "2", "-o", folder_ / "turn"}), Succeeded());
+  EXPECT_THAT(relight({"--light", light_, "-o", output_}), Succeeded());
+  EXPECT_EQ(read_image(folder_ / "turn/rotation_0000.exr").values, read_image(output_).values);
+}
+
+TEST_F(RelightVerb, AnEnvironmentNeedsToKnowWhereTheMonitorStood) {
+  ReflectanceField field = test::random_field(rng_, 12, 9, {16, 8, Parameterisation::monitor}, 40, 6);
+  const std::string window = folder_ / "window.rfield";
+  write_reflectance_field(window, field);
+  const auto relit = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"relight", window, "--env", light_, "-o", output_});
+    return run_refield(more);
+  };
+  EXPECT_THAT(relit({}), RefusedNaming("window.rfield", "--monitor 520x320@600"));
+  EXPECT_THAT(relit({"--monitor", "520x320"}), RefusedNaming("520x320", "distance"));
+  const auto result = relit({"--monitor", "520x320@300,yaw=90", "--json"});
+  EXPECT_THAT(result, Succeeded());
+  const Image by_option = read_image(output_);
+  field.monitors = {{520, 320, 300, {90, 0, 0}}};
+  write_reflectance_field(window, field);
+  EXPECT_THAT(relit({}), Succeeded());
+  EXPECT_EQ(read_image(output_).values, by_option.values);
+  // Its half-angles are atan(260/300) and atan(160/300).
+  const auto seen = nlohmann::json::parse(result.out)["seen_by_monitor"][0];
+  EXPECT_NEAR(seen["share_of_directions"].get<double>(), 0.09973, 1e-5);
+  EXPECT_GT(seen["share_of_light"].get<double>(), 0.0);
+}
+
 TEST_F(RelightVerb, ALightOfTheWrongSize) {
   std::ofstream(output_) << "old";
   write_exr(folder_ / "wide.exr", Image(17, 8, 3, 1.0f));

@@ -78,6 +78,25 @@ TEST_F(CaptureSessionTest, RoundTrip) {
   EXPECT_EQ(back.frames_of(FrameRole::test)[0].name, "test_000");
 }
 
+TEST_F(CaptureSessionTest, KnowsWhereTheMonitorStood) {
+  CaptureSession session = make_session();
+  session.light.parameterisation = Parameterisation::monitor;
+  session.monitors = {{520, 320, 600, {90, -5.5, 0.1}, 10, -20}, {520, 320, 450}};
+  write_session_manifest(session);
+  EXPECT_EQ(read_capture_session(folder_.path()).monitors, session.monitors);
+
+  const std::string text = read_text(folder_ / session_manifest_name);
+  const auto with = [&](const std::string& old, const std::string& now) {
+    std::string changed = text;
+    changed.replace(changed.find(old), old.size(), now);
+    write_manifest(changed);
+    return message_of([&] { read_capture_session(folder_.path()); });
+  };
+  EXPECT_THAT(with("distance_mm", "distance"), HasSubstr("distance_mm"));
+  EXPECT_THAT(with("width_mm = 520.0", "width_mm = -1"), HasSubstr("width_mm"));
+  EXPECT_THAT(with("'monitor'", "'lat_long'"), HasSubstr("lat_long"));
+}
+
 TEST_F(CaptureSessionTest, MovesWithItsFolder) {
   write_session_manifest(make_session());
   EXPECT_EQ(read_text(folder_ / session_manifest_name).find(folder_.path().string()), std::string::npos);

@@ -130,6 +130,18 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
   EXPECT_THAT(message_of(folder / "evidence.rfield"), HasSubstr("error_evidence"));
 }
 
+TEST(ReflectanceFieldFile, MonitorPlacementsRoundTrip) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  ReflectanceField field = test::random_field(rng, 4, 3, {16, 8, Parameterisation::monitor}, 20, 5);
+  field.monitors = {{520, 320, 600, {90, -5.5, 0.1}, 10, -20}, {520, 320, 450}};
+  write_reflectance_field(folder / "f.rfield", field);
+  EXPECT_EQ(read_reflectance_field(folder / "f.rfield").monitors, field.monitors);
+  field.monitors.push_back({0, 320, 600});
+  write_reflectance_field(folder / "f.rfield", field);
+  EXPECT_THAT(message_of(folder / "f.rfield"), AllOf(HasSubstr("basis/monitors"), HasSubstr("width")));
+}
+
 TEST(ReflectanceFieldFile, EqualFieldsGiveEqualBytes) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "a.rfield", sample_field());

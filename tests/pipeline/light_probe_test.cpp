@@ -83,16 +83,16 @@ double error_on_sphere(const Image& found, const Image& truth, const Eigen::Vect
 
 struct Rig {
   MirrorBallScene scene;
-  CameraTurn turn;
+  Turn turn;
 
   /// A photograph of `side`² pixels that the ball fills by `fill`.
-  Rig(int side, const Eigen::Vector3d& centre, double fill, const CameraTurn& camera_turn,
+  Rig(int side, const Eigen::Vector3d& centre, double fill, const Turn& camera_turn,
       const Indices& mirror)
       : turn(camera_turn) {
     scene.width = scene.height = side;
     scene.ball_centre = centre;
     scene.focal_px = fill * 0.5 * side / std::tan(std::asin(1.0 / centre.norm()));
-    scene.world_from_camera = turn.world_from_camera();
+    scene.world_from_camera = turn.matrix();
     scene.refractive_index = mirror;
     scene.samples = 4;
   }
@@ -292,7 +292,7 @@ TEST_F(ProbeFiles, TheCommandMakesMapsOfTwoSides) {
   const Image surroundings = sky(3.0f);
   rig_.scene.backdrop = Eigen::Vector3f(0.9f, 0.9f, 0.9f);
   write_exr(folder_ / "east.exr", photograph_mirror_ball(surroundings, rig_.scene));
-  rig_.scene.world_from_camera = CameraTurn{90.0, 0.0, 0.0}.world_from_camera();
+  rig_.scene.world_from_camera = Turn{90.0, 0.0, 0.0}.matrix();
   write_exr(folder_ / "north.exr", photograph_mirror_ball(surroundings, rig_.scene));
   const std::string log = folder_ / "log";
   ASSERT_EQ(test::run_program({"acquire", "probe", folder_ / "east.exr", "--join", folder_ / "north.exr",

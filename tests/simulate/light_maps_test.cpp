@@ -181,7 +181,7 @@ TEST(PanoramaView, LooksWhereItIsTold) {
   // Not mirrored: as in the panorama itself, +X lies to the right of +Z.
   EXPECT_FLOAT_EQ(ahead.at(28, 12, 0), 1.0f);
   EXPECT_FLOAT_EQ(ahead.at(3, 12, 0), 0.0f);
-  const Image up = view_of_panorama(panorama, {.pitch_degrees = -80, .horizontal_fov_degrees = 10}, 8, 8);
+  const Image up = view_of_panorama(panorama, {.turn = {.pitch = -80}, .horizontal_fov_degrees = 10}, 8, 8);
   EXPECT_FLOAT_EQ(up.at(4, 4, 1), 1.0f);
 }
 

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/relight.h"
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "cli/relight/light_series.h"
+#include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/reflectance_field_file.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+void require_other_file(const fs::path& output, const fs::path& input) {
+  std::error_code error;
+  if (fs::equivalent(output, input, error))
+    throw InputError(output.string() + ": is also an input; give another output");
+}
+
+/// Whether the output names the image itself: one file of light, named as it is, and no folder.
+bool names_one_image(const RelightOptions& options, const LightSeries& series) {
+  const auto& patterns = options.lights.empty() ? options.environments : options.lights;
+  return !series.is_sequence && patterns.size() == 1 && series.lights.size() == 1 &&
+         series.lights[0].source == fs::path(patterns[0]) && options.output.has_extension() &&
+         !fs::is_directory(options.output);
+}
+
+std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries& series) {
+  const bool single = names_one_image(options, series);
+  std::vector<RelightJob> jobs;
+  std::set<fs::path> outputs;
+  for (const SeriesLight& light : series.lights) {
+    const fs::path output = single ? options.output : options.output / (light.name + "." + options.format);
+    if (light.source) require_other_file(output, *light.source);
+    if (!outputs.insert(output).second)
+      throw InputError(light.source->string() + ": another light of that name goes to " + output.string() +
+                       " too; rename one or relight them into different folders");
+    jobs.push_back({light.make, output});
+  }
+  require_other_file(jobs.front().output, options.field);
+  if (fs::is_regular_file(options.output) && jobs.front().output != options.output)
+    throw InputError(options.output.string() +
+                     ": is a file, and several images need a folder; give another output");
+  return jobs;
+}
+
+void relight(const RelightOptions& options, const Common& common) {
+  const ReflectanceField field = read_reflectance_field(options.field);
+  const LightSeries series = light_series(options, field);
+  const auto jobs = jobs_of(options, series);
+  create_folders(fs::absolute(jobs.front().output).parent_path());
+  relight_to_files(field, jobs, options.exposure);
+  if (common.json) {
+    nlohmann::ordered_json outputs = nlohmann::ordered_json::array();
+    for (const RelightJob& job : jobs) outputs.push_back(job.output.string());
+    nlohmann::ordered_json figures{{"images", outputs}};
+    if (series.seen) figures["seen_by_monitor"] = series.seen->json();
+    std::printf("%s\n", figures.dump(2).c_str());
+  } else if (series.seen) {
+    series.seen->print();
+  }
+}
+
+void add_light_options(CLI::App& verb, RelightOptions& options) {
+  const char* group = "Light";
+  verb.add_option(
+          "--light", options.lights,
+          "Light map of the field's own size (EXR: linear; PNG, JPEG: sRGB). Several, a quoted pattern or a "
+          "folder: the output is a folder")
+      ->group(group);
+  verb.add_option(
+          "--env", options.environments,
+          "Environment map of any size, lat-long (twice as wide as high) or cube (six faces above one "
+          "another). A field taken before a monitor is lit by what the monitor's window shows of it. "
+          "Several, a quoted pattern or a folder: the output is a folder")
+      ->group(group);
+  verb.add_option("--yaw", options.turn.yaw, "Turn the environment to the right, degrees")->group(group);
+  verb.add_option("--pitch", options.turn.pitch, "Turn it down, in front of the camera")->group(group);
+  verb.add_option("--roll", options.turn.roll, "Roll it, what is right of the scene goes up")->group(group);
+  verb.add_option(
+          "--monitor", options.monitors,
+          "Where the monitor stood, if the field does not say so or is wrong: width x height @ distance "
+          "in mm, then what is not zero of yaw, pitch, roll in degrees, x, y in mm, as "
+          "520x320@600,yaw=90. Once for each window of stacked light maps")
+      ->group(group);
+  const auto bar =
+      verb.add_option(
+              "--bar", options.bar,
+              "Light the scene by a white vertical bar that slides from left to right; its width as a "
+              "fraction of the light map's (the paper: 0.125)")
+          ->check(CLI::Range(1e-6, 1.0))
+          ->group(group);
+  verb.add_flag("--rotate", options.rotate,
+                "Turn the environment, or one lat-long light map, a full circle about the vertical axis")
+      ->excludes(bar)
+      ->group(group);
+  verb.add_option("--frames", options.frames, "Images in the sequence")
+      ->check(CLI::Range(1, 1'000'000))
+      ->group(group);
+}
+
+}  // namespace
+
+void add_relight(CLI::App& app, const Common& common, Action& action) {
+  const auto options = std::make_shared<RelightOptions>();
+  CLI::App* verb = app.add_subcommand(
+      "relight",
+      "Show a captured scene under new light\n\n"
+      "  refield relight scene.rfield --light map.exr -o out.exr\n"
+      "  refield relight scene.rfield --env sky.exr --yaw 90 -o out.png\n"
+      "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o turning --format png\n"
+      "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n\n"
+      "docs/relighting.md draws the directions.");
+  verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
+  add_light_options(*verb, *options);
+  const char* output = "Output";
+  verb->add_option("-o,--output", options->output, "Image (.exr, .png), or a folder for several")
+      ->required()
+      ->group(output);
+  verb->add_option("--format", options->format, "Of images in a folder: exr (default) or png")
+      ->check(CLI::IsMember({"exr", "png"}))
+      ->group(output);
+  verb->add_option("--exposure", options->exposure, "Factor on the radiance for PNG output")
+      ->check(CLI::PositiveNumber)
+      ->group(output);
+  verb->callback([options, &common, &action] { action = [options, &common] { relight(*options, common); }; });
+}
+
+}  // namespace refield::cli

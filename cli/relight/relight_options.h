@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/turn.h"
+
+namespace refield::cli {
+
+/// Options of `refield relight`.
+struct RelightOptions {
+  std::filesystem::path field;
+  std::vector<std::string> lights;        ///< light maps of the field's own size
+  std::vector<std::string> environments;  ///< maps of the surroundings, of any size
+  std::vector<std::string> monitors;      ///< placements, in place of the field's own
+  Turn turn;                              ///< of environments
+  double bar = 0.0;                       ///< width as a fraction of the light map; 0: no bar
+  bool rotate = false;
+  int frames = 0;
+  std::filesystem::path output;
+  std::string format = "exr";
+  double exposure = 1.0;
+};
+
+}  // namespace refield::cli

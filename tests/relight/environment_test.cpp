@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/environment.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/errors.h"
+#include "core/image_io.h"
+#include "core/rng.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+constexpr double pi = std::numbers::pi;
+constexpr double whole_sphere = 4.0 * pi;
+// Strips stand for parallels of latitude to 3e-7 of a texel; radiance is kept in float.
+constexpr double strip_error = 1e-6;
+const MonitorPlacement slanted{520, 320, 400, {35, -20, 10}, 60, -30};
+const std::vector<MonitorPlacement> one_monitor{slanted};
+
+LightMap constant(const LightDomain& domain, float radiance) {
+  return {Image(domain.width, domain.height, 3, radiance), domain.parameterisation};
+}
+
+LightDomain lat_long(int width) {
+  return {width, width / 2, Parameterisation::lat_long};
+}
+LightDomain cube(int width) {
+  return {width, 6 * width, Parameterisation::cube};
+}
+LightDomain window(int width, int height) {
+  return {width, height, Parameterisation::monitor};
+}
+
+/// By the formulas of the conventions, without the grid that is tested.
+Eigen::Vector3f value_at(const LightMap& map, const Eigen::Vector3d& direction) {
+  const Image& image = map.radiance;
+  int x = 0, y = 0;
+  if (map.parameterisation == Parameterisation::lat_long) {
+    const Eigen::Vector2d at = lat_long_position(direction.normalized(), image.width, image.height);
+    x = std::min(static_cast<int>(at.x()), image.width - 1);
+    y = std::min(static_cast<int>(at.y()), image.height - 1);
+  } else {
+    Eigen::Index axis = 0;
+    direction.cwiseAbs().maxCoeff(&axis);
+    const int face = 2 * static_cast<int>(axis) + (direction[axis] < 0.0 ? 1 : 0);
+    const Eigen::Vector3d d = cube_face_axes(face) * direction;
+    const auto texel = [&](double position) {
+      return std::clamp(static_cast<int>((position + 1.0) / 2.0 * image.width), 0, image.width - 1);
+    };
+    x = texel(d.x() / d.z());
+    y = face * image.width + texel(-d.y() / d.z());
+  }
+  return {image.at(x, y, 0), image.at(x, y, 1), image.at(x, y, 2)};
+}
+
+/// Of a texel of a lat-long map; of a window's, see window_angle().
+double lat_long_angle(const LightDomain& domain, int y) {
+  return 2.0 * pi / domain.width *
+         (std::cos(pi * y / domain.height) - std::cos(pi * (y + 1) / domain.height));
+}
+
+double triangle(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+  return std::abs(2.0 * std::atan2(a.dot(b.cross(c)), 1.0 + a.dot(b) + b.dot(c) + c.dot(a)));
+}
+
+double window_angle(const MonitorPlacement& monitor, const LightDomain& domain, int x, int y) {
+  const auto corner = [&](int i, int j) {
+    return monitor
+        .direction(static_cast<double>(x + i) / domain.width, static_cast<double>(y + j) / domain.height)
+        .normalized();
+  };
+  return triangle(corner(0, 0), corner(1, 0), corner(1, 1)) +
+         triangle(corner(0, 0), corner(1, 1), corner(0, 1));
+}
+
+double angle_of(const MonitorPlacement& monitor) {
+  return window_angle(monitor, window(1, 1), 0, 0);
+}
+
+/// Energy of a window's light, green alone.
+double window_energy(const LightMap& light, const MonitorPlacement& monitor) {
+  double sum = 0.0;
+  for (int y = 0; y < light.radiance.height; ++y)
+    for (int x = 0; x < light.radiance.width; ++x)
+      sum += window_angle(monitor, light.domain(), x, y) * light.radiance.at(x, y, 1);
+  return sum;
+}
+
+TEST(SphereGrid, TexelsFillTheSphere) {
+  for (const LightDomain& domain : {lat_long(64), lat_long(10), cube(16)}) {
+    double sum = 0.0;
+    const SphereGrid grid(domain);
+    for (const SpherePatch& patch : grid.patches())
+      for (int y = 0; y < patch.rows(); ++y)
+        for (int x = 0; x < patch.columns(); ++x) sum += solid_angle(patch.texel(x, y));
+    EXPECT_NEAR(sum, whole_sphere, 1e-9) << name_of(domain.parameterisation);
+  }
+}
+
+TEST(SphereGrid, OverlapsOfAPolygonAddUpToIt) {
+  Rng rng(3);
+  for (const LightDomain& domain : {lat_long(512), lat_long(6), cube(40)}) {
+    const SphereGrid grid(domain);
+    OverlapFinder finder(grid);
+    for (int i = 0; i < 300; ++i) {
+      const Turn turn{rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
+      const double size = std::exp(rng.uniform(-9.0, 0.0));
+      SphericalPolygon quad;
+      for (const auto& [x, y] : {std::pair{-1, 1}, {1, 1}, {1, -1}, {-1, -1}})
+        quad.push_back(turn.matrix() * Eigen::Vector3d(size * x, size * y, 1.0));
+      double sum = 0.0;
+      for (const TexelOverlap& overlap : finder.find(quad)) sum += overlap.solid_angle;
+      EXPECT_NEAR(sum, solid_angle(quad), 1e-12 + 1e-9 * solid_angle(quad));
+    }
+  }
+}
+
+// Overlaps of quads that look straight up or down, have a corner at a pole or an edge through it.
+TEST(SphereGrid, ThePolesAreNoExceptions) {
+  const SphereGrid grid(lat_long(512));
+  OverlapFinder finder(grid);
+  for (const double pitch : {-90.0, 90.0})
+    for (const double yaw : {0.0, 45.0, 33.0})
+      for (const auto& [left, right, bottom, top] : {std::array{-0.1, 0.1, -0.1, 0.1},
+                                                     {0.0, 0.1, 0.0, 0.1},
+                                                     {-0.1, 0.1, 0.0, 0.1},
+                                                     {-0.1, 0.0, -0.1, 0.1}}) {
+        const Eigen::Matrix3d turn = Turn{yaw, pitch, 0}.matrix();
+        SphericalPolygon quad;
+        for (const auto& [x, y] : {std::pair{left, top}, {right, top}, {right, bottom}, {left, bottom}})
+          quad.push_back(turn * Eigen::Vector3d(x, y, 1.0));
+        double sum = 0.0;
+        for (const TexelOverlap& overlap : finder.find(quad)) sum += overlap.solid_angle;
+        EXPECT_NEAR(sum, solid_angle(quad), 1e-9) << pitch << " " << yaw << " " << left << " " << bottom;
+      }
+}
+
+TEST(Environment, AConstantMapStaysConstant) {
+  for (const LightDomain& source : {lat_long(100), cube(13)})
+    for (const LightDomain& target : {window(17, 9), lat_long(24), cube(8)}) {
+      const EnvironmentLight result =
+          EnvironmentProjector(target, one_monitor).project(constant(source, 2.5f), {10, 20, 30});
+      for (const float value : result.light.radiance.values) ASSERT_FLOAT_EQ(value, 2.5f);
+      const bool is_window = target.parameterisation == Parameterisation::monitor;
+      EXPECT_NEAR(result.share.sphere, is_window ? angle_of(slanted) / whole_sphere : 1.0, 1e-9);
+      EXPECT_NEAR(result.share.energy, result.share.sphere, 1e-6);
+    }
+}
+
+// The heart of it: a one-texel sun of 1e5 keeps its energy at any resolution of the window, and so does what
+// surrounds it.
+TEST(Environment, ASunOfOneTexelKeepsItsEnergy) {
+  constexpr float radiance = 1e5f;
+  LightMap sun = constant(lat_long(4096), 0.0f);
+  const Eigen::Vector2d at = lat_long_position(slanted.direction(0.4, 0.7).normalized(), 4096, 2048);
+  const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
+  for (int c = 0; c < 3; ++c) sun.radiance.at(x, y, c) = radiance;
+  const double energy = radiance * lat_long_angle(sun.domain(), y);
+  for (const LightDomain& target : {window(1, 1), window(7, 5), window(128, 80), window(600, 400)}) {
+    const EnvironmentLight result = EnvironmentProjector(target, one_monitor).project(sun, {});
+    EXPECT_NEAR(window_energy(result.light, slanted) / energy, 1.0, strip_error) << target.width;
+    EXPECT_NEAR(result.share.energy, 1.0, strip_error);
+  }
+  sun = constant(lat_long(1024), 0.0f);
+  sun.radiance.at(700, 3, 0) = radiance;
+  for (const LightDomain& target : {lat_long(64), lat_long(300)}) {
+    const double near_pole = radiance * lat_long_angle(sun.domain(), 3);
+    const LightMap light = EnvironmentProjector(target, {}).project(sun, {12, 34, 56}).light;
+    double sum = 0.0;
+    for (int row = 0; row < target.height; ++row)
+      for (int column = 0; column < target.width; ++column)
+        sum += lat_long_angle(target, row) * light.radiance.at(column, row, 0);
+    EXPECT_NEAR(sum / near_pole, 1.0, strip_error) << target.width;
+  }
+}
+
+TEST(Environment, LightOutsideOfTheWindowIsLeftOutAndTold) {
+  LightMap sun = constant(lat_long(256), 0.0f);
+  for (int c = 0; c < 3; ++c) sun.radiance.at(0, 64, c) = 1e5f;  // behind the camera
+  const EnvironmentLight result = EnvironmentProjector(window(16, 10), one_monitor).project(sun, {});
+  for (const float value : result.light.radiance.values) EXPECT_EQ(value, 0.0f);
+  EXPECT_EQ(result.share.energy, 0.0);
+}
+
+// Texel by texel against dense sampling of the map, by formulas of their own.
+TEST(Environment, TexelsAreMeansOverTheirSolidAngles) {
+  Rng rng(5);
+  const Turn turn{70, -15, 25};
+  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+  const LightDomain target = window(6, 4);
+  for (const LightDomain& source : {lat_long(32), cube(9)}) {
+    const LightMap map = test::random_light(rng, source);
+    const LightMap light = EnvironmentProjector(target, one_monitor).project(map, turn).light;
+    for (int y = 0; y < target.height; ++y)
+      for (int x = 0; x < target.width; ++x) {
+        constexpr int samples = 200;
+        Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+        double weight = 0.0;
+        for (int j = 0; j < samples; ++j)
+          for (int i = 0; i < samples; ++i) {
+            const Eigen::Vector3d d = slanted.direction((x + (i + 0.5) / samples) / target.width,
+                                                        (y + (j + 0.5) / samples) / target.height);
+            const double angle = std::pow(d.norm(), -3);  // of equal areas on the screen, but for a factor
+            sum += angle * value_at(map, environment_from_scene * d).cast<double>();
+            weight += angle;
+          }
+        for (int c = 0; c < 3; ++c) EXPECT_NEAR(light.radiance.at(x, y, c), sum[c] / weight, 2e-3);
+      }
+  }
+}
+
+TEST(Environment, TurningThereAndBackBetweenLatLongAndCube) {
+  // Smooth maps survive resampling: to a cube, back to lat-long, and a turn undone.
+  LightMap map = constant(lat_long(128), 0.0f);
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 128; ++x) {
+      const Eigen::Vector3d d = lat_long_direction(x + 0.5, y + 0.5, 128, 64);
+      for (int c = 0; c < 3; ++c) map.radiance.at(x, y, c) = static_cast<float>(1.0 + 0.5 * d[c]);
+    }
+  const LightMap on_cube = EnvironmentProjector(cube(64), {}).project(map, {30, 0, 0}).light;
+  const LightMap back = EnvironmentProjector(lat_long(128), {}).project(on_cube, {-30, 0, 0}).light;
+  for (std::size_t i = 0; i < map.radiance.values.size(); ++i)
+    ASSERT_NEAR(back.radiance.values[i], map.radiance.values[i], 0.02) << i;
+}
+
+TEST(Environment, AFullTurnIsNoTurn) {
+  Rng rng(8);
+  const LightMap map = test::random_light(rng, lat_long(64));
+  EXPECT_EQ(EnvironmentProjector(lat_long(64), {}).project(map, {360, 0, -360}).light.radiance.values,
+            map.radiance.values);
+  const EnvironmentProjector onto_window(window(20, 10), one_monitor);
+  const LightMap once = onto_window.project(map, {}).light;
+  for (const Turn& turn : {Turn{360, 0, 0}, Turn{0, 360, 0}, Turn{0, 0, 360}, Turn{180, 180, 180}}) {
+    const LightMap again = onto_window.project(map, turn).light;
+    for (std::size_t i = 0; i < once.radiance.values.size(); ++i)
+      ASSERT_NEAR(again.radiance.values[i], once.radiance.values[i], 1e-6);
+  }
+}
+
+// What the map shows ahead goes to the right by yaw: a monitor to the right then shows what one ahead showed.
+TEST(Environment, TurningTheMapIsTurningTheMonitorTheOtherWay) {
+  Rng rng(9);
+  const LightMap map = test::random_light(rng, lat_long(64));
+  const LightDomain target = window(12, 8);
+  const auto at = [&](const Turn& monitor, const Turn& turn) {
+    return EnvironmentProjector(target, std::vector{MonitorPlacement{500, 300, 400, monitor}})
+        .project(map, turn)
+        .light;
+  };
+  const LightMap straight = at({}, {});
+  for (const Turn& turn : {Turn{40, 0, 0}, Turn{0, 50, 0}, Turn{0, 0, 60}, Turn{40, 50, 60}}) {
+    const LightMap together = at(turn, turn);
+    for (std::size_t i = 0; i < straight.radiance.values.size(); ++i)
+      ASSERT_NEAR(together.radiance.values[i], straight.radiance.values[i], 1e-6);
+  }
+}
+
+TEST(Environment, WindowsThatOverlapCountLightOnce) {
+  Rng rng(10);
+  const LightMap map = test::random_light(rng, lat_long(64));
+  // The second covers the right half of the first and as much beyond it, the third lies far away.
+  const MonitorPlacement first{400, 300, 400}, second{400, 300, 400, {}, 200}, third{400, 300, 400, {170}};
+  const LightDomain target = window(16, 36);
+  const EnvironmentLight three =
+      EnvironmentProjector(target, std::vector{first, second, third}).project(map, {});
+  const MonitorPlacement both{600, 300, 400, {}, 100};
+  EXPECT_NEAR(three.share.sphere, (angle_of(both) + angle_of(third)) / whole_sphere, 1e-9);
+
+  const auto alone = [&](const MonitorPlacement& monitor) {
+    return EnvironmentProjector(window(16, 12), std::vector{monitor}).project(map, {}).light;
+  };
+  const LightMap first_alone = alone(first), third_alone = alone(third);
+  for (int y = 0; y < 12; ++y)
+    for (int x = 0; x < 16; ++x) {
+      const double own = x < 8 ? 1.0 : 0.5;  // half of what both see goes to each
+      EXPECT_NEAR(three.light.radiance.at(x, y, 0), own * first_alone.radiance.at(x, y, 0), 1e-5);
+      EXPECT_NEAR(three.light.radiance.at(x, y + 24, 0), third_alone.radiance.at(x, y, 0), 1e-5);
+    }
+  const auto energy = [&](const MonitorPlacement& monitor, int number) {
+    LightMap light = constant(window(16, 12), 0.0f);
+    for (int y = 0; y < 12; ++y)
+      std::ranges::copy(three.light.radiance.row(y + 12 * number), light.radiance.row(y).begin());
+    return window_energy(light, monitor);
+  };
+  EXPECT_NEAR(energy(first, 0) + energy(second, 1), window_energy(alone(both), both), 1e-6);
+}
+
+TEST(Environment, FilesAreToldApartByTheirProportions) {
+  const test::TemporaryFolder folder;
+  write_exr(folder / "a.exr", Image(8, 4, 3, 1.0f));
+  write_exr(folder / "b.exr", Image(2, 12, 3, 1.0f));
+  write_exr(folder / "c.exr", Image(8, 5, 3, 1.0f));
+  EXPECT_EQ(read_environment(folder / "a.exr").parameterisation, Parameterisation::lat_long);
+  EXPECT_EQ(read_environment(folder / "b.exr").parameterisation, Parameterisation::cube);
+  EXPECT_THROW(read_environment(folder / "c.exr"), InputError);
+}
+
+TEST(Environment, AWindowNeedsToKnowWhereItIs) {
+  EXPECT_THROW(EnvironmentProjector(window(8, 6), {}), InputError);
+  EXPECT_THROW(EnvironmentProjector(window(8, 6), one_monitor).project(constant(window(8, 6), 1.0f), {}),
+               InputError);
+}
+
+}  // namespace
+}  // namespace refield
