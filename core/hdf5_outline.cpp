@@ -59,8 +59,9 @@ void describe_attributes(hid_t file, std::size_t longest, Json& outline) {
 }
 
 std::string type_name(hid_t type) {
-  for (const auto& [known, name] : {std::pair{H5T_IEEE_F32LE, "f4"}, std::pair{H5T_STD_I32LE, "i4"},
-                                    std::pair{H5T_STD_U32LE, "u4"}, std::pair{H5T_STD_U64LE, "u8"}})
+  for (const auto& [known, name] :
+       {std::pair{H5T_IEEE_F32LE, "f4"}, std::pair{H5T_IEEE_F64LE, "f8"}, std::pair{H5T_STD_I32LE, "i4"},
+        std::pair{H5T_STD_U32LE, "u4"}, std::pair{H5T_STD_U64LE, "u8"}})
     if (H5Tequal(type, known) > 0) return name;
   return "";
 }

@@ -12,7 +12,7 @@ namespace refield {
 
 /// Where in an HDF5 file a data set's values lie, in one piece.
 struct Hdf5DataSet {
-  std::string type;  ///< "f4", "i4", "u4", "u8": little-endian; else ""
+  std::string type;  ///< "f4", "f8", "i4", "u4", "u8": little-endian; else ""
   std::vector<std::uint64_t> shape;
   std::uint64_t offset = 0;            ///< bytes from the file's begin; of no meaning where nothing is stored
   std::uint64_t bytes = 0;             ///< stored

@@ -89,6 +89,8 @@ template <class T>
 std::string_view stored_type_name() {
   if constexpr (std::is_same_v<T, float>)
     return "f4";
+  else if constexpr (std::is_same_v<T, double>)
+    return "f8";
   else if constexpr (std::is_same_v<T, std::int32_t>)
     return "i4";
   else if constexpr (std::is_same_v<T, std::uint32_t>)
@@ -148,6 +150,7 @@ struct Writer {
 /// Everything that a reader asks for.
 constexpr std::array data_set_names = {
     "basis/boxes",
+    "basis/monitors",
     "transfer/row_start",
     "transfer/column",
     "transfer/weight",

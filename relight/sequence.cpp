@@ -60,4 +60,13 @@ LightMap rotated(const LightMap& light, double turns) {
   return turned;
 }
 
+LightMap mixed(const LightMap& a, const LightMap& b, double share) {
+  if (a.domain() != b.domain()) throw InputError("lights of different sizes cannot fade into one another");
+  LightMap light = a;
+  const auto part = static_cast<float>(share);
+  for (std::size_t i = 0; i < light.radiance.values.size(); ++i)
+    light.radiance.values[i] = (1.0f - part) * a.radiance.values[i] + part * b.radiance.values[i];
+  return light;
+}
+
 }  // namespace refield

@@ -16,4 +16,8 @@ LightMap sliding_bar(const LightDomain& domain, double width_fraction, int frame
 /// columns are interpolated linearly. Throws InputError for another parameterisation.
 LightMap rotated(const LightMap& light, double turns);
 
+/// Light `a` that fades to light `b`: (1 − share) · a + share · b. Throws InputError unless they are maps of
+/// one size and parameterisation.
+LightMap mixed(const LightMap& a, const LightMap& b, double share);
+
 }  // namespace refield

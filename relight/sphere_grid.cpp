@@ -147,16 +147,17 @@ void keep(SphericalPolygon& polygon, const Eigen::Vector3d& normal, SphericalPol
   polygon.swap(kept);
 }
 
-/// The columns (or rows) first to last that a polygon touches: the number of edges that its corners have
-/// behind them.
-template <class Normal>
-std::pair<int, int> range(const SphericalPolygon& polygon, int count, const Normal& normal) {
+/// The columns (axis 0, sign 1) or rows (axis 1, sign −1) first to last that a polygon touches: the numbers
+/// of edges that its corners have behind them.
+std::pair<int, int> range(const SphericalPolygon& polygon, const std::vector<Eigen::Vector2d>& edges,
+                          int axis, double sign) {
+  const int count = static_cast<int>(edges.size()) - 1;
   int first = count - 1, last = 0;
   for (const Eigen::Vector3d& corner : polygon) {
     int low = 0, high = count - 1;  // edges 0 and count are the rim, where nothing is left to cut
     while (low < high) {
       const int middle = (low + high + 1) / 2;
-      if (normal(middle).dot(corner) >= 0.0)
+      if (sign * (corner[axis] * edges[middle][1] - corner.z() * edges[middle][0]) >= 0.0)
         low = middle;
       else
         high = middle - 1;
@@ -175,8 +176,7 @@ void OverlapFinder::cut_patch(const SpherePatch& patch) {
   keep(rest_, patch.row_normal(0), part_, spare_);
   keep(rest_, -patch.row_normal(patch.rows()), part_, spare_);
   if (rest_.size() < 3) return;
-  const auto [first, last] =
-      range(rest_, patch.columns(), [&](int edge) { return patch.column_normal(edge); });
+  const auto [first, last] = range(rest_, *patch.column_edges, 0, 1.0);
   for (int column = first; column < last; ++column) {
     split(rest_, patch.column_normal(column + 1), spare_, part_);
     rest_.swap(spare_);
@@ -187,7 +187,7 @@ void OverlapFinder::cut_patch(const SpherePatch& patch) {
 
 void OverlapFinder::cut_column(const SpherePatch& patch, int column, SphericalPolygon& part) {
   if (part.size() < 3) return;
-  const auto [first, last] = range(part, patch.rows(), [&](int edge) { return patch.row_normal(edge); });
+  const auto [first, last] = range(part, *patch.row_edges, 1, -1.0);
   for (int row = first; row <= last; ++row) {
     const bool is_last = row == last;
     if (!is_last) {

@@ -18,7 +18,7 @@ Image make_panorama(std::uint64_t seed, std::uint64_t index, int width);
 
 /// How someone looks into a panorama.
 struct PanoramaView {
-  Turn turn;  ///< of the one who looks
+  Turn turn{};  ///< of the one who looks
   double horizontal_fov_degrees = 70.0;
 };
 

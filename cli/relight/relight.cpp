@@ -54,16 +54,34 @@ std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries
   return jobs;
 }
 
-void relight(const RelightOptions& options, const Common& common) {
-  const ReflectanceField field = read_reflectance_field(options.field);
-  const LightSeries series = light_series(options, field);
+/// Returns what was written.
+std::vector<std::string> write_images(const RelightOptions& options, const ReflectanceField& field,
+                                      const LightSeries& series) {
   const auto jobs = jobs_of(options, series);
   create_folders(fs::absolute(jobs.front().output).parent_path());
-  relight_to_files(field, jobs, options.exposure);
+  relight_to_files(field, jobs, options.video.exposure);
+  std::vector<std::string> written;
+  for (const RelightJob& job : jobs) written.push_back(job.output.string());
+  return written;
+}
+
+std::vector<std::string> write_video(const RelightOptions& options, const ReflectanceField& field,
+                                     const LightSeries& series) {
+  std::vector<LightSource> lights;
+  for (const SeriesLight& light : series.lights) lights.push_back(light.make);
+  create_folders(fs::absolute(options.output).parent_path());
+  relight_to_video(field, lights, options.output, options.video);
+  return {options.output.string()};
+}
+
+void relight(const RelightOptions& options, const Common& common) {
+  options.video.check();
+  const ReflectanceField field = read_reflectance_field(options.field);
+  const LightSeries series = light_series(options, field);
+  const bool is_video = options.output.extension() == ".mp4";
+  const auto written = is_video ? write_video(options, field, series) : write_images(options, field, series);
   if (common.json) {
-    nlohmann::ordered_json outputs = nlohmann::ordered_json::array();
-    for (const RelightJob& job : jobs) outputs.push_back(job.output.string());
-    nlohmann::ordered_json figures{{"images", outputs}};
+    nlohmann::ordered_json figures{{is_video ? "videos" : "images", written}};
     if (series.seen) figures["seen_by_monitor"] = series.seen->json();
     std::printf("%s\n", figures.dump(2).c_str());
   } else if (series.seen) {
@@ -104,6 +122,18 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
                 "Turn the environment, or one lat-long light map, a full circle about the vertical axis")
       ->excludes(bar)
       ->group(group);
+  verb.add_flag("--fade", options.fade, "Fade from each --env to the next, as from dawn to dusk")
+      ->group(group);
+  verb.add_flag("--day", options.day,
+                "Light the scene by a clear sky from sunrise to sunset; south is what the camera looks at, "
+                "before --yaw")
+      ->group(group);
+  verb.add_option("--latitude", options.sky.latitude_degrees, "Of the day's place: how high the sun climbs")
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--turbidity", options.sky.turbidity, "Of the day's air, 1.7 (clear) to 10 (haze)")
+      ->capture_default_str()
+      ->group(group);
   verb.add_option("--frames", options.frames, "Images in the sequence")
       ->check(CLI::Range(1, 1'000'000))
       ->group(group);
@@ -113,24 +143,29 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
 
 void add_relight(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<RelightOptions>();
-  CLI::App* verb = app.add_subcommand(
-      "relight",
-      "Show a captured scene under new light\n\n"
-      "  refield relight scene.rfield --light map.exr -o out.exr\n"
-      "  refield relight scene.rfield --env sky.exr --yaw 90 -o out.png\n"
-      "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o turning --format png\n"
-      "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n\n"
-      "docs/relighting.md draws the directions.");
+  CLI::App* verb =
+      app.add_subcommand("relight",
+                         "Show a captured scene under new light\n\n"
+                         "  refield relight scene.rfield --light map.exr -o out.exr\n"
+                         "  refield relight scene.rfield --env sky.exr --yaw 90 -o out.png\n"
+                         "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o turning.mp4\n"
+                         "  refield relight scene.rfield --day --yaw 90 --frames 240 -o day.mp4\n"
+                         "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n\n"
+                         "docs/relighting.md draws the directions.");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   add_light_options(*verb, *options);
   const char* output = "Output";
-  verb->add_option("-o,--output", options->output, "Image (.exr, .png), or a folder for several")
+  verb->add_option("-o,--output", options->output,
+                   "Image (.exr, .png), a folder for several, or a video of them (.mp4; needs ffmpeg)")
       ->required()
       ->group(output);
   verb->add_option("--format", options->format, "Of images in a folder: exr (default) or png")
       ->check(CLI::IsMember({"exr", "png"}))
       ->group(output);
-  verb->add_option("--exposure", options->exposure, "Factor on the radiance for PNG output")
+  verb->add_option("--fps", options->video.frames_per_second, "Frames a second of a video")
+      ->capture_default_str()
+      ->group(output);
+  verb->add_option("--exposure", options->video.exposure, "Factor on the radiance for PNG and video")
       ->check(CLI::PositiveNumber)
       ->group(output);
   verb->callback([options, &common, &action] { action = [options, &common] { relight(*options, common); }; });

@@ -5,6 +5,8 @@
 #include <vector>
 
 #include "core/turn.h"
+#include "relight/sky.h"
+#include "relight/video.h"
 
 namespace refield::cli {
 
@@ -17,10 +19,13 @@ struct RelightOptions {
   Turn turn;                              ///< of environments
   double bar = 0.0;                       ///< width as a fraction of the light map; 0: no bar
   bool rotate = false;
+  bool fade = false;  ///< from each environment to the next
+  bool day = false;   ///< a sky from sunrise to sunset
+  SkyOptions sky;
   int frames = 0;
   std::filesystem::path output;
   std::string format = "exr";
-  double exposure = 1.0;
+  VideoOptions video;  ///< its exposure goes for PNG files too
 };
 
 }  // namespace refield::cli

@@ -143,7 +143,7 @@ TEST(SphereGrid, ThePolesAreNoExceptions) {
 }
 
 TEST(Environment, AConstantMapStaysConstant) {
-  for (const LightDomain& source : {lat_long(100), cube(13)})
+  for (const LightDomain& source : {lat_long(40), cube(13)})
     for (const LightDomain& target : {window(17, 9), lat_long(24), cube(8)}) {
       const EnvironmentLight result =
           EnvironmentProjector(target, one_monitor).project(constant(source, 2.5f), {10, 20, 30});
@@ -163,14 +163,14 @@ TEST(Environment, ASunOfOneTexelKeepsItsEnergy) {
   const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
   for (int c = 0; c < 3; ++c) sun.radiance.at(x, y, c) = radiance;
   const double energy = radiance * lat_long_angle(sun.domain(), y);
-  for (const LightDomain& target : {window(1, 1), window(7, 5), window(128, 80), window(600, 400)}) {
+  for (const LightDomain& target : {window(1, 1), window(7, 5), window(128, 80)}) {
     const EnvironmentLight result = EnvironmentProjector(target, one_monitor).project(sun, {});
     EXPECT_NEAR(window_energy(result.light, slanted) / energy, 1.0, strip_error) << target.width;
     EXPECT_NEAR(result.share.energy, 1.0, strip_error);
   }
-  sun = constant(lat_long(1024), 0.0f);
-  sun.radiance.at(700, 3, 0) = radiance;
-  for (const LightDomain& target : {lat_long(64), lat_long(300)}) {
+  sun = constant(lat_long(512), 0.0f);
+  sun.radiance.at(350, 3, 0) = radiance;
+  for (const LightDomain& target : {lat_long(32), lat_long(90)}) {
     const double near_pole = radiance * lat_long_angle(sun.domain(), 3);
     const LightMap light = EnvironmentProjector(target, {}).project(sun, {12, 34, 56}).light;
     double sum = 0.0;

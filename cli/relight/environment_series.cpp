@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "cli/relight/light_series.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "relight/environment.h"
+#include "relight/sequence.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Puts environments onto a field's light map and keeps count of what the monitor sees of them.
+struct Projection {
+  std::shared_ptr<const EnvironmentProjector> projector;
+  std::shared_ptr<SeenShares> seen;
+
+  LightMap operator()(const std::string& name, const LightMap& environment, const Turn& turn) const {
+    EnvironmentLight result = projector->project(environment, turn);
+    if (seen) seen->add(name, result.share);
+    return std::move(result.light);
+  }
+};
+
+Projection projection_of(const RelightOptions& options, const ReflectanceField& field) {
+  const auto monitors = options.monitors.empty() ? field.monitors : placements_from_texts(options.monitors);
+  const LightDomain& domain = field.basis.domain;
+  const bool has_window = domain.parameterisation == Parameterisation::monitor;
+  if (has_window && monitors.empty())
+    throw InputError(options.field.string() +
+                     ": does not say where the monitor stood, and environments need that; give the screen's "
+                     "width x height @ distance from the scene in mm by --monitor 520x320@600,yaw=90 (see "
+                     "docs/relighting.md)");
+  if (!has_window && !options.monitors.empty())
+    throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
+                     " light map, seen from everywhere; leave --monitor out");
+  check_placements(monitors, domain, options.monitors.empty() ? options.field.string() : "--monitor");
+  return {std::make_shared<const EnvironmentProjector>(domain, monitors),
+          has_window ? std::make_shared<SeenShares>() : nullptr};
+}
+
+void add_maps(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  for (const fs::path& file : expand_globs(options.environments))
+    series.lights.push_back({file.stem().string(), file, [=, turn = options.turn] {
+                               return project(file.stem().string(), read_environment(file), turn);
+                             }});
+}
+
+void add_rotation(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  const fs::path file = only_file(options.environments, "--env");
+  const auto environment = std::make_shared<const LightMap>(read_environment(file));
+  for (int i = 0; i < options.frames; ++i) {
+    Turn turn = options.turn;
+    turn.yaw += 360.0 * i / options.frames;
+    const std::string name = frame_name("rotation", i);
+    series.lights.push_back({name, file, [=] { return project(name, *environment, turn); }});
+  }
+}
+
+void add_day(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  options.sky.check();
+  for (int i = 0; i < options.frames; ++i) {
+    const std::string name = frame_name("day", i);
+    const double done = options.frames == 1 ? 0.5 : static_cast<double>(i) / (options.frames - 1);
+    series.lights.push_back({name, std::nullopt, [=, sky = options.sky, turn = options.turn] {
+                               return project(name, clear_sky(sun_direction(done, sky), sky), turn);
+                             }});
+  }
+}
+
+/// Light adds up, so maps are put onto the light map once, and their lights mixed.
+void add_fade(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  const auto files = expand_globs(options.environments);
+  if (files.size() < 2) throw InputError("--fade goes from map to map; give at least two by --env");
+  const auto lights = std::make_shared<std::vector<LightMap>>();
+  for (const fs::path& file : files)
+    lights->push_back(project(file.stem().string(), read_environment(file), options.turn));
+  for (int i = 0; i < options.frames; ++i) {
+    const double last = static_cast<double>(files.size()) - 1.0;
+    const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);
+    const auto from = std::min(static_cast<std::size_t>(place), files.size() - 2);
+    series.lights.push_back(
+        {frame_name("fade", i), files[from],
+         [=] { return mixed((*lights)[from], (*lights)[from + 1], place - static_cast<double>(from)); }});
+  }
+}
+
+}  // namespace
+
+LightSeries environment_series(const RelightOptions& options, const ReflectanceField& field) {
+  const Projection project = projection_of(options, field);
+  LightSeries series{.is_sequence = options.rotate || options.fade || options.day, .seen = project.seen};
+  if (options.day)
+    add_day(options, project, series);
+  else if (options.fade)
+    add_fade(options, project, series);
+  else if (options.rotate)
+    add_rotation(options, project, series);
+  else
+    add_maps(options, project, series);
+  return series;
+}
+
+}  // namespace refield::cli
