@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -115,6 +116,38 @@ TEST_F(RelightVerb, AnEnvironmentNeedsToKnowWhereTheMonitorStood) {
   EXPECT_GT(seen["share_of_light"].get<double>(), 0.0);
 }
 
+TEST_F(RelightVerb, DaysAndFades) {
+  EXPECT_THAT(relight({"--day", "--frames", "3", "-o", folder_ / "day"}), Succeeded());
+  const auto brightness = [&](const std::string& name) {
+    const Image image = read_image(folder_ / name);
+    return *std::ranges::max_element(image.values);
+  };
+  EXPECT_GT(brightness("day/day_0001.exr"), 5.0f * brightness("day/day_0000.exr"));
+
+  write_exr(folder_ / "other.exr", test::random_light(rng_, {40, 20, Parameterisation::lat_long}).radiance);
+  EXPECT_THAT(
+      relight({"--env", light_, folder_ / "other.exr", "--fade", "--frames", "3", "-o", folder_ / "fade"}),
+      Succeeded());
+  EXPECT_THAT(relight({"--env", light_, "--env", folder_ / "other.exr", "-o", folder_ / "ends"}),
+              Succeeded());
+  const Image first = read_image(folder_ / "ends/light.exr"), last = read_image(folder_ / "ends/other.exr");
+  const Image middle = read_image(folder_ / "fade/fade_0001.exr");
+  EXPECT_EQ(read_image(folder_ / "fade/fade_0002.exr").values, last.values);
+  for (std::size_t i = 0; i < middle.values.size(); ++i)
+    ASSERT_NEAR(middle.values[i], 0.5f * (first.values[i] + last.values[i]),
+                1e-4f * (1.0f + middle.values[i]));
+}
+
+TEST_F(RelightVerb, AVideoIsChosenByTheExtension) {
+  const std::string video = folder_ / "bar.mp4";
+  const auto result = relight({"--bar", "0.2", "--frames", "5", "--fps", "10", "--json", "-o", video});
+  if (result.status != 0 && result.err.find("apt-get install ffmpeg") != std::string::npos)
+    GTEST_SKIP() << "ffmpeg is not installed";
+  EXPECT_THAT(result, Succeeded());
+  EXPECT_EQ(nlohmann::json::parse(result.out)["videos"][0], video);
+  EXPECT_EQ(read_text(video).substr(4, 4), "ftyp");
+}
+
 TEST_F(RelightVerb, ALightOfTheWrongSize) {
   std::ofstream(output_) << "old";
   write_exr(folder_ / "wide.exr", Image(17, 8, 3, 1.0f));
@@ -160,6 +193,15 @@ TEST_F(RelightVerb, OptionsThatDoNotFitTogether) {
         {"--bar", "2", "--frames", "3", "-o", out},
         {"--light", light_, "--bar", "0.1", "--frames", "2", "-o", out},
         {"--light", light_, "--frames", "2", "-o", out},
+        {"--light", light_, "--env", light_, "-o", out},
+        {"--light", light_, "--yaw", "10", "-o", out},
+        {"--light", light_, "--fade", "--frames", "2", "-o", out},
+        {"--env", light_, "--fade", "--frames", "2", "-o", out},
+        {"--env", light_, "--monitor", "520x320@600", "-o", out},
+        {"--env", light_, "-o", out + ".jpg"},
+        {"--day", "-o", out},
+        {"--day", "--frames", "2", "--turbidity", "1", "-o", out},
+        {"--bar", "0.1", "--frames", "2", "--fps", "0", "-o", out},
         {"--light", light_, "-o", out + ".jpg"},
         {"--light", folder_ / "*.png", "-o", out},
         {"--light", light_}}) {
