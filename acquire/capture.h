@@ -43,12 +43,12 @@ struct CaptureRequest {
   std::vector<CaptureLight> lights;
   CameraCalibration camera;
   MonitorCalibration monitor;
-  std::optional<TimingCalibration> timing;  ///< without it: as the devices describe themselves
+  std::optional<TimingCalibration> timing;   ///< without it: as the devices describe themselves
   std::vector<MonitorPlacement> monitors{};  ///< where it stands, for the manifest; empty: not known
-  std::string rig;                          ///< names the devices and what they look at; part of the plan
-  std::vector<Seconds> exposures;           ///< empty: by exposure_plan
-  ExposurePlanOptions exposure_plan;        ///< without a shortest exposure it is metered under white
-  int frames_per_exposure = 1;              ///< all enter the fit
+  std::string rig;                           ///< names the devices and what they look at; part of the plan
+  std::vector<Seconds> exposures;            ///< empty: by exposure_plan
+  ExposurePlanOptions exposure_plan;         ///< without a shortest exposure it is metered under white
+  int frames_per_exposure = 1;               ///< all enter the fit
   int ambient_repeats = 4;  ///< the ambient photograph's noise goes into every other: make it small
   double gain = 1.0;
   MaskSource mask;
