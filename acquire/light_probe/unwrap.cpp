@@ -170,8 +170,8 @@ void UnwrapOptions::check() const {
                        "; it must be above zero and finite");
 }
 
-SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn,
-                 const Mask& hidden, const UnwrapOptions& options) {
+SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn, const Mask& hidden,
+                 const UnwrapOptions& options) {
   options.check();
   if (photograph.radiance.channels != 3) throw InputError("a light probe needs a photograph of 3 channels");
   if (!hidden.empty() && hidden.size() != photograph.radiance.pixel_count())

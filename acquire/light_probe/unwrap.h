@@ -34,13 +34,13 @@ struct SeenLight {
 };
 
 /// The lat-long light map that a photograph of a mirror ball shows, see docs/light-probe.md. `turn` is the
-/// camera's: without one its optical axis is the middle of the light map, and +Y is up in the image. Each texel is
-/// the mean radiance over its solid angle, by samples no further apart than a third of a pixel, so that
-/// small bright sources keep their energy; each sample is divided by the mirror's reflectance at its angle of
-/// incidence. `hidden`, empty or as large as the photograph, is non-zero where nothing may be taken from:
-/// tripod, stand, photographer. Throws InputError for sizes that do not fit.
-SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn,
-                 const Mask& hidden, const UnwrapOptions& options);
+/// camera's: without one its optical axis is the middle of the light map, and +Y is up in the image. Each
+/// texel is the mean radiance over its solid angle, by samples no further apart than a third of a pixel, so
+/// that small bright sources keep their energy; each sample is divided by the mirror's reflectance at its
+/// angle of incidence. `hidden`, empty or as large as the photograph, is non-zero where nothing may be taken
+/// from: tripod, stand, photographer. Throws InputError for sizes that do not fit.
+SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn, const Mask& hidden,
+                 const UnwrapOptions& options);
 
 /// One map from photographs from several sides: the mean by weight.
 SeenLight join(const std::vector<SeenLight>& views);
