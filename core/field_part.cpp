@@ -30,10 +30,9 @@ void require_same_job(const Outline& one, const Outline& other) {
   const ReflectanceField& b = other.part.field;
   const std::string names = other.path.string() + " and " + one.path.string() + ": ";
   if (a.width != b.width || one.part.image_height != other.part.image_height ||
-      a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats ||
-      a.monitors != b.monitors)
-    throw InputError(names +
-                     "are parts of pictures or lights of different sizes or places; merge parts of one capture");
+      a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats || a.monitors != b.monitors)
+    throw InputError(
+        names + "are parts of pictures or lights of different sizes or places; merge parts of one capture");
   if (one.part.job != other.part.job || a.provenance != b.provenance)
     throw InputError(
         names +

@@ -86,8 +86,7 @@ struct Rig {
   Turn turn;
 
   /// A photograph of `side`² pixels that the ball fills by `fill`.
-  Rig(int side, const Eigen::Vector3d& centre, double fill, const Turn& camera_turn,
-      const Indices& mirror)
+  Rig(int side, const Eigen::Vector3d& centre, double fill, const Turn& camera_turn, const Indices& mirror)
       : turn(camera_turn) {
     scene.width = scene.height = side;
     scene.ball_centre = centre;
