@@ -162,7 +162,7 @@ void relight_to_video(const ReflectanceField& field, const std::vector<LightSour
     };
     const auto frame = [&](std::size_t i) {
       throw_if_interrupted();
-      return tone_mapped(field.relight(lights[i]()), options.exposure);
+      return tone_mapped(field.relight(lights[i]()), {options.exposure});
     };
     const auto encode = [&](const std::vector<std::uint8_t>& bytes) {
       video.add(bytes);

@@ -137,7 +137,7 @@ TEST(ReflectanceFieldFile, MonitorPlacementsRoundTrip) {
   field.monitors = {{520, 320, 600, {90, -5.5, 0.1}, 10, -20}, {520, 320, 450}};
   write_reflectance_field(folder / "f.rfield", field);
   EXPECT_EQ(read_reflectance_field(folder / "f.rfield").monitors, field.monitors);
-  field.monitors.push_back({0, 320, 600});
+  field.monitors[1].width_mm = 0.0;
   write_reflectance_field(folder / "f.rfield", field);
   EXPECT_THAT(message_of(folder / "f.rfield"), AllOf(HasSubstr("basis/monitors"), HasSubstr("width")));
 }
