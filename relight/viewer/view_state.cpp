@@ -185,7 +185,7 @@ ViewState::Refreshed ViewState::refresh() {
   start = std::chrono::steady_clock::now();
   if (done.picture) draw_picture();
   if (done.light)
-    tone_map_rgba(painter_.light().radiance, LevelTable(ToneMapping{light_exposure_, ToneOperator::clip}),
+    tone_map_rgba(painter_.light().radiance, light_tone_.table({light_exposure_, ToneOperator::clip}),
                   light_picture_);
   if (done.picture || done.light) done.tone_ms = milliseconds_since(start);
   if (done.kernels) draw_kernels();
@@ -193,7 +193,8 @@ ViewState::Refreshed ViewState::refresh() {
 }
 
 void ViewState::draw_picture() {
-  if (shown_ == Shown::picture) return tone_map_rgba(*radiance_, LevelTable(tone_in_use()), picture_);
+  if (shown_ == Shown::picture)
+    return tone_map_rgba(*radiance_, picture_tone_.table(tone_in_use()), picture_);
   if (shown_ == Shown::false_colour) {
     const double white = -std::log2(tone_in_use().exposure);
     return false_colour_rgba(*radiance_, stop_levels(white - stops_below_white, white + stops_above_white),

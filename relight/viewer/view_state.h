@@ -39,6 +39,19 @@ struct PixelPosition {
 inline constexpr double stops_below_white = 8.0;
 inline constexpr double stops_above_white = 2.0;
 
+/// The table of the mapping asked for last: making one takes as long as mapping half a million values.
+class ToneTableCache {
+ public:
+  const LevelTable& table(const ToneMapping& mapping) {
+    if (mapping != mapping_) table_ = LevelTable(mapping_ = mapping);
+    return table_;
+  }
+
+ private:
+  ToneMapping mapping_;
+  LevelTable table_{mapping_};
+};
+
 /// All that the viewer is about, without its window: a field, the light that it is under, what is selected,
 /// how it is shown. Setters only note what is outdated; refresh() does the work.
 class ViewState {
@@ -118,6 +131,7 @@ class ViewState {
   LightMap probe_light_;
   double probe_exposure_ = 1.0;
 
+  ToneTableCache picture_tone_, light_tone_;
   const Image* radiance_ = nullptr;
   std::vector<std::uint8_t> picture_, light_picture_, kernel_picture_;
   bool is_picture_old_ = true, is_light_old_ = true, are_kernels_old_ = true;
