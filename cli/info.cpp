@@ -7,6 +7,8 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
+#include <variant>
 
 #include "cli/verbs.h"
 #include "core/capture_session.h"
@@ -81,6 +83,18 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
   return info;
 }
 
+ordered_json describe_whole_field(const fs::path& path) {
+  auto either = read_either_field(path);
+  if (const auto* field = std::get_if<ReflectanceField>(&either)) return describe_field(path, *field);
+  auto& packed = std::get<PackedField>(either);
+  const int bits = packed.bits();
+  ordered_json info = describe_field(path, expand(std::move(packed)));
+  info["kind"] = "packed reflectance field";
+  info["format_version"] = packed_field_version;
+  info["weight_bits"] = bits;
+  return info;
+}
+
 ordered_json describe_part(const fs::path& path) {
   const FieldPart part = read_field_part(path);
   ordered_json info = describe_field(path, part.field);
@@ -149,7 +163,7 @@ ordered_json describe_image(const fs::path& path) {
 ordered_json describe_path(const fs::path& path) {
   if (fs::is_directory(path)) return describe_session(path);
   if (path.extension() == ".rfield")
-    return is_field_part(path) ? describe_part(path) : describe_field(path, read_reflectance_field(path));
+    return is_field_part(path) ? describe_part(path) : describe_whole_field(path);
   return describe_image(path);
 }
 

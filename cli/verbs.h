@@ -24,6 +24,7 @@ void add_relight(CLI::App& app, const Common& common, Action& action);
 void add_compare(CLI::App& app, const Common& common, Action& action);
 void add_chart(CLI::App& app, const Common& common, Action& action);
 void add_export_web(CLI::App& app, const Common& common, Action& action);
+void add_pack(CLI::App& app, const Common& common, Action& action);
 void add_info(CLI::App& app, const Common& common, Action& action);
 void add_report(CLI::App& app, const Common& common, Action& action);
 void add_view(CLI::App& app, const Common& common, Action& action);

@@ -77,6 +77,13 @@ Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
   list_common_boxes(field.basis);
 }
 
+Relighter::Relighter(PackedField&& packed)
+    : Relighter(packed.outline.basis, packed.outline.width, packed.outline.height,
+                packed.bits() == 8 ? RelightPrecision::fast : RelightPrecision::fine) {
+  transfer_ = std::move(packed.tiles);
+  list_common_boxes(packed.outline.basis);
+}
+
 void Relighter::list_common_boxes(const LightBasis& basis) {
   std::visit(
       [&](const auto& transfer) {

@@ -5,6 +5,7 @@
 #include "core/box.h"
 #include "core/image.h"
 #include "core/light_map.h"
+#include "core/packed_field.h"
 #include "core/reflectance_field.h"
 #include "relight/tile_product.h"
 
@@ -26,6 +27,9 @@ class Relighter {
   /// The same for a field whose transfer is not needed elsewhere: its memory is given back on the way, and
   /// both together never take much more than the field alone. All but the transfer stays.
   explicit Relighter(ReflectanceField&& field, RelightPrecision precision = RelightPrecision::fast);
+
+  /// Shows a packed field as it stands, with weights and sums of light of its precision.
+  explicit Relighter(PackedField&& packed);
 
   const LightDomain& domain() const { return domain_; }
 

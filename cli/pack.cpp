@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/packed_field_file.h"
+#include "core/reflectance_field_file.h"
+#include "relight/pack.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct PackOptions {
+  fs::path field;
+  fs::path output;
+  double error = 1e-3;
+};
+
+ordered_json figures_of(const PackCost& cost, double asked) {
+  ordered_json by_kind = ordered_json::object();
+  for (const auto& error : cost.errors) by_kind[error.kind] = error.relative_rmse;
+  return {{"error_asked", asked},     {"error", cost.worst_error()}, {"error_by_kind_of_light", by_kind},
+          {"weight_bits", cost.bits}, {"weights", cost.entries},     {"pruned", cost.pruned}};
+}
+
+/// Says in the packed field what was done to it, beside how it was made.
+void add_to_provenance(std::string& provenance, const ordered_json& figures) {
+  ordered_json origin = ordered_json::parse(provenance, nullptr, false);
+  if (!origin.is_object()) origin = {{"field", provenance}};
+  origin["pack"] = figures;
+  provenance = origin.dump();
+}
+
+void print(const fs::path& output, const ordered_json& figures) {
+  const double before = figures["bytes_before"], after = figures["bytes"];
+  std::printf("%s: %.1f MB of %.1f MB, one in %.2f\n", output.c_str(), after * 1e-6, before * 1e-6,
+              before / after);
+  std::printf("weights of %d bits, %.1f %% of %.0f left out for their little energy\n",
+              figures["weight_bits"].get<int>(),
+              100.0 * figures["pruned"].get<double>() / std::max(1.0, figures["weights"].get<double>()),
+              figures["weights"].get<double>());
+  std::printf("error against the full field (relative RMSE), asked %.1e:\n",
+              figures["error_asked"].get<double>());
+  for (const auto& [kind, error] : figures["error_by_kind_of_light"].items())
+    std::printf("  %-8s %.2e\n", kind.c_str(), error.get<double>());
+}
+
+void pack(const PackOptions& options, const Common& common) {
+  std::error_code error;
+  if (fs::equivalent(options.output, options.field, error))
+    throw InputError(options.output.string() + ": is also the input; give another output");
+  auto either = read_either_field(options.field);
+  const auto* field = std::get_if<ReflectanceField>(&either);
+  if (field == nullptr)
+    throw InputError(options.field.string() +
+                     ": is packed already, and errors would add up; give the full field");
+  PackResult packed = pack_field(*field, options.error);
+  ordered_json figures = figures_of(packed.cost, options.error);
+  add_to_provenance(packed.field.outline.provenance, figures);
+  write_packed_field(options.output, packed.field);
+  figures["bytes_before"] = fs::file_size(options.field);
+  figures["bytes"] = fs::file_size(options.output);
+  if (common.json)
+    std::printf("%s\n", figures.dump(2).c_str());
+  else
+    print(options.output, figures);
+}
+
+}  // namespace
+
+void add_pack(CLI::App& app, const Common& common, Action& action) {
+  const auto options = std::make_shared<PackOptions>();
+  CLI::App* verb =
+      app.add_subcommand("pack", "Make a reflectance field smaller, to an error that you ask for");
+  verb->footer(
+      "Weights become whole numbers of 8 or 16 bits, kernels that neighbouring pixels share are named once\n"
+      "for all of them, and kernels that carry little of the picture's energy are left out. The packed "
+      "field\n"
+      "goes wherever a field goes. The error is that of relit pictures under five kinds of light: white,\n"
+      "scattered texels, bars, small squares, smooth; each stays below what is asked.\n"
+      "Example: refield pack scene.rfield -o small.rfield --error 1e-3");
+  verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
+  verb->add_option("-o,--output", options->output, "Packed field to write (.rfield)")->required();
+  verb->add_option("--error", options->error,
+                   "Largest relative RMSE of relit pictures against the full field; 2e-5 and more can be had")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  verb->callback([options, &common, &action] { action = [options, &common] { pack(*options, common); }; });
+}
+
+}  // namespace refield::cli

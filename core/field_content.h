@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <string>
+
+#include "core/field_part.h"
+#include "core/hdf5_values.h"
+#include "core/hdf5_writer.h"
+#include "core/reflectance_field.h"
+
+/// What the files of whole, packed and partial fields have in common.
+namespace refield {
+
+/// Attributes of the root and the basis' boxes. `part`: null for a whole field.
+void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int version,
+                   const FieldPart* part);
+void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field);
+/// Bytes that all but the transfer takes in a file, HDF5's own structures included.
+std::uint64_t outline_bytes(const ReflectanceField& field);
+
+/// A file of a field or of part of one.
+struct FieldFile {
+  Hdf5Values values;
+  bool part = false;
+  int version = 0;
+};
+/// Throws FormatError where it is no such file, or of a version that this program does not know.
+FieldFile open_field(const std::filesystem::path& path);
+
+/// Sizes, light and provenance: what a reader needs before it asks for the numbers.
+ReflectanceField read_outline(const Hdf5Values& values);
+void read_boxes(const Hdf5Values& values, ReflectanceField& field);
+/// `field.height` must be that of the rows held.
+void read_statistics(const Hdf5Values& values, ReflectanceField& field);
+
+}  // namespace refield

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/hdf5_values.h"
+
+#include <type_traits>
+#include <utility>
+
+#include "core/errors.h"
+#include "core/hdf5_writer.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+template <class T>
+const char* type_name() {
+  if constexpr (std::is_same_v<T, float>)
+    return "f4";
+  else if constexpr (std::is_same_v<T, double>)
+    return "f8";
+  else if constexpr (std::is_same_v<T, std::int32_t>)
+    return "i4";
+  else if constexpr (std::is_same_v<T, std::uint32_t>)
+    return "u4";
+  else
+    return "u8";
+}
+
+std::string named(const char* name, const char* what) {
+  return std::string("data set '") + name + "' " + what;
+}
+
+}  // namespace
+
+void Hdf5Values::fail(const std::string& what) const {
+  throw FormatError(path, what + "; the file is damaged or was not written by refield: make it again");
+}
+
+const Hdf5DataSet& Hdf5Values::locate(const char* name, const char* type, std::size_t columns) const {
+  if (!has(name)) fail(std::string("has no data set '") + name + "', uncompressed and in one piece");
+  const Hdf5DataSet& set = outline.data_sets.at(name);
+  if ((set.shape.size() > 1 ? set.shape[1] : 1) != columns) fail(named(name, "has the wrong shape"));
+  if (set.type != type) fail(named(name, "has the wrong type"));
+  // A header may promise more than the file holds.
+  const auto value_bytes = static_cast<std::uint64_t>(type[1] - '0');
+  const std::uint64_t held = fs::file_size(path), rows = set.shape[0], bytes = rows * columns * value_bytes;
+  if (rows > held || bytes != set.bytes || bytes > held || (bytes > 0 && set.offset > held - bytes))
+    fail(named(name, "is truncated"));
+  return set;
+}
+
+template <class T>
+std::vector<T> Hdf5Values::dataset(const char* name, std::size_t columns) const {
+  const Hdf5DataSet& set = locate(name, type_name<T>(), columns);
+  std::vector<T> values(set.bytes / sizeof(T));
+  Hdf5Pieces pieces(*this, name, set);
+  pieces.read(std::as_writable_bytes(std::span(values)));
+  pieces.finish();
+  return values;
+}
+
+const std::string& Hdf5Values::text(const char* name) const {
+  const auto found = outline.texts.find(name);
+  if (found == outline.texts.end()) fail(std::string("has no attribute '") + name + "' that is a text");
+  return found->second;
+}
+
+std::int32_t Hdf5Values::number(const char* name) const {
+  const auto found = outline.numbers.find(name);
+  if (found == outline.numbers.end()) fail(std::string("has no attribute '") + name + "' that is a number");
+  if (!std::in_range<std::int32_t>(found->second))
+    fail(std::string("attribute '") + name + "' is out of range");
+  return static_cast<std::int32_t>(found->second);
+}
+
+Hdf5Pieces::Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set)
+    : values_(values), name_(name), set_(set), file_(values.path, std::ios::binary) {
+  if (set.bytes > 0 && !file_.seekg(static_cast<std::streamoff>(set.offset))) fail("cannot be read");
+}
+
+void Hdf5Pieces::read(std::span<std::byte> piece) {
+  if (piece.empty()) return;
+  if (!file_.read(reinterpret_cast<char*>(piece.data()), static_cast<std::streamsize>(piece.size())))
+    fail("cannot be read");
+  crc_ = crc32_of(piece.data(), piece.size(), crc_);
+}
+
+void Hdf5Pieces::finish() const {
+  if (set_.crc32 && *set_.crc32 != crc_) fail("does not match its checksum");
+}
+
+void Hdf5Pieces::fail(const char* what) const {
+  values_.fail(named(name_, what));
+}
+
+template std::vector<float> Hdf5Values::dataset(const char*, std::size_t) const;
+template std::vector<double> Hdf5Values::dataset(const char*, std::size_t) const;
+template std::vector<std::int32_t> Hdf5Values::dataset(const char*, std::size_t) const;
+template std::vector<std::uint32_t> Hdf5Values::dataset(const char*, std::size_t) const;
+template std::vector<std::uint64_t> Hdf5Values::dataset(const char*, std::size_t) const;
+
+}  // namespace refield

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <initializer_list>
+#include <string>
+
+namespace refield {
+
+/// Writes a new HDF5 file of attributes of the root and data sets in one piece, each with a checksum. Holds
+/// no time, so that equal content gives equal bytes. Throws DeviceError where the disk refuses.
+class Hdf5Writer {
+ public:
+  /// Creates `file` with empty groups; errors name `destination`.
+  Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination,
+             std::initializer_list<const char*> groups);
+  ~Hdf5Writer();
+  Hdf5Writer(const Hdf5Writer&) = delete;
+  Hdf5Writer& operator=(const Hdf5Writer&) = delete;
+
+  void text(const char* name, const std::string& value) const;
+  void number(const char* name, std::int32_t value) const;
+  /// T: float, std::int32_t, std::uint32_t or std::uint64_t.
+  template <class T>
+  void dataset(const char* name, const T* values, std::initializer_list<std::uint64_t> shape) const;
+  /// Closes the file, all of it written.
+  void finish();
+
+ private:
+  void check(bool ok) const;
+  const std::filesystem::path& destination_;
+  std::int64_t file_;
+};
+
+/// CRC-32 as zlib, PNG and Python's zlib.crc32 define it, of values that follow those which gave `before`.
+/// HDF5 guards its own structures by checksums, not the values.
+std::uint32_t crc32_of(const void* values, std::size_t bytes, std::uint32_t before = 0);
+inline constexpr const char* hdf5_crc_name = "crc32";
+
+}  // namespace refield

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/packed_field.h"
+
+#include <utility>
+#include <vector>
+
+namespace refield {
+
+namespace {
+
+/// Calls visit(kernel of the tile, pixel of the tile, channels, scale, distance between channels) for all
+/// weights of a tile. In dense form, pixels without the kernel have zeros.
+template <class Weight, class Visit>
+void for_each_weight(const Tile<Weight>& tile, const Visit& visit) {
+  std::size_t kernel = 0;
+  const SparseWeights<Weight>* uses = tile.sparse.data();
+  for (const KernelRun& run : tile.runs)
+    for (std::uint32_t k = 0; k < run.kernels; ++k, ++kernel)
+      for (std::uint32_t i = 0; i < run.uses; ++i, ++uses)
+        visit(kernel, uses->pixel, uses->channel, tile.scale[kernel], 1);
+  for (std::size_t g = 0; g < groups_of_tile; ++g)
+    for (std::size_t r = tile.group[g]; r < tile.group[g + 1]; ++r)
+      for (std::size_t i = 0; i < group_pixels; ++i)
+        visit(tile.dense_kernels[tile.record_kernel[r]], g * group_pixels + i,
+              tile.record_weight.data() + r * 3 * group_pixels + i, tile.record_scale[r], group_pixels);
+}
+
+struct Entry {
+  std::uint32_t column;
+  float weight[3];
+};
+
+template <class Weight>
+ReflectanceField expand(ReflectanceField&& outline, const TiledTransfer<Weight>& tiles) {
+  ReflectanceField field = std::move(outline);
+  field.transfer = {};
+  std::size_t most_entries = 0;
+  for (int at = 0; at < tiles.tiles(); ++at)
+    most_entries += tiles.tile(at).sparse.size() + tiles.tile(at).record_kernel.size() * group_pixels;
+  field.transfer.column.reserve(most_entries);
+  field.transfer.weight.reserve(3 * most_entries);
+  field.transfer.row_start.reserve(static_cast<std::size_t>(field.width) * field.height + 1);
+  const int across = tiles.tiles_across();
+  std::vector<std::vector<Entry>> rows(static_cast<std::size_t>(tile_side_px) * field.width);
+  std::vector<std::uint32_t> numbers;  // of a tile's kernels, in the basis
+  for (int at = 0; at < tiles.tiles(); ++at) {
+    const Tile<Weight> tile = tiles.tile(at);
+    numbers.assign(tile.common.begin(), tile.common.end());
+    for (const SmallBox& box : tile.support.subspan(numbers.size())) {
+      numbers.push_back(static_cast<std::uint32_t>(field.basis.size()));
+      field.basis.boxes.push_back({box.x0, box.y0, box.x1, box.y1});
+    }
+    const int left = at % across * tile_side_px, top = at / across * tile_side_px;
+    for_each_weight(tile,
+                    [&](std::size_t kernel, std::size_t pixel, const Weight* weight, float scale, int apart) {
+                      const int x = left + column_of_tile(pixel), y = row_of_tile(pixel);
+                      if (x >= field.width || top + y >= field.height) return;
+                      if (weight[0] == 0 && weight[apart] == 0 && weight[2 * apart] == 0) return;
+                      rows[static_cast<std::size_t>(y) * field.width + x].push_back(
+                          {numbers[kernel],
+                           {scale * static_cast<float>(weight[0]), scale * static_cast<float>(weight[apart]),
+                            scale * static_cast<float>(weight[2 * apart])}});
+                    });
+    if (at % across != across - 1) continue;
+    for (std::size_t p = 0; p < rows.size(); ++p) {
+      if (top + static_cast<int>(p) / field.width >= field.height) break;
+      for (const Entry& entry : rows[p]) {
+        field.transfer.column.push_back(entry.column);
+        field.transfer.weight.insert(field.transfer.weight.end(), entry.weight, entry.weight + 3);
+      }
+      field.transfer.row_start.push_back(field.transfer.column.size());
+      rows[p].clear();
+    }
+  }
+  return field;
+}
+
+}  // namespace
+
+ReflectanceField expand(PackedField&& packed) {
+  return std::visit([&](const auto& tiles) { return expand(std::move(packed.outline), tiles); },
+                    packed.tiles);
+}
+
+}  // namespace refield

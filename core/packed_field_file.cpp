@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/packed_field_file.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "core/field_content.h"
+#include "core/files.h"
+#include "core/reflectance_field_file.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using Word = std::uint32_t;
+
+constexpr int most_hats = 1 << 24;
+
+/// Where each tile begins in the memory of all bands one after another; at the end, its size.
+template <class Weight>
+std::vector<std::uint64_t> starts_of(const TiledTransfer<Weight>& tiles) {
+  std::vector<std::uint64_t> starts{0};
+  for (const auto& band : tiles.bands) {
+    const std::uint64_t before = starts.back();
+    for (std::size_t i = 1; i < band.start.size(); ++i) starts.push_back(before + band.start[i]);
+  }
+  return starts;
+}
+
+template <class Weight>
+void write_tiles(const Hdf5Writer& writer, const TiledTransfer<Weight>& tiles) {
+  const std::vector<std::uint64_t> starts = starts_of(tiles);
+  writer.dataset("tiles/start", starts.data(), {starts.size()});
+  std::vector<Word> memory(starts.back() / sizeof(Word));
+  auto* to = reinterpret_cast<std::byte*>(memory.data());
+  for (const auto& band : tiles.bands) to = std::ranges::copy(band.memory, to).out;
+  writer.dataset("tiles/memory", memory.data(), {memory.size()});
+}
+
+/// Reads the tiles' memory band by band; looks at no tile itself.
+template <class Weight>
+TiledTransfer<Weight> read_tiles(const Hdf5Values& values, const ReflectanceField& outline) {
+  TiledTransfer<Weight> tiles{outline.width, outline.height, {}, {}};
+  const auto starts = values.dataset<std::uint64_t>("tiles/start", 1);
+  const Hdf5DataSet& set = values.locate("tiles/memory", "u4", 1);
+  // In 64 bits, and before any band is made: the size of the picture may be a lie.
+  const auto in_tiles = [](int pixels) { return (std::int64_t{pixels} + tile_side_px - 1) / tile_side_px; };
+  const auto count = static_cast<std::uint64_t>(in_tiles(outline.width) * in_tiles(outline.height));
+  if (count > std::numeric_limits<std::int32_t>::max() || starts.size() != count + 1 || starts.front() != 0 ||
+      starts.back() != set.bytes || !std::ranges::is_sorted(starts) ||
+      std::ranges::any_of(starts, [](std::uint64_t start) { return start % cache_line_bytes != 0; }))
+    values.fail("tiles/start does not fit the image size or tiles/memory");
+  Hdf5Pieces pieces(values, "tiles/memory", set);
+  const std::uint64_t of_band = static_cast<std::uint64_t>(tiles.tiles_across()) * tiles.band_rows;
+  for (std::uint64_t first = 0; first < count; first += of_band) {
+    auto& band = tiles.bands.emplace_back();
+    const std::uint64_t end = std::min(first + of_band, count);
+    const std::uint64_t bytes = starts[end] - starts[first];
+    if (bytes > std::numeric_limits<std::uint32_t>::max()) values.fail("tiles/memory holds too large tiles");
+    for (std::uint64_t at = first; at <= end; ++at)
+      band.start.push_back(static_cast<std::uint32_t>(starts[at] - starts[first]));
+    band.memory.resize(bytes);
+    pieces.read(band.memory);
+  }
+  pieces.finish();
+  tiles.common.resize(outline.basis.size());
+  for (std::uint32_t k = 0; k < tiles.common.size(); ++k) tiles.common[k] = k;
+  return tiles;
+}
+
+}  // namespace
+
+void write_packed_field(const fs::path& path, const PackedField& packed) {
+  const std::size_t bytes = std::visit([](const auto& tiles) { return tiles.bytes(); }, packed.tiles);
+  require_free_space(fs::absolute(path).parent_path(), outline_bytes(packed.outline) + bytes);
+  write_atomically(path, [&](const fs::path& temporary) {
+    Hdf5Writer writer(temporary, path, {"basis", "tiles", "statistics"});
+    write_outline(writer, packed.outline, packed_field_version, nullptr);
+    writer.number("weight_bits", packed.bits());
+    std::visit([&](const auto& tiles) { write_tiles(writer, tiles); }, packed.tiles);
+    write_statistics(writer, packed.outline);
+    writer.finish();
+  });
+}
+
+PackedField read_packed(const Hdf5Values& values) {
+  PackedField packed{read_outline(values), {}};
+  ReflectanceField& outline = packed.outline;
+  read_boxes(values, outline);
+  if (outline.basis.domain.width > small_box_limit || outline.basis.domain.height > small_box_limit)
+    values.fail("has a larger light map than packed fields can");
+  // Hats need no bytes in the file: a forged grid must not take memory of its own.
+  if (outline.basis.hats.count() > most_hats) values.fail("has an impossible grid of hats");
+  const int bits = values.number("weight_bits");
+  if (bits == 8)
+    packed.tiles = read_tiles<std::uint8_t>(values, outline);
+  else if (bits == 16)
+    packed.tiles = read_tiles<std::uint16_t>(values, outline);
+  else
+    values.fail("has weights of " + std::to_string(bits) + " bits, not 8 or 16");
+  if (const std::string fault = fault_of_tiles(packed); !fault.empty()) values.fail(fault);
+  std::visit([](auto& tiles) { tiles.mark_parts(); }, packed.tiles);
+  read_statistics(values, outline);
+  return packed;
+}
+
+}  // namespace refield

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/prune.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "core/interrupt.h"
+#include "core/progress.h"
+
+namespace refield {
+
+namespace {
+
+using Rgb = std::array<double, 3>;
+constexpr int levels_an_octave = 4;
+constexpr int least_octave = -24;  // of the lowest threshold, in units of the picture's energy
+
+/// A pixel's kernels from weak to strong.
+struct RankedEntry {
+  std::uint64_t entry = 0;
+  float energy = 0.0f;
+  int level = 0;  // from which on it is pruned
+};
+
+class PixelRanking {
+ public:
+  PixelRanking(const ReflectanceField& field, const std::vector<float>& area, double unit)
+      : transfer_(field.transfer), area_(area), unit_(unit) {}
+
+  float energy(std::uint64_t entry, int channel) const {
+    return transfer_.weight[3 * entry + static_cast<std::size_t>(channel)] * area_[transfer_.column[entry]];
+  }
+
+  void rank(std::size_t pixel, std::vector<RankedEntry>& ranked) const {
+    ranked.clear();
+    for (auto e = transfer_.row_start[pixel]; e < transfer_.row_start[pixel + 1]; ++e) {
+      const float strongest = std::max({energy(e, 0), energy(e, 1), energy(e, 2)});
+      ranked.push_back({e, strongest, first_level_above(strongest)});
+    }
+    std::ranges::sort(ranked, [](const RankedEntry& a, const RankedEntry& b) {
+      return a.energy != b.energy ? a.energy < b.energy : a.entry < b.entry;
+    });
+    if (!ranked.empty()) ranked.back().level = Pruning::levels;
+  }
+
+ private:
+  int first_level_above(double energy) const {
+    if (energy <= 0.0) return 1;
+    const double octaves = std::log2(energy / unit_) - least_octave;
+    return std::clamp(static_cast<int>(std::floor(octaves * levels_an_octave)) + 1, 1, Pruning::levels);
+  }
+
+  const SparseTransfer& transfer_;
+  const std::vector<float>& area_;
+  double unit_;
+};
+
+/// What a channel's other kernels are multiplied by when `pruned` of its energy `all` is left out.
+double factor_of(double all, double pruned) {
+  return pruned > 0.0 && pruned < all ? all / (all - pruned) : 1.0;
+}
+
+/// Light of all probes under each kernel.
+class ProbeCoefficients {
+ public:
+  ProbeCoefficients(const LightBasis& basis, const std::vector<ProbeLights>& probes) {
+    for (std::size_t kind = 0; kind < probes.size(); ++kind)
+      kinds.insert(kinds.end(), probes[kind].lights.size() * 3, kind);
+    values_.resize(basis.size() * kinds.size());
+    std::size_t first = 0;
+    for (const ProbeLights& probe : probes)
+      for (const LightMap& light : probe.lights) {
+        const std::vector<float> projected = basis.project(light);
+        for (std::size_t k = 0; k < basis.size(); ++k)
+          std::copy_n(projected.data() + 3 * k, 3, values_.data() + k * kinds.size() + first);
+        first += 3;
+      }
+  }
+  /// [lights × 3], a kernel's.
+  const float* of(std::uint32_t kernel) const { return values_.data() + kernel * kinds.size(); }
+  std::vector<std::size_t> kinds;  ///< [lights × 3]
+
+ private:
+  std::vector<float> values_;
+};
+
+/// Σ of squares by kind.
+using KindSums = std::vector<double>;
+
+/// Gathers, pixel by pixel, the squares of the pictures and by how much each level changes those of its
+/// error.
+class ErrorSums {
+ public:
+  ErrorSums(const SparseTransfer& transfer, const PixelRanking& ranking, const ProbeCoefficients& light,
+            std::size_t kinds)
+      : signal(kinds, 0.0),
+        steps(Pruning::levels, KindSums(kinds, 0.0)),
+        transfer_(transfer),
+        ranking_(ranking),
+        light_(light),
+        full_(light.kinds.size()),
+        pruned_(light.kinds.size()) {}
+
+  void add_pixel(std::size_t pixel) {
+    ranking_.rank(pixel, ranked_);
+    Rgb energy{}, pruned_energy{};
+    std::ranges::fill(full_, 0.0f);
+    std::ranges::fill(pruned_, 0.0f);
+    for (const RankedEntry& ranked : ranked_) {
+      add(ranked.entry, full_);
+      for (int c = 0; c < 3; ++c) energy[static_cast<std::size_t>(c)] += ranking_.energy(ranked.entry, c);
+    }
+    for (std::size_t i = 0; i < full_.size(); ++i) signal[light_.kinds[i]] += double{full_[i]} * full_[i];
+    KindSums before(signal.size(), 0.0), now(signal.size());
+    for (std::size_t i = 0; i < ranked_.size() && ranked_[i].level < Pruning::levels; ++i) {
+      add(ranked_[i].entry, pruned_);
+      for (int c = 0; c < 3; ++c)
+        pruned_energy[static_cast<std::size_t>(c)] += ranking_.energy(ranked_[i].entry, c);
+      if (ranked_[i + 1].level == ranked_[i].level) continue;
+      sum_squares(energy, pruned_energy, now);
+      KindSums& step = steps[static_cast<std::size_t>(ranked_[i].level)];
+      for (std::size_t kind = 0; kind < step.size(); ++kind) step[kind] += now[kind] - before[kind];
+      before = now;
+    }
+  }
+
+  KindSums signal;
+  std::vector<KindSums> steps;  // [levels]
+
+ private:
+  void add(std::uint64_t entry, std::vector<float>& picture) const {
+    const float* light = light_.of(transfer_.column[entry]);
+    const float* weight = transfer_.weight.data() + 3 * entry;
+    for (std::size_t i = 0; i < picture.size(); i += 3)
+      for (std::size_t c = 0; c < 3; ++c) picture[i + c] += weight[c] * light[i + c];
+  }
+
+  /// Of the error, full − factor · (full − pruned), written so that small ones keep their digits.
+  void sum_squares(const Rgb& energy, const Rgb& pruned_energy, KindSums& sums) const {
+    std::ranges::fill(sums, 0.0);
+    Rgb factor;
+    for (std::size_t c = 0; c < 3; ++c) factor[c] = factor_of(energy[c], pruned_energy[c]);
+    for (std::size_t i = 0; i < full_.size(); ++i) {
+      const double error = factor[i % 3] * pruned_[i] - (factor[i % 3] - 1.0) * full_[i];
+      sums[light_.kinds[i]] += error * error;
+    }
+  }
+
+  const SparseTransfer& transfer_;
+  const PixelRanking& ranking_;
+  const ProbeCoefficients& light_;
+  std::vector<float> full_, pruned_;  // [lights × 3], a pixel's under each
+  std::vector<RankedEntry> ranked_;
+};
+
+}  // namespace
+
+Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes) : field_(field) {
+  area_.resize(field.basis.size());
+  tbb::parallel_for(std::size_t{0}, area_.size(),
+                    [&](std::size_t k) { area_[k] = static_cast<float>(field.basis.area(k)); });
+  const std::size_t pixels = field.transfer.rows();
+  for (std::size_t p = 0; p < pixels; ++p) {
+    Rgb energy{};
+    for (auto e = field.transfer.row_start[p]; e < field.transfer.row_start[p + 1]; ++e)
+      for (std::size_t c = 0; c < 3; ++c)
+        energy[c] += field.transfer.weight[3 * e + c] * area_[field.transfer.column[e]];
+    const double strongest = std::ranges::max(energy);
+    unit_ += strongest * strongest / static_cast<double>(pixels);
+  }
+  unit_ = unit_ > 0.0 ? std::sqrt(unit_) : 1.0;
+  measure(probes);
+}
+
+void Pruning::measure(const std::vector<ProbeLights>& probes) {
+  const ProbeCoefficients light(field_.basis, probes);
+  const PixelRanking ranking(field_, area_, unit_);
+  // A sum for each stretch of pixels, added up in their order: the result does not depend on the cores.
+  const std::size_t pixels = field_.transfer.rows();
+  constexpr std::size_t stretch = 4096;
+  const ErrorSums none(field_.transfer, ranking, light, probes.size());
+  std::vector<ErrorSums> sums((pixels + stretch - 1) / stretch, none);
+  Progress progress("weigh kernels", sums.size());
+  tbb::parallel_for(std::size_t{0}, sums.size(), [&](std::size_t i) {
+    throw_if_interrupted();
+    for (std::size_t p = i * stretch; p < std::min((i + 1) * stretch, pixels); ++p) sums[i].add_pixel(p);
+    progress.advance();
+  });
+  KindSums signal(probes.size(), 0.0), error(probes.size(), 0.0);
+  for (const ErrorSums& part : sums) std::ranges::transform(signal, part.signal, signal.begin(), std::plus());
+  for (std::size_t level = 0; level < levels; ++level) {
+    for (const ErrorSums& part : sums)
+      std::ranges::transform(error, part.steps[level], error.begin(), std::plus());
+    std::vector<double>& squared = squared_errors_.emplace_back();
+    for (std::size_t kind = 0; kind < error.size(); ++kind)
+      squared.push_back(signal[kind] > 0.0 ? std::max(0.0, error[kind]) / signal[kind] : 0.0);
+  }
+}
+
+ReflectanceField Pruning::prune(int level) const {
+  ReflectanceField pruned;
+  pruned.width = field_.width;
+  pruned.height = field_.height;
+  pruned.basis = field_.basis;
+  const SparseTransfer& from = field_.transfer;
+  const PixelRanking ranking(field_, area_, unit_);
+  std::vector<RankedEntry> ranked;
+  for (std::size_t p = 0; p < from.rows(); ++p) {
+    ranking.rank(p, ranked);
+    Rgb energy{}, pruned_energy{};
+    for (const RankedEntry& entry : ranked)
+      for (int c = 0; c < 3; ++c) {
+        const auto channel = static_cast<std::size_t>(c);
+        energy[channel] += ranking.energy(entry.entry, c);
+        if (entry.level <= level) pruned_energy[channel] += ranking.energy(entry.entry, c);
+      }
+    std::erase_if(ranked, [&](const RankedEntry& entry) { return entry.level <= level; });
+    std::ranges::sort(ranked, {}, &RankedEntry::entry);
+    for (const RankedEntry& entry : ranked) {
+      pruned.transfer.column.push_back(from.column[entry.entry]);
+      for (std::size_t c = 0; c < 3; ++c)
+        pruned.transfer.weight.push_back(
+            static_cast<float>(from.weight[3 * entry.entry + c] * factor_of(energy[c], pruned_energy[c])));
+    }
+    pruned.transfer.row_start.push_back(pruned.transfer.column.size());
+  }
+  return pruned;
+}
+
+}  // namespace refield

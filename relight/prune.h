@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "core/reflectance_field.h"
+#include "relight/probe_lights.h"
+
+namespace refield {
+
+/// Leaving out those kernels of a pixel that carry little of its energy: weight × area of the kernel, which
+/// is what it adds under white light, in its brightest channel. What they carried goes to the pixel's other
+/// kernels, each channel by one factor, so that white light gives the same picture. Every pixel keeps its
+/// strongest kernel.
+class Pruning {
+ public:
+  /// Thresholds lie a quarter of an octave apart; level 0 prunes nothing.
+  static constexpr int levels = 112;
+
+  /// Measures the error of all levels in one pass. `field` must outlive this.
+  Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes);
+
+  /// Squared relative error under each kind of probe lights.
+  const std::vector<double>& squared_errors(int level) const {
+    return squared_errors_[static_cast<std::size_t>(level)];
+  }
+  /// The field without what lies below a level.
+  ReflectanceField prune(int level) const;
+
+ private:
+  void measure(const std::vector<ProbeLights>& probes);
+
+  const ReflectanceField& field_;
+  std::vector<float> area_;                          // [kernels]
+  double unit_ = 0.0;                                // root mean square of the pixels' energies
+  std::vector<std::vector<double>> squared_errors_;  // [levels][kinds]
+};
+
+}  // namespace refield

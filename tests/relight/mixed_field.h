@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "core/reflectance_field.h"
+
+namespace refield::test {
+
+/// Pixels that share lists of kernels, pixels with their own, hats, kernels of far-apart pixels, empty rows.
+ReflectanceField mixed_field(int width, int height, LightDomain domain, HatGrid hats = {3, 2});
+
+}  // namespace refield::test

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/pack.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/errors.h"
+#include "core/metrics.h"
+#include "relight/prune.h"
+#include "tests/relight/mixed_field.h"
+#include "tests/support/random_data.h"
+
+namespace refield {
+namespace {
+
+constexpr LightDomain monitor{50, 40, Parameterisation::monitor};
+
+TEST(Pack, KeepsTheErrorAskedFor) {
+  const ReflectanceField field = test::mixed_field(60, 41, monitor);
+  const std::vector<ProbeLights> probes = probe_lights(monitor);
+  std::size_t pruned = field.transfer.entries();
+  for (const double asked : {1e-1, 1e-2, 3e-3, 3e-4, 1e-5}) {
+    PackResult result = pack_field(field, asked);
+    EXPECT_LE(result.cost.pruned, pruned) << asked;
+    pruned = result.cost.pruned;
+    ASSERT_EQ(result.cost.errors.size(), probes.size());
+    const ReflectanceField packed = expand(std::move(result.field));
+    for (std::size_t kind = 0; kind < probes.size(); ++kind) {
+      std::vector<Image> expected, shown;
+      for (const LightMap& light : probes[kind].lights) {
+        expected.push_back(field.relight(light));
+        shown.push_back(packed.relight(light));
+      }
+      const double error = relative_rmse(shown, expected);
+      EXPECT_LE(error, asked) << probes[kind].kind;
+      EXPECT_DOUBLE_EQ(error, result.cost.errors[kind].relative_rmse);
+    }
+    // Lights that it was not chosen by.
+    Rng rng(9);
+    const LightMap other = test::random_light(rng, monitor);
+    EXPECT_LE(relative_rmse(packed.relight(other), field.relight(other)), asked);
+  }
+}
+
+TEST(Pack, PrunesMoreTheMoreErrorIsAllowed) {
+  const ReflectanceField field = test::mixed_field(60, 41, monitor);
+  EXPECT_GT(pack_field(field, 1e-1).cost.pruned, pack_field(field, 1e-2).cost.pruned);
+  EXPECT_EQ(pack_field(field, 1e-2).cost.bits, 8);
+  EXPECT_EQ(pack_field(field, 1e-4).cost.bits, 16);
+}
+
+TEST(Pack, SaysWhatCannotBeHad) {
+  const ReflectanceField field = test::mixed_field(20, 20, monitor);
+  EXPECT_THROW(pack_field(field, 0.0), InputError);
+  try {
+    pack_field(field, 1e-8);
+    FAIL() << "packed without error";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("16 bits"), std::string::npos) << error.what();
+  }
+}
+
+TEST(Pruning, PredictsTheErrorsOfItsLevels) {
+  const ReflectanceField field = test::mixed_field(60, 41, monitor);
+  const std::vector<ProbeLights> probes = probe_lights(monitor);
+  const Pruning pruning(field, probes);
+  for (const int level : {0, 70, 85, Pruning::levels - 1}) {
+    const ReflectanceField pruned = pruning.prune(level);
+    for (std::size_t kind = 0; kind < probes.size(); ++kind) {
+      std::vector<Image> expected, shown;
+      for (const LightMap& light : probes[kind].lights) {
+        expected.push_back(field.relight(light));
+        shown.push_back(pruned.relight(light));
+      }
+      EXPECT_NEAR(relative_rmse(shown, expected), std::sqrt(pruning.squared_errors(level)[kind]), 2e-5)
+          << probes[kind].kind << ", level " << level;
+    }
+    // White light is kept whole.
+    EXPECT_LT(std::sqrt(pruning.squared_errors(level)[0]), 2e-5) << level;
+  }
+  EXPECT_EQ(pruning.prune(0).transfer.column, field.transfer.column);
+  EXPECT_GT(pruning.squared_errors(Pruning::levels - 1)[2], 1e-4);
+}
+
+}  // namespace
+}  // namespace refield
