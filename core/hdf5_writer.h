@@ -20,7 +20,7 @@ class Hdf5Writer {
 
   void text(const char* name, const std::string& value) const;
   void number(const char* name, std::int32_t value) const;
-  /// T: float, std::int32_t, std::uint32_t or std::uint64_t.
+  /// T: float, double, std::int32_t, std::uint32_t or std::uint64_t.
   template <class T>
   void dataset(const char* name, const T* values, std::initializer_list<std::uint64_t> shape) const;
   /// Closes the file, all of it written.

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "core/aligned_memory.h"
 #include "core/box.h"
 #include "core/hat_grid.h"
 #include "core/light_map.h"
-#include "core/aligned_memory.h"
 
 namespace refield {
 

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "core/predicted_error.h"
 #include "core/aligned_memory.h"
+#include "core/predicted_error.h"
 #include "estimate/kernel_cache.h"
 #include "estimate/nnls.h"
 #include "estimate/options.h"

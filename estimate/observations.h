@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
+#include "core/aligned_memory.h"
 #include "core/capture_session.h"
 #include "core/metrics.h"
-#include "core/aligned_memory.h"
 
 namespace refield {
 
