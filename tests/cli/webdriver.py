@@ -28,8 +28,18 @@ class Browser:
             "--use-angle=swiftshader", "--enable-unsafe-swiftshader", f"--user-data-dir={folder}", "--no-first-run",
         ]
         capabilities = {"alwaysMatch": {"goog:chromeOptions": {"args": arguments}, "goog:loggingPrefs": {"browser": "ALL"}}}
-        self.session = self.request("POST", "/session", {"capabilities": capabilities})["sessionId"]
+        self.session = self.started(capabilities)
         self.command("POST", "/timeouts", {"script": 120000})
+
+    def started(self, capabilities, attempts=3):
+        """On a loaded machine Chromium may take longer to start than its driver waits."""
+        for attempt in range(1, attempts + 1):
+            try:
+                return self.request("POST", "/session", {"capabilities": capabilities})["sessionId"]
+            except RuntimeError:
+                if attempt == attempts:
+                    self.driver.terminate()
+                    raise
 
     def request(self, method, path, body=None):
         data = None if body is None else json.dumps(body).encode()
