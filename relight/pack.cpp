@@ -142,6 +142,7 @@ PackResult pack_field(const ReflectanceField& field, double error) {
       outline.error_evidence = field.error_evidence;
       outline.learning_curve = field.learning_curve;
       outline.provenance = field.provenance;
+      outline.monitors = field.monitors;
       return std::move(*result);
     }
   char least[32];

@@ -35,6 +35,7 @@ PackedField make_sample(double error = 5e-3) {
   ReflectanceField field = test::mixed_field(37, 70, monitor);
   field.training_error.assign(37 * 70, 0.25f);
   field.provenance = R"({"note": "Übung"})";
+  field.monitors = {{520, 320, 600, {90, -5.5, 0.1}, 10, -20}};
   return pack_field(field, error).field;
 }
 
@@ -70,6 +71,8 @@ TEST(PackedField, ShowsTheSameFromTilesRowsAndFile) {
     EXPECT_EQ(back.bits(), error > 1e-3 ? 8 : 16);
     EXPECT_EQ(back.outline.training_error, packed.outline.training_error);
     EXPECT_EQ(back.outline.provenance, packed.outline.provenance);
+    EXPECT_EQ(packed.outline.monitors.size(), 1u);
+    EXPECT_EQ(back.outline.monitors, packed.outline.monitors);
     const ReflectanceField rows = read_reflectance_field(folder / "a.rfield");
     const LightMap light = some_light();
     const Image expected = Relighter(PackedField(packed)).relight(light);
