@@ -155,6 +155,10 @@ void relight_to_video(const ReflectanceField& field, const std::vector<LightSour
   write_atomically(output, [&](const std::filesystem::path& temporary) {
     VideoWriter video(temporary, field.width, field.height, options.frames_per_second);
     Progress progress("relight", lights.size());
+    // Tokens are numbers and the frames stay here: when a pipeline is stopped, oneTBB forgets to destroy what its
+    // larger tokens hold. The frame of a slot is encoded before the next one of that slot is begun.
+    std::vector<std::vector<std::uint8_t>> slots(
+        static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1);
     std::size_t next = 0;
     const auto number = [&](tbb::flow_control& control) {
       if (next == lights.size()) control.stop();
@@ -162,18 +166,17 @@ void relight_to_video(const ReflectanceField& field, const std::vector<LightSour
     };
     const auto frame = [&](std::size_t i) {
       throw_if_interrupted();
-      return tone_mapped(field.relight(lights[i]()), {options.exposure});
+      slots[i % slots.size()] = tone_mapped(field.relight(lights[i]()), {options.exposure});
+      return i;
     };
-    const auto encode = [&](const std::vector<std::uint8_t>& bytes) {
-      video.add(bytes);
+    const auto encode = [&](std::size_t i) {
+      video.add(slots[i % slots.size()]);
       progress.advance();
     };
-    using Frame = std::vector<std::uint8_t>;
     constexpr auto in_order = tbb::filter_mode::serial_in_order, together = tbb::filter_mode::parallel;
-    const auto frames_in_flight = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1;
-    tbb::parallel_pipeline(frames_in_flight, tbb::make_filter<void, std::size_t>(in_order, number) &
-                                                 tbb::make_filter<std::size_t, Frame>(together, frame) &
-                                                 tbb::make_filter<Frame, void>(in_order, encode));
+    tbb::parallel_pipeline(slots.size(), tbb::make_filter<void, std::size_t>(in_order, number) &
+                                             tbb::make_filter<std::size_t, std::size_t>(together, frame) &
+                                             tbb::make_filter<std::size_t, void>(in_order, encode));
     video.finish();
   });
 }

@@ -11,7 +11,9 @@
 #include "core/field_part.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "core/packed_field_file.h"
 #include "core/reflectance_field_file.h"
+#include "relight/pack.h"
 #include "tests/support/random_data.h"
 
 namespace refield {
@@ -52,6 +54,8 @@ void make_fields(const fs::path& folder) {
   ReflectanceField field = test::random_field(rng, 4, 3, {8, 6, Parameterisation::lat_long}, 5, 3);
   write_reflectance_field(folder / "field.rfield", field);
   write_in_old_structures(folder / "field.rfield", folder / "old.rfield");
+  write_packed_field(folder / "packed.rfield", pack_field(field, 1e-4).field);
+  write_packed_field(folder / "pruned.rfield", pack_field(field, 0.1).field);
   field.predicted_error.assign(12, 0.1f);
   field.photograph_noise.assign(12, 0.05f);
   field.error_evidence.assign(12, {});
