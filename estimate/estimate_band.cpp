@@ -19,8 +19,8 @@ namespace {
 /// cache.
 constexpr int tile_side_px = 16;
 
-std::vector<Tile> tiles_of(int width, RowRange rows) {
-  std::vector<Tile> tiles;
+std::vector<PixelTile> tiles_of(int width, RowRange rows) {
+  std::vector<PixelTile> tiles;
   for (int y = rows.first; y < rows.last; y += tile_side_px)
     for (int x = 0; x < width; x += tile_side_px)
       tiles.push_back({x, y, std::min(x + tile_side_px, width), std::min(y + tile_side_px, rows.last)});
@@ -28,7 +28,8 @@ std::vector<Tile> tiles_of(int width, RowRange rows) {
 }
 
 /// Samples of a tile's pixels; null pointers for those outside the mask.
-std::vector<PixelSamples> samples_of(const Tile& tile, const std::function<PixelSamples(int, int)>& samples,
+std::vector<PixelSamples> samples_of(const PixelTile& tile,
+                                     const std::function<PixelSamples(int, int)>& samples,
                                      const std::function<bool(int, int)>& active) {
   std::vector<PixelSamples> result;
   for (int y = tile.y0; y < tile.y1; ++y)
@@ -70,7 +71,7 @@ struct EvidenceGatherer {
   }
 
   /// Cross-validates a block of the lattice.
-  void judge_block(const Tile& block, FitWorker& own) const {
+  void judge_block(const PixelTile& block, FitWorker& own) const {
     const auto b = samples_of(block, samples, active);
     const int block_width = block.x1 - block.x0;
     const bool learns = lattice.is_for_learning(block.x0, block.y0);
@@ -97,7 +98,7 @@ struct EvidenceGatherer {
       }
   }
 
-  void judge_tile(const Tile& tile, FitWorker& own) const {
+  void judge_tile(const PixelTile& tile, FitWorker& own) const {
     MaskedSamples masked;
     AlignedFloats before, here;
     for (int y = tile.y0; y < tile.y1; ++y) {
@@ -169,10 +170,11 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
     });
   };
 
-  for_each_tile(held, [&](const Tile& tile, FitWorker& own) {
+  for_each_tile(held, [&](const PixelTile& tile, FitWorker& own) {
     for (int y = tile.y0; y < tile.y1; y += block_side_px)
       for (int x = tile.x0; x < tile.x1; x += block_side_px) {
-        const Tile block{x, y, std::min(x + block_side_px, tile.x1), std::min(y + block_side_px, tile.y1)};
+        const PixelTile block{x, y, std::min(x + block_side_px, tile.x1),
+                              std::min(y + block_side_px, tile.y1)};
         std::vector<std::vector<Box>> old;
         for (int by = block.y0; refinement && by < block.y1; ++by)
           for (int bx = block.x0; bx < block.x1; ++bx)
@@ -198,7 +200,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
                          [&](int x, int y) -> const PixelKernels& { return kernels[at(x, y)]; },
                          active};
     std::vector<PixelKernels> next(kernels.size());
-    for_each_tile(rows, [&](const Tile& tile, FitWorker& own) {
+    for_each_tile(rows, [&](const PixelTile& tile, FitWorker& own) {
       auto corrected = correct_tile(grid, tile, own.model.cache(), own.weights);
       std::size_t i = 0;
       for (int y = tile.y0; y < tile.y1; ++y)
@@ -208,7 +210,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   }
 
   std::vector<PixelKernels> result(static_cast<std::size_t>(width) * (wanted.last - wanted.first));
-  for_each_tile(wanted, [&](const Tile& tile, FitWorker& own) {
+  for_each_tile(wanted, [&](const PixelTile& tile, FitWorker& own) {
     MaskedSamples masked;
     for (int y = tile.y0; y < tile.y1; ++y)
       for (int x = tile.x0; x < tile.x1; ++x) {
@@ -227,8 +229,8 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
     const CrossValidationLattice lattice(width, height);
     const EvidenceGatherer gatherer{table, samples,      active,  result,
                                     width, wanted.first, lattice, refinement != nullptr};
-    for_each_tile(wanted, [&](const Tile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
-    std::vector<Tile> blocks;
+    for_each_tile(wanted, [&](const PixelTile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
+    std::vector<PixelTile> blocks;
     for (int y = wanted.first / block_side_px * block_side_px; y < wanted.last; y += block_side_px)
       for (int x = 0; x < width; x += block_side_px)
         if (lattice.holds(x, y))

@@ -74,7 +74,7 @@ LightGrams grams_of(const std::vector<std::array<Eigen::VectorXd, 3>>& lights, i
   return grams;
 }
 
-float median_of(std::vector<float>& values) {
+float reordered_median(std::vector<float>& values) {
   if (values.empty()) return 0.0f;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::ranges::nth_element(values, middle);
@@ -196,10 +196,10 @@ LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen
             sizes.push_back(std::abs(residual[j]));
             standardised.push_back(sizes.back() * std::sqrt(way.diagonal[j]));
           }
-        const float typical = median_of(sizes);
+        const float typical = reordered_median(sizes);
         if (!(typical < best[s])) continue;
         best[s] = typical;
-        const float scale = 1.4826f * median_of(standardised);
+        const float scale = 1.4826f * reordered_median(standardised);
         result.residual.col(first + s) = residual;
         result.standardised.col(first + s) = scale > 0.0f
                                                  ? (residual * way.diagonal.array().sqrt() / scale).eval()

@@ -12,10 +12,10 @@ constexpr double clear_gain = 1e-6;
 
 }  // namespace
 
-std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, KernelCache& cache,
+std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& tile, KernelCache& cache,
                                        WeightFitter& fitter) {
-  const Tile reach = {std::max(tile.x0 - 1, 0), std::max(tile.y0 - 1, grid.first_row),
-                      std::min(tile.x1 + 1, grid.width), std::min(tile.y1 + 1, grid.last_row)};
+  const PixelTile reach = {std::max(tile.x0 - 1, 0), std::max(tile.y0 - 1, grid.first_row),
+                           std::min(tile.x1 + 1, grid.width), std::min(tile.y1 + 1, grid.last_row)};
   const int reach_width = reach.x1 - reach.x0;
   std::vector<KernelSet> sets(static_cast<std::size_t>(reach_width) * (reach.y1 - reach.y0));
   const auto set_at = [&](int x, int y) -> KernelSet& {

@@ -19,7 +19,7 @@ struct PixelGrid {
 };
 
 /// Pixels [x0, x1) × [y0, y1).
-struct Tile {
+struct PixelTile {
   int x0, y0, x1, y1;
 };
 
@@ -28,7 +28,7 @@ struct Tile {
 /// residual. All pixels look at their neighbours as they were before the sweep, so the order of work does not
 /// matter. Returns the new kernels of the tile, row by row; inactive pixels are left empty. The Gram matrices
 /// of a set are shared by all pixels that try it, which makes a sweep a fraction of the tree fit.
-std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const Tile& tile, KernelCache& cache,
+std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& tile, KernelCache& cache,
                                        WeightFitter& fitter);
 
 }  // namespace refield

@@ -18,7 +18,7 @@ namespace refield {
 
 namespace {
 
-constexpr double pi = std::numbers::pi;
+using std::numbers::pi;
 
 /// Radiance times solid angle over the whole map, all channels together.
 double energy_of(const LightMap& environment) {

@@ -16,7 +16,7 @@ namespace refield {
 
 namespace {
 
-using Rgb = std::array<double, 3>;
+using RgbSums = std::array<double, 3>;
 constexpr int levels_an_octave = 4;
 constexpr int least_octave = -24;  // of the lowest threshold, in units of the picture's energy
 
@@ -90,7 +90,7 @@ class ProbeCoefficients {
 };
 
 /// Σ of squares by kind.
-using KindSums = std::vector<double>;
+using SumsByKind = std::vector<double>;
 
 /// Gathers, pixel by pixel, the squares of the pictures and by how much each level changes those of its
 /// error.
@@ -99,7 +99,7 @@ class ErrorSums {
   ErrorSums(const SparseTransfer& transfer, const PixelRanking& ranking, const ProbeCoefficients& light,
             std::size_t kinds)
       : signal(kinds, 0.0),
-        steps(Pruning::levels, KindSums(kinds, 0.0)),
+        steps(Pruning::levels, SumsByKind(kinds, 0.0)),
         transfer_(transfer),
         ranking_(ranking),
         light_(light),
@@ -108,7 +108,7 @@ class ErrorSums {
 
   void add_pixel(std::size_t pixel) {
     ranking_.rank(pixel, ranked_);
-    Rgb energy{}, pruned_energy{};
+    RgbSums energy{}, pruned_energy{};
     std::ranges::fill(full_, 0.0f);
     std::ranges::fill(pruned_, 0.0f);
     for (const RankedEntry& ranked : ranked_) {
@@ -116,21 +116,21 @@ class ErrorSums {
       for (int c = 0; c < 3; ++c) energy[static_cast<std::size_t>(c)] += ranking_.energy(ranked.entry, c);
     }
     for (std::size_t i = 0; i < full_.size(); ++i) signal[light_.kinds[i]] += double{full_[i]} * full_[i];
-    KindSums before(signal.size(), 0.0), now(signal.size());
+    SumsByKind before(signal.size(), 0.0), now(signal.size());
     for (std::size_t i = 0; i < ranked_.size() && ranked_[i].level < Pruning::levels; ++i) {
       add(ranked_[i].entry, pruned_);
       for (int c = 0; c < 3; ++c)
         pruned_energy[static_cast<std::size_t>(c)] += ranking_.energy(ranked_[i].entry, c);
       if (ranked_[i + 1].level == ranked_[i].level) continue;
       sum_squares(energy, pruned_energy, now);
-      KindSums& step = steps[static_cast<std::size_t>(ranked_[i].level)];
+      SumsByKind& step = steps[static_cast<std::size_t>(ranked_[i].level)];
       for (std::size_t kind = 0; kind < step.size(); ++kind) step[kind] += now[kind] - before[kind];
       before = now;
     }
   }
 
-  KindSums signal;
-  std::vector<KindSums> steps;  // [levels]
+  SumsByKind signal;
+  std::vector<SumsByKind> steps;  // [levels]
 
  private:
   void add(std::uint64_t entry, std::vector<float>& picture) const {
@@ -141,9 +141,9 @@ class ErrorSums {
   }
 
   /// Of the error, full − factor · (full − pruned), written so that small ones keep their digits.
-  void sum_squares(const Rgb& energy, const Rgb& pruned_energy, KindSums& sums) const {
+  void sum_squares(const RgbSums& energy, const RgbSums& pruned_energy, SumsByKind& sums) const {
     std::ranges::fill(sums, 0.0);
-    Rgb factor;
+    RgbSums factor;
     for (std::size_t c = 0; c < 3; ++c) factor[c] = factor_of(energy[c], pruned_energy[c]);
     for (std::size_t i = 0; i < full_.size(); ++i) {
       const double error = factor[i % 3] * pruned_[i] - (factor[i % 3] - 1.0) * full_[i];
@@ -166,7 +166,7 @@ Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& 
                     [&](std::size_t k) { area_[k] = static_cast<float>(field.basis.area(k)); });
   const std::size_t pixels = field.transfer.rows();
   for (std::size_t p = 0; p < pixels; ++p) {
-    Rgb energy{};
+    RgbSums energy{};
     for (auto e = field.transfer.row_start[p]; e < field.transfer.row_start[p + 1]; ++e)
       for (std::size_t c = 0; c < 3; ++c)
         energy[c] += field.transfer.weight[3 * e + c] * area_[field.transfer.column[e]];
@@ -191,7 +191,7 @@ void Pruning::measure(const std::vector<ProbeLights>& probes) {
     for (std::size_t p = i * stretch; p < std::min((i + 1) * stretch, pixels); ++p) sums[i].add_pixel(p);
     progress.advance();
   });
-  KindSums signal(probes.size(), 0.0), error(probes.size(), 0.0);
+  SumsByKind signal(probes.size(), 0.0), error(probes.size(), 0.0);
   for (const ErrorSums& part : sums) std::ranges::transform(signal, part.signal, signal.begin(), std::plus());
   for (std::size_t level = 0; level < levels; ++level) {
     for (const ErrorSums& part : sums)
@@ -212,7 +212,7 @@ ReflectanceField Pruning::prune(int level) const {
   std::vector<RankedEntry> ranked;
   for (std::size_t p = 0; p < from.rows(); ++p) {
     ranking.rank(p, ranked);
-    Rgb energy{}, pruned_energy{};
+    RgbSums energy{}, pruned_energy{};
     for (const RankedEntry& entry : ranked)
       for (int c = 0; c < 3; ++c) {
         const auto channel = static_cast<std::size_t>(c);

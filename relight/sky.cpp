@@ -16,7 +16,7 @@ namespace refield {
 namespace {
 
 using Eigen::Array3d;
-constexpr double pi = std::numbers::pi;
+using std::numbers::pi;
 constexpr double sun_radius = 0.265 * pi / 180.0;
 constexpr double ground_albedo = 0.2;
 

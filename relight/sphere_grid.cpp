@@ -13,7 +13,7 @@ namespace refield {
 
 namespace {
 
-constexpr double pi = std::numbers::pi;
+using std::numbers::pi;
 
 // The solid angle of a strip's texel is off by Δφ²/8 of itself at most, Δφ the strip's width: 3e-7.
 constexpr int fewest_strips = 4096;

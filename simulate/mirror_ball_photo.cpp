@@ -14,18 +14,18 @@ namespace refield {
 
 namespace {
 
-using Rgb = Eigen::Vector3d;
+using Radiance = Eigen::Vector3d;
 
-Rgb look_up(const Image& map, const Eigen::Vector3d& direction) {
+Radiance look_up(const Image& map, const Eigen::Vector3d& direction) {
   const Eigen::Vector2d p = lat_long_position(direction, map.width, map.height).array() - 0.5;
   const double fx = std::floor(p.x()), fy = std::floor(p.y());
   const double tx = p.x() - fx, ty = p.y() - fy;
-  Rgb sum = Rgb::Zero();
+  Radiance sum = Radiance::Zero();
   for (int k = 0; k < 4; ++k) {
     const int x = (static_cast<int>(fx) + (k & 1) + map.width) % map.width;
     const int y = std::clamp(static_cast<int>(fy) + (k >> 1), 0, map.height - 1);
     const double weight = ((k & 1) ? tx : 1.0 - tx) * ((k >> 1) ? ty : 1.0 - ty);
-    sum += weight * Rgb(map.at(x, y, 0), map.at(x, y, 1), map.at(x, y, 2));
+    sum += weight * Radiance(map.at(x, y, 0), map.at(x, y, 1), map.at(x, y, 2));
   }
   return sum;
 }
@@ -39,18 +39,18 @@ double fresnel(std::complex<double> index, double cos_incidence) {
   return 0.5 * (std::norm(across) + std::norm(along));
 }
 
-Rgb trace(const Image& surroundings, const MirrorBallScene& scene, double px, double py) {
+Radiance trace(const Image& surroundings, const MirrorBallScene& scene, double px, double py) {
   const Eigen::Vector3d ray = Eigen::Vector3d((px - 0.5 * scene.width) / scene.focal_px,
                                               (0.5 * scene.height - py) / scene.focal_px, 1.0)
                                   .normalized();
   const double along = ray.dot(scene.ball_centre);
   const double discriminant = along * along - scene.ball_centre.squaredNorm() + 1.0;
   if (discriminant <= 0.0)
-    return scene.backdrop ? Rgb(scene.backdrop->cast<double>())
+    return scene.backdrop ? Radiance(scene.backdrop->cast<double>())
                           : look_up(surroundings, scene.world_from_camera * ray);
   const Eigen::Vector3d normal = ray * (along - std::sqrt(discriminant)) - scene.ball_centre;
   const double cos_incidence = -ray.dot(normal);
-  Rgb light = look_up(surroundings, scene.world_from_camera * (ray + 2.0 * cos_incidence * normal));
+  Radiance light = look_up(surroundings, scene.world_from_camera * (ray + 2.0 * cos_incidence * normal));
   if (scene.refractive_index)
     for (int c = 0; c < 3; ++c) light[c] *= fresnel((*scene.refractive_index)[c], cos_incidence);
   return light;
@@ -73,7 +73,7 @@ Image photograph_mirror_ball(const Image& surroundings, const MirrorBallScene& s
     for (int y = rows.begin(); y < rows.end(); ++y)
       for (int x = 0; x < scene.width; ++x) {
         const int n = near_outline(scene, x + 0.5, y + 0.5) ? 4 * scene.samples : scene.samples;
-        Rgb sum = Rgb::Zero();
+        Radiance sum = Radiance::Zero();
         for (int j = 0; j < n; ++j)
           for (int i = 0; i < n; ++i) sum += trace(surroundings, scene, x + (i + 0.5) / n, y + (j + 0.5) / n);
         for (int c = 0; c < 3; ++c) photograph.at(x, y, c) = static_cast<float>(sum[c] / (n * n));

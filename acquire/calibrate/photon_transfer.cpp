@@ -12,7 +12,7 @@ namespace refield {
 namespace {
 
 constexpr int frames_compared = 12;
-constexpr int exposures_taken = 10;
+constexpr int photon_transfer_exposures = 10;
 constexpr int bins = 40;
 // Of the range. Judged by the mean: leaving out frames or samples by their own spread would make noise look
 // small.
@@ -100,7 +100,7 @@ std::vector<Bin> lit_variances(CalibrationBench& bench, const Metering& metering
   std::vector<Bin> sums(bins);
   bench.show(metering.level);
   for (Seconds exposure : exposure_series(bench.camera(), metering.exposure / 40.0, 2.0 * metering.exposure,
-                                          exposures_taken, unit)) {
+                                          photon_transfer_exposures, unit)) {
     const SampleMoments moments =
         sample_moments(bench, exposure, frames_compared, &linear, metering.lit, response.black_level_dn);
     for (auto s : metering.lit) {

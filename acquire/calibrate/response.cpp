@@ -12,7 +12,7 @@ namespace refield {
 
 namespace {
 
-constexpr int exposures_taken = 14;
+constexpr int response_exposures = 14;
 constexpr int frames_averaged = 10;
 constexpr std::size_t sources_taken = 300;
 constexpr double linear_within = 2.5e-3;  // of the range, RMS
@@ -52,7 +52,7 @@ std::vector<std::uint32_t> spread_sources(const Metering& metering, const std::v
 void add_series(CalibrationBench& bench, const Metering& metering, const std::vector<std::uint32_t>& sources,
                 int first, Seconds unit, CameraResponse& response, std::vector<ResponseDatum>& data) {
   for (Seconds exposure : exposure_series(bench.camera(), metering.exposure / 40.0, 3.0 * metering.exposure,
-                                          exposures_taken, unit)) {
+                                          response_exposures, unit)) {
     const SampleMoments moments = sample_moments(bench, exposure, frames_averaged);
     response.exposures.push_back(moments.exposure);
     for (std::size_t i = 0; i < sources.size(); ++i) {

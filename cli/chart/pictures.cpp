@@ -34,10 +34,6 @@ int colour_of(const std::string& method) {
   return static_cast<int>(found - all_methods().begin());
 }
 
-std::string label_of(const ChartRow& row) {
-  return row.setting.empty() ? row.method : row.method + ", " + row.setting;
-}
-
 Panel panel_of(const Measure& measure, const std::vector<ChartRow>& rows,
                const std::vector<std::string>& names, const std::string& error, int most_images) {
   Panel panel;
@@ -46,7 +42,7 @@ Panel panel_of(const Measure& measure, const std::vector<ChartRow>& rows,
   panel.lines = measure.over_images;
   for (const ChartRow& row : rows) {
     if (!measure.over_images && row.images != most_images) continue;
-    const std::string label = label_of(row);
+    const std::string label = row.label();
     auto track = std::ranges::find(panel.tracks, label, &Track::label);
     if (track == panel.tracks.end())
       track = panel.tracks.insert(track, Track{label, colour_of(row.method), {}});

@@ -20,6 +20,9 @@ struct ChartRow {
   double functions_per_pixel = 0.0;  ///< basis functions (kernels, wavelets, images) that a pixel has
   /// Relative RMSE by name, in the order of error_names().
   std::vector<double> errors;
+
+  /// Method and setting, as pictures and tables name them.
+  std::string label() const { return setting.empty() ? method : method + ", " + setting; }
 };
 
 /// For each kind of light L: "L" (whole picture), "L_median", "L_p90" (over pixels), and for each kind of

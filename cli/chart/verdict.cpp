@@ -12,10 +12,6 @@ namespace refield::chart {
 
 namespace {
 
-std::string label_of(const ChartRow& row) {
-  return row.setting.empty() ? row.method : row.method + ", " + row.setting;
-}
-
 std::string padded(std::string text, std::size_t width) {
   if (text.size() < width) text.append(width - text.size(), ' ');
   return text;
@@ -35,13 +31,13 @@ std::vector<Verdict> verdicts_of(const std::vector<ChartRow>& rows, const std::v
         if (row.images != images || !std::isfinite(row.errors[k])) continue;
         if (row.errors[k] < verdict.error) {
           verdict.error = row.errors[k];
-          verdict.best = label_of(row);
+          verdict.best = row.label();
         }
         if (row.method == "ours") {
           if (row.setting == "default") verdict.ours = row.errors[k];
         } else if (row.errors[k] < verdict.rival_error) {
           verdict.rival_error = row.errors[k];
-          verdict.rival = label_of(row);
+          verdict.rival = row.label();
         }
       }
       if (std::isfinite(verdict.error)) verdicts.push_back(std::move(verdict));

@@ -20,7 +20,7 @@ namespace refield::peers {
 
 namespace {
 
-constexpr int block_pixels = 64;
+constexpr int haar_block_pixels = 64;
 /// What the inner products of chosen wavelets with all others may take. Beyond, they are computed anew.
 constexpr std::uint64_t cache_bytes = 2ull << 30;
 /// A wavelet may be found again, and its weight corrected; so many steps a wavelet are allowed.
@@ -67,10 +67,10 @@ class HaarFit {
   HaarModel run() {
     std::vector<PixelWavelets> found(static_cast<std::size_t>(data_.pixels()));
     Progress progress("Haar pursuit", data_.pixels());
-    tbb::parallel_for(0, (data_.pixels() + block_pixels - 1) / block_pixels, [&](int block) {
+    tbb::parallel_for(0, (data_.pixels() + haar_block_pixels - 1) / haar_block_pixels, [&](int block) {
       throw_if_interrupted();
-      const int first = block * block_pixels;
-      const int count = std::min(block_pixels, data_.pixels() - first);
+      const int first = block * haar_block_pixels;
+      const int count = std::min(haar_block_pixels, data_.pixels() - first);
       fit_block(first, count, found);
       progress.advance(count);
     });

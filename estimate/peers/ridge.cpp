@@ -16,7 +16,7 @@ namespace refield::peers {
 
 namespace {
 
-constexpr int block_pixels = 32;
+constexpr int ridge_block_pixels = 32;
 
 std::vector<double> length_scales(const LightDomain& domain, DualMethod method) {
   std::vector<double> scales = {0.0};
@@ -77,11 +77,11 @@ class DualFit {
 
   DualModel run() {
     Progress progress("dual regression", data_.pixels());
-    tbb::parallel_for(0, (data_.pixels() + block_pixels - 1) / block_pixels, [&](int block) {
+    tbb::parallel_for(0, (data_.pixels() + ridge_block_pixels - 1) / ridge_block_pixels, [&](int block) {
       throw_if_interrupted();
-      const int first = block * block_pixels;
-      fit_block(first, std::min(block_pixels, data_.pixels() - first));
-      progress.advance(std::min(block_pixels, data_.pixels() - first));
+      const int first = block * ridge_block_pixels;
+      fit_block(first, std::min(ridge_block_pixels, data_.pixels() - first));
+      progress.advance(std::min(ridge_block_pixels, data_.pixels() - first));
     });
     return std::move(model_);
   }

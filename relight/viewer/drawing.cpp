@@ -9,10 +9,6 @@ namespace refield {
 
 namespace {
 
-ImVec2 vector(double x, double y) {
-  return {static_cast<float>(x), static_cast<float>(y)};
-}
-
 ImU32 packed(const EncodedColour& colour) {
   return ImGui::ColorConvertFloat4ToU32(ImVec4(colour[0], colour[1], colour[2], 1.0f));
 }

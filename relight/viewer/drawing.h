@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <imgui.h>
+
 #include "relight/viewer/canvas.h"
 
 namespace refield {
@@ -10,6 +12,14 @@ inline constexpr PackedColour accent_colour = 0xff3da3f0;  // amber
 inline constexpr PackedColour canvas_colour = 0xff161616;
 inline constexpr PackedColour shadow_colour = 0xb0000000;
 inline constexpr PackedColour text_colour = 0xffdcdcdc;
+
+/// What Dear ImGui takes for a place or an extent.
+inline ImVec2 vector(double x, double y) {
+  return {static_cast<float>(x), static_cast<float>(y)};
+}
+inline ImVec2 vector(const Point& point) {
+  return vector(point.x, point.y);
+}
 
 /// Begins a panel without frame or title in an area of the window. `padded`: room at its edges.
 void begin_panel(const char* name, const Area& area, bool padded);

@@ -13,10 +13,6 @@ namespace refield {
 
 namespace {
 
-ImVec2 vector(const Point& point) {
-  return {static_cast<float>(point.x), static_cast<float>(point.y)};
-}
-
 /// A point of the map in fractions of its width and height.
 Point fraction_at(const App& app, const ImVec2& window) {
   const Point texel = app.light.image_from_window({window.x, window.y});

@@ -17,10 +17,6 @@ namespace {
 constexpr double gap = 8.0;
 constexpr double status_height = 30.0;
 
-ImVec2 vector(double x, double y) {
-  return {static_cast<float>(x), static_cast<float>(y)};
-}
-
 /// What lies under the pointer, in the status bar's words.
 std::string pointer_text(const App& app) {
   const ImVec2 mouse = ImGui::GetIO().MousePos;

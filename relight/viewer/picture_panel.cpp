@@ -11,10 +11,6 @@ namespace refield {
 
 namespace {
 
-ImVec2 vector(const Point& point) {
-  return {static_cast<float>(point.x), static_cast<float>(point.y)};
-}
-
 PixelPosition pixel_at(const Canvas& canvas, const ImVec2& window) {
   const Point p = canvas.image_from_window({window.x, window.y});
   return {static_cast<int>(std::floor(p.x)), static_cast<int>(std::floor(p.y))};
