@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/chart/panel.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
+#include "core/files.h"
+#include "core/interrupt.h"
 #include "core/packed_field_file.h"
+#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "relight/pack.h"
 
@@ -20,8 +25,11 @@ using nlohmann::ordered_json;
 struct PackOptions {
   fs::path field;
   fs::path output;
+  fs::path chart;
   double error = 1e-3;
 };
+
+constexpr std::array charted_errors = {1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 2e-5};
 
 ordered_json figures_of(const PackCost& cost, double asked) {
   ordered_json by_kind = ordered_json::object();
@@ -52,21 +60,90 @@ void print(const fs::path& output, const ordered_json& figures) {
     std::printf("  %-8s %.2e\n", kind.c_str(), error.get<double>());
 }
 
+ReflectanceField full_field(const fs::path& path) {
+  auto either = read_either_field(path);
+  if (std::holds_alternative<PackedField>(either))
+    throw InputError(path.string() + ": is packed already, and errors would add up; give the full field");
+  return std::get<ReflectanceField>(std::move(either));
+}
+
+/// Packs the field into a file, and says what came of it.
+ordered_json pack_into(const ReflectanceField& field, double error, const PackOptions& options,
+                       const fs::path& output) {
+  PackResult packed = pack_field(field, error);
+  ordered_json figures = figures_of(packed.cost, error);
+  add_to_provenance(packed.field.outline.provenance, figures);
+  write_packed_field(output, packed.field);
+  figures["bytes_before"] = fs::file_size(options.field);
+  figures["bytes"] = fs::file_size(output);
+  return figures;
+}
+
+/// Size against error as a table and a picture, a line for each kind of light.
+void write_chart(const fs::path& folder, const fs::path& field, const ordered_json& series) {
+  const double before = series.front()["bytes_before"];
+  char size[32];
+  std::snprintf(size, sizeof size, "%.1f", before * 1e-6);
+  chart::Panel panel{.title = "Relit pictures against the full field's, by kind of light",
+                     .x_label = "size, MB (the full field: " + std::string(size) + " MB)",
+                     .y_label = "relative RMSE",
+                     .lines = true,
+                     .tracks = {}};
+  std::string table = "asked,megabytes,weight_bits,pruned";
+  for (const auto& [kind, error] : series.front()["error_by_kind_of_light"].items()) {
+    table.append(",").append(kind);
+    panel.tracks.push_back({kind, static_cast<int>(panel.tracks.size()), {}});
+  }
+  for (const ordered_json& figures : series) {
+    const double megabytes = figures["bytes"].get<double>() * 1e-6;
+    table += "\n" + figures["error_asked"].dump() + "," + ordered_json(megabytes).dump() + "," +
+             figures["weight_bits"].dump() + "," +
+             ordered_json(figures["pruned"].get<double>() / figures["weights"].get<double>()).dump();
+    for (chart::Track& track : panel.tracks) {
+      const auto& error = figures["error_by_kind_of_light"][track.label];
+      table.append(",").append(error.dump());
+      track.points.push_back({megabytes, error.get<double>()});
+    }
+  }
+  for (chart::Track& track : panel.tracks) std::ranges::sort(track.points);
+  write_text_atomically(folder / "pack.csv", table + "\n");
+  write_text_atomically(folder / "pack.svg",
+                        chart::picture_svg(field.filename().string() + " packed: size against error; dashed: "
+                                                                       "Pareto front",
+                                           {panel}, 1));
+}
+
+void chart_packing(const PackOptions& options, const Common& common) {
+  const ReflectanceField field = full_field(options.field);
+  create_folders(options.chart);
+  const fs::path packed = options.chart / "packing.rfield";
+  ordered_json series = ordered_json::array();
+  Progress progress("pack", charted_errors.size());
+  for (const double error : charted_errors) {
+    throw_if_interrupted();
+    series.push_back(pack_into(field, error, options, packed));
+    fs::remove(packed);
+    progress.advance();
+    if (!common.json)
+      std::printf("asked %.0e: %6.2f MB, weights of %2d bits, worst error %.1e\n", error,
+                  series.back()["bytes"].get<double>() * 1e-6, series.back()["weight_bits"].get<int>(),
+                  series.back()["error"].get<double>());
+  }
+  write_chart(options.chart, options.field, series);
+  if (common.json)
+    std::printf("%s\n", series.dump(2).c_str());
+  else
+    std::printf("%s\n", (options.chart / "pack.svg").c_str());
+}
+
 void pack(const PackOptions& options, const Common& common) {
+  if (!options.chart.empty()) return chart_packing(options, common);
+  if (options.output.empty())
+    throw InputError("--output or --chart is needed: where is the packed field to go?");
   std::error_code error;
   if (fs::equivalent(options.output, options.field, error))
     throw InputError(options.output.string() + ": is also the input; give another output");
-  auto either = read_either_field(options.field);
-  const auto* field = std::get_if<ReflectanceField>(&either);
-  if (field == nullptr)
-    throw InputError(options.field.string() +
-                     ": is packed already, and errors would add up; give the full field");
-  PackResult packed = pack_field(*field, options.error);
-  ordered_json figures = figures_of(packed.cost, options.error);
-  add_to_provenance(packed.field.outline.provenance, figures);
-  write_packed_field(options.output, packed.field);
-  figures["bytes_before"] = fs::file_size(options.field);
-  figures["bytes"] = fs::file_size(options.output);
+  const ordered_json figures = pack_into(full_field(options.field), options.error, options, options.output);
   if (common.json)
     std::printf("%s\n", figures.dump(2).c_str());
   else
@@ -85,13 +162,19 @@ void add_pack(CLI::App& app, const Common& common, Action& action) {
       "field\n"
       "goes wherever a field goes. The error is that of relit pictures under five kinds of light: white,\n"
       "scattered texels, bars, small squares, smooth; each stays below what is asked.\n"
-      "Example: refield pack scene.rfield -o small.rfield --error 1e-3");
+      "Examples: refield pack scene.rfield -o small.rfield --error 1e-3\n"
+      "          refield pack scene.rfield --chart folder   (which error is worth its bytes?)");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
-  verb->add_option("-o,--output", options->output, "Packed field to write (.rfield)")->required();
+  auto* output = verb->add_option("-o,--output", options->output, "Packed field to write (.rfield)");
   verb->add_option("--error", options->error,
                    "Largest relative RMSE of relit pictures against the full field; 2e-5 and more can be had")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  verb->add_option("--chart", options->chart,
+                   "Instead: try errors from 1e-2 to 2e-5 and write size against error to FOLDER/pack.csv "
+                   "and pack.svg")
+      ->type_name("FOLDER")
+      ->excludes(output);
   verb->callback([options, &common, &action] { action = [options, &common] { pack(*options, common); }; });
 }
 
