@@ -113,30 +113,12 @@ HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT li
   }
 }
 
-/// Adds the dense weights of one kernel; returns the groups that have any, a bit each.
 template <class Weight>
-HWY_INLINE std::uint32_t add_places(const Tile<Weight>& tile, std::size_t dense,
-                                    const float* HWY_RESTRICT light, float* HWY_RESTRICT pixels) {
-  const Lanes d;
-  std::uint32_t groups = 0;
-  for (std::size_t i = tile.dense_start[dense]; i < tile.dense_start[dense + 1]; ++i) {
-    const std::size_t record = tile.places[i] / groups_of_tile, group = tile.places[i] % groups_of_tile;
-    const Weight* weights = tile.record_weight.data() + record * 3 * group_pixels;
-    float* sums = pixels + group * 3 * group_pixels;
-    groups |= 1u << group;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const auto factor = hn::Set(d, light[c] * tile.record_scale[record]);
-      for (std::size_t lane = c * group_pixels; lane < (c + 1) * group_pixels; lane += hn::Lanes(d))
-        hn::Store(hn::MulAdd(widened(d, weights + lane), factor, hn::Load(d, sums + lane)), d, sums + lane);
-    }
-  }
-  return groups;
-}
-
-template <class Weight>
-HWY_INLINE void add_all(const Tile<Weight>& tile, const float* HWY_RESTRICT light,
+HWY_INLINE void sum_all(const Tile<Weight>& tile, const float* HWY_RESTRICT light,
                         float* HWY_RESTRICT dense_light, const Tile<Weight>& next, TileSums& sums) {
   const Rgb rgb;
+  sums.has_sparse = !tile.sparse.empty();
+  if (sums.has_sparse) hwy::ZeroBytes<sizeof sums.sparse>(sums.sparse);
   const SparseWeights<Weight>* uses = tile.sparse.data();
   const float* scale = tile.scale.data();
   const auto scaled = [&](std::size_t k) {
@@ -165,45 +147,51 @@ HWY_INLINE void add_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
 }
 
 template <class Weight>
-HWY_INLINE std::uint32_t add_touched(const Tile<Weight>& tile, const std::int64_t* touched, std::size_t count,
-                                     const float* HWY_RESTRICT light, TileSums& sums) {
+HWY_INLINE std::uint32_t sum_touched_by(const Tile<Weight>& tile, const TouchedWeights& touched,
+                                        const float* HWY_RESTRICT light, TileSums& sums) {
+  const Lanes d;
   const Rgb rgb;
-  auto run = tile.runs.begin();
-  std::size_t first = 0, dense = 0;  // the run's first kernel; next of the dense kernels
-  const SparseWeights<Weight>* uses = tile.sparse.data();
   std::uint32_t groups = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto kernel = static_cast<std::size_t>(touched[i]);
-    for (; kernel >= first + run->kernels; ++run) {
-      uses += static_cast<std::size_t>(run->kernels) * run->uses;
-      first += run->kernels;
+  sums.has_sparse = !touched.sparse.empty();
+  if (sums.has_sparse) hwy::ZeroBytes<sizeof sums.sparse>(sums.sparse);
+  for (const auto& own : touched.sparse) {
+    const SparseWeights<Weight>* uses = tile.sparse.data() + own.first_use;
+    const auto scaled =
+        hn::Mul(hn::LoadU(rgb, light + std::size_t{4} * own.light), hn::Set(rgb, tile.scale[own.kernel]));
+    add_uses<Weight>(uses, own.uses, scaled, sums.sparse);
+    for (std::size_t i = 0; i < own.uses; ++i) groups |= 1u << (uses[i].pixel / group_pixels);
+  }
+  hwy::ZeroBytes<sizeof sums.dense>(sums.dense);
+  for (const auto& own : touched.dense) {
+    const Weight* weights = tile.record_weight.data() + std::size_t{own.record} * 3 * group_pixels;
+    const float* own_light = light + std::size_t{4} * own.light;
+    float* pixels = sums.dense + std::size_t{own.group} * 3 * group_pixels;
+    groups |= 1u << own.group;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto factor = hn::Set(d, own_light[c] * tile.record_scale[own.record]);
+      for (std::size_t lane = c * group_pixels; lane < (c + 1) * group_pixels; lane += hn::Lanes(d))
+        hn::Store(hn::MulAdd(widened(d, weights + lane), factor, hn::Load(d, pixels + lane)), d,
+                  pixels + lane);
     }
-    const SparseWeights<Weight>* own = uses + (kernel - first) * run->uses;
-    add_uses<Weight>(own, run->uses, hn::Mul(hn::LoadU(rgb, light + 4 * i), hn::Set(rgb, tile.scale[kernel])),
-                     sums.sparse);
-    for (std::size_t use = 0; use < run->uses; ++use) groups |= 1u << (own[use].pixel / group_pixels);
-    while (dense < tile.dense_kernels.size() && tile.dense_kernels[dense] < kernel) ++dense;
-    if (dense < tile.dense_kernels.size() && tile.dense_kernels[dense] == kernel)
-      groups |= add_places(tile, dense, light + 4 * i, sums.dense);
   }
   return groups;
 }
 
-void add_all_8(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
+void sum_all_8(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
                const Tile<std::uint8_t>& next, TileSums& sums) {
-  add_all(tile, light, dense_light, next, sums);
+  sum_all(tile, light, dense_light, next, sums);
 }
-void add_all_16(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
+void sum_all_16(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
                 const Tile<std::uint16_t>& next, TileSums& sums) {
-  add_all(tile, light, dense_light, next, sums);
+  sum_all(tile, light, dense_light, next, sums);
 }
-std::uint32_t add_touched_8(const Tile<std::uint8_t>& tile, const std::int64_t* touched, std::size_t count,
-                            const float* light, TileSums& sums) {
-  return add_touched(tile, touched, count, light, sums);
+std::uint32_t sum_touched_8(const Tile<std::uint8_t>& tile, const TouchedWeights& touched, const float* light,
+                            TileSums& sums) {
+  return sum_touched_by(tile, touched, light, sums);
 }
-std::uint32_t add_touched_16(const Tile<std::uint16_t>& tile, const std::int64_t* touched, std::size_t count,
+std::uint32_t sum_touched_16(const Tile<std::uint16_t>& tile, const TouchedWeights& touched,
                              const float* light, TileSums& sums) {
-  return add_touched(tile, touched, count, light, sums);
+  return sum_touched_by(tile, touched, light, sums);
 }
 
 /// Numbers of the boxes that overlap `within`; returns how many.
@@ -251,11 +239,17 @@ void store_groups_vectorised(const TileSums& sums, std::uint32_t groups, bool ad
     if ((groups >> g & 1u) == 0) continue;
     for (std::size_t i = 0; i < group_pixels; i += hn::Lanes(d)) {
       const float* dense = sums.dense + g * 3 * group_pixels + i;
-      hn::Vec<Lanes> red, green, blue, none;
-      hn::LoadInterleaved4(d, sums.sparse + 4 * (g * group_pixels + i), red, green, blue, none);
-      hn::StoreInterleaved3(hn::Add(red, hn::Load(d, dense)),
-                            hn::Add(green, hn::Load(d, dense + group_pixels)),
-                            hn::Add(blue, hn::Load(d, dense + 2 * group_pixels)), d, packed + 3 * i);
+      auto red = hn::Load(d, dense), green = hn::Load(d, dense + group_pixels),
+           blue = hn::Load(d, dense + 2 * group_pixels);
+      if (sums.has_sparse) {
+        hn::Vec<Lanes> more_red, more_green, more_blue, none;
+        hn::LoadInterleaved4(d, sums.sparse + 4 * (g * group_pixels + i), more_red, more_green, more_blue,
+                             none);
+        red = hn::Add(red, more_red);
+        green = hn::Add(green, more_green);
+        blue = hn::Add(blue, more_blue);
+      }
+      hn::StoreInterleaved3(red, green, blue, d, packed + 3 * i);
     }
     float* corner = pixels + g / across * group_side_px * row_floats + g % across * row;
     for (std::size_t y = 0; y < group_side_px; ++y)
@@ -274,10 +268,10 @@ HWY_AFTER_NAMESPACE();
 namespace refield {
 
 HWY_EXPORT(sum_boxes_fixed_vectorised);
-HWY_EXPORT(add_all_8);
-HWY_EXPORT(add_all_16);
-HWY_EXPORT(add_touched_8);
-HWY_EXPORT(add_touched_16);
+HWY_EXPORT(sum_all_8);
+HWY_EXPORT(sum_all_16);
+HWY_EXPORT(sum_touched_8);
+HWY_EXPORT(sum_touched_16);
 HWY_EXPORT(find_touched_vectorised);
 HWY_EXPORT(store_groups_vectorised);
 
@@ -286,24 +280,24 @@ void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const flo
   HWY_DYNAMIC_DISPATCH(sum_boxes_fixed_vectorised)(corners, stride, step, boxes, count, sums);
 }
 
-void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
+void sum_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
                  const Tile<std::uint8_t>& next, TileSums& sums) {
-  HWY_DYNAMIC_DISPATCH(add_all_8)(tile, light, dense_light, next, sums);
+  HWY_DYNAMIC_DISPATCH(sum_all_8)(tile, light, dense_light, next, sums);
 }
 
-void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
+void sum_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
                  const Tile<std::uint16_t>& next, TileSums& sums) {
-  HWY_DYNAMIC_DISPATCH(add_all_16)(tile, light, dense_light, next, sums);
+  HWY_DYNAMIC_DISPATCH(sum_all_16)(tile, light, dense_light, next, sums);
 }
 
-std::uint32_t add_kernels(const Tile<std::uint8_t>& tile, std::span<const std::int64_t> touched,
-                          const float* light, TileSums& sums) {
-  return HWY_DYNAMIC_DISPATCH(add_touched_8)(tile, touched.data(), touched.size(), light, sums);
+std::uint32_t sum_touched(const Tile<std::uint8_t>& tile, const TouchedWeights& touched, const float* light,
+                          TileSums& sums) {
+  return HWY_DYNAMIC_DISPATCH(sum_touched_8)(tile, touched, light, sums);
 }
 
-std::uint32_t add_kernels(const Tile<std::uint16_t>& tile, std::span<const std::int64_t> touched,
-                          const float* light, TileSums& sums) {
-  return HWY_DYNAMIC_DISPATCH(add_touched_16)(tile, touched.data(), touched.size(), light, sums);
+std::uint32_t sum_touched(const Tile<std::uint16_t>& tile, const TouchedWeights& touched, const float* light,
+                          TileSums& sums) {
+  return HWY_DYNAMIC_DISPATCH(sum_touched_16)(tile, touched, light, sums);
 }
 
 void find_touched(std::span<const SmallBox> boxes, const Box& within, std::vector<std::int64_t>& touched) {

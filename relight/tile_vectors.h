@@ -14,8 +14,22 @@ namespace refield {
 /// What a tile's pixels gather, before it goes to the image: single weights pixel by pixel, dense ones
 /// channel by channel.
 struct alignas(64) TileSums {
-  float sparse[tile_pixels * 4] = {};
-  float dense[groups_of_tile * 3 * group_pixels] = {};
+  float sparse[tile_pixels * 4];
+  float dense[groups_of_tile * 3 * group_pixels];
+  bool has_sparse;  ///< otherwise `sparse` means nothing
+};
+
+/// The weights of those kernels of a tile that a change of light touches. They are found before they are
+/// needed, so that memory can be asked for them.
+struct TouchedWeights {
+  struct Dense {
+    std::uint32_t record, group, light;
+  };
+  struct Sparse {
+    std::uint32_t first_use, uses, kernel, light;
+  };
+  std::vector<Dense> dense;
+  std::vector<Sparse> sparse;
 };
 
 /// Sums of texels under boxes, [count × 4] with the fourth meaning nothing, through a table of whole numbers
@@ -23,18 +37,18 @@ struct alignas(64) TileSums {
 void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const float* step,
                      const SmallBox* boxes, std::size_t count, float* sums);
 
-/// Adds all kernels of a tile; `light` [kernels × 4]; `dense_light`: room for [dense kernels × 4].
+/// Sums all kernels of a tile; `light` [kernels × 4]; `dense_light`: room for [dense kernels × 4].
 /// On the way asks memory for the weights of the tile that comes `next`.
-void add_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
+void sum_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
                  const Tile<std::uint8_t>& next, TileSums& sums);
-void add_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
+void sum_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,
                  const Tile<std::uint16_t>& next, TileSums& sums);
-/// Adds those named in `touched` (ascending); `light` [touched × 4]. Returns the groups of pixels that any of
-/// them reaches, a bit each.
-std::uint32_t add_kernels(const Tile<std::uint8_t>& tile, std::span<const std::int64_t> touched,
-                          const float* light, TileSums& sums);
-std::uint32_t add_kernels(const Tile<std::uint16_t>& tile, std::span<const std::int64_t> touched,
-                          const float* light, TileSums& sums);
+/// Sums what is touched; `light` [touched kernels × 4]. Returns the groups of pixels that any of it reaches,
+/// a bit each; the others are zero.
+std::uint32_t sum_touched(const Tile<std::uint8_t>& tile, const TouchedWeights& touched, const float* light,
+                          TileSums& sums);
+std::uint32_t sum_touched(const Tile<std::uint16_t>& tile, const TouchedWeights& touched, const float* light,
+                          TileSums& sums);
 
 /// Numbers of the boxes that overlap `within`, ascending.
 void find_touched(std::span<const SmallBox> boxes, const Box& within, std::vector<std::int64_t>& touched);
