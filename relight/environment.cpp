@@ -76,10 +76,15 @@ std::vector<SeenPart> divided(std::vector<SeenPart> parts, const SpherePatch& pa
 
 }  // namespace
 
+std::optional<Parameterisation> environment_kind(int width, int height) {
+  if (width == 2 * height) return Parameterisation::lat_long;
+  if (height == 6 * width) return Parameterisation::cube;
+  return std::nullopt;
+}
+
 LightMap read_environment(const std::filesystem::path& path) {
   const ImageHeader header = read_image_header(path);
-  if (header.width == 2 * header.height) return read_light_map(path, Parameterisation::lat_long);
-  if (header.height == 6 * header.width) return read_light_map(path, Parameterisation::cube);
+  if (const auto kind = environment_kind(header.width, header.height)) return read_light_map(path, *kind);
   throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
                    std::to_string(header.height) +
                    ", which is no environment: give a lat-long map (twice as wide as high) or a cube (six "

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -10,6 +11,9 @@
 #include "relight/sphere_grid.h"
 
 namespace refield {
+
+/// Which kind of map of the whole surroundings has such proportions; nothing: none has.
+std::optional<Parameterisation> environment_kind(int width, int height);
 
 /// Reads a map of the whole surroundings: twice as wide as high is lat-long, six times as high as wide a
 /// cube. Throws InputError for other proportions, and what read_light_map() does.

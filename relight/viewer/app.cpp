@@ -9,6 +9,7 @@
 #include "core/image_io.h"
 #include "core/progress.h"
 #include "core/reflectance_field_file.h"
+#include "relight/environment.h"
 #include "relight/viewer/fit_light.h"
 
 namespace refield {
@@ -28,6 +29,25 @@ void load_field(App& app, const fs::path& file) {
   app.field_file = file;
   app.light_name.clear();
   app.selected.reset();
+}
+
+/// What puts a map of the surroundings onto the field's light map; nothing for other maps, and for those
+/// that differ from the field's in size alone.
+std::shared_ptr<const EnvironmentProjector> projector_for(LightMap& map, const ReflectanceField& field) {
+  const LightDomain& domain = field.basis.domain;
+  const auto kind = environment_kind(map.radiance.width, map.radiance.height);
+  if (!kind || map.domain() == domain || *kind == domain.parameterisation ||
+      (domain.parameterisation == Parameterisation::monitor && field.monitors.empty()))
+    return nullptr;
+  map.parameterisation = *kind;
+  return std::make_shared<const EnvironmentProjector>(domain, field.monitors);
+}
+
+std::string seen_note(const EnvironmentShare& share) {
+  char text[96];
+  std::snprintf(text, sizeof text, "%.1f %% of its light comes from where the monitor is; turn it for more",
+                100.0 * share.energy);
+  return text;
 }
 
 template <class Write>
@@ -57,15 +77,24 @@ void complain(App& app, const std::string& text) {
 
 void load_light(App& app, const fs::path& file) {
   LightPainter& painter = app.state->painter();
-  const LightMap map = read_light_map(file, painter.domain().parameterisation);
-  FittedLight fitted = fit_light(map.radiance, painter.domain());
-  if (!app.state->painter().has_map()) {
+  const LightDomain& domain = painter.domain();
+  LightMap map = read_light_map(file, domain.parameterisation);
+  auto projector = projector_for(map, app.state->field());
+  FittedLight fitted;
+  if (!projector) fitted = fit_light(map.radiance, domain);
+  if (!painter.has_map()) {
     painter.remove_all();
     painter.set_ambient(0.0);
     app.selected.reset();
   }
+  painter.set_map(std::nullopt);
   painter.set_turns(0.0);
-  painter.set_map(std::move(fitted.light));
+  if (projector) {
+    painter.set_surroundings(std::move(map), std::move(projector));
+    if (domain.parameterisation == Parameterisation::monitor) fitted.note = seen_note(painter.share());
+  } else {
+    painter.set_map(std::move(fitted.light));
+  }
   app.light_name = file.filename().string();
   app.state->probe(std::nullopt);
   app.state->expose_light();
@@ -161,8 +190,7 @@ void advance_motion(App& app, double seconds) {
   if (!app.is_playing) return;
   constexpr double turns_a_second = 1.0 / 12.0, sweeps_a_second = 0.15;
   LightPainter& painter = app.state->painter();
-  if (painter.has_map() && painter.domain().parameterisation != Parameterisation::cube)
-    painter.set_turns(painter.turns() + turns_a_second * seconds);
+  if (painter.can_turn()) painter.set_turns(painter.turns() + turns_a_second * seconds);
   for (std::size_t i = 0; i < painter.lamps().size(); ++i) {
     if (app.selected && *app.selected != i) continue;  // the selected one alone, or all
     Lamp lamp = painter.lamps()[i];

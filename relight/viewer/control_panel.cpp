@@ -59,11 +59,16 @@ void light_section(App& app) {
   if (painter.has_map()) {
     double gain = painter.map_gain();
     if (stops_slider("Map", "##gain", gain, -8.0f, 8.0f)) painter.set_map_gain(gain);
-    label(painter.domain().parameterisation == Parameterisation::monitor ? "Slide" : "Turn");
+    const bool slides =
+        painter.domain().parameterisation == Parameterisation::monitor && !painter.has_surroundings();
+    label(slides ? "Slide" : "Turn");
     auto degrees = static_cast<float>(360.0 * painter.turns());
     if (ImGui::SliderFloat("##turn", &degrees, 0.0f, 360.0f, "%.0f°"))
       turn_light(app, degrees - 360.0 * painter.turns());
-    ImGui::TextDisabled("%s", app.light_name.c_str());
+    if (painter.has_surroundings())
+      ImGui::TextDisabled("%s, %.1f %% of its light", app.light_name.c_str(), 100.0 * painter.share().energy);
+    else
+      ImGui::TextDisabled("%s", app.light_name.c_str());
     ImGui::SameLine();
     if (button(app, "Remove map")) {
       painter.set_map(std::nullopt);

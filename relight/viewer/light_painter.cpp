@@ -34,6 +34,15 @@ void LightPainter::set_map(std::optional<LightMap> map) {
     throw InputError("a light map of " + shape_text(map->radiance) + " does not fit the field's of " +
                      std::to_string(domain_.width) + "×" + std::to_string(domain_.height));
   map_ = std::move(map);
+  projector_.reset();
+  turn_map();
+  compose(everything());
+}
+
+void LightPainter::set_surroundings(LightMap surroundings,
+                                    std::shared_ptr<const EnvironmentProjector> projector) {
+  map_ = std::move(surroundings);
+  projector_ = std::move(projector);
   turn_map();
   compose(everything());
 }
@@ -46,7 +55,7 @@ void LightPainter::set_map_gain(double gain) {
 
 void LightPainter::set_turns(double turns) {
   if (turns == turns_) return;
-  if (domain_.parameterisation == Parameterisation::cube)
+  if (domain_.parameterisation == Parameterisation::cube && !projector_)
     throw InputError("cube light maps cannot be turned here; turn the panorama that the cube was made of");
   turns_ = turns - std::floor(turns);
   if (!map_) return;
@@ -55,8 +64,15 @@ void LightPainter::set_turns(double turns) {
 }
 
 void LightPainter::turn_map() {
+  share_ = {};
   if (!map_) {
     turned_ = {};
+    return;
+  }
+  if (projector_) {
+    EnvironmentLight seen = projector_->project(*map_, {.yaw = 360.0 * turns_});
+    turned_ = std::move(seen.light);
+    share_ = seen.share;
     return;
   }
   if (turns_ == 0.0) {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "core/light_map.h"
+#include "relight/environment.h"
 #include "relight/viewer/lamp.h"
 
 namespace refield {
@@ -28,13 +30,19 @@ class LightPainter {
   /// The map behind the lamps; none at first. Throws InputError when it does not fit the domain.
   void set_map(std::optional<LightMap> map);
   bool has_map() const { return map_.has_value(); }
+  /// Surroundings behind the lamps instead, of any size, as `projector` puts them onto this light map.
+  void set_surroundings(LightMap surroundings, std::shared_ptr<const EnvironmentProjector> projector);
+  bool has_surroundings() const { return projector_ != nullptr; }
+  /// What of the surroundings reaches the light map as it is turned; all of a map.
+  const EnvironmentShare& share() const { return share_; }
   /// A factor on the map.
   double map_gain() const { return map_gain_; }
   void set_map_gain(double gain);
-  /// The map turned about the vertical axis, 1 = full circle, content moving to the right. A monitor's map
-  /// slides sideways instead, and what leaves on the right enters on the left. Throws InputError for a cube
-  /// map.
+  /// The map turned about the vertical axis, 1 = full circle, content moving to the right. A monitor's own
+  /// map slides sideways instead, and what leaves on the right enters on the left. Throws InputError for a
+  /// cube's own map.
   double turns() const { return turns_; }
+  bool can_turn() const { return projector_ || (map_ && domain_.parameterisation != Parameterisation::cube); }
   void set_turns(double turns);
 
   const std::vector<Lamp>& lamps() const { return lamps_; }
@@ -59,6 +67,8 @@ class LightPainter {
   LightMap light_;
   double ambient_ = 0.0;
   std::optional<LightMap> map_;
+  std::shared_ptr<const EnvironmentProjector> projector_;  // of surroundings
+  EnvironmentShare share_;
   LightMap turned_;
   double map_gain_ = 1.0;
   double turns_ = 0.0;

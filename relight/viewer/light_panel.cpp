@@ -42,7 +42,7 @@ void handle_drag(App& app) {
       lamp.x += dx;
       lamp.y += dy;
     });
-  else if (app.state->painter().has_map() && domain.parameterisation != Parameterisation::cube)
+  else if (app.state->painter().can_turn())
     turn_light(app, 360.0 * dx);
 }
 

@@ -45,6 +45,7 @@ class Viewer {
       const bool has_notice_passed = app_.notice && Clock::now() > app_.notice->until;
       if (!is_busy && input_.is_empty() && !has_notice_passed) {
         last_end_.reset();
+        last_moved_.reset();
         continue;
       }
       frame();
@@ -74,7 +75,9 @@ class Viewer {
 
   void frame() {
     const auto start = Clock::now();
-    if (last_end_) advance_motion(app_, milliseconds_between(*last_end_, start) / 1000.0);
+    if (app_.is_playing && last_moved_)
+      advance_motion(app_, milliseconds_between(*last_moved_, start) / 1000.0);
+    last_moved_ = start;
     const auto events = input_.take_frame();
     window_.begin_frame(events);
     handle(events);
@@ -121,7 +124,7 @@ class Viewer {
   std::optional<ScriptPlayer> script_;
   InputQueue input_;
   int frames_left_ = frames_after_event;
-  std::optional<Clock::time_point> last_end_;
+  std::optional<Clock::time_point> last_end_, last_moved_;
   std::filesystem::path titled_;
 };
 

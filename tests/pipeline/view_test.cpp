@@ -12,6 +12,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/reflectance_field_file.h"
+#include "relight/environment.h"
 #include "relight/sequence.h"
 #include "relight/viewer/light_painter.h"
 #include "relight/viewer/viewer.h"
@@ -27,12 +28,15 @@ using nlohmann::json;
 using testing::HasSubstr;
 
 constexpr int width = 90, height = 70;
+constexpr MonitorPlacement placement{
+    .width_mm = 520.0, .height_mm = 390.0, .distance_mm = 500.0, .turn = {.yaw = 20.0}};
 
 ReflectanceField small_field(const LightDomain& domain) {
   Rng rng{8};
   ReflectanceField field = test::random_field(rng, width, height, domain, 300, 12);
   field.predicted_error.assign(static_cast<std::size_t>(width) * height, 0.1f);
   field.photograph_noise = field.predicted_error;
+  if (domain.parameterisation == Parameterisation::monitor) field.monitors = {placement};
   return field;
 }
 
@@ -148,6 +152,35 @@ TEST_F(ViewProgram, LoadedMapTurns) {
   expect_shown("turned.png", place[1], rotated(map, 0.25));
   EXPECT_NEAR(place[2]["turn"].get<double>(), 0.0, 1e-4);  // 16 of 64 columns back
   expect_shown("dragged.png", place[2], map);
+}
+
+TEST_F(ViewProgram, SurroundingsTurnBehindTheMonitorsWindow) {
+  Rng rng{4};
+  const LightMap map = test::random_light(rng, {128, 64, Parameterisation::lat_long});
+  write_exr(path("map.exr"), map.radiance);
+  ASSERT_EQ(
+      view(monitor, "wait 3\nkey Z\nload " + path("map.exr") + "\nwhere\nscreenshot " + path("straight.png") +
+                        "\nrotate 40\nwhere\nscreenshot " + path("turned.png") + "\nquit\n"),
+      0)
+      << output_;
+  const auto place = places();
+  ASSERT_EQ(place.size(), 2U) << output_;
+  EXPECT_THAT(output_, HasSubstr("of its light comes from where the monitor is"));
+  const EnvironmentProjector projector(monitor, std::span(&placement, 1));
+  expect_shown("straight.png", place[0], projector.project(map, {}).light);
+  expect_shown("turned.png", place[1], projector.project(map, {.yaw = 40.0}).light);
+}
+
+TEST_F(ViewProgram, LightInMotionMoves) {
+  Rng rng{5};
+  write_exr(path("map.exr"), test::random_light(rng, sphere).radiance);
+  ASSERT_EQ(view(sphere, "load " + path("map.exr") + "\nwait 3\nwhere\nkey Space\nwait 100\nwhere\nquit\n"),
+            0)
+      << output_;
+  const auto place = places();
+  ASSERT_EQ(place.size(), 2U) << output_;
+  EXPECT_EQ(place[0]["turn"].get<double>(), 0.0);
+  EXPECT_GT(place[1]["turn"].get<double>(), 1.0);  // 30° a second; no machine draws 3000 frames in one
 }
 
 TEST_F(ViewProgram, PicksPixelsAndProbesTheLight) {

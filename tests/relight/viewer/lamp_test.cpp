@@ -128,6 +128,25 @@ TEST(LightPainter, ChangesOnlyWhatItSays) {
   }
 }
 
+TEST(LightPainter, SurroundingsAreSeenThroughAMonitorsWindow) {
+  Rng rng{7};
+  const LightMap surroundings = test::random_light(rng, {64, 32, Parameterisation::lat_long});
+  const MonitorPlacement placement{.width_mm = 520.0, .height_mm = 320.0, .distance_mm = 400.0};
+  const auto projector = std::make_shared<const EnvironmentProjector>(monitor, std::span(&placement, 1));
+  LightPainter painter(monitor);
+  painter.set_surroundings(surroundings, projector);
+  for (const double turns : {0.0, 0.25, 0.0}) {
+    painter.set_turns(turns);
+    const EnvironmentLight expected = projector->project(surroundings, {.yaw = 360.0 * turns});
+    EXPECT_EQ(painter.light().radiance.values, expected.light.radiance.values) << turns;
+    EXPECT_EQ(painter.share().energy, expected.share.energy) << turns;
+  }
+  EXPECT_LT(painter.share().energy, 0.3);
+  painter.set_map(std::nullopt);
+  EXPECT_FALSE(painter.can_turn());
+  EXPECT_EQ(painter.share().energy, 1.0);
+}
+
 TEST(LightPainter, TurnsItsMapAndFindsItsLamps) {
   Rng rng{9};
   LightPainter painter(sphere);
