@@ -8,23 +8,6 @@ namespace refield {
 
 namespace {
 
-/// Calls visit(kernel of the tile, pixel of the tile, channels, scale, distance between channels) for all
-/// weights of a tile. In dense form, pixels without the kernel have zeros.
-template <class Weight, class Visit>
-void for_each_weight(const Tile<Weight>& tile, const Visit& visit) {
-  std::size_t kernel = 0;
-  const SparseWeights<Weight>* uses = tile.sparse.data();
-  for (const KernelRun& run : tile.runs)
-    for (std::uint32_t k = 0; k < run.kernels; ++k, ++kernel)
-      for (std::uint32_t i = 0; i < run.uses; ++i, ++uses)
-        visit(kernel, uses->pixel, uses->channel, tile.scale[kernel], 1);
-  for (std::size_t g = 0; g < groups_of_tile; ++g)
-    for (std::size_t r = tile.group[g]; r < tile.group[g + 1]; ++r)
-      for (std::size_t i = 0; i < group_pixels; ++i)
-        visit(tile.dense_kernels[tile.record_kernel[r]], g * group_pixels + i,
-              tile.record_weight.data() + r * 3 * group_pixels + i, tile.record_scale[r], group_pixels);
-}
-
 struct Entry {
   std::uint32_t column;
   float weight[3];

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <string>
-#include <variant>
 
 #include "core/reflectance_field.h"
 #include "core/transfer_tiles.h"
@@ -14,7 +13,7 @@ struct PackedField {
   /// All but the transfer, which is empty. Its basis holds the common kernels alone, in the order of
   /// TiledTransfer::common; those that one tile has for itself stand in that tile.
   ReflectanceField outline;
-  std::variant<TiledTransfer<std::uint8_t>, TiledTransfer<std::uint16_t>> tiles;
+  TransferTiles tiles;
 
   int bits() const { return tiles.index() == 0 ? 8 : 16; }
 };

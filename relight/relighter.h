@@ -44,6 +44,8 @@ class Relighter {
   const Image& update(const LightMap& light, const Box& changed);
   static constexpr int refresh_period = 256;
 
+  const TransferTiles& transfer() const { return transfer_; }
+
   /// Bytes that one call of relight() reads and writes at least: transfer, table, light and image.
   std::size_t bytes_a_frame() const;
 
@@ -58,7 +60,7 @@ class Relighter {
 
   LightDomain domain_;
   HatGrid hats_;
-  std::variant<TiledTransfer<std::uint8_t>, TiledTransfer<std::uint16_t>> transfer_;
+  TransferTiles transfer_;
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
   bool double_sums_ = false;
   FixedPointTable table_;

@@ -22,34 +22,31 @@ void require_nameable(const LightDomain& domain) {
                      std::to_string(small_box_limit) + "); use a smaller light map");
 }
 
-/// Lays out rows of tiles, each row as a task.
-template <class Weight>
+/// Lays out rows of tiles, each row as a task; calls `done` when the field's entries are no longer needed.
+template <class Weight, class Done>
 typename TiledTransfer<Weight>::Band lay_out_band(const ReflectanceField& field,
                                                   const std::vector<std::uint32_t>& common_place,
                                                   int first_row, int rows, int across,
-                                                  tbb::enumerable_thread_specific<TileWorkshop>& workshops) {
-  std::vector<std::vector<std::byte>> memory(static_cast<std::size_t>(rows));
-  std::vector<std::vector<std::uint32_t>> ends(static_cast<std::size_t>(rows));
+                                                  tbb::enumerable_thread_specific<TileWorkshop>& workshops,
+                                                  const Done& done) {
+  std::vector<std::vector<std::byte>> tiles(static_cast<std::size_t>(rows) *
+                                            static_cast<std::size_t>(across));
   tbb::parallel_for(0, rows, [&](int row) {
-    auto& bytes = memory[static_cast<std::size_t>(row)];
-    for (int column = 0; column < across; ++column) {
+    for (int column = 0; column < across; ++column)
       append_tile(lay_out_tile<Weight>(field, common_place, column, first_row + row, workshops.local()),
-                  bytes);
-      ends[static_cast<std::size_t>(row)].push_back(static_cast<std::uint32_t>(bytes.size()));
-    }
+                  tiles[static_cast<std::size_t>(row) * across + column]);
   });
+  done();
   typename TiledTransfer<Weight>::Band band;
   std::size_t size = 0;
-  for (const auto& bytes : memory) size += bytes.size();
+  for (const auto& bytes : tiles) size += bytes.size();
   if (size > std::numeric_limits<std::uint32_t>::max())
     throw InputError("the field holds too many weights a pixel to be shown in real time");
   band.memory.reserve(size);
   band.start.push_back(0);
-  for (int row = 0; row < rows; ++row) {
-    const auto before = static_cast<std::uint32_t>(band.memory.size());
-    auto& bytes = memory[static_cast<std::size_t>(row)];
+  for (auto& bytes : tiles) {
     band.memory.insert(band.memory.end(), bytes.begin(), bytes.end());
-    for (const std::uint32_t end : ends[static_cast<std::size_t>(row)]) band.start.push_back(before + end);
+    band.start.push_back(static_cast<std::uint32_t>(band.memory.size()));
     bytes = {};
   }
   return band;
@@ -71,14 +68,15 @@ TiledTransfer<Weight> lay_out(const ReflectanceField& field, ReflectanceField* u
   constexpr int band_rows = TiledTransfer<Weight>::band_rows;
   for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
     const int rows = std::min(band_rows, tiled.tiles_down() - row);
-    tiled.bands.push_back(lay_out_band<Weight>(field, common_place, row, rows, across, workshops));
-    if (used == nullptr) continue;
     const auto entry_of = [&](int tile_row) {
       const int y = std::min(tile_row * tile_side_px, field.height);
       return field.transfer.row_start[static_cast<std::size_t>(y) * static_cast<std::size_t>(field.width)];
     };
-    forget(used->transfer.column, entry_of(row), entry_of(row + rows));
-    forget(used->transfer.weight, 3 * entry_of(row), 3 * entry_of(row + rows));
+    tiled.bands.push_back(lay_out_band<Weight>(field, common_place, row, rows, across, workshops, [&] {
+      if (used == nullptr) return;
+      forget(used->transfer.column, entry_of(row), entry_of(row + rows));
+      forget(used->transfer.weight, 3 * entry_of(row), 3 * entry_of(row + rows));
+    }));
   }
   tiled.mark_parts();
   return tiled;

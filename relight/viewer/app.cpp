@@ -24,8 +24,8 @@ void notify(App& app, const std::string& text, bool is_error, std::chrono::secon
 }
 
 void load_field(App& app, const fs::path& file) {
-  auto state = std::make_unique<ViewState>(read_reflectance_field(file));
-  app.state = std::move(state);
+  app.state = std::visit([](auto&& field) { return std::make_unique<ViewState>(std::move(field)); },
+                         read_either_field(file));
   app.field_file = file;
   app.light_name.clear();
   app.selected.reset();

@@ -162,7 +162,7 @@ void kernel_row(const PixelKernel& kernel, int exponent) {
   ImGui::Text("%5.1f %%", 100.0 * kernel.energy_share);
   ImGui::TableNextColumn();
   const Box& box = kernel.support;
-  ImGui::Text("%s %d, %d + %d×%d", kernel.is_hat ? "hat" : "box", box.x0, box.y0, box.width(), box.height());
+  ImGui::Text("%s %d, %d + %d×%d", kernel.hat ? "hat" : "box", box.x0, box.y0, box.width(), box.height());
   for (const float weight : kernel.weight) {
     ImGui::TableNextColumn();
     ImGui::Text("%.2f", weight / std::pow(10.0, exponent));

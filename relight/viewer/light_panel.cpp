@@ -114,7 +114,7 @@ void draw_kernels(const App& app, const Textures& textures, const ImVec2& corner
   ImDrawList& list = *ImGui::GetWindowDrawList();
   list.AddImage(textures.kernels.handle(), corner, far_corner, ImVec2(0, 0), ImVec2(1, 1), 0xe8ffffff);
   for (const PixelKernel& kernel : app.state->kernels()) {
-    if (kernel.is_hat || kernel.energy_share <= 0.0) continue;
+    if (kernel.hat || kernel.energy_share <= 0.0) continue;
     const Box& box = kernel.support;
     const auto alpha = static_cast<ImU32>(40.0 + 215.0 * std::sqrt(kernel.energy_share));
     list.AddRect(

@@ -18,10 +18,13 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-ReflectanceField checked(ReflectanceField field) {
+/// Weights of 16 bits are exact to the last level of a screen, those of 8 to three levels in the dark; but
+/// beside a field of more entries they would take more memory than half of its file.
+constexpr std::uint64_t most_fine_entries = 8'000'000;
+
+void require_content(const ReflectanceField& field) {
   if (field.width < 1 || field.height < 1 || field.basis.domain.width < 1 || field.basis.domain.height < 1)
     throw InputError("the field is empty; there is nothing to show");
-  return field;
 }
 
 }  // namespace
@@ -49,13 +52,28 @@ Shown shown_from_name(std::string_view name) {
                    "'; use picture, false-colour, error, noise or training-error");
 }
 
-ViewState::ViewState(ReflectanceField field)
-    : field_(std::make_unique<const ReflectanceField>(checked(std::move(field)))),
-      relighter_(*field_, RelightPrecision::fine),
-      painter_(field_->basis.domain),
+ViewState::Loaded ViewState::load(ReflectanceField field) {
+  require_content(field);
+  const auto precision =
+      field.transfer.entries() <= most_fine_entries ? RelightPrecision::fine : RelightPrecision::fast;
+  Relighter relighter(std::move(field), precision);  // which leaves all but the transfer
+  field.basis.boxes = {};                            // it has its own
+  return {std::move(field), std::move(relighter)};
+}
+
+ViewState::Loaded ViewState::load(PackedField packed) {
+  require_content(packed.outline);
+  ReflectanceField outline = packed.outline;
+  return {std::move(outline), Relighter(std::move(packed))};
+}
+
+ViewState::ViewState(Loaded loaded)
+    : field_(std::move(loaded.field)),
+      relighter_(std::move(loaded.relighter)),
+      painter_(field_.basis.domain),
       probe_light_{Image(painter_.domain().width, painter_.domain().height, 3),
                    painter_.domain().parameterisation},
-      picture_(std::size_t{4} * field_->width * field_->height),
+      picture_(std::size_t{4} * field_.width * field_.height),
       light_picture_(probe_light_.radiance.pixel_count() * 4),
       kernel_picture_(light_picture_.size()) {
   reset_lamps();
@@ -99,8 +117,8 @@ void ViewState::expose_light() {
 }
 
 const std::vector<float>& ViewState::error_map(Shown shown) const {
-  if (shown == Shown::predicted_error) return field_->predicted_error;
-  return shown == Shown::photograph_noise ? field_->photograph_noise : field_->training_error;
+  if (shown == Shown::predicted_error) return field_.predicted_error;
+  return shown == Shown::photograph_noise ? field_.photograph_noise : field_.training_error;
 }
 
 bool ViewState::has(Shown shown) const {
@@ -121,7 +139,7 @@ void ViewState::show(Shown shown) {
 }
 
 void ViewState::pick(std::optional<PixelPosition> pixel) {
-  if (pixel && (pixel->x < 0 || pixel->y < 0 || pixel->x >= field_->width || pixel->y >= field_->height))
+  if (pixel && (pixel->x < 0 || pixel->y < 0 || pixel->x >= field_.width || pixel->y >= field_.height))
     pixel.reset();
   if (pixel == picked_) return;
   picked_ = pixel;
@@ -200,7 +218,7 @@ void ViewState::draw_picture() {
     return false_colour_rgba(*radiance_, stop_levels(white - stops_below_white, white + stops_above_white),
                              picture_);
   }
-  Image map(field_->width, field_->height, 1);
+  Image map(field_.width, field_.height, 1);
   map.values = error_map(shown_);
   false_colour_rgba(map, linear_levels(error_range_), picture_);
 }
@@ -209,9 +227,9 @@ void ViewState::draw_kernels() {
   kernels_.clear();
   std::ranges::fill(kernel_picture_, std::uint8_t{0});
   if (!picked_) return;
-  const std::size_t pixel = static_cast<std::size_t>(picked_->y) * field_->width + picked_->x;
-  kernels_ = kernels_of_pixel(*field_, pixel);
-  const Image density = kernel_density(*field_, pixel);
+  const std::size_t pixel = static_cast<std::size_t>(picked_->y) * field_.width + picked_->x;
+  kernels_ = kernels_of_pixel(relighter_.transfer(), field_.basis, pixel);
+  const Image density = kernel_density(field_.basis, kernels_);
   const double high = *std::ranges::max_element(density.values);
   if (!(high > 0.0)) return;
   // Densities of a mirror's reflection and of the dim rest lie far apart.

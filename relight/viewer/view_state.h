@@ -57,9 +57,13 @@ class ToneTableCache {
 class ViewState {
  public:
   /// Starts under a dim ambient light and two lamps, exposed for them. Throws InputError for an empty field.
-  explicit ViewState(ReflectanceField field);
+  explicit ViewState(ReflectanceField field) : ViewState(load(std::move(field))) {}
+  explicit ViewState(PackedField packed) : ViewState(load(std::move(packed))) {}
+  ViewState(const ViewState&) = delete;  // radiance() lies in the relighter
+  ViewState& operator=(const ViewState&) = delete;
 
-  const ReflectanceField& field() const { return *field_; }
+  /// Without transfer and rectangles, which stand in the relighter alone.
+  const ReflectanceField& field() const { return field_; }
   LightPainter& painter() { return painter_; }
   const LightPainter& painter() const { return painter_; }
   /// Back to the lamps of the start.
@@ -117,7 +121,15 @@ class ViewState {
   void draw_kernels();
   const std::vector<float>& error_map(Shown shown) const;
 
-  std::unique_ptr<const ReflectanceField> field_;  // stays where it is when this object moves
+  struct Loaded {
+    ReflectanceField field;
+    Relighter relighter;
+  };
+  explicit ViewState(Loaded loaded);
+  static Loaded load(ReflectanceField field);
+  static Loaded load(PackedField packed);
+
+  ReflectanceField field_;
   Relighter relighter_;
   LightPainter painter_;
   ToneMapping tone_;

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "core/errors.h"
+#include "core/pixel_kernels.h"
 #include "core/rng.h"
 #include "tests/relight/mixed_field.h"
 #include "tests/support/random_data.h"
@@ -176,6 +177,20 @@ TEST(Relighter, TakesAChangeForTheWholeWhereItHasNoImageYet) {
   const LightMap light = random_light(monitor, 1);
   Relighter relighter(field);
   EXPECT_LT(relative_rmse(relighter.update(light, {0, 0, 1, 1}), field.relight(light)), fast_error);
+}
+
+TEST(Relighter, KernelsInItsTilesAreThoseOfTheRows) {
+  const ReflectanceField field = mixed_field(37, 21, monitor);
+  const Relighter tiled(field, RelightPrecision::fine);
+  const double step = *std::ranges::max_element(field.transfer.weight) / 65535.0;
+  for (std::size_t p = 0; p < field.transfer.rows(); ++p) {
+    const Image expected = kernel_density(field, p);
+    const auto kernels = kernels_of_pixel(tiled.transfer(), field.basis, p);
+    const Image density = kernel_density(field.basis, kernels);
+    for (std::size_t i = 0; i < expected.values.size(); ++i)
+      ASSERT_NEAR(density.values[i], expected.values[i], static_cast<double>(kernels.size() + 1) * step) << p;
+  }
+  EXPECT_THROW(kernels_of_pixel(tiled.transfer(), field.basis, 37 * 21), InputError);
 }
 
 TEST(Relighter, RefusesWhatDoesNotFit) {
