@@ -90,7 +90,7 @@ TEST_F(OutlierFrames, AnUnusualLightIsNone) {
 
 TEST_F(OutlierFrames, AFlickerIsFoundAndMeasured) {
   expect_found(
-      "3 of 80 photographs 30 % darker", {"train_010", "train_011", "train_044"},
+      "3 of 80 dark", {"train_010", "train_011", "train_044"},
       [&] {
         for (const int j : {10, 11, 44})
           change_photograph(session_.frames[j], [](Image& image) {
@@ -106,7 +106,7 @@ TEST_F(OutlierFrames, AFlickerIsFoundAndMeasured) {
 
 TEST_F(OutlierFrames, PhotographsOfOtherLightsAreFound) {
   expect_found(
-      "2 pairs of 80 photographs exchanged", {"train_003", "train_027", "train_050", "train_071"},
+      "2 of 80 swapped", {"train_003", "train_027", "train_050", "train_071"},
       [&] {
         std::swap(session_.frames[3].observed, session_.frames[50].observed);
         std::swap(session_.frames[27].observed, session_.frames[71].observed);
@@ -118,7 +118,7 @@ TEST_F(OutlierFrames, PhotographsOfOtherLightsAreFound) {
 TEST_F(OutlierFrames, AWalkerIsFoundWhereHeIs) {
   scene_.of_pixels = 0.9;  // four fifths of the picture take no harm
   expect_found(
-      "someone before a fifth of the picture in 4 of 80",
+      "person in 4 of 80",
       {"train_020", "train_021", "train_022", "train_060"},
       [&] {
         for (const int j : {20, 21, 22, 60})
