@@ -88,7 +88,8 @@ void write_chart(const fs::path& folder, const fs::path& field, const ordered_js
                      .x_label = "size, MB (the full field: " + std::string(size) + " MB)",
                      .y_label = "relative RMSE",
                      .lines = true,
-                     .tracks = {}};
+                     .tracks = {},
+                     .front = false};
   std::string table = "asked,megabytes,weight_bits,pruned";
   for (const auto& [kind, error] : series.front()["error_by_kind_of_light"].items()) {
     table.append(",").append(kind);
@@ -107,10 +108,9 @@ void write_chart(const fs::path& folder, const fs::path& field, const ordered_js
   }
   for (chart::Track& track : panel.tracks) std::ranges::sort(track.points);
   write_text_atomically(folder / "pack.csv", table + "\n");
-  write_text_atomically(folder / "pack.svg",
-                        chart::picture_svg(field.filename().string() + " packed: size against error; dashed: "
-                                                                       "Pareto front",
-                                           {panel}, 1));
+  write_text_atomically(
+      folder / "pack.svg",
+      chart::picture_svg(field.filename().string() + " packed: size against error", {panel}, 1));
 }
 
 void chart_packing(const PackOptions& options, const Common& common) {

@@ -221,7 +221,7 @@ std::string panel_svg(const Panel& panel) {
   const auto [y_low, y_high] = range_of(panel.tracks, 1, 0.08);
   const double end = panel_width - (panel.lines ? right_of_lines : right);
   const Axes axes{{x_low, x_high, left, end}, {y_low, y_high, panel_height - bottom, top}};
-  const auto front = front_corners(panel, axes);
+  const auto front = panel.front ? front_corners(panel, axes) : decltype(front_corners(panel, axes)){};
   return frame_svg(panel, axes) + front_svg(front) + tracks_svg(panel, axes) +
          (panel.lines ? end_labels_svg(panel, axes) : point_labels_svg(panel, axes, extents_of(front)));
 }

@@ -13,13 +13,15 @@ struct Track {
   std::vector<std::array<double, 2>> points;
 };
 
-/// One chart: logarithmic axes, labels that keep clear of each other, and the Pareto front of all points.
+/// One chart: logarithmic axes, labels that keep clear of each other, and the Pareto front of all points
+/// where asked for.
 struct Panel {
   std::string title;
   std::string x_label;
   std::string y_label;
   bool lines = false;  ///< join the points of a track, name it at its right end
   std::vector<Track> tracks;
+  bool front = true;  ///< draw the Pareto front
 };
 
 inline constexpr double panel_width = 560.0, panel_height = 400.0;
