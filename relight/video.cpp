@@ -155,8 +155,8 @@ void relight_to_video(const ReflectanceField& field, const std::vector<LightSour
   write_atomically(output, [&](const std::filesystem::path& temporary) {
     VideoWriter video(temporary, field.width, field.height, options.frames_per_second);
     Progress progress("relight", lights.size());
-    // Tokens are numbers and the frames stay here: when a pipeline is stopped, oneTBB forgets to destroy what its
-    // larger tokens hold. The frame of a slot is encoded before the next one of that slot is begun.
+    // Tokens are numbers and the frames stay here: when a pipeline is stopped, oneTBB forgets to destroy what
+    // its larger tokens hold. The frame of a slot is encoded before the next one of that slot is begun.
     std::vector<std::vector<std::uint8_t>> slots(
         static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1);
     std::size_t next = 0;
