@@ -104,7 +104,7 @@ class TileCheck {
 
 template <class Weight>
 std::string fault_of(const PackedField& packed, const TiledTransfer<Weight>& tiles) {
-  const auto of_band = static_cast<std::size_t>(tiles.tiles_across() * tiles.band_rows);
+  const auto of_band = static_cast<std::size_t>(tiles.tiles_across()) * tiles.band_rows;
   std::atomic<int> first_fault = tiles.tiles();
   const auto fault_at = [&](int at) -> const char* {
     const auto& band = tiles.bands[static_cast<std::size_t>(at) / of_band];

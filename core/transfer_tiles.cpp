@@ -40,7 +40,7 @@ void append_tile(const TileArrays<Weight, Vector>& tile, std::vector<std::byte>&
 
 template <class Weight>
 const std::byte* TiledTransfer<Weight>::begin_of(int at) const {
-  const auto of_band = static_cast<std::size_t>(tiles_across() * band_rows);
+  const auto of_band = static_cast<std::size_t>(tiles_across()) * band_rows;
   const Band& band = bands[static_cast<std::size_t>(at) / of_band];
   return band.memory.data() + band.start[static_cast<std::size_t>(at) % of_band];
 }
@@ -64,7 +64,7 @@ Tile<Weight> TiledTransfer<Weight>::tile(int at) const {
 template <class Weight>
 void TiledTransfer<Weight>::prefetch(int at, bool for_change) const {
   if (at >= tiles()) return;
-  const auto of_band = static_cast<std::size_t>(tiles_across() * band_rows);
+  const auto of_band = static_cast<std::size_t>(tiles_across()) * band_rows;
   const Band& band = bands[static_cast<std::size_t>(at) / of_band];
   const std::size_t tile = static_cast<std::size_t>(at) % of_band;
   const std::byte* begin = band.memory.data() + band.start[tile];

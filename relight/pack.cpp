@@ -32,6 +32,7 @@ void keep_common_boxes(LightBasis& basis, TiledTransfer<Weight>& tiles) {
 template <class Weight>
 PackedField packed_with(ReflectanceField&& pruned) {
   auto tiles = tile_transfer<Weight>(std::move(pruned));
+  // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
   keep_common_boxes(pruned.basis, tiles);
   return {std::move(pruned), std::move(tiles)};
 }

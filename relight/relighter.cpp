@@ -74,6 +74,7 @@ Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
     transfer_ = tile_transfer<std::uint8_t>(std::move(field));
   else
     transfer_ = tile_transfer<std::uint16_t>(std::move(field));
+  // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
   list_common_boxes(field.basis);
 }
 

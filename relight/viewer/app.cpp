@@ -24,7 +24,7 @@ void notify(App& app, const std::string& text, bool is_error, std::chrono::secon
 }
 
 void load_field(App& app, const fs::path& file) {
-  app.state = std::visit([](auto&& field) { return std::make_unique<ViewState>(std::move(field)); },
+  app.state = std::visit([](auto field) { return std::make_unique<ViewState>(std::move(field)); },
                          read_either_field(file));
   app.field_file = file;
   app.light_name.clear();
@@ -132,7 +132,7 @@ fs::path free_name(const std::string& stem, const std::string& extension) {
   for (int i = 1;; ++i) {
     char number[16];
     std::snprintf(number, sizeof number, "-%04d", i);
-    const fs::path name = stem + number + extension;
+    fs::path name = stem + number + extension;
     if (!fs::exists(name)) return name;
   }
 }

@@ -253,6 +253,7 @@ void Texture::set_smooth(bool is_smooth) {
 }
 
 void* Texture::handle() const {
+  // NOLINTNEXTLINE(performance-no-int-to-ptr): Dear ImGui carries OpenGL's numbers in pointers.
   return reinterpret_cast<void*>(static_cast<std::uintptr_t>(name_));
 }
 

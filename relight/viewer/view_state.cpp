@@ -56,8 +56,9 @@ ViewState::Loaded ViewState::load(ReflectanceField field) {
   require_content(field);
   const auto precision =
       field.transfer.entries() <= most_fine_entries ? RelightPrecision::fine : RelightPrecision::fast;
-  Relighter relighter(std::move(field), precision);  // which leaves all but the transfer
-  field.basis.boxes = {};                            // it has its own
+  Relighter relighter(std::move(field), precision);
+  // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone; rectangles it has its own.
+  field.basis.boxes = {};
   return {std::move(field), std::move(relighter)};
 }
 
