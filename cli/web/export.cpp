@@ -13,6 +13,7 @@
 #include "cli/report/html.h"
 #include "cli/web/packed_field.h"
 #include "cli/web/page_files.h"
+#include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -116,15 +117,6 @@ LightMap white_light(const LightDomain& domain) {
   return {Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation};
 }
 
-/// Brings the brightest hundredth of the scene under white light to white.
-double exposure_for(const Image& image) {
-  std::vector<float> values = image.values;
-  if (values.empty()) return 1.0;
-  const auto nth = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 99 / 100);
-  std::ranges::nth_element(values, nth);
-  return *nth > 0.0f ? 1.0 / *nth : 1.0;
-}
-
 void measure(const ReflectanceField& full, const ReflectanceField& shown, ExportReport& report) {
   constexpr int bars = 4;
   double squares = 0.0, reference = 0.0;
@@ -163,7 +155,7 @@ nlohmann::ordered_json description(const PackedField& packed, const std::string&
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder) {
   const PackedField packed = pack(field);
   ExportReport report;
-  report.exposure = exposure_for(field.relight(white_light(field.basis.domain)));
+  report.exposure = exposure_to_white(field.relight(white_light(field.basis.domain)));
   measure(field, unpacked(packed), report);
   PageWriter page(folder);
   DataWriter data(page);
