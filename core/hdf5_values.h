@@ -33,11 +33,14 @@ struct Hdf5Values {
 /// Reads a data set piece by piece.
 class Hdf5Pieces {
  public:
-  Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set);
+  /// Begins after `skipped` bytes.
+  Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set, std::size_t skipped = 0);
   void read(std::span<std::byte> piece);
   /// Checks what was read, if all of it was, against the file's checksum; another program may have left that
   /// out.
   void finish() const;
+  /// Of what was read so far.
+  std::uint32_t crc32() const { return crc_; }
 
  private:
   [[noreturn]] void fail(const char* what) const;

@@ -76,6 +76,10 @@ std::uint32_t crc32_of(const void* values, std::size_t bytes, std::uint32_t befo
   return static_cast<std::uint32_t>(crc32_z(before, static_cast<const Bytef*>(values), bytes));
 }
 
+std::uint32_t crc32_joined(std::uint32_t first, std::uint32_t second, std::size_t second_bytes) {
+  return static_cast<std::uint32_t>(crc32_combine(first, second, static_cast<z_off_t>(second_bytes)));
+}
+
 Hdf5Writer::Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination,
                        std::initializer_list<const char*> groups)
     : destination_(destination) {

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <tuple>
 
 namespace refield {
@@ -176,7 +175,7 @@ class TileLayout {
   }
 
   static Weight rounded(float weight, float scale) {
-    return scale > 0.0f ? static_cast<Weight>(std::lround(std::min(weight / scale, steps))) : Weight{0};
+    return scale > 0.0f ? static_cast<Weight>(std::min(weight / scale, steps) + 0.5f) : Weight{0};
   }
 
   void round() {

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <functional>
+#include <utility>
 
 #ifdef REFIELD_CBLAS
 #include <cblas.h>
@@ -84,6 +85,48 @@ refield::ReflectanceField made_field() {
   return made;
 }
 
+/// Pixels that see a part of the light each, as in a mirror or where light is local: their kernels lie within
+/// a twelfth of the map's width and height, around where the pixel is in the image.
+refield::ReflectanceField reflecting_field() {
+  refield::Rng rng(7);
+  refield::ReflectanceField made;
+  made.width = width;
+  made.height = height;
+  made.basis.domain = {light_width, light_height, refield::Parameterisation::monitor};
+  const auto interval = [&rng](int middle, int length) {
+    const int reach = length / 24;
+    const int size = 1 + static_cast<int>(rng.below(static_cast<std::uint64_t>(reach)));
+    const int start = middle - reach + static_cast<int>(rng.below(static_cast<std::uint64_t>(2 * reach)));
+    const int first = std::clamp(start, 0, length - size);
+    return std::pair(first, first + size);
+  };
+  constexpr int across = width / block_px;
+  for (int block = 0; block < across * (height / block_px); ++block)
+    for (int k = 0; k < kernels; ++k) {
+      const auto [x0, x1] = interval(block % across * light_width / across, light_width);
+      const auto [y0, y1] = interval(block / across * light_height / (height / block_px), light_height);
+      made.basis.boxes.push_back({x0, y0, x1, y1});
+    }
+  std::vector<std::uint32_t> columns(kernels);
+  std::vector<float> weights(std::size_t{3} * kernels);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      for (std::size_t k = 0; k < kernels; ++k)
+        columns[k] = static_cast<std::uint32_t>(
+            (static_cast<std::size_t>(y / block_px) * across + x / block_px) * kernels + k);
+      for (float& weight : weights) weight = static_cast<float>(rng.uniform());
+      made.transfer.append_row(columns, weights);
+    }
+  return made;
+}
+
+using GiveField = const refield::ReflectanceField&();
+
+const refield::ReflectanceField& the_mirror() {
+  static const refield::ReflectanceField field = reflecting_field();
+  return field;
+}
+
 const refield::ReflectanceField& the_field() {
   static const refield::ReflectanceField field = [] {
     const char* path = std::getenv("REFIELD_FIELD");
@@ -101,8 +144,7 @@ refield::LightMap random_light(std::uint64_t seed) {
 }
 
 /// The scene under a light, all sums in double, box by box: the reference.
-Image in_double(const refield::LightMap& light) {
-  const auto& field = the_field();
+Image in_double(const refield::LightMap& light, const refield::ReflectanceField& field = the_field()) {
   const refield::SummedAreaTable table(light.radiance);
   const std::vector<double> hats = field.basis.hats.project(light);
   Image image(field.width, field.height, 3);
@@ -152,20 +194,27 @@ void ReadMemory(benchmark::State& state) {
 BENCHMARK(ReadMemory)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 /// The whole light changes from frame to frame.
-void Whole(benchmark::State& state, refield::RelightPrecision precision) {
-  refield::Relighter relighter(the_field(), precision);
+void Whole(benchmark::State& state, GiveField field, refield::RelightPrecision precision) {
+  refield::Relighter relighter(field(), precision);
   const refield::LightMap lights[] = {random_light(3), random_light(4)};
   std::size_t frame = 0;
   const Image* image = nullptr;
   for (auto _ : state) image = &relighter.relight(lights[frame++ % 2]);
-  report(state, relighter.bytes_a_frame(), *image, in_double(lights[(frame - 1) % 2]));
+  report(state, relighter.bytes_a_frame(), *image, in_double(lights[(frame - 1) % 2], field()));
 }
-BENCHMARK_CAPTURE(Whole, fast, refield::RelightPrecision::fast)->Unit(benchmark::kMillisecond)->UseRealTime();
-BENCHMARK_CAPTURE(Whole, fine, refield::RelightPrecision::fine)->Unit(benchmark::kMillisecond)->UseRealTime();
+BENCHMARK_CAPTURE(Whole, fast, the_field, refield::RelightPrecision::fast)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Whole, fine, the_field, refield::RelightPrecision::fine)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Whole, mirror, the_mirror, refield::RelightPrecision::fast)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
 
 /// A twentieth of the map's width changes: over its whole height, or a region as high as wide.
-void Part(benchmark::State& state, refield::RelightPrecision precision, bool whole_height) {
-  refield::Relighter relighter(the_field(), precision);
+void Part(benchmark::State& state, GiveField field, refield::RelightPrecision precision, bool whole_height) {
+  refield::Relighter relighter(field(), precision);
   refield::LightMap light = random_light(3);
   const int w = light.radiance.width, h = light.radiance.height;
   const int side = std::max(w / 20, 1);
@@ -183,15 +232,21 @@ void Part(benchmark::State& state, refield::RelightPrecision precision, bool who
     state.ResumeTiming();
     image = &relighter.update(light, part);
   }
-  report(state, 0, *image, in_double(light));
+  report(state, 0, *image, in_double(light, field()));
 }
-BENCHMARK_CAPTURE(Part, fast_strip, refield::RelightPrecision::fast, true)
+BENCHMARK_CAPTURE(Part, fast_strip, the_field, refield::RelightPrecision::fast, true)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
-BENCHMARK_CAPTURE(Part, fast_square, refield::RelightPrecision::fast, false)
+BENCHMARK_CAPTURE(Part, fast_square, the_field, refield::RelightPrecision::fast, false)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
-BENCHMARK_CAPTURE(Part, fine_square, refield::RelightPrecision::fine, false)
+BENCHMARK_CAPTURE(Part, mirror_strip, the_mirror, refield::RelightPrecision::fast, true)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Part, mirror_square, the_mirror, refield::RelightPrecision::fast, false)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Part, fine_square, the_field, refield::RelightPrecision::fine, false)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 
