@@ -42,7 +42,6 @@ void store_sum(const double* sum, float* out) {
 /// The change's part in one tile.
 template <class Weight>
 struct TouchedTile {
-  int at = 0;
   Tile<Weight> tile;
   std::vector<std::int64_t> kernels;
   TouchedWeights weights;
@@ -78,7 +77,8 @@ void list_weights(TouchedTile<Weight>& touched) {
   touched.weights.dense.clear();
   touched.weights.sparse.clear();
   auto run = tile.runs.begin();
-  std::uint32_t run_kernel = 0, run_use = 0, light = 0;  // the run's first ones
+  std::uint32_t run_kernel = 0, run_use = 0;  // the run's first ones
+  std::uint32_t light = 0;
   const auto dense_from = [&](std::size_t i, std::uint32_t own_light) {
     for (std::uint32_t place = tile.dense_start[i]; place < tile.dense_start[i + 1]; ++place)
       touched.weights.dense.push_back(
