@@ -8,8 +8,11 @@
 #include <cerrno>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
 #include <sstream>
+#include <type_traits>
+#include <utility>
 
 #include "core/errors.h"
 #include "core/files.h"
@@ -38,9 +41,20 @@ Parameterisation parameterisation(std::string_view name, const fs::path& manifes
   }
 }
 
+/// Whole numbers alone are taken as such: toml++ would convert others, and overflow where they are large.
+template <class T>
+std::optional<T> value_of(const toml::table& table, const char* key) {
+  if constexpr (std::is_same_v<T, int>) {
+    const auto value = table[key].value_exact<std::int64_t>();
+    return value && std::in_range<int>(*value) ? std::optional(static_cast<int>(*value)) : std::nullopt;
+  } else {
+    return table[key].value<T>();
+  }
+}
+
 template <class T>
 T required(const toml::table& table, const char* key, const fs::path& manifest) {
-  if (const auto value = table[key].value<T>()) return *value;
+  if (const auto value = value_of<T>(table, key)) return *value;
   throw FormatError(manifest,
                     "has no valid '" + std::string(key) + "'" +
                         (table.source().begin.line ? " near line " + std::to_string(table.source().begin.line)
@@ -196,7 +210,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
   }
   if (table["format"].value_or(std::string()) != format_name)
     throw FormatError(manifest, "is not the manifest of a capture session");
-  if (const int version = table["version"].value_or(0); version != format_version)
+  if (const int version = value_of<int>(table, "version").value_or(0); version != format_version)
     throw FormatError(manifest, "has version " + std::to_string(version) + ", this program reads version " +
                                     std::to_string(format_version));
   const toml::table* camera = table["camera"].as_table();

@@ -133,6 +133,8 @@ TEST_F(CaptureSessionTest, HostileManifests) {
   expect_refused("width = 5", "width = 0");
   expect_refused("width = 5", "width = -5");
   expect_refused("width = 5", "width = 99999999999");
+  expect_refused("width = 5", "width = 1e30");  // toml++ would overflow
+  expect_refused("version = 1", "version = 111111E22");
   expect_refused("width = 5", "wide = 5");
   expect_refused("name = 'train_000'", "name = 3");
   expect_refused("[camera]", "[camera");
