@@ -118,8 +118,7 @@ TEST_F(OutlierFrames, PhotographsOfOtherLightsAreFound) {
 TEST_F(OutlierFrames, AWalkerIsFoundWhereHeIs) {
   scene_.of_pixels = 0.9;  // four fifths of the picture take no harm
   expect_found(
-      "person in 4 of 80",
-      {"train_020", "train_021", "train_022", "train_060"},
+      "person in 4 of 80", {"train_020", "train_021", "train_022", "train_060"},
       [&] {
         for (const int j : {20, 21, 22, 60})
           change_photograph(session_.frames[j], [](Image& image) {
