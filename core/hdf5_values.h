@@ -2,7 +2,6 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <span>
 #include <string>
@@ -30,24 +29,21 @@ struct Hdf5Values {
   const Hdf5DataSet& locate(const char* name, const char* type, std::size_t columns) const;
 };
 
-/// Reads a data set piece by piece.
+/// Reads a data set piece by piece, each with all threads.
 class Hdf5Pieces {
  public:
-  /// Begins after `skipped` bytes.
-  Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set, std::size_t skipped = 0);
+  Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set);
   void read(std::span<std::byte> piece);
   /// Checks what was read, if all of it was, against the file's checksum; another program may have left that
   /// out.
   void finish() const;
-  /// Of what was read so far.
-  std::uint32_t crc32() const { return crc_; }
 
  private:
   [[noreturn]] void fail(const char* what) const;
   const Hdf5Values& values_;
   const char* name_;
   const Hdf5DataSet& set_;
-  std::ifstream file_;
+  std::uint64_t done_ = 0;  // bytes
   std::uint32_t crc_ = 0;
 };
 

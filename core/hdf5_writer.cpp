@@ -5,6 +5,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <bit>
 #include <cerrno>
 #include <type_traits>
 #include <vector>
@@ -32,22 +33,10 @@ class Handle {
   herr_t (*close_)(hid_t);
 };
 
+/// In files, and in memory, too: values are written, and their checksums made, as they stand.
 template <class T>
-hid_t native_type() {
-  if constexpr (std::is_same_v<T, float>)
-    return H5T_NATIVE_FLOAT;
-  else if constexpr (std::is_same_v<T, double>)
-    return H5T_NATIVE_DOUBLE;
-  else if constexpr (std::is_same_v<T, std::int32_t>)
-    return H5T_NATIVE_INT32;
-  else if constexpr (std::is_same_v<T, std::uint32_t>)
-    return H5T_NATIVE_UINT32;
-  else
-    return H5T_NATIVE_UINT64;
-}
-
-template <class T>
-hid_t stored_type() {
+hid_t type_of() {
+  static_assert(std::endian::native == std::endian::little);
   if constexpr (std::is_same_v<T, float>)
     return H5T_IEEE_F32LE;
   else if constexpr (std::is_same_v<T, double>)
@@ -117,11 +106,11 @@ void Hdf5Writer::dataset(const char* name, const T* values,
   const Handle space(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr), H5Sclose);
   const Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_obj_track_times(creation, false);
-  const Handle set(H5Dcreate2(file_, name, stored_type<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT),
+  const Handle set(H5Dcreate2(file_, name, type_of<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT),
                    H5Dclose);
   check(set.valid());
   const auto count = static_cast<std::size_t>(H5Sget_simple_extent_npoints(space));
-  if (count > 0) check(H5Dwrite(set, native_type<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+  if (count > 0) check(H5Dwrite(set, type_of<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
   const Handle scalar(H5Screate(H5S_SCALAR), H5Sclose);
   const Handle sum(H5Acreate2(set, hdf5_crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
   const std::uint32_t crc = crc32_of(values, count * sizeof(T));

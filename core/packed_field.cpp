@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/packed_field.h"
 
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -10,7 +11,7 @@ namespace {
 
 struct Entry {
   std::uint32_t column;
-  float weight[3];
+  std::array<float, 3> weight;
 };
 
 template <class Weight>
@@ -34,22 +35,17 @@ ReflectanceField expand(ReflectanceField&& outline, const TiledTransfer<Weight>&
       field.basis.boxes.push_back({box.x0, box.y0, box.x1, box.y1});
     }
     const int left = at % across * tile_side_px, top = at / across * tile_side_px;
-    for_each_weight(tile,
-                    [&](std::size_t kernel, std::size_t pixel, const Weight* weight, float scale, int apart) {
-                      const int x = left + column_of_tile(pixel), y = row_of_tile(pixel);
-                      if (x >= field.width || top + y >= field.height) return;
-                      if (weight[0] == 0 && weight[apart] == 0 && weight[2 * apart] == 0) return;
-                      rows[static_cast<std::size_t>(y) * field.width + x].push_back(
-                          {numbers[kernel],
-                           {scale * static_cast<float>(weight[0]), scale * static_cast<float>(weight[apart]),
-                            scale * static_cast<float>(weight[2 * apart])}});
-                    });
+    for_each_weight(tile, [&](std::size_t kernel, std::size_t pixel, const std::array<float, 3>& weight) {
+      const int x = left + column_of_tile(pixel), y = row_of_tile(pixel);
+      if (x < field.width && top + y < field.height)
+        rows[static_cast<std::size_t>(y) * field.width + x].push_back({numbers[kernel], weight});
+    });
     if (at % across != across - 1) continue;
     for (std::size_t p = 0; p < rows.size(); ++p) {
       if (top + static_cast<int>(p) / field.width >= field.height) break;
       for (const Entry& entry : rows[p]) {
         field.transfer.column.push_back(entry.column);
-        field.transfer.weight.insert(field.transfer.weight.end(), entry.weight, entry.weight + 3);
+        field.transfer.weight.insert(field.transfer.weight.end(), entry.weight.begin(), entry.weight.end());
       }
       field.transfer.row_start.push_back(field.transfer.column.size());
       rows[p].clear();

@@ -42,15 +42,11 @@ std::vector<PixelKernel> kernels_in_tiles(const TiledTransfer<Weight>& tiles, co
   const int x = static_cast<int>(pixel % width), y = static_cast<int>(pixel / width);
   const Tile<Weight> tile = tiles.tile(y / tile_side_px * tiles.tiles_across() + x / tile_side_px);
   std::vector<PixelKernel> kernels;
-  for_each_weight(tile, [&](std::size_t k, std::size_t at, const Weight* weight, float scale, int apart) {
+  for_each_weight(tile, [&](std::size_t k, std::size_t at, const std::array<float, 3>& weight) {
     if (column_of_tile(at) != x % tile_side_px || row_of_tile(at) != y % tile_side_px) return;
-    PixelKernel kernel;
-    for (int c = 0; c < 3; ++c) kernel.weight[c] = scale * static_cast<float>(weight[c * apart]);
-    if (kernel.weight == std::array<float, 3>{}) return;
     const SmallBox& box = tile.support[k];
-    kernel.support = {box.x0, box.y0, box.x1, box.y1};
-    if (k < tile.common.size()) kernel.hat = hat_of(basis, tiles.common[tile.common[k]]);
-    kernels.push_back(kernel);
+    const auto hat = k < tile.common.size() ? hat_of(basis, tiles.common[tile.common[k]]) : std::nullopt;
+    kernels.push_back({hat, {box.x0, box.y0, box.x1, box.y1}, weight, 0.0});
   });
   return ranked(std::move(kernels), basis);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -138,21 +139,28 @@ void for_each_array(Arrays& arrays, const Visit& visit) {
   visit(arrays.record_weight);
 }
 
-/// Calls visit(kernel of the tile, pixel of the tile, channels, scale, distance between channels) for all
-/// weights of a tile. In dense form, pixels without the kernel have zeros.
+/// Calls visit(kernel of the tile, pixel of the tile, weights of the three channels) for all weights of a
+/// tile that are not zero.
 template <class Weight, class Visit>
 void for_each_weight(const Tile<Weight>& tile, const Visit& visit) {
+  const auto visit_some = [&](std::size_t kernel, std::size_t pixel, const Weight* weight, std::size_t apart,
+                              float scale) {
+    if (weight[0] == 0 && weight[apart] == 0 && weight[2 * apart] == 0) return;
+    visit(kernel, pixel,
+          std::array{scale * static_cast<float>(weight[0]), scale * static_cast<float>(weight[apart]),
+                     scale * static_cast<float>(weight[2 * apart])});
+  };
   std::size_t kernel = 0;
   const SparseWeights<Weight>* uses = tile.sparse.data();
   for (const KernelRun& run : tile.runs)
     for (std::uint32_t k = 0; k < run.kernels; ++k, ++kernel)
       for (std::uint32_t i = 0; i < run.uses; ++i, ++uses)
-        visit(kernel, uses->pixel, uses->channel, tile.scale[kernel], 1);
+        visit_some(kernel, uses->pixel, uses->channel, 1, tile.scale[kernel]);
   for (std::size_t g = 0; g < groups_of_tile; ++g)
     for (std::size_t r = tile.group[g]; r < tile.group[g + 1]; ++r)
       for (std::size_t i = 0; i < group_pixels; ++i)
-        visit(tile.dense_kernels[tile.record_kernel[r]], g * group_pixels + i,
-              tile.record_weight.data() + r * 3 * group_pixels + i, tile.record_scale[r], group_pixels);
+        visit_some(tile.dense_kernels[tile.record_kernel[r]], g * group_pixels + i,
+                   tile.record_weight.data() + r * 3 * group_pixels + i, group_pixels, tile.record_scale[r]);
 }
 
 /// Appends a tile to a piece of memory.

@@ -21,6 +21,7 @@
 #include <cblas.h>
 #endif
 
+#include "core/metrics.h"
 #include "core/reflectance_field.h"
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
@@ -159,15 +160,6 @@ Image in_double(const refield::LightMap& light, const refield::ReflectanceField&
     for (std::size_t c = 0; c < 3; ++c) image.values[3 * row + c] = static_cast<float>(sum[c]);
   });
   return image;
-}
-
-double relative_rmse(const Image& image, const Image& reference) {
-  double error = 0.0, signal = 0.0;
-  for (std::size_t i = 0; i < image.values.size(); ++i) {
-    error += std::pow(double{image.values[i]} - reference.values[i], 2);
-    signal += std::pow(double{reference.values[i]}, 2);
-  }
-  return std::sqrt(error / signal);
 }
 
 void report(benchmark::State& state, std::size_t bytes_a_frame, const Image& image, const Image& reference) {

@@ -9,6 +9,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {
@@ -18,15 +19,6 @@ namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
-
-std::string message_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "(nothing was thrown)";
-}
 
 class CaptureSessionTest : public testing::Test {
  protected:
@@ -90,7 +82,7 @@ TEST_F(CaptureSessionTest, KnowsWhereTheMonitorStood) {
     std::string changed = text;
     changed.replace(changed.find(old), old.size(), now);
     write_manifest(changed);
-    return message_of([&] { read_capture_session(folder_.path()); });
+    return test::message_of([&] { read_capture_session(folder_.path()); });
   };
   EXPECT_THAT(with("distance_mm", "distance"), HasSubstr("distance_mm"));
   EXPECT_THAT(with("width_mm = 520.0", "width_mm = -1"), HasSubstr("width_mm"));
@@ -105,12 +97,12 @@ TEST_F(CaptureSessionTest, MovesWithItsFolder) {
 TEST_F(CaptureSessionTest, NamesAMissingImage) {
   write_session_manifest(make_session());
   fs::remove(folder_ / "observed/train_000.exr");
-  EXPECT_THAT(message_of([&] { read_capture_session(folder_.path()); }),
+  EXPECT_THAT(test::message_of([&] { read_capture_session(folder_.path()); }),
               AllOf(HasSubstr("observed/train_000.exr"), HasSubstr("missing")));
 }
 
 TEST_F(CaptureSessionTest, AFolderWithoutManifestIsNoSession) {
-  EXPECT_THAT(message_of([&] { read_capture_session(folder_.path()); }), HasSubstr("--light"));
+  EXPECT_THAT(test::message_of([&] { read_capture_session(folder_.path()); }), HasSubstr("--light"));
 }
 
 TEST_F(CaptureSessionTest, HostileManifests) {
@@ -121,7 +113,8 @@ TEST_F(CaptureSessionTest, HostileManifests) {
     const auto at = text.find(from);
     ASSERT_NE(at, std::string::npos) << from;
     write_manifest(text.replace(at, from.size(), to));
-    EXPECT_THAT(message_of([&] { read_capture_session(folder_.path()); }), HasSubstr(session_manifest_name))
+    EXPECT_THAT(test::message_of([&] { read_capture_session(folder_.path()); }),
+                HasSubstr(session_manifest_name))
         << from << " → " << to;
   };
   expect_refused("version = 1", "version = 2");
@@ -157,7 +150,7 @@ TEST_F(CaptureSessionTest, ImageSizesMustAgree) {
   CaptureSession session = make_session();
   EXPECT_NO_THROW(check_image_sizes(session));
   write_exr(session.frames[1].observed, Image(6, 4, 3));
-  EXPECT_THAT(message_of([&] { check_image_sizes(session); }),
+  EXPECT_THAT(test::message_of([&] { check_image_sizes(session); }),
               AllOf(HasSubstr("observed/test_000.exr"), HasSubstr("6×4"), HasSubstr("5×4")));
 }
 
@@ -175,7 +168,7 @@ TEST_F(CaptureSessionTest, MaskIsWhereAnyChannelExceedsOneHalf) {
   painted.at(1, 0, 1) = 0.4f;
   write_exr(folder_ / "mask.exr", painted);
   EXPECT_THAT(read_mask(folder_ / "mask.exr", 3, 1), ElementsAre(1, 0, 0));
-  EXPECT_THAT(message_of([&] { read_mask(folder_ / "mask.exr", 4, 1); }), HasSubstr("mask.exr"));
+  EXPECT_THAT(test::message_of([&] { read_mask(folder_ / "mask.exr", 4, 1); }), HasSubstr("mask.exr"));
 }
 
 class PairByGlobs : public testing::Test {
@@ -219,17 +212,17 @@ TEST_F(PairByGlobs, TwoSingleFiles) {
 
 TEST_F(PairByGlobs, NamesTheFileWithoutAPartner) {
   for (const char* name : {"l/t_1.exr", "l/t_2.exr", "l/t_3.exr", "o/t_1.exr", "o/t_3.exr"}) touch(name);
-  EXPECT_THAT(message_of([&] { pair("l/t_*.exr", "o/t_*.exr"); }),
+  EXPECT_THAT(test::message_of([&] { pair("l/t_*.exr", "o/t_*.exr"); }),
               AllOf(HasSubstr("l/t_2.exr"), HasSubstr("photograph"), HasSubstr("add the missing image")));
   fs::remove(folder_ / "l/t_2.exr");
   fs::remove(folder_ / "l/t_1.exr");
-  EXPECT_THAT(message_of([&] { pair("l/t_*.exr", "o/t_*.exr"); }),
+  EXPECT_THAT(test::message_of([&] { pair("l/t_*.exr", "o/t_*.exr"); }),
               AllOf(HasSubstr("o/t_1.exr"), HasSubstr("light map")));
 }
 
 TEST_F(PairByGlobs, NamesTwoFilesThatWouldShareAPartner) {
   for (const char* name : {"l/a.exr", "o/a.exr", "o/a.png"}) touch(name);
-  EXPECT_THAT(message_of([&] { pair("l", "o"); }), AllOf(HasSubstr("a.png"), HasSubstr("a.exr")));
+  EXPECT_THAT(test::message_of([&] { pair("l", "o"); }), AllOf(HasSubstr("a.png"), HasSubstr("a.exr")));
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 
 #include "core/errors.h"
 #include "core/files.h"
+#include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/temporary_folder.h"
@@ -32,16 +33,6 @@ void write_with_openimageio(const fs::path& path, const OIIO::ImageSpec& spec,
   ASSERT_TRUE(output && output->open(path.string(), spec) &&
               output->write_image(OIIO::TypeDesc::FLOAT, values.data()) && output->close())
       << OIIO::geterror();
-}
-
-template <class Thrown>
-std::string message_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Thrown& error) {
-    return error.what();
-  }
-  return "(nothing was thrown)";
 }
 
 TEST(Exr, FloatRoundTripIsExact) {
@@ -121,7 +112,8 @@ TEST(Photographs, RowsAreTheRowsOfTheWhole) {
 TEST(Photographs, MustBeSceneLinear) {
   const test::TemporaryFolder folder;
   write_png(folder / "a.png", Image(4, 4, 3, 0.5f));
-  EXPECT_THAT(message_of<FormatError>([&] { read_photograph(folder / "a.png"); }), HasSubstr("scene-linear"));
+  EXPECT_THAT(test::message_of<FormatError>([&] { read_photograph(folder / "a.png"); }),
+              HasSubstr("scene-linear"));
 }
 
 TEST(ForeignExr, TiledFilesAreRead) {
@@ -187,9 +179,9 @@ TEST(LightMaps, SmallNegativesBecomeZeroAndNaNIsNamed) {
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), infinity, -infinity}) {
     image.at(1, 2, 1) = bad;
     write_exr(folder / "light.exr", image);
-    EXPECT_THAT(
-        message_of<InputError>([&] { read_light_map(folder / "light.exr", Parameterisation::monitor); }),
-        testing::AllOf(HasSubstr("light.exr"), HasSubstr("(1, 2)")));
+    EXPECT_THAT(test::message_of<InputError>(
+                    [&] { read_light_map(folder / "light.exr", Parameterisation::monitor); }),
+                testing::AllOf(HasSubstr("light.exr"), HasSubstr("(1, 2)")));
   }
 }
 
@@ -201,7 +193,7 @@ TEST(DamagedExr, TruncatedAtAnyLength) {
   const std::string bytes = read_text(folder / "whole.exr");
   for (std::size_t length = 0; length < bytes.size(); length += 1 + bytes.size() / 150) {
     std::ofstream(folder / "cut.exr", std::ios::binary) << bytes.substr(0, length);
-    EXPECT_THAT(message_of<FormatError>([&] { read_image(folder / "cut.exr"); }), HasSubstr("cut.exr"))
+    EXPECT_THAT(test::message_of<FormatError>([&] { read_image(folder / "cut.exr"); }), HasSubstr("cut.exr"))
         << "cut to " << length << " of " << bytes.size() << " bytes";
   }
 }
@@ -228,9 +220,9 @@ TEST(DamagedExr, FlippedBytesNeverCrash) {
 TEST(DamagedExr, OtherKindsOfFileAreRefused) {
   const test::TemporaryFolder folder;
   std::ofstream(folder / "text.exr") << "this is no image";
-  EXPECT_THAT(message_of<FormatError>([&] { read_image_header(folder / "text.exr"); }),
+  EXPECT_THAT(test::message_of<FormatError>([&] { read_image_header(folder / "text.exr"); }),
               HasSubstr("text.exr"));
-  EXPECT_THAT(message_of<DeviceError>([&] { read_image_header(folder / "none.exr"); }),
+  EXPECT_THAT(test::message_of<DeviceError>([&] { read_image_header(folder / "none.exr"); }),
               HasSubstr("none.exr"));
   EXPECT_THROW(read_image(folder.path()), FormatError);
 }
@@ -242,7 +234,7 @@ TEST(WriteExr, KeepsTheOldImageOnAFullDisk) {
   write_exr(disk / "a.exr", Image(8, 8, 3, 1.0f));
   const std::string old = read_text(disk / "a.exr");
   EXPECT_THAT(
-      message_of<DeviceError>([&] { write_exr(disk / "a.exr", test::random_image(rng, 512, 512, 3)); }),
+      test::message_of<DeviceError>([&] { write_exr(disk / "a.exr", test::random_image(rng, 512, 512, 3)); }),
       testing::AllOf(HasSubstr("a.exr"), HasSubstr("free some space")));
   EXPECT_EQ(read_text(disk / "a.exr"), old);
   EXPECT_EQ(disk.files(), 1) << "a temporary file was left behind";

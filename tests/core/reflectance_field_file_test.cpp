@@ -11,6 +11,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "tests/fuzz/hdf5_checksums.h"
+#include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/temporary_folder.h"
@@ -58,12 +59,7 @@ void set_first_values(const fs::path& path, const char* name, hid_t type, std::v
 }
 
 std::string message_of(const fs::path& path) {
-  try {
-    read_reflectance_field(path);
-  } catch (const FormatError& error) {
-    return error.what();
-  }
-  return "(nothing was thrown)";
+  return test::message_of<FormatError>([&] { read_reflectance_field(path); });
 }
 
 TEST(ReflectanceFieldFile, RoundTripIsBitExact) {

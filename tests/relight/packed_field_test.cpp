@@ -19,6 +19,7 @@
 #include "relight/relighter.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/relight/mixed_field.h"
+#include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -54,12 +55,7 @@ PackedField read_packed_field(const fs::path& path) {
 }
 
 std::string message_of(const fs::path& path) {
-  try {
-    read_reflectance_field(path);
-  } catch (const FormatError& error) {
-    return error.what();
-  }
-  return "(nothing was thrown)";
+  return test::message_of<FormatError>([&] { read_reflectance_field(path); });
 }
 
 TEST(PackedField, ShowsTheSameFromTilesRowsAndFile) {

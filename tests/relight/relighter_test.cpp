@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "core/errors.h"
+#include "core/metrics.h"
 #include "core/pixel_kernels.h"
 #include "core/rng.h"
 #include "tests/relight/mixed_field.h"
@@ -27,15 +28,6 @@ constexpr double fine_error = 1e-5;
 LightMap random_light(const LightDomain& domain, std::uint64_t seed) {
   Rng rng(seed);
   return test::random_light(rng, domain);
-}
-
-double relative_rmse(const Image& image, const Image& reference) {
-  double error = 0.0, signal = 0.0;
-  for (std::size_t i = 0; i < image.values.size(); ++i) {
-    error += std::pow(double{image.values[i]} - reference.values[i], 2);
-    signal += std::pow(double{reference.values[i]}, 2);
-  }
-  return signal > 0.0 ? std::sqrt(error / signal) : std::sqrt(error);
 }
 
 constexpr LightDomain monitor{50, 40, Parameterisation::monitor};

@@ -11,6 +11,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "relight/sequence.h"
+#include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -26,16 +27,6 @@ constexpr int frames = 12;
 
 bool has_ffmpeg() {
   return std::system("ffmpeg -version >/dev/null 2>&1") == 0;
-}
-
-template <class Action>
-std::string message_of(const Action& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "(nothing was thrown)";
 }
 
 class Video : public testing::Test {
@@ -111,7 +102,7 @@ TEST_F(Video, LeavesNothingWhenItIsStopped) {
 
 TEST_F(Video, TellsWhatFfmpegSays) {
   VideoWriter video(folder_ / "none/out.mp4", 16, 16, 30.0);
-  EXPECT_THAT(message_of([&] {
+  EXPECT_THAT(test::message_of([&] {
                 const std::vector<std::uint8_t> frame(16 * 16 * 3);
                 for (int i = 0; i < 1000; ++i) video.add(frame);
                 video.finish();
@@ -127,7 +118,7 @@ TEST(VideoWithoutFfmpeg, SaysWhatToInstallOrToDoInstead) {
   const test::TemporaryFolder folder;
   const std::string path = std::getenv("PATH");
   setenv("PATH", folder.path().c_str(), 1);
-  const std::string message = message_of([&] { VideoWriter(folder / "out.mp4", 16, 16, 30.0); });
+  const std::string message = test::message_of([&] { VideoWriter(folder / "out.mp4", 16, 16, 30.0); });
   setenv("PATH", path.c_str(), 1);
   EXPECT_THAT(message, AllOf(HasSubstr("apt-get install ffmpeg"), HasSubstr("folder")));
 }
