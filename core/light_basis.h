@@ -8,6 +8,11 @@
 
 namespace refield {
 
+/// What coefficients sum: a light map's values as they stand, as estimation does with photographs of a
+/// monitor's image, or each value times its texel's solid angle, as precomputed transport does (cube maps
+/// alone).
+enum class Measure { texels, solid_angle };
+
 /// The kernels over a light map that all pixels share, so that each is summed once a light: hat functions
 /// for what is smooth, rectangles for the rest (R_k of Matusik et al. 2004, eq. 3). Kernel k is hat k for
 /// k < hats.count(), else box k − hats.count().
@@ -15,6 +20,7 @@ struct LightBasis {
   LightDomain domain;
   HatGrid hats;
   std::vector<Box> boxes;
+  Measure measure = Measure::texels;
 
   std::size_t size() const { return hats.count() + boxes.size(); }
   bool is_hat(std::size_t kernel) const { return kernel < static_cast<std::size_t>(hats.count()); }

@@ -6,6 +6,7 @@
 #include "core/image.h"
 #include "core/learning_curve.h"
 #include "core/light_basis.h"
+#include "core/mesh.h"
 #include "core/monitor_placement.h"
 #include "core/predicted_error.h"
 #include "core/transfer_matrix.h"
@@ -38,6 +39,12 @@ struct ReflectanceField {
   /// Where the monitor stood, for a basis over monitor texels, one placement for each window of the light map
   /// (check_placements()); empty where that is not known.
   std::vector<MonitorPlacement> monitors;
+  /// Where the outputs are no pixels but a mesh' vertices: that mesh; else empty. Its outputs stand in an
+  /// image of output_image_width (core/mesh.h).
+  Mesh mesh;
+  /// 0: a vertex has one output, its radiance towards everyone (before its colour). n > 0: n² of them, the
+  /// harmonics of its radiance (core/harmonics.h) over the direction in which the line of sight is mirrored.
+  int outgoing_order = 0;
 
   /// The scene under `light`, [height × width × 3]. Throws InputError when the light does not fit the basis'
   /// domain.

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+
+#include "core/light_map.h"
+
+namespace refield {
+
+inline constexpr int cube_faces = 6;
+
+/// The domain of a cube map of R×R texels a face.
+constexpr LightDomain cube_domain(int resolution) {
+  return {resolution, cube_faces * resolution, Parameterisation::cube};
+}
+
+/// Unit direction of the point (column, row) of a cube map, in texels; the centre of texel (x, y) is at
+/// (x + ½, y + ½). The face is the one that row ∕ R lies in.
+Eigen::Vector3d cube_direction(double column, double row, int resolution);
+
+/// Solid angle of texel (x, y), steradians; all together are 4π. The same for all faces, so `y` may count
+/// from any face's top.
+double cube_solid_angle(int x, int y, int resolution);
+
+}  // namespace refield

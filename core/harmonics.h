@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+namespace refield {
+
+/// Real spherical harmonics of order n: the n² functions y_lm with l < n, |m| ≤ l, at index l(l + 1) + m.
+/// Orthonormal over the sphere; y_11 grows along +X, y_1,−1 along +Y, y_10 along +Z, all without the
+/// Condon–Shortley sign (Fujita and Kanai 2004, appendix A, table 3).
+inline constexpr int largest_harmonics_order = 16;
+constexpr int harmonics_of(int order) {
+  return order * order;
+}
+
+/// `values` [order²] at a unit direction. By the recurrences for fully normalised Legendre functions, good
+/// to rounding for any order allowed.
+void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<double> values);
+
+}  // namespace refield

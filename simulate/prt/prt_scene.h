@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "core/camera.h"
+#include "core/mesh.h"
+
+namespace refield::prt {
+
+/// How a surface reflects: f(ω, ω_o) = diffuse/π + specular · (n + 2)/2π · max(r · ω_o, 0)ⁿ, with r the
+/// mirror direction of ω and n the exponent (Phong 1975, normalised as by Lafortune and Willems 1994).
+struct Material {
+  Eigen::Array3f diffuse = {0.8f, 0.8f, 0.8f};   ///< reflectance, linear RGB; times the vertex' colour
+  Eigen::Array3f specular = {0.0f, 0.0f, 0.0f};  ///< reflectance at normal incidence
+  float exponent = 0.0f;
+
+  bool is_diffuse() const { return (specular == 0.0f).all(); }
+};
+
+/// Meshes in place, joined into one, each vertex with its material.
+struct Scene {
+  Mesh mesh;  ///< colours: those of the files, or white
+  std::vector<Material> materials;
+  std::vector<std::uint16_t> material_of_vertex;  ///< [vertices]; a triangle's vertices have the same
+  std::optional<Camera> camera;                   ///< of image relighting and of pictures
+
+  const Material& material_of_triangle(std::uint32_t triangle) const {
+    return materials[material_of_vertex[mesh.triangles[triangle][0]]];
+  }
+};
+
+/// Reads a scene's description (TOML, docs/prt.md) and the meshes that it names, relative to it; or, of a
+/// mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
+Scene read_scene(const std::filesystem::path& path);
+
+/// Sorts vertices so that successive ones are neighbours with like normals (blocks of 16 and of 256 as
+/// core/mesh.h explains); triangles and materials follow.
+void sort_vertices(Scene& scene);
+
+}  // namespace refield::prt
