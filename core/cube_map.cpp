@@ -1,10 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/cube_map.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 
 namespace refield {
+
+namespace {
+
+/// Solid angle of the rectangle between a face's middle and (u, v), the face at distance 1.
+double angle_up_to(double u, double v) {
+  return std::atan2(u * v, std::sqrt(u * u + v * v + 1.0));
+}
+
+}  // namespace
 
 Eigen::Vector3d cube_direction(double column, double row, int resolution) {
   const int face = std::clamp(static_cast<int>(row / resolution), 0, cube_faces - 1);
@@ -14,12 +25,26 @@ Eigen::Vector3d cube_direction(double column, double row, int resolution) {
 }
 
 double cube_solid_angle(int x, int y, int resolution) {
-  // Of the rectangle between the face's middle and (u, v), with the cube's faces at distance 1.
-  const auto up_to = [](double u, double v) { return std::atan2(u * v, std::sqrt(u * u + v * v + 1.0)); };
   const double step = 2.0 / resolution;
   const double u0 = x * step - 1.0, v0 = y % resolution * step - 1.0;
   const double u1 = u0 + step, v1 = v0 + step;
-  return up_to(u1, v1) - up_to(u0, v1) - up_to(u1, v0) + up_to(u0, v0);
+  return angle_up_to(u1, v1) - angle_up_to(u0, v1) - angle_up_to(u1, v0) + angle_up_to(u0, v0);
+}
+
+std::vector<float> cube_solid_angles(int resolution) {
+  const auto side = static_cast<std::size_t>(resolution);
+  std::vector<float> angles(side * side);
+  tbb::parallel_for(0, resolution, [&](int y) {
+    const double step = 2.0 / resolution, v0 = y * step - 1.0, v1 = v0 + step;
+    double left = angle_up_to(-1.0, v1) - angle_up_to(-1.0, v0);
+    for (int x = 0; x < resolution; ++x) {
+      const double u = (x + 1) * step - 1.0, right = angle_up_to(u, v1) - angle_up_to(u, v0);
+      angles[static_cast<std::size_t>(y) * side + static_cast<std::size_t>(x)] =
+          static_cast<float>(right - left);
+      left = right;
+    }
+  });
+  return angles;
 }
 
 }  // namespace refield

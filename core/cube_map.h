@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <vector>
 
 #include "core/light_map.h"
 
@@ -20,5 +21,7 @@ Eigen::Vector3d cube_direction(double column, double row, int resolution);
 /// Solid angle of texel (x, y), steradians; all together are 4π. The same for all faces, so `y` may count
 /// from any face's top.
 double cube_solid_angle(int x, int y, int resolution);
+/// Those of a face's texels, [resolution²], row by row.
+std::vector<float> cube_solid_angles(int resolution);
 
 }  // namespace refield

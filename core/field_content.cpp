@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "core/errors.h"
+#include "core/precomputed_content.h"
 #include "core/reflectance_field_file.h"
 
 namespace refield {
@@ -35,6 +36,11 @@ constexpr std::array data_set_names = {
     "statistics/learning_curve",
     "statistics/predicted_error",
     "statistics/photograph_noise",
+    mesh_data_set_names[0],
+    mesh_data_set_names[1],
+    mesh_data_set_names[2],
+    mesh_data_set_names[3],
+    mesh_data_set_names[4],
 };
 
 constexpr const char* monitors_name = "basis/monitors";
@@ -113,6 +119,7 @@ void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int 
   for (const Box& box : field.basis.boxes) corners.insert(corners.end(), {box.x0, box.y0, box.x1, box.y1});
   writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
+  write_precomputed(writer, field);
 }
 
 void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field) {
@@ -140,8 +147,9 @@ void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field) {
 
 std::uint64_t outline_bytes(const ReflectanceField& field) {
   constexpr std::uint64_t structures = 64 << 10;
-  return structures + field.provenance.size() + field.basis.boxes.size() * sizeof(Box) +
-         field.training_error.size() * sizeof(float) + field.error_evidence.size() * sizeof(ErrorEvidence) +
+  return structures + precomputed_bytes(field) + field.provenance.size() +
+         field.basis.boxes.size() * sizeof(Box) + field.training_error.size() * sizeof(float) +
+         field.error_evidence.size() * sizeof(ErrorEvidence) +
          (field.predicted_error.size() + field.photograph_noise.size()) * sizeof(float);
 }
 
@@ -186,6 +194,7 @@ ReflectanceField read_outline(const Hdf5Values& values) {
       hats.rows > field.basis.domain.height)
     values.fail("has an impossible grid of hats");
   field.provenance = values.text("provenance");
+  read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
   return field;
 }

@@ -76,7 +76,7 @@ class Joiner {
       columns.clear();
       for (std::uint64_t e = first; e < first + count; ++e) {
         const std::uint32_t kernel = part.transfer.column[e];
-        columns.push_back(part.basis.is_hat(kernel) ? kernel : number_of(part.basis.box(kernel)));
+        columns.push_back(part.basis.is_smooth(kernel) ? kernel : number_of(part.basis.box(kernel)));
       }
       whole_.transfer.append_row(columns, std::span(part.transfer.weight).subspan(3 * first, 3 * count));
     }

@@ -20,6 +20,7 @@ struct Hdf5Values {
   [[noreturn]] void fail(const std::string& what) const;
   bool has(const char* name) const { return outline.data_sets.contains(name); }
   const std::string& text(const char* name) const;
+  bool has_number(const char* name) const { return outline.numbers.contains(name); }
   std::int32_t number(const char* name) const;
 
   /// A data set of `columns` columns. T: float, double, std::int32_t, std::uint32_t or std::uint64_t.

@@ -69,18 +69,19 @@ std::uint32_t crc32_joined(std::uint32_t first, std::uint32_t second, std::size_
   return static_cast<std::uint32_t>(crc32_combine(first, second, static_cast<z_off_t>(second_bytes)));
 }
 
-Hdf5Writer::Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination,
-                       std::initializer_list<const char*> groups)
+Hdf5Writer::Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination)
     : destination_(destination) {
   static_assert(std::is_same_v<hid_t, std::int64_t> || sizeof(hid_t) == sizeof(std::int64_t));
   errno = 0;
   file_ = create(file);
   check(file_ >= 0);
+}
+
+void Hdf5Writer::group(const char* name) const {
   // HDF5 keeps times of creation for groups by default.
   const Handle timeless(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
   H5Pset_obj_track_times(timeless, false);
-  for (const char* group : groups)
-    check(Handle(H5Gcreate2(file_, group, H5P_DEFAULT, timeless, H5P_DEFAULT), H5Gclose).valid());
+  check(Handle(H5Gcreate2(file_, name, H5P_DEFAULT, timeless, H5P_DEFAULT), H5Gclose).valid());
 }
 
 Hdf5Writer::~Hdf5Writer() {

@@ -11,13 +11,14 @@ namespace refield {
 /// no time, so that equal content gives equal bytes. Throws DeviceError where the disk refuses.
 class Hdf5Writer {
  public:
-  /// Creates `file` with empty groups; errors name `destination`.
-  Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination,
-             std::initializer_list<const char*> groups);
+  /// Creates `file`; errors name `destination`.
+  Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination);
   ~Hdf5Writer();
   Hdf5Writer(const Hdf5Writer&) = delete;
   Hdf5Writer& operator=(const Hdf5Writer&) = delete;
 
+  /// Makes a group for data sets.
+  void group(const char* name) const;
   void text(const char* name, const std::string& value) const;
   void number(const char* name, std::int32_t value) const;
   /// T: float, double, std::int32_t, std::uint32_t or std::uint64_t.

@@ -5,47 +5,81 @@
 
 #include <algorithm>
 
+#include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/summed_area_table.h"
 
 namespace refield {
 
 double LightBasis::area(std::size_t kernel) const {
-  if (!is_hat(kernel)) return static_cast<double>(box(kernel).area());
+  if (!is_smooth(kernel)) return static_cast<double>(box(kernel).area());
   double sum = 0.0;
   const Box within = support(kernel);
   for (int y = within.y0; y < within.y1; ++y)
-    for (int x = within.x0; x < within.x1; ++x) sum += hats.value(static_cast<int>(kernel), x, y, domain);
+    for (int x = within.x0; x < within.x1; ++x) sum += value(kernel, x, y);
   return sum;
 }
 
 float LightBasis::value(std::size_t kernel, int x, int y) const {
-  if (is_hat(kernel)) return hats.value(static_cast<int>(kernel), x, y, domain);
+  const auto number = static_cast<int>(kernel);
+  if (number < hats.count()) return hats.value(number, x, y, domain);
+  if (is_smooth(kernel)) return harmonics.value(number - hats.count(), x, y, domain);
   const Box& inside = box(kernel);
   return x >= inside.x0 && x < inside.x1 && y >= inside.y0 && y < inside.y1 ? 1.0f : 0.0f;
 }
 
 Box LightBasis::support(std::size_t kernel) const {
-  return is_hat(kernel) ? hats.support(static_cast<int>(kernel), domain) : box(kernel);
+  const auto number = static_cast<int>(kernel);
+  if (number < hats.count()) return hats.support(number, domain);
+  return is_smooth(kernel) ? Box{0, 0, domain.width, domain.height} : box(kernel);
 }
 
 std::vector<float> LightBasis::project(const LightMap& light) const {
-  const LightDomain given = light.domain();
-  if (given != domain)
-    throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) +
-                     " (" + std::string(name_of(given.parameterisation)) + "), the field expects " +
-                     std::to_string(domain.width) + "×" + std::to_string(domain.height) + " (" +
-                     std::string(name_of(domain.parameterisation)) + "); resample the map to that size");
-  const SummedAreaTable table(light.radiance);
+  require_domain(light, domain);
+  const Box whole{0, 0, domain.width, domain.height};
+  const SmoothProjector projector(*this);
+  std::optional<Image> weighed;
+  if (projector.weighs()) projector.weigh(weighed.emplace(light.radiance), whole);
+  const Image& values = weighed ? *weighed : light.radiance;
   std::vector<float> coefficients(size() * 3);
-  std::ranges::copy(hats.project(light), coefficients.begin());
-  float* sums = coefficients.data() + std::size_t{3} * hats.count();
+  std::ranges::transform(projector.project(values, whole), coefficients.begin(),
+                         [](double sum) { return static_cast<float>(sum); });
+  if (boxes.empty()) return coefficients;
+  const SummedAreaTable table(values);
+  float* sums = coefficients.data() + smooth() * 3;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, boxes.size(), 4096), [&](const auto& range) {
     for (std::size_t k = range.begin(); k != range.end(); ++k) {
       const auto sum = table.sum(boxes[k]);
       for (int c = 0; c < 3; ++c) sums[3 * k + c] = static_cast<float>(sum[c]);
     }
   });
+  return coefficients;
+}
+
+SmoothProjector::SmoothProjector(const LightBasis& basis)
+    : domain_(basis.domain), hats_(basis.hats), count_(basis.smooth()) {
+  if (basis.measure == Measure::solid_angle) solid_angles_ = cube_solid_angles(domain_.width);
+  if (basis.harmonics.order > 0) harmonics_.emplace(basis.harmonics, domain_);
+}
+
+void SmoothProjector::weigh(Image& part, const Box& within) const {
+  const int side = domain_.width;
+  tbb::parallel_for(0, part.height, [&](int row) {
+    const float* angle = solid_angles_.data() +
+                         static_cast<std::size_t>((within.y0 + row) % side) * static_cast<std::size_t>(side) +
+                         within.x0;
+    float* texel = part.row(row).data();
+    for (int x = 0; x < part.width; ++x, texel += 3)
+      for (int c = 0; c < 3; ++c) texel[c] *= angle[x];
+  });
+}
+
+std::vector<double> SmoothProjector::project(const Image& part, const Box& within) const {
+  std::vector<double> coefficients = hats_.project(part, within, domain_);
+  if (harmonics_) {
+    const std::vector<double> more = harmonics_->project(part, within);
+    coefficients.insert(coefficients.end(), more.begin(), more.end());
+  }
   return coefficients;
 }
 

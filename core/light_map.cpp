@@ -28,6 +28,15 @@ Parameterisation parameterisation_from_name(std::string_view name) {
                    "'; use monitor, lat_long or cube");
 }
 
+void require_domain(const LightMap& light, const LightDomain& domain) {
+  const LightDomain given = light.domain();
+  if (given != domain)
+    throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) +
+                     " (" + std::string(name_of(given.parameterisation)) + "), the field expects " +
+                     std::to_string(domain.width) + "×" + std::to_string(domain.height) + " (" +
+                     std::string(name_of(domain.parameterisation)) + "); resample the map to that size");
+}
+
 Eigen::Vector3d lat_long_direction(double column, double row, int width, int height) {
   const double phi = 2.0 * std::numbers::pi * column / width;
   const double theta = std::numbers::pi * row / height;

@@ -34,6 +34,9 @@ struct LightMap {
   LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
 };
 
+/// Throws InputError unless the light is of a field's domain.
+void require_domain(const LightMap& light, const LightDomain& domain);
+
 /// Direction that a point of a lat-long map stands for. `column` in [0, width], `row` in [0, height].
 /// With φ = 2π·column/width and θ = π·row/height: direction = (−sin θ sin φ, cos θ, −sin θ cos φ). Someone
 /// inside who looks along +Z (centre column) has +X to the right, +Y above (row 0): not mirrored, thus

@@ -77,7 +77,8 @@ void write_packed_field(const fs::path& path, const PackedField& packed) {
   const std::size_t bytes = std::visit([](const auto& tiles) { return tiles.bytes(); }, packed.tiles);
   require_free_space(fs::absolute(path).parent_path(), outline_bytes(packed.outline) + bytes);
   write_atomically(path, [&](const fs::path& temporary) {
-    Hdf5Writer writer(temporary, path, {"basis", "tiles", "statistics"});
+    Hdf5Writer writer(temporary, path);
+    for (const char* group : {"basis", "tiles", "statistics"}) writer.group(group);
     write_outline(writer, packed.outline, packed_field_version, nullptr);
     writer.number("weight_bits", packed.bits());
     std::visit([&](const auto& tiles) { write_tiles(writer, tiles); }, packed.tiles);

@@ -17,7 +17,7 @@ void require_pixel(std::size_t pixel, std::size_t pixels) {
 }
 
 std::optional<std::uint32_t> hat_of(const LightBasis& basis, std::uint32_t kernel) {
-  return basis.is_hat(kernel) ? std::optional(kernel) : std::nullopt;
+  return basis.is_smooth(kernel) ? std::optional(kernel) : std::nullopt;
 }
 
 /// Fills in the shares of energy, and sorts by them.

@@ -28,7 +28,8 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
   // HDF5 1.10 does not survive a full disk gracefully when it closes the file: look before.
   require_free_space(fs::absolute(path).parent_path(), content_bytes(field));
   write_atomically(path, [&](const fs::path& temporary) {
-    Hdf5Writer writer(temporary, path, {"basis", "transfer", "statistics"});
+    Hdf5Writer writer(temporary, path);
+    for (const char* group : {"basis", "transfer", "statistics"}) writer.group(group);
     write_outline(writer, field, reflectance_field_version, part);
     const SparseTransfer& transfer = field.transfer;
     writer.dataset("transfer/row_start", transfer.row_start.data(), {transfer.row_start.size()});

@@ -23,7 +23,7 @@ template <class Weight>
 void keep_common_boxes(LightBasis& basis, TiledTransfer<Weight>& tiles) {
   std::vector<Box> common;
   for (std::uint32_t i = 0; i < tiles.common.size(); ++i) {
-    if (!basis.is_hat(tiles.common[i])) common.push_back(basis.box(tiles.common[i]));
+    if (!basis.is_smooth(tiles.common[i])) common.push_back(basis.box(tiles.common[i]));
     tiles.common[i] = i;
   }
   basis.boxes = std::move(common);

@@ -28,20 +28,27 @@ SmallBox small(const Box& box) {
 }
 
 template <class Table>
-Coefficients common_coefficients(const std::vector<double>& hats, const Table& table,
+Coefficients common_coefficients(const std::vector<double>& smooth, const Table& table,
                                  const std::vector<SmallBox>& boxes) {
-  Coefficients common(hats.size() + boxes.size() * 3 + 1);
-  std::ranges::transform(hats, common.begin(), [](double sum) { return static_cast<float>(sum); });
+  Coefficients common(smooth.size() + boxes.size() * 3 + 1);
+  std::ranges::transform(smooth, common.begin(), [](double sum) { return static_cast<float>(sum); });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, boxes.size(), 1024), [&](const auto& range) {
     std::array<float, 4 * 64> sums;
     for (std::size_t first = range.begin(); first < range.end(); first += 64) {
       const std::size_t count = std::min<std::size_t>(64, range.end() - first);
       sum_boxes(table, std::span(boxes).subspan(first, count), sums.data());
       for (std::size_t k = 0; k < count; ++k)
-        std::copy_n(sums.data() + 4 * k, 3, common.data() + hats.size() + 3 * (first + k));
+        std::copy_n(sums.data() + 4 * k, 3, common.data() + smooth.size() + 3 * (first + k));
     }
   });
   return common;
+}
+
+void copy(const Image& from, Image& to) {
+  if (to.values.size() != from.values.size()) to = from;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, from.values.size(), 1 << 16), [&](const auto& range) {
+    std::copy_n(from.values.data() + range.begin(), range.size(), to.values.data() + range.begin());
+  });
 }
 
 double sum_of(const Image& image) {
@@ -54,7 +61,7 @@ double sum_of(const Image& image) {
 
 Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision)
     : domain_(basis.domain),
-      hats_(basis.hats),
+      smooth_(basis),
       double_sums_(precision == RelightPrecision::fine ||
                    std::int64_t{basis.domain.width} * basis.domain.height > most_fixed_point_texels),
       image_(width, height, 3) {}
@@ -88,46 +95,36 @@ Relighter::Relighter(PackedField&& packed)
 void Relighter::list_common_boxes(const LightBasis& basis) {
   std::visit(
       [&](const auto& transfer) {
-        for (std::size_t i = static_cast<std::size_t>(hats_.count()); i < transfer.common.size(); ++i)
+        for (std::size_t i = smooth_.count(); i < transfer.common.size(); ++i)
           common_boxes_.push_back(small(basis.box(transfer.common[i])));
       },
       transfer_);
 }
 
-void Relighter::require_fitting(const LightMap& light) const {
-  if (light.domain() != domain_)
-    throw InputError("the light map is " + std::to_string(light.radiance.width) + "×" +
-                     std::to_string(light.radiance.height) + " (" +
-                     std::string(name_of(light.parameterisation)) + "), the field expects " +
-                     std::to_string(domain_.width) + "×" + std::to_string(domain_.height) + " (" +
-                     std::string(name_of(domain_.parameterisation)) + "); resample the map to that size");
-}
-
 const Image& Relighter::relight(const LightMap& light) {
-  require_fitting(light);
-  const std::vector<double> hats = hats_.project(light);
+  require_domain(light, domain_);
+  const Box whole{0, 0, domain_.width, domain_.height};
+  if (smooth_.weighs()) {
+    copy(light.radiance, weighed_);
+    smooth_.weigh(weighed_, whole);
+  }
+  const Image& values = smooth_.weighs() ? weighed_ : light.radiance;
+  const std::vector<double> smooth = smooth_.project(values, whole);
   const auto multiply_with = [&](const auto& table) {
-    common_ = common_coefficients(hats, table, common_boxes_);
+    common_ = common_coefficients(smooth, table, common_boxes_);
     std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, transfer_);
   };
   if (double_sums_) {
-    multiply_with(SummedAreaTable(light.radiance));
+    multiply_with(SummedAreaTable(values));
   } else {
-    table_.build(light.radiance);
+    table_.build(values);
     multiply_with(table_);
   }
-  keep(light.radiance);
+  copy(light.radiance, light_);
   updates_ = 0;
   moved_light_ = 0.0;
   total_light_ = -1.0;
   return image_;
-}
-
-void Relighter::keep(const Image& light) {
-  if (light_.values.size() != light.values.size()) light_ = light;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, light.values.size(), 1 << 16), [&](const auto& range) {
-    std::copy_n(light.values.data() + range.begin(), range.size(), light_.values.data() + range.begin());
-  });
 }
 
 Image Relighter::take_change(const LightMap& light, const Box& changed) {
@@ -148,15 +145,16 @@ Image Relighter::take_change(const LightMap& light, const Box& changed) {
 }
 
 const Image& Relighter::update(const LightMap& light, const Box& changed) {
-  require_fitting(light);
+  require_domain(light, domain_);
   if (!changed.inside(domain_.width, domain_.height))
     throw InputError("the changed part of the light reaches outside the light map");
   if (light_.empty() || ++updates_ >= refresh_period) return relight(light);
-  const Image difference = take_change(light, changed);
+  Image difference = take_change(light, changed);
   if (moved_light_ > most_moved_light * total_light_) return relight(light);
+  if (smooth_.weighs()) smooth_.weigh(difference, changed);
   const auto add_with = [&](const auto& table) {
     const LightChange<std::decay_t<decltype(table)>> change{changed, table,
-                                                            hats_.project(difference, changed, domain_)};
+                                                            smooth_.project(difference, changed)};
     std::visit([&](const auto& transfer) { add_change(transfer, change, image_); }, transfer_);
   };
   if (double_sums_) {

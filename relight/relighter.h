@@ -53,19 +53,18 @@ class Relighter {
   /// Without a transfer yet.
   Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
   void list_common_boxes(const LightBasis& basis);
-  void require_fitting(const LightMap& light) const;
-  void keep(const Image& light);
   /// Takes over the light inside `changed`; the difference to what it was.
   Image take_change(const LightMap& light, const Box& changed);
 
   LightDomain domain_;
-  HatGrid hats_;
+  SmoothProjector smooth_;
   TransferTiles transfer_;
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
   bool double_sums_ = false;
   FixedPointTable table_;
   Coefficients common_;
-  Image light_;  // as of the last call; empty before
+  Image light_;    // as of the last call; empty before
+  Image weighed_;  // what its coefficients sum, where that differs
   Image image_;
   int updates_ = 0;
   double moved_light_ = 0.0;  // since the image was last computed as a whole

@@ -48,7 +48,7 @@ std::vector<std::uint32_t> shared_by_tiles(const ReflectanceField& field) {
     });
   });
   for (std::size_t k = 0; k < owner.size(); ++k)
-    owner[k] = owner[k] == several || field.basis.is_hat(k) ? 1 : 0;
+    owner[k] = owner[k] == several || field.basis.is_smooth(k) ? 1 : 0;
   return owner;
 }
 

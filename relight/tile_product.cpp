@@ -124,13 +124,13 @@ void sum_change(const LightChange<Table>& change, const TouchedTile<Weight>& tou
     parts.push_back(overlap(touched.tile.support[static_cast<std::size_t>(k)], change.within));
   light.resize(std::max(light.size(), parts.size() * 4));
   sum_boxes(change.difference, parts, light.data());
-  const std::size_t hats = change.hats.size() / 3;
+  const std::size_t smooth = change.smooth.size() / 3;
   float* sum = light.data();
   for (const std::int64_t number : touched.kernels) {
     const auto k = static_cast<std::size_t>(number);
     if (k >= touched.tile.common.size()) break;
-    if (touched.tile.common[k] < hats)
-      store_sum(change.hats.data() + std::size_t{3} * touched.tile.common[k], sum);
+    if (touched.tile.common[k] < smooth)
+      store_sum(change.smooth.data() + std::size_t{3} * touched.tile.common[k], sum);
     sum += 4;
   }
 }

@@ -22,8 +22,8 @@ void sum_boxes(const SummedAreaTable& table, std::span<const SmallBox> boxes, fl
 template <class Table>
 struct LightChange {
   Box within;
-  const Table& difference;   ///< new less old radiance there
-  std::vector<double> hats;  ///< [hats × 3], what the change adds to their coefficients
+  const Table& difference;     ///< new less old radiance there
+  std::vector<double> smooth;  ///< [smooth kernels × 3], what the change adds to their coefficients
 };
 
 /// image [height × width × 3] = transfer · light. `common` [common kernels × 3 + 1]: their coefficients; the

@@ -153,8 +153,8 @@ Image in_double(const refield::LightMap& light, const refield::ReflectanceField&
     double sum[3] = {0.0, 0.0, 0.0};
     for (auto e = field.transfer.row_start[row]; e < field.transfer.row_start[row + 1]; ++e) {
       const std::uint32_t k = field.transfer.column[e];
-      const auto box = field.basis.is_hat(k) ? std::array{hats[3 * k], hats[3 * k + 1], hats[3 * k + 2]}
-                                             : table.sum(field.basis.box(k));
+      const auto box = field.basis.is_smooth(k) ? std::array{hats[3 * k], hats[3 * k + 1], hats[3 * k + 2]}
+                                                : table.sum(field.basis.box(k));
       for (std::size_t c = 0; c < 3; ++c) sum[c] += double{field.transfer.weight[3 * e + c]} * box[c];
     }
     for (std::size_t c = 0; c < 3; ++c) image.values[3 * row + c] = static_cast<float>(sum[c]);
