@@ -10,7 +10,7 @@
 
 namespace refield {
 
-Eigen::Vector3f Camera::direction(float x, float y) const {
+Eigen::Vector3f PinholeCamera::direction(float x, float y) const {
   const Eigen::Vector3f ahead = (target - position).normalized();
   const Eigen::Vector3f right = up.cross(ahead).normalized();
   const Eigen::Vector3f above = ahead.cross(right);
@@ -20,7 +20,7 @@ Eigen::Vector3f Camera::direction(float x, float y) const {
   return (ahead + half_height * ((2.0f * x - w) / h * right + (1.0f - 2.0f * y / h) * above)).normalized();
 }
 
-void Camera::check() const {
+void PinholeCamera::check() const {
   if (width <= 0 || height <= 0)
     throw InputError("the camera's image is " + std::to_string(width) + "×" + std::to_string(height) +
                      " pixels; give a size above zero");

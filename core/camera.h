@@ -5,7 +5,7 @@
 namespace refield {
 
 /// A pinhole camera in the axes of core/mesh.h (left-handed: +X right, +Y up, +Z ahead).
-struct Camera {
+struct PinholeCamera {
   Eigen::Vector3f position = {0.0f, 0.0f, -3.0f};
   Eigen::Vector3f target = {0.0f, 0.0f, 0.0f};
   Eigen::Vector3f up = {0.0f, 1.0f, 0.0f};

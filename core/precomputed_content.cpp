@@ -40,7 +40,7 @@ std::vector<Triple> read_triples(const Hdf5Values& values, const char* name) {
   return triples;
 }
 
-void write_camera(const Hdf5Writer& writer, const Camera& camera) {
+void write_camera(const Hdf5Writer& writer, const PinholeCamera& camera) {
   std::vector<float> numbers;
   for (const auto* triple : {&camera.position, &camera.target, &camera.up})
     numbers.insert(numbers.end(), {triple->x(), triple->y(), triple->z()});
@@ -49,14 +49,14 @@ void write_camera(const Hdf5Writer& writer, const Camera& camera) {
   writer.dataset("mesh/camera", numbers.data(), {1, numbers_of_a_camera});
 }
 
-Camera read_camera(const Hdf5Values& values) {
+PinholeCamera read_camera(const Hdf5Values& values) {
   constexpr float most_pixels = 1 << 16;
   const auto n = values.dataset<float>("mesh/camera", numbers_of_a_camera);
   if (n.size() != numbers_of_a_camera || !(n[10] >= 1 && n[10] <= most_pixels) ||
       !(n[11] >= 1 && n[11] <= most_pixels))
     values.fail("mesh/camera is no camera");
-  const Camera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
-                      static_cast<int>(n[10]), static_cast<int>(n[11])};
+  const PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
+                             static_cast<int>(n[10]), static_cast<int>(n[11])};
   try {
     camera.check();
   } catch (const InputError& error) {

@@ -48,7 +48,7 @@ struct ReflectanceField {
   /// 0: a vertex has one output, its radiance towards everyone (before its colour). n > 0: n² of them, the
   /// harmonics of its radiance (core/harmonics.h) over the direction in which the line of sight is mirrored.
   int outgoing_order = 0;
-  std::optional<Camera> camera;  ///< from where the mesh is to be shown first
+  std::optional<PinholeCamera> camera;  ///< from where the mesh is to be shown first
   std::size_t mesh_outputs() const {
     return mesh.positions.size() * static_cast<std::size_t>(std::max(1, harmonics_of(outgoing_order)));
   }

@@ -26,7 +26,7 @@ struct Scene {
   Mesh mesh;  ///< colours: those of the files, or white
   std::vector<Material> materials;
   std::vector<std::uint16_t> material_of_vertex;  ///< [vertices]; a triangle's vertices have the same
-  std::optional<Camera> camera;                   ///< of image relighting and of pictures
+  std::optional<PinholeCamera> camera;            ///< of image relighting and of pictures
 
   const Material& material_of_triangle(std::uint32_t triangle) const {
     return materials[material_of_vertex[mesh.triangles[triangle][0]]];
