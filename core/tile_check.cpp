@@ -39,7 +39,7 @@ class TileCheck {
     if (tile_.common.size() > kernels() || tile_.scale.size() != kernels() ||
         tile_.dense_start.size() != tile_.dense_kernels.size() + 1 || tile_.places.size() != records() ||
         tile_.group.size() != groups_of_tile + 1 || tile_.record_scale.size() != records() ||
-        tile_.record_weight.size() != records() * 3 * group_pixels)
+        tile_.record_weight.size() != records() * tile_.record_size())
       return false;
     std::uint64_t of_runs = 0, uses = 0;
     for (const KernelRun& run : tile_.runs) {

@@ -76,7 +76,12 @@ struct TileArrays {
   Array<float> scale;                   ///< [kernels], of the sparse weights
   Array<SparseWeights<Weight>> sparse;  ///< kernel by kernel
   Array<float> record_scale;            ///< [records]
-  Array<Weight> record_weight;          ///< [records × 3 × group_pixels]
+  /// [records × channels × group_pixels]: one channel in a grey tile, whose pixels weigh all three alike.
+  Array<Weight> record_weight;
+
+  bool is_grey() const { return record_weight.size() == record_kernel.size() * group_pixels; }
+  /// Weights of a record.
+  std::size_t record_size() const { return static_cast<std::size_t>((is_grey() ? 1 : 3) * group_pixels); }
 };
 
 template <class T>
@@ -160,7 +165,8 @@ void for_each_weight(const Tile<Weight>& tile, const Visit& visit) {
     for (std::size_t r = tile.group[g]; r < tile.group[g + 1]; ++r)
       for (std::size_t i = 0; i < group_pixels; ++i)
         visit_some(tile.dense_kernels[tile.record_kernel[r]], g * group_pixels + i,
-                   tile.record_weight.data() + r * 3 * group_pixels + i, group_pixels, tile.record_scale[r]);
+                   tile.record_weight.data() + r * tile.record_size() + i, tile.is_grey() ? 0 : group_pixels,
+                   tile.record_scale[r]);
 }
 
 /// Appends a tile to a piece of memory.

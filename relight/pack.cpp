@@ -152,4 +152,14 @@ PackResult pack_field(const ReflectanceField& field, double error) {
                    " already; ask for more than that");
 }
 
+PackedField pack_rows(FieldRows rows, int bits) {
+  PackedField packed;
+  if (bits == 8)
+    packed.tiles = tile_transfer<std::uint8_t>(rows);
+  else
+    packed.tiles = tile_transfer<std::uint16_t>(rows);
+  packed.outline = std::move(rows.outline);
+  return packed;
+}
+
 }  // namespace refield

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/field_rows.h"
 #include "core/packed_field.h"
 
 namespace refield {
@@ -32,5 +33,9 @@ struct PackResult {
 /// kernels (Pruning) as the error then has room for. Equal input gives equal output. Throws InputError where
 /// 16 bits are too few for `error` or the light map is larger than small_box_limit.
 PackResult pack_field(const ReflectanceField& field, double error);
+
+/// Packs a field that is never there as a whole, with weights of 8 or 16 bits and all its kernels.
+/// Throws InputError where the light map is larger than small_box_limit, Interrupted.
+PackedField pack_rows(FieldRows rows, int bits);
 
 }  // namespace refield

@@ -88,7 +88,8 @@ class TileLayout {
   void collect() {
     shop_.place.resize(field_.basis.size(), not_common);
     shop_.kernels.clear();
-    for_each_entry([&](int pixel, std::uint32_t number, const float*) {
+    for_each_entry([&](int pixel, std::uint32_t number, const float* weight) {
+      grey_ = grey_ && weight[0] == weight[1] && weight[1] == weight[2];
       std::uint32_t& place = shop_.place[number];
       if (place == not_common) {
         place = static_cast<std::uint32_t>(shop_.kernels.size());
@@ -143,7 +144,7 @@ class TileLayout {
     const std::size_t records = tile.group[groups_of_tile];
     tile.record_kernel.resize(records);
     tile.record_scale.resize(records);
-    tile.record_weight.resize(records * 3 * group_pixels);
+    tile.record_weight.resize(records * (grey_ ? 1 : 3) * group_pixels);
     tile.dense_start.push_back(0);
     std::vector<std::uint32_t> next = tile.group;
     for (std::uint32_t at = 0; at < shop_.order.size(); ++at) {
@@ -184,8 +185,8 @@ class TileLayout {
       const int g = pixel / group_pixels;
       if (kernel.dense(g)) {
         const std::uint32_t record = kernel.record[g];
-        Weight* channels = tile.record_weight.data() + std::size_t{3} * group_pixels * record;
-        for (int c = 0; c < 3; ++c)
+        Weight* channels = tile.record_weight.data() + tile.record_size() * record;
+        for (int c = 0; c < (grey_ ? 1 : 3); ++c)
           channels[c * group_pixels + pixel % group_pixels] = rounded(weight[c], tile.record_scale[record]);
       } else {
         auto& entry = tile.sparse[kernel.next_sparse++];
@@ -199,6 +200,7 @@ class TileLayout {
   const std::vector<std::uint32_t>& common_place_;
   int tile_x_, tile_y_;
   TileWorkshop& shop_;
+  bool grey_ = true;  // so far
 };
 
 }  // namespace

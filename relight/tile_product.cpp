@@ -57,7 +57,8 @@ void prefetch_touched(const TouchedTile<Weight>& touched, const Image& image, in
     __builtin_prefetch(last);
   };
   for (const auto& own : touched.weights.dense) {
-    ask_for(touched.tile.record_weight.data() + std::size_t{own.record} * 3 * group_pixels, 3 * group_pixels);
+    ask_for(touched.tile.record_weight.data() + std::size_t{own.record} * touched.tile.record_size(),
+            touched.tile.record_size());
     __builtin_prefetch(touched.tile.record_scale.data() + own.record);
   }
   for (const auto& own : touched.weights.sparse) {

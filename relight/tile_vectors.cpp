@@ -89,7 +89,7 @@ HWY_INLINE void ask_for(std::span<const T> values, std::size_t first, std::size_
 }
 
 /// Adds the dense weights of one group; `light` [dense kernels × 4].
-template <class Weight>
+template <bool grey, class Weight>
 HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT light, std::size_t group,
                           const Tile<Weight>& next, float* HWY_RESTRICT pixels) {
   const Lanes d;
@@ -101,11 +101,12 @@ HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT li
       hn::Store(hn::Mul(hn::LoadU(rgb, light + std::size_t{4} * tile.record_kernel[r]),
                         hn::Set(rgb, tile.record_scale[r])),
                 rgb, factor);
-      const Weight* weights = tile.record_weight.data() + r * 3 * group_pixels + lane;
-      ask_for(next.record_weight, r * 3 * group_pixels, 3 * group_pixels);
+      constexpr std::size_t record = (grey ? 1 : 3) * group_pixels, apart = grey ? 0 : group_pixels;
+      const Weight* weights = tile.record_weight.data() + r * record + lane;
+      ask_for(next.record_weight, r * record, record);
       red = hn::MulAdd(widened(d, weights), hn::Set(d, factor[0]), red);
-      green = hn::MulAdd(widened(d, weights + group_pixels), hn::Set(d, factor[1]), green);
-      blue = hn::MulAdd(widened(d, weights + 2 * group_pixels), hn::Set(d, factor[2]), blue);
+      green = hn::MulAdd(widened(d, weights + apart), hn::Set(d, factor[1]), green);
+      blue = hn::MulAdd(widened(d, weights + 2 * apart), hn::Set(d, factor[2]), blue);
     }
     hn::Store(red, d, pixels + lane);
     hn::Store(green, d, pixels + group_pixels + lane);
@@ -142,8 +143,14 @@ HWY_INLINE void sum_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
   }
   for (std::size_t i = 0; i < tile.dense_kernels.size(); ++i)
     hn::StoreU(hn::LoadU(rgb, light + std::size_t{4} * tile.dense_kernels[i]), rgb, dense_light + 4 * i);
-  for (std::size_t g = 0; g < groups_of_tile; ++g)
-    add_group(tile, dense_light, g, next, sums.dense + g * 3 * group_pixels);
+  const bool grey = tile.is_grey();
+  for (std::size_t g = 0; g < groups_of_tile; ++g) {
+    float* pixels = sums.dense + g * 3 * group_pixels;
+    if (grey)
+      add_group<true>(tile, dense_light, g, next, pixels);
+    else
+      add_group<false>(tile, dense_light, g, next, pixels);
+  }
 }
 
 template <class Weight>
@@ -162,16 +169,18 @@ HWY_INLINE std::uint32_t sum_touched_by(const Tile<Weight>& tile, const TouchedW
     for (std::size_t i = 0; i < own.uses; ++i) groups |= 1u << (uses[i].pixel / group_pixels);
   }
   hwy::ZeroBytes<sizeof sums.dense>(sums.dense);
+  const std::size_t record = tile.record_size(), apart = tile.is_grey() ? 0 : group_pixels;
   for (const auto& own : touched.dense) {
-    const Weight* weights = tile.record_weight.data() + std::size_t{own.record} * 3 * group_pixels;
+    const Weight* weights = tile.record_weight.data() + std::size_t{own.record} * record;
     const float* own_light = light + std::size_t{4} * own.light;
     float* pixels = sums.dense + std::size_t{own.group} * 3 * group_pixels;
     groups |= 1u << own.group;
     for (std::size_t c = 0; c < 3; ++c) {
       const auto factor = hn::Set(d, own_light[c] * tile.record_scale[own.record]);
-      for (std::size_t lane = c * group_pixels; lane < (c + 1) * group_pixels; lane += hn::Lanes(d))
-        hn::Store(hn::MulAdd(widened(d, weights + lane), factor, hn::Load(d, pixels + lane)), d,
-                  pixels + lane);
+      float* sum = pixels + c * group_pixels;
+      for (std::size_t lane = 0; lane < group_pixels; lane += hn::Lanes(d))
+        hn::Store(hn::MulAdd(widened(d, weights + c * apart + lane), factor, hn::Load(d, sum + lane)), d,
+                  sum + lane);
     }
   }
   return groups;

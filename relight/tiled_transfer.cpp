@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <string>
 
 #include "core/errors.h"
+#include "core/interrupt.h"
 #include "relight/tile_layout.h"
 
 namespace refield {
@@ -96,6 +98,33 @@ TiledTransfer<Weight> tile_transfer(ReflectanceField&& field) {
   return tiled;
 }
 
+template <class Weight>
+TiledTransfer<Weight> tile_transfer(const FieldRows& source) {
+  const ReflectanceField& outline = source.outline;
+  require_nameable(outline.basis.domain);
+  TiledTransfer<Weight> tiled{outline.width, outline.height, {}, {}};
+  std::vector<std::uint32_t> place(outline.basis.size());
+  std::iota(place.begin(), place.end(), 0u);
+  tiled.common = place;
+  ReflectanceField band;  // some rows of the picture
+  band.width = outline.width;
+  band.basis = outline.basis;
+  tbb::enumerable_thread_specific<TileWorkshop> workshops;
+  constexpr int band_rows = TiledTransfer<Weight>::band_rows;
+  for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
+    throw_if_interrupted();
+    const int rows = std::min(band_rows, tiled.tiles_down() - row);
+    const RowRange range{row * tile_side_px, std::min(outline.height, (row + rows) * tile_side_px)};
+    band.height = range.count();
+    band.transfer = source.rows(range);
+    tiled.bands.push_back(lay_out_band<Weight>(band, place, 0, rows, tiled.tiles_across(), workshops, [] {}));
+  }
+  tiled.mark_parts();
+  return tiled;
+}
+
+template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&);
+template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&);
 template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
 template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
 template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);

@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 
+#include "core/field_rows.h"
 #include "core/reflectance_field.h"
 #include "core/transfer_tiles.h"
 
@@ -16,6 +17,13 @@ TiledTransfer<Weight> tile_transfer(const ReflectanceField& field);
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(ReflectanceField&& field);
 
+/// The same for a field that is never there as a whole: all its kernels count as common. Throws Interrupted,
+/// too.
+template <class Weight>
+TiledTransfer<Weight> tile_transfer(const FieldRows& rows);
+
+extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&);
+extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&);
 extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
 extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
 extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);

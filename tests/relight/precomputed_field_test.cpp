@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <numbers>
+
+#include "core/cube_map.h"
+#include "core/metrics.h"
+#include "core/packed_field_file.h"
+#include "core/reflectance_field_file.h"
+#include "core/rng.h"
+#include "relight/pack.h"
+#include "relight/relighter.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+// What RelightPrecision promises; twice that where harmonics of both signs cancel.
+constexpr double fast_error = 2e-3, fine_error = 2e-5;
+constexpr int side = 12;
+constexpr std::size_t vertices = 1500;  // more than one row of tiles
+
+/// A field over a mesh under a cube map: harmonics that all outputs have, squares that neighbours share.
+/// `grey`: all channels weigh alike.
+ReflectanceField random_mesh_field(bool grey) {
+  Rng rng(3);
+  ReflectanceField field;
+  field.basis = {cube_domain(side), {}, {}, Measure::solid_angle, {3}};
+  for (int i = 0; i < 60; ++i) field.basis.boxes.push_back(test::random_box(rng, side, cube_faces * side));
+  for (std::size_t i = 0; i < vertices; ++i) {
+    const auto angle = static_cast<float>(i);
+    field.mesh.positions.emplace_back(angle, 0.0f, 1.0f);
+    field.mesh.normals.emplace_back(0.0f, 1.0f, 0.0f);
+    field.mesh.colours.emplace_back(0.5f, 0.6f, 0.7f);
+  }
+  field.mesh.triangles = {{0, 1, 2}, {2, 1, 3}};
+  field.camera = PinholeCamera{};
+  field.width = output_image_width;
+  field.height = output_image_height(field.mesh_outputs());
+  std::vector<std::size_t> output(static_cast<std::size_t>(field.width) * field.height, vertices);
+  for (std::size_t i = 0; i < vertices; ++i) output[pixel_of_output(i)] = i;
+  for (const std::size_t of_pixel : output) {
+    std::vector<std::uint32_t> columns;
+    std::vector<float> weights;
+    for (std::uint32_t k = 0; of_pixel < vertices && k < field.basis.size(); ++k) {
+      const bool harmonic = field.basis.is_smooth(k);
+      // Of each harmonic either sign; squares by groups of 16.
+      if (harmonic ? (k + of_pixel) % 2 != 0 : (k * 7 + of_pixel / 16) % 5 != 0) continue;
+      columns.push_back(k);
+      for (int c = 0; c < 3; ++c)
+        weights.push_back(grey && c > 0 ? weights.back() : static_cast<float>(rng.uniform()));
+    }
+    field.transfer.append_row(columns, weights);
+  }
+  return field;
+}
+
+LightMap random_light(std::uint64_t seed) {
+  Rng rng(seed);
+  return test::random_light(rng, cube_domain(side));
+}
+
+FieldRows rows_of(const ReflectanceField& field) {
+  FieldRows rows{field, {}};
+  rows.outline.transfer = {};
+  rows.rows = [&field](RowRange range) {
+    SparseTransfer some;
+    const auto& all = field.transfer;
+    for (int pixel = range.first * field.width; pixel < range.last * field.width; ++pixel) {
+      const std::uint64_t first = all.row_start[static_cast<std::size_t>(pixel)],
+                          count = all.row_start[static_cast<std::size_t>(pixel) + 1] - first;
+      some.append_row(std::span(all.column).subspan(first, count),
+                      std::span(all.weight).subspan(3 * first, 3 * count));
+    }
+    return some;
+  };
+  return rows;
+}
+
+class PrecomputedField : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(GreyOrColoured, PrecomputedField, testing::Bool());
+
+TEST_P(PrecomputedField, IsRelitByTheSameRelighter) {
+  const ReflectanceField field = random_mesh_field(GetParam());
+  const LightMap light = random_light(1);
+  const Image expected = field.relight(light);
+  Relighter fast(field), fine(field, RelightPrecision::fine), by_rows(pack_rows(rows_of(field), 8));
+  EXPECT_LT(relative_rmse(fast.relight(light), expected), fast_error);
+  EXPECT_LT(relative_rmse(by_rows.relight(light), expected), fast_error);
+  EXPECT_LT(relative_rmse(fine.relight(light), expected), fine_error);
+
+  LightMap changed = light;
+  const Box part{2, 20, 7, 31};
+  const LightMap other = random_light(2);
+  for (int y = part.y0; y < part.y1; ++y)
+    for (int x = part.x0; x < part.x1; ++x)
+      for (int c = 0; c < 3; ++c) changed.radiance.at(x, y, c) = other.radiance.at(x, y, c);
+  for (Relighter* relighter : {&fast, &by_rows})
+    EXPECT_LT(relative_rmse(relighter->update(changed, part), field.relight(changed)), fast_error);
+  EXPECT_LT(relative_rmse(fine.update(changed, part), field.relight(changed)), fine_error);
+}
+
+TEST(PrecomputedFields, OfGreyTransferTakeAThirdOfTheBytes) {
+  const PackedField grey = pack_rows(rows_of(random_mesh_field(true)), 8),
+                    coloured = pack_rows(rows_of(random_mesh_field(false)), 8);
+  const auto bytes = [](const PackedField& packed) {
+    return static_cast<double>(std::get<0>(packed.tiles).bytes());
+  };
+  // Kernels and their numbers are in both; harmonics of either sign, in sparse form, too.
+  EXPECT_LT(bytes(grey), 0.7 * bytes(coloured));
+}
+
+TEST_P(PrecomputedField, ComesBackFromItsFile) {
+  const test::TemporaryFolder folder;
+  const ReflectanceField field = random_mesh_field(GetParam());
+  const auto path = folder.path() / "mesh.rfield", packed_path = folder.path() / "packed.rfield";
+  write_reflectance_field(path, field);
+  write_packed_field(packed_path, pack_rows(rows_of(field), 16));
+  const LightMap light = random_light(1);
+  const Image expected = field.relight(light);
+  for (const auto& file : {path, packed_path}) {
+    const ReflectanceField back = read_reflectance_field(file);
+    EXPECT_LT(relative_rmse(back.relight(light), expected), fine_error);
+    EXPECT_EQ(back.basis.measure, Measure::solid_angle);
+    EXPECT_EQ(back.basis.harmonics, field.basis.harmonics);
+    ASSERT_EQ(back.mesh.positions.size(), vertices);
+    EXPECT_EQ(back.mesh.positions[77], field.mesh.positions[77]);
+    EXPECT_EQ(back.mesh.normals[77], field.mesh.normals[77]);
+    EXPECT_TRUE((back.mesh.colours[77] == field.mesh.colours[77]).all());
+    EXPECT_EQ(back.mesh.triangles, field.mesh.triangles);
+    ASSERT_TRUE(back.camera);
+    EXPECT_EQ(back.camera->width, field.camera->width);
+  }
+}
+
+TEST(PrecomputedFields, SumLightBySolidAngle) {
+  ReflectanceField field;
+  field.width = field.height = 1;
+  field.basis = {cube_domain(side), {}, {{0, 0, side, cube_faces * side}}, Measure::solid_angle};
+  field.transfer.append_row(std::vector<std::uint32_t>{0}, std::vector<float>(3, 1.0f));
+  LightMap light{Image(side, cube_faces * side, 3), Parameterisation::cube};
+  std::ranges::fill(light.radiance.values, 1.0f);
+  EXPECT_NEAR(field.relight(light).values[0], 4.0 * std::numbers::pi, 1e-5);
+}
+
+}  // namespace
+}  // namespace refield
