@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <numeric>
+#include <span>
+
+#include "core/transfer_tiles.h"
+#include "simulate/prt/prt_scene.h"
+
+namespace refield::prt {
+
+namespace {
+
+using Feature = Eigen::Array<float, 6, 1>;
+
+/// Places between which halves are cut: whole tiles as long as there are several, then whole groups.
+std::size_t middle_of(std::size_t count) {
+  const std::size_t unit = count > tile_pixels ? tile_pixels : group_pixels;
+  return (count / 2 + unit - 1) / unit * unit;
+}
+
+/// Halves vertices along the feature that varies most, again and again, until groups are left: a k-d tree's
+/// leaves in order (Bentley 1975).
+void sort_by_features(std::span<std::uint32_t> order, const std::vector<Feature>& features) {
+  if (order.size() <= group_pixels) {
+    std::ranges::sort(order);
+    return;
+  }
+  Feature low = features[order[0]], high = low;
+  for (const std::uint32_t vertex : order) {
+    low = low.min(features[vertex]);
+    high = high.max(features[vertex]);
+  }
+  Eigen::Index axis = 0;
+  (high - low).maxCoeff(&axis);
+  const std::size_t middle = middle_of(order.size());
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(middle), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) {
+                     const float of_a = features[a][axis], of_b = features[b][axis];
+                     return of_a != of_b ? of_a < of_b : a < b;
+                   });
+  sort_by_features(order.first(middle), features);
+  sort_by_features(order.subspan(middle), features);
+}
+
+template <class Value>
+void reorder(std::vector<Value>& values, const std::vector<std::uint32_t>& order) {
+  std::vector<Value> sorted;
+  sorted.reserve(values.size());
+  for (const std::uint32_t i : order) sorted.push_back(values[i]);
+  values = std::move(sorted);
+}
+
+}  // namespace
+
+void sort_vertices(Scene& scene) {
+  Mesh& mesh = scene.mesh;
+  Eigen::AlignedBox3f bounds;
+  for (const auto& position : mesh.positions) bounds.extend(position);
+  const float scale = mesh.empty() ? 1.0f : 1.0f / std::max(bounds.sizes().maxCoeff(), 1e-30f);
+  // How far apart in the scene two vertices are as unlike as two whose normals differ by one: measured on
+  // scanned figures on a ground plane.
+  constexpr float distance_of_a_normal = 0.1f;
+  std::vector<Feature> features(mesh.positions.size());
+  for (std::size_t v = 0; v < features.size(); ++v)
+    features[v] << mesh.positions[v].array() * scale, mesh.normals[v].array() * distance_of_a_normal;
+
+  std::vector<std::uint32_t> order(features.size()), place(features.size());
+  std::iota(order.begin(), order.end(), 0u);
+  sort_by_features(order, features);
+  for (std::uint32_t i = 0; i < order.size(); ++i) place[order[i]] = i;
+  reorder(mesh.positions, order);
+  reorder(mesh.normals, order);
+  reorder(mesh.colours, order);
+  reorder(scene.material_of_vertex, order);
+  for (auto& triangle : mesh.triangles)
+    for (std::uint32_t& vertex : triangle) vertex = place[vertex];
+  std::ranges::sort(mesh.triangles);
+}
+
+}  // namespace refield::prt
