@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "simulate/prt/mesh_rays.h"
+#include "simulate/prt/prt_scene.h"
+
+namespace refield::prt {
+
+/// What is relit (Johan and Nishita, section 3.1): a diffuse scene's vertices, seen from anywhere, or the
+/// pixels of one view, of any material.
+enum class Relighting { geometry, image };
+
+/// An image whose pixels are a scene's outputs, and which of them are computed together.
+struct OutputLayout {
+  static constexpr std::uint32_t none = ~0u;
+  int width = 0;
+  int height = 0;
+  /// [groups × 16]: vertices, or row-major pixels of the view; none where a group is not full. A group is a
+  /// square of 4×4 pixels, row by row.
+  std::vector<std::uint32_t> outputs;
+  std::vector<std::uint32_t> place_of_pixel;  ///< [width × height], in `outputs`; none beyond the last output
+};
+
+/// Throws InputError for a scene without triangles, without a camera (image relighting) or with glossy
+/// materials (geometry relighting).
+OutputLayout layout_of(const Scene& scene, Relighting relighting);
+
+/// A narrow lobe of reflection of one output: what must not fall between samples of the light.
+struct Lobe {
+  Eigen::Vector3f direction;  ///< unit, in which the line of sight is mirrored
+  float exponent = 0.0f;
+};
+
+/// The transfer function of outputs for single directions of light, by ray tracing:
+/// T = V f(ω, ω_o) max(ω · n, 0) (eqs. 2 and 3 of Johan and Nishita). A vertex' f is that of white, 1/π, and
+/// all channels are equal: its colour multiplies last (core/mesh.h).
+class TransferSamples {
+ public:
+  static constexpr std::size_t group_outputs = MeshRays::packet;
+
+  /// `outputs`: as of OutputLayout, any of them. A pixel's value is the mean over `pixel_samples` ×
+  /// `pixel_samples` points spread evenly in it. The scene must outlive this.
+  TransferSamples(const Scene& scene, Relighting relighting, std::span<const std::uint32_t> outputs,
+                  int pixel_samples = 1);
+
+  int channels() const { return channels_; }
+  std::size_t groups() const { return points_.size() / (group_outputs * packets_); }
+  /// Values of a group.
+  std::size_t group_values() const { return group_outputs * static_cast<std::size_t>(channels_); }
+
+  /// The transfer of a group's outputs for light from a unit direction, `values` [channels × 16]. Returns the
+  /// number of rays: outputs that face away cost none. May be called by several threads.
+  std::uint32_t evaluate(std::size_t group, const Eigen::Vector3f& direction, std::span<float> values) const;
+
+  /// Lobes of exponent `narrow` and above.
+  std::vector<Lobe> lobes(std::size_t group, float narrow) const;
+
+ private:
+  struct Point {
+    Eigen::Vector3f position = Eigen::Vector3f::Zero();  // off the surface
+    Eigen::Vector3f normal = Eigen::Vector3f::Zero();    // zero: nothing is seen there
+    Eigen::Vector3f mirrored = Eigen::Vector3f::Zero();  // line of sight
+    Eigen::Array3f diffuse = Eigen::Array3f::Zero();     // all values of f, shared out among a pixel's points
+    Eigen::Array3f specular = Eigen::Array3f::Zero();
+    float exponent = 0.0f;
+  };
+  Point vertex_point(const Scene& scene, std::uint32_t vertex) const;
+  Point pixel_point(const Scene& scene, float x, float y, float share) const;
+
+  MeshRays rays_;
+  int channels_;
+  std::size_t packets_;        // of a group: points of a pixel
+  std::vector<Point> points_;  // [groups × packets × 16]
+};
+
+}  // namespace refield::prt
