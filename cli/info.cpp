@@ -44,6 +44,65 @@ int kernel_cap(const ordered_json& provenance) {
   return kernels != provenance.end() && kernels->is_number_integer() ? kernels->get<int>() : 0;
 }
 
+/// What light is summed over.
+ordered_json describe(const LightBasis& basis) {
+  ordered_json described;
+  if (basis.hats.count() > 0) described["hats"] = {basis.hats.columns, basis.hats.rows};
+  if (basis.harmonics.order > 0) described["harmonics_order"] = basis.harmonics.order;
+  described["boxes"] = basis.boxes.size();
+  described["sums"] = basis.measure == Measure::texels ? "texels" : "radiance times solid angle";
+  return described;
+}
+
+ordered_json describe(const SparseTransfer& transfer) {
+  return {{"stored", "rows"}, {"weight_bits", 32}, {"entries", transfer.entries()}};
+}
+
+ordered_json describe(const TransferTiles& tiles) {
+  std::uint64_t weights = 0;
+  bool grey = true;
+  std::visit(
+      [&](const auto& transfer) {
+        for (int at = 0; at < transfer.tiles(); ++at) {
+          const auto tile = transfer.tile(at);
+          weights += tile.record_weight.size() + 3 * tile.sparse.size();
+          grey = grey && tile.is_grey();
+        }
+      },
+      tiles);
+  return {{"stored", "tiles"},
+          {"weight_bits", tiles.index() == 0 ? 8 : 16},
+          {"weights", weights},
+          {"channels", grey ? 1 : 3}};
+}
+
+ordered_json describe(const Mesh& mesh, int outgoing_order) {
+  return {{"vertices", mesh.positions.size()},
+          {"triangles", mesh.triangles.size()},
+          {"outputs_a_vertex", std::max(1, harmonics_of(outgoing_order))}};
+}
+
+/// Of precomputed transport: no statistics of estimation, and no rows made from tiles, which memory might
+/// not hold.
+ordered_json describe_precomputed(const fs::path& path, const ReflectanceField& outline) {
+  ordered_json info{{"kind", "precomputed reflectance field"},
+                    {"format_version", reflectance_field_version},
+                    {"bytes", fs::file_size(path)}};
+  if (outline.mesh.empty())
+    info["image"] = size_of(outline.width, outline.height);
+  else
+    info["mesh"] = describe(outline.mesh, outline.outgoing_order);
+  info["light"] = describe(outline.basis.domain, outline.monitors);
+  info["basis"] = describe(outline.basis);
+  info["transfer"] = describe(outline.transfer);
+  info["provenance"] = ordered_json::parse(outline.provenance, nullptr, false);
+  return info;
+}
+
+bool is_precomputed(const ReflectanceField& field) {
+  return field.basis.measure == Measure::solid_angle;
+}
+
 ordered_json describe_field(const fs::path& path, const ReflectanceField& field) {
   ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
   if (provenance.is_discarded()) provenance = field.provenance;
@@ -53,6 +112,8 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
                     {"bytes", fs::file_size(path)},
                     {"image", size_of(field.width, field.height)},
                     {"light", describe(field.basis.domain, field.monitors)},
+                    {"basis", describe(field.basis)},
+                    {"transfer", describe(field.transfer)},
                     {"pixels_in_scene", kernels.pixels},
                     {"distinct_boxes", kernels.distinct_boxes},
                     {"kernels",
@@ -85,13 +146,17 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
 
 ordered_json describe_whole_field(const fs::path& path) {
   auto either = read_either_field(path);
-  if (const auto* field = std::get_if<ReflectanceField>(&either)) return describe_field(path, *field);
+  if (const auto* field = std::get_if<ReflectanceField>(&either)) {
+    if (!is_precomputed(*field)) return describe_field(path, *field);
+    return describe_precomputed(path, *field);
+  }
   auto& packed = std::get<PackedField>(either);
-  const int bits = packed.bits();
-  ordered_json info = describe_field(path, expand(std::move(packed)));
-  info["kind"] = "packed reflectance field";
+  const ordered_json transfer = describe(packed.tiles);
+  ordered_json info = is_precomputed(packed.outline) ? describe_precomputed(path, packed.outline)
+                                                     : describe_field(path, expand(std::move(packed)));
+  if (info["kind"] == "reflectance field") info["kind"] = "packed reflectance field";
   info["format_version"] = packed_field_version;
-  info["weight_bits"] = bits;
+  info["transfer"] = transfer;
   return info;
 }
 

@@ -25,10 +25,18 @@ Eigen::Vector3d cube_direction(double column, double row, int resolution) {
 }
 
 double cube_solid_angle(int x, int y, int resolution) {
-  const double step = 2.0 / resolution;
-  const double u0 = x * step - 1.0, v0 = y % resolution * step - 1.0;
-  const double u1 = u0 + step, v1 = v0 + step;
-  return angle_up_to(u1, v1) - angle_up_to(u0, v1) - angle_up_to(u1, v0) + angle_up_to(u0, v0);
+  return cube_solid_angle(Box{x, y, x + 1, y + 1}, resolution);
+}
+
+double cube_solid_angle(const Box& box, int resolution) {
+  const double step = 2.0 / resolution, u0 = box.x0 * step - 1.0, u1 = box.x1 * step - 1.0;
+  double sum = 0.0;
+  for (int face = box.y0 / resolution; face * resolution < box.y1; ++face) {
+    const double v0 = std::max(box.y0 - face * resolution, 0) * step - 1.0,
+                 v1 = std::min(box.y1 - face * resolution, resolution) * step - 1.0;
+    sum += angle_up_to(u1, v1) - angle_up_to(u0, v1) - angle_up_to(u1, v0) + angle_up_to(u0, v0);
+  }
+  return sum;
 }
 
 std::vector<float> cube_solid_angles(int resolution) {

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "core/box.h"
 #include "core/light_map.h"
 
 namespace refield {
@@ -21,6 +22,8 @@ Eigen::Vector3d cube_direction(double column, double row, int resolution);
 /// Solid angle of texel (x, y), steradians; all together are 4π. The same for all faces, so `y` may count
 /// from any face's top.
 double cube_solid_angle(int x, int y, int resolution);
+/// That of a rectangle of a cube map, which may reach over several faces.
+double cube_solid_angle(const Box& box, int resolution);
 /// Those of a face's texels, [resolution²], row by row.
 std::vector<float> cube_solid_angles(int resolution);
 

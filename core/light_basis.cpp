@@ -4,6 +4,8 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 #include "core/cube_map.h"
 #include "core/errors.h"
@@ -12,11 +14,20 @@
 namespace refield {
 
 double LightBasis::area(std::size_t kernel) const {
-  if (!is_smooth(kernel)) return static_cast<double>(box(kernel).area());
+  if (!is_smooth(kernel))
+    return measure == Measure::texels ? static_cast<double>(box(kernel).area())
+                                      : cube_solid_angle(box(kernel), domain.width);
+  const auto number = static_cast<int>(kernel);
+  if (number >= hats.count()) {  // harmonics but the first integrate to nothing
+    const int harmonic = (number - hats.count()) / 2, sign = (number - hats.count()) % 2 == 0 ? 1 : -1;
+    return harmonic == 0 ? sign * std::sqrt(4.0 * std::numbers::pi) : 0.0;
+  }
   double sum = 0.0;
   const Box within = support(kernel);
   for (int y = within.y0; y < within.y1; ++y)
-    for (int x = within.x0; x < within.x1; ++x) sum += value(kernel, x, y);
+    for (int x = within.x0; x < within.x1; ++x)
+      sum += hats.value(number, x, y, domain) *
+             (measure == Measure::texels ? 1.0 : cube_solid_angle(x, y, domain.width));
   return sum;
 }
 

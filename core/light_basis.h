@@ -31,7 +31,7 @@ struct LightBasis {
   bool is_smooth(std::size_t kernel) const { return kernel < smooth(); }
   const Box& box(std::size_t kernel) const { return boxes[kernel - smooth()]; }
 
-  /// Texels of a box; of a smooth kernel, the sum of its values.
+  /// A kernel's coefficient under a light of one everywhere: of a box its texels or its solid angle.
   double area(std::size_t kernel) const;
   /// Value of a kernel at a texel: of a box 1 inside, else 0.
   float value(std::size_t kernel, int x, int y) const;

@@ -69,7 +69,7 @@ std::vector<Box> Refinement::boxes(std::size_t pixel) const {
   const SparseTransfer& transfer = field_.transfer;
   std::vector<Box> boxes;
   for (std::uint64_t e = transfer.row_start[pixel]; e < transfer.row_start[pixel + 1]; ++e)
-    if (!field_.basis.is_hat(transfer.column[e])) boxes.push_back(field_.basis.box(transfer.column[e]));
+    if (!field_.basis.is_smooth(transfer.column[e])) boxes.push_back(field_.basis.box(transfer.column[e]));
   return boxes;
 }
 

@@ -45,7 +45,7 @@ TEST(PackVerb, MakesASmallFieldThatGoesWhereverAFieldGoes) {
   EXPECT_LT(relative_rmse(read_image(folder / "p.exr"), read_image(folder / "f.exr")), 2e-3);
   const json info = json::parse(run_refield({"info", folder / "p.rfield", "--json"}).out);
   EXPECT_EQ(info["kind"], "packed reflectance field");
-  EXPECT_EQ(info["weight_bits"], figures["weight_bits"]);
+  EXPECT_EQ(info["transfer"]["weight_bits"], figures["weight_bits"]);
   EXPECT_EQ(info["provenance"]["pack"]["pruned"], figures["pruned"]);
 }
 
