@@ -1,10 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/harmonics.h"
 
+#include <Eigen/QR>
 #include <cmath>
 #include <numbers>
 
 namespace refield {
+
+namespace {
+
+/// Well spread over the sphere: a spiral by the golden angle.
+Eigen::Vector3d spiral_direction(int k, int count) {
+  const double z = 1.0 - (2.0 * k + 1.0) / count;
+  const double phi = 2.0 * std::numbers::pi * (std::numbers::phi - 1.0) * k;
+  const double radius = std::sqrt(1.0 - z * z);
+  return {radius * std::cos(phi), radius * std::sin(phi), z};
+}
+
+double window_factor(HarmonicWindow window, int band, int order) {
+  const double angle = std::numbers::pi * band / order;
+  if (window == HarmonicWindow::none || band == 0) return 1.0;
+  return window == HarmonicWindow::hann ? 0.5 * (1.0 + std::cos(angle)) : std::sin(angle) / angle;
+}
+
+}  // namespace
 
 void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<double> values) {
   const double x = direction.x(), y = direction.y(), z = direction.z();
@@ -29,6 +48,33 @@ void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<d
     cosine = turned;
     diagonal *= std::sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0));
   }
+}
+
+std::vector<double> window_factors(HarmonicWindow window, int order) {
+  std::vector<double> factors;
+  for (int band = 0; band < order; ++band)
+    factors.insert(factors.end(), 2 * band + 1, window_factor(window, band, order));
+  return factors;
+}
+
+Eigen::MatrixXd harmonic_rotation(int order, const Eigen::Matrix3d& rotation) {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const int count = harmonics_of(order), directions = 2 * count;
+  Rows values(directions, count), turned(directions, count);  // y_i(ω) and y_i(R⁻¹ω)
+  for (int k = 0; k < directions; ++k) {
+    const Eigen::Vector3d direction = spiral_direction(k, directions);
+    evaluate_harmonics(order, direction, {values.row(k).data(), static_cast<std::size_t>(count)});
+    evaluate_harmonics(order, rotation.transpose() * direction,
+                       {turned.row(k).data(), static_cast<std::size_t>(count)});
+  }
+  Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(count, count);
+  for (int band = 0; band < order; ++band) {
+    const int first = band * band, size = 2 * band + 1;
+    const Eigen::MatrixXd basis = values.middleCols(first, size);
+    matrix.block(first, first, size, size) =
+        basis.colPivHouseholderQr().solve(turned.middleCols(first, size));
+  }
+  return matrix;
 }
 
 }  // namespace refield

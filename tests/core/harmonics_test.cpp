@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/cube_map.h"
+#include "core/turn.h"
 
 namespace refield {
 namespace {
@@ -51,6 +52,46 @@ TEST(Harmonics, AreTheFunctionsOfThePapersTable) {
   EXPECT_NEAR(values[9], std::sqrt(35 / (32 * pi)) * (3 * x * x * y - y * y * y), 1e-14);
   EXPECT_NEAR(values[23], std::sqrt(315 / (32 * pi)) * z * (x * x * x - 3 * x * y * y), 1e-14);
   EXPECT_NEAR(values[20], std::sqrt(9 / (256 * pi)) * (35 * z * z * z * z - 30 * z * z + 3), 1e-14);
+}
+
+TEST(Harmonics, TurningCoefficientsTurnsTheFunction) {
+  constexpr int order = largest_harmonics_order, count = harmonics_of(order);
+  const Eigen::Matrix3d rotation = Turn{.yaw = 34.0, .pitch = -71.0, .roll = 200.0}.matrix();
+  const Eigen::MatrixXd matrix = harmonic_rotation(order, rotation);
+  const Eigen::VectorXd coefficients = Eigen::VectorXd::LinSpaced(count, -1.0, 2.0);
+  const Eigen::VectorXd turned = matrix * coefficients;
+  Eigen::VectorXd here(count), there(count);
+  for (int k = 0; k < 50; ++k) {
+    const Eigen::Vector3d direction =
+        Eigen::Vector3d(std::cos(3.0 * k), std::sin(2.0 * k), std::cos(0.5 * k)).normalized();
+    evaluate_harmonics(order, direction, {here.data(), count});
+    evaluate_harmonics(order, rotation.transpose() * direction, {there.data(), count});
+    EXPECT_NEAR(turned.dot(here), coefficients.dot(there), 1e-11);
+  }
+  EXPECT_LT((matrix * matrix.transpose() - Eigen::MatrixXd::Identity(count, count)).cwiseAbs().maxCoeff(),
+            1e-12);
+}
+
+TEST(Harmonics, ASmallBrightLightRingsAndWindowsDampIt) {
+  constexpr int order = 5, count = harmonics_of(order);
+  const Eigen::Vector3d light = Eigen::Vector3d(1.0, 2.0, -0.5).normalized();
+  Eigen::VectorXd towards(count), here(count);
+  evaluate_harmonics(order, light, {towards.data(), count});
+  const auto lowest_share = [&](HarmonicWindow window) {
+    const std::vector<double> factors = window_factors(window, order);
+    const Eigen::VectorXd coefficients =
+        towards.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(factors.data(), count));
+    double lowest = 0.0;
+    for (int y = 0; y < 6 * 16; ++y)
+      for (int x = 0; x < 16; ++x) {
+        evaluate_harmonics(order, cube_direction(x + 0.5, y + 0.5, 16), {here.data(), count});
+        lowest = std::min(lowest, coefficients.dot(here));
+      }
+    return lowest / coefficients.dot(towards);
+  };
+  EXPECT_LT(lowest_share(HarmonicWindow::none), -0.12);
+  EXPECT_GT(lowest_share(HarmonicWindow::lanczos), -0.07);
+  EXPECT_GT(lowest_share(HarmonicWindow::hann), -0.05);
 }
 
 }  // namespace

@@ -64,6 +64,19 @@ inline Scene glossy_scene() {
   return scene;
 }
 
+/// Ground, a coloured wall and a ball, apart by more than a cell: interreflection is interpolated between
+/// vertices, which is wrong where it changes within a triangle.
+inline Scene ball_scene(const Material& ball) {
+  const Eigen::Vector3f twice(2.0f, 2.0f, 2.0f);
+  Scene scene;
+  add(scene, plane_mesh(10), {.stretch = twice}, {{0.8f, 0.7f, 0.5f}, {0.0f, 0.0f, 0.0f}, 0.0f});
+  add(scene, plane_mesh(10),
+      {.stretch = twice, .turn = {.roll = -90.0}, .position = Eigen::Vector3f(-1.1f, 1.2f, 0.0f)},
+      {{0.9f, 0.2f, 0.1f}, {0.0f, 0.0f, 0.0f}, 0.0f});
+  add(scene, sphere_mesh(9), {.position = Eigen::Vector3f(0.0f, 0.8f, 0.0f)}, ball);
+  return scene;
+}
+
 /// The field as a whole.
 inline ReflectanceField field_of(const FieldRows& rows) {
   ReflectanceField field = rows.outline;

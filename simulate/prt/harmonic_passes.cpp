@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/prt/harmonic_passes.h"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "simulate/prt/hammersley.h"
+
+namespace refield::prt {
+
+namespace {
+
+/// Values of the first `count` harmonics, count a square.
+Eigen::RowVectorXf harmonics_towards(const Eigen::Vector3f& direction, Eigen::Index count) {
+  const int order = static_cast<int>(std::lround(std::sqrt(static_cast<double>(count))));
+  Eigen::RowVectorXd values(count);
+  evaluate_harmonics(order, direction.cast<double>().normalized(),
+                     {values.data(), static_cast<std::size_t>(count)});
+  return values.cast<float>();
+}
+
+/// Calls work(begin, end) for blocks of successive vertices on all cores.
+template <class Work>
+void for_blocks(const char* label, std::size_t vertices, std::size_t block, const Work& work) {
+  Progress progress(label, vertices);
+  tbb::parallel_for(std::size_t{0}, (vertices + block - 1) / block, [&](std::size_t b) {
+    throw_if_interrupted();
+    const std::size_t begin = b * block, end = std::min(begin + block, vertices);
+    work(begin, end);
+    progress.advance(end - begin);
+  });
+}
+
+}  // namespace
+
+ArrivingLight::ArrivingLight(std::size_t vertices, int row_count, int column_count, int channel_count)
+    : rows(row_count),
+      columns(column_count),
+      channels(channel_count),
+      values(vertices * static_cast<std::size_t>(row_count * column_count * channel_count)) {}
+
+std::size_t ArrivingLight::start(std::size_t vertex, int channel) const {
+  return (vertex * static_cast<std::size_t>(rows * channels) + static_cast<std::size_t>(channel)) *
+         static_cast<std::size_t>(columns);
+}
+
+ArrivingLight::Strided ArrivingLight::of(std::size_t vertex, int channel) {
+  return {values.data() + start(vertex, channel), rows, columns,
+          Eigen::OuterStride<>(Eigen::Index{channels} * columns)};
+}
+
+ArrivingLight::ConstStrided ArrivingLight::of(std::size_t vertex, int channel) const {
+  return {values.data() + start(vertex, channel), rows, columns,
+          Eigen::OuterStride<>(Eigen::Index{channels} * columns)};
+}
+
+struct HarmonicPasses::Block {
+  std::size_t begin, lanes;
+  std::vector<Eigen::Vector3f> points;  // [lanes], off their surfaces
+  RowMatrix weight;                     // [lanes × samples], 0 where the sample is not seen
+};
+
+struct HarmonicPasses::Sight {
+  Eigen::Vector3f direction;  // unit
+  float distance;
+  float gain;  // of a sample's light over what it gives the scene's middle
+};
+
+HarmonicPasses::HarmonicPasses(const Scene& scene, const HarmonicOptions& options,
+                               const SurfaceResponse& response)
+    : scene_(scene),
+      options_(options),
+      response_(response),
+      rays_(scene.mesh),
+      middle_(middle(scene.mesh)),
+      harmonics_(options.directions, harmonics_of(options.order)),
+      solid_angle_(static_cast<float>(4.0 * std::numbers::pi / options.directions)),
+      words_((static_cast<std::size_t>(options.directions) + 63) / 64),
+      blocked_(words_ * scene.mesh.positions.size()) {
+  for (const Eigen::Vector3d& direction : hammersley_sphere(options.directions)) {
+    harmonics_.row(static_cast<Eigen::Index>(directions_.size())) =
+        harmonics_towards(direction.cast<float>(), harmonics_.cols());
+    directions_.push_back(direction.cast<float>());
+  }
+}
+
+HarmonicPasses::Sight HarmonicPasses::sight_of(const Eigen::Vector3f& from, std::size_t sample) const {
+  const auto radius = static_cast<float>(options_.radius);
+  const Eigen::Vector3f away = middle_ + radius * directions_[sample] - from;
+  const float distance = away.norm();
+  float gain = radius * radius / (distance * distance);
+  if (options_.emission == Emission::from_surface)
+    gain *= std::max(away.dot(directions_[sample]) / distance, 0.0f);
+  return {away / distance, distance, gain};
+}
+
+void HarmonicPasses::see_distant(Block& now) {
+  for (std::size_t k = 0; k < samples(); ++k) {
+    const std::uint32_t free = rays_.unoccluded(now.points, directions_[k]);
+    for (std::size_t lane = 0; lane < now.lanes; ++lane) {
+      const float cosine = scene_.mesh.normals[now.begin + lane].dot(directions_[k]);
+      if (cosine <= 0.0f) continue;
+      if (free >> lane & 1)
+        now.weight(static_cast<Eigen::Index>(lane), static_cast<Eigen::Index>(k)) = cosine * solid_angle_;
+      else
+        blocked_of(now.begin + lane)[k / 64] |= std::uint64_t{1} << (k % 64);
+    }
+  }
+}
+
+void HarmonicPasses::see_near(Block& now) const {
+  std::vector<Eigen::Vector3f> directions(now.lanes);
+  std::vector<float> distances(now.lanes);
+  for (std::size_t k = 0; k < samples(); ++k) {
+    const auto column = static_cast<Eigen::Index>(k);
+    for (std::size_t lane = 0; lane < now.lanes; ++lane) {
+      const Sight sight = sight_of(now.points[lane], k);
+      const float cosine = scene_.mesh.normals[now.begin + lane].dot(sight.direction);
+      now.weight(static_cast<Eigen::Index>(lane), column) =
+          std::max(cosine, 0.0f) * sight.gain * solid_angle_;
+      directions[lane] = sight.direction;
+      distances[lane] = sight.distance;
+    }
+    const std::uint32_t free = rays_.unoccluded(now.points, directions, distances);
+    for (std::size_t lane = 0; lane < now.lanes; ++lane)
+      if (!(free >> lane & 1)) now.weight(static_cast<Eigen::Index>(lane), column) = 0.0f;
+  }
+}
+
+void HarmonicPasses::integrate(const Block& now, std::size_t lane, ArrivingLight& light) const {
+  const auto weight = now.weight.row(static_cast<Eigen::Index>(lane));
+  if (light.rows == 1) {
+    light.of(now.begin + lane, 0) = harmonics_(0, 0) * (weight * harmonics_);
+    return;
+  }
+  // Few of the samples are seen: those alone make dense factors.
+  RowMatrix arriving(weight.size(), light.rows), sent(weight.size(), light.columns);
+  Eigen::Index seen = 0;
+  for (Eigen::Index k = 0; k < weight.size(); ++k) {
+    if (weight[k] <= 0.0f) continue;
+    sent.row(seen) = harmonics_.row(k);
+    if (options_.radius > 0.0)
+      arriving.row(seen++) =
+          weight[k] *
+          harmonics_towards(sight_of(now.points[lane], static_cast<std::size_t>(k)).direction, light.rows);
+    else
+      arriving.row(seen++) = weight[k] * harmonics_.row(k);
+  }
+  light.of(now.begin + lane, 0).noalias() = arriving.topRows(seen).transpose() * sent.topRows(seen);
+}
+
+ArrivingLight HarmonicPasses::shadow() {
+  const Mesh& mesh = scene_.mesh;
+  ArrivingLight light(mesh.positions.size(), response_.outputs(), static_cast<int>(harmonics_.cols()), 1);
+  // Rays to a near light end there: whether more lies in that direction is not known yet.
+  if (options_.radius > 0.0) std::ranges::fill(blocked_, ~std::uint64_t{0});
+  for_blocks("shadow pass", mesh.positions.size(), block, [&](std::size_t begin, std::size_t end) {
+    Block now{begin, end - begin, {}, {}};
+    for (std::size_t v = begin; v < end; ++v)
+      now.points.push_back(rays_.off_surface(mesh.positions[v], mesh.normals[v]));
+    now.weight = RowMatrix::Zero(static_cast<Eigen::Index>(now.lanes), options_.directions);
+    if (options_.radius > 0.0)
+      see_near(now);
+    else
+      see_distant(now);
+    for (std::size_t lane = 0; lane < now.lanes; ++lane) integrate(now, lane, light);
+  });
+  return light;
+}
+
+ArrivingLight HarmonicPasses::reflect(const ArrivingLight& light) const {
+  const std::size_t vertices = scene_.mesh.positions.size();
+  ArrivingLight sent(vertices, light.rows, light.columns, response_.is_grey() ? 1 : 3);
+  for (std::size_t v = 0; v < vertices; ++v)
+    for (int i = 0; i < light.rows; ++i) {
+      const Eigen::Array3f factor = response_.factor(v, i);
+      for (int c = 0; c < sent.channels; ++c)
+        sent.of(v, c).row(i) = factor[c] * light.of(v, std::min(c, light.channels - 1)).row(i);
+    }
+  return sent;
+}
+
+Eigen::RowVectorXf HarmonicPasses::mirrored_harmonics(const MeshHit& hit, const Eigen::Vector3f& direction,
+                                                      int count) const {
+  if (count == 1) return harmonics_.row(0).head(1);
+  const auto& corners = scene_.mesh.triangles[hit.triangle];
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+  for (std::size_t k = 0; k < 3; ++k) normal += hit.share[k] * scene_.mesh.normals[corners[k]];
+  normal.normalize();
+  return harmonics_towards(direction - 2.0f * normal.dot(direction) * normal, count);
+}
+
+std::optional<MeshHit> HarmonicPasses::reflector(std::size_t vertex, std::size_t sample) const {
+  const Mesh& mesh = scene_.mesh;
+  if (mesh.normals[vertex].dot(directions_[sample]) <= 0.0f) return std::nullopt;
+  const auto hit =
+      rays_.intersect(rays_.off_surface(mesh.positions[vertex], mesh.normals[vertex]), directions_[sample]);
+  return hit && hit->front ? hit : std::nullopt;
+}
+
+void HarmonicPasses::gather(std::size_t vertex, const ArrivingLight& sent, ArrivingLight& light) {
+  Eigen::RowVectorXf from_hit(light.columns);
+  for (std::size_t k = 0; k < samples(); ++k) {
+    std::uint64_t& word = blocked_of(vertex)[k / 64];
+    const std::uint64_t bit = std::uint64_t{1} << (k % 64);
+    if (!(word & bit)) continue;
+    const auto hit = reflector(vertex, k);
+    if (!hit) {
+      word &= ~bit;
+      continue;
+    }
+    const Eigen::RowVectorXf mirrored = mirrored_harmonics(*hit, directions_[k], light.rows);
+    const float weight = scene_.mesh.normals[vertex].dot(directions_[k]) * solid_angle_;
+    const Eigen::RowVectorXf arriving =
+        weight * harmonics_.row(static_cast<Eigen::Index>(k)).head(light.rows);
+    for (int c = 0; c < light.channels; ++c) {
+      from_hit.setZero();
+      for (std::size_t corner = 0; corner < 3; ++corner)
+        from_hit.noalias() +=
+            (hit->share[corner] * mirrored) * sent.of(scene_.mesh.triangles[hit->triangle][corner], c);
+      light.of(vertex, c).noalias() += arriving.transpose() * from_hit;
+    }
+  }
+}
+
+ArrivingLight HarmonicPasses::interreflection(const ArrivingLight& before) {
+  const std::size_t vertices = scene_.mesh.positions.size();
+  const ArrivingLight sent = reflect(before);
+  ArrivingLight light(vertices, sent.rows, sent.columns, sent.channels);
+  for_blocks("interreflection", vertices, block, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) gather(v, sent, light);
+  });
+  return light;
+}
+
+}  // namespace refield::prt

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/prt/harmonic_transfer.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <string>
+
+#include "core/errors.h"
+#include "simulate/prt/harmonic_passes.h"
+
+namespace refield::prt {
+
+namespace {
+
+/// Vertices may lie as far from the middle as this share of the lights' radius: nearer to the lights the
+/// samples stand out one by one.
+constexpr float farthest_share = 0.95f;
+
+void check_radius(const Mesh& mesh, double radius) {
+  if (radius == 0.0) return;
+  const Eigen::Vector3f centre = middle(mesh);
+  float farthest = 0.0f;
+  for (const auto& position : mesh.positions) farthest = std::max(farthest, (position - centre).norm());
+  if (farthest > farthest_share * radius)
+    throw InputError("harmonics: radius " + std::to_string(radius) +
+                     " of the sphere of lights: the scene reaches " + std::to_string(farthest) +
+                     " from its middle; give at least " + std::to_string(farthest / farthest_share) +
+                     ", or 0 for distant light");
+}
+
+/// A third of each triangle around it, [vertices].
+std::vector<float> vertex_areas(const Mesh& mesh) {
+  std::vector<float> areas(mesh.positions.size());
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Eigen::Vector3f &p = mesh.positions[a], &q = mesh.positions[b], &r = mesh.positions[c];
+    const float third = (q - p).cross(r - p).norm() / 6.0f;
+    for (const std::uint32_t corner : {a, b, c}) areas[corner] += third;
+  }
+  return areas;
+}
+
+/// HarmonicStatistics::pass_energy of a pass. Uniform light has the coefficient √4π of y_00 alone, and
+/// irradiance is I_0 ∕ y_00.
+double energy_of(const ArrivingLight& light, const std::vector<float>& areas) {
+  double sum = 0.0, area = 0.0;
+  for (std::size_t v = 0; v < areas.size(); ++v) {
+    for (int c = 0; c < light.channels; ++c) sum += 4.0 * areas[v] * light.of(v, c)(0, 0) / light.channels;
+    area += areas[v];
+  }
+  return area > 0.0 ? sum / area : 0.0;
+}
+
+/// `total` with as many channels as `pass`, plus it.
+void add(ArrivingLight& total, const ArrivingLight& pass, std::size_t vertices) {
+  if (total.channels == pass.channels) {
+    std::ranges::transform(total.values, pass.values, total.values.begin(), std::plus<>());
+    return;
+  }
+  ArrivingLight sum = pass;
+  for (std::size_t v = 0; v < vertices; ++v)
+    for (int c = 0; c < sum.channels; ++c) sum.of(v, c) += total.of(v, 0);
+  total = std::move(sum);
+}
+
+ArrivingLight all_passes(const Scene& scene, const HarmonicOptions& options, const SurfaceResponse& response,
+                         std::vector<double>& energy) {
+  const std::vector<float> areas = vertex_areas(scene.mesh);
+  HarmonicPasses passes(scene, options, response);
+  ArrivingLight last = passes.shadow();
+  ArrivingLight total = last;
+  energy = {energy_of(last, areas)};
+  for (int pass = 0; pass < options.most_passes && energy.back() > options.until * energy.front(); ++pass) {
+    last = passes.interreflection(last);
+    energy.push_back(energy_of(last, areas));
+    add(total, last, scene.mesh.positions.size());
+  }
+  return total;
+}
+
+HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const HarmonicOptions& options,
+                         const SurfaceResponse& response) {
+  const std::size_t vertices = scene.mesh.positions.size();
+  HarmonicTransfer transfer;
+  transfer.order = options.order;
+  transfer.outputs = light.rows;
+  for (std::size_t v = 0; v < vertices; ++v) transfer.colours.push_back(response.colour(v));
+  // Where a vertex is both diffuse and glossy, its channels may differ though the light's do not.
+  const bool grey = light.channels == 1 && (light.rows == 1 || response.is_grey());
+  transfer.channels = grey ? 1 : 3;
+  const std::vector<double> factors = window_factors(options.window, options.order);
+  const Eigen::RowVectorXf window =
+      Eigen::Map<const Eigen::RowVectorXd>(factors.data(), light.columns).cast<float>();
+  const float y_00 = static_cast<float>(std::sqrt(0.25 / std::numbers::pi));
+  transfer.values.reserve(vertices *
+                          static_cast<std::size_t>(light.rows * transfer.channels * light.columns));
+  for (std::size_t v = 0; v < vertices; ++v)
+    for (int i = 0; i < light.rows; ++i) {
+      Eigen::Array3f factor = response.factor_before_colour(v, i);
+      if (light.rows == 1) factor *= y_00;
+      for (int c = 0; c < transfer.channels; ++c) {
+        const auto arriving = light.of(v, std::min(c, light.channels - 1)).row(i);
+        const Eigen::RowVectorXf row = factor[c] * arriving.cwiseProduct(window);
+        transfer.values.insert(transfer.values.end(), row.begin(), row.end());
+      }
+    }
+  return transfer;
+}
+
+}  // namespace
+
+void HarmonicOptions::check() const {
+  const auto require = [](bool good, const std::string& what, const std::string& remedy) {
+    if (!good) throw InputError("harmonics: " + what + ": " + remedy);
+  };
+  require(order >= 2 && order <= 8, "order " + std::to_string(order), "give 2 to 8");
+  require(directions >= 64 && directions <= 1 << 20, "directions " + std::to_string(directions),
+          "give 64 to 1048576");
+  require(until > 0.0, "until " + std::to_string(until), "give a share above 0, such as 0.002");
+  require(most_passes >= 0, "most_passes " + std::to_string(most_passes), "give 0 or more");
+  require(radius >= 0.0 && std::isfinite(radius), "radius " + std::to_string(radius),
+          "give a length in units of the scene, or 0 for distant light");
+  require(map_resolution >= 4 && map_resolution <= 4096, "map_resolution " + std::to_string(map_resolution),
+          "give 4 to 4096 texels a face");
+}
+
+std::span<const float> HarmonicTransfer::row(std::size_t vertex, int output, int channel) const {
+  const auto width = static_cast<std::size_t>(columns());
+  const std::size_t at = (vertex * static_cast<std::size_t>(outputs) + static_cast<std::size_t>(output)) *
+                             static_cast<std::size_t>(channels) +
+                         static_cast<std::size_t>(std::min(channel, channels - 1));
+  return {values.data() + at * width, width};
+}
+
+Eigen::Vector3f middle(const Mesh& mesh) {
+  Eigen::AlignedBox3f box;
+  for (const auto& position : mesh.positions) box.extend(position);
+  return box.isEmpty() ? Eigen::Vector3f::Zero() : Eigen::Vector3f(box.center());
+}
+
+HarmonicTransfer harmonic_transfer(const Scene& scene, const HarmonicOptions& options,
+                                   HarmonicStatistics& statistics) {
+  options.check();
+  if (scene.mesh.empty()) throw InputError("harmonics: the scene has no vertices; give it a mesh");
+  check_radius(scene.mesh, options.radius);
+  const SurfaceResponse response(scene, options.order);
+  return reflect(all_passes(scene, options, response, statistics.pass_energy), scene, options, response);
+}
+
+}  // namespace refield::prt

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <vector>
+
+#include "tests/simulate/prt/harmonic_light.h"
+
+namespace refield::prt::test {
+
+/// Relative root mean square of differences, over points and channels.
+class RelativeError {
+ public:
+  void add(const Eigen::Array3f& seen, const Eigen::Array3f& expected);
+  double value() const;
+
+ private:
+  double wrong_ = 0.0, all_ = 0.0;
+};
+
+/// Some vertices of a scene, each with a viewer of its own, and what traced paths say they look like.
+struct TracedVertices {
+  std::vector<std::size_t> vertices;
+  std::vector<Eigen::Vector3f> to_viewer;
+  std::vector<Eigen::Array3f> radiance;
+};
+/// Every `step`-th vertex.
+TracedVertices trace_vertices(const Scene& scene, std::size_t step, const PathLight& light,
+                              const PathOptions& options);
+
+/// Of a transfer against them.
+double error_of(const HarmonicTransfer& transfer, const Scene& scene, const HarmonicLight& light,
+                const TracedVertices& traced);
+
+}  // namespace refield::prt::test
