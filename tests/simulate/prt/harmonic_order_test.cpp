@@ -88,13 +88,12 @@ TEST(HarmonicOrder, RingingIsDampedByWindows) {
   const Sun sun;
   const Sun::Seen plain = sun.seen(5, HarmonicWindow::none), lanczos = sun.seen(5, HarmonicWindow::lanczos),
                   hann = sun.seen(5, HarmonicWindow::hann);
-              lanczos.error, hann.error);
-              EXPECT_LT(plain.darkest, -0.05);
-              EXPECT_GT(lanczos.darkest, 0.4 * plain.darkest);
-              EXPECT_GT(hann.darkest, 0.4 * plain.darkest);
-              // It is paid for by shadows and highlights that are softer still.
-              EXPECT_GT(hann.error, lanczos.error);
-              EXPECT_GT(lanczos.error, plain.error);
+  EXPECT_LT(plain.darkest, -0.05);
+  EXPECT_GT(lanczos.darkest, 0.4 * plain.darkest);
+  EXPECT_GT(hann.darkest, 0.4 * plain.darkest);
+  // It is paid for by shadows and highlights that are softer still.
+  EXPECT_GT(hann.error, lanczos.error);
+  EXPECT_GT(lanczos.error, plain.error);
 }
 
 }  // namespace
