@@ -24,6 +24,16 @@ Eigen::Vector3d cube_direction(double column, double row, int resolution) {
   return (cube_face_axes(face).transpose() * Eigen::Vector3d(u, v, 1.0)).normalized();
 }
 
+Eigen::Vector2d cube_position(const Eigen::Vector3d& direction, int resolution) {
+  Eigen::Index axis = 0;
+  direction.cwiseAbs().maxCoeff(&axis);
+  const int face = 2 * static_cast<int>(axis) + (direction[axis] < 0.0);
+  const Eigen::Vector3d on_face = cube_face_axes(face) * direction / std::abs(direction[axis]);
+  const double below = std::nextafter(resolution, 0.0);
+  return {0.5 * (1.0 + on_face.x()) * resolution,
+          face * resolution + std::min(0.5 * (1.0 - on_face.y()) * resolution, below)};
+}
+
 double cube_solid_angle(int x, int y, int resolution) {
   return cube_solid_angle(Box{x, y, x + 1, y + 1}, resolution);
 }

@@ -18,6 +18,8 @@ constexpr LightDomain cube_domain(int resolution) {
 /// Unit direction of the point (column, row) of a cube map, in texels; the centre of texel (x, y) is at
 /// (x + ½, y + ½). The face is the one that row ∕ R lies in.
 Eigen::Vector3d cube_direction(double column, double row, int resolution);
+/// Inverse of cube_direction(), (column, row); the row stays within its face's.
+Eigen::Vector2d cube_position(const Eigen::Vector3d& direction, int resolution);
 
 /// Solid angle of texel (x, y), steradians; all together are 4π. The same for all faces, so `y` may count
 /// from any face's top.

@@ -39,6 +39,8 @@ void check(const ClusterOptions& options) {
   require(options.pixel_samples >= 1 && options.pixel_samples <= 8,
           "samples " + std::to_string(options.pixel_samples) +
               " along a pixel's side is out of range; give 1 to 8");
+  require(options.bounces >= 0 && options.bounces <= 16,
+          "bounces " + std::to_string(options.bounces) + " of light are out of range; give 0 to 16");
 }
 
 /// Gives the squares in use their numbers in the basis, by name: whole faces first, then their quarters, …
@@ -124,6 +126,7 @@ std::string provenance_of(const ClusterOptions& options, const ClusterStatistics
       {"resolution", options.resolution},
       {"samples", options.samples},
       {"epsilon", options.epsilon},
+      {"bounces", options.bounces},
       {"clusters", statistics.clusters},
       {"entries", statistics.entries},
       {"bytes_of_paper", statistics.bytes_of_paper},
@@ -154,7 +157,8 @@ FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, Cl
   statistics = {};
   const auto clusters = std::make_shared<Clusters>();
   clusters->layout = layout_of(scene, options.relighting);
-  const TransferSamples transfer(scene, options.relighting, clusters->layout.outputs, options.pixel_samples);
+  const TransferSamples transfer(scene, {options.relighting, options.pixel_samples, options.bounces},
+                                 clusters->layout.outputs);
   clusters->channels = transfer.channels();
   const auto outputs = static_cast<std::size_t>(std::ranges::count_if(
       clusters->layout.outputs, [](std::uint32_t output) { return output != OutputLayout::none; }));

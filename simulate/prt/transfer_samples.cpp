@@ -68,11 +68,12 @@ OutputLayout layout_of(const Scene& scene, Relighting relighting) {
   return layout_of_vertices(scene.mesh.positions.size());
 }
 
-TransferSamples::TransferSamples(const Scene& scene, Relighting relighting,
-                                 std::span<const std::uint32_t> outputs, int pixel_samples)
-    : rays_(scene.mesh), channels_(relighting == Relighting::image ? 3 : 1) {
-  const bool image = relighting == Relighting::image;
-  const int side = image ? std::max(1, pixel_samples) : 1;
+TransferSamples::TransferSamples(const Scene& scene, const TransferOptions& options,
+                                 std::span<const std::uint32_t> outputs)
+    : rays_(scene.mesh) {
+  const bool image = options.relighting == Relighting::image;
+  channels_ = image || (options.bounces > 0 && !bounces_grey(scene)) ? 3 : 1;
+  const int side = image ? std::max(1, options.pixel_samples) : 1;
   packets_ = static_cast<std::size_t>(side) * side;
   const float share = 1.0f / static_cast<float>(packets_);
   const std::size_t group_count = (outputs.size() + group_outputs - 1) / group_outputs;
@@ -92,6 +93,20 @@ TransferSamples::TransferSamples(const Scene& scene, Relighting relighting,
       *point = pixel_point(scene, at(outputs[i] % width, k % side), at(outputs[i] / width, k / side), share);
     }
   });
+  if (options.bounces > 0) prepare_bounces(scene, options.bounces);
+}
+
+void TransferSamples::prepare_bounces(const Scene& scene, int bounces) {
+  std::vector<Gatherer> gatherers(groups() * group_outputs);
+  reflectance_.assign(gatherers.size(), Eigen::Array3f::Zero());
+  for (std::size_t i = 0; i < gatherers.size(); ++i)
+    for (std::size_t k = 0; k < packets_; ++k) {
+      const Point& point = points_[(i / group_outputs * packets_ + k) * group_outputs + i % group_outputs];
+      if (point.normal.isZero()) continue;
+      gatherers[i] = {point.position, point.normal};  // the last of a pixel's stands for all
+      reflectance_[i] += std::numbers::pi_v<float> * point.diffuse;
+    }
+  bounced_.emplace(scene, rays_, gatherers, bounces);
 }
 
 TransferSamples::Point TransferSamples::vertex_point(const Scene& scene, std::uint32_t vertex) const {
@@ -134,30 +149,44 @@ std::uint32_t TransferSamples::evaluate(std::size_t group, const Eigen::Vector3f
                                         std::span<float> values) const {
   std::ranges::fill(values, 0.0f);
   std::uint32_t traced = 0;
-  for (std::size_t packet = 0; packet < packets_; ++packet) {
-    const Point* points = &points_[(group * packets_ + packet) * group_outputs];
-    std::array<Eigen::Vector3f, group_outputs> facing;
-    std::array<std::uint8_t, group_outputs> lane;
-    std::size_t count = 0;
-    for (std::size_t i = 0; i < group_outputs; ++i)
-      if (points[i].normal.dot(direction) > 0.0f) {
-        facing[count] = points[i].position;
-        lane[count++] = static_cast<std::uint8_t>(i);
-      }
-    if (count == 0) continue;
-    traced += static_cast<std::uint32_t>(count);
-    for (std::uint32_t free = rays_.unoccluded({facing.data(), count}, direction); free; free &= free - 1) {
-      const std::size_t i = lane[static_cast<std::size_t>(std::countr_zero(free))];
-      const Point& point = points[i];
-      const float cosine = point.normal.dot(direction);
-      const float mirrored = std::max(point.mirrored.dot(direction), 0.0f);
-      const float lobe = point.exponent > 0.0f ? std::pow(mirrored, point.exponent) : 1.0f;
-      for (int c = 0; c < channels_; ++c)
-        values[static_cast<std::size_t>(c) * group_outputs + i] +=
-            cosine * (point.diffuse[c] + lobe * point.specular[c]);
-    }
-  }
+  for (std::size_t packet = 0; packet < packets_; ++packet)
+    traced += add_direct(&points_[(group * packets_ + packet) * group_outputs], direction, values);
+  if (bounced_) add_bounced(group, direction, values);
   return traced;
+}
+
+std::uint32_t TransferSamples::add_direct(const Point* points, const Eigen::Vector3f& direction,
+                                          std::span<float> values) const {
+  std::array<Eigen::Vector3f, group_outputs> facing;
+  std::array<std::uint8_t, group_outputs> lane;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < group_outputs; ++i)
+    if (points[i].normal.dot(direction) > 0.0f) {
+      facing[count] = points[i].position;
+      lane[count++] = static_cast<std::uint8_t>(i);
+    }
+  if (count == 0) return 0;
+  for (std::uint32_t free = rays_.unoccluded({facing.data(), count}, direction); free; free &= free - 1) {
+    const std::size_t i = lane[static_cast<std::size_t>(std::countr_zero(free))];
+    const Point& point = points[i];
+    const float cosine = point.normal.dot(direction);
+    const float mirrored = std::max(point.mirrored.dot(direction), 0.0f);
+    const float lobe = point.exponent > 0.0f ? std::pow(mirrored, point.exponent) : 1.0f;
+    for (int c = 0; c < channels_; ++c)
+      values[static_cast<std::size_t>(c) * group_outputs + i] +=
+          cosine * (point.diffuse[c] + lobe * point.specular[c]);
+  }
+  return static_cast<std::uint32_t>(count);
+}
+
+void TransferSamples::add_bounced(std::size_t group, const Eigen::Vector3f& direction,
+                                  std::span<float> values) const {
+  std::array<float, 3 * group_outputs> arriving{};
+  bounced_->add(group, direction, std::span(arriving).first(values.size()));
+  for (std::size_t v = 0; v < values.size(); ++v)
+    values[v] +=
+        arriving[v] *
+        reflectance_[group * group_outputs + v % group_outputs][static_cast<Eigen::Index>(v / group_outputs)];
 }
 
 std::vector<Lobe> TransferSamples::lobes(std::size_t group, float narrow) const {

@@ -2,9 +2,11 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "simulate/prt/bounced_light.h"
 #include "simulate/prt/mesh_rays.h"
 #include "simulate/prt/prt_scene.h"
 
@@ -29,6 +31,12 @@ struct OutputLayout {
 /// materials (geometry relighting).
 OutputLayout layout_of(const Scene& scene, Relighting relighting);
 
+struct TransferOptions {
+  Relighting relighting = Relighting::geometry;
+  int pixel_samples = 1;  ///< image relighting: a pixel is the mean over this many points along each side
+  int bounces = 0;        ///< diffuse surfaces on the way of light (BouncedLight); the paper has none
+};
+
 /// A narrow lobe of reflection of one output: what must not fall between samples of the light.
 struct Lobe {
   Eigen::Vector3f direction;  ///< unit, in which the line of sight is mirrored
@@ -36,16 +44,15 @@ struct Lobe {
 };
 
 /// The transfer function of outputs for single directions of light, by ray tracing:
-/// T = V f(ω, ω_o) max(ω · n, 0) (eqs. 2 and 3 of Johan and Nishita). A vertex' f is that of white, 1/π, and
-/// all channels are equal: its colour multiplies last (core/mesh.h).
+/// T = V f(ω, ω_o) max(ω · n, 0) (eqs. 2 and 3 of Johan and Nishita), and bounced light. A vertex' f is that
+/// of white, 1/π: its colour multiplies last (core/mesh.h), so there is one channel for all unless light
+/// bounces off coloured surfaces.
 class TransferSamples {
  public:
   static constexpr std::size_t group_outputs = MeshRays::packet;
 
-  /// `outputs`: as of OutputLayout, any of them. A pixel's value is the mean over `pixel_samples` ×
-  /// `pixel_samples` points spread evenly in it. The scene must outlive this.
-  TransferSamples(const Scene& scene, Relighting relighting, std::span<const std::uint32_t> outputs,
-                  int pixel_samples = 1);
+  /// `outputs`: as of OutputLayout, any of them. The scene must outlive this. Throws Interrupted.
+  TransferSamples(const Scene& scene, const TransferOptions& options, std::span<const std::uint32_t> outputs);
 
   int channels() const { return channels_; }
   std::size_t groups() const { return points_.size() / (group_outputs * packets_); }
@@ -70,11 +77,18 @@ class TransferSamples {
   };
   Point vertex_point(const Scene& scene, std::uint32_t vertex) const;
   Point pixel_point(const Scene& scene, float x, float y, float share) const;
+  void prepare_bounces(const Scene& scene, int bounces);
+  /// Returns the number of rays.
+  std::uint32_t add_direct(const Point* points, const Eigen::Vector3f& direction,
+                           std::span<float> values) const;
+  void add_bounced(std::size_t group, const Eigen::Vector3f& direction, std::span<float> values) const;
 
   MeshRays rays_;
-  int channels_;
-  std::size_t packets_;        // of a group: points of a pixel
+  int channels_ = 1;
+  std::size_t packets_ = 1;    // of a group: points of a pixel
   std::vector<Point> points_;  // [groups × packets × 16]
+  std::optional<BouncedLight> bounced_;
+  std::vector<Eigen::Array3f> reflectance_;  // [groups × 16], of bounced light
 };
 
 }  // namespace refield::prt

@@ -24,6 +24,16 @@ TEST(CubeMap, SolidAnglesAddUpToTheSphereAndCentresAreWhereLightMapsSay) {
   }
 }
 
+TEST(CubeMap, PositionsAreFoundAgainFromTheirDirections) {
+  constexpr int resolution = 7;
+  for (double row = 0.0; row < cube_faces * resolution; row += 0.25)
+    for (const double column : {0.1, 3.5, 5.75, 6.9}) {
+      if (row == std::floor(row / resolution) * resolution) continue;  // an edge, which two faces share
+      const Eigen::Vector2d found = cube_position(3.0 * cube_direction(column, row, resolution), resolution);
+      EXPECT_LT((found - Eigen::Vector2d(column, row)).norm(), 1e-12);
+    }
+}
+
 TEST(Harmonics, AreOrthonormal) {
   constexpr int order = 8, resolution = 64;
   constexpr int count = harmonics_of(order);

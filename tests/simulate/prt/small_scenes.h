@@ -57,7 +57,7 @@ inline Scene hare_scene() {
 inline Scene glossy_scene() {
   Scene scene;
   add(scene, sphere_mesh(12), on_ground(0.5f),
-      {.diffuse = {0.1f, 0.1f, 0.1f}, .specular = {0.6f, 0.6f, 0.6f}, .exponent = 300.0f});
+      {.diffuse = {0.1f, 0.1f, 0.1f}, .specular = {0.06f, 0.06f, 0.06f}, .exponent = 300.0f});
   add(scene, plane_mesh(2), stretched(20.0f), {});
   scene.camera =
       PinholeCamera{.position = {0.0f, 1.5f, -3.0f}, .target = {0.0f, 0.2f, 0.0f}, .width = 48, .height = 32};
