@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/simulate/prt/harmonic_light.h"
 
+#include <cmath>
+#include <numbers>
+
 #include "core/cube_map.h"
 #include "core/rng.h"
 
@@ -45,15 +48,29 @@ Eigen::Array3f radiance(const HarmonicTransfer& transfer, const Scene& scene, co
   return sum.cast<float>() * transfer.colours[vertex];
 }
 
-HarmonicLight harmonics_of_map(const LightMap& map, int order) {
-  HarmonicLight light{order, Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(harmonics_of(order), 3)};
-  const int resolution = map.radiance.width;
-  for (int y = 0; y < map.radiance.height; ++y)
-    for (int x = 0; x < resolution; ++x)
-      for (int c = 0; c < 3; ++c)
-        light.coefficients.col(c) += map.radiance.at(x, y, c) * cube_solid_angle(x, y, resolution) *
-                                     harmonics_at(order, cube_direction(x + 0.5, y + 0.5, resolution));
-  return light;
+HarmonicLight project(const std::function<Eigen::Array3f(const Eigen::Vector3f&)>& light, int order) {
+  constexpr int resolution = 48;
+  HarmonicLight harmonics{order, Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(harmonics_of(order), 3)};
+  for (int y = 0; y < cube_faces * resolution; ++y)
+    for (int x = 0; x < resolution; ++x) {
+      const Eigen::Vector3d direction = cube_direction(x + 0.5, y + 0.5, resolution);
+      harmonics.coefficients += cube_solid_angle(x, y, resolution) * harmonics_at(order, direction) *
+                                light(direction.cast<float>()).matrix().cast<double>().transpose();
+    }
+  return harmonics;
+}
+
+HarmonicLight cap_light(const Eigen::Vector3f& middle, double half_angle, int order) {
+  Eigen::VectorXd coefficients = harmonics_at(order, middle.cast<double>());
+  const double edge = std::cos(half_angle);
+  for (int l = 0; l < order; ++l) {
+    const auto band = static_cast<unsigned>(l);
+    // 2π ∫ P_l from the edge's height to 1.
+    const double share =
+        l == 0 ? 1.0 - edge : (std::legendre(band - 1, edge) - std::legendre(band + 1, edge)) / (2 * l + 1);
+    coefficients.segment(l * l, 2 * l + 1) *= 2.0 * std::numbers::pi * share;
+  }
+  return {order, coefficients * Eigen::RowVector3d::Ones()};
 }
 
 }  // namespace refield::prt::test
