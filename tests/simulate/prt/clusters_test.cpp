@@ -257,6 +257,24 @@ TEST(Clusters, OfLightsMissHighlightsOfFewPixelsAmongManyDiffuseOnesAndCutsOfGro
   EXPECT_LT(groups.entries, all.entries);
 }
 
+TEST(Clusters, OfGroupsFindHighlightsFarNarrowerThanTheSquaresTheyBeginWith) {
+  constexpr double good = 0.2;
+  constexpr int resolution = 256;
+  Scene scene;
+  test::add(scene, plane_mesh(1), test::stretched(100.0f),
+            {.diffuse = {0.1f, 0.1f, 0.1f}, .specular = {0.1f, 0.1f, 0.1f}, .exponent = 5000.0f});
+  scene.camera = PinholeCamera{
+      .position = {0.0f, 1.0f, -2.0f}, .vertical_field_of_view_degrees = 0.5f, .width = 8, .height = 8};
+  // A lamp of two texels, a degree wide, seen mirrored in the middle of the view; the lobe is two degrees
+  // wide.
+  const Eigen::Vector2d lamp = cube_position({0.0, 1.0, 2.0}, resolution);
+  const LightMap light =
+      test::lamps(resolution, 2, {{static_cast<int>(lamp.x()), static_cast<int>(lamp.y())}});
+  const ReflectanceField field =
+      cluster(scene, {.relighting = Relighting::image, .resolution = resolution, .epsilon = 1e-3});
+  EXPECT_LT(error_of(field, scene, Relighting::image, light), good);
+}
+
 TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
   const Scene scene = test::hare_scene();
   for (const Similarity similarity : both) {
