@@ -130,19 +130,35 @@ void ConfigSection::integers(const std::string& key, std::vector<int>& value, in
   }
 }
 
+std::vector<std::vector<double>> ConfigSection::rows(const std::string& key, std::size_t width,
+                                                     const char* remedy) {
+  known_.insert(key);
+  const toml::array* array = has(key) ? table_of(table_).get(key)->as_array() : nullptr;
+  if (!array) fail(key, remedy);
+  std::vector<std::vector<double>> rows;
+  for (const toml::node& element : *array) {
+    const toml::array* row = element.as_array();
+    if (!row || row->size() != width) fail(key, remedy);
+    std::vector<double>& numbers = rows.emplace_back();
+    for (const toml::node& node : *row) {
+      const auto number = node.value<double>();
+      if (!number || !(std::abs(*number) <= 1e6)) fail(key, remedy);
+      numbers.push_back(*number);
+    }
+  }
+  return rows;
+}
+
 void ConfigSection::pairs(const std::string& key, std::vector<Eigen::Vector2d>& value) {
   known_.insert(key);
   if (!has(key)) return;
-  const toml::array* array = table_of(table_).get(key)->as_array();
   const char* remedy = "give at least two pairs [radius, height] with radius ≥ 0, from one end to the other";
-  if (!array || array->size() < 2) fail(key, remedy);
+  const auto found = rows(key, 2, remedy);
+  if (found.size() < 2) fail(key, remedy);
   value.clear();
-  for (const toml::node& element : *array) {
-    const toml::array* pair = element.as_array();
-    const auto r = pair && pair->size() == 2 ? pair->get(0)->value<double>() : std::nullopt;
-    const auto h = pair && pair->size() == 2 ? pair->get(1)->value<double>() : std::nullopt;
-    if (!r || !h || !(*r >= 0.0 && *r <= 1e6) || !(std::abs(*h) <= 1e6)) fail(key, remedy);
-    value.emplace_back(*r, *h);
+  for (const auto& pair : found) {
+    if (pair[0] < 0.0) fail(key, remedy);
+    value.emplace_back(pair[0], pair[1]);
   }
 }
 

@@ -38,6 +38,8 @@ class ConfigSection {
   void vector(const std::string& key, Eigen::Vector3d& value, double low = -1e6, double high = 1e6);
   /// Pairs of numbers, at least two, the first not negative.
   void pairs(const std::string& key, std::vector<Eigen::Vector2d>& value);
+  /// Any number of rows of `width` numbers; absent or of another form is an error that tells the remedy.
+  std::vector<std::vector<double>> rows(const std::string& key, std::size_t width, const char* remedy);
   /// Any number of numbers.
   void numbers(const std::string& key, std::vector<double>& value, double low, double high);
   /// Exactly as many whole numbers as `value` has.

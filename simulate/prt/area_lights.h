@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "core/mesh.h"
+
+namespace refield::prt {
+
+/// A lamp of any shape that moves. Both sides of its triangles shine.
+struct AreaLight {
+  struct Stop {
+    double time;  ///< seconds
+    Eigen::Vector3f position;
+  };
+  Mesh shape;  ///< the middle of its bounding box at the origin; colours: radiance of the vertices
+  /// Where its middle is, times ascending, at least one: straight and evenly between two stops, standing
+  /// still before the first and after the last.
+  std::vector<Stop> path;
+  /// Where its own +Y (the front of a plane) looks all along; it keeps its turn where there is none.
+  std::optional<Eigen::Vector3f> towards;
+
+  Eigen::Vector3f position(double time) const;
+};
+
+struct AreaLights {
+  std::vector<AreaLight> lights;
+
+  /// When the last one has come to its last stop, seconds.
+  double duration() const;
+  /// All of them at a time, as one mesh; colours are radiance.
+  Mesh at(double time) const;
+};
+
+/// Reads a description (TOML, docs/harmonics.md). Throws InputError or what read_mesh_file() does.
+AreaLights read_area_lights(const std::filesystem::path& path);
+
+}  // namespace refield::prt

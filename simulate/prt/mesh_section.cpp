@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/prt/mesh_section.h"
+
+#include <array>
+#include <optional>
+#include <string>
+
+#include "core/errors.h"
+#include "simulate/prt/mesh_file.h"
+#include "simulate/prt/mesh_shapes.h"
+#include "simulate/prt/place_mesh.h"
+#include "simulate/prt/refine_mesh.h"
+
+namespace refield::prt {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::array<double, 3> read_triple(ConfigSection& section, const char* key, double low, double high,
+                                  std::array<double, 3> value = {}) {
+  section.triple(key, value, low, high);
+  return value;
+}
+
+}  // namespace
+
+Eigen::Vector3f read_vector(ConfigSection& section, const char* key, const Eigen::Vector3f& standard,
+                            double low, double high) {
+  const auto value = read_triple(section, key, low, high, {standard.x(), standard.y(), standard.z()});
+  return Eigen::Vector3d(value[0], value[1], value[2]).cast<float>();
+}
+
+float read_number(ConfigSection& section, const char* key, float standard, double low, double high) {
+  double value = standard;
+  section.number(key, value, low, high);
+  return static_cast<float>(value);
+}
+
+namespace {
+
+Placement read_placement(ConfigSection& section) {
+  Placement placement;
+  placement.stretch = read_vector(section, "stretch", placement.stretch, 1e-6, farthest);
+  const auto turn = read_triple(section, "rotation", -360.0, 360.0);
+  placement.turn = {turn[0], turn[1], turn[2]};
+  if (section.has("size")) placement.size = read_number(section, "size", 1.0f, 1e-6, farthest);
+  if (section.has("position")) placement.position = read_vector(section, "position", {0, 0, 0});
+  section.flag("on_ground", placement.on_ground);
+  return placement;
+}
+
+Mesh read_shape(ConfigSection& section) {
+  using Make = Mesh (*)(int);
+  constexpr int finest = 2048;  // of a plane: four million vertices
+  Make make = plane_mesh;
+  section.choice<Make>(
+      "shape", make,
+      {{"plane", plane_mesh}, {"box", box_mesh}, {"sphere", sphere_mesh}, {"hare", hare_mesh}});
+  int resolution = make == plane_mesh || make == box_mesh ? 1 : 32;
+  section.integer("resolution", resolution, 1, finest);
+  return make(resolution);
+}
+
+Mesh read_file(ConfigSection& section, const fs::path& folder) {
+  std::string name;
+  section.text("file", name);
+  std::optional<ColourCoding> coding;
+  section.choice<std::optional<ColourCoding>>(
+      "colours", coding, {{"srgb", ColourCoding::srgb}, {"linear", ColourCoding::linear}});
+  return read_mesh_file(folder / name, coding);
+}
+
+}  // namespace
+
+Mesh read_mesh(ConfigSection& section, const fs::path& folder) {
+  if (section.has("file") == section.has("shape")) section.fail("shape", "give either `shape` or `file`");
+  Mesh mesh = section.has("file") ? read_file(section, folder) : read_shape(section);
+  place(mesh, read_placement(section));
+  if (section.has("refine")) {
+    const float longest_edge = read_number(section, "refine", 1.0f, 1e-6, farthest);
+    try {
+      refine(mesh, longest_edge);
+    } catch (const InputError& error) {
+      section.fail("refine", error.what());
+    }
+  }
+  return mesh;
+}
+
+}  // namespace refield::prt
