@@ -128,9 +128,9 @@ void compare_field(const CompareOptions& options, const Common& common) {
   CaptureSession session = read_capture_session(options.observed);
   if (options.truth.empty()) remove_drift(session);
   if (!options.mask.empty()) session.mask = options.mask;
-  const ReflectanceField field = read_reflectance_field(options.predicted);
+  const ReflectanceField field = read_image_field(options.predicted);
   std::optional<ReflectanceField> truth;
-  if (!options.truth.empty()) truth = read_reflectance_field(options.truth);
+  if (!options.truth.empty()) truth = read_image_field(options.truth);
   if (!(options.noise_scale >= 0.0))
     throw InputError("--noise-scale is " + std::to_string(options.noise_scale) + "; give 0 or more");
   const auto errors =

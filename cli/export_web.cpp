@@ -25,7 +25,7 @@ struct ExportWebOptions {
 void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
-  const ReflectanceField field = read_reflectance_field(options.field);
+  const ReflectanceField field = read_image_field(options.field);
   const std::string title = options.title.empty() ? options.field.stem().string() : options.title;
   const web::ExportReport report = web::export_page(field, title, options.output);
   if (common.json) {

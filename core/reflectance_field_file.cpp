@@ -105,6 +105,15 @@ ReflectanceField read_reflectance_field(const fs::path& path) {
   return file.version == packed_field_version ? expand(read_packed(file.values)) : read_rows(file);
 }
 
+ReflectanceField read_image_field(const fs::path& path) {
+  ReflectanceField field = read_reflectance_field(path);
+  if (!field.mesh.empty())
+    throw InputError(path.string() +
+                     ": is a field over a mesh, and this needs one of a camera's pixels; show it by "
+                     "'refield relight' or 'refield view'");
+  return field;
+}
+
 std::variant<ReflectanceField, PackedField> read_either_field(const fs::path& path) {
   const FieldFile file = open_whole_field(path);
   if (file.version == packed_field_version) return read_packed(file.values);

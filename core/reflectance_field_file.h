@@ -21,7 +21,10 @@ void write_reflectance_field(const std::filesystem::path& path, const Reflectanc
 /// weights. Throws FormatError for another kind of file, another version or damaged content.
 ReflectanceField read_reflectance_field(const std::filesystem::path& path);
 
-/// The same, but leaves a packed field as it stands in the file.
+/// The same for who needs pixels of a camera that stood still. Throws InputError for a field over a mesh.
+ReflectanceField read_image_field(const std::filesystem::path& path);
+
+/// The same as read_reflectance_field(), but leaves a packed field as it stands in the file.
 std::variant<ReflectanceField, PackedField> read_either_field(const std::filesystem::path& path);
 
 }  // namespace refield

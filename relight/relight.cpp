@@ -10,7 +10,7 @@
 
 namespace refield {
 
-void relight_to_files(const ReflectanceField& field, const std::vector<RelightJob>& jobs, double exposure) {
+void relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs, double exposure) {
   for (const RelightJob& job : jobs)
     if (job.output.extension() != ".exr" && job.output.extension() != ".png")
       throw InputError(job.output.string() +
@@ -20,7 +20,7 @@ void relight_to_files(const ReflectanceField& field, const std::vector<RelightJo
   // too. Memory stays at one image a core.
   tbb::parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
     throw_if_interrupted();
-    const Image image = field.relight(jobs[i].light());
+    const Image image = field.picture(jobs[i].light(), i);
     if (jobs[i].output.extension() == ".png")
       write_png(jobs[i].output, image, {exposure});
     else

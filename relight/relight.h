@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/light_map.h"
-#include "core/reflectance_field.h"
+#include "relight/field_pictures.h"
 
 namespace refield {
 
@@ -23,7 +23,6 @@ struct RelightJob {
 /// it is complete. `exposure` scales what goes into PNG files. Throws InputError for an output that is
 /// neither EXR nor PNG (before any work) and for a light that does not fit the field, Interrupted between
 /// images.
-void relight_to_files(const ReflectanceField& field, const std::vector<RelightJob>& jobs,
-                      double exposure = 1.0);
+void relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs, double exposure = 1.0);
 
 }  // namespace refield

@@ -149,11 +149,11 @@ void VideoWriter::fail() {
                     "ffmpeg could not write the video" + (said.empty() ? std::string() : ": " + said));
 }
 
-void relight_to_video(const ReflectanceField& field, const std::vector<LightSource>& lights,
+void relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
                       const std::filesystem::path& output, const VideoOptions& options) {
   options.check();
   write_atomically(output, [&](const std::filesystem::path& temporary) {
-    VideoWriter video(temporary, field.width, field.height, options.frames_per_second);
+    VideoWriter video(temporary, field.width(), field.height(), options.frames_per_second);
     Progress progress("relight", lights.size());
     // Tokens are numbers and the frames stay here: when a pipeline is stopped, oneTBB forgets to destroy what
     // its larger tokens hold. The frame of a slot is encoded before the next one of that slot is begun.
@@ -166,7 +166,7 @@ void relight_to_video(const ReflectanceField& field, const std::vector<LightSour
     };
     const auto frame = [&](std::size_t i) {
       throw_if_interrupted();
-      slots[i % slots.size()] = tone_mapped(field.relight(lights[i]()), {options.exposure});
+      slots[i % slots.size()] = tone_mapped(field.picture(lights[i](), i), {options.exposure});
       return i;
     };
     const auto encode = [&](std::size_t i) {

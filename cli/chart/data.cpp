@@ -47,7 +47,7 @@ void load_truth(ChartData& data, const fs::path& truth, std::optional<CaptureSes
     data.reference_note = "the simulation's exact images";
     return;
   }
-  data.transport = read_reflectance_field(transport);
+  data.transport = read_image_field(transport);
   require_fit(*data.transport, transport, data.session);
   data.reference_note = "exact images";
 }

@@ -56,15 +56,29 @@ LightSeries series_of_bar(const RelightOptions& options, const LightDomain& doma
   return series;
 }
 
+/// One light for all frames of a sequence in which the camera alone moves.
+void hold_still(LightSeries& series, int frames) {
+  if (series.lights.size() != 1)
+    throw InputError("--turntable goes around under one light, or one that moves; give one map");
+  const auto light = std::make_shared<const LightMap>(series.lights[0].make());
+  const auto source = series.lights[0].source;
+  series.lights.clear();
+  for (int i = 0; i < frames; ++i)
+    series.lights.push_back({frame_name("turntable", i), source, [=] { return *light; }});
+  series.is_sequence = true;
+}
+
 void check(const RelightOptions& options) {
   const int kinds = (options.bar > 0.0 ? 1 : 0) + (options.lights.empty() ? 0 : 1) +
                     (options.environments.empty() ? 0 : 1) + (options.day ? 1 : 0);
   if (kinds != 1)
     throw InputError("nothing or too much to relight with; give one of --light, --env, --day and --bar");
-  const bool is_motion = options.bar > 0.0 || options.rotate || options.fade || options.day;
+  const bool is_motion =
+      options.bar > 0.0 || options.rotate || options.fade || options.day || options.camera.turntable;
   if (is_motion != (options.frames > 0))
     throw InputError(
-        "--frames goes with --bar, --rotate, --fade or --day; give the sequence's number of frames");
+        "--frames goes with --bar, --rotate, --fade, --day or --turntable; give the sequence's number of "
+        "frames");
   const bool is_environment = !options.environments.empty() || options.day;
   if (!is_environment && (!options.turn.is_none() || !options.monitors.empty()))
     throw InputError(
@@ -91,8 +105,12 @@ LightSeries light_series(const RelightOptions& options, const ReflectanceField& 
   check(options);
   const LightDomain& domain = field.basis.domain;
   if (options.bar > 0.0) return series_of_bar(options, domain);
-  if (options.day || !options.environments.empty()) return environment_series(options, field);
-  return options.rotate ? series_of_rotated_light(options, domain) : series_of_lights(options, domain);
+  const bool is_environment = options.day || !options.environments.empty();
+  LightSeries series = is_environment   ? environment_series(options, field)
+                       : options.rotate ? series_of_rotated_light(options, domain)
+                                        : series_of_lights(options, domain);
+  if (options.camera.turntable && !series.is_sequence) hold_still(series, options.frames);
+  return series;
 }
 
 }  // namespace refield::cli

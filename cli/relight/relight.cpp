@@ -54,12 +54,16 @@ std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries
   return jobs;
 }
 
+FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField& field) {
+  return {field, cameras_of(options.camera, field, options.field, options.frames)};
+}
+
 /// Returns what was written.
 std::vector<std::string> write_images(const RelightOptions& options, const ReflectanceField& field,
                                       const LightSeries& series) {
   const auto jobs = jobs_of(options, series);
   create_folders(fs::absolute(jobs.front().output).parent_path());
-  relight_to_files(field, jobs, options.video.exposure);
+  relight_to_files(pictures_of(options, field), jobs, options.video.exposure);
   std::vector<std::string> written;
   for (const RelightJob& job : jobs) written.push_back(job.output.string());
   return written;
@@ -70,7 +74,7 @@ std::vector<std::string> write_video(const RelightOptions& options, const Reflec
   std::vector<LightSource> lights;
   for (const SeriesLight& light : series.lights) lights.push_back(light.make);
   create_folders(fs::absolute(options.output).parent_path());
-  relight_to_video(field, lights, options.output, options.video);
+  relight_to_video(pictures_of(options, field), lights, options.output, options.video);
   return {options.output.string()};
 }
 
@@ -143,17 +147,19 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
 
 void add_relight(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<RelightOptions>();
-  CLI::App* verb =
-      app.add_subcommand("relight",
-                         "Show a captured scene under new light\n\n"
-                         "  refield relight scene.rfield --light map.exr -o out.exr\n"
-                         "  refield relight scene.rfield --env sky.exr --yaw 90 -o out.png\n"
-                         "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o turning.mp4\n"
-                         "  refield relight scene.rfield --day --yaw 90 --frames 240 -o day.mp4\n"
-                         "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n\n"
-                         "docs/relighting.md draws the directions.");
+  CLI::App* verb = app.add_subcommand(
+      "relight",
+      "Show a captured scene under new light\n\n"
+      "  refield relight scene.rfield --light map.exr -o out.exr\n"
+      "  refield relight scene.rfield --env sky.exr --yaw 90 -o out.png\n"
+      "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o turning.mp4\n"
+      "  refield relight scene.rfield --day --yaw 90 --frames 240 -o day.mp4\n"
+      "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n"
+      "  refield relight bunny.rfield --env sky.exr --turntable --frames 120 -o around.mp4\n\n"
+      "docs/relighting.md draws the directions.");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   add_light_options(*verb, *options);
+  add_camera_options(*verb, options->camera);
   const char* output = "Output";
   verb->add_option("-o,--output", options->output,
                    "Image (.exr, .png), a folder for several, or a video of them (.mp4; needs ffmpeg)")

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/relight/camera_options.h"
 #include "core/turn.h"
 #include "relight/sky.h"
 #include "relight/video.h"
@@ -22,6 +23,7 @@ struct RelightOptions {
   bool fade = false;  ///< from each environment to the next
   bool day = false;   ///< a sky from sunrise to sunset
   SkyOptions sky;
+  CameraOptions camera;
   int frames = 0;
   std::filesystem::path output;
   std::string format = "exr";

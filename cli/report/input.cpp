@@ -49,7 +49,7 @@ FieldEntry load_field(const fs::path& path, const CaptureSession& session) {
                      session.folder.string() + " -o " + path.string() + "'");
   FieldEntry entry;
   entry.path = path;
-  entry.field = read_reflectance_field(path);
+  entry.field = read_image_field(path);
   require_fit(entry.field, path, session);
   entry.file_bytes = fs::file_size(path);
   if (const auto options = options_from_provenance(entry.field.provenance)) {
@@ -115,7 +115,7 @@ void load_truth(ReportInput& input, const fs::path& scratch) {
     throw InputError(input.truth_folder.string() +
                      ": is no folder; give the one that 'refield simulate' wrote, or leave --truth out");
   if (fs::exists(path) && fs::file_size(path) <= largest_transport_bytes) {
-    input.transport = read_reflectance_field(path);
+    input.transport = read_image_field(path);
     require_fit(*input.transport, path, input.session);
     input.truth = truth_by_transport(input.session, *input.transport, scratch);
     input.truth_note =

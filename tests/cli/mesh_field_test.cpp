@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the verbs do with fields over a mesh.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "core/image_io.h"
+#include "core/metrics.h"
+#include "core/reflectance_field_file.h"
+#include "relight/field_pictures.h"
+#include "simulate/prt/mesh_shapes.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/mesh_field.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+
+class MeshFieldVerbs : public testing::Test {
+ protected:
+  MeshFieldVerbs() : field_(test::unshadowed_field(prt::hare_mesh(6))) {
+    for (auto& colour : field_.mesh.colours) colour = Eigen::Array3f(0.8f, 0.5f, 0.2f);
+    write_reflectance_field(path_, field_);
+    Rng rng(1);
+    light_ = test::random_light(rng, field_.basis.domain);
+    write_exr(light_path_, light_.radiance);
+  }
+
+  test::CommandResult relight(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {"relight", path_});
+    return run_refield(arguments);
+  }
+  Image picture(const PinholeCamera& camera) const {
+    return FieldPictures(field_, {camera}).picture(light_, 0);
+  }
+
+  test::TemporaryFolder folder_;
+  const std::string path_ = folder_ / "hare.rfield", light_path_ = folder_ / "light.exr",
+                    output_ = folder_ / "out.exr";
+  ReflectanceField field_;
+  LightMap light_;
+};
+
+TEST_F(MeshFieldVerbs, RelightShowsTheMeshFromInFront) {
+  EXPECT_THAT(relight({"--light", light_path_, "-o", output_}), Succeeded());
+  const Image shown = read_image(output_);
+  EXPECT_EQ(shown.width, 640);
+  EXPECT_EQ(shown.values, picture(framing_camera(field_.mesh, 640, 480)).values);
+  double sum = 0.0;
+  for (const float value : shown.values) sum += value;
+  EXPECT_GT(sum, 0.0);
+}
+
+TEST_F(MeshFieldVerbs, RelightTakesACamera) {
+  EXPECT_THAT(relight({"--light", light_path_, "--camera-position", "-1.5,0.5,2", "--camera-target",
+                       "0,0.1,-.1", "--fov", "50", "--size", "120x90", "-o", output_}),
+              Succeeded());
+  PinholeCamera camera;
+  camera.position = {-1.5f, 0.5f, 2.0f};
+  camera.target = {0.0f, 0.1f, -0.1f};
+  camera.vertical_field_of_view_degrees = 50.0f;
+  camera.width = 120;
+  camera.height = 90;
+  EXPECT_EQ(read_image(output_).values, picture(camera).values);
+}
+
+TEST_F(MeshFieldVerbs, TheScenesOwnCameraComesFirst) {
+  field_.camera = PinholeCamera{{1.0f, 1.0f, -2.0f}, {0, 0, 0}, {0, 1, 0}, 40.0f, 100, 80};
+  write_reflectance_field(path_, field_);
+  EXPECT_THAT(relight({"--light", light_path_, "-o", output_}), Succeeded());
+  EXPECT_EQ(read_image(output_).values, picture(*field_.camera).values);
+}
+
+TEST_F(MeshFieldVerbs, ATurntableGoesAround) {
+  const fs::path around = folder_ / "around";
+  EXPECT_THAT(
+      relight({"--light", light_path_, "--turntable", "--frames", "4", "--size", "60x60", "-o", around}),
+      Succeeded());
+  PinholeCamera camera = framing_camera(field_.mesh, 60, 60);
+  EXPECT_EQ(read_image(around / "turntable_0000.exr").values, picture(camera).values);
+  // Half a turn later it stands opposite.
+  const Eigen::Vector3f offset = camera.position - camera.target;
+  camera.position = camera.target + Eigen::Vector3f(-offset.x(), offset.y(), -offset.z());
+  EXPECT_LT(relative_rmse(read_image(around / "turntable_0002.exr"), picture(camera)), 0.02);
+}
+
+TEST_F(MeshFieldVerbs, EnvironmentsOfAnySizeLightIt) {
+  // White all around: every vertex gives its colour.
+  const std::string white = folder_ / "white.exr";
+  write_exr(white, Image(64, 32, 3, 1.0f));
+  EXPECT_THAT(relight({"--env", white, "--rotate", "--turntable", "--frames", "2", "--size", "40x40", "-o",
+                       folder_ / "white"}),
+              Succeeded());
+  const Image shown = read_image(folder_ / "white/rotation_0001.exr");
+  EXPECT_NEAR(shown.at(20, 22, 0), 0.8f, 0.05f);  // sixteen texels a face
+  EXPECT_NEAR(shown.at(20, 22, 2), 0.2f, 0.0125f);
+}
+
+TEST_F(MeshFieldVerbs, WrongCamerasAreRefused) {
+  const std::vector<std::string> lit = {"--light", light_path_, "-o", output_};
+  const auto with = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), lit.begin(), lit.end());
+    return relight(more);
+  };
+  EXPECT_THAT(with({"--size", "0x7"}), RefusedNaming("--size", "16384x16384"));
+  EXPECT_THAT(with({"--fov", "180"}), RefusedNaming("field of view", "between 0 and 180"));
+  EXPECT_THAT(with({"--camera-position", "0,9,0", "--camera-target", "0,0,0"}), RefusedNaming("camera", "another target or up"));
+  EXPECT_THAT(with({"--turntable"}), RefusedNaming("--frames", "--turntable"));
+}
+
+TEST_F(MeshFieldVerbs, PhotographsHaveNoOtherCamera) {
+  Rng rng(1);
+  const std::string photographed = folder_ / "photographed.rfield";
+  write_reflectance_field(photographed, test::random_field(rng, 12, 9, field_.basis.domain, 40, 6));
+  EXPECT_THAT(run_refield({"relight", photographed, "--light", light_path_, "--fov", "40", "-o", output_}),
+              RefusedNaming("photographed.rfield", "leave --camera-position"));
+}
+
+TEST_F(MeshFieldVerbs, VerbsThatNeedPixelsSaySo) {
+  EXPECT_THAT(run_refield({"export-web", path_, "-o", folder_ / "page"}), RefusedNaming("hare.rfield", "refield view"));
+}
+
+}  // namespace
+}  // namespace refield
