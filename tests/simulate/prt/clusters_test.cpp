@@ -4,16 +4,14 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <cmath>
 #include <csignal>
-#include <numeric>
 
 #include "core/errors.h"
 #include "core/interrupt.h"
 #include "core/rng.h"
-#include "simulate/prt/cube_quadtree.h"
-#include "simulate/prt/integrate.h"
-#include "tests/simulate/prt/small_scenes.h"
+#include "tests/simulate/prt/cluster_errors.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 
@@ -21,48 +19,10 @@ namespace refield::prt {
 namespace {
 
 using refield::test::message_of;
-using test::field_of;
+using test::cluster;
+using test::error_of;
 
 constexpr Similarity both[] = {Similarity::all_outputs, Similarity::group};
-
-ReflectanceField cluster(const Scene& scene, const ClusterOptions& options,
-                         ClusterStatistics* figures = nullptr) {
-  ClusterStatistics statistics;
-  ReflectanceField field = field_of(cluster_transfer(scene, options, statistics));
-  if (figures) *figures = statistics;
-  return field;
-}
-
-/// Outputs of a relit image in the order of integrate_lights().
-std::vector<Eigen::Array3d> outputs_of(const Image& image, const OutputLayout& layout) {
-  std::vector<Eigen::Array3d> outputs(layout.outputs.size(), Eigen::Array3d::Zero());
-  for (std::size_t pixel = 0; pixel < layout.place_of_pixel.size(); ++pixel)
-    if (layout.place_of_pixel[pixel] != OutputLayout::none)
-      for (int c = 0; c < 3; ++c) outputs[layout.place_of_pixel[pixel]][c] = image.values[3 * pixel + c];
-  return outputs;
-}
-
-/// Relative RMSE of the outputs that count.
-template <class Counts>
-double error_of(const std::vector<Eigen::Array3d>& outputs, const std::vector<Eigen::Array3d>& exact,
-                const Counts& counts) {
-  double difference = 0.0, all = 0.0;
-  for (std::size_t i = 0; i < exact.size(); ++i) {
-    if (!counts(i)) continue;
-    difference += (outputs[i] - exact[i]).square().sum();
-    all += exact[i].square().sum();
-  }
-  return std::sqrt(difference / all);
-}
-
-/// Of a field under a light, against the sum over all lights.
-double error_of(const ReflectanceField& field, const Scene& scene, Relighting relighting,
-                const LightMap& light) {
-  const OutputLayout layout = layout_of(scene, relighting);
-  const TransferSamples transfer(scene, {.relighting = relighting}, layout.outputs);
-  return error_of(outputs_of(field.relight(light), layout), integrate_lights(transfer, {&light, 1})[0],
-                  [](std::size_t) { return true; });
-}
 
 TEST(Clusters, OfAnOpenPlaneGiveOneUnderWhiteLight) {
   const Scene scene = test::plane_scene();
@@ -202,77 +162,6 @@ TEST(Clusters, GrowFarSlowerThanTheNumberOfLights) {
     EXPECT_LT(static_cast<double>(fine.clusters), growth * static_cast<double>(coarse.clusters))
         << name_of(similarity);
   }
-}
-
-/// Relative RMSE of a view under small lamps, of its glossy pixels and of the others.
-struct GlossyError {
-  double glossy = 0.0, diffuse = 0.0;
-  std::uint64_t entries = 0;
-};
-
-GlossyError glossy_error(Similarity similarity, double epsilon) {
-  constexpr int resolution = 64;
-  const Scene scene = test::glossy_scene();
-  ClusterStatistics statistics;
-  const ReflectanceField field = cluster(scene,
-                                         {.relighting = Relighting::image,
-                                          .similarity = similarity,
-                                          .resolution = resolution,
-                                          .epsilon = epsilon},
-                                         &statistics);
-  const OutputLayout layout = layout_of(scene, Relighting::image);
-  const TransferSamples transfer(scene, {.relighting = Relighting::image}, layout.outputs);
-  std::vector<LightMap> lights;  // that the ball mirrors and the plane sees
-  for (const auto& [x, y] : {std::pair{20, 140}, {40, 150}, {32, 160}, {12, 330}, {50, 335}})
-    lights.push_back(test::lamps(resolution, 3, {{x, y}}));
-  const auto exact = integrate_lights(transfer, lights);
-  std::vector<std::uint32_t> apart(16 * layout.outputs.size(),
-                                   OutputLayout::none);  // each a group of its own
-  for (std::size_t i = 0; i < layout.outputs.size(); ++i) apart[16 * i] = layout.outputs[i];
-  const TransferSamples alone(scene, {.relighting = Relighting::image}, apart);
-  const auto is_glossy = [&](std::size_t i) { return !alone.lobes(i, 1.0f).empty(); };
-  GlossyError error{.entries = statistics.entries};
-  for (std::size_t l = 0; l < lights.size(); ++l) {
-    const auto outputs = outputs_of(field.relight(lights[l]), layout);
-    const auto share = 1.0 / static_cast<double>(lights.size());
-    error.glossy += share * error_of(outputs, exact[l], is_glossy);
-    error.diffuse += share * error_of(outputs, exact[l], [&](std::size_t i) { return !is_glossy(i); });
-  }
-  std::printf("%s, epsilon %g: error of highlights %.3f, of diffuse pixels %.3f, %.0f entries a pixel\n",
-              name_of(similarity).data(), epsilon, error.glossy, error.diffuse,
-              static_cast<double>(statistics.entries) / static_cast<double>(layout.place_of_pixel.size()));
-  return error;
-}
-
-TEST(Clusters, OfLightsMissHighlightsOfFewPixelsAmongManyDiffuseOnesAndCutsOfGroupsDoNot) {
-  constexpr double good_diffuse = 0.06;     // both are as good on diffuse pixels
-  constexpr double missed_highlight = 0.3;  // with the norm over all pixels
-  constexpr double good_highlight = 0.1;    // with cuts of groups
-  const GlossyError all = glossy_error(Similarity::all_outputs, 1e-3);
-  const GlossyError groups = glossy_error(Similarity::group, 4e-3);
-  EXPECT_LT(all.diffuse, good_diffuse);
-  EXPECT_LT(groups.diffuse, good_diffuse);
-  EXPECT_GT(all.glossy, missed_highlight);
-  EXPECT_LT(groups.glossy, good_highlight);
-  EXPECT_LT(groups.entries, all.entries);
-}
-
-TEST(Clusters, OfGroupsFindHighlightsFarNarrowerThanTheSquaresTheyBeginWith) {
-  constexpr double good = 0.2;
-  constexpr int resolution = 256;
-  Scene scene;
-  test::add(scene, plane_mesh(1), test::stretched(100.0f),
-            {.diffuse = {0.1f, 0.1f, 0.1f}, .specular = {0.1f, 0.1f, 0.1f}, .exponent = 5000.0f});
-  scene.camera = PinholeCamera{
-      .position = {0.0f, 1.0f, -2.0f}, .vertical_field_of_view_degrees = 0.5f, .width = 8, .height = 8};
-  // A lamp of two texels, a degree wide, seen mirrored in the middle of the view; the lobe is two degrees
-  // wide.
-  const Eigen::Vector2d lamp = cube_position({0.0, 1.0, 2.0}, resolution);
-  const LightMap light =
-      test::lamps(resolution, 2, {{static_cast<int>(lamp.x()), static_cast<int>(lamp.y())}});
-  const ReflectanceField field =
-      cluster(scene, {.relighting = Relighting::image, .resolution = resolution, .epsilon = 1e-3});
-  EXPECT_LT(error_of(field, scene, Relighting::image, light), good);
 }
 
 TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
