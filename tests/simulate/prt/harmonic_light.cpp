@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/cube_map.h"
 #include "core/rng.h"
 
 namespace refield::prt::test {
@@ -46,18 +45,6 @@ Eigen::Array3f radiance(const HarmonicTransfer& transfer, const Scene& scene, co
         sum[c] +=
             over[i] * transfer.row(vertex, i, c)[j] * light.coefficients(static_cast<Eigen::Index>(j), c);
   return sum.cast<float>() * transfer.colours[vertex];
-}
-
-HarmonicLight project(const std::function<Eigen::Array3f(const Eigen::Vector3f&)>& light, int order) {
-  constexpr int resolution = 48;
-  HarmonicLight harmonics{order, Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(harmonics_of(order), 3)};
-  for (int y = 0; y < cube_faces * resolution; ++y)
-    for (int x = 0; x < resolution; ++x) {
-      const Eigen::Vector3d direction = cube_direction(x + 0.5, y + 0.5, resolution);
-      harmonics.coefficients += cube_solid_angle(x, y, resolution) * harmonics_at(order, direction) *
-                                light(direction.cast<float>()).matrix().cast<double>().transpose();
-    }
-  return harmonics;
 }
 
 HarmonicLight cap_light(const Eigen::Vector3f& middle, double half_angle, int order) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
-#include <functional>
 
 #include "simulate/prt/harmonic_transfer.h"
 #include "simulate/prt/path_trace.h"
@@ -21,9 +20,7 @@ HarmonicLight random_harmonic_light(int order, std::uint64_t seed);
 Eigen::Array3f radiance(const HarmonicTransfer& transfer, const Scene& scene, const HarmonicLight& light,
                         std::size_t vertex, const Eigen::Vector3f& to_viewer);
 
-/// The coefficients of any light, by the middles of a cube map's texels.
-HarmonicLight project(const std::function<Eigen::Array3f(const Eigen::Vector3f&)>& light, int order);
-/// Of white light of radiance one from all directions within an angle (radians) of one.
+/// White light of radiance one from all directions within an angle (radians) of one.
 HarmonicLight cap_light(const Eigen::Vector3f& middle, double half_angle, int order);
 
 }  // namespace refield::prt::test

@@ -120,9 +120,9 @@ TEST(NearLight, IsWhatTracedPathsSee) {
     for (const Material& ball : {Material{}, glossy}) {
       const Scene scene = test::ball_scene(ball);
       const HarmonicOptions options{
-          .order = 6, .directions = 1024, .until = 0.01, .radius = radius, .emission = emission};
+          .order = 5, .directions = 512, .until = 0.02, .radius = radius, .emission = emission};
       const auto traced =
-          test::trace_vertices(scene, 43, on_sphere(light, middle(scene.mesh), emission), {.paths = 6000});
+          test::trace_vertices(scene, 53, on_sphere(light, middle(scene.mesh), emission), {.paths = 6000});
       const double error = test::error_of(transfer_of(scene, options), scene, light, traced);
       EXPECT_LT(error, 0.02);
     }
