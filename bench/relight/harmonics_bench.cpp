@@ -8,6 +8,7 @@
 #include "core/cube_map.h"
 #include "core/metrics.h"
 #include "core/rng.h"
+#include "relight/emitter_map.h"
 #include "relight/pack.h"
 #include "relight/relighter.h"
 #include "simulate/prt/harmonic_field.h"
@@ -83,5 +84,13 @@ void HarmonicsOfLight(benchmark::State& state) {
   }
 }
 BENCHMARK(HarmonicsOfLight)->Arg(3)->Arg(5)->Arg(8)->Unit(benchmark::kMillisecond)->UseRealTime();
+
+/// What comes before: the cube map of a lamp of 642 corners.
+void MapOfLamp(benchmark::State& state) {
+  refield::Mesh lamp = prt::sphere_mesh(8);
+  for (auto& position : lamp.positions) position += Eigen::Vector3f(1.0f, 2.0f, 0.5f);
+  for (auto _ : state) benchmark::DoNotOptimize(refield::emitter_map(lamp, {0.0f, 0.0f, 0.0f}, face));
+}
+BENCHMARK(MapOfLamp)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 }  // namespace
