@@ -164,7 +164,8 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand(
       "simulate",
-      "Make a synthetic data set: a ray traced scene, lights, and exact photographs\n\n"
+      "Make a synthetic data set: a ray traced scene, lights, and exact photographs; 'prt': precompute "
+      "meshes\n\n"
       "Traces how the monitor's light reaches every pixel of the recipe's scene, once, and from that makes "
       "the photograph\n"
       "under each light. The folder becomes a capture session: illumination/, observed/, session.toml. "
@@ -177,9 +178,8 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       "  refield simulate recipe.toml -o huge --width 1024 --height 768 --light-width 800 --light-height 600 "
       "--half");
   verb->add_option("recipe", arguments->recipe,
-                   "The data set's description (TOML); see docs/synthetic-scenes.md")
-      ->required();
-  verb->add_option("-o,--output", arguments->folder, "Folder to make")->required();
+                   "The data set's description (TOML); see docs/synthetic-scenes.md");
+  verb->add_option("-o,--output", arguments->folder, "Folder to make");
   const char* size = "Size";
   verb->add_option("--width", arguments->width, "Camera pixels across, in place of the recipe's")
       ->group(size);
@@ -208,8 +208,14 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       ->group(result)
       ->excludes(without);
   verb->add_flag("--force", arguments->force, "Replace an earlier simulation in the folder")->group(result);
-  verb->callback(
-      [arguments, &common, &action] { action = [arguments, &common] { simulate(*arguments, common); }; });
+  add_simulate_prt(*verb, common, action);
+  add_simulate_prt_chart(*verb, common, action);
+  verb->callback([verb, arguments, &common, &action] {
+    if (!verb->get_subcommands().empty()) return;
+    if (arguments->recipe.empty()) throw CLI::RequiredError("recipe");
+    if (arguments->folder.empty()) throw CLI::RequiredError("--output");
+    action = [arguments, &common] { simulate(*arguments, common); };
+  });
 }
 
 }  // namespace refield::cli

@@ -16,6 +16,8 @@ using Action = std::function<void()>;
 
 // One file a verb. Each adds its subcommand and, when that is named, sets `action`.
 void add_simulate(CLI::App& app, const Common& common, Action& action);
+void add_simulate_prt(CLI::App& app, const Common& common, Action& action);  // `refield simulate prt`
+void add_simulate_prt_chart(CLI::App& app, const Common& common, Action& action);
 void add_acquire(CLI::App& app, const Common& common, Action& action);
 void add_hdr(CLI::App& app, const Common& common, Action& action);
 void add_estimate(CLI::App& app, const Common& common, Action& action);
