@@ -61,10 +61,12 @@ Shading exact_shading(const prt::Scene& scene, const std::vector<ChartLight>& li
 }
 
 double error_of(const std::vector<Eigen::Array3f>& shading, const std::vector<Eigen::Array3f>& exact) {
-  const auto values = [](const std::vector<Eigen::Array3f>& triples) {
-    return std::span(triples.data()->data(), 3 * triples.size());
+  const auto image = [](const std::vector<Eigen::Array3f>& triples) {
+    Image outputs(static_cast<int>(triples.size()), 1, 3);
+    std::copy_n(triples.data()->data(), outputs.values.size(), outputs.values.data());
+    return outputs;
   };
-  return relative_rmse(values(shading), values(exact));
+  return relative_rmse(image(shading), image(exact));
 }
 
 struct Row {

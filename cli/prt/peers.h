@@ -26,7 +26,7 @@ struct Peer {
   double bytes = 0.0;
   double precompute_seconds = 0.0;
   double relight_ms = 0.0;  ///< of one light, all of the work
-  Shading shading;
+  Shading shading = {};
 };
 
 /// Each method in turn with settings from coarse to fine, on a diffuse scene under the lights. `resolution`:
