@@ -52,8 +52,7 @@ Shading exact_shading(const prt::Scene& scene, const std::vector<ChartLight>& li
   std::iota(vertices.begin(), vertices.end(), 0u);
   std::vector<LightMap> maps;
   for (const ChartLight& light : lights) maps.push_back(light.fine);
-  const auto exact =
-      prt::integrate_lights(prt::TransferSamples(scene, prt::Relighting::geometry, vertices), maps);
+  const auto exact = prt::integrate_lights(prt::TransferSamples(scene, {}, vertices), maps);
   Shading shading(lights.size());
   for (std::size_t l = 0; l < lights.size(); ++l)
     for (std::size_t v = 0; v < vertices.size(); ++v) shading[l].push_back(exact[l][v].cast<float>());

@@ -103,7 +103,7 @@ std::vector<Peer> wavelets(const prt::Scene& scene, const std::vector<ChartLight
                            double threshold) {
   std::vector<std::uint32_t> vertices(scene.mesh.positions.size());
   std::iota(vertices.begin(), vertices.end(), 0u);
-  const prt::TransferSamples samples(scene, prt::Relighting::geometry, vertices);
+  const prt::TransferSamples samples(scene, {}, vertices);
   std::optional<prt::WaveletTransfer> transfer;
   const double seconds = seconds_of([&] { transfer.emplace(samples, resolution, threshold); });
   std::vector<Peer> peers;

@@ -47,6 +47,7 @@ ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, F
   return {{"resolution", options.resolution},
           {"similarity", prt::name_of(options.similarity)},
           {"epsilon", options.epsilon},
+          {"bounces", options.bounces},
           {"clusters", statistics.clusters},
           {"entries", statistics.entries},
           {"bytes_as_the_paper_counts", statistics.bytes_of_paper},

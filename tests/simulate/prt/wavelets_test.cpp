@@ -35,7 +35,7 @@ class Wavelets : public testing::Test {
  protected:
   static constexpr int resolution = 16;
   Scene scene = test::hare_scene();
-  TransferSamples samples{scene, Relighting::geometry, layout_of(scene, Relighting::geometry).outputs};
+  TransferSamples samples{scene, {}, layout_of(scene, Relighting::geometry).outputs};
   LightMap light = [] {
     Rng rng(2);
     return refield::test::random_light(rng, cube_domain(resolution));
