@@ -10,14 +10,36 @@
 
 namespace refield {
 
-Eigen::Vector3f PinholeCamera::direction(float x, float y) const {
+namespace {
+
+/// Half the image's height at distance one.
+float half_height_of(const PinholeCamera& camera) {
+  return std::tan(0.5f * camera.vertical_field_of_view_degrees * std::numbers::pi_v<float> / 180.0f);
+}
+
+}  // namespace
+
+Eigen::Matrix3f PinholeCamera::axes() const {
   const Eigen::Vector3f ahead = (target - position).normalized();
   const Eigen::Vector3f right = up.cross(ahead).normalized();
-  const Eigen::Vector3f above = ahead.cross(right);
-  const float half_height =
-      std::tan(0.5f * vertical_field_of_view_degrees * std::numbers::pi_v<float> / 180.0f);
+  Eigen::Matrix3f rows;
+  rows << right.transpose(), ahead.cross(right).transpose(), ahead.transpose();
+  return rows;
+}
+
+Eigen::Vector3f PinholeCamera::direction(float x, float y) const {
+  const float half_height = half_height_of(*this);
   const auto h = static_cast<float>(height), w = static_cast<float>(width);
-  return (ahead + half_height * ((2.0f * x - w) / h * right + (1.0f - 2.0f * y / h) * above)).normalized();
+  const Eigen::Vector3f seen(half_height * (2.0f * x - w) / h, half_height * (1.0f - 2.0f * y / h), 1.0f);
+  return (axes().transpose() * seen).normalized();
+}
+
+std::optional<Eigen::Vector2f> PinholeCamera::image_point(const Eigen::Vector3f& point) const {
+  const Eigen::Vector3f seen = axes() * (point - position);
+  if (!(seen.z() > 0.0f)) return std::nullopt;
+  const float scale = 0.5f * static_cast<float>(height) / (half_height_of(*this) * seen.z());
+  return Eigen::Vector2f(0.5f * static_cast<float>(width) + scale * seen.x(),
+                         0.5f * static_cast<float>(height) - scale * seen.y());
 }
 
 void PinholeCamera::check() const {

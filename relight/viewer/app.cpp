@@ -117,6 +117,7 @@ void open_file(App& app, const fs::path& file) {
 
 void save_picture(App& app, const fs::path& file) {
   ViewState& state = *app.state;
+  if (FreeView* view = state.view()) view->settle();
   state.refresh();
   save(
       app, file, [&] { write_png(file, state.radiance(), state.tone_in_use()); }, state.radiance());
@@ -173,7 +174,7 @@ void change_selected(App& app, const std::function<void(Lamp&)>& change) {
   change(lamp);
   lamp.size = std::clamp(lamp.size, 0.002, 1.0);
   lamp.y = std::clamp(lamp.y, 0.0, 1.0);
-  if (painter.domain().parameterisation == Parameterisation::lat_long)
+  if (painter.domain().parameterisation != Parameterisation::monitor)
     lamp.x -= std::floor(lamp.x);
   else
     lamp.x = std::clamp(lamp.x, 0.0, 1.0);

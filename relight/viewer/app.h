@@ -40,6 +40,8 @@ struct App {
   bool is_playing = false;
   bool is_smooth = true;  ///< pixels blend into each other when enlarged
 
+  bool is_dragging = false;  ///< the camera, since the button went down
+
   Canvas picture, light;
   std::map<std::string, Point> controls;  ///< the middle of every button, by its label; for scripts
   std::optional<Notice> notice;

@@ -130,11 +130,15 @@ void picture_section(App& app) {
   ImGui::NewLine();
   if (button(app, "Expose anew")) state.expose_picture();
   ImGui::SameLine();
-  if (button(app, "Fit")) app.picture.fit();
-  ImGui::SameLine();
-  if (button(app, "1:1")) app.picture.zoom_to(1.0);
-  ImGui::SameLine();
-  if (button(app, "Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
+  if (FreeView* view = state.view()) {
+    if (button(app, "Camera back")) view->move().reset();
+  } else {
+    if (button(app, "Fit")) app.picture.fit();
+    ImGui::SameLine();
+    if (button(app, "1:1")) app.picture.zoom_to(1.0);
+    ImGui::SameLine();
+    if (button(app, "Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
+  }
   if (button(app, "Screenshot")) app.wants_screenshot = true;
   ImGui::SameLine();
   if (button(app, "Help", app.shows_help)) app.shows_help = !app.shows_help;
@@ -172,12 +176,12 @@ void kernel_row(const PixelKernel& kernel, int exponent) {
 void kernel_section(App& app) {
   ViewState& state = *app.state;
   if (!state.picked()) return;
-  heading("PIXEL");
+  heading(state.view() != nullptr ? "VERTEX" : "PIXEL");
   const PixelPosition pixel = *state.picked();
   const Image& image = state.radiance();
   ImGui::Text("%d, %d   radiance %.4g  %.4g  %.4g", pixel.x, pixel.y, image.at(pixel.x, pixel.y, 0),
               image.at(pixel.x, pixel.y, 1), image.at(pixel.x, pixel.y, 2));
-  if (!state.field().predicted_error.empty()) {
+  if (state.has(Shown::predicted_error)) {
     ImGui::SameLine();
     const std::size_t index = static_cast<std::size_t>(pixel.y) * state.field().width + pixel.x;
     ImGui::TextDisabled("± %.2g %%", 100.0 * state.field().predicted_error[index]);

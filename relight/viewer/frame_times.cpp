@@ -14,6 +14,7 @@ FrameStatistics frame_statistics(const std::vector<FrameTime>& frames) {
   std::vector<float> totals;
   for (const FrameTime& frame : frames) {
     result.mean.total_ms += frame.total_ms;
+    result.mean.view_ms += frame.view_ms;
     result.mean.tone_ms += frame.tone_ms;
     result.mean.draw_ms += frame.draw_ms;
     result.mean.relight_ms += frame.relight_ms;
@@ -22,6 +23,7 @@ FrameStatistics frame_statistics(const std::vector<FrameTime>& frames) {
   }
   const auto count = static_cast<double>(frames.size());
   result.mean.total_ms /= count;
+  result.mean.view_ms /= count;
   result.mean.tone_ms /= count;
   result.mean.draw_ms /= count;
   if (result.relit > 0) result.mean.relight_ms /= static_cast<double>(result.relit);
@@ -31,12 +33,14 @@ FrameStatistics frame_statistics(const std::vector<FrameTime>& frames) {
 }
 
 std::string text_of(const FrameStatistics& statistics) {
-  char text[200];
+  char text[240], view[40] = "";
+  if (statistics.mean.view_ms > 0.0)
+    std::snprintf(view, sizeof view, " view %.1f ms,", statistics.mean.view_ms);
   std::snprintf(text, sizeof text,
-                "%zu frames, %.1f a second (95 %% within %.1f ms): relighting %.1f ms in %zu of them, tone "
+                "%zu frames, %.1f a second (95 %% within %.1f ms): relighting %.1f ms in %zu of them,%s tone "
                 "mapping %.1f ms, drawing %.1f ms",
                 statistics.frames, statistics.per_second, statistics.percentile_95_ms,
-                statistics.mean.relight_ms, statistics.relit, statistics.mean.tone_ms,
+                statistics.mean.relight_ms, statistics.relit, view, statistics.mean.tone_ms,
                 statistics.mean.draw_ms);
   return text;
 }

@@ -11,6 +11,7 @@ struct FrameTime {
   double relight_ms = 0.0;
   double tone_ms = 0.0;
   double draw_ms = 0.0;  ///< textures, panels, OpenGL until the frame is shown
+  double view_ms = 0.0;  ///< of fields over a mesh: finding what the camera sees, and its picture
 };
 
 /// Means over a series of frames.

@@ -5,13 +5,22 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
+
+#include "core/cube_map.h"
 
 namespace refield {
 
 namespace {
 
+/// The lat-long map in which lamps stand where they stand on a cube map: as fine as the cube's faces are.
+LightDomain panorama_of(const LightDomain& domain) {
+  if (domain.parameterisation != Parameterisation::cube) return domain;
+  return {4 * domain.width, 2 * domain.width, Parameterisation::lat_long};
+}
+
 double radius_texels(const Lamp& spot, const LightDomain& domain) {
-  return std::max(spot.size * domain.height, 0.5);
+  return std::max(spot.size * panorama_of(domain).height, 0.5);
 }
 
 /// The width of the ring in which a spot fades out, half of it outside, as a share of its radius.
@@ -19,44 +28,65 @@ double fading(const Lamp& spot, const LightDomain& domain) {
   return std::max(0.2, 1.0 / radius_texels(spot, domain));
 }
 
-bool wraps(const LightDomain& domain) {
-  return domain.parameterisation == Parameterisation::lat_long;
+bool is_around(const LightDomain& domain) {
+  return domain.parameterisation != Parameterisation::monitor;
 }
 
-double overlap(double left, double right, int x) {
-  return std::max(0.0, std::min(right, x + 1.0) - std::max(left, static_cast<double>(x)));
+Eigen::Vector3d direction_at(double column, double row, const LightDomain& domain) {
+  if (domain.parameterisation == Parameterisation::cube) return cube_direction(column, row, domain.width);
+  return lat_long_direction(column, row, domain.width, domain.height);
 }
 
-/// Share of column `x` that a bar covers.
-double bar_coverage(const Lamp& lamp, const LightDomain& domain, int x) {
-  const double left = (lamp.x - 0.5 * lamp.size) * domain.width;
-  const double right = left + lamp.size * domain.width;
-  double covered = overlap(left, right, x);
-  if (wraps(domain))
-    covered += overlap(left - domain.width, right - domain.width, x) +
-               overlap(left + domain.width, right + domain.width, x);
+double overlap(double left, double right, double x) {
+  return std::max(0.0, std::min(right, x + 1.0) - std::max(left, x));
+}
+
+/// Share that a bar covers of the column of which a texel is the middle; on a cube, of the panorama's.
+double bar_coverage(const Lamp& lamp, const LightDomain& domain, int x, int y) {
+  const LightDomain panorama = panorama_of(domain);
+  const double width = panorama.width;
+  double column = x;
+  if (domain.parameterisation == Parameterisation::cube)
+    column =
+        lat_long_position(direction_at(x + 0.5, y + 0.5, domain), panorama.width, panorama.height).x() - 0.5;
+  const double left = (lamp.x - 0.5 * lamp.size) * width, right = left + lamp.size * width;
+  double covered = overlap(left, right, column);
+  if (is_around(domain))
+    covered += overlap(left - width, right - width, column) + overlap(left + width, right + width, column);
   return std::min(covered, 1.0);
 }
 
-/// Distance of a point, in texels, from a spot's centre, in units of its radius.
+/// Distance of a point from a spot's centre, in units of its radius.
 class SpotDistance {
  public:
-  SpotDistance(const Lamp& lamp, const LightDomain& domain) : domain_(domain) {
+  SpotDistance(const Lamp& lamp, const LightDomain& domain)
+      : domain_(domain), panorama_(panorama_of(domain)) {
     radius_ = radius_texels(lamp, domain);
-    column_ = lamp.x * domain.width;
-    row_ = lamp.y * domain.height;
-    if (wraps(domain)) towards_ = lat_long_direction(column_, row_, domain.width, domain.height);
+    column_ = lamp.x * panorama_.width;
+    row_ = lamp.y * panorama_.height;
+    if (is_around(domain)) towards_ = direction_at(column_, row_, panorama_);
   }
 
+  /// Of a point of the map, in texels.
   double operator()(double column, double row) const {
-    if (!wraps(domain_)) return std::hypot(column - column_, row - row_) / radius_;
-    const Eigen::Vector3d direction = lat_long_direction(column, row, domain_.width, domain_.height);
-    const double angle = std::atan2(direction.cross(towards_).norm(), direction.dot(towards_));
-    return angle / std::numbers::pi * domain_.height / radius_;
+    return is_around(domain_) ? of(direction_at(column, row, domain_)) : on_monitor(column, row);
+  }
+  /// Of a point where lamps stand, in fractions.
+  double of_fraction(double x, double y) const {
+    const double column = x * panorama_.width, row = y * panorama_.height;
+    return is_around(domain_) ? of(direction_at(column, row, panorama_)) : on_monitor(column, row);
   }
 
  private:
-  LightDomain domain_;
+  double on_monitor(double column, double row) const {
+    return std::hypot(column - column_, row - row_) / radius_;
+  }
+  double of(const Eigen::Vector3d& direction) const {
+    const double angle = std::atan2(direction.cross(towards_).norm(), direction.dot(towards_));
+    return angle / std::numbers::pi * panorama_.height / radius_;
+  }
+
+  LightDomain domain_, panorama_;
   double radius_ = 0.0, column_ = 0.0, row_ = 0.0;
   Eigen::Vector3d towards_ = Eigen::Vector3d::Zero();
 };
@@ -78,21 +108,61 @@ double half_width_of_cap(double radius, double polar) {
   return std::asin(std::min(1.0, std::sin(radius) / std::sin(polar))) / (2.0 * std::numbers::pi);
 }
 
+/// From where to where, of −1 to 1, a cap of directions reaches along an axis of a cube's face; nothing where
+/// it lies beside the face. `along` and `ahead`: its middle, in the face's axes.
+std::optional<std::pair<double, double>> reach_on_face(double along, double ahead, double radius) {
+  const double sine = std::sin(radius) / std::hypot(along, ahead);
+  if (radius >= 0.5 * std::numbers::pi || !(sine < 1.0)) return std::pair{-1.0, 1.0};
+  // The planes through the face's other axis that touch the cap.
+  const double middle = std::atan2(along, ahead), half = std::asin(sine);
+  const double low = std::max(middle - half, -0.25 * std::numbers::pi),
+               high = std::min(middle + half, 0.25 * std::numbers::pi);
+  if (!(low < high)) return std::nullopt;
+  return std::pair{std::tan(low), std::tan(high)};
+}
+
+std::optional<Box> spot_box_on_cube(const Lamp& spot, const LightDomain& domain) {
+  const LightDomain panorama = panorama_of(domain);
+  const Eigen::Vector3d towards = direction_at(spot.x * panorama.width, spot.y * panorama.height, panorama);
+  const double radius =
+      radius_texels(spot, domain) * (1.0 + 0.5 * fading(spot, domain)) / panorama.height * std::numbers::pi;
+  const auto texel = [&](double place) { return 0.5 * (place + 1.0) * domain.width; };
+  std::optional<Box> box;
+  for (int face = 0; face < cube_faces; ++face) {
+    const Eigen::Vector3d seen = cube_face_axes(face) * towards;
+    const auto columns = reach_on_face(seen.x(), seen.z(), radius),
+               rows = reach_on_face(-seen.y(), seen.z(), radius);
+    if (!columns || !rows) continue;
+    const double top = static_cast<double>(face) * domain.width;
+    const auto on_face = clipped(texel(columns->first), top + texel(rows->first), texel(columns->second),
+                                 top + texel(rows->second), domain);
+    if (!on_face) continue;
+    if (!box) box = on_face;
+    box = Box{std::min(box->x0, on_face->x0), std::min(box->y0, on_face->y0), std::max(box->x1, on_face->x1),
+              std::max(box->y1, on_face->y1)};
+  }
+  return box;
+}
+
 }  // namespace
 
 std::optional<Box> lamp_box(const Lamp& lamp, const LightDomain& domain) {
+  if (domain.parameterisation == Parameterisation::cube) {
+    if (lamp.shape == Lamp::Shape::bar) return Box{0, 0, domain.width, domain.height};
+    return spot_box_on_cube(lamp, domain);
+  }
   const double width = domain.width, height = domain.height;
   double half_width = 0.5 * lamp.size * width, top = 0.0, bottom = height;
   if (lamp.shape == Lamp::Shape::spot) {
     const double reach = radius_texels(lamp, domain) * (1.0 + 0.5 * fading(lamp, domain));
     top = lamp.y * height - reach;
     bottom = lamp.y * height + reach;
-    half_width = wraps(domain)
+    half_width = is_around(domain)
                      ? width * half_width_of_cap(reach / height * std::numbers::pi, lamp.y * std::numbers::pi)
                      : reach;
   }
   const double left = lamp.x * width - half_width, right = lamp.x * width + half_width;
-  if (wraps(domain) && (left < 0.0 || right > width)) return clipped(0.0, top, width, bottom, domain);
+  if (is_around(domain) && (left < 0.0 || right > width)) return clipped(0.0, top, width, bottom, domain);
   return clipped(left, top, right, bottom, domain);
 }
 
@@ -107,7 +177,7 @@ void add_lamp(const Lamp& lamp, const Box& within, LightMap& light) {
   for (int y = box.y0; y < box.y1; ++y)
     for (int x = box.x0; x < box.x1; ++x) {
       const double coverage = lamp.shape == Lamp::Shape::bar
-                                  ? bar_coverage(lamp, domain, x)
+                                  ? bar_coverage(lamp, domain, x, y)
                                   : std::clamp((1.0 - distance(x + 0.5, y + 0.5)) / ring + 0.5, 0.0, 1.0);
       for (int c = 0; c < 3; ++c)
         light.radiance.at(x, y, c) += static_cast<float>(coverage * lamp.radiance * lamp.colour[c]);
@@ -118,12 +188,11 @@ bool is_on_lamp(const Lamp& lamp, const LightDomain& domain, double x, double y)
   constexpr double least_reach_texels = 6.0;
   if (lamp.shape == Lamp::Shape::bar) {
     double apart = std::abs(x - lamp.x);
-    if (wraps(domain)) apart = std::min(apart, 1.0 - apart);
-    return apart <= std::max(0.5 * lamp.size, least_reach_texels / domain.width);
+    if (is_around(domain)) apart = std::min(apart, 1.0 - apart);
+    return apart <= std::max(0.5 * lamp.size, least_reach_texels / panorama_of(domain).width);
   }
   const SpotDistance distance(lamp, domain);
-  return distance(x * domain.width, y * domain.height) <=
-         std::max(1.1, least_reach_texels / radius_texels(lamp, domain));
+  return distance.of_fraction(x, y) <= std::max(1.1, least_reach_texels / radius_texels(lamp, domain));
 }
 
 }  // namespace refield

@@ -13,11 +13,13 @@ struct Lamp {
   enum class Shape { bar, spot };
 
   Shape shape = Shape::spot;
-  /// Centre, as fractions of the map's width and height. A bar has no y.
+  /// Centre, as fractions of the map's width and height; for a cube of those of the panorama (lat-long) that
+  /// LightPanorama shows. A bar has no y.
   double x = 0.5;
   double y = 0.5;
   /// Bar: its width as a fraction of the map's. Spot: its radius as a fraction of the map's height; in a
-  /// lat-long map that is an angle (1 = 180°), so that a spot looks the same from inside wherever it stands.
+  /// lat-long map or a cube that is an angle (1 = 180°), so that a spot looks the same from inside wherever
+  /// it stands.
   double size = 0.12;
   std::array<float, 3> colour = {1.0f, 1.0f, 1.0f};  ///< linear
   double radiance = 1.0;                             ///< factor on the colour

@@ -16,12 +16,12 @@ namespace {
 /// A point of the map in fractions of its width and height.
 Point fraction_at(const App& app, const ImVec2& window) {
   const Point texel = app.light.image_from_window({window.x, window.y});
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->panorama().shown();
   return {texel.x / domain.width, texel.y / domain.height};
 }
 
 Point window_at(const App& app, double x, double y) {
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->panorama().shown();
   return app.light.window_from_image({x * domain.width, y * domain.height});
 }
 
@@ -34,7 +34,7 @@ void handle_drag(App& app) {
     return;
   }
   if (io.MouseDelta.x == 0.0f && io.MouseDelta.y == 0.0f) return;
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->panorama().shown();
   const double dx = io.MouseDelta.x / (app.light.scale() * domain.width);
   const double dy = io.MouseDelta.y / (app.light.scale() * domain.height);
   if (app.selected)
@@ -66,7 +66,8 @@ void handle_mouse(App& app) {
       ImGui::IsItemActive() && (ImGui::IsMouseDown(ImGuiMouseButton_Right) ||
                                 (app.probes && ImGui::IsMouseDown(ImGuiMouseButton_Left)));
   if (is_probing)
-    probe_at(app, app.light.image_from_window({io.MousePos.x, io.MousePos.y}));
+    probe_at(app,
+             app.state->panorama().texel_at(app.light.image_from_window({io.MousePos.x, io.MousePos.y})));
   else if (app.state->probed() && !app.probes)
     app.state->probe(std::nullopt);
   if (!is_probing && ImGui::IsItemActive() && ImGui::IsMouseDown(ImGuiMouseButton_Left)) handle_drag(app);
@@ -86,7 +87,7 @@ ImU32 colour_of(const Lamp& lamp) {
 /// Its outline, and a handle of its colour in the middle.
 void draw_lamp(const App& app, const Lamp& lamp, bool is_selected) {
   ImDrawList& list = *ImGui::GetWindowDrawList();
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->panorama().shown();
   const ImU32 line = is_selected ? accent_colour : 0x90ffffff;
   const float thickness = is_selected ? 2.0f : 1.0f;
   constexpr int smooth = 48;
@@ -114,7 +115,8 @@ void draw_kernels(const App& app, const Textures& textures, const ImVec2& corner
   ImDrawList& list = *ImGui::GetWindowDrawList();
   list.AddImage(textures.kernels.handle(), corner, far_corner, ImVec2(0, 0), ImVec2(1, 1), 0xe8ffffff);
   for (const PixelKernel& kernel : app.state->kernels()) {
-    if (kernel.hat || kernel.energy_share <= 0.0) continue;
+    // On a panorama a cube's squares have no straight edges.
+    if (kernel.hat || kernel.energy_share <= 0.0 || app.state->panorama().is_cube()) continue;
     const Box& box = kernel.support;
     const auto alpha = static_cast<ImU32>(40.0 + 215.0 * std::sqrt(kernel.energy_share));
     list.AddRect(
@@ -123,13 +125,15 @@ void draw_kernels(const App& app, const Textures& textures, const ImVec2& corner
         alpha << 24 | 0x00ffffff);
   }
   char text[80];
-  std::snprintf(text, sizeof text, "Kernels of pixel %d, %d", app.state->picked()->x, app.state->picked()->y);
+  const bool is_mesh = app.state->view() != nullptr;
+  std::snprintf(text, sizeof text, is_mesh ? "Kernels of the vertex at %d, %d" : "Kernels of pixel %d, %d",
+                app.state->picked()->x, app.state->picked()->y);
   draw_plate({app.light.area().x + 8.0, app.light.area().y + 8.0}, text, accent_colour);
 }
 
 void draw_probe(const App& app) {
   const auto& box = app.state->probed();
-  if (!box) return;
+  if (!box || app.state->panorama().is_cube()) return;  // there it is under the pointer
   ImDrawList& list = *ImGui::GetWindowDrawList();
   const ImVec2 a =
       vector(app.light.window_from_image({static_cast<double>(box->x0), static_cast<double>(box->y0)}));
@@ -145,7 +149,7 @@ void draw_probe(const App& app) {
 }  // namespace
 
 void draw_light_panel(App& app, const Textures& textures, const Area& area) {
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->panorama().shown();
   app.light.fit();
   app.light.lay_out(area, domain.width, domain.height);
   begin_panel("##light", area, false);

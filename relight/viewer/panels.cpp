@@ -30,16 +30,17 @@ std::string pointer_text(const App& app) {
                   image.at(x, y, 1), image.at(x, y, 2));
   };
   write(app.picture, app.state->radiance(), "pixel");
-  write(app.light, app.state->painter().light().radiance, "texel");
+  write(app.light, app.state->shown_light(), "texel");
   return text;
 }
 
 std::string time_text(const App& app) {
   const FrameStatistics recent = frame_statistics({app.recent_frames.begin(), app.recent_frames.end()});
   if (recent.frames == 0) return "";
-  char text[160];
-  std::snprintf(text, sizeof text, "relighting %.1f ms · tone %.1f ms · drawing %.1f ms · %.0f frames/s",
-                recent.mean.relight_ms, recent.mean.tone_ms, recent.mean.draw_ms, recent.per_second);
+  char text[160], view[40] = "";
+  if (recent.mean.view_ms > 0.0) std::snprintf(view, sizeof view, "view %.1f ms · ", recent.mean.view_ms);
+  std::snprintf(text, sizeof text, "relighting %.1f ms · %stone %.1f ms · drawing %.1f ms · %.0f frames/s",
+                recent.mean.relight_ms, view, recent.mean.tone_ms, recent.mean.draw_ms, recent.per_second);
   return text;
 }
 
@@ -61,7 +62,7 @@ void help_column(const std::vector<Shortcut>& all, std::size_t first, std::size_
 
 void draw_panels(App& app, const Textures& textures) {
   const ImVec2 window = ImGui::GetIO().DisplaySize;
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->panorama().shown();
   const double side = std::clamp(0.32 * window.x, 360.0, 560.0);
   const double inner_height = window.y - 2.0 * gap - status_height;
   const double left_width = window.x - side - 3.0 * gap, right = left_width + 2.0 * gap;
@@ -80,8 +81,10 @@ void draw_status_bar(const App& app, const Area& area) {
   ImDrawList& list = *ImGui::GetBackgroundDrawList();
   const double top = area.y + 0.5 * (area.height - ImGui::GetTextLineHeight());
   const ReflectanceField& field = app.state->field();
-  const std::string name = app.field_file.filename().string() + "   " + std::to_string(field.width) + "×" +
-                           std::to_string(field.height);
+  const std::string name =
+      app.field_file.filename().string() + "   " +
+      (field.mesh.empty() ? std::to_string(field.width) + "×" + std::to_string(field.height)
+                          : std::to_string(field.mesh.positions.size()) + " vertices");
   list.AddText(vector(area.x + 14.0, top), text_colour, name.c_str());
   const std::string pointer = pointer_text(app), time = time_text(app);
   list.AddText(vector(area.x + 0.27 * area.width, top), 0xff909090, pointer.c_str());
@@ -121,7 +124,8 @@ void draw_help(App& app, const Area& area) {
                ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoMove |
                    ImGuiWindowFlags_NoNav | ImGuiWindowFlags_AlwaysAutoResize);
   ImGui::TextWrapped(
-      "Picture: click a pixel to see its kernels over the light map; wheel zooms, right button pans.\n"
+      "Picture: click a pixel to see its kernels over the light map; wheel zooms, right button pans. Scenes "
+      "over a mesh: drag turns them, wheel comes nearer, right button or Shift and drag pans.\n"
       "Light map: drag lamps, wheel sizes them; drag beside them to turn the map; hold the right button to "
       "see what that part alone lights, wheel sizes the part.\n"
       "Drop light maps and fields onto the window.");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <imgui.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -16,7 +17,27 @@ PixelPosition pixel_at(const Canvas& canvas, const ImVec2& window) {
   return {static_cast<int>(std::floor(p.x)), static_cast<int>(std::floor(p.y))};
 }
 
+/// Of a scene over a mesh: the left button turns it, and picks where it was not moved.
+void handle_camera(App& app, FreeView& view) {
+  constexpr float slack_px = 3.0f;
+  constexpr double degrees_a_pixel = 0.35;
+  const ImGuiIO& io = ImGui::GetIO();
+  if (ImGui::IsItemHovered() && io.MouseWheel != 0.0f) view.move().approach(std::pow(1.15, io.MouseWheel));
+  const bool is_left = ImGui::IsMouseDown(ImGuiMouseButton_Left);
+  const bool was_dragged = ImGui::IsMouseDragging(ImGuiMouseButton_Left, slack_px);
+  if (ImGui::IsItemDeactivated() && ImGui::IsMouseReleased(ImGuiMouseButton_Left) && !app.is_dragging)
+    app.state->pick(pixel_at(app.picture, io.MousePos));
+  app.is_dragging = ImGui::IsItemActive() && (app.is_dragging || was_dragged);
+  if (!ImGui::IsItemActive() || (is_left && !app.is_dragging)) return;
+  if (io.MouseDelta.x == 0.0f && io.MouseDelta.y == 0.0f) return;
+  if (is_left && !io.KeyShift)
+    view.move().orbit(-degrees_a_pixel * io.MouseDelta.x, degrees_a_pixel * io.MouseDelta.y);
+  else
+    view.move().pan(io.MouseDelta.x, io.MouseDelta.y);
+}
+
 void handle_mouse(App& app) {
+  if (FreeView* view = app.state->view()) return handle_camera(app, *view);
   const ImGuiIO& io = ImGui::GetIO();
   if (ImGui::IsItemHovered() && io.MouseWheel != 0.0f)
     app.picture.zoom_about({io.MousePos.x, io.MousePos.y}, std::pow(1.2, io.MouseWheel));
@@ -82,11 +103,22 @@ void draw_title(const App& app, const Area& area) {
   }
 }
 
+/// A picture of the area's size.
+void fill_area(const Area& area, FreeView& view) {
+  const int width = std::max(1, static_cast<int>(area.width)),
+            height = std::max(1, static_cast<int>(area.height));
+  if (view.camera().width != width || view.camera().height != height) view.move().set_size(width, height);
+}
+
 }  // namespace
 
 void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
-  const ReflectanceField& field = app.state->field();
-  app.picture.lay_out(area, field.width, field.height);
+  if (FreeView* view = app.state->view()) {
+    app.picture.fit();
+    fill_area(area, *view);
+  }
+  const Image& picture = app.state->radiance();
+  app.picture.lay_out(area, picture.width, picture.height);
   begin_panel("##picture", area, false);
   ImGui::InvisibleButton("##canvas", ImGui::GetContentRegionAvail(),
                          ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight |
@@ -97,7 +129,7 @@ void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
                      canvas_colour, 6.0f);
   list.AddImage(textures.picture.handle(), vector(app.picture.window_from_image({0.0, 0.0})),
                 vector(app.picture.window_from_image(
-                    {static_cast<double>(field.width), static_cast<double>(field.height)})));
+                    {static_cast<double>(picture.width), static_cast<double>(picture.height)})));
   draw_mark(app);
   draw_shown_legend(app, area);
   draw_title(app, area);

@@ -20,6 +20,9 @@ struct ScriptCommand {
     press,     ///< text: a control's label
     key,       ///< text: its name
     rotate,    ///< numbers: degrees
+    orbit,     ///< numbers: degrees to the right, up
+    approach,  ///< numbers: factor
+    pan,       ///< numbers: pixels to the right, down
     exposure,  ///< numbers: stops
     curve,     ///< text
     show,      ///< text

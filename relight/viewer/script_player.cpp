@@ -36,6 +36,18 @@ Point control_named(const App& app, const ScriptCommand& command) {
   fail(command, "there is no control '" + command.text + "' now; there are " + known);
 }
 
+/// Empty where there is none.
+std::string camera_text(const FreeView* view) {
+  if (view == nullptr) return "";
+  const PinholeCamera& camera = view->camera();
+  const Eigen::Vector3f &p = camera.position, &t = camera.target;
+  char text[200];
+  std::snprintf(text, sizeof text,
+                R"(, "camera": {"position": [%.7g, %.7g, %.7g], "target": [%.7g, %.7g, %.7g], "fov": %.7g})",
+                p.x(), p.y(), p.z(), t.x(), t.y(), t.z(), camera.vertical_field_of_view_degrees);
+  return text;
+}
+
 /// Where things are, for tests that look into screenshots: one line of JSON on standard output.
 void print_places(const App& app) {
   const auto canvas_text = [](const Canvas& canvas, int width, int height) {
@@ -45,17 +57,17 @@ void print_places(const App& app) {
     return std::string(text);
   };
   const ViewState& state = *app.state;
-  const LightDomain& domain = state.painter().domain();
+  const LightDomain& light = state.panorama().shown();
   const std::string picked = state.picked() ? "[" + std::to_string(state.picked()->x) + ", " +
                                                   std::to_string(state.picked()->y) + "]"
                                             : "null";
   std::printf(
       "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"lamps\": %zu, \"turn\": %.6f, "
-      "\"exposure\": %.9g, \"notice\": %s}\n",
-      canvas_text(app.picture, state.field().width, state.field().height).c_str(),
-      canvas_text(app.light, domain.width, domain.height).c_str(), picked.c_str(), state.kernels().size(),
+      "\"exposure\": %.9g, \"notice\": %s%s}\n",
+      canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(),
+      canvas_text(app.light, light.width, light.height).c_str(), picked.c_str(), state.kernels().size(),
       state.painter().lamps().size(), 360.0 * state.painter().turns(), state.tone_in_use().exposure,
-      app.notice && app.notice->is_error ? "\"error\"" : "null");
+      app.notice && app.notice->is_error ? "\"error\"" : "null", camera_text(state.view()).c_str());
   std::fflush(stdout);
 }
 
@@ -107,6 +119,19 @@ void ScriptPlayer::plan_setting(const ScriptCommand& command) {
     if (command.verb == Verb::curve) tone.curve = tone_operator_from_name(command.text);
     if (command.verb == Verb::show) app.state->show(shown_from_name(command.text));
     app.state->set_tone(tone);
+  });
+  plan_waiting(settling_frames);
+}
+
+void ScriptPlayer::plan_camera(const ScriptCommand& command) {
+  steps_.push_back([command](App& app, InputQueue&) {
+    FreeView* view = app.state->view();
+    if (view == nullptr) fail(command, "the field has no mesh for a camera to move around");
+    const auto& n = command.numbers;
+    if (command.verb == Verb::approach && !(n[0] > 0.0)) fail(command, "give a factor above zero");
+    if (command.verb == Verb::orbit) view->move().orbit(n[0], n[1]);
+    if (command.verb == Verb::approach) view->move().approach(n[0]);
+    if (command.verb == Verb::pan) view->move().pan(n[0], n[1]);
   });
   plan_waiting(settling_frames);
 }
@@ -174,6 +199,10 @@ void ScriptPlayer::plan(const ScriptCommand& command) {
         input.push(key);
       });
       return plan_waiting(settling_frames);
+    case Verb::orbit:
+    case Verb::approach:
+    case Verb::pan:
+      return plan_camera(command);
     case Verb::rotate:
     case Verb::exposure:
     case Verb::curve:

@@ -32,6 +32,7 @@ class ScriptPlayer {
   void plan_click(const ScriptCommand& command, MouseButton button);
   void plan_drag(const ScriptCommand& command);
   void plan_setting(const ScriptCommand& command);
+  void plan_camera(const ScriptCommand& command);
   void plan_output(const ScriptCommand& command);
   /// Frames in which panels settle.
   void plan_waiting(int frames);

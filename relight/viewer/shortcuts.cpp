@@ -66,6 +66,11 @@ void save_both(App& app) {
   }
 }
 
+void fit(App& app) {
+  if (FreeView* view = app.state->view()) view->move().reset();
+  app.picture.fit();
+}
+
 std::vector<Shortcut> make_shortcuts() {
   const std::string lamps = "Lamps", light = "Light map", picture = "Picture", rest = "Everything";
   return {
@@ -108,7 +113,7 @@ std::vector<Shortcut> make_shortcuts() {
          a.state->expose_light();
        }},
       {picture, "T", GLFW_KEY_T, false, "next tone curve", next_operator},
-      {picture, "F", GLFW_KEY_F, false, "fit into the window", [](App& a) { a.picture.fit(); }},
+      {picture, "F", GLFW_KEY_F, false, "fit into the window; the camera back", fit},
       {picture, "Z", GLFW_KEY_Z, false, "pixel for pixel", [](App& a) { a.picture.zoom_to(1.0); }},
       {picture, "X", GLFW_KEY_X, false, "smooth or square pixels",
        [](App& a) { a.is_smooth = !a.is_smooth; }},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/view_state.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -74,12 +75,14 @@ ViewState::ViewState(Loaded loaded)
       painter_(field_.basis.domain),
       probe_light_{Image(painter_.domain().width, painter_.domain().height, 3),
                    painter_.domain().parameterisation},
-      picture_(std::size_t{4} * field_.width * field_.height),
-      light_picture_(probe_light_.radiance.pixel_count() * 4),
+      panorama_(painter_.domain()),
+      light_picture_(std::size_t{4} * panorama_.shown().width * panorama_.shown().height),
       kernel_picture_(light_picture_.size()) {
   reset_lamps();
-  radiance_ = &relighter_.relight(painter_.light());
+  outputs_ = &relighter_.relight(painter_.light());
   painter_.take_changed();
+  if (!field_.mesh.empty()) view_ = std::make_unique<FreeView>(field_);
+  look(true);
   expose_picture();
 }
 
@@ -104,8 +107,8 @@ void ViewState::set_light_exposure(double exposure) {
 }
 
 void ViewState::expose_picture() {
-  relight();
-  const double exposure = exposure_to_white(*radiance_);
+  look(relight());
+  const double exposure = exposure_to_white(radiance());
   if (probed_)
     probe_exposure_ = exposure;
   else
@@ -123,7 +126,7 @@ const std::vector<float>& ViewState::error_map(Shown shown) const {
 }
 
 bool ViewState::has(Shown shown) const {
-  return shown == Shown::picture || shown == Shown::false_colour || !error_map(shown).empty();
+  return shown == Shown::picture || shown == Shown::false_colour || (!view_ && !error_map(shown).empty());
 }
 
 void ViewState::show(Shown shown) {
@@ -140,11 +143,35 @@ void ViewState::show(Shown shown) {
 }
 
 void ViewState::pick(std::optional<PixelPosition> pixel) {
-  if (pixel && (pixel->x < 0 || pixel->y < 0 || pixel->x >= field_.width || pixel->y >= field_.height))
+  if (pixel &&
+      (pixel->x < 0 || pixel->y < 0 || pixel->x >= radiance().width || pixel->y >= radiance().height))
     pixel.reset();
-  if (pixel == picked_) return;
+  std::optional<std::uint32_t> vertex;
+  if (pixel && view_) {
+    vertex = view_->vertex_at(pixel->x, pixel->y);
+    if (!vertex) pixel.reset();
+  }
+  if (pixel == picked_ && vertex == picked_vertex_) return;
   picked_ = pixel;
+  picked_vertex_ = vertex;
   are_kernels_old_ = true;
+}
+
+/// The number of the picked pixel among the field's.
+std::size_t ViewState::picked_output() const {
+  if (!picked_vertex_) return static_cast<std::size_t>(picked_->y) * field_.width + picked_->x;
+  return pixel_of_output(*picked_vertex_ * (field_.mesh_outputs() / field_.mesh.positions.size()));
+}
+
+/// Where the picked vertex is seen now.
+void ViewState::place_mark() {
+  if (!picked_vertex_) return;
+  const auto place = view_->camera().image_point(field_.mesh.positions[*picked_vertex_]);
+  picked_.reset();
+  if (place && Eigen::AlignedBox2f(Eigen::Vector2f::Zero(), Eigen::Vector2f(seen_.width, seen_.height))
+                   .contains(*place))
+    picked_ = PixelPosition{std::min(static_cast<int>(place->x()), seen_.width - 1),
+                            std::min(static_cast<int>(place->y()), seen_.height - 1)};
 }
 
 void ViewState::probe(std::optional<Box> part) {
@@ -165,7 +192,7 @@ void ViewState::relight_probe() {
   };
   if (lit_) fill(*lit_, 0.0f);
   fill(*probed_, 1.0f);
-  radiance_ =
+  outputs_ =
       lit_ ? &relighter_.update(probe_light_, *united(lit_, probed_)) : &relighter_.relight(probe_light_);
   lit_ = probed_;
 }
@@ -183,19 +210,32 @@ bool ViewState::relight() {
     // Emptied for the next probe.
     std::ranges::fill(probe_light_.radiance.values, 0.0f);
     lit_.reset();
-    radiance_ = &relighter_.relight(painter_.light());
+    outputs_ = &relighter_.relight(painter_.light());
     return true;
   }
-  if (changed) radiance_ = &relighter_.update(painter_.light(), *changed);
+  if (changed) outputs_ = &relighter_.update(painter_.light(), *changed);
   return changed.has_value();
+}
+
+/// Makes the camera's picture anew where the light or the camera is another. Whether there is a new picture.
+bool ViewState::look(bool relit) {
+  if (!view_) return relit;
+  const bool moved = view_->update();
+  if (!moved && !relit) return false;
+  seen_ = view_->show(*outputs_);
+  if (moved) place_mark();
+  return true;
 }
 
 ViewState::Refreshed ViewState::refresh() {
   Refreshed done;
-  if (radiance_ == nullptr) return done;
+  if (outputs_ == nullptr) return done;
   auto start = std::chrono::steady_clock::now();
-  if (relight()) {
-    done.relight_ms = milliseconds_since(start);
+  const bool relit = relight();
+  if (relit) done.relight_ms = milliseconds_since(start);
+  start = std::chrono::steady_clock::now();
+  if (look(relit)) {
+    if (view_) done.view_ms = milliseconds_since(start);
     is_picture_old_ |= shown_ == Shown::picture || shown_ == Shown::false_colour;
   }
   done.picture = std::exchange(is_picture_old_, false);
@@ -203,20 +243,22 @@ ViewState::Refreshed ViewState::refresh() {
   done.kernels = std::exchange(are_kernels_old_, false);
   start = std::chrono::steady_clock::now();
   if (done.picture) draw_picture();
-  if (done.light)
-    tone_map_rgba(painter_.light().radiance, light_tone_.table({light_exposure_, ToneOperator::clip}),
-                  light_picture_);
+  if (done.light) {
+    if (panorama_.is_cube()) shown_light_ = panorama_.show(painter_.light().radiance);
+    tone_map_rgba(shown_light(), light_tone_.table({light_exposure_, ToneOperator::clip}), light_picture_);
+  }
   if (done.picture || done.light) done.tone_ms = milliseconds_since(start);
   if (done.kernels) draw_kernels();
   return done;
 }
 
 void ViewState::draw_picture() {
+  picture_.resize(std::size_t{4} * radiance().pixel_count());
   if (shown_ == Shown::picture)
-    return tone_map_rgba(*radiance_, picture_tone_.table(tone_in_use()), picture_);
+    return tone_map_rgba(radiance(), picture_tone_.table(tone_in_use()), picture_);
   if (shown_ == Shown::false_colour) {
     const double white = -std::log2(tone_in_use().exposure);
-    return false_colour_rgba(*radiance_, stop_levels(white - stops_below_white, white + stops_above_white),
+    return false_colour_rgba(radiance(), stop_levels(white - stops_below_white, white + stops_above_white),
                              picture_);
   }
   Image map(field_.width, field_.height, 1);
@@ -227,10 +269,10 @@ void ViewState::draw_picture() {
 void ViewState::draw_kernels() {
   kernels_.clear();
   std::ranges::fill(kernel_picture_, std::uint8_t{0});
-  if (!picked_) return;
-  const std::size_t pixel = static_cast<std::size_t>(picked_->y) * field_.width + picked_->x;
-  kernels_ = kernels_of_pixel(relighter_.transfer(), field_.basis, pixel);
-  const Image density = kernel_density(field_.basis, kernels_);
+  if (!picked_ && !picked_vertex_) return;
+  kernels_ = kernels_of_pixel(relighter_.transfer(), field_.basis, picked_output());
+  Image density = kernel_density(field_.basis, kernels_);
+  if (panorama_.is_cube()) density = panorama_.show(density);
   const double high = *std::ranges::max_element(density.values);
   if (!(high > 0.0)) return;
   // Densities of a mirror's reflection and of the dim rest lie far apart.

@@ -12,7 +12,9 @@
 #include "core/reflectance_field.h"
 #include "core/tone_map.h"
 #include "relight/relighter.h"
+#include "relight/viewer/free_view.h"
 #include "relight/viewer/light_painter.h"
+#include "relight/viewer/light_panorama.h"
 
 namespace refield {
 
@@ -59,11 +61,16 @@ class ViewState {
   /// Starts under a dim ambient light and two lamps, exposed for them. Throws InputError for an empty field.
   explicit ViewState(ReflectanceField field) : ViewState(load(std::move(field))) {}
   explicit ViewState(PackedField packed) : ViewState(load(std::move(packed))) {}
-  ViewState(const ViewState&) = delete;  // radiance() lies in the relighter
+  ViewState(const ViewState&) = delete;  // the picture may lie in the relighter
   ViewState& operator=(const ViewState&) = delete;
 
   /// Without transfer and rectangles, which stand in the relighter alone.
   const ReflectanceField& field() const { return field_; }
+  /// Of fields over a mesh the user's camera; null for photographs.
+  FreeView* view() { return view_.get(); }
+  const FreeView* view() const { return view_.get(); }
+  /// How the light map is laid before the user.
+  const LightPanorama& panorama() const { return panorama_; }
   LightPainter& painter() { return painter_; }
   const LightPainter& painter() const { return painter_; }
   /// Back to the lamps of the start.
@@ -85,7 +92,9 @@ class ViewState {
   /// The relative error that has the last colour: the 98th percentile of the map that is shown; 0 for others.
   double error_range() const { return error_range_; }
 
-  /// Whose kernels are shown; nothing: nobody's. Positions outside the picture are taken as nothing.
+  /// Whose kernels are shown; nothing: nobody's. Positions outside the picture are taken as nothing. On a
+  /// mesh the vertex is picked that the pixel shows most of, and stays so when the camera moves; picked() is
+  /// where it is seen then, through what hides it.
   void pick(std::optional<PixelPosition> pixel);
   const std::optional<PixelPosition>& picked() const { return picked_; }
   const std::vector<PixelKernel>& kernels() const { return kernels_; }
@@ -101,12 +110,15 @@ class ViewState {
     bool light = false;
     bool kernels = false;
     double relight_ms = 0.0;
+    double view_ms = 0.0;  ///< of what the camera sees, and the picture of it
     double tone_ms = 0.0;
   };
   Refreshed refresh();
 
-  /// As of the last refresh(). Pixels of red, green, blue, alpha, row-major.
-  const Image& radiance() const { return *radiance_; }
+  /// The picture, as of the last refresh(). Pixels of red, green, blue, alpha, row-major.
+  const Image& radiance() const { return view_ ? seen_ : *outputs_; }
+  /// The light map as it is shown.
+  const Image& shown_light() const { return panorama_.is_cube() ? shown_light_ : painter_.light().radiance; }
   std::span<const std::uint8_t> picture() const { return picture_; }
   std::span<const std::uint8_t> light_picture() const { return light_picture_; }
   /// The density of the picked pixel's kernels over the light map, to be laid over its picture.
@@ -117,6 +129,9 @@ class ViewState {
  private:
   bool relight();
   void relight_probe();
+  bool look(bool relit);
+  void place_mark();
+  std::size_t picked_output() const;
   void draw_picture();
   void draw_kernels();
   const std::vector<float>& error_map(Shown shown) const;
@@ -137,6 +152,7 @@ class ViewState {
   Shown shown_ = Shown::picture;
   double error_range_ = 0.0;
   std::optional<PixelPosition> picked_;
+  std::optional<std::uint32_t> picked_vertex_;
   std::vector<PixelKernel> kernels_;
   std::optional<Box> probed_;
   std::optional<Box> lit_;  // the probe that the image stands for; nothing: the painted light
@@ -144,7 +160,11 @@ class ViewState {
   double probe_exposure_ = 1.0;
 
   ToneTableCache picture_tone_, light_tone_;
-  const Image* radiance_ = nullptr;
+  LightPanorama panorama_;
+  const Image* outputs_ = nullptr;  // in the relighter
+  std::unique_ptr<FreeView> view_;
+  Image seen_;         // by it
+  Image shown_light_;  // of a cube
   std::vector<std::uint8_t> picture_, light_picture_, kernel_picture_;
   bool is_picture_old_ = true, is_light_old_ = true, are_kernels_old_ = true;
 };

@@ -39,7 +39,9 @@ class Viewer {
     while (!window_.is_closed() && !app_.wants_to_close) {
       throw_if_interrupted();
       const bool plays = script_ && script_->step(app_, input_);
-      const bool is_busy = plays || frames_left_ > 0 || app_.is_playing || !input_.is_empty();
+      const bool comes_to_rest = app_.state->view() != nullptr && app_.state->view()->wants_rest();
+      const bool is_busy =
+          plays || comes_to_rest || frames_left_ > 0 || app_.is_playing || !input_.is_empty();
       window_.collect(input_, is_busy ? 0.0 : idle_patience_s);
       if (!input_.is_empty()) frames_left_ = frames_after_event;
       const bool has_notice_passed = app_.notice && Clock::now() > app_.notice->until;
@@ -66,10 +68,11 @@ class Viewer {
 
   void update_textures(const ViewState::Refreshed& done) {
     const ViewState& state = *app_.state;
-    const LightDomain& domain = state.painter().domain();
-    if (done.picture) textures_.picture.update(state.field().width, state.field().height, state.picture());
-    if (done.light) textures_.light.update(domain.width, domain.height, state.light_picture());
-    if (done.kernels) textures_.kernels.update(domain.width, domain.height, state.kernel_picture());
+    const LightDomain& light = state.panorama().shown();
+    if (done.picture)
+      textures_.picture.update(state.radiance().width, state.radiance().height, state.picture());
+    if (done.light) textures_.light.update(light.width, light.height, state.light_picture());
+    if (done.kernels) textures_.kernels.update(light.width, light.height, state.kernel_picture());
     textures_.picture.set_smooth(app_.is_smooth);
   }
 
@@ -110,8 +113,9 @@ class Viewer {
     FrameTime time;
     time.total_ms = milliseconds_between(last_end_.value_or(start), end);
     time.relight_ms = done.relight_ms;
+    time.view_ms = done.view_ms;
     time.tone_ms = done.tone_ms;
-    time.draw_ms = milliseconds_between(start, end) - done.relight_ms - done.tone_ms;
+    time.draw_ms = milliseconds_between(start, end) - done.relight_ms - done.view_ms - done.tone_ms;
     last_end_ = end;
     if (script_) script_->note_frame(time);
     app_.recent_frames.push_back(time);

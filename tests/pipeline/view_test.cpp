@@ -13,10 +13,13 @@
 #include "core/image_io.h"
 #include "core/reflectance_field_file.h"
 #include "relight/environment.h"
+#include "relight/field_pictures.h"
 #include "relight/sequence.h"
 #include "relight/viewer/light_painter.h"
 #include "relight/viewer/viewer.h"
+#include "simulate/prt/mesh_shapes.h"
 #include "tests/pipeline/program.h"
+#include "tests/support/mesh_field.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 #include "tests/support/virtual_screen.h"
@@ -58,6 +61,10 @@ class ViewProgram : public testing::Test {
   /// Exit status; what the script printed goes to output_.
   int view(const LightDomain& domain, const std::string& script) {
     write_reflectance_field(path("a.rfield"), small_field(domain));
+    return play(script);
+  }
+  /// The same on the field that is there.
+  int play(const std::string& script) {
     write_text_atomically(path("script"), script);
     const int status = test::run_program(
         {"view", path("a.rfield"), "--script", path("script"), "--size", "1200x760"}, path("log"));
@@ -110,6 +117,44 @@ double relative_difference(const Image& a, const Image& b) {
     sum += std::pow(b.values[i], 2.0);
   }
   return std::sqrt(difference / sum);
+}
+
+TEST_F(ViewProgram, ACameraGoesAroundAMesh) {
+  const ReflectanceField field = test::unshadowed_field(prt::hare_mesh(10));
+  write_reflectance_field(path("a.rfield"), field);
+  // By hand, and by commands; then a click, which turns nothing.
+  ASSERT_EQ(play("wait 3\nwhere\ndrag image 300 300 400 250 10\nwhere\nsave " + path("dragged.exr") +
+                 "\norbit 40 5\napproach 1.5\npan 30 -20\nscroll image 300 300 1\nwhere\nsave " +
+                 path("moved.exr") + "\nsave-light " + path("light.exr") +
+                 "\npick 400 350\nwhere\nkey F\nwhere\nquit\n"),
+            0)
+      << output_;
+  const auto where = places();
+  ASSERT_EQ(where.size(), 5u) << output_;
+  const auto camera_of = [](const json& place) {
+    const auto vector = [](const json& n) {
+      return Eigen::Vector3f(n[0].get<float>(), n[1].get<float>(), n[2].get<float>());
+    };
+    const json& c = place["camera"];
+    return PinholeCamera{vector(c["position"]),
+                         vector(c["target"]),
+                         Eigen::Vector3f::UnitY(),
+                         c["fov"].get<float>(),
+                         place["image"]["width"].get<int>(),
+                         place["image"]["height"].get<int>()};
+  };
+  EXPECT_LT(camera_of(where[1]).position.x(), -0.1f);  // what is dragged to the right follows
+  EXPECT_LT(camera_of(where[1]).position.y(), camera_of(where[0]).position.y());
+  const LightMap light = read_light_map(path("light.exr"), Parameterisation::cube);
+  for (const auto& [place, file] : {std::pair{where[1], "dragged.exr"}, {where[2], "moved.exr"}}) {
+    const Image expected = FieldPictures(field, {camera_of(place)}).picture(light, 0);
+    // `where` rounds the camera to seven digits.
+    EXPECT_LT(relative_difference(read_image(path(file)), expected), 0.01) << file;
+  }
+  EXPECT_EQ(where[3]["camera"], where[2]["camera"]);
+  EXPECT_EQ(where[3]["picked"], json::array({400, 350}));
+  EXPECT_GT(where[3]["kernels"].get<int>(), 10);
+  EXPECT_EQ(where[4]["camera"], where[0]["camera"]);
 }
 
 TEST_F(ViewProgram, DraggedLampRelightsTheScene) {

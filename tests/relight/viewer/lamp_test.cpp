@@ -7,6 +7,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/cube_map.h"
 #include "relight/sequence.h"
 #include "relight/viewer/light_painter.h"
 #include "tests/support/random_data.h"
@@ -97,9 +98,38 @@ TEST(Lamp, SpotOnTheSphereKeepsItsSolidAngle) {
     for (const double x : {0.0, 0.37, 0.98}) EXPECT_NEAR(solid_angle(x, y), cap, 0.03 * cap) << x << " " << y;
 }
 
+// Also on a cube, across its edges; and the texels that it names are all that it lights.
+TEST(Lamp, SpotOnACubeKeepsItsSolidAngleAndItsBox) {
+  constexpr int side = 40;
+  const LightDomain cube = cube_domain(side);
+  Rng rng{3};
+  for (int i = 0; i < 60; ++i) {
+    Lamp spot;
+    spot.size = rng.uniform(0.05, 0.3);
+    spot.x = rng.uniform();
+    spot.y = rng.uniform();
+    LightMap light = dark(cube), in_box = dark(cube);
+    add_lamp(spot, all_of(cube), light);
+    double sum = 0.0;
+    for (int y = 0; y < cube.height; ++y)
+      for (int x = 0; x < side; ++x) {
+        const auto box = lamp_box(spot, cube);
+        sum += light.radiance.at(x, y, 0) * cube_solid_angle(x, y, side);
+        const Eigen::Vector3d towards = lat_long_direction(spot.x, spot.y, 1, 1);
+        const double angle =
+            std::acos(std::clamp(towards.dot(cube_direction(x + 0.5, y + 0.5, side)), -1.0, 1.0));
+        if (angle < 0.9 * spot.size * std::numbers::pi) {
+          ASSERT_TRUE(box->contains(x, y));
+        }
+      }
+    const double cap = 2.0 * std::numbers::pi * (1.0 - std::cos(spot.size * std::numbers::pi));
+    EXPECT_NEAR(sum, cap, 0.05 * cap);
+  }
+}
+
 TEST(LightPainter, ChangesOnlyWhatItSays) {
   Rng rng{6};
-  for (const LightDomain& domain : {monitor, sphere}) {
+  for (const LightDomain& domain : {monitor, sphere, cube_domain(12)}) {
     LightPainter painter(domain);
     painter.set_ambient(0.1);
     painter.set_map(test::random_light(rng, domain));

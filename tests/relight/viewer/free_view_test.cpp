@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/viewer/free_view.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+
+#include "core/cube_map.h"
+#include "core/metrics.h"
+#include "relight/field_pictures.h"
+#include "relight/viewer/light_panorama.h"
+#include "relight/viewer/view_state.h"
+#include "simulate/prt/mesh_shapes.h"
+#include "tests/support/mesh_field.h"
+
+namespace refield {
+namespace {
+
+const PinholeCamera start = {{0, 0, -4}, {0, 0, 0}, {0, 1, 0}, 35.0f, 120, 90};
+
+TEST(OrbitCamera, GoesAroundTheTarget) {
+  OrbitCamera orbit(start);
+  orbit.orbit(90.0, 0.0);  // to the camera's right
+  EXPECT_LT((orbit.camera().position - Eigen::Vector3f(4, 0, 0)).norm(), 1e-5f);
+  orbit.orbit(-90.0, 30.0);
+  EXPECT_LT((orbit.camera().position - Eigen::Vector3f(0, 2, -4 * std::sqrt(0.75f))).norm(), 1e-5f);
+  orbit.orbit(0.0, 500.0);  // not over the top
+  EXPECT_NO_THROW(orbit.camera().check());
+  EXPECT_NEAR(orbit.camera().position.norm(), 4.0f, 1e-5f);
+  orbit.reset();
+  EXPECT_EQ(orbit.camera().position, start.position);
+}
+
+TEST(OrbitCamera, ApproachesWithinLimits) {
+  OrbitCamera orbit(start);
+  orbit.approach(2.0);
+  EXPECT_NEAR(orbit.camera().position.z(), -2.0f, 1e-5f);
+  orbit.approach(1e30);
+  EXPECT_NO_THROW(orbit.camera().check());
+}
+
+TEST(OrbitCamera, PansByPixels) {
+  OrbitCamera orbit(start);
+  orbit.orbit(40.0, 25.0);
+  const auto before = orbit.camera().image_point(Eigen::Vector3f::Zero());
+  orbit.pan(10.0, -7.0);
+  const auto after = orbit.camera().image_point(Eigen::Vector3f::Zero());
+  ASSERT_TRUE(before && after);
+  EXPECT_LT((*after - *before - Eigen::Vector2f(10, -7)).norm(), 1e-3f);
+}
+
+TEST(PinholeCamera, ImagePointIsTheInverseOfDirection) {
+  const PinholeCamera camera = {{1, 2, -3}, {0.2f, 0, 1}, {0.3f, 1, 0}, 50.0f, 64, 48};
+  for (const auto& [x, y] : {std::pair{3.0f, 40.0f}, {32.0f, 24.0f}, {63.5f, 0.5f}}) {
+    const auto point = camera.image_point(camera.position + 2.5f * camera.direction(x, y));
+    ASSERT_TRUE(point);
+    EXPECT_LT((*point - Eigen::Vector2f(x, y)).norm(), 1e-3f);
+  }
+  EXPECT_FALSE(camera.image_point(camera.position - camera.direction(10, 10)));
+}
+
+TEST(FreeView, IsRoughInMotionAndFineAtRest) {
+  const ReflectanceField field = test::unshadowed_field(prt::sphere_mesh(6));
+  FreeView view(field);
+  const auto now = FreeView::Clock::now();
+  view.move().orbit(20.0, 10.0);
+  EXPECT_TRUE(view.update(now));
+  EXPECT_TRUE(view.wants_rest());
+  EXPECT_FALSE(view.update(now + FreeView::rest / 2));
+  EXPECT_TRUE(view.update(now + FreeView::rest));
+  EXPECT_FALSE(view.wants_rest());
+  EXPECT_FALSE(view.update(now + 2 * FreeView::rest));
+  const Image outputs(field.width, field.height, 3, 1.0f);
+  EXPECT_EQ(view.show(outputs).values, MeshView(field, view.camera()).show(outputs).values);
+}
+
+TEST(LightPanorama, ShowsACubeAsSeenFromInside) {
+  const LightPanorama panorama(cube_domain(16));
+  ASSERT_TRUE(panorama.is_cube());
+  EXPECT_EQ(panorama.shown().width, 2 * panorama.shown().height);
+  // The middle looks along +Z, face 4; a quarter of the width to the right along +X, face 0.
+  const Point ahead = panorama.texel_at({32.0, 16.0}), right = panorama.texel_at({48.0, 16.0});
+  EXPECT_NEAR(ahead.y, 4 * 16 + 8, 1e-6);
+  EXPECT_NEAR(right.y, 8, 1e-6);
+  Image map(16, 96, 1);
+  for (int x = 0; x < 16; ++x)
+    for (int y = 64; y < 80; ++y) map.at(x, y, 0) = 7.0f;  // +Z
+  EXPECT_EQ(panorama.show(map).at(32, 16, 0), 7.0f);
+  EXPECT_EQ(panorama.show(map).at(48, 16, 0), 0.0f);
+  EXPECT_FALSE(LightPanorama({64, 32, Parameterisation::lat_long}).is_cube());
+}
+
+class MeshInTheViewer : public testing::Test {
+ protected:
+  MeshInTheViewer() { state_.view()->move().set_size(160, 120); }
+  void expect_picture() {
+    state_.view()->settle();
+    state_.refresh();
+    const Image expected =
+        FieldPictures(field_, {state_.view()->camera()}).picture(state_.painter().light(), 0);
+    EXPECT_LT(relative_rmse(state_.radiance(), expected), 1e-4);
+  }
+  const ReflectanceField field_ = test::unshadowed_field(prt::hare_mesh(8));
+  ViewState state_{ReflectanceField(field_)};
+};
+
+TEST_F(MeshInTheViewer, ShowsWhatTheCameraSees) {
+  expect_picture();
+  EXPECT_EQ(state_.picture().size(), 4u * 160 * 120);
+  state_.view()->move().orbit(70.0, 20.0);
+  expect_picture();
+  Lamp lamp = state_.painter().lamps()[0];
+  lamp.x = 0.9;
+  state_.painter().change(0, lamp);
+  expect_picture();
+  EXPECT_EQ(state_.light_picture().size(),
+            4u * state_.panorama().shown().width * state_.panorama().shown().height);
+  EXPECT_FALSE(state_.refresh().picture);
+}
+
+TEST_F(MeshInTheViewer, APickedVertexStaysPicked) {
+  state_.refresh();
+  state_.pick(PixelPosition{0, 0});
+  EXPECT_FALSE(state_.picked());  // nothing there
+  state_.pick(PixelPosition{80, 70});
+  state_.refresh();
+  ASSERT_TRUE(state_.picked());
+  const auto kernels = state_.kernels().size();
+  EXPECT_GT(kernels, 10u);  // half of all directions
+  state_.view()->move().pan(11.0, 0.0);
+  state_.refresh();
+  ASSERT_TRUE(state_.picked());
+  EXPECT_NEAR(state_.picked()->x, 80 + 11, 4);
+  EXPECT_EQ(state_.kernels().size(), kernels);
+  state_.view()->move().pan(500.0, 0.0);  // out of the picture, yet not let go
+  state_.refresh();
+  EXPECT_FALSE(state_.picked());
+  state_.view()->move().reset();
+  state_.refresh();
+  EXPECT_TRUE(state_.picked());
+}
+
+}  // namespace
+}  // namespace refield
