@@ -21,12 +21,6 @@ double median_ms(std::vector<double> seconds) {
   return 1e3 * seconds[seconds.size() / 2];
 }
 
-double seconds_of(const std::function<void()>& action) {
-  const auto start = std::chrono::steady_clock::now();
-  action();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
 /// A round lamp on one face.
 struct Lamp {
   double x, y, radius;  // texels of the map
@@ -53,6 +47,12 @@ Box joined(const Box& a, const Box& b) {
 }
 
 }  // namespace
+
+double seconds_of(const std::function<void()>& action) {
+  const auto start = std::chrono::steady_clock::now();
+  action();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
 
 RelightTimes measure_relighting(PackedField packed) {
   Relighter relighter(std::move(packed));

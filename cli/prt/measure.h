@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <functional>
+
 #include "core/packed_field.h"
 
 namespace refield::prt_chart {
@@ -12,6 +14,9 @@ struct RelightTimes {
   double two_lamps_ms = 0.0;
   double update_error = 0.0;  ///< after all moves, against relighting anew: relative RMSE
 };
+
+/// How long an action takes.
+double seconds_of(const std::function<void()>& action);
 
 RelightTimes measure_relighting(PackedField packed);
 

@@ -2,7 +2,6 @@
 #include "cli/prt/peers.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <functional>
@@ -10,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "cli/prt/measure.h"
 #include "relight/pack.h"
 #include "relight/relighter.h"
 #include "simulate/prt/clusters.h"
@@ -27,12 +27,6 @@ constexpr double paper_vertices = 73196.0;
 constexpr double wavelet_thresholds[] = {0.03, 0.005};
 constexpr int wavelet_terms[] = {100, 400, 1600, 6400};
 constexpr int orders[] = {2, 3, 5, 8};
-
-double seconds_of(const std::function<void()>& action) {
-  const auto start = std::chrono::steady_clock::now();
-  action();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 /// The fastest of some runs: others use the machine, too.
 double fastest_ms(const std::function<void()>& action) {

@@ -110,7 +110,8 @@ TEST_F(MeshFieldVerbs, WrongCamerasAreRefused) {
   };
   EXPECT_THAT(with({"--size", "0x7"}), RefusedNaming("--size", "16384x16384"));
   EXPECT_THAT(with({"--fov", "180"}), RefusedNaming("field of view", "between 0 and 180"));
-  EXPECT_THAT(with({"--camera-position", "0,9,0", "--camera-target", "0,0,0"}), RefusedNaming("camera", "another target or up"));
+  EXPECT_THAT(with({"--camera-position", "0,9,0", "--camera-target", "0,0,0"}),
+              RefusedNaming("camera", "another target or up"));
   EXPECT_THAT(with({"--turntable"}), RefusedNaming("--frames", "--turntable"));
 }
 
@@ -123,7 +124,8 @@ TEST_F(MeshFieldVerbs, PhotographsHaveNoOtherCamera) {
 }
 
 TEST_F(MeshFieldVerbs, VerbsThatNeedPixelsSaySo) {
-  EXPECT_THAT(run_refield({"export-web", path_, "-o", folder_ / "page"}), RefusedNaming("hare.rfield", "refield view"));
+  EXPECT_THAT(run_refield({"export-web", path_, "-o", folder_ / "page"}),
+              RefusedNaming("hare.rfield", "refield view"));
 }
 
 }  // namespace
