@@ -124,7 +124,7 @@ void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
       ->group(group);
   verb.add_option(
           "--epsilon", arguments.epsilon,
-          "What is let pass when lights are taken for one; smaller is more exact and larger. Default: 2e-4 "
+          "What is let pass when lights are taken for one; smaller is more exact and larger. Default: 1e-4 "
           "of white (group), 5e-5 as in the paper (all)")
       ->check(CLI::PositiveNumber)
       ->group(group);

@@ -25,7 +25,7 @@ struct ClusterOptions {
   ///  - group: a square of solid angle Ω is cut while Ω · σ(T) > ε for an output (and channel) of the group,
   ///    σ² being the variance of T over its samples: what the output changes by, of what white would give
   ///    under white light, when the square's light is as strong but comes from elsewhere in it.
-  double epsilon = 2e-4;
+  double epsilon = 1e-4;
   int pixel_samples = 1;  ///< image relighting: points along a pixel's side, 1 to 8
   int bounces = 0;        ///< of light between diffuse surfaces; 0 to 16. The paper has none
 };
