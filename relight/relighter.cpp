@@ -16,7 +16,7 @@ namespace refield {
 namespace {
 
 /// From how many texels on whole-number tables are not accurate enough (see FixedPointTable).
-constexpr std::int64_t most_fixed_point_texels = 1 << 20;
+constexpr std::int64_t most_fixed_point_texels = 7 << 20;
 
 /// Light that came or went leaves rounding of about 6e-8 of itself behind: at this many times all light, the
 /// sum is 1e-6 of the image.

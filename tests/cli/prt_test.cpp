@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+#include "core/image_io.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using nlohmann::json;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+
+const std::string small_scene = REFIELD_SOURCE_DIR "/datasets_synthetic/prt/small.toml";
+
+std::string environment(const test::TemporaryFolder& folder) {
+  Rng rng(1);
+  const std::string path = folder / "sky.exr";
+  write_exr(path, test::random_image(rng, 32, 16, 3));
+  return path;
+}
+
+struct Method {
+  const char* name;
+  std::vector<std::string> options;
+};
+void PrintTo(const Method& method, std::ostream* stream) {
+  *stream << method.name;
+}
+
+class SimulatePrtVerb : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(
+    Methods, SimulatePrtVerb,
+    testing::Values(Method{"clusters", {"--resolution", "32", "--epsilon", "2e-3"}},
+                    Method{"clusters", {"--resolution", "16", "--similarity", "all", "--epsilon", "1e-3"}},
+                    Method{"sh", {"--order", "3", "--directions", "128"}}));
+
+TEST_P(SimulatePrtVerb, MakesAFieldForTheSameRelighter) {
+  const test::TemporaryFolder folder;
+  const std::string field = folder / "f.rfield", picture = folder / "picture.exr";
+  std::vector<std::string> command = {"simulate", "prt",           small_scene, "-o",    field,
+                                      "--method", GetParam().name, "--measure", "--json"};
+  command.insert(command.end(), GetParam().options.begin(), GetParam().options.end());
+  const auto result = run_refield(command);
+  ASSERT_THAT(result, Succeeded());
+  const json figures = json::parse(result.out);
+  EXPECT_EQ(figures["bytes"], std::filesystem::file_size(field));
+  EXPECT_LT(figures["update_error"].get<double>(), 1e-4);
+
+  const json info = json::parse(run_refield({"info", field, "--json"}).out);
+  EXPECT_EQ(info["kind"], "precomputed reflectance field");
+  EXPECT_EQ(info["mesh"]["vertices"], figures["vertices"]);
+  EXPECT_EQ(info["basis"]["sums"], "radiance times solid angle");
+  EXPECT_EQ(info["provenance"]["method"], GetParam().name);
+
+  ASSERT_THAT(run_refield({"relight", field, "--env", environment(folder), "-o", picture}), Succeeded());
+  double sum = 0.0;
+  for (const float value : read_image(picture).values) sum += value;
+  EXPECT_GT(sum, 0.0);
+  EXPECT_TRUE(std::isfinite(sum));
+}
+
+TEST(SimulatePrtVerbErrors, NameTheRemedy) {
+  const test::TemporaryFolder folder;
+  EXPECT_THAT(run_refield({"simulate", "prt", folder / "none.ply", "-o", folder / "f.rfield"}),
+              RefusedNaming("none.ply", "No such file"));
+  EXPECT_THAT(
+      run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh", "--image"}),
+      RefusedNaming("--image", "--method clusters"));
+}
+
+TEST(PrtChartVerb, ComparesMethodsWithTheExactSum) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "scene.toml") << "[[mesh]]\nshape = 'hare'\nresolution = 5\non_ground = true\n"
+                                          "[[mesh]]\nshape = 'plane'\nresolution = 12\nsize = 3.0\n";
+  const auto result = run_refield({"simulate", "prt-chart", folder / "scene.toml", environment(folder), "-o",
+                                   folder / "chart", "--resolution", "16"});
+  ASSERT_THAT(result, Succeeded());
+  EXPECT_TRUE(std::filesystem::exists((folder / "chart/prt.svg").string()));
+  std::ifstream csv((folder / "chart/prt.csv").string());
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line, "method,setting,kernels,megabytes,precompute_seconds,relight_ms,median_error,sky");
+  double best = 1.0;
+  int rows = 0;
+  while (std::getline(csv, line)) {
+    ++rows;
+    best = std::min(best, std::stod(line.substr(line.rfind(',') + 1)));
+  }
+  EXPECT_EQ(rows, 25);
+  EXPECT_LT(best, 0.02);
+}
+
+}  // namespace
+}  // namespace refield
