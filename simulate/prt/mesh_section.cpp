@@ -52,13 +52,13 @@ Placement read_placement(ConfigSection& section) {
 
 Mesh read_shape(ConfigSection& section) {
   using Make = Mesh (*)(int);
-  constexpr int finest = 2048;  // of a plane: four million vertices
   Make make = plane_mesh;
   section.choice<Make>(
       "shape", make,
       {{"plane", plane_mesh}, {"box", box_mesh}, {"sphere", sphere_mesh}, {"hare", hare_mesh}});
   int resolution = make == plane_mesh || make == box_mesh ? 1 : 32;
-  section.integer("resolution", resolution, 1, finest);
+  // A few million vertices at most.
+  section.integer("resolution", resolution, 1, make == plane_mesh ? 2048 : 512);
   return make(resolution);
 }
 

@@ -108,6 +108,30 @@ void make_sessions(const fs::path& folder) {
                 folder / "recipe.toml", fs::copy_options::overwrite_existing);
 }
 
+/// The first byte is the format's number in fuzz_mesh.cpp.
+void make_meshes(const fs::path& folder) {
+  create_folders(folder);
+  const auto seed = [&](const char* name, char format, const std::string& text) {
+    write_text_atomically(folder / name, format + text);
+  };
+  seed("off", 0, "OFF\n4 3 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n");
+  seed("coff", 0, "COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 255 0 255\n0 1 0 0 0 255 255\n3 0 1 2\n");
+  seed("obj", 1, "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nvn 0 0 1\nf 1//1 2//1 3//1\n");
+  const std::string properties =
+      "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n"
+      "property uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+  seed("ply", 2,
+       "ply\nformat ascii 1.0\nelement vertex 3\n" + properties +
+           "0 0 0 255 0 0\n1 0 0 0 128 0\n0 1 0 0 0 255\n3 0 1 2\n");
+  seed("gltf", 3,
+       R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+           "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+           "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+           "bufferViews": [{"buffer": 0, "byteLength": 36}],
+           "buffers": [{"byteLength": 36, "uri": "data:application/octet-stream;base64,)"
+       R"(AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})");
+}
+
 }  // namespace
 }  // namespace refield
 
@@ -119,5 +143,6 @@ int main(int argc, char** argv) {
   const std::filesystem::path folder = argv[1];
   refield::make_fields(folder / "field");
   refield::make_images(folder / "image");
+  refield::make_meshes(folder / "mesh");
   refield::make_sessions(folder / "session");
 }
