@@ -71,7 +71,7 @@ template <class Value>
 void append(std::string& bytes, const std::vector<Value>& values) {
   const std::uint64_t count = values.size();
   bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
-  bytes.append(reinterpret_cast<const char*>(values.data()), count * sizeof(Value));
+  if (count > 0) bytes.append(reinterpret_cast<const char*>(values.data()), count * sizeof(Value));
 }
 
 void append_part(const aiMesh& part, bool normals, bool colours, ImportedMesh& mesh) {
@@ -152,6 +152,7 @@ bool take(std::string_view& bytes, std::vector<Value>& values) {
   std::memcpy(&count, bytes.data(), sizeof count);
   bytes.remove_prefix(sizeof count);
   if (count > bytes.size() / sizeof(Value)) return false;
+  if (count == 0) return true;
   values.resize(count);
   std::memcpy(reinterpret_cast<char*>(values.data()), bytes.data(), count * sizeof(Value));
   bytes.remove_prefix(count * sizeof(Value));

@@ -108,12 +108,12 @@ TEST(Lamp, SpotOnACubeKeepsItsSolidAngleAndItsBox) {
     spot.size = rng.uniform(0.05, 0.3);
     spot.x = rng.uniform();
     spot.y = rng.uniform();
-    LightMap light = dark(cube), in_box = dark(cube);
+    LightMap light = dark(cube);
     add_lamp(spot, all_of(cube), light);
+    const auto box = lamp_box(spot, cube);
     double sum = 0.0;
     for (int y = 0; y < cube.height; ++y)
       for (int x = 0; x < side; ++x) {
-        const auto box = lamp_box(spot, cube);
         sum += light.radiance.at(x, y, 0) * cube_solid_angle(x, y, side);
         const Eigen::Vector3d towards = lat_long_direction(spot.x, spot.y, 1, 1);
         const double angle =
