@@ -50,13 +50,17 @@ void check_off(const fs::path& path) {
 void check_ply(const fs::path& path) {
   std::istringstream text = begin_of(path);
   std::string line;
-  while (std::getline(text, line) && !line.starts_with("end_header")) {
+  bool ends = false;
+  while (!ends && std::getline(text, line)) {
+    ends = line.starts_with("end_header");
     std::istringstream words(line);
     std::string element, name;
     double count = 0.0;
     if (words >> element >> name >> count && element == "element")
       require_room(path, name == "vertex" ? "vertices" : "elements", count, name == "vertex" ? 3 : 1);
   }
+  // The library would look for it for ever.
+  if (!ends) throw FormatError(path, "its header does not end; it is damaged or no PLY file");
 }
 
 }  // namespace

@@ -30,8 +30,14 @@ namespace {
 
 constexpr std::array known_formats = {"obj", "ply", "off", "gltf", "glb"};
 constexpr std::uint64_t largest_file_bytes = std::uint64_t{2} << 30;
-/// A mesh of twenty million triangles fits in.
-constexpr IsolationLimits library_limits{std::uint64_t{6} << 30, 300, std::size_t{2} << 30};
+
+/// What a file of this size may justify; compression by Draco included.
+IsolationLimits library_limits(std::uint64_t file_bytes) {
+  constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20;
+  return {.memory_bytes = std::min(512 * mebibyte + 500 * file_bytes, 12 * 1024 * mebibyte),
+          .cpu_seconds = 3 + static_cast<int>(file_bytes / mebibyte),
+          .answer_bytes = std::min(64 * mebibyte + 100 * file_bytes, 4 * 1024 * mebibyte)};
+}
 
 std::string format_of(const fs::path& path) {
   std::string format = path.extension().string();
@@ -191,11 +197,11 @@ ImportedMesh import_mesh(const fs::path& path) {
   if (bytes > largest_file_bytes) throw FormatError(path, "the file has more than 2 GiB; simplify the mesh");
   check_mesh_header(path, format);
 
-  const auto answer = run_isolated([&] { return answer_of_library(path); }, library_limits);
+  const auto answer = run_isolated([&] { return answer_of_library(path); }, library_limits(bytes));
   if (!answer)
     throw FormatError(path,
-                      "the mesh library did not survive this file, or it asked for more than 6 GiB or five "
-                      "minutes: repair or simplify the mesh");
+                      "the mesh library did not survive this file, or asked for more memory or time than a "
+                      "file of its size justifies; repair or simplify the mesh");
   if (answer->starts_with('E')) throw FormatError(path, "no readable mesh: " + answer->substr(1));
   std::string_view rest(*answer);
   rest.remove_prefix(1);

@@ -119,6 +119,9 @@ TEST_F(MeshFiles, BadMeshesAreNamedWithTheRemedy) {
               HasSubstr("names a vertex"));
   EXPECT_THAT(error_of("index.ply", ply_head + "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 9\n"),
               HasSubstr("names vertex 9 of 4"));
+  EXPECT_THAT(
+      error_of("endless.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_hea\n0\n"),
+      HasSubstr("does not end"));
   EXPECT_THAT(error_of("text.glb", "this is no mesh"), HasSubstr("text.glb"));
   EXPECT_THAT(error_of("mesh.stl", tetrahedron_obj), HasSubstr("convert this one"));
   EXPECT_THAT(message_of<DeviceError>([&] { read_mesh_file(folder_ / "absent.obj"); }),
