@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/relight/light_series.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "relight/emitter_map.h"
 #include "relight/sequence.h"
+#include "simulate/prt/area_lights.h"
+#include "simulate/prt/harmonic_transfer.h"
 
 namespace refield::cli {
 
@@ -56,6 +60,22 @@ LightSeries series_of_bar(const RelightOptions& options, const LightDomain& doma
   return series;
 }
 
+LightSeries series_of_area_lights(const RelightOptions& options, const ReflectanceField& field) {
+  if (field.mesh.empty() || field.basis.domain.parameterisation != Parameterisation::cube)
+    throw InputError("--area-lights stand around a mesh; " + options.field.string() +
+                     " shows a picture: give it a map by --light or --env");
+  const auto lamps = std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights));
+  const Eigen::Vector3f middle = prt::middle(field.mesh);
+  const double last = std::max(1, options.frames - 1), duration = lamps->duration();
+  LightSeries series{.is_sequence = true};
+  for (int i = 0; i < options.frames; ++i)
+    series.lights.push_back({frame_name("lamps", i), options.area_lights,
+                             [=, time = duration * i / last, resolution = field.basis.domain.width] {
+                               return emitter_map(lamps->at(time), middle, resolution);
+                             }});
+  return series;
+}
+
 /// One light for all frames of a sequence in which the camera alone moves.
 void hold_still(LightSeries& series, int frames) {
   if (series.lights.size() != 1)
@@ -70,14 +90,17 @@ void hold_still(LightSeries& series, int frames) {
 
 void check(const RelightOptions& options) {
   const int kinds = (options.bar > 0.0 ? 1 : 0) + (options.lights.empty() ? 0 : 1) +
-                    (options.environments.empty() ? 0 : 1) + (options.day ? 1 : 0);
+                    (options.environments.empty() ? 0 : 1) + (options.day ? 1 : 0) +
+                    (options.area_lights.empty() ? 0 : 1);
   if (kinds != 1)
-    throw InputError("nothing or too much to relight with; give one of --light, --env, --day and --bar");
-  const bool is_motion =
-      options.bar > 0.0 || options.rotate || options.fade || options.day || options.camera.turntable;
+    throw InputError(
+        "nothing or too much to relight with; give one of --light, --env, --day, --bar and --area-lights");
+  const bool is_motion = options.bar > 0.0 || options.rotate || options.fade || options.day ||
+                         options.camera.turntable || !options.area_lights.empty();
   if (is_motion != (options.frames > 0))
     throw InputError(
-        "--frames goes with --bar, --rotate, --fade, --day or --turntable; give the sequence's number of "
+        "--frames goes with --bar, --rotate, --fade, --day, --area-lights or --turntable; give the "
+        "sequence's number of "
         "frames");
   const bool is_environment = !options.environments.empty() || options.day;
   if (!is_environment && (!options.turn.is_none() || !options.monitors.empty()))
@@ -105,6 +128,7 @@ LightSeries light_series(const RelightOptions& options, const ReflectanceField& 
   check(options);
   const LightDomain& domain = field.basis.domain;
   if (options.bar > 0.0) return series_of_bar(options, domain);
+  if (!options.area_lights.empty()) return series_of_area_lights(options, field);
   const bool is_environment = options.day || !options.environments.empty();
   LightSeries series = is_environment   ? environment_series(options, field)
                        : options.rotate ? series_of_rotated_light(options, domain)

@@ -115,6 +115,9 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
           "in mm, then what is not zero of yaw, pitch, roll in degrees, x, y in mm, as "
           "520x320@600,yaw=90. Once for each window of stacked light maps")
       ->group(group);
+  verb.add_option("--area-lights", options.area_lights,
+                  "Light a mesh by lamps that move around it (TOML, docs/harmonics.md)")
+      ->group(group);
   const auto bar =
       verb.add_option(
               "--bar", options.bar,
