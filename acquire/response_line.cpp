@@ -10,7 +10,7 @@ namespace refield {
 
 namespace {
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr float unbounded = std::numeric_limits<float>::infinity();
 constexpr float useful_share = 0.4f;  // of what an exposure would hold were all equal
 constexpr float within_the_noise =
     5.0f;  // standard deviations; beyond, clipping was certain and tells nothing
@@ -57,7 +57,7 @@ void ResponseLines::fit(std::span<const float> per_radiance, std::span<const Cli
   for (std::size_t x = 0; x < size_; ++x) {
     const bool measured = information_[x] > 0.0f;
     radiance[x] = measured ? numerator_[x] / information_[x] : bound[x] / per_radiance[shortest];
-    sigma[x] = measured ? 1.0f / std::sqrt(information_[x]) : infinity;
+    sigma[x] = measured ? 1.0f / std::sqrt(information_[x]) : unbounded;
     clipped += !measured;
   }
   for (std::size_t i = 0; i < exposures_; ++i) useful[i] = count_useful(i, per_radiance[i]);
@@ -73,7 +73,7 @@ void ResponseLines::predict(std::span<const float> per_radiance) {
     const float* f = floor(i);
     const float t = per_radiance[i];
     for (std::size_t x = 0; x < size_; ++x) {
-      const float usable = f[x] < infinity ? 1.0f : 0.0f;
+      const float usable = f[x] < unbounded ? 1.0f : 0.0f;
       numerator_[x] += usable * e[x];
       information_[x] += usable * t;
     }
@@ -92,7 +92,7 @@ void ResponseLines::refine_where_clipping_tells(std::span<const float> per_radia
     const float certain =
         (clip[i].electrons + within_the_noise * std::sqrt(clip[i].electrons + clip[i].floor_variance)) / t;
     for (std::size_t x = 0; x < size_; ++x)
-      if (f[x] == infinity && sigma[x] < infinity && radiance[x] - within_the_noise * sigma[x] < certain)
+      if (f[x] == unbounded && sigma[x] < unbounded && radiance[x] - within_the_noise * sigma[x] < certain)
         refine(x, per_radiance, clip, radiance[x], sigma[x]);
   }
 }
@@ -107,7 +107,7 @@ void ResponseLines::refine(std::size_t x, std::span<const float> per_radiance,
     for (std::size_t i = 0; i < exposures_; ++i) {
       const double t = per_radiance[i];
       const double f = floor_[i * size_ + x];
-      if (f < infinity) {
+      if (f < unbounded) {
         const double weighted_t = t / (predicted_[x] * t + f);
         score += weighted_t * (electrons_[i * size_ + x] - t * r);
         information += weighted_t * t;
@@ -131,7 +131,7 @@ std::uint32_t ResponseLines::count_useful(std::size_t i, float per_radiance) con
   std::uint32_t count = 0;
   for (std::size_t x = 0; x < size_; ++x)
     count += per_radiance * per_radiance > share * information_[x] * (predicted_[x] * per_radiance + f[x]) &&
-             f[x] < infinity;
+             f[x] < unbounded;
   return count;
 }
 

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr const char* format_name = "refield reflectance field";
+constexpr const char* field_format_name = "refield reflectance field";
 constexpr const char* part_format_name = "refield reflectance field part";
 constexpr std::uint64_t max_pixels = 1ull << 32;
 
@@ -99,7 +99,7 @@ void check_statistics(const ReflectanceField& field, const Hdf5Values& values) {
 
 void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int version,
                    const FieldPart* part) {
-  writer.text("format", part ? part_format_name : format_name);
+  writer.text("format", part ? part_format_name : field_format_name);
   writer.number("version", version);
   writer.number("width", field.width);
   writer.number("height", part ? part->image_height : field.height);
@@ -165,7 +165,7 @@ FieldFile open_field(const fs::path& path) {
     throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
   FieldFile file{{std::move(*outline), path}, false, 0};
   const std::string format = file.values.outline.texts.contains("format") ? file.values.text("format") : "";
-  if (format != format_name && format != part_format_name)
+  if (format != field_format_name && format != part_format_name)
     throw FormatError(
         path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
   file.part = format == part_format_name;

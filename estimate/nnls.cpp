@@ -11,7 +11,7 @@ namespace refield {
 namespace {
 /// A variable that keeps less than this part of its squared norm beside the free ones is rounding noise: the
 /// columns were summed in float32.
-constexpr double dependence_tolerance = 1e-9;
+constexpr double pivot_tolerance = 1e-9;
 /// A gradient this small, relative to h, is zero to rounding.
 constexpr double gradient_tolerance = 1e-9;
 
@@ -42,7 +42,7 @@ bool NnlsSolver::add(int variable, const double* G, int stride, const double* h)
     pivot -= part_[k] * part_[k];
     y += part_[k] * minus_y_[k];
   }
-  if (!(pivot > dependence_tolerance * g[variable])) return false;
+  if (!(pivot > pivot_tolerance * g[variable])) return false;
   const double inverse = 1.0 / std::sqrt(pivot);
   for (std::size_t k = 0; k < m; ++k) part_[k] *= inverse;
   double* w = row(m);

@@ -12,12 +12,12 @@ namespace refield {
 namespace {
 /// Directions that keep less than this part of their squared norm after projection are rounding noise of
 /// float32 sums.
-constexpr float dependence_tolerance = 1e-6f;
+constexpr float candidate_dependence = 1e-6f;
 /// A fit this close to the targets (relative, squared) has reached the precision of float32 columns.
 constexpr double exact_fit = 1e-10;
 /// Growth ends after this many splits in a row that the information criterion does not reward: it may take
 /// several to reach a small highlight.
-constexpr int patience = 8;
+constexpr int splits_of_patience = 8;
 }  // namespace
 
 TreeSearch::TreeSearch(KernelCache& cache, int most_leaves)
@@ -64,7 +64,7 @@ const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double meas
     const double criterion = information_criterion(residual, squared_targets_, measured * count, parameters);
     unrewarded = criterion < best_criterion ? 0 : unrewarded + 1;
     best_criterion = std::min(best_criterion, criterion);
-    if (unrewarded == patience) break;
+    if (unrewarded == splits_of_patience) break;
     const int best = best_candidate();
     if (best < 0) break;
     split(best);
@@ -224,7 +224,7 @@ int TreeSearch::best_candidate() {
            products_.data());
       for (std::size_t i = 0; i < candidates_.size(); ++i) {
         const Candidate& candidate = candidates_[i];
-        if (!(candidate.remaining_norm2[c] > dependence_tolerance * candidate.split->norm2[c])) continue;
+        if (!(candidate.remaining_norm2[c] > candidate_dependence * candidate.split->norm2[c])) continue;
         const float correlation = candidate.with_targets[c][t] - products_[i];
         gains_[i] += correlation * correlation / candidate.remaining_norm2[c];
       }

@@ -11,7 +11,7 @@ namespace refield {
 
 namespace {
 
-constexpr int frames_compared = 12;
+constexpr int noise_frames = 12;
 constexpr int photon_transfer_exposures = 10;
 constexpr int bins = 40;
 // Of the range. Judged by the mean: leaving out frames or samples by their own spread would make noise look
@@ -62,7 +62,7 @@ double unrounded_variance(double rounded, double phase) {
 /// Signal (ambient light alone) and variance under black at the shortest exposure, rounding taken off.
 Bin dark_variance(CalibrationBench& bench, const CameraResponse& response, const Rounding& rounding) {
   bench.show(0);
-  const SampleMoments dark = sample_moments(bench, bench.camera().shortest_exposure, 2 * frames_compared);
+  const SampleMoments dark = sample_moments(bench, bench.camera().shortest_exposure, 2 * noise_frames);
   const auto count = static_cast<double>(dark.variance.size());
   double mean = 0.0, variance = 0.0, phase = 0.0;
   for (std::size_t s = 0; s < dark.variance.size(); ++s) {
@@ -102,7 +102,7 @@ std::vector<Bin> lit_variances(CalibrationBench& bench, const Metering& metering
   for (Seconds exposure : exposure_series(bench.camera(), metering.exposure / 40.0, 2.0 * metering.exposure,
                                           photon_transfer_exposures, unit)) {
     const SampleMoments moments =
-        sample_moments(bench, exposure, frames_compared, &linear, metering.lit, response.black_level_dn);
+        sample_moments(bench, exposure, noise_frames, &linear, metering.lit, response.black_level_dn);
     for (auto s : metering.lit) {
       const double signal = moments.mean[s] - response.black_level_dn;
       if (signal < 0.0 || signal > far_from_clipping * top) continue;

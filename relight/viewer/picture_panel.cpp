@@ -36,7 +36,7 @@ void handle_camera(App& app, FreeView& view) {
     view.move().pan(io.MouseDelta.x, io.MouseDelta.y);
 }
 
-void handle_mouse(App& app) {
+void handle_picture_mouse(App& app) {
   if (FreeView* view = app.state->view()) return handle_camera(app, *view);
   const ImGuiIO& io = ImGui::GetIO();
   if (ImGui::IsItemHovered() && io.MouseWheel != 0.0f)
@@ -123,7 +123,7 @@ void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
   ImGui::InvisibleButton("##canvas", ImGui::GetContentRegionAvail(),
                          ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight |
                              ImGuiButtonFlags_MouseButtonMiddle);
-  handle_mouse(app);
+  handle_picture_mouse(app);
   ImDrawList& list = *ImGui::GetWindowDrawList();
   list.AddRectFilled(vector({area.x, area.y}), vector({area.x + area.width, area.y + area.height}),
                      canvas_colour, 6.0f);
