@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <array>
-#include <vector>
 
+#include "core/aligned_memory.h"
 #include "core/box.h"
 #include "core/image.h"
 
@@ -13,8 +13,12 @@ namespace refield {
 /// sum is a small difference of large prefix sums.
 class SummedAreaTable {
  public:
-  /// `image` has 3 channels. Throws InputError otherwise.
-  explicit SummedAreaTable(const Image& image);
+  SummedAreaTable() = default;
+  explicit SummedAreaTable(const Image& image) { build(image); }
+
+  /// Tabulates `image`, 3 channels; memory is kept from one image to the next. Runs on all cores. Throws
+  /// InputError for other images.
+  void build(const Image& image);
 
   int width() const { return width_; }
   int height() const { return height_; }
@@ -33,9 +37,9 @@ class SummedAreaTable {
   const double* corner(int x, int y) const {
     return prefix_.data() + (static_cast<std::size_t>(y) * (width_ + 1) + x) * 3;
   }
-  int width_;
-  int height_;
-  std::vector<double> prefix_;  // [(height+1) × (width+1) × 3], first row and column zero
+  int width_ = 0;
+  int height_ = 0;
+  AlignedDoubles prefix_;  // [at least (height+1) × (width+1) × 3], first row and column zero
 };
 
 }  // namespace refield

@@ -16,7 +16,7 @@ namespace refield {
 namespace {
 
 /// From how many texels on whole-number tables are not accurate enough (see FixedPointTable).
-constexpr std::int64_t most_fixed_point_texels = 7 << 20;
+constexpr std::int64_t most_fixed_point_texels = 1 << 20;
 
 /// Light that came or went leaves rounding of about 6e-8 of itself behind: at this many times all light, the
 /// sum is 1e-6 of the image.
@@ -115,7 +115,8 @@ const Image& Relighter::relight(const LightMap& light) {
     std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, transfer_);
   };
   if (double_sums_) {
-    multiply_with(SummedAreaTable(values));
+    exact_table_.build(values);
+    multiply_with(exact_table_);
   } else {
     table_.build(values);
     multiply_with(table_);
@@ -158,7 +159,8 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
     std::visit([&](const auto& transfer) { add_change(transfer, change, image_); }, transfer_);
   };
   if (double_sums_) {
-    add_with(SummedAreaTable(difference));
+    exact_table_.build(difference);
+    add_with(exact_table_);
   } else {
     table_.build(difference);
     add_with(table_);

@@ -62,6 +62,7 @@ class Relighter {
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
   bool double_sums_ = false;
   FixedPointTable table_;
+  SummedAreaTable exact_table_;
   Coefficients common_;
   Image light_;    // as of the last call; empty before
   Image weighed_;  // what its coefficients sum, where that differs
