@@ -82,6 +82,12 @@ ordered_json describe(const Mesh& mesh, int outgoing_order) {
           {"outputs_a_vertex", std::max(1, harmonics_of(outgoing_order))}};
 }
 
+ordered_json provenance_of(const ReflectanceField& field) {
+  ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
+  if (provenance.is_discarded()) provenance = field.provenance;
+  return provenance;
+}
+
 /// Of precomputed transport: no statistics of estimation, and no rows made from tiles, which memory might
 /// not hold.
 ordered_json describe_precomputed(const fs::path& path, const ReflectanceField& outline) {
@@ -95,7 +101,7 @@ ordered_json describe_precomputed(const fs::path& path, const ReflectanceField& 
   info["light"] = describe(outline.basis.domain, outline.monitors);
   info["basis"] = describe(outline.basis);
   info["transfer"] = describe(outline.transfer);
-  info["provenance"] = ordered_json::parse(outline.provenance, nullptr, false);
+  info["provenance"] = provenance_of(outline);
   return info;
 }
 
@@ -104,8 +110,7 @@ bool is_precomputed(const ReflectanceField& field) {
 }
 
 ordered_json describe_field(const fs::path& path, const ReflectanceField& field) {
-  ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
-  if (provenance.is_discarded()) provenance = field.provenance;
+  ordered_json provenance = provenance_of(field);
   const KernelStatistics kernels = kernel_statistics(field, kernel_cap(provenance));
   ordered_json info{{"kind", "reflectance field"},
                     {"format_version", reflectance_field_version},

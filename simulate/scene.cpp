@@ -11,6 +11,7 @@
 
 #include "core/errors.h"
 #include "core/units.h"
+#include "simulate/embree_device.h"
 #include "simulate/shapes.h"
 
 namespace refield {
@@ -50,10 +51,6 @@ Eigen::Isometry3d world_from_object(const ObjectDescription& object) {
   return pose;
 }
 
-void on_embree_error(void*, RTCError code, const char* text) {
-  throw InputError("ray tracing library: error " + std::to_string(code) + ": " + (text ? text : ""));
-}
-
 Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
                                const std::array<std::uint32_t, 3>& t, float u, float v) {
   return (1.0f - u - v) * values[t[0]] + u * values[t[1]] + v * values[t[2]];
@@ -62,16 +59,12 @@ Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
 }  // namespace
 
 struct Scene::Geometry {
-  RTCDevice device = rtcNewDevice(nullptr);
+  RTCDevice device = new_embree_device();
   RTCScene scene = nullptr;
   std::vector<Placed> placed;
   unsigned monitor_id = 0;
 
   Geometry() {
-    if (!device)
-      throw InputError("ray tracing library: cannot start (error " +
-                       std::to_string(rtcGetDeviceError(nullptr)) + ")");
-    rtcSetDeviceErrorFunction(device, on_embree_error, nullptr);
     scene = rtcNewScene(device);
     rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
   }

@@ -44,16 +44,7 @@ ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, F
   options.relighting = arguments.image ? prt::Relighting::image : prt::Relighting::geometry;
   prt::ClusterStatistics statistics;
   rows = prt::cluster_transfer(scene, options, statistics);
-  return {{"resolution", options.resolution},
-          {"similarity", prt::name_of(options.similarity)},
-          {"epsilon", options.epsilon},
-          {"bounces", options.bounces},
-          {"clusters", statistics.clusters},
-          {"entries", statistics.entries},
-          {"bytes_as_the_paper_counts", statistics.bytes_of_paper},
-          {"lights", statistics.lights},
-          {"rays", statistics.rays},
-          {"peak_vectors", statistics.peak_vectors}};
+  return ordered_json::parse(rows.outline.provenance);
 }
 
 ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {

@@ -77,13 +77,6 @@ std::vector<Gatherer> gatherers_of(const Scene& scene, const MeshRays& rays) {
   return points;
 }
 
-VertexLight reflectances(const Scene& scene) {
-  VertexLight reflectance = scene.mesh.colours;
-  for (std::size_t v = 0; v < reflectance.size(); ++v)
-    reflectance[v] *= scene.materials[scene.material_of_vertex[v]].diffuse;
-  return reflectance;
-}
-
 /// V cos ∕ π at vertices.
 void add_direct(const MeshRays& rays, std::span<const Gatherer> vertices, const Eigen::Vector3f& direction,
                 VertexLight& light) {
@@ -112,7 +105,7 @@ BouncedLight::BouncedLight(const Scene& scene, const MeshRays& rays, std::span<c
                            int bounces)
     : blocks_((points.size() + block - 1) / block), table_(blocks_ * cells * 3 * block) {
   const std::vector<Gatherer> vertices = gatherers_of(scene, rays);
-  const VertexLight reflectance = reflectances(scene);
+  const VertexLight reflectance = diffuse_reflectance(scene);
   const Surroundings of_vertices(rays, vertices), of_points(rays, points);
   Progress progress("bouncing light", cells);
   tbb::parallel_for(std::size_t{0}, cells, [&](std::size_t cell) {
@@ -162,7 +155,7 @@ void BouncedLight::add(std::size_t of_block, const Eigen::Vector3f& direction,
 }
 
 bool bounces_grey(const Scene& scene) {
-  return std::ranges::all_of(reflectances(scene),
+  return std::ranges::all_of(diffuse_reflectance(scene),
                              [](const Eigen::Array3f& value) { return (value == value[0]).all(); });
 }
 

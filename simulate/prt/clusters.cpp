@@ -119,8 +119,6 @@ void count(const Clusters& clusters, ClusterStatistics& statistics) {
 
 std::string provenance_of(const ClusterOptions& options, const ClusterStatistics& statistics) {
   nlohmann::ordered_json provenance = {
-      {"made_by", "refield simulate prt"},
-      {"method", "clusters"},
       {"relighting", options.relighting == Relighting::image ? "image" : "geometry"},
       {"similarity", name_of(options.similarity)},
       {"resolution", options.resolution},
@@ -129,7 +127,7 @@ std::string provenance_of(const ClusterOptions& options, const ClusterStatistics
       {"bounces", options.bounces},
       {"clusters", statistics.clusters},
       {"entries", statistics.entries},
-      {"bytes_of_paper", statistics.bytes_of_paper},
+      {"bytes_as_the_paper_counts", statistics.bytes_of_paper},
       {"lights", statistics.lights},
       {"rays", statistics.rays},
       {"peak_vectors", statistics.peak_vectors}};
@@ -140,8 +138,7 @@ std::string provenance_of(const ClusterOptions& options, const ClusterStatistics
 /// With colours as core/mesh.h has them: what a vertex' light is multiplied by.
 Mesh coloured(const Scene& scene) {
   Mesh mesh = scene.mesh;
-  for (std::size_t v = 0; v < mesh.colours.size(); ++v)
-    mesh.colours[v] *= scene.materials[scene.material_of_vertex[v]].diffuse;
+  mesh.colours = diffuse_reflectance(scene);
   return mesh;
 }
 

@@ -7,9 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <string>
 
-#include "core/errors.h"
+#include "simulate/embree_device.h"
 
 namespace refield::prt {
 
@@ -17,10 +16,6 @@ namespace {
 
 /// Rays start off their surface by so much of the scene's diagonal.
 constexpr float offset_share = 2e-5f;
-
-void on_embree_error(void*, RTCError code, const char* text) {
-  throw InputError("ray tracing library: error " + std::to_string(code) + ": " + (text ? text : ""));
-}
 
 void fill_rays(RTCRayN* rays, unsigned count, std::span<const Eigen::Vector3f> points) {
   for (unsigned i = 0; i < count; ++i) {
@@ -62,9 +57,7 @@ MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh), handles_(std::make_unique<H
   Eigen::AlignedBox3f bounds;
   for (const auto& position : mesh.positions) bounds.extend(position);
   offset_ = bounds.isEmpty() ? 0.0f : offset_share * bounds.diagonal().norm();
-  handles_->device = rtcNewDevice(nullptr);
-  if (!handles_->device) throw InputError("the ray tracing library Embree does not start on this processor");
-  rtcSetDeviceErrorFunction(handles_->device, on_embree_error, nullptr);
+  handles_->device = new_embree_device();
   handles_->scene = rtcNewScene(handles_->device);
   rtcSetSceneFlags(handles_->scene, RTC_SCENE_FLAG_ROBUST);
   RTCGeometry geometry = rtcNewGeometry(handles_->device, RTC_GEOMETRY_TYPE_TRIANGLE);

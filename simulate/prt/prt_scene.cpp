@@ -95,4 +95,11 @@ Scene read_scene(const fs::path& path) {
   return scene;
 }
 
+std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene) {
+  std::vector<Eigen::Array3f> reflectance = scene.mesh.colours;
+  for (std::size_t v = 0; v < reflectance.size(); ++v)
+    reflectance[v] *= scene.materials[scene.material_of_vertex[v]].diffuse;
+  return reflectance;
+}
+
 }  // namespace refield::prt

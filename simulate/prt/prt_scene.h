@@ -37,6 +37,9 @@ struct Scene {
 /// mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
 Scene read_scene(const std::filesystem::path& path);
 
+/// [vertices], linear RGB: colours times their material's diffuse reflectance.
+std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene);
+
 /// Sorts vertices so that successive ones are neighbours with like normals (blocks of 16 and of 256 as
 /// core/mesh.h explains); triangles and materials follow.
 void sort_vertices(Scene& scene);

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/embree_device.h"
+
+#include <embree3/rtcore.h>
+
+#include <string>
+
+#include "core/errors.h"
+
+namespace refield {
+
+namespace {
+
+void on_embree_error(void*, RTCError code, const char* text) {
+  throw InputError("ray tracing library: error " + std::to_string(code) + ": " + (text ? text : ""));
+}
+
+}  // namespace
+
+RTCDeviceTy* new_embree_device() {
+  const RTCDevice device = rtcNewDevice(nullptr);
+  if (!device)
+    throw InputError("ray tracing library: cannot start (error " +
+                     std::to_string(rtcGetDeviceError(nullptr)) + ")");
+  rtcSetDeviceErrorFunction(device, on_embree_error, nullptr);
+  return device;
+}
+
+}  // namespace refield
