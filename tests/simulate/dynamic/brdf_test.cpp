@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/dynamic/brdf.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <string>
+
+#include "core/errors.h"
+#include "core/files.h"
+#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/prt/hammersley.h"
+#include "tests/simulate/dynamic/hemisphere.h"
+
+namespace refield::dynamic {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What a surface reflects of light from one direction in all: ∫ f cosθ_o dω_o.
+double albedo(const Brdf& brdf, const Eigen::Vector3f& in) {
+  double sum = 0.0;
+  for (const Eigen::Vector3f& out : test::hemisphere(20000)) sum += brdf(in, out)[0] * out.z();
+  return sum * 2.0 * std::numbers::pi / 20000;
+}
+
+TEST(Brdf, ReflectsWhatItsReflectancesSay) {
+  const Brdf diffuse{.diffuse = {0.7f, 0.5f, 0.2f}};
+  EXPECT_NEAR(albedo(diffuse, {0.6f, 0.0f, 0.8f}), 0.7, 1e-3);
+  const Brdf phong{.diffuse = {0, 0, 0}, .specular = {0.5f, 0.5f, 0.5f}, .lobe = Lobe::phong, .exponent = 20};
+  EXPECT_NEAR(albedo(phong, {0.0f, 0.0f, 1.0f}), 0.5, 1e-3);
+  const Brdf ggx{.diffuse = {0, 0, 0}, .specular = {1, 1, 1}, .lobe = Lobe::ggx, .roughness = 0.2f};
+  const double kept = albedo(ggx, {0.0f, 0.0f, 1.0f});
+  EXPECT_LT(kept, 1.001);  // what light would meet a second time is lost, some per cent
+  EXPECT_GT(kept, 0.93);
+}
+
+TEST(Brdf, IsReciprocalAndFiniteDownToTheHorizon) {
+  const auto directions = test::hemisphere(64);
+  for (const Brdf& brdf : test::assorted_brdfs())
+    for (const Eigen::Vector3f& in : directions)
+      for (const Eigen::Vector3f& out : directions)
+        EXPECT_NEAR(brdf(in, out)[1], brdf(out, in)[1], 1e-3f * (1.0f + brdf(in, out)[1]));
+  const Brdf sharp{.specular = {1, 1, 1}, .lobe = Lobe::ggx, .roughness = 0.01f};
+  for (const float z : {1e-30f, 1e-7f, 1.1e-6f, 1e-3f})
+    EXPECT_TRUE(sharp({-1.0f, 0.0f, z}, {1.0f, 0.0f, z}).isFinite().all()) << z;
+  EXPECT_TRUE((sharp({0.6f, 0.0f, -0.8f}, {0.6f, 0.0f, 0.8f}) == 0.0f).all());
+}
+
+TEST(Brdf, TablesInterpolateWhatTheyWereMadeFrom) {
+  const Brdf phong{
+      .diffuse = {0.1f, 0.2f, 0.3f}, .specular = {0.5f, 0.4f, 0.3f}, .lobe = Lobe::phong, .exponent = 6};
+  const Brdf measured{.diffuse = {0, 0, 0},
+                      .specular = {1, 1, 1},
+                      .lobe = Lobe::table,
+                      .table = std::make_shared<BrdfTable>(test::table_of(phong, 46, 46, 91))};
+  for (const Eigen::Vector3f& in : test::hemisphere(40))
+    for (const Eigen::Vector3f& out : test::hemisphere(37))
+      for (int c = 0; c < 3; ++c) EXPECT_NEAR(measured(in, out)[c], phong(in, out)[c], 0.006);
+}
+
+TEST(Brdf, TablesSurviveTheirFile) {
+  const fs::path path = fs::path(testing::TempDir()) / "brdf_table.txt";
+  const BrdfTable table = test::table_of({.diffuse = {0.123456f, 0.1f, 1e-7f}}, 3, 4, 5);
+  write_brdf_table(path, table);
+  const BrdfTable again = read_brdf_table(path);
+  EXPECT_EQ(again.theta_in(), 3);
+  EXPECT_EQ(again.theta_out(), 4);
+  EXPECT_EQ(again.delta_phi(), 5);
+  ASSERT_EQ(again.values().size(), table.values().size());
+  for (std::size_t i = 0; i < table.values().size(); ++i)
+    EXPECT_TRUE((again.values()[i] == table.values()[i]).all());
+}
+
+TEST(Brdf, BadTablesAreNamed) {
+  const fs::path path = fs::path(testing::TempDir()) / "bad_brdf_table.txt";
+  const auto complaint = [&](const std::string& text) -> std::string {
+    write_text_atomically(path, text);
+    try {
+      read_brdf_table(path);
+    } catch (const FormatError& error) {
+      return error.what();
+    }
+    return "none";
+  };
+  const std::string head = "refield brdf 1 # remark\ntheta_in 2 theta_out 2 delta_phi 2\n";
+  std::string values;
+  for (int i = 0; i < 23; ++i) values += "0.5 ";
+  EXPECT_EQ(complaint(head + values + "1e-3\n# the end"), "none");
+  EXPECT_NE(complaint(head + values).find("sample 7; it has been cut short"), std::string::npos);
+  EXPECT_NE(complaint(head + values + "nan").find("\"nan\""), std::string::npos);
+  EXPECT_NE(complaint(head + values + "inf").find("\"inf\""), std::string::npos);
+  EXPECT_NE(complaint(head + values + "-0.1").find("\"-0.1\""), std::string::npos);
+  EXPECT_NE(complaint(head + values + "1e99").find("\"1e99\""), std::string::npos);
+  EXPECT_NE(complaint(head + values + "0.1 0.1").find("more numbers"), std::string::npos);
+  EXPECT_NE(complaint("refield brdf 1 theta_in 1").find("2 to 181"), std::string::npos);
+  EXPECT_NE(complaint("refield brdf 1 theta_in 99999999999").find("2 to 181"), std::string::npos);
+  EXPECT_NE(complaint("refield brdf 2").find("refield brdf 1"), std::string::npos);
+  EXPECT_NE(complaint("").find("refield brdf 1"), std::string::npos);
+  EXPECT_THROW(BrdfTable(2, 2, 2, std::vector<Eigen::Array3f>(7, Eigen::Array3f::Zero())), InputError);
+}
+
+TEST(Brdf, RefusesWhatIsNoReflectance) {
+  EXPECT_THROW((Brdf{.diffuse = {-0.1f, 0, 0}}.check()), InputError);
+  EXPECT_THROW((Brdf{.specular = {NAN, 0, 0}}.check()), InputError);
+  EXPECT_THROW((Brdf{.lobe = Lobe::phong, .exponent = -1}.check()), InputError);
+  EXPECT_THROW((Brdf{.lobe = Lobe::ggx, .roughness = 0}.check()), InputError);
+  EXPECT_THROW((Brdf{.lobe = Lobe::table}.check()), InputError);
+}
+
+TEST(TangentFrame, IsOrthonormalForAllNormals) {
+  std::vector<Eigen::Vector3d> normals = prt::hammersley_sphere(500);
+  for (const Eigen::Vector3d& normal : {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0, 0, -1),
+                                        Eigen::Vector3d(1e-8, 0, -1), Eigen::Vector3d(1, 0, -0.0)})
+    normals.push_back(normal);
+  for (const Eigen::Vector3d& normal : normals) {
+    const Eigen::Matrix3f frame = tangent_frame(normal.cast<float>());
+    EXPECT_TRUE((frame * frame.transpose()).isIdentity(1e-5f)) << normal.transpose();
+    EXPECT_LT((frame * normal.cast<float>() - Eigen::Vector3f::UnitZ()).norm(), 1e-5f);
+  }
+}
+
+}  // namespace
+}  // namespace refield::dynamic
