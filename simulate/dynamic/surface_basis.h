@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+#include "core/mesh.h"
+#include "simulate/dynamic/brdf_factors.h"
+#include "simulate/prt/mesh_rays.h"
+
+namespace refield::dynamic {
+
+/// How weights w are found of values L at the vertices, so that Ψ w is close to L.
+enum class Weights {
+  /// Ψ is replaced by an orthonormal basis of what it spans, each vertex counting by its area; directions
+  /// that
+  /// it hardly spans are dropped. Weights are integrals, never larger than L. Deviation from the paper.
+  orthonormal,
+  /// A⁻¹ Ψᵀ L with A = ΨᵀΨ, vertices counting one each (Iwasaki et al., eqs. 6 and 7), in float.
+  inverse
+};
+
+struct BasisOptions {
+  Weights weights = Weights::orthonormal;
+  /// Of orthonormal weights: directions are dropped whose singular value is below this share of the largest,
+  /// all functions taken with norm 1.
+  double smallest_share = 1e-3;
+};
+
+/// Functions Ψ over a mesh' vertices, by which light on the surface is told: L ≈ functions · w,
+/// w = to_weights · L.
+struct SurfaceBasis {
+  Eigen::MatrixXf functions;   ///< [vertices × N], unitless; N may be less than asked for, see Weights
+  Eigen::MatrixXf to_weights;  ///< [N × vertices]
+  double condition;  ///< of the matrix A of eq. 7 for the functions as asked for; infinite: singular
+};
+
+/// A basis of given functions [vertices × N] over vertices of given areas. Throws SolverError where
+/// Weights::inverse is asked for and A has none in float, InputError where shapes do not fit.
+SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas,
+                           const BasisOptions& options);
+
+struct PrincipalOptions {
+  int lights = 128;  ///< point lights at each distance, at least 1
+  /// In radii of the bounding sphere, > 1 (point_lights()). The paper has them on the sphere itself, one
+  /// distance; several serve light from near and far.
+  std::vector<float> distances = {1.1f, 1.8f, 4.0f};
+  BasisOptions basis;
+};
+
+/// Principal components of the light that point lights around a mesh bring to its vertices (section 5.2): the
+/// `functions` first left singular vectors of L_k, a column for each light and each of the BRDF's terms,
+/// vertices weighted by area, lights by what they bring. The mean is not taken off: it would be one more
+/// function. Fewer where the lights span less. Randomised (Halko, Martinsson and Tropp 2011), from a fixed
+/// seed. Holds vertices × lights × terms × 8 bytes. Throws InputError for options out of range, Interrupted.
+SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
+                             int functions, const PrincipalOptions& options = {});
+
+enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
+
+/// Functions over the surface' own parameters (section 5.1; parameterisation.h), the coarsest first:
+///  - spherical_harmonics: by index, at the vertex' place on the unit sphere; at most 256. A plane is laid
+///    around the sphere.
+///  - haar_wavelets: over (u, v): the mean, then level by level all horizontal, vertical, diagonal details
+///  - cosines: cos πku cos πlv by ascending k² + l²
+/// Throws InputError for other numbers of functions than 1 … 256.
+SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options = {});
+
+}  // namespace refield::dynamic
