@@ -136,6 +136,7 @@ Image Relighter::take_change(const LightMap& light, const Box& changed) {
     float* before = light_.row(y).data() + std::ptrdiff_t{3} * changed.x0;
     float* out = difference.row(y - changed.y0).data();
     for (int i = 0; i < 3 * changed.width(); ++i) {
+      if (now[i] == before[i]) continue;
       out[i] = now[i] - before[i];
       moved_light_ += std::abs(now[i]) + std::abs(before[i]);
       total_light_ += std::abs(now[i]) - std::abs(before[i]);
@@ -153,10 +154,12 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   Image difference = take_change(light, changed);
   if (moved_light_ > most_moved_light * total_light_) return relight(light);
   if (smooth_.weighs()) smooth_.weigh(difference, changed);
+  changed_texels_.build(difference);
+  if (blocks_.empty()) std::visit([&](const auto& transfer) { blocks_ = KernelBlocks(transfer); }, transfer_);
   const auto add_with = [&](const auto& table) {
-    const LightChange<std::decay_t<decltype(table)>> change{changed, table,
+    const LightChange<std::decay_t<decltype(table)>> change{changed, changed_texels_, table,
                                                             smooth_.project(difference, changed)};
-    std::visit([&](const auto& transfer) { add_change(transfer, change, image_); }, transfer_);
+    std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, image_); }, transfer_);
   };
   if (double_sums_) {
     exact_table_.build(difference);

@@ -7,6 +7,7 @@
 #include "core/light_map.h"
 #include "core/packed_field.h"
 #include "core/reflectance_field.h"
+#include "relight/tile_change.h"
 #include "relight/tile_product.h"
 
 namespace refield {
@@ -59,10 +60,12 @@ class Relighter {
   LightDomain domain_;
   SmoothProjector smooth_;
   TransferTiles transfer_;
+  KernelBlocks blocks_;                 // of transfer_; empty before the first change
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
   bool double_sums_ = false;
   FixedPointTable table_;
   SummedAreaTable exact_table_;
+  ChangedTexels changed_texels_;
   Coefficients common_;
   Image light_;    // as of the last call; empty before
   Image weighed_;  // what its coefficients sum, where that differs

@@ -15,6 +15,18 @@ namespace {
 /// single ones of four.
 constexpr std::uint32_t least_dense_pixels = 5;
 
+/// Where a box' centre lies on a Z-curve (Morton 1966): bits of x and y in turn.
+std::uint32_t place_on_curve(const Box& box) {
+  const auto apart = [](int sum) {
+    auto bits = static_cast<std::uint32_t>(sum / 2);
+    bits = (bits | bits << 8) & 0x00ff00ffu;
+    bits = (bits | bits << 4) & 0x0f0f0f0fu;
+    bits = (bits | bits << 2) & 0x33333333u;
+    return (bits | bits << 1) & 0x55555555u;
+  };
+  return apart(box.x0 + box.x1) | apart(box.y0 + box.y1) << 1;
+}
+
 /// Calls visit(pixel of the tile, row of the transfer) for a tile's pixels, group by group.
 template <class Visit>
 void for_each_pixel(const ReflectanceField& field, int tile_x, int tile_y, const Visit& visit) {
@@ -97,6 +109,8 @@ class TileLayout {
         added.number = number;
         added.own = common_place_[number] == not_common;
         added.support = field_.basis.support(number);
+        added.on_map = added.own ? static_cast<std::uint32_t>(added.support.x0 + added.support.x1)
+                                 : place_on_curve(added.support);
       }
       auto& kernel = shop_.kernels[place];
       ++kernel.entries[pixel / group_pixels];
@@ -105,8 +119,9 @@ class TileLayout {
     });
   }
 
-  /// Kernels in order: common before own, then by number of sparse uses, then from left to right, so that
-  /// those which a changing part of the light touches lie together.
+  /// Kernels in order: common before own, then by number of sparse uses, then by where they lie, so that
+  /// those which a changing part of the light touches lie together, and their weights, too: common ones along
+  /// a Z-curve, a tile's own ones, which are few in any part of the light, from left to right.
   void arrange() {
     auto& kernels = shop_.kernels;
     for (auto& kernel : kernels)
@@ -116,7 +131,7 @@ class TileLayout {
     for (std::uint32_t i = 0; i < kernels.size(); ++i) shop_.order[i] = i;
     std::ranges::sort(shop_.order, [&](std::uint32_t a, std::uint32_t b) {
       const auto key = [&](std::uint32_t i) {
-        return std::tuple(kernels[i].own, kernels[i].uses, kernels[i].support.x0 + kernels[i].support.x1, i);
+        return std::tuple(kernels[i].own, kernels[i].uses, kernels[i].on_map, i);
       };
       return key(a) < key(b);
     });

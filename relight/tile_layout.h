@@ -26,6 +26,7 @@ struct TileWorkshop {
     std::uint32_t last_pixel = not_common;
     std::uint32_t uses = 0;  // in sparse form
     Box support;
+    std::uint32_t on_map = 0;                    // where it lies, for the order of kernels
     std::uint32_t entries[groups_of_tile] = {};  // of each group
     std::uint32_t record[groups_of_tile] = {};   // of its dense weights, where a group has them
     float largest = 0.0f;                        // of its sparse weights

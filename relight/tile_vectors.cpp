@@ -153,10 +153,30 @@ HWY_INLINE void sum_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
   }
 }
 
+template <bool grey, class Weight>
+HWY_INLINE void add_touched_records(const Tile<Weight>& tile, const TouchedWeights& touched,
+                                    const float* HWY_RESTRICT light, float* HWY_RESTRICT dense) {
+  const Lanes d;
+  constexpr std::size_t record = (grey ? 1 : 3) * group_pixels, apart = grey ? 0 : group_pixels;
+  for (const auto& own : touched.dense) {
+    const Weight* weights = tile.record_weight.data() + std::size_t{own.record} * record;
+    const float* own_light = light + std::size_t{4} * own.light;
+    const float scale = tile.record_scale[own.record];
+    float* pixels = dense + std::size_t{own.group} * 3 * group_pixels;
+    for (std::size_t lane = 0; lane < group_pixels; lane += hn::Lanes(d)) {
+      const auto first = widened(d, weights + lane);
+      for (std::size_t c = 0; c < 3; ++c) {
+        const auto values = grey || c == 0 ? first : widened(d, weights + c * apart + lane);
+        float* sum = pixels + c * group_pixels + lane;
+        hn::Store(hn::MulAdd(values, hn::Set(d, own_light[c] * scale), hn::Load(d, sum)), d, sum);
+      }
+    }
+  }
+}
+
 template <class Weight>
 HWY_INLINE std::uint32_t sum_touched_by(const Tile<Weight>& tile, const TouchedWeights& touched,
                                         const float* HWY_RESTRICT light, TileSums& sums) {
-  const Lanes d;
   const Rgb rgb;
   std::uint32_t groups = 0;
   sums.has_sparse = !touched.sparse.empty();
@@ -169,20 +189,11 @@ HWY_INLINE std::uint32_t sum_touched_by(const Tile<Weight>& tile, const TouchedW
     for (std::size_t i = 0; i < own.uses; ++i) groups |= 1u << (uses[i].pixel / group_pixels);
   }
   hwy::ZeroBytes<sizeof sums.dense>(sums.dense);
-  const std::size_t record = tile.record_size(), apart = tile.is_grey() ? 0 : group_pixels;
-  for (const auto& own : touched.dense) {
-    const Weight* weights = tile.record_weight.data() + std::size_t{own.record} * record;
-    const float* own_light = light + std::size_t{4} * own.light;
-    float* pixels = sums.dense + std::size_t{own.group} * 3 * group_pixels;
-    groups |= 1u << own.group;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const auto factor = hn::Set(d, own_light[c] * tile.record_scale[own.record]);
-      float* sum = pixels + c * group_pixels;
-      for (std::size_t lane = 0; lane < group_pixels; lane += hn::Lanes(d))
-        hn::Store(hn::MulAdd(widened(d, weights + c * apart + lane), factor, hn::Load(d, sum + lane)), d,
-                  sum + lane);
-    }
-  }
+  if (tile.is_grey())
+    add_touched_records<true>(tile, touched, light, sums.dense);
+  else
+    add_touched_records<false>(tile, touched, light, sums.dense);
+  for (const auto& own : touched.dense) groups |= 1u << own.group;
   return groups;
 }
 
@@ -203,9 +214,9 @@ std::uint32_t sum_touched_16(const Tile<std::uint16_t>& tile, const TouchedWeigh
   return sum_touched_by(tile, touched, light, sums);
 }
 
-/// Numbers of the boxes that overlap `within`; returns how many.
+/// Numbers of the boxes that overlap `within`, from `first` on; returns how many.
 std::size_t find_touched_vectorised(const SmallBox* boxes, std::size_t count, const Box& within,
-                                    std::int64_t* HWY_RESTRICT touched) {
+                                    std::int64_t first, std::int64_t* HWY_RESTRICT touched) {
   // A box overlaps when x0 < within.x1, y0 < within.y1, x1 > within.x0 and y1 > within.y0. Of the first two,
   // both sides are complemented, so that one comparison does for all four numbers.
   const hn::ScalableTag<std::int16_t> d;
@@ -222,7 +233,7 @@ std::size_t find_touched_vectorised(const SmallBox* boxes, std::size_t count, co
   const auto all = hn::Set(whole_box, std::int64_t{-1});
   const std::size_t step = hn::Lanes(whole_box);
   const auto apart = hn::Set(whole_box, static_cast<std::int64_t>(step));
-  auto numbers = hn::Iota(whole_box, std::int64_t{0});
+  auto numbers = hn::Iota(whole_box, first);
   std::size_t found = 0, k = 0;
   for (; k + step <= count; k += step, numbers = hn::Add(numbers, apart)) {
     const auto corners = hn::LoadU(d, reinterpret_cast<const std::int16_t*>(boxes + k));
@@ -233,7 +244,7 @@ std::size_t find_touched_vectorised(const SmallBox* boxes, std::size_t count, co
   for (; k < count; ++k)
     if (boxes[k].x0 < within.x1 && boxes[k].x1 > within.x0 && boxes[k].y0 < within.y1 &&
         boxes[k].y1 > within.y0)
-      touched[found++] = static_cast<std::int64_t>(k);
+      touched[found++] = first + static_cast<std::int64_t>(k);
   return found;
 }
 
@@ -309,10 +320,12 @@ std::uint32_t sum_touched(const Tile<std::uint16_t>& tile, const TouchedWeights&
   return HWY_DYNAMIC_DISPATCH(sum_touched_16)(tile, touched, light, sums);
 }
 
-void find_touched(std::span<const SmallBox> boxes, const Box& within, std::vector<std::int64_t>& touched) {
-  touched.resize(boxes.size());
-  touched.resize(
-      HWY_DYNAMIC_DISPATCH(find_touched_vectorised)(boxes.data(), boxes.size(), within, touched.data()));
+void find_touched(std::span<const SmallBox> boxes, const Box& within, std::int64_t first,
+                  std::vector<std::int64_t>& touched) {
+  const std::size_t before = touched.size();
+  touched.resize(before + boxes.size());
+  touched.resize(before + HWY_DYNAMIC_DISPATCH(find_touched_vectorised)(boxes.data(), boxes.size(), within,
+                                                                        first, touched.data() + before));
 }
 
 void store_groups(const TileSums& sums, std::uint32_t groups, bool add, float* pixels,

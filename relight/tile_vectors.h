@@ -50,8 +50,9 @@ std::uint32_t sum_touched(const Tile<std::uint8_t>& tile, const TouchedWeights& 
 std::uint32_t sum_touched(const Tile<std::uint16_t>& tile, const TouchedWeights& touched, const float* light,
                           TileSums& sums);
 
-/// Numbers of the boxes that overlap `within`, ascending.
-void find_touched(std::span<const SmallBox> boxes, const Box& within, std::vector<std::int64_t>& touched);
+/// Appends the numbers of the boxes that overlap `within`, ascending; the first box is number `first`.
+void find_touched(std::span<const SmallBox> boxes, const Box& within, std::int64_t first,
+                  std::vector<std::int64_t>& touched);
 
 inline constexpr std::uint32_t all_groups = (1u << groups_of_tile) - 1;
 

@@ -102,6 +102,27 @@ TEST_P(PrecomputedField, IsRelitByTheSameRelighter) {
   EXPECT_LT(relative_rmse(fine.update(changed, part), field.relight(changed)), fine_error);
 }
 
+// Lamps leave most of the rectangle that they moved in as it was: what is passed by there must not be
+// missing.
+TEST_P(PrecomputedField, FollowsLampsAsIfComputedAnew) {
+  const ReflectanceField field = random_mesh_field(GetParam());
+  LightMap light = random_light(1);
+  for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
+    Relighter moving(field, precision), anew(field, precision);
+    moving.relight(light);
+    Rng rng(7);
+    for (int step = 0; step < 40; ++step) {
+      const Box part = test::random_box(rng, side, cube_faces * side);
+      for (int texels = 1 + step % 4; texels > 0; --texels) {
+        const int x = part.x0 + static_cast<int>(rng.below(static_cast<std::uint64_t>(part.width()))),
+                  y = part.y0 + static_cast<int>(rng.below(static_cast<std::uint64_t>(part.height())));
+        light.radiance.at(x, y, step % 3) = static_cast<float>(20.0 * rng.uniform());
+      }
+      ASSERT_LT(relative_rmse(moving.update(light, part), anew.relight(light)), 5e-6) << "step " << step;
+    }
+  }
+}
+
 TEST(PrecomputedFields, OfGreyTransferTakeAThirdOfTheBytes) {
   const PackedField grey = pack_rows(rows_of(random_mesh_field(true)), 8),
                     coloured = pack_rows(rows_of(random_mesh_field(false)), 8);
