@@ -6,11 +6,9 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
-#include <utility>
 #include <vector>
 
 #include "core/metrics.h"
-#include "relight/relighter.h"
 
 namespace refield::prt_chart {
 
@@ -54,8 +52,7 @@ double seconds_of(const std::function<void()>& action) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-RelightTimes measure_relighting(PackedField packed) {
-  Relighter relighter(std::move(packed));
+RelightTimes measure_relighting(Relighter& relighter) {
   const LightDomain domain = relighter.domain();
   LightMap light{Image(domain.width, domain.height, 3), domain.parameterisation};
   std::ranges::fill(light.radiance.values, ambient);

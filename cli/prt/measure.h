@@ -2,7 +2,7 @@
 #pragma once
 #include <functional>
 
-#include "core/packed_field.h"
+#include "relight/relighter.h"
 
 namespace refield::prt_chart {
 
@@ -18,6 +18,7 @@ struct RelightTimes {
 /// How long an action takes.
 double seconds_of(const std::function<void()>& action);
 
-RelightTimes measure_relighting(PackedField packed);
+/// Of a relighter whose light is a cube map.
+RelightTimes measure_relighting(Relighter& relighter);
 
 }  // namespace refield::prt_chart

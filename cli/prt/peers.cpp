@@ -5,11 +5,12 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
-#include <numeric>
 #include <optional>
 #include <utility>
 
 #include "cli/prt/measure.h"
+#include "core/errors.h"
+#include "core/reflectance_field_file.h"
 #include "relight/pack.h"
 #include "relight/relighter.h"
 #include "simulate/prt/clusters.h"
@@ -21,8 +22,8 @@ namespace refield::prt_chart {
 namespace {
 
 constexpr double group_epsilons[] = {4e-3, 1e-3, 4e-4, 2e-4, 1e-4};
-/// As in the paper's figure 9 and table 2, whose scene has 73 196 vertices; they are set right for others.
-constexpr double paper_epsilons[] = {2.5e-4, 1e-4, 5e-5, 4e-5};
+/// As in the paper's figure 9, whose scene has 73 196 vertices, and one more; they are set right for others.
+constexpr double paper_epsilons[] = {2.5e-4, 1e-4, 7e-5, 5e-5};
 constexpr double paper_vertices = 73196.0;
 constexpr double wavelet_thresholds[] = {0.03, 0.005};
 constexpr int wavelet_terms[] = {100, 400, 1600, 6400};
@@ -41,26 +42,39 @@ std::string text_of(const char* format, double value) {
   return text;
 }
 
-std::vector<Eigen::Array3f> by_vertex(const Image& outputs, std::size_t vertices) {
-  std::vector<Eigen::Array3f> shading(vertices);
-  for (std::size_t v = 0; v < vertices; ++v)
-    shading[v] = Eigen::Map<const Eigen::Array3f>(outputs.values.data() + 3 * pixel_of_output(v));
+std::vector<Eigen::Array3f> at_vertices(const Image& outputs, const std::vector<std::uint32_t>& vertices) {
+  std::vector<Eigen::Array3f> shading;
+  for (const std::uint32_t v : vertices)
+    shading.push_back(Eigen::Map<const Eigen::Array3f>(outputs.values.data() + 3 * pixel_of_output(v)));
   return shading;
 }
 
-/// Relights a field, which is used up.
-void show(FieldRows rows, std::size_t vertices, const std::vector<ChartLight>& lights,
-          const LightMap ChartLight::*map, Peer& peer) {
-  peer.kernels = rows.outline.basis.size();
-  Relighter relighter(pack_rows(std::move(rows), 8));
-  peer.bytes =
-      std::visit([](const auto& tiles) { return static_cast<double>(tiles.bytes()); }, relighter.transfer());
-  for (const ChartLight& light : lights)
-    peer.shading.push_back(by_vertex(relighter.relight(light.*map), vertices));
-  peer.relight_ms = fastest_ms([&] { relighter.relight(lights.front().*map); });
+template <class Weight>
+double count_weights(const TiledTransfer<Weight>& tiles) {
+  double weights = 0.0;
+  for (int at = 0; at < tiles.tiles(); ++at)
+    for_each_weight(tiles.tile(at), [&](std::size_t, std::size_t, const auto&) { ++weights; });
+  return weights;
 }
 
-Peer clusters(const prt::Scene& scene, const std::vector<ChartLight>& lights, int resolution,
+/// Relights a field.
+void show(PackedField packed, const ChartScene& chart, const std::vector<ChartLight>& lights,
+          const LightMap ChartLight::*map, Peer& peer) {
+  peer.kernels = packed.outline.basis.size();
+  Relighter relighter(std::move(packed));
+  std::visit(
+      [&](const auto& tiles) {
+        peer.bytes = static_cast<double>(tiles.bytes());
+        peer.weights = count_weights(tiles) / static_cast<double>(chart.scene.mesh.positions.size());
+      },
+      relighter.transfer());
+  for (const ChartLight& light : lights)
+    peer.shading.push_back(at_vertices(relighter.relight(light.*map), chart.vertices));
+  peer.relight_ms = fastest_ms([&] { relighter.relight(lights.front().*map); });
+  peer.two_lamps_ms = measure_relighting(relighter).two_lamps_ms;
+}
+
+Peer clusters(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution,
               prt::Similarity similarity, double epsilon) {
   Peer peer{.method = similarity == prt::Similarity::group ? "clusters" : "clusters of the paper",
             .setting = "ε " + text_of("%g", epsilon)};
@@ -70,12 +84,13 @@ Peer clusters(const prt::Scene& scene, const std::vector<ChartLight>& lights, in
   options.epsilon = epsilon;
   prt::ClusterStatistics statistics;
   FieldRows rows;
-  peer.precompute_seconds = seconds_of([&] { rows = prt::cluster_transfer(scene, options, statistics); });
-  show(std::move(rows), scene.mesh.positions.size(), lights, &ChartLight::fine, peer);
+  peer.precompute_seconds =
+      seconds_of([&] { rows = prt::cluster_transfer(chart.scene, options, statistics); });
+  show(pack_rows(std::move(rows), 8), chart, lights, &ChartLight::fine, peer);
   return peer;
 }
 
-Peer harmonics(const prt::Scene& scene, const std::vector<ChartLight>& lights, int order,
+Peer harmonics(const ChartScene& chart, const std::vector<ChartLight>& lights, int order,
                HarmonicWindow window) {
   Peer peer{.method = window == HarmonicWindow::none ? "harmonics" : "harmonics, Hann window",
             .setting = "order " + std::to_string(order)};
@@ -86,32 +101,35 @@ Peer harmonics(const prt::Scene& scene, const std::vector<ChartLight>& lights, i
   prt::HarmonicStatistics statistics;
   prt::HarmonicTransfer transfer;
   peer.precompute_seconds =
-      seconds_of([&] { transfer = prt::harmonic_transfer(scene, options, statistics); });
-  show(prt::harmonic_field(scene, std::move(transfer), options.map_resolution), scene.mesh.positions.size(),
+      seconds_of([&] { transfer = prt::harmonic_transfer(chart.scene, options, statistics); });
+  show(pack_rows(prt::harmonic_field(chart.scene, std::move(transfer), options.map_resolution), 8), chart,
        lights, &ChartLight::coarse, peer);
   return peer;
 }
 
 /// One for each number of terms.
-std::vector<Peer> wavelets(const prt::Scene& scene, const std::vector<ChartLight>& lights, int resolution,
+std::vector<Peer> wavelets(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution,
                            double threshold) {
-  std::vector<std::uint32_t> vertices(scene.mesh.positions.size());
-  std::iota(vertices.begin(), vertices.end(), 0u);
-  const prt::TransferSamples samples(scene, {}, vertices);
+  const prt::TransferSamples samples(chart.scene, {}, chart.vertices);
   std::optional<prt::WaveletTransfer> transfer;
   const double seconds = seconds_of([&] { transfer.emplace(samples, resolution, threshold); });
+  const LightMap& first = lights.front().fine;
+  const double light_ms = fastest_ms([&] { transfer->relight(first, 1); });  // of the light's own transform
   std::vector<Peer> peers;
   for (const int terms : wavelet_terms) {
-    Peer peer{.method = "wavelets, " + text_of("%g", threshold),
-              .setting = std::to_string(terms) + " of the light",
-              .kernels = static_cast<std::uint64_t>(terms),
-              .bytes = static_cast<double>(transfer->bytes()),
-              .precompute_seconds = seconds};
+    Peer peer{
+        .method = "wavelets, " + text_of("%g", threshold),
+        .setting = std::to_string(terms) + " of the light",
+        .kernels = static_cast<std::uint64_t>(terms),
+        .weights = static_cast<double>(transfer->entries()) / static_cast<double>(chart.vertices.size()),
+        .bytes = static_cast<double>(transfer->bytes()) / chart.share(),
+        .precompute_seconds = seconds / chart.share()};
     for (const ChartLight& light : lights) {
       peer.shading.push_back(transfer->relight(light.fine, terms));
-      peer.shading.back().resize(vertices.size());
+      peer.shading.back().resize(chart.vertices.size());
     }
-    peer.relight_ms = fastest_ms([&] { transfer->relight(lights.front().fine, terms); });
+    const double sum_ms = fastest_ms([&] { transfer->relight(first, terms); }) - light_ms;
+    peer.relight_ms = light_ms + std::max(0.0, sum_ms) / chart.share();
     peers.push_back(std::move(peer));
   }
   return peers;
@@ -119,19 +137,33 @@ std::vector<Peer> wavelets(const prt::Scene& scene, const std::vector<ChartLight
 
 }  // namespace
 
-std::vector<Peer> all_peers(const prt::Scene& scene, const std::vector<ChartLight>& lights, int resolution) {
+std::vector<Peer> all_peers(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution) {
   std::vector<Peer> peers;
   for (const double epsilon : group_epsilons)
-    peers.push_back(clusters(scene, lights, resolution, prt::Similarity::group, epsilon));
+    peers.push_back(clusters(chart, lights, resolution, prt::Similarity::group, epsilon));
   // ‖T_C − T_l‖ ∕ N falls with √N where vertices become more and their light stays alike.
-  const double finer = std::sqrt(paper_vertices / static_cast<double>(scene.mesh.positions.size()));
+  const double finer = std::sqrt(paper_vertices / static_cast<double>(chart.scene.mesh.positions.size()));
   for (const double epsilon : paper_epsilons)
-    peers.push_back(clusters(scene, lights, resolution, prt::Similarity::all_outputs, finer * epsilon));
+    peers.push_back(clusters(chart, lights, resolution, prt::Similarity::all_outputs, finer * epsilon));
   for (const double threshold : wavelet_thresholds)
-    std::ranges::move(wavelets(scene, lights, resolution, threshold), std::back_inserter(peers));
+    std::ranges::move(wavelets(chart, lights, resolution, threshold), std::back_inserter(peers));
   for (const auto window : {HarmonicWindow::none, HarmonicWindow::hann})
-    for (const int order : orders) peers.push_back(harmonics(scene, lights, order, window));
+    for (const int order : orders) peers.push_back(harmonics(chart, lights, order, window));
   return peers;
+}
+
+Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
+                   const std::vector<ChartLight>& lights) {
+  auto field = read_either_field(path);
+  auto* packed = std::get_if<PackedField>(&field);
+  if (packed == nullptr || packed->outline.mesh.positions != chart.scene.mesh.positions)
+    throw InputError(path.string() + " was not made of this scene by 'refield simulate prt'");
+  if (const LightDomain domain = packed->outline.basis.domain; domain != lights.front().fine.domain())
+    throw InputError(path.string() + " is lit by cube maps of " + std::to_string(domain.width) +
+                     " texels a side; give --resolution " + std::to_string(domain.width));
+  Peer peer{.method = "fields", .setting = path.stem().string()};
+  show(std::move(*packed), chart, lights, &ChartLight::fine, peer);
+  return peer;
 }
 
 }  // namespace refield::prt_chart

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -15,7 +17,17 @@ struct ChartLight {
   LightMap fine, coarse;
 };
 
-/// Radiance of each vertex before its colour, [lights][vertices].
+/// What methods are compared on: a diffuse scene, its vertices in their order (sort_vertices()), and those of
+/// them at which errors are looked at.
+struct ChartScene {
+  const prt::Scene& scene;
+  std::vector<std::uint32_t> vertices;  ///< ascending
+  double share() const {
+    return static_cast<double>(vertices.size()) / static_cast<double>(scene.mesh.positions.size());
+  }
+};
+
+/// Radiance before its colour of each vertex that is looked at, [lights][vertices].
 using Shading = std::vector<std::vector<Eigen::Array3f>>;
 
 /// What one method with one setting came to.
@@ -23,18 +35,26 @@ struct Peer {
   std::string method;   ///< a track of the chart
   std::string setting;  ///< "ε 0.002"
   std::uint64_t kernels = 0;
+  double weights = 0.0;  ///< a vertex
   double bytes = 0.0;
   double precompute_seconds = 0.0;
-  double relight_ms = 0.0;  ///< of one light, all of the work
+  double relight_ms = 0.0;    ///< of one light, all of the work
+  double two_lamps_ms = 0.0;  ///< RelightTimes; 0 where a method relights whole maps alone
   Shading shading = {};
 };
 
-/// Each method in turn with settings from coarse to fine, on a diffuse scene under the lights. `resolution`:
-/// of the fine maps. Throws Interrupted.
+/// Each method in turn with settings from coarse to fine, under the lights. `resolution`: of the fine maps.
+/// Throws Interrupted.
 ///  - clusters: each group of 16 vertices has its own
 ///  - clusters of the paper: equation 11 over all vertices
-///  - wavelets: Ng et al. 2003, the light's largest
+///  - wavelets: Ng et al. 2003, the light's largest. Only vertices that are looked at are computed; sizes and
+///    times are those of as many as the scene has
 ///  - harmonics, and the same with a Hann window
-std::vector<Peer> all_peers(const prt::Scene& scene, const std::vector<ChartLight>& lights, int resolution);
+std::vector<Peer> all_peers(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution);
+
+/// A packed field that simulate prt made of the scene, in squares of cube maps of the lights' resolution. Its
+/// precomputation time is not known (0). Throws InputError for other fields.
+Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
+                   const std::vector<ChartLight>& lights);
 
 }  // namespace refield::prt_chart

@@ -86,7 +86,8 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   figures["bytes"] = fs::file_size(arguments.output);
   figures["seconds"] = seconds;
   if (arguments.measure) {
-    const auto times = prt_chart::measure_relighting(std::move(packed));
+    Relighter relighter(std::move(packed));
+    const auto times = prt_chart::measure_relighting(relighter);
     figures["relight_ms"] = times.whole_ms;
     figures["two_lamps_ms"] = times.two_lamps_ms;
     figures["update_error"] = times.update_error;
