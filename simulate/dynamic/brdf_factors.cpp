@@ -79,4 +79,14 @@ void BrdfFactors::outgoing(const Eigen::Vector3f& out, std::span<Eigen::Array3f>
     std::ranges::fill(g, Eigen::Array3f::Zero());
 }
 
+Eigen::Array3f BrdfFactors::operator()(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const {
+  std::vector<float> h(static_cast<std::size_t>(terms_));
+  std::vector<Eigen::Array3f> g(h.size());
+  incoming(in, h);
+  outgoing(out, g);
+  Eigen::Array3f sum = Eigen::Array3f::Zero();
+  for (std::size_t k = 0; k < h.size(); ++k) sum += h[k] * g[k];
+  return sum;
+}
+
 }  // namespace refield::dynamic

@@ -45,6 +45,8 @@ class BrdfFactors {
   void incoming(const Eigen::Vector3f& in, std::span<float> h) const;
   /// g_k [terms].
   void outgoing(const Eigen::Vector3f& out, std::span<Eigen::Array3f> g) const;
+  /// Σ g_k h_k, what they stand for: to look at, as it allocates.
+  Eigen::Array3f operator()(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const;
   /// What is left out, relative: √(∫∫ |f − Σ g_k h_k|² ∕ ∫∫ |f|²), each integral over both hemispheres and
   /// weighted by both cosines.
   double error() const { return error_; }

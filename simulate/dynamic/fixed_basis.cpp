@@ -76,11 +76,15 @@ Eigen::MatrixXf functions_of(BasisKind kind, const std::vector<SurfacePlace>& pl
 
 }  // namespace
 
-SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options) {
+Eigen::MatrixXf fixed_functions(BasisKind kind, const Mesh& mesh, int functions) {
   if (functions < 1 || functions > most_functions)
     throw InputError("surface basis of " + std::to_string(functions) +
                      " functions: give a number from 1 to " + std::to_string(most_functions));
-  return surface_basis(functions_of(kind, surface_places(mesh), functions), vertex_areas(mesh), options);
+  return functions_of(kind, surface_places(mesh), functions);
+}
+
+SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options) {
+  return surface_basis(fixed_functions(kind, mesh, functions), vertex_areas(mesh), options);
 }
 
 }  // namespace refield::dynamic

@@ -19,20 +19,6 @@ namespace {
 
 constexpr float flat_cosine = 0.9999f, flat_share = 1e-4f;
 
-struct Ball {
-  Eigen::Vector3f middle;
-  float radius;
-};
-
-Ball bounding_ball(const Mesh& mesh) {
-  Eigen::AlignedBox3f bounds;
-  for (const auto& position : mesh.positions) bounds.extend(position);
-  Ball ball{bounds.center(), 0.0f};
-  for (const auto& position : mesh.positions)
-    ball.radius = std::max(ball.radius, (position - ball.middle).norm());
-  return ball;
-}
-
 /// Evenly over a square of 2×2 about the origin, [count].
 std::vector<Eigen::Vector2f> square_points(int count) {
   const int side = std::max(1, static_cast<int>(std::lround(std::sqrt(count))));
@@ -96,6 +82,15 @@ class Facing {
 
 }  // namespace
 
+BoundingBall bounding_ball(const Mesh& mesh) {
+  Eigen::AlignedBox3f bounds;
+  for (const auto& position : mesh.positions) bounds.extend(position);
+  BoundingBall ball{bounds.center(), 0.0f};
+  for (const auto& position : mesh.positions)
+    ball.radius = std::max(ball.radius, (position - ball.middle).norm());
+  return ball;
+}
+
 Eigen::VectorXf vertex_areas(const Mesh& mesh) {
   Eigen::VectorXf areas = Eigen::VectorXf::Zero(static_cast<Eigen::Index>(mesh.positions.size()));
   for (const auto& triangle : mesh.triangles) {
@@ -109,7 +104,7 @@ Eigen::VectorXf vertex_areas(const Mesh& mesh) {
 std::optional<Eigen::Vector3f> facing_of(const Mesh& mesh) {
   if (mesh.empty()) return std::nullopt;
   const Eigen::Vector3f facing = mesh.normals.front();
-  const Ball ball = bounding_ball(mesh);
+  const BoundingBall ball = bounding_ball(mesh);
   for (std::size_t v = 0; v < mesh.positions.size(); ++v)
     if (mesh.normals[v].dot(facing) < flat_cosine ||
         std::abs((mesh.positions[v] - ball.middle).dot(facing)) > flat_share * ball.radius)
@@ -118,7 +113,7 @@ std::optional<Eigen::Vector3f> facing_of(const Mesh& mesh) {
 }
 
 std::vector<Eigen::Vector3f> point_lights(const Mesh& mesh, int count, std::span<const float> distances) {
-  const Ball ball = bounding_ball(mesh);
+  const BoundingBall ball = bounding_ball(mesh);
   const auto facing = facing_of(mesh);
   std::vector<Eigen::Vector3f> lights;
   for (const float distance : distances) {

@@ -11,14 +11,21 @@
 
 namespace refield::dynamic {
 
+/// About the middle of a mesh' bounding box, around all its vertices.
+struct BoundingBall {
+  Eigen::Vector3f middle;
+  float radius;
+};
+BoundingBall bounding_ball(const Mesh& mesh);
+
 /// [vertices]: a third of the area of the triangles about each.
 Eigen::VectorXf vertex_areas(const Mesh& mesh);
 
 /// The direction that all of a mesh faces; none where it is not flat.
 std::optional<Eigen::Vector3f> facing_of(const Mesh& mesh);
 
-/// Where light may come from: `count` points for each of `distances` (> 1), in radii of the bounding sphere
-/// (about the middle of the bounding box), spread over spheres; for a flat mesh evenly over a square of twice
+/// Where light may come from: `count` points for each of `distances` (> 1), in radii of the bounding_ball(),
+/// spread over spheres; for a flat mesh evenly over a square of twice
 /// its radius, on the side that it faces, (distance − 1) radii above (Iwasaki et al., figure 2, have one
 /// distance).
 std::vector<Eigen::Vector3f> point_lights(const Mesh& mesh, int count, std::span<const float> distances);

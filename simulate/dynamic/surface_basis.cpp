@@ -3,6 +3,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <cmath>
 #include <limits>
 #include <string>
 
@@ -30,18 +31,19 @@ Eigen::MatrixXf inverse_of(const Eigen::MatrixXf& a, double condition) {
   return inverse;
 }
 
-/// Columns are combined so that they are orthonormal; see Weights::orthonormal.
+/// One function after another, less what those before it have of it, twice for rounding (Gram and Schmidt).
 Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& functions, const Eigen::VectorXd& areas,
                             double smallest_share) {
-  Eigen::VectorXd scale = (areas.asDiagonal() * functions.cwiseAbs2()).colwise().sum().transpose();
-  scale = (scale.array() > 0.0).select(scale.array().rsqrt(), 0.0);
-  const Eigen::MatrixXd unit = functions * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(unit.transpose() * areas.asDiagonal() * unit);
-  const Eigen::VectorXd values = solver.eigenvalues().reverse();
-  const double least = smallest_share * smallest_share * values[0];
-  const Eigen::Index kept = (values.array() > std::max(least, 0.0)).count();
-  return unit * solver.eigenvectors().rowwise().reverse().leftCols(kept) *
-         values.head(kept).cwiseSqrt().cwiseInverse().asDiagonal();
+  Eigen::MatrixXd result(functions.rows(), functions.cols());
+  Eigen::Index kept = 0;
+  for (const auto& function : functions.colwise()) {
+    Eigen::VectorXd rest = function;
+    for (int pass = 0; pass < 2; ++pass)
+      rest -= result.leftCols(kept) * (result.leftCols(kept).transpose() * areas.cwiseProduct(rest));
+    const auto norm = [&areas](const auto& values) { return std::sqrt(areas.dot(values.cwiseAbs2())); };
+    if (norm(rest) > smallest_share * norm(function)) result.col(kept++) = rest / norm(rest);
+  }
+  return result.leftCols(kept);
 }
 
 }  // namespace

@@ -21,8 +21,7 @@ enum class Weights {
 
 struct BasisOptions {
   Weights weights = Weights::orthonormal;
-  /// Of orthonormal weights: directions are dropped whose singular value is below this share of the largest,
-  /// all functions taken with norm 1.
+  /// Of orthonormal weights: functions are dropped of which the ones before leave no more than this share.
   double smallest_share = 1e-3;
 };
 
@@ -43,7 +42,7 @@ struct PrincipalOptions {
   int lights = 128;  ///< point lights at each distance, at least 1
   /// In radii of the bounding sphere, > 1 (point_lights()). The paper has them on the sphere itself, one
   /// distance; several serve light from near and far.
-  std::vector<float> distances = {1.1f, 1.8f, 4.0f};
+  std::vector<float> distances = {1.4f, 2.0f, 4.0f};
   BasisOptions basis;
 };
 
@@ -62,7 +61,8 @@ enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
 ///    around the sphere.
 ///  - haar_wavelets: over (u, v): the mean, then level by level all horizontal, vertical, diagonal details
 ///  - cosines: cos πku cos πlv by ascending k² + l²
-/// Throws InputError for other numbers of functions than 1 … 256.
+/// [vertices × functions]. Throws InputError for other numbers of functions than 1 … 256.
+Eigen::MatrixXf fixed_functions(BasisKind kind, const Mesh& mesh, int functions);
 SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options = {});
 
 }  // namespace refield::dynamic

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "core/errors.h"
+#include "simulate/dynamic/lamp_error.h"
 #include "tests/simulate/dynamic/hemisphere.h"
 
 namespace refield::dynamic {
@@ -28,17 +29,6 @@ Brdf ggx(float roughness) {
           .specular = {0.04f, 0.05f, 0.06f},
           .lobe = Lobe::ggx,
           .roughness = roughness};
-}
-
-Eigen::Array3f value(const BrdfFactors& factors, const Eigen::Vector3f& in, const Eigen::Vector3f& out) {
-  const auto terms = static_cast<std::size_t>(factors.terms());
-  std::vector<float> h(terms);
-  std::vector<Eigen::Array3f> g(terms);
-  factors.incoming(in, h);
-  factors.outgoing(out, g);
-  Eigen::Array3f sum = Eigen::Array3f::Zero();
-  for (std::size_t k = 0; k < terms; ++k) sum += g[k] * h[k];
-  return sum;
 }
 
 /// BrdfFactors::error() by plain summation over pairs of directions that are no nodes.
@@ -116,17 +106,17 @@ TEST(BrdfFactors, HaveTheErrorThatTheyState) {
     }
 }
 
-/// Iwasaki et al., figure 10.
+/// Iwasaki et al., figure 10: a sphere under a lamp.
 TEST(BrdfFactors, ByFourTermsServeLowExponentsAloneAndMoreTermsMendHighOnes) {
-  const auto error_of_four = [](float exponent) {
-    return factor(phong(exponent, 0.5f), {.largest = 4}).error();
-  };
-  for (const float exponent : {4.0f, 8.0f, 16.0f}) EXPECT_LT(error_of_four(exponent), 0.53) << exponent;
-  for (const float exponent : {64.0f, 128.0f}) {
-    EXPECT_GT(error_of_four(exponent), 0.8) << exponent;
-    const BrdfFactors enough = factor(phong(exponent, 0.5f), {.error = 0.1});
-    EXPECT_LE(enough.error(), 0.1);
-    EXPECT_NEAR(enough.terms(), 1.87 * exponent, 0.1 * exponent);  // as the lobe's solid angle falls
+  constexpr double radius = 0.6;
+  for (const float exponent : {4.0f, 8.0f, 16.0f, 64.0f, 128.0f}) {
+    const Brdf brdf = phong(exponent, 0.5f);
+    const double error_of_four = lamp_error(brdf, factor(brdf, {.largest = 4}), radius);
+    EXPECT_GT(error_of_four, exponent <= 16.0f ? 0.05 : 0.34) << exponent;
+    EXPECT_LT(error_of_four, exponent <= 16.0f ? 0.23 : 1.0) << exponent;
+    const BrdfFactors enough = factor(brdf, {.error = 0.1});
+    EXPECT_LT(enough.terms(), 2.1 * exponent + 2.0);  // as the lobe's solid angle falls
+    EXPECT_LT(lamp_error(brdf, enough, radius), 0.04) << exponent;
   }
 }
 
@@ -138,7 +128,7 @@ TEST(BrdfFactors, DoNotDependOnTheTurnOfTheFrame) {
       const Eigen::Matrix3f turn = Eigen::AngleAxisf(0.7f, Eigen::Vector3f::UnitZ()).toRotationMatrix();
       for (const Eigen::Vector3f& in : test::hemisphere(30))
         for (const Eigen::Vector3f& out : test::hemisphere(30)) {
-          const Eigen::Array3f once = value(factors, in, out), turned = value(factors, turn * in, turn * out);
+          const Eigen::Array3f once = factors(in, out), turned = factors(turn * in, turn * out);
           EXPECT_LT((once - turned).abs().maxCoeff(), 2e-4f);
         }
     }
@@ -148,7 +138,7 @@ TEST(BrdfFactors, StayReciprocal) {
   const BrdfFactors factors = factor(phong(20, 0.3f), {.largest = 9, .error = 0.0});
   for (const Eigen::Vector3f& in : test::hemisphere(30))
     for (const Eigen::Vector3f& out : test::hemisphere(30))
-      EXPECT_NEAR(value(factors, in, out)[0], value(factors, out, in)[0], 2e-3f);
+      EXPECT_NEAR(factors(in, out)[0], factors(out, in)[0], 2e-3f);
 }
 
 TEST(BrdfFactors, OutgoingOnesAreOrthonormalUnderTheCosine) {
@@ -173,7 +163,7 @@ TEST(BrdfFactors, OfExtremeLobesAreFiniteAndTruthful) {
     EXPECT_LE(factors.terms(), 16);
     for (const Eigen::Vector3f& in : {Eigen::Vector3f(0, 0, 1), Eigen::Vector3f(1, 0, 1e-20f),
                                       Eigen::Vector3f(0.6f, 0, 0.8f), Eigen::Vector3f(0, 1, 0)})
-      EXPECT_TRUE(value(factors, in, in).isFinite().all());
+      EXPECT_TRUE(factors(in, in).isFinite().all());
   }
 }
 
