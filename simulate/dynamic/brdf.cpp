@@ -12,13 +12,14 @@ namespace refield::dynamic {
 
 namespace {
 
-constexpr float pi = std::numbers::pi_v<float>;
+constexpr float float_pi = std::numbers::pi_v<float>;
 /// Cosines below this count as the horizon: half vectors of two such directions would be lost in float.
 constexpr float horizon = 1e-6f;
 
 float phong(float exponent, const Eigen::Vector3f& in, const Eigen::Vector3f& out) {
   const float cosine = in.z() * out.z() - in.x() * out.x() - in.y() * out.y();
-  return cosine > 0.0f ? (exponent + 2.0f) / (2.0f * pi) * std::pow(std::min(cosine, 1.0f), exponent) : 0.0f;
+  return cosine > 0.0f ? (exponent + 2.0f) / (2.0f * float_pi) * std::pow(std::min(cosine, 1.0f), exponent)
+                       : 0.0f;
 }
 
 Eigen::Array3f ggx(const Eigen::Array3f& specular, float roughness, const Eigen::Vector3f& in,
@@ -28,7 +29,7 @@ Eigen::Array3f ggx(const Eigen::Array3f& specular, float roughness, const Eigen:
   // 1 − z² as the length across: what is left of 1 − z in float would not tell narrow lobes apart.
   const float across = half.head<2>().squaredNorm();
   const float spread = across + squared * half.z() * half.z();
-  const float distribution = squared / (pi * spread * spread);
+  const float distribution = squared / (float_pi * spread * spread);
   const auto leaving = [squared](float cosine) {
     return std::sqrt(squared + (1.0f - squared) * cosine * cosine);
   };
@@ -46,7 +47,7 @@ void require(bool good, const char* name, const std::string& value, const char* 
 
 Eigen::Array3f Brdf::operator()(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const {
   if (in.z() <= horizon || out.z() <= horizon) return Eigen::Array3f::Zero();
-  const Eigen::Array3f matte = diffuse / pi;
+  const Eigen::Array3f matte = diffuse / float_pi;
   switch (lobe) {
     case Lobe::none:
       return matte;

@@ -111,12 +111,12 @@ BrdfTable::BrdfTable(int theta_in, int theta_out, int delta_phi, std::vector<Eig
 }
 
 Eigen::Array3f BrdfTable::at(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const {
-  constexpr float pi = std::numbers::pi_v<float>;
+  constexpr float straight = std::numbers::pi_v<float>;
   const auto from_normal = [](const Eigen::Vector3f& d) { return std::atan2(d.head<2>().norm(), d.z()); };
   const float turn = std::atan2(in.x() * out.y() - in.y() * out.x(), in.head<2>().dot(out.head<2>()));
-  const std::array place{between(from_normal(in), pi / 2, theta_in_),
-                         between(from_normal(out), pi / 2, theta_out_),
-                         between(std::abs(turn), pi, delta_phi_)};
+  const std::array place{between(from_normal(in), straight / 2, theta_in_),
+                         between(from_normal(out), straight / 2, theta_out_),
+                         between(std::abs(turn), straight, delta_phi_)};
   Eigen::Array3f sum = Eigen::Array3f::Zero();
   for (unsigned corner = 0; corner < 8; ++corner) {
     float share = 1.0f;

@@ -15,11 +15,9 @@ namespace refield::dynamic {
 
 namespace {
 
-constexpr double pi = std::numbers::pi;
-
 /// ∫ cos² mφ dφ.
 double circle(int order) {
-  return order == 0 ? 2.0 * pi : pi;
+  return order == 0 ? 2.0 * std::numbers::pi : std::numbers::pi;
 }
 
 /// One singular value of one Fourier order; a pair of terms shares it.

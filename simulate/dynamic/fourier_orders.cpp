@@ -11,7 +11,6 @@ namespace refield::dynamic {
 
 namespace {
 
-constexpr double pi = std::numbers::pi;
 constexpr int fewest_nodes = 48, most_nodes = 256, fewest_azimuths = 96, most_azimuths = 256;
 
 /// Radians over which the BRDF changes: of a lobe its standard deviation.
@@ -26,7 +25,7 @@ double width_of(const Brdf& brdf) {
     case Lobe::table: {
       const BrdfTable& table = *brdf.table;
       const int finest = std::max({table.theta_in(), table.theta_out(), table.delta_phi() / 2});
-      return pi / 2 / finest;
+      return std::numbers::pi / 2 / finest;
     }
   }
   return 1.0;
@@ -61,8 +60,8 @@ struct Azimuths {
 Azimuths azimuths_of(int count) {
   Azimuths azimuths{{}, Eigen::VectorXd(count), Eigen::VectorXd(count)};
   for (int a = 0; a < count; ++a) {
-    const double u = (a + 0.5) / count, turn = 2.0 * pi * u;
-    azimuths.angle[a] = pi * u - 0.5 * std::sin(turn);
+    const double u = (a + 0.5) / count, turn = 2.0 * std::numbers::pi * u;
+    azimuths.angle[a] = std::numbers::pi * u - 0.5 * std::sin(turn);
     azimuths.share[a] = (1.0 - std::cos(turn)) / count;
     azimuths.directions.push_back(
         Eigen::Vector2d(std::cos(azimuths.angle[a]), std::sin(azimuths.angle[a])).cast<float>());
@@ -117,7 +116,7 @@ FourierOrders fourier_orders(const Brdf& brdf) {
     for (int j = 0; j < nodes; ++j)
       energy += result.weight[j] *
                 azimuths.share.dot(samples.middleCols<3>(3 * j).rowwise().squaredNorm().cast<double>());
-    energies[i] = 4.0 * pi * pi * result.weight[i] * energy;
+    energies[i] = 4.0 * std::numbers::pi * std::numbers::pi * result.weight[i] * energy;
   });
   result.energy = energies.sum();
   return result;

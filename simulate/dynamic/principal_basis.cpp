@@ -56,9 +56,9 @@ Eigen::MatrixXf principal_components(const Eigen::MatrixXf& patterns, const Eige
   const Eigen::MatrixXd shares = (range.transpose() * root.asDiagonal() * patterns).cast<double>();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(shares * shares.transpose());
   const Eigen::VectorXd energy = solver.eigenvalues().reverse();
-  constexpr double rounding = 1e-10;  // what float cannot tell from zero is no pattern
+  constexpr double least = 1e-10;  // what float cannot tell from zero is no pattern
   const Eigen::Index kept =
-      std::min<Eigen::Index>(count, (energy.array() > std::max(rounding * energy[0], 0.0)).count());
+      std::min<Eigen::Index>(count, (energy.array() > std::max(least * energy[0], 0.0)).count());
   // X Xᵀ W Ψ = Ψ σ²: defined at vertices without area, too.
   const Eigen::MatrixXd vectors = solver.eigenvectors().rowwise().reverse().leftCols(kept);
   const Eigen::MatrixXf mix =
