@@ -13,6 +13,9 @@ namespace refield {
 
 namespace {
 
+/// Touched kernels lie all over a tile's lists when they are more than one in so many.
+constexpr std::size_t much_touched = 32;
+
 /// The change's part in one tile.
 template <class Weight>
 struct TouchedTile {
@@ -166,9 +169,10 @@ void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& block
       touched.tile = transfer.tile(at);
       scratch.blocks.clear();
       find_touched(blocks.of(at), change.within, 0, scratch.blocks);
-      // Where much is touched, so it is in the next tile, and all its lists are needed.
-      if (4 * scratch.blocks.size() > blocks.of(at).size()) transfer.prefetch(at + 1, true);
       find_changed(scratch.blocks, change, touched);
+      // Where much is touched, so it is in the next tile, and its lists are needed all over.
+      if (much_touched * touched.kernels.size() > touched.tile.support.size())
+        transfer.prefetch(at + 1, true);
       if (touched.kernels.empty()) return;
       list_weights(touched);
       prefetch_touched(touched, image, at % transfer.tiles_across() * tile_side_px,
