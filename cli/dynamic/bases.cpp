@@ -118,10 +118,14 @@ std::string basis_chart(const std::vector<BasisRow>& rows, const std::vector<Stu
 void print(const std::vector<BasisRow>& rows) {
   std::printf("%-22s %-16s %4s %5s %10s %8s %8s\n", "surface", "basis", "N", "kept", "condition", "error",
               "inverse");
-  for (const BasisRow& row : rows)
-    std::printf("%-22s %-16s %4d %5ld %10.3g %8.4f %8.4f\n", row.surface.c_str(), row.basis.c_str(),
-                row.functions, static_cast<long>(row.kept), row.condition, row.error,
-                row.inverse_error.value_or(NAN));
+  for (const BasisRow& row : rows) {
+    std::printf("%-22s %-16s %4d %5ld %10.3g %8.4f ", row.surface.c_str(), row.basis.c_str(), row.functions,
+                static_cast<long>(row.kept), row.condition, row.error);
+    if (row.inverse_error)
+      std::printf("%8.4f\n", *row.inverse_error);
+    else
+      std::printf("%8s\n", "none");
+  }
 }
 
 void make_bases_chart(const BasesArguments& arguments) {
@@ -175,8 +179,8 @@ void add_simulate_dynamic_bases(CLI::App& app, const Common&, Action& action) {
   verb->add_option("-o,--output", arguments->folder,
                    "Folder for bases.csv, bases.svg, factors.csv, factors.svg and pictures")
       ->required();
-  verb->add_option("--mesh", arguments->mesh, "Figure in place of the built-in hare; closed, without handles")
-      ->check(CLI::ExistingFile);
+  verb->add_option("--mesh", arguments->mesh,
+                   "Figure in place of the built-in hare; closed, without handles");
   verb->add_option("--exponent", arguments->exponent, "Phong's exponent of the glossy figure")
       ->capture_default_str()
       ->check(CLI::Range(0.0f, 1e5f));

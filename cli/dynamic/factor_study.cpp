@@ -64,7 +64,8 @@ std::vector<FactorRow> study_factors(const std::vector<float>& exponents) {
     for (int terms = 1; terms <= dynamic::FactorOptions::most_terms; terms *= 2) {
       throw_if_interrupted();
       const BrdfFactors factors = factor(brdf, {.largest = terms, .error = 1e-3});
-      rows.push_back({exponent, terms, factors.error(), lamp_error(brdf, factors, study_lamp_radius)});
+      rows.push_back(
+          {exponent, factors.terms(), factors.error(), lamp_error(brdf, factors, study_lamp_radius)});
       if (factors.terms() + 1 < terms) break;  // more are not needed
     }
     progress.advance();

@@ -8,7 +8,6 @@
 
 #include "core/errors.h"
 #include "core/harmonics.h"
-#include "simulate/dynamic/parameterisation.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/surface_basis.h"
 
@@ -18,7 +17,7 @@ namespace {
 
 constexpr int most_functions = harmonics_of(largest_harmonics_order);
 
-Eigen::MatrixXf harmonics(const std::vector<SurfacePlace>& places, int functions) {
+Eigen::MatrixXf harmonics(std::span<const SurfacePlace> places, int functions) {
   const int order = static_cast<int>(std::ceil(std::sqrt(functions)));
   std::vector<double> values(static_cast<std::size_t>(harmonics_of(order)));
   Eigen::MatrixXf result(places.size(), functions);
@@ -59,7 +58,7 @@ std::vector<Eigen::Vector2i> frequencies(int count) {
   return all;
 }
 
-Eigen::MatrixXf functions_of(BasisKind kind, const std::vector<SurfacePlace>& places, int functions) {
+Eigen::MatrixXf functions_of(BasisKind kind, std::span<const SurfacePlace> places, int functions) {
   if (kind == BasisKind::spherical_harmonics) return harmonics(places, functions);
   const std::vector<Eigen::Vector2i> waves = frequencies(functions);
   Eigen::MatrixXf result(places.size(), functions);
@@ -76,15 +75,15 @@ Eigen::MatrixXf functions_of(BasisKind kind, const std::vector<SurfacePlace>& pl
 
 }  // namespace
 
-Eigen::MatrixXf fixed_functions(BasisKind kind, const Mesh& mesh, int functions) {
+Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> places, int functions) {
   if (functions < 1 || functions > most_functions)
     throw InputError("surface basis of " + std::to_string(functions) +
                      " functions: give a number from 1 to " + std::to_string(most_functions));
-  return functions_of(kind, surface_places(mesh), functions);
+  return functions_of(kind, places, functions);
 }
 
 SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options) {
-  return surface_basis(fixed_functions(kind, mesh, functions), vertex_areas(mesh), options);
+  return surface_basis(fixed_functions(kind, surface_places(mesh), functions), vertex_areas(mesh), options);
 }
 
 }  // namespace refield::dynamic

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <span>
 #include <vector>
 
 #include "core/mesh.h"
 #include "simulate/dynamic/brdf_factors.h"
+#include "simulate/dynamic/parameterisation.h"
 #include "simulate/prt/mesh_rays.h"
 
 namespace refield::dynamic {
@@ -61,8 +63,9 @@ enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
 ///    around the sphere.
 ///  - haar_wavelets: over (u, v): the mean, then level by level all horizontal, vertical, diagonal details
 ///  - cosines: cos πku cos πlv by ascending k² + l²
-/// [vertices × functions]. Throws InputError for other numbers of functions than 1 … 256.
-Eigen::MatrixXf fixed_functions(BasisKind kind, const Mesh& mesh, int functions);
+/// [vertices × functions], for vertices at surface_places(). Throws InputError for other numbers of functions
+/// than 1 … 256.
+Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> places, int functions);
 SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options = {});
 
 }  // namespace refield::dynamic
