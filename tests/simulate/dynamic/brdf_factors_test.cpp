@@ -83,7 +83,7 @@ Eigen::VectorXd plain_singular_values(const Brdf& brdf, int directions) {
 TEST(BrdfFactors, AreThoseOfOneLargeDecomposition) {
   for (const Brdf& brdf : {phong(10, 0.2f), ggx(0.5f)}) {
     const Eigen::VectorXd plain = plain_singular_values(brdf, 300);
-    for (const int terms : {1, 4, 6, 9, 16}) {
+    for (const int terms : {4, 9}) {
       const double best = std::sqrt(plain.tail(plain.size() - terms).squaredNorm() / plain.squaredNorm());
       // A pair may have to be left out as a whole, for a later single term.
       EXPECT_GE(factor(brdf, {.largest = terms, .error = 0.0}).error(), best - 0.01) << terms;
@@ -98,7 +98,7 @@ TEST(BrdfFactors, HaveTheErrorThatTheyState) {
                    .lobe = Lobe::table,
                    .table = std::make_shared<BrdfTable>(test::table_of(phong(8), 24, 24, 24))};
   for (const Brdf& brdf : {phong(1), phong(10, 0.2f), phong(64), ggx(1.0f), ggx(0.3f), table})
-    for (const double error : {0.3, 0.1, 0.02}) {
+    for (const double error : {0.3, 0.05}) {
       const BrdfFactors factors = factor(brdf, {.error = error});
       EXPECT_NEAR(measured_error(brdf, factors, 700), factors.error(), 0.005 + 0.05 * error)
           << factors.terms() << " terms of an exponent of " << brdf.exponent;
