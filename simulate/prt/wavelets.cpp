@@ -178,8 +178,11 @@ std::vector<Eigen::Array3f> WaveletTransfer::relight(const LightMap& light, int 
 }
 
 std::size_t WaveletTransfer::bytes() const {
-  return start_.size() * sizeof(start_[0]) + output_.size() * sizeof(output_[0]) + weight_.size() +
-         scale_.size() * sizeof(scale_[0]);
+  return start_.size() * sizeof(start_[0]) + entry_bytes();
+}
+
+std::size_t WaveletTransfer::entry_bytes() const {
+  return output_.size() * sizeof(output_[0]) + weight_.size() + scale_.size() * sizeof(scale_[0]);
 }
 
 }  // namespace refield::prt

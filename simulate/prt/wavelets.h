@@ -35,6 +35,8 @@ class WaveletTransfer {
   std::vector<Eigen::Array3f> relight(const LightMap& light, int terms) const;
 
   std::size_t bytes() const;
+  /// Of these, what grows with the outputs.
+  std::size_t entry_bytes() const;
   /// Coefficients that were kept, of all outputs.
   std::size_t entries() const { return weight_.size(); }
 
