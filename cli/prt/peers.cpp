@@ -123,7 +123,8 @@ std::vector<Peer> wavelets(const ChartScene& chart, const std::vector<ChartLight
         .setting = std::to_string(terms) + " of the light",
         .kernels = static_cast<std::uint64_t>(terms),
         .weights = static_cast<double>(transfer->entries()) / static_cast<double>(chart.vertices.size()),
-        .bytes = static_cast<double>(transfer->bytes()) / chart.share(),
+        .bytes = static_cast<double>(transfer->bytes() - transfer->entry_bytes()) +
+                 static_cast<double>(transfer->entry_bytes()) / chart.share(),
         .precompute_seconds = seconds / chart.share()};
     for (const ChartLight& light : lights) {
       peer.shading.push_back(transfer->relight(light.fine, terms));
