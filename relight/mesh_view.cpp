@@ -83,10 +83,14 @@ PinholeCamera standard_camera(const ReflectanceField& field) {
 }
 
 MeshView::MeshView(const ReflectanceField& field, const PinholeCamera& camera, int samples)
-    : camera_(camera), mesh_(&field.mesh) {
-  if (field.mesh.empty()) throw InputError("the field has no mesh to be seen from elsewhere");
-  gather_shares(field.mesh, samples);
+    : MeshView(field.mesh, camera, samples) {
   if (field.outgoing_order > 0) evaluate_mirrored_sight(field.mesh, field.outgoing_order);
+}
+
+MeshView::MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples)
+    : camera_(camera), mesh_(&mesh) {
+  if (mesh.empty()) throw InputError("there is no mesh to be seen from elsewhere");
+  gather_shares(mesh, samples);
 }
 
 void MeshView::gather_shares(const Mesh& mesh, int samples) {
@@ -140,11 +144,15 @@ Image MeshView::show(const Image& outputs) const {
   tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
     light[v] = mesh_->colours[v] * radiance(outputs, static_cast<std::uint32_t>(v));
   });
+  return show(light);
+}
+
+Image MeshView::show(std::span<const Eigen::Array3f> radiance) const {
   Image picture(camera_.width, camera_.height, 3);
   tbb::parallel_for(std::size_t{0}, picture.pixel_count(), [&](std::size_t pixel) {
     Eigen::Array3f sum = Eigen::Array3f::Zero();
     for (std::uint32_t i = first_[pixel]; i < first_[pixel + 1]; ++i)
-      sum += shares_[i].share * light[shares_[i].vertex];
+      sum += shares_[i].share * radiance[shares_[i].vertex];
     Eigen::Map<Eigen::Array3f>(picture.values.data() + 3 * pixel) = sum;
   });
   return picture;

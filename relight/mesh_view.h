@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/camera.h"
@@ -26,6 +27,9 @@ class MeshView {
   /// outlive this. Throws InputError for a field without a mesh and what PinholeCamera::check() throws.
   MeshView(const ReflectanceField& field, const PinholeCamera& camera, int samples = 4);
 
+  /// Of a mesh whose vertices' radiance is told to show(); the mesh must outlive this.
+  MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples = 4);
+
   const PinholeCamera& camera() const { return camera_; }
 
   /// The picture, [camera height × width × 3]: black where no mesh is, and where its back is seen. `outputs`
@@ -34,6 +38,8 @@ class MeshView {
   /// (Fujita and Kanai 2004, section 2.3). Costs about as much as copying some pictures: 10 ms at 1024×768
   /// on two cores.
   Image show(const Image& outputs) const;
+  /// The same of radiance [vertices] towards the camera, colours included.
+  Image show(std::span<const Eigen::Array3f> radiance) const;
 
   /// The vertex that has the largest share in a pixel; none where no mesh is.
   std::optional<std::uint32_t> vertex_at(int x, int y) const;

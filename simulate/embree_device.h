@@ -5,8 +5,8 @@ struct RTCDeviceTy;  // Embree's, whose headers stay in .cpp files
 
 namespace refield {
 
-/// A new Embree device whose errors are thrown as InputError; rtcReleaseDevice() gives it back. Throws
-/// InputError where Embree does not start.
-RTCDeviceTy* new_embree_device();
+/// The program's Embree device, whose errors are thrown as InputError. Scenes of one device can hold one
+/// another. Throws InputError where Embree does not start.
+RTCDeviceTy* embree_device();
 
 }  // namespace refield

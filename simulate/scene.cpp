@@ -59,7 +59,7 @@ Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
 }  // namespace
 
 struct Scene::Geometry {
-  RTCDevice device = new_embree_device();
+  RTCDevice device = embree_device();
   RTCScene scene = nullptr;
   std::vector<Placed> placed;
   unsigned monitor_id = 0;
@@ -70,7 +70,6 @@ struct Scene::Geometry {
   }
   ~Geometry() {
     if (scene) rtcReleaseScene(scene);
-    if (device) rtcReleaseDevice(device);
   }
   Geometry(const Geometry&) = delete;
   Geometry& operator=(const Geometry&) = delete;

@@ -25,27 +25,6 @@ std::vector<AreaLight::Stop> read_path(ConfigSection& section) {
   return path;
 }
 
-AreaLight read_light(ConfigSection& section, const std::filesystem::path& folder) {
-  AreaLight light;
-  section.require("radiance");
-  if (section.has("path") == section.has("position"))
-    section.fail("path", "give either `position` or, of a light that moves, `path`");
-  if (section.has("path"))
-    light.path = read_path(section);
-  else
-    light.path = {{0.0, read_vector(section, "position", Eigen::Vector3f::Zero())}};
-  light.shape = read_mesh(section, folder);
-  Placement centred;
-  centred.position = Eigen::Vector3f::Zero();
-  place(light.shape, centred);
-  const Eigen::Array3f radiance =
-      read_vector(section, "radiance", Eigen::Vector3f::Zero(), 0.0, brightest).array();
-  for (Eigen::Array3f& colour : light.shape.colours) colour *= radiance;
-  if (section.has("towards")) light.towards = read_vector(section, "towards", Eigen::Vector3f::Zero());
-  section.finish();
-  return light;
-}
-
 void append(const AreaLight& light, double time, Mesh& all) {
   const Eigen::Vector3f position = light.position(time);
   Eigen::Matrix3f turn = Eigen::Matrix3f::Identity();
@@ -83,12 +62,33 @@ Mesh AreaLights::at(double time) const {
   return all;
 }
 
+AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder) {
+  AreaLight light;
+  section.require("radiance");
+  if (section.has("path") == section.has("position"))
+    section.fail("path", "give either `position` or, of a light that moves, `path`");
+  if (section.has("path"))
+    light.path = read_path(section);
+  else
+    light.path = {{0.0, read_vector(section, "position", Eigen::Vector3f::Zero())}};
+  light.shape = read_mesh(section, folder);
+  Placement centred;
+  centred.position = Eigen::Vector3f::Zero();
+  place(light.shape, centred);
+  const Eigen::Array3f radiance =
+      read_vector(section, "radiance", Eigen::Vector3f::Zero(), 0.0, brightest).array();
+  for (Eigen::Array3f& colour : light.shape.colours) colour *= radiance;
+  if (section.has("towards")) light.towards = read_vector(section, "towards", Eigen::Vector3f::Zero());
+  section.finish();
+  return light;
+}
+
 AreaLights read_area_lights(const std::filesystem::path& path) {
   const ConfigFile file(path, "lights", "docs/harmonics.md");
   file.check_names({"light"});
   AreaLights lights;
   for (ConfigSection& section : file.sections("light"))
-    lights.lights.push_back(read_light(section, path.parent_path()));
+    lights.lights.push_back(read_area_light(section, path.parent_path()));
   return lights;
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "core/config_file.h"
 #include "core/mesh.h"
 
 namespace refield::prt {
@@ -33,6 +34,10 @@ struct AreaLights {
   /// All of them at a time, as one mesh; colours are radiance.
   Mesh at(double time) const;
 };
+
+/// A table that describes one; files are relative to `folder`. Throws InputError or what read_mesh_file()
+/// does.
+AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder);
 
 /// Reads a description (TOML, docs/harmonics.md). Throws InputError or what read_mesh_file() does.
 AreaLights read_area_lights(const std::filesystem::path& path);

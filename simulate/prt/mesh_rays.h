@@ -8,6 +8,7 @@
 #include <span>
 
 #include "core/mesh.h"
+#include "simulate/prt/ray_queries.h"
 
 namespace refield::prt {
 
@@ -19,22 +20,23 @@ struct MeshHit {
   bool front = true;  ///< whether it meets the front side
 };
 
+/// `direction`: of the ray, in the mesh' own frame.
+MeshHit mesh_hit(const Mesh& mesh, const FirstHit& hit, const Eigen::Vector3f& direction);
+
 /// A mesh ready for ray queries (Embree). All queries may run at the same time. The mesh must outlive it.
 class MeshRays {
  public:
   /// Throws InputError where Embree refuses the mesh.
   explicit MeshRays(const Mesh& mesh);
-  ~MeshRays();
-  MeshRays(MeshRays&&) noexcept;
-  MeshRays& operator=(MeshRays&&) = delete;
 
   const Mesh& mesh() const { return *mesh_; }
+  RTCSceneTy* embree_scene() const { return scene_.get(); }
   /// Start of rays from a point: off its surface by a length that is safe in float and not to be seen.
   Eigen::Vector3f off_surface(const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const {
     return point + offset_ * normal;
   }
 
-  static constexpr std::size_t packet = 16;
+  static constexpr std::size_t packet = ray_packet;
   /// Which of up to 16 points see infinitely far in a unit direction, a bit each. Points should be off their
   /// surfaces; it is fastest for neighbours.
   std::uint32_t unoccluded(std::span<const Eigen::Vector3f> points, const Eigen::Vector3f& direction) const;
@@ -47,10 +49,12 @@ class MeshRays {
   std::optional<MeshHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
 
  private:
-  struct Handles;
+  struct Release {
+    void operator()(RTCSceneTy* scene) const;
+  };
   const Mesh* mesh_;
   float offset_;
-  std::unique_ptr<Handles> handles_;
+  std::unique_ptr<RTCSceneTy, Release> scene_;
 };
 
 }  // namespace refield::prt

@@ -88,4 +88,23 @@ Mesh read_mesh(ConfigSection& section, const fs::path& folder) {
   return mesh;
 }
 
+PinholeCamera read_camera(ConfigSection section) {
+  PinholeCamera camera;
+  for (const char* key : {"position", "target"}) section.require(key);
+  camera.position = read_vector(section, "position", camera.position);
+  camera.target = read_vector(section, "target", camera.target);
+  camera.up = read_vector(section, "up", camera.up, -1.0, 1.0);
+  camera.vertical_field_of_view_degrees =
+      read_number(section, "vertical_fov_degrees", camera.vertical_field_of_view_degrees, 1.0, 150.0);
+  section.integer("width", camera.width, 1, 16384);
+  section.integer("height", camera.height, 1, 16384);
+  section.finish();
+  try {
+    camera.check();
+  } catch (const InputError& error) {
+    section.fail("target", error.what());
+  }
+  return camera;
+}
+
 }  // namespace refield::prt

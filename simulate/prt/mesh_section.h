@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <filesystem>
 
+#include "core/camera.h"
 #include "core/config_file.h"
 #include "core/mesh.h"
 
@@ -18,5 +19,8 @@ float read_number(ConfigSection& section, const char* key, float standard, doubl
 /// A mesh that a table describes by file or shape, and its place (docs/prt-scenes.md). Files are relative to
 /// `folder`. Throws InputError and what read_mesh_file() does.
 Mesh read_mesh(ConfigSection& section, const std::filesystem::path& folder);
+
+/// [camera] of a scene. Throws InputError.
+PinholeCamera read_camera(ConfigSection section);
 
 }  // namespace refield::prt

@@ -19,15 +19,6 @@ namespace {
 
 constexpr float pi = std::numbers::pi_v<float>;
 
-/// A unit direction whose cosine with `axis` is drawn in proportion to its power `exponent`.
-Eigen::Vector3f draw_around(const Eigen::Vector3f& axis, float exponent, Rng& rng) {
-  const auto cosine = static_cast<float>(std::pow(rng.uniform(), 1.0 / (exponent + 1.0)));
-  const float sine = std::sqrt(std::max(0.0f, 1.0f - cosine * cosine));
-  const auto phi = static_cast<float>(rng.uniform(0.0, 2.0 * std::numbers::pi));
-  const Eigen::Vector3f side = axis.unitOrthogonal();
-  return sine * std::cos(phi) * side + sine * std::sin(phi) * axis.cross(side) + cosine * axis;
-}
-
 /// The material's reflection and how to draw directions from it.
 class Reflection {
  public:
@@ -85,6 +76,14 @@ Eigen::Array3f trace(const Scene& scene, const MeshRays& rays, SurfacePoint poin
 }
 
 }  // namespace
+
+Eigen::Vector3f draw_around(const Eigen::Vector3f& axis, float exponent, Rng& rng) {
+  const auto cosine = static_cast<float>(std::pow(rng.uniform(), 1.0 / (exponent + 1.0)));
+  const float sine = std::sqrt(std::max(0.0f, 1.0f - cosine * cosine));
+  const auto phi = static_cast<float>(rng.uniform(0.0, 2.0 * std::numbers::pi));
+  const Eigen::Vector3f side = axis.unitOrthogonal();
+  return sine * std::cos(phi) * side + sine * std::sin(phi) * axis.cross(side) + cosine * axis;
+}
 
 SurfacePoint point_of_vertex(const Scene& scene, std::size_t vertex) {
   const Material& material = scene.materials[scene.material_of_vertex[vertex]];

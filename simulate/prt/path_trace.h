@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "core/rng.h"
 #include "simulate/prt/mesh_rays.h"
 #include "simulate/prt/prt_scene.h"
 
@@ -22,6 +23,9 @@ struct SurfacePoint {
 SurfacePoint point_of_vertex(const Scene& scene, std::size_t vertex);
 /// Normal and colour go evenly from corner to corner.
 SurfacePoint point_of_hit(const Scene& scene, const MeshHit& hit);
+
+/// A unit direction whose cosine with `axis` is drawn in proportion to its power `exponent`.
+Eigen::Vector3f draw_around(const Eigen::Vector3f& axis, float exponent, Rng& rng);
 
 /// Radiance that arrives at a point from a unit direction in which nothing stands.
 using PathLight = std::function<Eigen::Array3f(const Eigen::Vector3f& at, const Eigen::Vector3f& from)>;

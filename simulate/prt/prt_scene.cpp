@@ -44,25 +44,6 @@ void append(const Mesh& mesh, const Material& material, Scene& scene) {
   scene.materials.push_back(material);
 }
 
-PinholeCamera read_camera(ConfigSection section) {
-  PinholeCamera camera;
-  for (const char* key : {"position", "target"}) section.require(key);
-  camera.position = read_vector(section, "position", camera.position);
-  camera.target = read_vector(section, "target", camera.target);
-  camera.up = read_vector(section, "up", camera.up, -1.0, 1.0);
-  camera.vertical_field_of_view_degrees =
-      read_number(section, "vertical_fov_degrees", camera.vertical_field_of_view_degrees, 1.0, 150.0);
-  section.integer("width", camera.width, 1, 16384);
-  section.integer("height", camera.height, 1, 16384);
-  section.finish();
-  try {
-    camera.check();
-  } catch (const InputError& error) {
-    section.fail("target", error.what());
-  }
-  return camera;
-}
-
 Scene read_description(const fs::path& path) {
   const ConfigFile file(path, "scene", "docs/prt-scenes.md");
   file.check_names({"camera", "mesh"});

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/dynamic/prepared_scene.h"
+
+#include "relight/mesh_view.h"
+
+namespace refield::cli {
+
+namespace {
+
+/// Lamps, too: their vertices' radiance follows the objects'.
+void append_lamps(const Mesh& lamps, Mesh& all) {
+  const auto first = static_cast<std::uint32_t>(all.positions.size());
+  all.positions.insert(all.positions.end(), lamps.positions.begin(), lamps.positions.end());
+  all.normals.insert(all.normals.end(), lamps.normals.begin(), lamps.normals.end());
+  for (const auto& [a, b, c] : lamps.triangles) {
+    all.triangles.push_back({first + a, first + b, first + c});
+    all.triangles.push_back({first + a, first + c, first + b});  // both sides shine
+  }
+}
+
+constexpr int reference_lamp_points = 4096;
+
+}  // namespace
+
+PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options)
+    : scene_(std::move(scene)) {
+  rays_.reserve(scene_.objects.size());
+  for (const dynamic::MovingObject& object : scene_.objects) {
+    rays_.emplace_back(object.mesh);
+    transport_.push_back(dynamic::object_transport(object, rays_.back(), options));
+  }
+  light_ = std::make_unique<dynamic::DynamicLight>(scene_, rays_, transport_);
+}
+
+std::size_t PreparedScene::vertices() const {
+  std::size_t count = 0;
+  for (const auto& object : scene_.objects) count += object.mesh.positions.size();
+  return count;
+}
+
+std::size_t PreparedScene::bytes() const {
+  std::size_t bytes = 0;
+  for (const auto& transport : transport_) bytes += transport.bytes();
+  return bytes;
+}
+
+void PreparedScene::solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options) {
+  camera_ = camera;
+  poses_ = scene_.poses(time);
+  lamps_ = scene_.lights.at(time);
+  light_->solve(poses_, lamps_, camera.position, options);
+}
+
+Image PreparedScene::picture(int first_bounce, int last_bounce) {
+  Mesh mesh = joined_mesh(scene_, poses_);
+  append_lamps(lamps_, mesh);
+  std::vector<Eigen::Array3f> radiance = light_->radiance(first_bounce, last_bounce);
+  radiance.insert(radiance.end(), lamps_.colours.begin(), lamps_.colours.end());
+  return MeshView(mesh, camera_).show(radiance);
+}
+
+std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
+    double time, std::span<const dynamic::VertexOf> vertices, const Eigen::Vector3f& eye,
+    const dynamic::ReferenceOptions& options) const {
+  const std::vector<dynamic::Pose> poses = scene_.poses(time);
+  dynamic::SceneRays rays(rays_);
+  rays.move(poses);
+  const auto lamps = dynamic::area_points(scene_.lights.at(time), reference_lamp_points);
+  return trace_bounces(scene_, rays, poses, lamps, vertices, eye, options);
+}
+
+PinholeCamera camera_of(const dynamic::DynamicScene& scene) {
+  const PinholeCamera standard;
+  return scene.camera ? *scene.camera
+                      : framing_camera(joined_mesh(scene, scene.poses(0.0)), standard.width, standard.height);
+}
+
+}  // namespace refield::cli

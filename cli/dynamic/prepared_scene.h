@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "core/image.h"
+#include "simulate/dynamic/bounce_reference.h"
+#include "simulate/dynamic/dynamic_light.h"
+
+namespace refield::cli {
+
+/// A moving scene with all that is computed ahead.
+class PreparedScene {
+ public:
+  PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options);
+
+  const dynamic::DynamicScene& scene() const { return scene_; }
+  const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }
+  dynamic::DynamicLight& light() { return *light_; }
+  std::size_t vertices() const;
+  std::size_t bytes() const;
+
+  void solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options);
+  /// What the camera of the last solve() sees; lamps shine.
+  Image picture(int first_bounce, int last_bounce);
+  /// References for vertices at a time, by bounce.
+  std::vector<std::vector<Eigen::Array3f>> reference(double time, std::span<const dynamic::VertexOf> vertices,
+                                                     const Eigen::Vector3f& eye,
+                                                     const dynamic::ReferenceOptions& options) const;
+
+ private:
+  dynamic::DynamicScene scene_;
+  std::vector<prt::MeshRays> rays_;
+  std::vector<dynamic::ObjectTransport> transport_;
+  std::unique_ptr<dynamic::DynamicLight> light_;
+  std::vector<dynamic::Pose> poses_;
+  Mesh lamps_;
+  PinholeCamera camera_;
+};
+
+/// The scene's camera, or one that sees all of it from in front.
+PinholeCamera camera_of(const dynamic::DynamicScene& scene);
+
+}  // namespace refield::cli

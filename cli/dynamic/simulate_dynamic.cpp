@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "cli/dynamic/frame_errors.h"
+#include "cli/dynamic/prepared_scene.h"
+#include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "relight/video.h"
+
+namespace refield::cli {
+
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct DynamicArguments {
+  fs::path scene, output;
+  dynamic::TransportOptions transport;
+  dynamic::FrameOptions frame;
+  std::string modes = "joint";
+  VideoOptions video;
+  std::optional<double> time;
+  int reference = 0;
+  bool measure = false, no_occlusion = false, factored_direct = false;
+};
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+void check_output(const fs::path& path) {
+  const std::string extension = path.extension();
+  if (!path.empty() && extension != "" && extension != ".png" && extension != ".exr" && extension != ".mp4")
+    throw InputError(path.string() + ": pictures are written as .exr or .png, films as .mp4");
+}
+
+void write_picture(const fs::path& path, const Image& picture, double exposure) {
+  if (path.extension() == ".png")
+    write_png(path, picture, {exposure});
+  else
+    write_exr(path, picture);
+}
+
+/// Calls `take` for each frame of the scene's motion in turn, with progress.
+template <class Take>
+void for_each_frame(PreparedScene& scene, const DynamicArguments& arguments, const Take& take) {
+  const auto frames =
+      static_cast<int>(std::floor(scene.scene().duration() * arguments.video.frames_per_second + 1e-6)) + 1;
+  const PinholeCamera camera = camera_of(scene.scene());
+  Progress progress("frames", static_cast<std::uint64_t>(frames));
+  for (int frame = 0; frame < frames; ++frame) {
+    throw_if_interrupted();
+    scene.solve(frame / arguments.video.frames_per_second, camera, arguments.frame);
+    take(frame, scene.picture(0, scene.light().bounces()));
+    progress.advance();
+  }
+}
+
+void write_frames(PreparedScene& scene, const DynamicArguments& arguments) {
+  const fs::path& output = arguments.output;
+  const PinholeCamera camera = camera_of(scene.scene());
+  create_folders(fs::absolute(output).parent_path());
+  if (output.extension() == ".mp4") {
+    write_atomically(output, [&](const fs::path& temporary) {
+      VideoWriter video(temporary, camera.width, camera.height, arguments.video.frames_per_second);
+      for_each_frame(scene, arguments, [&](int, const Image& picture) {
+        video.add(tone_mapped(picture, {arguments.video.exposure}));
+      });
+      video.finish();
+    });
+  } else if (output.has_extension()) {
+    scene.solve(arguments.time.value_or(0.0), camera, arguments.frame);
+    write_picture(output, scene.picture(0, scene.light().bounces()), arguments.video.exposure);
+  } else {
+    create_folders(output);
+    for_each_frame(scene, arguments, [&](int frame, const Image& picture) {
+      char name[32];
+      std::snprintf(name, sizeof name, "frame_%05d.png", frame);
+      write_png(output / name, picture, {arguments.video.exposure});
+    });
+  }
+}
+
+ordered_json measured(PreparedScene& scene, const DynamicArguments& arguments) {
+  constexpr int frames = 15;
+  const PinholeCamera camera = camera_of(scene.scene());
+  std::vector<std::array<double, 6>> seconds;
+  for (int frame = 0; frame < frames; ++frame) {
+    const double time = scene.scene().duration() * frame / frames;
+    const auto start = std::chrono::steady_clock::now();
+    scene.solve(time, camera, arguments.frame);
+    scene.light().radiance(0, scene.light().bounces());
+    const double solved = seconds_since(start);
+    const auto before_picture = std::chrono::steady_clock::now();
+    scene.picture(0, scene.light().bounces());
+    const dynamic::DynamicLight::Times& times = scene.light().times();
+    seconds.push_back({solved, times.direct, times.place, times.bounces, times.shade,
+                       seconds_since(before_picture) - times.shade});
+  }
+  const auto median_ms = [&](std::size_t part) {
+    std::vector<double> values;
+    for (const auto& frame : seconds) values.push_back(1e3 * frame[part]);
+    std::ranges::nth_element(values, values.begin() + frames / 2);
+    return values[frames / 2];
+  };
+  return {{"frame_ms", median_ms(0)},   {"direct_ms", median_ms(1)}, {"place_ms", median_ms(2)},
+          {"bounces_ms", median_ms(3)}, {"shade_ms", median_ms(4)},  {"picture_ms", median_ms(5)}};
+}
+
+void print(const ordered_json& figures) {
+  for (const auto& object : figures["objects"])
+    std::printf("%-12s %6d vertices, %3d terms (error %.3f), %3d modes, %2d + %2d kept, %.2f MB\n",
+                object["name"].get<std::string>().c_str(), object["vertices"].get<int>(),
+                object["terms"].get<int>(), object["term_error"].get<double>(), object["modes"].get<int>(),
+                object["leaving"].get<int>(), object["returning"].get<int>(),
+                object["bytes"].get<double>() / 1e6);
+  std::printf("%.1f MB, computed in %.1f s\n", figures["bytes"].get<double>() / 1e6,
+              figures["precompute_seconds"].get<double>());
+  if (figures.contains("times")) {
+    const auto& times = figures["times"];
+    const double frame = times["frame_ms"].get<double>();
+    std::printf(
+        "%.1f frames/s: %.2f ms = direct %.2f + place %.2f + bounces %.2f + shade %.2f; picture %.2f ms "
+        "more\n",
+        1e3 / frame, frame, times["direct_ms"].get<double>(), times["place_ms"].get<double>(),
+        times["bounces_ms"].get<double>(), times["shade_ms"].get<double>(),
+        times["picture_ms"].get<double>());
+  }
+  if (figures.contains("errors"))
+    for (const auto& row : figures["errors"])
+      std::printf("%-8s error %.4f of it, %.4f of all light; share of all light %.4f\n",
+                  row["what"].get<std::string>().c_str(), row["relative"].get<double>(),
+                  row["of_all"].get<double>(), row["share"].get<double>());
+}
+
+void simulate_dynamic(DynamicArguments arguments, const Common& common) {
+  arguments.transport.modes =
+      arguments.modes == "joint" ? dynamic::ModeKind::joint : dynamic::ModeKind::separate;
+  arguments.frame.occlusion = !arguments.no_occlusion;
+  arguments.frame.exact_direct = !arguments.factored_direct;
+  arguments.video.check();
+  arguments.frame.check();
+  check_output(arguments.output);
+  const auto start = std::chrono::steady_clock::now();
+  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene), arguments.transport);
+  ordered_json figures{{"objects", ordered_json::array()}};
+  for (std::size_t o = 0; o < scene.transport().size(); ++o) {
+    const dynamic::ObjectTransport& transport = scene.transport()[o];
+    figures["objects"].push_back({{"name", scene.scene().objects[o].name},
+                                  {"vertices", scene.scene().objects[o].mesh.positions.size()},
+                                  {"terms", transport.terms()},
+                                  {"term_error", transport.factors.error()},
+                                  {"modes", transport.modes.count()},
+                                  {"leaving", transport.leaving.rank},
+                                  {"returning", transport.returning.rank},
+                                  {"bytes", transport.bytes()}});
+  }
+  figures["bytes"] = scene.bytes();
+  figures["precompute_seconds"] = seconds_since(start);
+  if (!arguments.output.empty()) write_frames(scene, arguments);
+  if (arguments.measure) figures["times"] = measured(scene, arguments);
+  if (arguments.reference > 0)
+    figures["errors"] =
+        frame_errors(scene, arguments.time.value_or(0.0), arguments.frame, arguments.reference);
+  if (common.json)
+    std::printf("%s\n", figures.dump(2).c_str());
+  else
+    print(figures);
+}
+
+void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
+  const char* group = "Computed ahead";
+  dynamic::TransportOptions& options = arguments.transport;
+  verb.add_option("--functions", options.functions, "N: patterns of light that an object shines in")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--terms", options.factors.largest,
+                  "K: terms of a material at most; 0: as many as --term-error takes")
+      ->check(CLI::Range(0, 256))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--term-error", options.factors.error, "What may be left out of a material, relative")
+      ->check(CLI::Range(1e-6, 1.0))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--order", options.order, "n: light that arrives is told by n² harmonics")
+      ->check(CLI::Range(2, 8))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--modes", arguments.modes,
+                  "joint: one weight a pattern tells all terms; separate: N for each term, as in the paper")
+      ->check(CLI::IsMember({"joint", "separate"}))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--compression", options.compression,
+                  "Relative error that compression of what is computed ahead may leave; 0: none")
+      ->check(CLI::Range(0.0, 0.99))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--rings", options.rings, "How fine the spheres around objects are divided")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--shells", options.shells, "How many spheres there are")
+      ->check(CLI::Range(2, 64))
+      ->capture_default_str()
+      ->group(group);
+}
+
+void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
+  const char* group = "Each frame";
+  verb.add_option("--lamp-points", arguments.frame.lamp_points, "Points that stand for the lamps")
+      ->check(CLI::Range(1, 65536))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--bounces", arguments.frame.bounces, "Bounces of light at most")
+      ->check(CLI::Range(0, 64))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option("--until", arguments.frame.until,
+                  "Bounces end with one that brings less than this share of the direct light")
+      ->check(CLI::Range(0.0, 0.99))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_flag("--no-occlusion", arguments.no_occlusion, "Light that bounced goes through third objects")
+      ->group(group);
+  verb.add_flag("--factored-direct", arguments.factored_direct,
+                "Light from lamps goes to the eye by the K terms, too, as in the paper")
+      ->group(group);
+}
+
+}  // namespace
+
+void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
+  auto arguments = std::make_shared<DynamicArguments>();
+  CLI::App* verb = app.add_subcommand(
+      "dynamic",
+      "Moving objects and lamps, with light that bounces between them, diffuse and glossy, in real time\n\n"
+      "  refield simulate dynamic datasets_synthetic/dynamic/hare.toml -o hare.mp4\n"
+      "  refield simulate dynamic scene.toml --time 1.5 -o picture.png\n"
+      "  refield simulate dynamic scene.toml --measure --reference 1024\n\n"
+      "docs/dynamic.md describes scenes and methods.");
+  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
+  verb->add_option("-o,--output", arguments->output,
+                   "Film (.mp4), one picture (.png, .exr; see --time), or a folder of pictures");
+  verb->add_option("--time", arguments->time, "Of the one picture and of --reference, seconds")
+      ->check(CLI::NonNegativeNumber);
+  verb->add_option("--fps", arguments->video.frames_per_second, "Frames a second")->capture_default_str();
+  verb->add_option("--exposure", arguments->video.exposure, "Factor on the radiance in PNG and MP4")
+      ->capture_default_str();
+  verb->add_flag("--measure", arguments->measure, "Measure the time of a frame, by part");
+  verb->add_option("--reference", arguments->reference,
+                   "Trace so many paths at each of 500 vertices and tell the error, by bounce")
+      ->check(CLI::Range(1, 1 << 24));
+  add_transport_options(*verb, *arguments);
+  add_frame_options(*verb, *arguments);
+  verb->callback([arguments, &common, &action] {
+    action = [arguments, &common] { simulate_dynamic(*arguments, common); };
+  });
+}
+
+}  // namespace refield::cli

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/dynamic/bounce_reference.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "core/interrupt.h"
+#include "core/progress.h"
+#include "core/rng.h"
+#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/prt/path_trace.h"
+
+namespace refield::dynamic {
+
+namespace {
+
+constexpr float pi = std::numbers::pi_v<float>;
+/// Rays start and end off surfaces by so much, in lengths of the ray to a lamp, or of the scene's unit.
+constexpr float off_lamp = 1e-3f, off_surface = 1e-4f;
+
+/// A point that light leaves towards a viewer.
+struct PathPoint {
+  Eigen::Vector3f position, normal;
+  Eigen::Matrix3f frame;
+  Eigen::Array3f colour;
+  const Brdf* brdf;
+  Eigen::Vector3f to_viewer;  // local
+
+  Eigen::Array3f reflectance(const Eigen::Vector3f& local_in) const {
+    return colour * (*brdf)(local_in, to_viewer);
+  }
+};
+
+PathPoint point_on(const MovingObject& object, const Pose& pose, const Eigen::Vector3f& position,
+                   const Eigen::Vector3f& normal, const Eigen::Array3f& colour,
+                   const Eigen::Vector3f& towards) {
+  PathPoint point{pose * position, pose.linear() * normal, {}, colour, &object.brdf, {}};
+  point.frame = tangent_frame(point.normal);
+  point.to_viewer = point.frame * towards;
+  return point;
+}
+
+PathPoint point_of(const MovingObject& object, const Pose& pose, const prt::MeshHit& hit,
+                   const Eigen::Vector3f& towards) {
+  Eigen::Vector3f position = Eigen::Vector3f::Zero(), normal = Eigen::Vector3f::Zero();
+  Eigen::Array3f colour = Eigen::Array3f::Zero();
+  for (std::size_t c = 0; c < 3; ++c) {
+    const std::uint32_t corner = object.mesh.triangles[hit.triangle][c];
+    position += hit.share[c] * object.mesh.positions[corner];
+    normal += hit.share[c] * object.mesh.normals[corner];
+    colour += hit.share[c] * object.mesh.colours[corner];
+  }
+  return point_on(object, pose, position, normal.normalized(), colour, towards);
+}
+
+/// Directions in proportion to the cosine and, of what shines, to a power about the mirror direction.
+class Directions {
+ public:
+  explicit Directions(const PathPoint& point)
+      : mirrored_(-point.to_viewer.x(), -point.to_viewer.y(), point.to_viewer.z()) {
+    const Brdf& brdf = *point.brdf;
+    if (brdf.lobe == Lobe::none) return;
+    glossy_ = 0.5f;
+    if (brdf.lobe == Lobe::phong) exponent_ = brdf.exponent;
+    // The half vector's spread, α, is half the mirror direction's.
+    if (brdf.lobe == Lobe::ggx) exponent_ = std::max(0.5f / (brdf.roughness * brdf.roughness), 1.0f);
+  }
+  /// Local, and its density.
+  std::pair<Eigen::Vector3f, float> draw(Rng& rng) const {
+    const Eigen::Vector3f direction = rng.uniform() < glossy_
+                                          ? prt::draw_around(mirrored_, exponent_, rng)
+                                          : prt::draw_around(Eigen::Vector3f::UnitZ(), 1.0f, rng);
+    const float power = std::pow(std::max(mirrored_.dot(direction), 0.0f), exponent_);
+    return {direction, (1.0f - glossy_) * std::max(direction.z(), 0.0f) / pi +
+                           glossy_ * (exponent_ + 1.0f) / (2.0f * pi) * power};
+  }
+
+ private:
+  Eigen::Vector3f mirrored_;
+  float glossy_ = 0.0f, exponent_ = 1.0f;
+};
+
+Eigen::Array3f from_lamps(const PathPoint& point, const SceneRays& rays, std::span<const AreaPoint> lamps,
+                          Rng& rng) {
+  const AreaPoint& lamp = lamps[rng.below(lamps.size())];
+  const Eigen::Vector3f way = lamp.position - point.position, local = point.frame * way;
+  if (local.z() <= 0.0f) return Eigen::Array3f::Zero();
+  const std::array from{Eigen::Vector3f(point.position + off_lamp * way)};
+  const std::array end{1.0f - 2.0f * off_lamp};
+  if (rays.unoccluded(from, std::span(&way, 1), end) == 0) return Eigen::Array3f::Zero();
+  const float squared = way.squaredNorm(), distance = std::sqrt(squared);
+  const float cosines = std::abs(lamp.normal.dot(way)) * local.z() / squared;
+  return point.reflectance(local / distance) * lamp.power *
+         (static_cast<float>(lamps.size()) * cosines / std::max(squared, lamp.area));
+}
+
+}  // namespace
+
+std::vector<std::vector<Eigen::Array3f>> trace_bounces(const DynamicScene& scene, const SceneRays& rays,
+                                                       std::span<const Pose> poses,
+                                                       std::span<const AreaPoint> lamps,
+                                                       std::span<const VertexOf> vertices,
+                                                       const Eigen::Vector3f& eye,
+                                                       const ReferenceOptions& options) {
+  const auto depths = static_cast<std::size_t>(options.bounces) + 1;
+  std::vector<std::vector<Eigen::Array3f>> radiance(
+      depths, std::vector<Eigen::Array3f>(vertices.size(), Eigen::Array3f::Zero()));
+  if (lamps.empty()) return radiance;
+  Progress progress("paths of the reference", vertices.size());
+  tbb::parallel_for(std::size_t{0}, vertices.size(), [&](std::size_t i) {
+    throw_if_interrupted();
+    const auto [o, v] = vertices[i];
+    const MovingObject& object = scene.objects[o];
+    const Eigen::Vector3f to_eye = (eye - poses[o] * object.mesh.positions[v]).normalized();
+    const PathPoint start = point_on(object, poses[o], object.mesh.positions[v], object.mesh.normals[v],
+                                     object.mesh.colours[v], to_eye);
+    std::vector<Eigen::Array3d> sum(depths, Eigen::Array3d::Zero());
+    for (int path = 0; path < options.paths; ++path) {
+      Rng rng(options.seed, i, path);
+      PathPoint point = start;
+      Eigen::Array3f throughput = Eigen::Array3f::Ones();
+      for (std::size_t depth = 0; depth < depths; ++depth) {
+        sum[depth] += (throughput * from_lamps(point, rays, lamps, rng)).cast<double>();
+        if (depth + 1 == depths) break;
+        const auto [local, density] = Directions(point).draw(rng);
+        if (local.z() <= 0.0f || density <= 0.0f) break;
+        throughput *= point.reflectance(local) * (local.z() / density);
+        const Eigen::Vector3f direction = (point.frame.transpose() * local).normalized();
+        const auto hit = rays.intersect(point.position + off_surface * point.normal, direction);
+        if (!hit || !hit->on.front) break;
+        point = point_of(scene.objects[hit->object], poses[hit->object], hit->on, -direction);
+      }
+    }
+    for (std::size_t depth = 0; depth < depths; ++depth)
+      radiance[depth][i] = (sum[depth] / options.paths).cast<float>();
+    progress.advance();
+  });
+  return radiance;
+}
+
+}  // namespace refield::dynamic

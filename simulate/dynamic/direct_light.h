@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "simulate/dynamic/area_points.h"
+#include "simulate/dynamic/brdf_factors.h"
+#include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/dynamic/scene_rays.h"
+
+namespace refield::dynamic {
+
+/// L_k of an object's vertices (Iwasaki et al., eq. 4), row v·K + k, RGB.
+using TermLight = Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
+/// What lamps bring to an object's vertices.
+struct DirectLight {
+  TermLight terms;
+  std::vector<Eigen::Array3f>
+      to_eye;  ///< [vertices], radiance by the material itself, not its factors; colours not in it
+};
+
+/// Light that comes straight from lamps, ∫ L V h_k cosθ dω as a sum over their points, each seen or not by a
+/// ray: shadows of all objects, wherever they are. Nearer than a point's piece is wide, light stays finite.
+/// `eye` in the scene's axes. Runs on all cores.
+DirectLight direct_light(const MovingObject& object, const Pose& pose, const BrdfFactors& factors,
+                         const SceneRays& rays, std::span<const AreaPoint> lamps, const Eigen::Vector3f& eye);
+
+}  // namespace refield::dynamic

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "simulate/dynamic/direct_light.h"
+#include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/dynamic/harmonic_product.h"
+#include "simulate/dynamic/object_transport.h"
+#include "simulate/dynamic/pair_transport.h"
+
+namespace refield::dynamic {
+
+struct FrameOptions {
+  int lamp_points = 32;   ///< that stand for all lamps together
+  int bounces = 3;        ///< at most, between objects and within them
+  double until = 0.0;     ///< bounces end with one that brings less than this share of the direct light
+  bool occlusion = true;  ///< objects hide others from third ones, for light that bounced, too
+  /// Light from lamps goes to the eye by the material itself; else by its K terms, as in the paper.
+  bool exact_direct = true;
+
+  /// Throws InputError naming the option and its range.
+  void check() const;
+};
+
+/// Light in a scene whose objects and lamps move (Iwasaki et al., sections 3 and 4): direct light by rays,
+/// then bounce after bounce, each object as a lamp for all others and for itself.
+class DynamicLight {
+ public:
+  /// All must outlive it; `rays` and `transport` [objects].
+  DynamicLight(const DynamicScene& scene, std::span<const prt::MeshRays> rays,
+               std::span<const ObjectTransport> transport);
+
+  /// Seconds of a frame's parts.
+  struct Times {
+    double direct = 0.0;  ///< rays to the lamps
+    double place = 0.0;   ///< where objects are to one another, who hides whom
+    double bounces = 0.0;
+    double shade = 0.0;  ///< radiance to the eye
+  };
+
+  /// `lamps`: a mesh whose colours are radiance.
+  void solve(std::span<const Pose> poses, const Mesh& lamps, const Eigen::Vector3f& eye,
+             const FrameOptions& options);
+
+  /// Bounces that the last solve() made.
+  int bounces() const { return static_cast<int>(light_.size()) - 1; }
+  /// Radiance of all vertices, object after object, towards the eye, of bounces [first, last]; 0 is what
+  /// lamps light. Never negative.
+  std::vector<Eigen::Array3f> radiance(int first, int last);
+  const Times& times() const { return times_; }
+
+ private:
+  void place();
+  void find_used_points(std::size_t source);
+  std::vector<TermLight> bounce(std::span<const TermLight> light);
+
+  const DynamicScene& scene_;
+  std::span<const ObjectTransport> transport_;
+  SceneRays rays_;
+  HarmonicProduct product_;
+  FrameOptions options_;
+  Eigen::Vector3f eye_ = Eigen::Vector3f::Zero();
+  std::vector<std::vector<Eigen::Array3f>> direct_to_eye_;  // [objects]
+  std::vector<Pose> poses_;
+  std::vector<PairTransport> pairs_;              // [targets × sources]
+  std::vector<std::vector<TermLight>> light_;     // [bounces + 1][objects]
+  std::vector<Eigen::MatrixXf> radiance_;         // [objects], [3 n² × points of the grid], those in use
+  std::vector<std::vector<std::uint32_t>> used_;  // [objects], points of the grid
+  Times times_;
+};
+
+}  // namespace refield::dynamic

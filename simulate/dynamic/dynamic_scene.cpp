@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/dynamic/dynamic_scene.h"
+
+#include <algorithm>
+
+#include "core/config_file.h"
+#include "core/errors.h"
+#include "simulate/prt/mesh_section.h"
+#include "simulate/prt/refine_mesh.h"
+
+namespace refield::dynamic {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+Brdf read_brdf(ConfigSection& section, const fs::path& folder) {
+  Brdf brdf;
+  brdf.diffuse = prt::read_vector(section, "diffuse", brdf.diffuse.matrix(), 0.0, 1.0).array();
+  brdf.specular = prt::read_vector(section, "specular", brdf.specular.matrix(), 0.0, 1.0).array();
+  std::string table;
+  section.text("brdf", table);
+  const int lobes = section.has("exponent") + section.has("roughness") + section.has("brdf");
+  if (lobes > 1)
+    section.fail("brdf", "give one of `exponent` (Phong), `roughness` (GGX) and `brdf` (a table)");
+  if (section.has("exponent")) brdf.lobe = Lobe::phong;
+  if (section.has("roughness")) brdf.lobe = Lobe::ggx;
+  if (section.has("brdf")) {
+    brdf.lobe = Lobe::table;
+    brdf.table = std::make_shared<BrdfTable>(read_brdf_table(folder / table));
+    if (!section.has("diffuse")) brdf.diffuse.setZero();
+    if (!section.has("specular")) brdf.specular.setOnes();
+  }
+  brdf.exponent = prt::read_number(section, "exponent", 0.0f, 1.0, 1e5);
+  brdf.roughness = prt::read_number(section, "roughness", 1.0f, 0.01, 1.0);
+  const bool shines = (brdf.specular > 0.0f).any();
+  if (shines != (brdf.lobe != Lobe::none))
+    section.fail("specular", "it needs one of `exponent` (Phong), `roughness` (GGX), and they need it");
+  if (brdf.lobe == Lobe::phong && (brdf.diffuse + brdf.specular > 1.0f).any())
+    section.fail("specular", "with `diffuse` it must not add up to more than 1");
+  return brdf;
+}
+
+Motion read_motion(ConfigSection& section, const Eigen::Vector3f& middle) {
+  Motion motion;
+  motion.path = {{0.0, middle}};
+  const auto ascending = [&](const char* key, const std::vector<std::vector<double>>& rows) {
+    for (std::size_t i = 0; i < rows.size(); ++i)
+      if (rows[i][0] < 0.0 || (i > 0 && rows[i][0] <= rows[i - 1][0]))
+        section.fail(key, "times must ascend from 0 or later");
+    if (rows.empty()) section.fail(key, "give at least one stop");
+  };
+  if (section.has("path")) {
+    const auto rows = section.rows("path", 4, "give stops [seconds, x, y, z] of the middle");
+    ascending("path", rows);
+    motion.path.clear();
+    for (const auto& stop : rows)
+      motion.path.push_back({stop[0], Eigen::Vector3d(stop[1], stop[2], stop[3]).cast<float>()});
+  }
+  if (section.has("turns")) {
+    const auto rows = section.rows("turns", 4, "give stops [seconds, yaw, pitch, roll] in degrees");
+    ascending("turns", rows);
+    for (const auto& stop : rows)
+      motion.turns.push_back({stop[0], {.yaw = stop[1], .pitch = stop[2], .roll = stop[3]}});
+  }
+  return motion;
+}
+
+MovingObject read_object(ConfigSection& section, const fs::path& folder, std::size_t number) {
+  MovingObject object;
+  object.name = "object " + std::to_string(number);
+  section.text("name", object.name);
+  object.brdf = read_brdf(section, folder);
+  object.mesh = prt::read_mesh(section, folder);
+  Eigen::AlignedBox3f bounds;
+  for (const auto& position : object.mesh.positions) bounds.extend(position);
+  for (auto& position : object.mesh.positions) position -= bounds.center();
+  object.motion = read_motion(section, bounds.center());
+  section.finish();
+  return object;
+}
+
+/// The stop after which `time` lies, the next one, and how far it is on the way; both the same at the ends.
+template <class Stop>
+struct Between {
+  const Stop *before, *after;
+  double share;
+};
+template <class Stop>
+Between<Stop> between(const std::vector<Stop>& stops, double time) {
+  const auto next = std::ranges::find_if(stops, [time](const Stop& stop) { return stop.time > time; });
+  if (next == stops.begin()) return {&stops.front(), &stops.front(), 0.0};
+  if (next == stops.end()) return {&stops.back(), &stops.back(), 0.0};
+  const Stop& last = *(next - 1);
+  return {&last, &*next, (time - last.time) / (next->time - last.time)};
+}
+
+}  // namespace
+
+Pose Motion::at(double time) const {
+  Pose pose = Pose::Identity();
+  const auto way = between(path, time);
+  pose.translation() =
+      way.before->position + static_cast<float>(way.share) * (way.after->position - way.before->position);
+  if (turns.empty()) return pose;
+  const auto [before, after, share] = between(turns, time);
+  const Turn &a = before->turn, &b = after->turn;
+  const Turn turn = {.yaw = a.yaw + share * (b.yaw - a.yaw),
+                     .pitch = a.pitch + share * (b.pitch - a.pitch),
+                     .roll = a.roll + share * (b.roll - a.roll)};
+  pose.linear() = turn.matrix().cast<float>();
+  return pose;
+}
+
+double Motion::duration() const {
+  return std::max(path.back().time, turns.empty() ? 0.0 : turns.back().time);
+}
+
+double DynamicScene::duration() const {
+  double duration = lights.duration();
+  for (const MovingObject& object : objects) duration = std::max(duration, object.motion.duration());
+  return duration;
+}
+
+std::vector<Pose> DynamicScene::poses(double time) const {
+  std::vector<Pose> poses;
+  for (const MovingObject& object : objects) poses.push_back(object.motion.at(time));
+  return poses;
+}
+
+DynamicScene read_dynamic_scene(const fs::path& path) {
+  const ConfigFile file(path, "dynamic scene", "docs/dynamic.md");
+  file.check_names({"camera", "object", "light"});
+  DynamicScene scene;
+  std::size_t triangles = 0;
+  for (ConfigSection& section : file.sections("object")) {
+    scene.objects.push_back(read_object(section, path.parent_path(), scene.objects.size()));
+    triangles += scene.objects.back().mesh.triangles.size();
+    if (triangles > prt::most_triangles)
+      throw InputError(path.string() + ": the scene has more than " + std::to_string(prt::most_triangles) +
+                       " triangles; simplify its meshes or refine them less");
+  }
+  for (ConfigSection& section : file.sections("light"))
+    scene.lights.lights.push_back(prt::read_area_light(section, path.parent_path()));
+  if (file.has("camera")) scene.camera = prt::read_camera(file.section("camera"));
+  return scene;
+}
+
+Mesh joined_mesh(const DynamicScene& scene, std::span<const Pose> poses) {
+  Mesh all;
+  for (std::size_t o = 0; o < scene.objects.size(); ++o) {
+    const Mesh& mesh = scene.objects[o].mesh;
+    const auto first = static_cast<std::uint32_t>(all.positions.size());
+    for (const auto& position : mesh.positions) all.positions.push_back(poses[o] * position);
+    for (const auto& normal : mesh.normals) all.normals.push_back(poses[o].linear() * normal);
+    all.colours.insert(all.colours.end(), mesh.colours.begin(), mesh.colours.end());
+    for (const auto& [a, b, c] : mesh.triangles) all.triangles.push_back({first + a, first + b, first + c});
+  }
+  return all;
+}
+
+}  // namespace refield::dynamic

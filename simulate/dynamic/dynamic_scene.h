@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Geometry>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/camera.h"
+#include "core/mesh.h"
+#include "core/turn.h"
+#include "simulate/dynamic/brdf.h"
+#include "simulate/dynamic/scene_rays.h"
+#include "simulate/prt/area_lights.h"
+
+namespace refield::dynamic {
+
+/// Where an object is and how it is turned, by time: evenly between two stops, standing still before the
+/// first and after the last. Angles are interpolated as numbers, so that more than a full turn can be asked
+/// for.
+struct Motion {
+  struct Place {
+    double time;  ///< seconds
+    Eigen::Vector3f position;
+  };
+  struct Angles {
+    double time;
+    Turn turn;
+  };
+  std::vector<Place> path;    ///< times ascending, at least one
+  std::vector<Angles> turns;  ///< may be empty: not turned
+
+  Pose at(double time) const;
+  double duration() const;
+};
+
+/// A rigid object of one material.
+struct MovingObject {
+  std::string name;
+  Mesh mesh;  ///< the middle of its bounding box at the origin; colours multiply what leaves
+  Brdf brdf;
+  Motion motion;
+};
+
+struct DynamicScene {
+  std::vector<MovingObject> objects;
+  prt::AreaLights lights;
+  std::optional<PinholeCamera> camera;
+
+  double duration() const;
+  std::vector<Pose> poses(double time) const;
+};
+
+/// Reads a scene's description (TOML, docs/dynamic.md). Throws InputError or FormatError, naming the file.
+DynamicScene read_dynamic_scene(const std::filesystem::path& path);
+
+/// All objects in place, joined into one mesh, object after object.
+Mesh joined_mesh(const DynamicScene& scene, std::span<const Pose> poses);
+
+}  // namespace refield::dynamic

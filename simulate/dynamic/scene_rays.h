@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "simulate/prt/mesh_rays.h"
+
+struct RTCGeometryTy;  // Embree's
+
+namespace refield::dynamic {
+
+/// Takes an object's own coordinates to those of the scene.
+using Pose = Eigen::Isometry3f;
+
+struct SceneHit {
+  std::uint32_t object;
+  prt::MeshHit on;  ///< of the object's mesh
+};
+
+/// Rigid objects that move, ready for ray queries: each object's own search tree is built once, and a move
+/// rebuilds the small one over their bounding boxes (Embree's instances). Queries may run at the same time,
+/// but not with move(). The objects' rays must outlive it.
+class SceneRays {
+ public:
+  explicit SceneRays(std::span<const prt::MeshRays> objects);
+
+  /// [objects]; before the first query and whenever something moved.
+  void move(std::span<const Pose> poses);
+
+  /// Which of up to 16 points see so far each in its own direction, a bit each; `distance` in lengths of the
+  /// direction. For neighbours that look at one place.
+  std::uint32_t unoccluded(std::span<const Eigen::Vector3f> points,
+                           std::span<const Eigen::Vector3f> directions,
+                           std::span<const float> distance) const;
+  /// What a ray meets first.
+  std::optional<SceneHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
+
+ private:
+  struct Release {
+    void operator()(RTCSceneTy* scene) const;
+    void operator()(RTCGeometryTy* geometry) const;
+  };
+  std::span<const prt::MeshRays> objects_;
+  std::vector<std::unique_ptr<RTCGeometryTy, Release>> instances_;
+  std::vector<Pose> poses_;
+  std::unique_ptr<RTCSceneTy, Release> scene_;
+};
+
+}  // namespace refield::dynamic

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "core/image_io.h"
+#include "tests/cli/matchers.h"
+#include "tests/support/temporary_folder.h"
+
+namespace refield {
+namespace {
+
+using nlohmann::json;
+using test::RefusedNaming;
+using test::run_refield;
+using test::Succeeded;
+
+const char* const ball = R"(
+[[object]]
+name = "ball"
+shape = "sphere"
+resolution = 5
+size = 0.8
+position = [0, 0.6, 0]
+diffuse = [0.2, 0.1, 0.1]
+specular = [0.5, 0.5, 0.5]
+exponent = 8
+path = [[0, 0, 0.6, 0], [0.2, 0.4, 0.6, 0]]
+)";
+const char* const rest = R"(
+[[object]]
+shape = "plane"
+resolution = 8
+size = 3
+
+[[light]]
+shape = "plane"
+size = 0.5
+radiance = [9, 9, 9]
+position = [0, 2, -0.5]
+
+[camera]
+position = [0, 1.2, -3]
+target = [0, 0.4, 0]
+width = 64
+height = 48
+)";
+
+class SimulateDynamicVerb : public testing::Test {
+ protected:
+  std::string scene(const std::string& text) {
+    const std::string path = folder_ / "scene.toml";
+    std::ofstream(path) << text;
+    return path;
+  }
+  std::vector<std::string> command(std::vector<std::string> more) {
+    std::vector<std::string> all = {"simulate", "dynamic",     scene(std::string(ball) + rest),
+                                    "--rings",  "3",           "--shells",
+                                    "5",        "--functions", "6"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(SimulateDynamicVerb, TellsTimesAndErrors) {
+  const auto result = run_refield(command({"--measure", "--reference", "64", "--time", "0.1", "--json"}));
+  ASSERT_THAT(result, Succeeded());
+  const json figures = json::parse(result.out);
+  EXPECT_EQ(figures["objects"].size(), 2u);
+  EXPECT_EQ(figures["objects"][0]["name"], "ball");
+  EXPECT_EQ(figures["objects"][1]["terms"], 1);
+  EXPECT_GT(figures["times"]["frame_ms"].get<double>(), 0.0);
+  EXPECT_EQ(figures["errors"].back()["what"], "all");
+  EXPECT_LT(figures["errors"].back()["relative"].get<double>(), 0.15);
+}
+
+TEST_F(SimulateDynamicVerb, WritesOnePictureAFolderAndAFilm) {
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "one.exr"})), Succeeded());
+  EXPECT_GT(read_image(folder_ / "one.exr").at(32, 40, 0), 0.01f);
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "frames", "--fps", "10"})), Succeeded());
+  for (const char* name : {"frame_00000.png", "frame_00002.png"})
+    EXPECT_TRUE(std::filesystem::exists(folder_ / (std::string("frames/") + name))) << name;
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "frames/frame_00003.png"));
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "film.mp4", "--fps", "10"})), Succeeded());
+  EXPECT_GT(std::filesystem::file_size(folder_ / "film.mp4"), 500u);
+}
+
+TEST_F(SimulateDynamicVerb, EqualInputsGiveEqualPictures) {
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "a.exr"})), Succeeded());
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "b.exr"})), Succeeded());
+  EXPECT_EQ(read_image(folder_ / "a.exr").values, read_image(folder_ / "b.exr").values);
+}
+
+TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
+  const auto refused = [&](const std::string& text, const std::string& name) {
+    EXPECT_THAT(run_refield({"simulate", "dynamic", scene(text)}), RefusedNaming("scene.toml", name)) << text;
+  };
+  refused("", "object");
+  refused(std::string(ball), "light");
+  refused("[[object]]\nshape = \"sphere\"\nspecular = [0.5, 0.5, 0.5]\n", "specular");
+  refused("[[object]]\nshape = \"sphere\"\nexponent = 3\n", "specular");
+  refused("[[object]]\nshape = \"sphere\"\npath = [[1, 0, 0, 0], [0, 0, 0, 0]]\n", "path");
+  refused("[[object]]\nshape = \"sphere\"\nturns = []\n", "turns");
+  EXPECT_THAT(
+      run_refield({"simulate", "dynamic",
+                   scene("[[object]]\nshape = \"sphere\"\nspecular = [1, 1, 1]\nbrdf = \"none.txt\"\n")}),
+      RefusedNaming("none.txt", "No such file"));
+  EXPECT_THAT(run_refield(command({"-o", folder_ / "picture.tiff"})), RefusedNaming("picture.tiff", ".exr"));
+}
+
+}  // namespace
+}  // namespace refield

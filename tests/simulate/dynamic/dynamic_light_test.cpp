@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// Light in moving scenes against paths, and where objects stand in each other's way.
+#include "simulate/dynamic/dynamic_light.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+
+#include "simulate/dynamic/bounce_reference.h"
+#include "simulate/prt/mesh_shapes.h"
+
+namespace refield::dynamic {
+namespace {
+
+MovingObject object(Mesh mesh, float size, const Eigen::Vector3f& position, const Eigen::Array3f& diffuse) {
+  for (auto& point : mesh.positions) point *= size;
+  MovingObject result{"", std::move(mesh), {}, {}};
+  result.brdf.diffuse = diffuse;
+  result.motion.path = {{0.0, position}};
+  return result;
+}
+
+Mesh lamp(const Eigen::Vector3f& position, float radiance) {
+  Mesh mesh = prt::plane_mesh(1);
+  for (auto& point : mesh.positions) point = 0.5f * point + position;
+  for (auto& colour : mesh.colours) colour = Eigen::Array3f::Constant(radiance);
+  return mesh;
+}
+
+/// A ball over a floor.
+DynamicScene ball_over_floor(const Brdf& ball) {
+  DynamicScene scene;
+  scene.objects.push_back(object(prt::sphere_mesh(8), 0.8f, {0.0f, 0.6f, 0.0f}, {0.8f, 0.2f, 0.1f}));
+  scene.objects.back().brdf = ball;
+  scene.objects.push_back(object(prt::plane_mesh(24), 3.0f, {0, 0, 0}, {0.7f, 0.7f, 0.7f}));
+  return scene;
+}
+
+Brdf red() {
+  Brdf brdf;
+  brdf.diffuse = {0.8f, 0.2f, 0.1f};
+  return brdf;
+}
+
+class Prepared {
+ public:
+  explicit Prepared(DynamicScene described, TransportOptions options = quick())
+      : scene(std::move(described)) {
+    rays.reserve(scene.objects.size());
+    for (const MovingObject& each : scene.objects) {
+      rays.emplace_back(each.mesh);
+      transport.push_back(object_transport(each, rays.back(), options));
+    }
+    light = std::make_unique<DynamicLight>(scene, rays, transport);
+  }
+  static TransportOptions quick() {
+    TransportOptions options;
+    options.rings = 6;
+    options.shells = 10;
+    options.directions = 384;
+    return options;
+  }
+
+  DynamicScene scene;
+  std::vector<prt::MeshRays> rays;
+  std::vector<ObjectTransport> transport;
+  std::unique_ptr<DynamicLight> light;
+};
+
+const Eigen::Vector3f eye(0.5f, 1.5f, -3.0f);
+
+/// Relative RMSE of one bounce, or of all (bounce < 0), at every `step`th vertex that faces the eye.
+double error_against_paths(Prepared& prepared, const Mesh& lamps, int bounce, int step, int paths) {
+  const std::vector<Pose> poses = prepared.scene.poses(0.0);
+  prepared.light->solve(poses, lamps, eye, {});
+  SceneRays rays(prepared.rays);
+  rays.move(poses);
+  std::vector<VertexOf> vertices;
+  std::vector<std::size_t> number;
+  std::size_t before = 0;
+  for (std::uint32_t o = 0; o < prepared.scene.objects.size(); ++o) {
+    const Mesh& mesh = prepared.scene.objects[o].mesh;
+    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v)
+      if (v % static_cast<std::uint32_t>(step) == 0 &&
+          mesh.normals[v].dot(eye - poses[o] * mesh.positions[v]) > 0.0f) {
+        vertices.push_back({o, v});
+        number.push_back(before + v);
+      }
+    before += mesh.positions.size();
+  }
+  const auto reference = trace_bounces(prepared.scene, rays, poses, area_points(lamps, 1024), vertices, eye,
+                                       {.paths = paths, .bounces = 3});
+  const auto radiance =
+      bounce < 0 ? prepared.light->radiance(0, 3) : prepared.light->radiance(bounce, bounce);
+  double error = 0.0, energy = 0.0;
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    Eigen::Array3f truth = Eigen::Array3f::Zero();
+    for (int b = std::max(bounce, 0); b <= (bounce < 0 ? 3 : bounce); ++b)
+      truth += reference[static_cast<std::size_t>(b)][i];
+    error += (radiance[number[i]] - truth).matrix().squaredNorm();
+    energy += truth.matrix().squaredNorm();
+  }
+  return std::sqrt(error / energy);
+}
+
+TEST(DynamicLightTest, AgreesWithPaths) {
+  Prepared prepared(ball_over_floor(red()));
+  const Mesh lamps = lamp({0.3f, 2.5f, -0.5f}, 10.0f);
+  EXPECT_LT(error_against_paths(prepared, lamps, 0, 9, 256), 0.05);
+  EXPECT_LT(error_against_paths(prepared, lamps, 1, 9, 2048), 0.2);
+  EXPECT_LT(error_against_paths(prepared, lamps, -1, 9, 1024), 0.05);
+}
+
+TEST(DynamicLightTest, GlossyAgreesWithPaths) {
+  Brdf glossy = red();
+  glossy.diffuse = {0.3f, 0.2f, 0.1f};
+  glossy.specular = {0.5f, 0.5f, 0.5f};
+  glossy.lobe = Lobe::phong;
+  glossy.exponent = 10.0f;
+  Prepared prepared(ball_over_floor(glossy));
+  const Mesh lamps = lamp({0.3f, 2.5f, -0.5f}, 10.0f);
+  EXPECT_LT(error_against_paths(prepared, lamps, 1, 9, 2048), 0.3);
+  EXPECT_LT(error_against_paths(prepared, lamps, -1, 9, 1024), 0.06);
+}
+
+TEST(DynamicLightTest, ColoursBleed) {
+  Prepared prepared(ball_over_floor(red()));
+  prepared.light->solve(prepared.scene.poses(0.0), lamp({0.0f, 2.5f, -1.5f}, 10.0f), eye, {});
+  const auto bounced = prepared.light->radiance(1, 1);
+  Eigen::Array3f floor = Eigen::Array3f::Zero();
+  for (std::size_t v = prepared.scene.objects[0].mesh.positions.size(); v < bounced.size(); ++v)
+    floor += bounced[v];
+  // White light that a red ball throws on a grey floor has the ball's colour.
+  EXPECT_NEAR(floor[1] / floor[0], 0.25f, 0.02f);
+  EXPECT_NEAR(floor[2] / floor[0], 0.125f, 0.01f);
+}
+
+TEST(DynamicLightTest, IsLinearInLamps) {
+  Prepared prepared(ball_over_floor(red()));
+  const auto solve = [&](float radiance) {
+    prepared.light->solve(prepared.scene.poses(0.0), lamp({0.3f, 2.5f, 0.0f}, radiance), eye, {});
+    return prepared.light->radiance(0, 3);
+  };
+  const auto one = solve(1.0f), three = solve(3.0f);
+  for (std::size_t v = 0; v < one.size(); ++v)
+    EXPECT_LT((three[v] - 3.0f * one[v]).abs().maxCoeff(), 1e-4f + 1e-3f * three[v].maxCoeff());
+}
+
+TEST(DynamicLightTest, AThirdObjectHidesLightThatBounced) {
+  DynamicScene scene;
+  // A white wall, lit; a floor; a ball between wall and floor's far part.
+  scene.objects.push_back(object(prt::plane_mesh(20), 3.0f, {0, 0, 0}, {0.7f, 0.7f, 0.7f}));
+  scene.objects.push_back(object(prt::plane_mesh(20), 2.0f, {0.0f, 1.0f, 1.5f}, {0.8f, 0.8f, 0.8f}));
+  scene.objects.back().motion.turns = {{0.0, {.pitch = -90.0}}};
+  scene.objects.push_back(object(prt::sphere_mesh(6), 0.8f, {0.0f, 0.45f, 0.2f}, {0.05f, 0.05f, 0.05f}));
+  Prepared prepared(std::move(scene));
+  const Mesh lamps = lamp({0.0f, 2.0f, -1.0f}, 10.0f);
+  const auto behind_ball = [&](bool occlusion) {
+    FrameOptions options;
+    options.occlusion = occlusion;
+    prepared.light->solve(prepared.scene.poses(0.0), lamps, eye, options);
+    const auto light = prepared.light->radiance(1, 1);
+    float sum = 0.0f;
+    const Mesh& floor = prepared.scene.objects[0].mesh;
+    for (std::size_t v = 0; v < floor.positions.size(); ++v)
+      if (floor.positions[v].head<1>().norm() < 0.3f && std::abs(floor.positions[v].z() + 0.4f) < 0.3f)
+        sum += light[v].sum();
+    return sum;
+  };
+  EXPECT_LT(behind_ball(true), 0.9f * behind_ball(false));
+}
+
+}  // namespace
+}  // namespace refield::dynamic

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where precomputed light between moving objects is asked for more than it was made for.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "simulate/dynamic/dynamic_light.h"
+#include "simulate/prt/mesh_shapes.h"
+
+namespace refield::dynamic {
+namespace {
+
+struct Moving {
+  explicit Moving(const Brdf& brdf) {
+    Mesh ball = prt::sphere_mesh(6);
+    MovingObject object{"ball", ball, brdf, {}};
+    object.motion.path = {{0.0, {0, 0, 0}}};
+    scene.objects = {object, object};
+    scene.objects.push_back({"floor", prt::plane_mesh(12), {}, {}});
+    for (auto& point : scene.objects.back().mesh.positions) point *= 4.0f;
+    scene.objects.back().motion.path = {{0.0, {0, -0.5f, 0}}};
+    TransportOptions options;
+    options.rings = 5;
+    options.shells = 8;
+    options.directions = 256;
+    rays.reserve(3);
+    for (const MovingObject& each : scene.objects) {
+      rays.emplace_back(each.mesh);
+      transport.push_back(object_transport(each, rays.back(), options));
+    }
+    light.emplace(scene, rays, transport);
+  }
+
+  /// Radiance with the second ball and the lamp moved.
+  std::vector<Eigen::Array3f> at(const Eigen::Vector3f& second, const Eigen::Vector3f& lamp_at) {
+    std::vector<Pose> poses = scene.poses(0.0);
+    poses[1].translation() = second;
+    Mesh lamp = prt::plane_mesh(1);
+    for (auto& point : lamp.positions) point = 0.3f * point + lamp_at;
+    for (auto& colour : lamp.colours) colour.setConstant(10.0f);
+    light->solve(poses, lamp, {0, 1, -4}, {});
+    return light->radiance(0, light->bounces());
+  }
+
+  /// The largest step of the balls' mean bounced light as the second comes in `steps` from 2 to 0.
+  float largest_step(int steps) {
+    float before = -1.0f, largest = 0.0f, most = 0.0f;
+    for (int i = 0; i <= steps; ++i) {
+      at({2.0f - 2.0f * static_cast<float>(i) / static_cast<float>(steps), 0.0f, 0.0f}, {0.3f, 2.0f, -0.5f});
+      float mean = 0.0f;
+      for (const auto& value : light->radiance(1, light->bounces())) mean += value.mean();
+      if (before >= 0.0f) largest = std::max(largest, std::abs(mean - before));
+      most = std::max(most, mean);
+      before = mean;
+    }
+    return largest / most;
+  }
+
+  DynamicScene scene;
+  std::vector<prt::MeshRays> rays;
+  std::vector<ObjectTransport> transport;
+  std::optional<DynamicLight> light;
+};
+
+void expect_sound(const std::vector<Eigen::Array3f>& radiance, float most) {
+  for (const auto& value : radiance) {
+    ASSERT_TRUE(value.isFinite().all());
+    ASSERT_GE(value.minCoeff(), 0.0f);
+    ASSERT_LT(value.maxCoeff(), most);
+  }
+}
+
+TEST(DynamicStability, ObjectsThatTouchOverlapAndEncloseOneAnother) {
+  Moving moving{Brdf{}};
+  // Apart, touching, overlapping, in one place, sunk into the floor, far away.
+  for (const Eigen::Vector3f& place :
+       {Eigen::Vector3f(1.5f, 0, 0), Eigen::Vector3f(1.0f, 0, 0), Eigen::Vector3f(0.5f, 0, 0),
+        Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(1.0f, -0.5f, 0), Eigen::Vector3f(1e4f, 0, 0)})
+    expect_sound(moving.at(place, {0.3f, 2.0f, -0.5f}), 20.0f);
+}
+
+TEST(DynamicStability, ALampWithinAnObjectAndOnTheFloor) {
+  Moving moving{Brdf{}};
+  // The lamp's radiance is 10: nothing that reflects four fifths of it can shine brighter for long.
+  for (const Eigen::Vector3f& place :
+       {Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(0, 0.52f, 0), Eigen::Vector3f(1.0f, -0.5f, 0)})
+    expect_sound(moving.at({1.5f, 0, 0}, place), 60.0f);
+}
+
+TEST(DynamicStability, ExtremeMaterials) {
+  for (const float exponent : {1.0f, 1000.0f}) {
+    Brdf brdf;
+    brdf.diffuse.setZero();
+    brdf.specular.setConstant(0.9f);
+    brdf.lobe = Lobe::phong;
+    brdf.exponent = exponent;
+    Moving moving(brdf);
+    expect_sound(moving.at({1.1f, 0, 0}, {0.3f, 2.0f, -0.5f}), 1e4f);
+  }
+}
+
+TEST(DynamicStability, NoPoppingAsOneObjectEntersAnother) {
+  Moving moving{Brdf{}};
+  // Balls that approach and then overlap: light between them changes by no more than this share of its
+  // largest from one of a hundred steps to the next.
+  EXPECT_LT(moving.largest_step(100), 0.05f);
+}
+
+}  // namespace
+}  // namespace refield::dynamic
