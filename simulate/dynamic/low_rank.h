@@ -28,9 +28,9 @@ struct LowRank {
 };
 
 /// The fewest modes that leave no more than `error` of the matrix out (relative, Frobenius' norm; 0: all that
-/// can be told from zero, 3e-4). `rows` [columns × blocks · width], one column of it for each row of the matrix; columns of
-/// the matrix are weighted by `strength` [columns] when errors are counted: by how large the numbers are that
-/// it will be multiplied with.
+/// can be told from zero, 3e-4). `rows` [columns × blocks · width]: one column of it for each row of the
+/// matrix. The matrix' columns are weighted by `strength` [columns] when errors are counted: by how large the
+/// numbers are that it will be multiplied with.
 LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& strength, double error);
 
 }  // namespace refield::dynamic

@@ -23,6 +23,7 @@ struct Moving {
     options.rings = 5;
     options.shells = 8;
     options.directions = 256;
+    options.factors.largest = 16;
     rays.reserve(3);
     for (const MovingObject& each : scene.objects) {
       rays.emplace_back(each.mesh);
