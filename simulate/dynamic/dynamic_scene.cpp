@@ -82,12 +82,12 @@ MovingObject read_object(ConfigSection& section, const fs::path& folder, std::si
 
 /// The stop after which `time` lies, the next one, and how far it is on the way; both the same at the ends.
 template <class Stop>
-struct Between {
+struct Way {
   const Stop *before, *after;
   double share;
 };
 template <class Stop>
-Between<Stop> between(const std::vector<Stop>& stops, double time) {
+Way<Stop> way_at(const std::vector<Stop>& stops, double time) {
   const auto next = std::ranges::find_if(stops, [time](const Stop& stop) { return stop.time > time; });
   if (next == stops.begin()) return {&stops.front(), &stops.front(), 0.0};
   if (next == stops.end()) return {&stops.back(), &stops.back(), 0.0};
@@ -99,11 +99,11 @@ Between<Stop> between(const std::vector<Stop>& stops, double time) {
 
 Pose Motion::at(double time) const {
   Pose pose = Pose::Identity();
-  const auto way = between(path, time);
+  const auto way = way_at(path, time);
   pose.translation() =
       way.before->position + static_cast<float>(way.share) * (way.after->position - way.before->position);
   if (turns.empty()) return pose;
-  const auto [before, after, share] = between(turns, time);
+  const auto [before, after, share] = way_at(turns, time);
   const Turn &a = before->turn, &b = after->turn;
   const Turn turn = {.yaw = a.yaw + share * (b.yaw - a.yaw),
                      .pitch = a.pitch + share * (b.pitch - a.pitch),
