@@ -19,6 +19,7 @@ void add_simulate(CLI::App& app, const Common& common, Action& action);
 void add_simulate_prt(CLI::App& app, const Common& common, Action& action);  // `refield simulate prt`
 void add_simulate_prt_chart(CLI::App& app, const Common& common, Action& action);
 void add_simulate_dynamic_bases(CLI::App& app, const Common& common, Action& action);
+void add_simulate_dynamic_chart(CLI::App& app, const Common& common, Action& action);
 void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action);
 void add_acquire(CLI::App& app, const Common& common, Action& action);
 void add_hdr(CLI::App& app, const Common& common, Action& action);

@@ -2,7 +2,6 @@
 #include "cli/dynamic/frame_errors.h"
 
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "core/rng.h"
@@ -13,14 +12,10 @@ namespace {
 
 constexpr std::size_t compared = 500;
 
-struct Drawn {
-  std::vector<dynamic::VertexOf> vertices;
-  std::vector<std::size_t> number;  // in the joined mesh
-};
-
-Drawn draw_facing(const dynamic::DynamicScene& scene, double time, const Eigen::Vector3f& eye) {
-  const std::vector<dynamic::Pose> poses = scene.poses(time);
-  Drawn facing;
+void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
+  const Eigen::Vector3f eye = drawn.camera.position;
+  const std::vector<dynamic::Pose> poses = scene.poses(drawn.time);
+  FrameReference facing;
   std::size_t number = 0;
   for (std::uint32_t o = 0; o < scene.objects.size(); ++o) {
     const Mesh& mesh = scene.objects[o].mesh;
@@ -30,7 +25,6 @@ Drawn draw_facing(const dynamic::DynamicScene& scene, double time, const Eigen::
       facing.number.push_back(number);
     }
   }
-  Drawn drawn;
   Rng rng(7);
   const std::size_t all = facing.vertices.size(), count = std::min(all, compared);
   for (std::size_t i = 0; i < count; ++i) {  // one of each of `count` equal parts
@@ -39,43 +33,52 @@ Drawn draw_facing(const dynamic::DynamicScene& scene, double time, const Eigen::
     drawn.vertices.push_back(facing.vertices[k]);
     drawn.number.push_back(facing.number[k]);
   }
-  return drawn;
 }
 
 }  // namespace
 
-nlohmann::ordered_json frame_errors(PreparedScene& scene, double time, const dynamic::FrameOptions& options,
-                                    int paths) {
-  const PinholeCamera camera = camera_of(scene.scene());
-  const Eigen::Vector3f eye = camera.position;
-  const Drawn drawn = draw_facing(scene.scene(), time, eye);
-  scene.solve(time, camera, options);
-  const int bounces = scene.light().bounces();
-  const auto reference = scene.reference(time, drawn.vertices, eye, {.paths = paths, .bounces = bounces});
-  const std::size_t count = drawn.vertices.size();
-  std::vector<Eigen::Array3f> all_reference(count, Eigen::Array3f::Zero());
-  for (const auto& bounce : reference)
-    for (std::size_t i = 0; i < count; ++i) all_reference[i] += bounce[i];
-  const auto norm = [&](const auto& value) {
+FrameReference frame_reference(const PreparedScene& scene, double time, int bounces, int paths) {
+  FrameReference reference;
+  reference.time = time;
+  reference.camera = camera_of(scene.scene());
+  draw_facing(scene.scene(), reference);
+  reference.bounces = scene.reference(time, reference.vertices, reference.camera.position,
+                                      {.paths = paths, .bounces = bounces});
+  return reference;
+}
+
+std::vector<LightError> frame_errors(PreparedScene& scene, const FrameReference& reference,
+                                     dynamic::FrameOptions options) {
+  const int bounces = static_cast<int>(reference.bounces.size()) - 1;
+  options.bounces = bounces;
+  options.until = 0.0;
+  scene.solve(reference.time, reference.camera, options);
+  const std::size_t count = reference.vertices.size();
+  const auto truth_of = [&](int first, int last) {
+    std::vector<Eigen::Array3f> truth(count, Eigen::Array3f::Zero());
+    for (int b = first; b <= last; ++b)
+      for (std::size_t i = 0; i < count; ++i) truth[i] += reference.bounces[static_cast<std::size_t>(b)][i];
+    return truth;
+  };
+  const auto norm = [](const std::vector<Eigen::Array3f>& values) {
     double sum = 0.0;
-    for (std::size_t i = 0; i < count; ++i) sum += value(i).matrix().template cast<double>().squaredNorm();
+    for (const auto& value : values) sum += value.matrix().cast<double>().squaredNorm();
     return std::sqrt(sum);
   };
-  const double all = norm([&](std::size_t i) { return all_reference[i]; });
-  nlohmann::ordered_json rows = nlohmann::ordered_json::array();
-  const auto add = [&](const std::string& what, int first, int last,
-                       const std::vector<Eigen::Array3f>& truth) {
+  const double all = norm(truth_of(0, bounces));
+  std::vector<LightError> errors;
+  const auto add = [&](const std::string& what, int first, int last) {
     const auto radiance = scene.light().radiance(first, last);
-    const double error =
-        norm([&](std::size_t i) -> Eigen::Array3f { return radiance[drawn.number[i]] - truth[i]; });
-    const double own = norm([&](std::size_t i) { return truth[i]; });
-    rows.push_back(
-        {{"what", what}, {"relative", error / own}, {"of_all", error / all}, {"share", own / all}});
+    const std::vector<Eigen::Array3f> truth = truth_of(first, last);
+    std::vector<Eigen::Array3f> difference(count);
+    for (std::size_t i = 0; i < count; ++i) difference[i] = radiance[reference.number[i]] - truth[i];
+    errors.push_back({what, norm(difference) / norm(truth), norm(difference) / all, norm(truth) / all});
   };
-  for (int b = 0; b <= bounces; ++b)
-    add(b == 0 ? "direct" : "bounce " + std::to_string(b), b, b, reference[static_cast<std::size_t>(b)]);
-  add("all", 0, bounces, all_reference);
-  return rows;
+  add("direct", 0, 0);
+  for (int b = 1; b <= bounces; ++b) add("bounce " + std::to_string(b), b, b);
+  if (bounces > 0) add("bounced", 1, bounces);
+  add("all", 0, bounces);
+  return errors;
 }
 
 }  // namespace refield::cli

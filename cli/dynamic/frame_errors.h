@@ -1,15 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
 
 #include "cli/dynamic/prepared_scene.h"
 
 namespace refield::cli {
 
-/// Rows "direct", "bounce 1" …, "all": relative RMSE of radiance towards the camera at up to 500 vertices
-/// that face it, drawn evenly by a fixed seed, against `paths` paths a vertex: of that light itself, and of
-/// all light; and the share that the light has in all.
-nlohmann::ordered_json frame_errors(PreparedScene& scene, double time, const dynamic::FrameOptions& options,
-                                    int paths);
+/// What paths say of one moment: the same for all settings.
+struct FrameReference {
+  double time = 0.0;
+  PinholeCamera camera;
+  std::vector<dynamic::VertexOf> vertices;  ///< up to 500 that face the camera, drawn evenly by a fixed seed
+  std::vector<std::size_t> number;          ///< [vertices], in all of the scene's
+  std::vector<std::vector<Eigen::Array3f>> bounces;  ///< [bounces + 1][vertices], radiance to the camera
+};
+FrameReference frame_reference(const PreparedScene& scene, double time, int bounces, int paths);
+
+struct LightError {
+  std::string what;       ///< "direct", "bounce 1" …, "bounced" (all but direct), "all"
+  double relative = 0.0;  ///< RMSE over that light itself
+  double of_all = 0.0;    ///< over all light
+  double share = 0.0;     ///< that the light has in all
+};
+/// Solves the reference's moment and compares.
+std::vector<LightError> frame_errors(PreparedScene& scene, const FrameReference& reference,
+                                     dynamic::FrameOptions options);
 
 }  // namespace refield::cli

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "cli/dynamic/frame_errors.h"
+#include "cli/dynamic/frame_times.h"
 #include "cli/dynamic/prepared_scene.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
@@ -93,29 +94,21 @@ void write_frames(PreparedScene& scene, const DynamicArguments& arguments) {
 }
 
 ordered_json measured(PreparedScene& scene, const DynamicArguments& arguments) {
-  constexpr int frames = 15;
-  const PinholeCamera camera = camera_of(scene.scene());
-  std::vector<std::array<double, 6>> seconds;
-  for (int frame = 0; frame < frames; ++frame) {
-    const double time = scene.scene().duration() * frame / frames;
-    const auto start = std::chrono::steady_clock::now();
-    scene.solve(time, camera, arguments.frame);
-    scene.light().radiance(0, scene.light().bounces());
-    const double solved = seconds_since(start);
-    const auto before_picture = std::chrono::steady_clock::now();
-    scene.picture(0, scene.light().bounces());
-    const dynamic::DynamicLight::Times& times = scene.light().times();
-    seconds.push_back({solved, times.direct, times.place, times.bounces, times.shade,
-                       seconds_since(before_picture) - times.shade});
-  }
-  const auto median_ms = [&](std::size_t part) {
-    std::vector<double> values;
-    for (const auto& frame : seconds) values.push_back(1e3 * frame[part]);
-    std::ranges::nth_element(values, values.begin() + frames / 2);
-    return values[frames / 2];
-  };
-  return {{"frame_ms", median_ms(0)},   {"direct_ms", median_ms(1)}, {"place_ms", median_ms(2)},
-          {"bounces_ms", median_ms(3)}, {"shade_ms", median_ms(4)},  {"picture_ms", median_ms(5)}};
+  const FrameTimes times = measure_frames(scene, arguments.frame);
+  return {{"frame_ms", times.frame},     {"direct_ms", times.direct}, {"place_ms", times.place},
+          {"bounces_ms", times.bounces}, {"shade_ms", times.shade},   {"picture_ms", times.picture}};
+}
+
+ordered_json compared(PreparedScene& scene, const DynamicArguments& arguments) {
+  const FrameReference reference =
+      frame_reference(scene, arguments.time.value_or(0.0), arguments.frame.bounces, arguments.reference);
+  ordered_json rows = ordered_json::array();
+  for (const LightError& error : frame_errors(scene, reference, arguments.frame))
+    rows.push_back({{"what", error.what},
+                    {"relative", error.relative},
+                    {"of_all", error.of_all},
+                    {"share", error.share}});
+  return rows;
 }
 
 void print(const ordered_json& figures) {
@@ -170,9 +163,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   figures["precompute_seconds"] = seconds_since(start);
   if (!arguments.output.empty()) write_frames(scene, arguments);
   if (arguments.measure) figures["times"] = measured(scene, arguments);
-  if (arguments.reference > 0)
-    figures["errors"] =
-        frame_errors(scene, arguments.time.value_or(0.0), arguments.frame, arguments.reference);
+  if (arguments.reference > 0) figures["errors"] = compared(scene, arguments);
   if (common.json)
     std::printf("%s\n", figures.dump(2).c_str());
   else

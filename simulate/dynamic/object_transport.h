@@ -17,7 +17,7 @@ namespace refield::dynamic {
 enum class ModeKind { joint, separate };
 
 struct TransportOptions {
-  int order = 5;       ///< n: light that arrives at a point is told by n² spherical harmonics
+  int order = 4;       ///< n: light that arrives at a point is told by n² spherical harmonics
   int functions = 32;  ///< N: patterns an object shines in
   FactorOptions factors{.largest = 0, .error = 0.2};  ///< K; for light that bounces
   ModeKind modes = ModeKind::joint;

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "cli/chart/panel.h"
+#include "cli/dynamic/frame_errors.h"
+#include "cli/dynamic/frame_times.h"
+#include "cli/verbs.h"
+#include "core/errors.h"
+#include "core/files.h"
+
+namespace refield::cli {
+
+namespace {
+
+struct ChartArguments {
+  std::filesystem::path scene, folder;
+  double time = 0.0;
+  int paths = 2048;
+};
+
+struct Setting {
+  std::string method, what;
+  dynamic::TransportOptions transport;
+  dynamic::FrameOptions frame;
+};
+
+struct Charted {
+  Setting setting;
+  double megabytes = 0.0;
+  FrameTimes times;
+  std::vector<LightError> errors;
+
+  double error(const std::string& what) const {
+    return std::ranges::find(errors, what, &LightError::what)->of_all;
+  }
+};
+
+/// From coarse to fine in one thing each, the others as by default, or as in the paper.
+std::vector<Setting> settings() {
+  std::vector<Setting> all;
+  for (const int terms : {4, 16})
+    for (const int functions : {4, 8, 16, 32}) {
+      Setting paper{
+          "as in the paper, K = " + std::to_string(terms), "N = " + std::to_string(functions), {}, {}};
+      paper.transport.modes = dynamic::ModeKind::separate;
+      paper.transport.compression = 0.0;
+      paper.transport.functions = functions;
+      paper.transport.factors.largest = terms;
+      paper.frame.exact_direct = false;
+      all.push_back(paper);
+    }
+  for (const int functions : {4, 8, 16, 32, 64}) {
+    all.push_back({"by N", "N = " + std::to_string(functions), {}, {}});
+    all.back().transport.functions = functions;
+  }
+  for (const int terms : {1, 4, 9, 36}) {
+    all.push_back({"by K", "K = " + std::to_string(terms), {}, {}});
+    all.back().transport.factors = {.largest = terms, .error = 0.01};
+  }
+  for (const int order : {3, 4, 5, 6}) {
+    all.push_back({"by order", "n = " + std::to_string(order), {}, {}});
+    all.back().transport.order = order;
+  }
+  for (const int points : {8, 16, 32, 128}) {
+    all.push_back({"by lamp points", std::to_string(points) + " points", {}, {}});
+    all.back().frame.lamp_points = points;
+  }
+  return all;
+}
+
+std::string csv(const std::vector<Charted>& rows) {
+  std::ostringstream text;
+  text << "method,setting,megabytes,frame_ms,direct_ms,place_ms,bounces_ms,shade_ms";
+  for (const LightError& error : rows.front().errors) text << ',' << error.what << " of all";
+  text << '\n';
+  for (const Charted& row : rows) {
+    text << '"' << row.setting.method << "\",\"" << row.setting.what << "\"," << row.megabytes << ','
+         << row.times.frame << ',' << row.times.direct << ',' << row.times.place << ',' << row.times.bounces
+         << ',' << row.times.shade;
+    for (const LightError& error : row.errors) text << ',' << error.of_all;
+    text << '\n';
+  }
+  return text.str();
+}
+
+template <class X>
+chart::Panel panel(const std::vector<Charted>& rows, const std::string& light, const char* title,
+                   const char* x_label, const X& x) {
+  chart::Panel panel{title, x_label, "RMSE of " + light + " light over all light", true, {}, true};
+  for (const Charted& row : rows) {
+    if (panel.tracks.empty() || panel.tracks.back().label != row.setting.method)
+      panel.tracks.push_back({row.setting.method, static_cast<int>(panel.tracks.size()), {}});
+    panel.tracks.back().points.push_back({x(row), row.error(light)});
+  }
+  return panel;
+}
+
+void make_dynamic_chart(const ChartArguments& arguments) {
+  const dynamic::DynamicScene described = dynamic::read_dynamic_scene(arguments.scene);
+  create_folders(arguments.folder);
+  std::optional<FrameReference> reference;
+  std::vector<Charted> rows;
+  for (const Setting& setting : settings()) {
+    PreparedScene scene(described, setting.transport);
+    if (!reference)
+      reference = frame_reference(scene, arguments.time, setting.frame.bounces, arguments.paths);
+    rows.push_back({setting, static_cast<double>(scene.bytes()) / 1e6, measure_frames(scene, setting.frame),
+                    frame_errors(scene, *reference, setting.frame)});
+    const Charted& row = rows.back();
+    std::printf("%-26s %-12s %7.1f MB %7.2f ms   error of bounced light %.4f, of all %.4f\n",
+                setting.method.c_str(), setting.what.c_str(), row.megabytes, row.times.frame,
+                row.error("bounced"), row.error("all"));
+  }
+  write_text_atomically(arguments.folder / "dynamic.csv", csv(rows));
+  const auto frame_ms = [](const Charted& row) { return row.times.frame; };
+  const auto megabytes = [](const Charted& row) { return row.megabytes; };
+  write_text_atomically(
+      arguments.folder / "dynamic.svg",
+      chart::picture_svg(
+          arguments.scene.filename().string() + ", errors against " + std::to_string(arguments.paths) +
+              " paths a vertex; dashed: Pareto front",
+          {panel(rows, "all", "All light, against frame time", "ms a frame", frame_ms),
+           panel(rows, "bounced", "Light that bounced, against frame time", "ms a frame", frame_ms),
+           panel(rows, "bounced", "Light that bounced, against size", "megabytes", megabytes)},
+          2));
+}
+
+}  // namespace
+
+void add_simulate_dynamic_chart(CLI::App& app, const Common&, Action& action) {
+  auto arguments = std::make_shared<ChartArguments>();
+  CLI::App* verb = app.add_subcommand(
+      "dynamic-chart",
+      "Compare settings of light between moving objects: error against frame time and bytes\n\n"
+      "Our way by number of functions, terms, harmonics and points of lamps, and the paper's, against traced "
+      "paths.\n"
+      "  refield simulate dynamic-chart datasets_synthetic/dynamic/hare.toml -o chart");
+  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
+  verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv and dynamic.svg")->required();
+  verb->add_option("--time", arguments->time, "At which errors are looked at, seconds")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  verb->add_option("--paths", arguments->paths, "Of the reference, a vertex")
+      ->check(CLI::Range(1, 1 << 24))
+      ->capture_default_str();
+  verb->callback([arguments, &action] { action = [arguments] { make_dynamic_chart(*arguments); }; });
+}
+
+}  // namespace refield::cli
