@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -18,7 +19,7 @@ namespace refield::cli {
 
 namespace {
 
-struct ChartArguments {
+struct DynamicChartArguments {
   std::filesystem::path scene, folder;
   double time = 0.0;
   int paths = 2048;
@@ -101,7 +102,7 @@ chart::Panel panel(const std::vector<Charted>& rows, const std::string& light, c
   return panel;
 }
 
-void make_dynamic_chart(const ChartArguments& arguments) {
+void make_dynamic_chart(const DynamicChartArguments& arguments) {
   const dynamic::DynamicScene described = dynamic::read_dynamic_scene(arguments.scene);
   create_folders(arguments.folder);
   std::optional<FrameReference> reference;
@@ -134,7 +135,7 @@ void make_dynamic_chart(const ChartArguments& arguments) {
 }  // namespace
 
 void add_simulate_dynamic_chart(CLI::App& app, const Common&, Action& action) {
-  auto arguments = std::make_shared<ChartArguments>();
+  auto arguments = std::make_shared<DynamicChartArguments>();
   CLI::App* verb = app.add_subcommand(
       "dynamic-chart",
       "Compare settings of light between moving objects: error against frame time and bytes\n\n"

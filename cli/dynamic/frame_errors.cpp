@@ -10,7 +10,7 @@ namespace refield::cli {
 
 namespace {
 
-constexpr std::size_t compared = 500;
+constexpr std::size_t most_vertices = 500;
 
 void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
   const Eigen::Vector3f eye = drawn.camera.position;
@@ -26,7 +26,7 @@ void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
     }
   }
   Rng rng(7);
-  const std::size_t all = facing.vertices.size(), count = std::min(all, compared);
+  const std::size_t all = facing.vertices.size(), count = std::min(all, most_vertices);
   for (std::size_t i = 0; i < count; ++i) {  // one of each of `count` equal parts
     const std::size_t first = i * all / count, end = (i + 1) * all / count;
     const std::size_t k = first + static_cast<std::size_t>(rng.below(end - first));

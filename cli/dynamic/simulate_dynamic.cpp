@@ -99,7 +99,7 @@ ordered_json measured(PreparedScene& scene, const DynamicArguments& arguments) {
           {"bounces_ms", times.bounces}, {"shade_ms", times.shade},   {"picture_ms", times.picture}};
 }
 
-ordered_json compared(PreparedScene& scene, const DynamicArguments& arguments) {
+ordered_json error_rows(PreparedScene& scene, const DynamicArguments& arguments) {
   const FrameReference reference =
       frame_reference(scene, arguments.time.value_or(0.0), arguments.frame.bounces, arguments.reference);
   ordered_json rows = ordered_json::array();
@@ -163,7 +163,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   figures["precompute_seconds"] = seconds_since(start);
   if (!arguments.output.empty()) write_frames(scene, arguments);
   if (arguments.measure) figures["times"] = measured(scene, arguments);
-  if (arguments.reference > 0) figures["errors"] = compared(scene, arguments);
+  if (arguments.reference > 0) figures["errors"] = error_rows(scene, arguments);
   if (common.json)
     std::printf("%s\n", figures.dump(2).c_str());
   else
