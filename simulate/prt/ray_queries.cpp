@@ -11,6 +11,7 @@ namespace refield::prt {
 std::uint32_t unoccluded(RTCSceneTy* scene, std::span<const Eigen::Vector3f> points,
                          std::span<const Eigen::Vector3f> directions, std::span<const float> distance,
                          bool coherent) {
+  if (points.empty()) return 0;
   alignas(64) RTCRay16 rays;
   alignas(64) int valid[ray_packet];
   const std::size_t count = std::min(points.size(), ray_packet);
