@@ -42,7 +42,8 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 
 void check_output(const fs::path& path) {
   const std::string extension = path.extension();
-  if (!path.empty() && extension != "" && extension != ".png" && extension != ".exr" && extension != ".mp4")
+  if (!path.empty() && !extension.empty() && extension != ".png" && extension != ".exr" &&
+      extension != ".mp4")
     throw InputError(path.string() + ": pictures are written as .exr or .png, films as .mp4");
 }
 

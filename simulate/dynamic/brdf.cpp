@@ -47,7 +47,7 @@ void require(bool good, const char* name, const std::string& value, const char* 
 
 Eigen::Array3f Brdf::operator()(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const {
   if (in.z() <= horizon || out.z() <= horizon) return Eigen::Array3f::Zero();
-  const Eigen::Array3f matte = diffuse / float_pi;
+  Eigen::Array3f matte = diffuse / float_pi;
   switch (lobe) {
     case Lobe::none:
       return matte;

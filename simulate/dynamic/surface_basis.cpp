@@ -24,7 +24,7 @@ double condition_of(const Eigen::MatrixXd& a) {
 }
 
 Eigen::MatrixXf inverse_of(const Eigen::MatrixXf& a, double condition) {
-  const Eigen::MatrixXf inverse = a.inverse();
+  Eigen::MatrixXf inverse = a.inverse();
   if (!inverse.allFinite())
     throw SolverError("The matrix of equation 7 has no inverse (condition " + std::to_string(condition) +
                       "): use fewer functions, or orthonormal weights");
