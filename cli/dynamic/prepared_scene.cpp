@@ -32,12 +32,6 @@ PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::Transpo
   light_ = std::make_unique<dynamic::DynamicLight>(scene_, rays_, transport_);
 }
 
-std::size_t PreparedScene::vertices() const {
-  std::size_t count = 0;
-  for (const auto& object : scene_.objects) count += object.mesh.positions.size();
-  return count;
-}
-
 std::size_t PreparedScene::bytes() const {
   std::size_t bytes = 0;
   for (const auto& transport : transport_) bytes += transport.bytes();

@@ -18,7 +18,6 @@ class PreparedScene {
   const dynamic::DynamicScene& scene() const { return scene_; }
   const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }
   dynamic::DynamicLight& light() { return *light_; }
-  std::size_t vertices() const;
   std::size_t bytes() const;
 
   void solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options);

@@ -2,21 +2,13 @@
 #include "simulate/dynamic/area_points.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 
+#include "simulate/prt/hammersley.h"
+
 namespace refield::dynamic {
-
-namespace {
-
-double reversed_binary_digits(std::uint32_t number) {
-  double value = 0.0, digit = 0.5;
-  for (; number > 0; number >>= 1, digit *= 0.5)
-    if (number & 1u) value += digit;
-  return value;
-}
-
-}  // namespace
 
 std::vector<AreaPoint> area_points(const Mesh& lamps, int count) {
   struct Piece {
@@ -45,7 +37,7 @@ std::vector<AreaPoint> area_points(const Mesh& lamps, int count) {
     }
     // Evenly along one side, by reversed digits along the other: few points still cover a triangle.
     const double u = std::sqrt(std::clamp((at - before) / pieces[t].power, 0.0, 1.0));
-    const double v = reversed_binary_digits(++in_triangle);
+    const double v = prt::radical_inverse(++in_triangle);
     const auto share_b = static_cast<float>(u * (1.0 - v)), share_c = static_cast<float>(u * v);
     const auto [a, b, c] = lamps.triangles[t];
     const float share_a = 1.0f - share_b - share_c;

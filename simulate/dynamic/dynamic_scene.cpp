@@ -5,7 +5,9 @@
 
 #include "core/config_file.h"
 #include "core/errors.h"
+#include "simulate/dynamic/point_lights.h"
 #include "simulate/prt/mesh_section.h"
+#include "simulate/prt/place_mesh.h"
 #include "simulate/prt/refine_mesh.h"
 
 namespace refield::dynamic {
@@ -72,10 +74,9 @@ MovingObject read_object(ConfigSection& section, const fs::path& folder, std::si
   section.text("name", object.name);
   object.brdf = read_brdf(section, folder);
   object.mesh = prt::read_mesh(section, folder);
-  Eigen::AlignedBox3f bounds;
-  for (const auto& position : object.mesh.positions) bounds.extend(position);
-  for (auto& position : object.mesh.positions) position -= bounds.center();
-  object.motion = read_motion(section, bounds.center());
+  const Eigen::Vector3f middle = bounding_ball(object.mesh).middle;
+  for (auto& position : object.mesh.positions) position -= middle;
+  object.motion = read_motion(section, middle);
   section.finish();
   return object;
 }
@@ -148,14 +149,7 @@ DynamicScene read_dynamic_scene(const fs::path& path) {
 
 Mesh joined_mesh(const DynamicScene& scene, std::span<const Pose> poses) {
   Mesh all;
-  for (std::size_t o = 0; o < scene.objects.size(); ++o) {
-    const Mesh& mesh = scene.objects[o].mesh;
-    const auto first = static_cast<std::uint32_t>(all.positions.size());
-    for (const auto& position : mesh.positions) all.positions.push_back(poses[o] * position);
-    for (const auto& normal : mesh.normals) all.normals.push_back(poses[o].linear() * normal);
-    all.colours.insert(all.colours.end(), mesh.colours.begin(), mesh.colours.end());
-    for (const auto& [a, b, c] : mesh.triangles) all.triangles.push_back({first + a, first + b, first + c});
-  }
+  for (std::size_t o = 0; o < scene.objects.size(); ++o) prt::append(scene.objects[o].mesh, poses[o], all);
   return all;
 }
 

@@ -77,14 +77,4 @@ Eigen::MatrixXf HarmonicProduct::matrix(std::span<const float> b) const {
   return matrix;
 }
 
-void HarmonicProduct::multiply(std::span<const float> a, std::span<const float> b,
-                               std::span<float> product) const {
-  for (std::size_t i = 0; i + 1 < first_.size(); ++i) {
-    float sum = 0.0f;
-    for (std::uint32_t p = first_[i]; p < first_[i + 1]; ++p)
-      sum += value_[p] * a[pair_[p].j] * b[pair_[p].k];
-    product[i] = sum;
-  }
-}
-
 }  // namespace refield::dynamic

@@ -12,9 +12,7 @@ namespace refield::dynamic {
 class HarmonicProduct {
  public:
   explicit HarmonicProduct(int order);
-  /// All [order²]; `product` must be none of the factors.
-  void multiply(std::span<const float> a, std::span<const float> b, std::span<float> product) const;
-  /// The matrix [order² × order²] that multiplies by `b`.
+  /// The matrix [order² × order²] that multiplies by `b` [order²].
   Eigen::MatrixXf matrix(std::span<const float> b) const;
   std::size_t coefficients() const { return value_.size(); }
 

@@ -7,10 +7,12 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <span>
 
 #include "core/errors.h"
 #include "core/interrupt.h"
 #include "core/progress.h"
+#include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/hammersley.h"
 
@@ -46,18 +48,21 @@ Rays rays_all_around(int count, int order) {
 }
 
 /// Evenly over the cone in which a sphere around the origin is seen from a point outside of it.
-Rays rays_towards(const Eigen::Vector3f& point, float radius, int count, int order) {
+/// `even_directions`: over the whole sphere.
+Rays rays_towards(const Eigen::Vector3f& point, float radius,
+                  std::span<const Eigen::Vector3d> even_directions, int order) {
   const float sine = std::min(radius / point.norm(), 1.0f);
   const float height = 1.0f - std::sqrt(std::max(1.0f - sine * sine, 0.0f));  // of the cap
   const Eigen::Matrix3f frame = tangent_frame(-point.normalized());
   std::vector<Eigen::Vector3f> directions;
-  for (const auto& even : prt::hammersley_sphere(count)) {
+  for (const auto& even : even_directions) {
     const float z = 1.0f - 0.5f * height * (1.0f - static_cast<float>(even.z()));
     const float across = std::sqrt(std::max(1.0f - z * z, 0.0f));
     const Eigen::Vector2f around = even.head<2>().normalized().cast<float>();
     directions.push_back(frame.transpose() * Eigen::Vector3f(across * around.x(), across * around.y(), z));
   }
-  return rays_of(std::move(directions), 2.0f * std::numbers::pi_v<float> * height / static_cast<float>(count),
+  return rays_of(std::move(directions),
+                 2.0f * std::numbers::pi_v<float> * height / static_cast<float>(even_directions.size()),
                  order);
 }
 
@@ -117,6 +122,7 @@ void trace_grid(const Mesh& mesh, const prt::MeshRays& rays, const TransportOpti
   const std::vector<Eigen::Vector3f> points = grid_points(transport.grid, mesh, transport.radius);
   const Index count = harmonics_of(options.order);
   const Rays all_around = rays_all_around(options.directions, options.order);
+  const std::vector<Eigen::Vector3d> even_directions = prt::hammersley_sphere(options.directions / 2);
   Eigen::MatrixXf radiance =
       Eigen::MatrixXf::Zero(shine.columns(), static_cast<Index>(points.size()) * count);
   transport.coverage = Eigen::MatrixXf::Zero(count, static_cast<Index>(points.size()));
@@ -126,7 +132,7 @@ void trace_grid(const Mesh& mesh, const prt::MeshRays& rays, const TransportOpti
     throw_if_interrupted();
     const bool near = points[p].norm() <= transport.radius * 1.0001f;
     const Rays cone =
-        near ? Rays{} : rays_towards(points[p], transport.radius, options.directions / 2, options.order);
+        near ? Rays{} : rays_towards(points[p], transport.radius, even_directions, options.order);
     const Rays& towards = near ? all_around : cone;
     Eigen::MatrixXf seen(shine.columns(), static_cast<Index>(towards.directions.size()));
     Eigen::MatrixXf harmonics(count, seen.cols());
@@ -219,8 +225,7 @@ ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays
   ObjectTransport transport;
   transport.order = options.order;
   transport.factors = factor(object.brdf, options.factors);
-  for (const auto& position : object.mesh.positions)
-    transport.radius = std::max(transport.radius, position.norm());
+  transport.radius = bounding_ball(object.mesh).radius;
   transport.modes =
       options.modes == ModeKind::joint
           ? joint_modes(object.mesh, rays, transport.factors, options.functions)

@@ -26,17 +26,13 @@ std::vector<AreaLight::Stop> read_path(ConfigSection& section) {
 }
 
 void append(const AreaLight& light, double time, Mesh& all) {
-  const Eigen::Vector3f position = light.position(time);
-  Eigen::Matrix3f turn = Eigen::Matrix3f::Identity();
-  if (light.towards && *light.towards != position)
-    turn = Eigen::Quaternionf::FromTwoVectors(Eigen::Vector3f::UnitY(), *light.towards - position)
-               .toRotationMatrix();
-  const auto first = static_cast<std::uint32_t>(all.positions.size());
-  for (const auto& point : light.shape.positions) all.positions.push_back(position + turn * point);
-  for (const auto& normal : light.shape.normals) all.normals.push_back(turn * normal);
-  all.colours.insert(all.colours.end(), light.shape.colours.begin(), light.shape.colours.end());
-  for (const auto& [a, b, c] : light.shape.triangles)
-    all.triangles.push_back({first + a, first + b, first + c});
+  Eigen::Isometry3f pose = Eigen::Isometry3f::Identity();
+  pose.translation() = light.position(time);
+  if (light.towards && *light.towards != pose.translation())
+    pose.linear() =
+        Eigen::Quaternionf::FromTwoVectors(Eigen::Vector3f::UnitY(), *light.towards - pose.translation())
+            .toRotationMatrix();
+  prt::append(light.shape, pose, all);
 }
 
 }  // namespace

@@ -2,22 +2,16 @@
 #include "simulate/prt/hammersley.h"
 
 #include <cmath>
-#include <cstdint>
 #include <numbers>
 
 namespace refield::prt {
 
-namespace {
-
-/// The binary digits of k behind the point, the lowest first.
 double radical_inverse(std::uint32_t k) {
   double value = 0.0;
   for (double digit = 0.5; k > 0; k >>= 1, digit *= 0.5)
     if (k & 1) value += digit;
   return value;
 }
-
-}  // namespace
 
 std::vector<Eigen::Vector3d> hammersley_sphere(int count) {
   std::vector<Eigen::Vector3d> directions;

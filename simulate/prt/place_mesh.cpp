@@ -38,4 +38,12 @@ void place(Mesh& mesh, const Placement& placement) {
     throw InputError("the mesh is placed beyond what float can hold; give another size or position");
 }
 
+void append(const Mesh& mesh, const Eigen::Isometry3f& pose, Mesh& all) {
+  const auto first = static_cast<std::uint32_t>(all.positions.size());
+  for (const auto& position : mesh.positions) all.positions.push_back(pose * position);
+  for (const auto& normal : mesh.normals) all.normals.push_back(pose.linear() * normal);
+  all.colours.insert(all.colours.end(), mesh.colours.begin(), mesh.colours.end());
+  for (const auto& [a, b, c] : mesh.triangles) all.triangles.push_back({first + a, first + b, first + c});
+}
+
 }  // namespace refield::prt

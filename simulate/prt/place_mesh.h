@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <optional>
 
 #include "core/mesh.h"
@@ -20,5 +20,8 @@ struct Placement {
 
 /// Moves a mesh; normals follow. Throws InputError where coordinates leave what float can hold.
 void place(Mesh& mesh, const Placement& placement);
+
+/// Joins a mesh, moved, to others.
+void append(const Mesh& mesh, const Eigen::Isometry3f& pose, Mesh& all);
 
 }  // namespace refield::prt

@@ -8,6 +8,7 @@
 #include "core/errors.h"
 #include "simulate/prt/mesh_file.h"
 #include "simulate/prt/mesh_section.h"
+#include "simulate/prt/place_mesh.h"
 #include "simulate/prt/refine_mesh.h"
 
 namespace refield::prt {
@@ -32,13 +33,7 @@ Material read_material(ConfigSection& section) {
 }
 
 void append(const Mesh& mesh, const Material& material, Scene& scene) {
-  const auto first = static_cast<std::uint32_t>(scene.mesh.positions.size());
-  const auto join = [](auto& all, const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
-  join(scene.mesh.positions, mesh.positions);
-  join(scene.mesh.normals, mesh.normals);
-  join(scene.mesh.colours, mesh.colours);
-  for (const auto& [a, b, c] : mesh.triangles)
-    scene.mesh.triangles.push_back({first + a, first + b, first + c});
+  prt::append(mesh, Eigen::Isometry3f::Identity(), scene.mesh);
   scene.material_of_vertex.resize(scene.mesh.positions.size(),
                                   static_cast<std::uint16_t>(scene.materials.size()));
   scene.materials.push_back(material);
