@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <memory>
 
+#include "cli/dynamic/scene_by_hand.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "relight/viewer/viewer.h"
@@ -10,39 +11,58 @@ namespace refield::cli {
 namespace {
 
 struct ViewOptions {
-  ViewerOptions viewer;
+  WindowOptions window;
+  std::filesystem::path shown;
   std::string light, script, size;
 };
 
 /// "1440x900".
-void read_size(const std::string& text, ViewerOptions& viewer) {
+void read_size(const std::string& text, WindowOptions& window) {
   char rest = '\0';
-  if (std::sscanf(text.c_str(), "%dx%d%c", &viewer.width, &viewer.height, &rest) != 2 || viewer.width < 720 ||
-      viewer.height < 520 || viewer.width > 16384 || viewer.height > 16384)
+  if (std::sscanf(text.c_str(), "%dx%d%c", &window.width, &window.height, &rest) != 2 || window.width < 720 ||
+      window.height < 520 || window.width > 16384 || window.height > 16384)
     throw InputError("--size " + text + ": give width x height in pixels, 720x520 to 16384x16384");
+}
+
+void view(const ViewOptions& options) {
+  const bool moves = options.shown.extension() == ".toml";
+  if (moves && !options.light.empty())
+    throw InputError("--light " + options.light + ": a moving scene has its lamps in " +
+                     options.shown.string() + "; maps are for fields (.rfield)");
+  if (moves) return run_scene_viewer(read_moving_scene(options.shown), options.window);
+  const auto light =
+      options.light.empty() ? std::nullopt : std::optional<std::filesystem::path>(options.light);
+  run_viewer(options.shown, light, options.window);
 }
 
 }  // namespace
 
 void add_view(CLI::App& app, const Common&, Action& action) {
   const auto options = std::make_shared<ViewOptions>();
-  CLI::App* verb = app.add_subcommand("view", "Relight a captured scene by hand, in a window");
-  verb->add_option("field", options->viewer.field, "Reflectance field (.rfield)")->required();
+  CLI::App* verb =
+      app.add_subcommand("view",
+                         "Relight a scene by hand, or move objects and lamps about in it, in a window\n\n"
+                         "  refield view scene.rfield --light sky.exr\n"
+                         "  refield view datasets_synthetic/dynamic/room.toml");
+  verb->add_option("scene", options->shown,
+                   "Reflectance field (.rfield), or a scene that moves (.toml, docs/dynamic.md)")
+      ->required();
   verb->add_option("--light", options->light, "Light map to begin with (EXR, HDR: linear; PNG, JPEG: sRGB)");
   verb->add_option("--size", options->size, "Of the window, WIDTHxHEIGHT (default 1440x900)");
   verb->add_option("--script", options->script,
                    "Drive the viewer by a file of commands, '-' for standard input (docs/viewer.md)");
   verb->footer(
-      "Drag lamps over the light map and see the scene follow; click a pixel to see where its light comes "
+      "Fields: drag lamps over the light map and see the scene follow; click a pixel to see where its light "
+      "comes "
       "from; hold\nthe right button on the light map to see what that part alone lights. Drop light maps and "
-      "fields onto the window.\nF1 shows all keys.");
+      "fields onto the window.\nMoving scenes: drag objects and lamps; Space plays the scene's own "
+      "motion.\nF1 shows all keys.");
   verb->callback([options, &action] {
     action = [options] {
-      ViewerOptions& viewer = options->viewer;
-      if (!options->light.empty()) viewer.light = options->light;
-      if (!options->script.empty()) viewer.script = options->script;
-      if (!options->size.empty()) read_size(options->size, viewer);
-      run_viewer(viewer);
+      WindowOptions& window = options->window;
+      if (!options->script.empty()) window.script = options->script;
+      if (!options->size.empty()) read_size(options->size, window);
+      view(*options);
     };
   });
 }

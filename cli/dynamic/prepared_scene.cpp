@@ -39,18 +39,32 @@ std::size_t PreparedScene::bytes() const {
 }
 
 void PreparedScene::solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options) {
+  solve(scene_.poses(time), scene_.lights.at(time), camera, options);
+}
+
+void PreparedScene::solve(std::vector<dynamic::Pose> poses, Mesh lamps, const PinholeCamera& camera,
+                          const dynamic::FrameOptions& options) {
   camera_ = camera;
-  poses_ = scene_.poses(time);
-  lamps_ = scene_.lights.at(time);
+  poses_ = std::move(poses);
+  lamps_ = std::move(lamps);
   light_->solve(poses_, lamps_, camera.position, options);
 }
 
-Image PreparedScene::picture(int first_bounce, int last_bounce) {
+Mesh PreparedScene::mesh() const {
   Mesh mesh = joined_mesh(scene_, poses_);
   append_lamps(lamps_, mesh);
+  return mesh;
+}
+
+std::vector<Eigen::Array3f> PreparedScene::radiance(int first_bounce, int last_bounce) {
   std::vector<Eigen::Array3f> radiance = light_->radiance(first_bounce, last_bounce);
   radiance.insert(radiance.end(), lamps_.colours.begin(), lamps_.colours.end());
-  return MeshView(mesh, camera_).show(radiance);
+  return radiance;
+}
+
+Image PreparedScene::picture(int first_bounce, int last_bounce) {
+  const Mesh all = mesh();
+  return MeshView(all, camera_).show(radiance(first_bounce, last_bounce));
 }
 
 std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(

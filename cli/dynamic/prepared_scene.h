@@ -21,6 +21,13 @@ class PreparedScene {
   std::size_t bytes() const;
 
   void solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options);
+  /// The same with all in other places; `lamps`: colours are radiance.
+  void solve(std::vector<dynamic::Pose> poses, Mesh lamps, const PinholeCamera& camera,
+             const dynamic::FrameOptions& options);
+  /// All objects and, after them, lamps as the last solve() had them; triangles of lamps have two fronts.
+  Mesh mesh() const;
+  /// Of its vertices towards the camera of the last solve().
+  std::vector<Eigen::Array3f> radiance(int first_bounce, int last_bounce);
   /// What the camera of the last solve() sees; lamps shine.
   Image picture(int first_bounce, int last_bounce);
   /// References for vertices at a time, by bounce.

@@ -7,7 +7,6 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "relight/environment.h"
 #include "relight/viewer/fit_light.h"
@@ -17,11 +16,6 @@ namespace refield {
 namespace fs = std::filesystem;
 
 namespace {
-
-void notify(App& app, const std::string& text, bool is_error, std::chrono::seconds duration) {
-  log_line(text);
-  app.notice = Notice{text, is_error, std::chrono::steady_clock::now() + duration};
-}
 
 void load_field(App& app, const fs::path& file) {
   app.state = std::visit([](auto field) { return std::make_unique<ViewState>(std::move(field)); },
@@ -50,29 +44,10 @@ std::string seen_note(const EnvironmentShare& share) {
   return text;
 }
 
-template <class Write>
-void save(App& app, const fs::path& file, const Write& write_png_file, const Image& linear) {
-  if (file.extension() == ".exr")
-    write_exr(file, linear);
-  else if (file.extension() == ".png")
-    write_png_file();
-  else
-    throw InputError(file.string() + ": pictures are saved as .exr (scene-linear) or .png");
-  say(app, "Saved " + file.string());
-}
-
 }  // namespace
 
 App::App(const fs::path& field_path) {
   load_field(*this, field_path);
-}
-
-void say(App& app, const std::string& text) {
-  notify(app, text, false, std::chrono::seconds(4));
-}
-
-void complain(App& app, const std::string& text) {
-  notify(app, text, true, std::chrono::seconds(10));
 }
 
 void load_light(App& app, const fs::path& file) {
@@ -119,23 +94,11 @@ void save_picture(App& app, const fs::path& file) {
   ViewState& state = *app.state;
   if (FreeView* view = state.view()) view->settle();
   state.refresh();
-  save(
-      app, file, [&] { write_png(file, state.radiance(), state.tone_in_use()); }, state.radiance());
+  save_image(app, file, state.radiance(), state.tone_in_use());
 }
 
 void save_light(App& app, const fs::path& file) {
-  const Image& light = app.state->painter().light().radiance;
-  save(
-      app, file, [&] { write_png(file, light, {app.state->light_exposure()}); }, light);
-}
-
-fs::path free_name(const std::string& stem, const std::string& extension) {
-  for (int i = 1;; ++i) {
-    char number[16];
-    std::snprintf(number, sizeof number, "-%04d", i);
-    fs::path name = stem + number + extension;
-    if (!fs::exists(name)) return name;
-  }
+  save_image(app, file, app.state->painter().light().radiance, {app.state->light_exposure()});
 }
 
 void change_exposure(App& app, double stops) {

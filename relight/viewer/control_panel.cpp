@@ -9,35 +9,11 @@
 #include "core/tone_map.h"
 #include "relight/viewer/drawing.h"
 #include "relight/viewer/panels.h"
+#include "relight/viewer/widgets.h"
 
 namespace refield {
 
 namespace {
-
-constexpr float label_width = 108.0f;
-
-void heading(const char* text) {
-  ImGui::Dummy(ImVec2(0.0f, 2.0f));
-  ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(accent_colour), "%s", text);
-  ImGui::Separator();
-}
-
-/// A control's name at the left, the control over the rest of the line.
-void label(const char* text) {
-  ImGui::AlignTextToFramePadding();
-  ImGui::TextUnformatted(text);
-  ImGui::SameLine(label_width);
-  ImGui::SetNextItemWidth(-1.0f);
-}
-
-/// A slider over stops of a positive factor; true when it was moved.
-bool stops_slider(const char* name, const char* id, double& factor, float low, float high) {
-  label(name);
-  auto stops = static_cast<float>(std::log2(std::max(factor, 1e-9)));
-  if (!ImGui::SliderFloat(id, &stops, low, high, "%+.2f stops")) return false;
-  factor = std::exp2(stops);
-  return true;
-}
 
 void light_section(App& app) {
   LightPainter& painter = app.state->painter();
@@ -120,14 +96,7 @@ void picture_section(App& app) {
   view_button("Training", Shown::training_error);
   ImGui::NewLine();
   ToneMapping tone = state.tone();
-  if (stops_slider("Exposure", "##exposure", tone.exposure, -20.0f, 20.0f)) state.set_tone(tone);
-  label("Tone curve");
-  for (const ToneOperator each : tone_operators) {
-    const std::string name(name_of(each));
-    if (button(app, name.c_str(), tone.curve == each)) state.set_tone({tone.exposure, each});
-    ImGui::SameLine();
-  }
-  ImGui::NewLine();
+  if (tone_controls(app, tone)) state.set_tone(tone);
   if (button(app, "Expose anew")) state.expose_picture();
   ImGui::SameLine();
   if (FreeView* view = state.view()) {
@@ -139,9 +108,7 @@ void picture_section(App& app) {
     ImGui::SameLine();
     if (button(app, "Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
   }
-  if (button(app, "Screenshot")) app.wants_screenshot = true;
-  ImGui::SameLine();
-  if (button(app, "Help", app.shows_help)) app.shows_help = !app.shows_help;
+  window_buttons(app);
 }
 
 /// The power of ten that the largest weight is written with.
@@ -208,19 +175,6 @@ void kernel_section(App& app) {
 }
 
 }  // namespace
-
-bool button(App& app, const char* name, bool is_on) {
-  if (is_on) {
-    ImGui::PushStyleColor(ImGuiCol_Button, accent_colour);
-    ImGui::PushStyleColor(ImGuiCol_ButtonHovered, accent_colour);
-    ImGui::PushStyleColor(ImGuiCol_Text, 0xff101010);
-  }
-  const bool is_pressed = ImGui::Button(name);
-  if (is_on) ImGui::PopStyleColor(3);
-  const ImVec2 low = ImGui::GetItemRectMin(), high = ImGui::GetItemRectMax();
-  app.controls[name] = {0.5 * (low.x + high.x), 0.5 * (low.y + high.y)};
-  return is_pressed;
-}
 
 void draw_control_panel(App& app, const Area& area) {
   begin_panel("##controls", area, true);

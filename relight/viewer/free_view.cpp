@@ -3,7 +3,12 @@
 
 namespace refield {
 
-FreeView::FreeView(const ReflectanceField& field) : field_(&field), orbit_(standard_camera(field)) {
+FreeView::FreeView(const ReflectanceField& field)
+    : FreeView(standard_camera(field), [&field](const PinholeCamera& camera, int samples) {
+        return std::make_unique<const MeshView>(field, camera, samples);
+      }) {}
+
+FreeView::FreeView(const PinholeCamera& start, Look look) : look_(std::move(look)), orbit_(start) {
   update();
 }
 
@@ -15,7 +20,7 @@ OrbitCamera& FreeView::move() {
 bool FreeView::update(Clock::time_point now) {
   const bool rests = is_settled_ || (!is_moved_ && is_rough_ && now - moved_at_ >= rest);
   if (!rests && !is_moved_) return false;
-  view_ = std::make_unique<const MeshView>(*field_, camera(), rests ? 4 : 1);
+  view_ = look_(camera(), rests ? 4 : 1);
   if (is_moved_) moved_at_ = now;
   is_moved_ = is_settled_ = false;
   is_rough_ = !rests;

@@ -21,11 +21,5 @@ void draw_picture_panel(App& app, const Textures& textures, const Area& area);
 void draw_light_panel(App& app, const Textures& textures, const Area& area);
 /// Lamps, light and picture in numbers, and the picked pixel's kernels.
 void draw_control_panel(App& app, const Area& area);
-void draw_status_bar(const App& app, const Area& area);
-void draw_notice(App& app, const Area& area);
-void draw_help(App& app, const Area& area);
-
-/// A button that scripts can find by its label.
-bool button(App& app, const char* label, bool is_on = false);
 
 }  // namespace refield

@@ -27,7 +27,7 @@ struct Grammar {
   std::string_view usage;
 };
 
-constexpr std::array<Grammar, 23> grammars = {{
+constexpr std::array<Grammar, 28> grammars = {{
     {"load", Verb::load, false, 0, 0, true, "load FILE"},
     {"move", Verb::move, true, 2, 2, false, "move image|light X Y"},
     {"pick", Verb::pick, false, 2, 2, false, "pick X Y"},
@@ -38,6 +38,11 @@ constexpr std::array<Grammar, 23> grammars = {{
     {"press", Verb::press, false, 0, 0, true, "press LABEL"},
     {"key", Verb::key, false, 0, 0, true, "key NAME"},
     {"rotate", Verb::rotate, false, 1, 1, false, "rotate DEGREES"},
+    {"select", Verb::select, false, 0, 0, true, "select NAME"},
+    {"place", Verb::place, false, 3, 3, false, "place X Y Z"},
+    {"gain", Verb::gain, false, 1, 1, false, "gain STOPS"},
+    {"time", Verb::time, false, 1, 1, false, "time SECONDS"},
+    {"bounces", Verb::bounces, false, 1, 1, false, "bounces NUMBER"},
     {"orbit", Verb::orbit, false, 2, 2, false, "orbit DEGREES_RIGHT DEGREES_UP"},
     {"approach", Verb::approach, false, 1, 1, false, "approach FACTOR"},
     {"pan", Verb::pan, false, 2, 2, false, "pan PIXELS_RIGHT PIXELS_DOWN"},

@@ -20,6 +20,11 @@ struct ScriptCommand {
     press,     ///< text: a control's label
     key,       ///< text: its name
     rotate,    ///< numbers: degrees
+    select,    ///< text: a thing's name
+    place,     ///< numbers: x y z
+    gain,      ///< numbers: stops
+    time,      ///< numbers: seconds
+    bounces,   ///< numbers: how many
     orbit,     ///< numbers: degrees to the right, up
     approach,  ///< numbers: factor
     pan,       ///< numbers: pixels to the right, down

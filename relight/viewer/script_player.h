@@ -7,10 +7,21 @@
 #include <utility>
 #include <vector>
 
-#include "relight/viewer/app.h"
+#include "relight/viewer/input.h"
 #include "relight/viewer/script.h"
+#include "relight/viewer/window_state.h"
 
 namespace refield {
+
+/// What a script needs of what the window shows.
+struct ScriptStage {
+  /// A position of a picture, in the window. Throws InputError for a picture that is not there.
+  std::function<Point(ScriptCommand::Target, double x, double y)> window_point;
+  /// The event of pressing a key. Throws InputError for a name that no shortcut has.
+  std::function<KeyChanged(const std::string&)> key;
+  /// Does what is neither mouse nor key. Throws InputError for what is not to be had there.
+  std::function<void(const ScriptCommand&)> perform;
+};
 
 /// Plays a script, a step a frame: mouse and keys as events that a user could have made, the rest by calls.
 class ScriptPlayer {
@@ -19,7 +30,7 @@ class ScriptPlayer {
 
   /// Called before each frame. False when nothing is left to do for now. Throws InputError, which names the
   /// line, for what cannot be done.
-  bool step(App& app, InputQueue& input);
+  bool step(WindowState& window, const ScriptStage& stage, InputQueue& input);
 
   /// Called after each frame, for the statistics.
   void note_frame(const FrameTime& frame) { frames_.push_back(frame); }
@@ -27,12 +38,17 @@ class ScriptPlayer {
   std::filesystem::path take_screenshot() { return std::exchange(screenshot_, {}); }
 
  private:
-  using Step = std::function<void(App&, InputQueue&)>;
+  struct Driven {
+    WindowState& window;
+    const ScriptStage& stage;
+    InputQueue& input;
+  };
+  using Step = std::function<void(const Driven&)>;
   void plan(const ScriptCommand& command);
+  /// `step` as the next frame's, its errors with the command's line.
+  void add(const ScriptCommand& command, Step step);
   void plan_click(const ScriptCommand& command, MouseButton button);
   void plan_drag(const ScriptCommand& command);
-  void plan_setting(const ScriptCommand& command);
-  void plan_camera(const ScriptCommand& command);
   void plan_output(const ScriptCommand& command);
   /// Frames in which panels settle.
   void plan_waiting(int frames);

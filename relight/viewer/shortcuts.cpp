@@ -71,7 +71,7 @@ void fit(App& app) {
   app.picture.fit();
 }
 
-std::vector<Shortcut> make_shortcuts() {
+std::vector<Shortcut<App>> make_shortcuts() {
   const std::string lamps = "Lamps", light = "Light map", picture = "Picture", rest = "Everything";
   return {
       {lamps, "B", GLFW_KEY_B, false, "add a bar", [](App& a) { add_lamp_and_select(a, Lamp::Shape::bar); }},
@@ -132,23 +132,9 @@ std::vector<Shortcut> make_shortcuts() {
 
 }  // namespace
 
-const std::vector<Shortcut>& shortcuts() {
-  static const std::vector<Shortcut> all = make_shortcuts();
+const std::vector<Shortcut<App>>& shortcuts() {
+  static const std::vector<Shortcut<App>> all = make_shortcuts();
   return all;
-}
-
-void handle_key(App& app, const KeyChanged& key) {
-  if (!key.is_down || key.with_control) return;
-  for (const Shortcut& shortcut : shortcuts())
-    if (shortcut.key == key.key && shortcut.with_shift == key.with_shift) return shortcut.action(app);
-}
-
-KeyChanged key_named(const std::string& name) {
-  const auto found = std::ranges::find(shortcuts(), name, &Shortcut::name);
-  if (found != shortcuts().end()) return {found->key, true, found->with_shift, false};
-  std::string known;
-  for (const Shortcut& shortcut : shortcuts()) known.append(known.empty() ? "" : " ").append(shortcut.name);
-  throw InputError("no shortcut has the key '" + name + "'; there are " + known);
 }
 
 }  // namespace refield

@@ -148,7 +148,7 @@ void ViewState::pick(std::optional<PixelPosition> pixel) {
     pixel.reset();
   std::optional<std::uint32_t> vertex;
   if (pixel && view_) {
-    vertex = view_->vertex_at(pixel->x, pixel->y);
+    vertex = view_->seen().vertex_at(pixel->x, pixel->y);
     if (!vertex) pixel.reset();
   }
   if (pixel == picked_ && vertex == picked_vertex_) return;
@@ -222,7 +222,7 @@ bool ViewState::look(bool relit) {
   if (!view_) return relit;
   const bool moved = view_->update();
   if (!moved && !relit) return false;
-  seen_ = view_->show(*outputs_);
+  seen_ = view_->seen().show(*outputs_);
   if (moved) place_mark();
   return true;
 }

@@ -15,6 +15,7 @@
 #include "relight/viewer/free_view.h"
 #include "relight/viewer/light_painter.h"
 #include "relight/viewer/light_panorama.h"
+#include "relight/viewer/tone_table_cache.h"
 
 namespace refield {
 
@@ -40,19 +41,6 @@ struct PixelPosition {
 /// False colours reach from so many stops below white to so many above.
 inline constexpr double stops_below_white = 8.0;
 inline constexpr double stops_above_white = 2.0;
-
-/// The table of the mapping asked for last: making one takes as long as mapping half a million values.
-class ToneTableCache {
- public:
-  const LevelTable& table(const ToneMapping& mapping) {
-    if (mapping != mapping_) table_ = LevelTable(mapping_ = mapping);
-    return table_;
-  }
-
- private:
-  ToneMapping mapping_;
-  LevelTable table_{mapping_};
-};
 
 /// All that the viewer is about, without its window: a field, the light that it is under, what is selected,
 /// how it is shown. Setters only note what is outdated; refresh() does the work.

@@ -3,6 +3,7 @@
 #include <cerrno>
 
 #include "core/errors.h"
+#include "relight/viewer/scene/moving_scene.h"
 #include "relight/viewer/viewer.h"
 
 namespace refield {
@@ -11,11 +12,24 @@ bool has_viewer() {
   return false;
 }
 
-void run_viewer(const ViewerOptions&) {
+namespace {
+
+[[noreturn]] void refuse() {
   throw DeviceError(
       "viewer", ENOSYS,
       "this program was built without a window; install libglfw3-dev, libimgui-dev and libgl-dev "
-      "and build it anew, or relight into files with 'refield relight'");
+      "and build it anew, or relight into files with 'refield relight' and 'refield simulate dynamic'");
+}
+
+}  // namespace
+
+void run_viewer(const std::filesystem::path&, const std::optional<std::filesystem::path>&,
+                const WindowOptions&) {
+  refuse();
+}
+
+void run_scene_viewer(MovingScene, const WindowOptions&) {
+  refuse();
 }
 
 }  // namespace refield

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/area_lights.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 
 #include "core/config_file.h"
@@ -25,16 +24,6 @@ std::vector<AreaLight::Stop> read_path(ConfigSection& section) {
   return path;
 }
 
-void append(const AreaLight& light, double time, Mesh& all) {
-  Eigen::Isometry3f pose = Eigen::Isometry3f::Identity();
-  pose.translation() = light.position(time);
-  if (light.towards && *light.towards != pose.translation())
-    pose.linear() =
-        Eigen::Quaternionf::FromTwoVectors(Eigen::Vector3f::UnitY(), *light.towards - pose.translation())
-            .toRotationMatrix();
-  prt::append(light.shape, pose, all);
-}
-
 }  // namespace
 
 Eigen::Vector3f AreaLight::position(double time) const {
@@ -46,6 +35,15 @@ Eigen::Vector3f AreaLight::position(double time) const {
   return last.position + share * (next->position - last.position);
 }
 
+Eigen::Isometry3f AreaLight::pose(const Eigen::Vector3f& position) const {
+  Eigen::Isometry3f pose = Eigen::Isometry3f::Identity();
+  pose.translation() = position;
+  if (towards && *towards != position)
+    pose.linear() =
+        Eigen::Quaternionf::FromTwoVectors(Eigen::Vector3f::UnitY(), *towards - position).toRotationMatrix();
+  return pose;
+}
+
 double AreaLights::duration() const {
   double duration = 0.0;
   for (const AreaLight& light : lights) duration = std::max(duration, light.path.back().time);
@@ -54,7 +52,7 @@ double AreaLights::duration() const {
 
 Mesh AreaLights::at(double time) const {
   Mesh all;
-  for (const AreaLight& light : lights) append(light, time, all);
+  for (const AreaLight& light : lights) append(light.shape, light.pose(light.position(time)), all);
   return all;
 }
 

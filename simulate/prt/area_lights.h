@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <filesystem>
 #include <optional>
 #include <vector>
@@ -24,6 +24,8 @@ struct AreaLight {
   std::optional<Eigen::Vector3f> towards;
 
   Eigen::Vector3f position(double time) const;
+  /// How its shape stands at a position.
+  Eigen::Isometry3f pose(const Eigen::Vector3f& position) const;
 };
 
 struct AreaLights {

@@ -5,9 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "core/files.h"
 #include "core/image_io.h"
@@ -16,13 +13,10 @@
 #include "relight/field_pictures.h"
 #include "relight/sequence.h"
 #include "relight/viewer/light_painter.h"
-#include "relight/viewer/viewer.h"
 #include "simulate/prt/mesh_shapes.h"
-#include "tests/pipeline/program.h"
+#include "tests/pipeline/view_program.h"
 #include "tests/support/mesh_field.h"
 #include "tests/support/random_data.h"
-#include "tests/support/temporary_folder.h"
-#include "tests/support/virtual_screen.h"
 
 namespace refield {
 namespace {
@@ -43,46 +37,15 @@ ReflectanceField small_field(const LightDomain& domain) {
   return field;
 }
 
-/// `view` on a field, and what its script printed.
-class ViewProgram : public testing::Test {
+/// Of fields.
+class ViewField : public test::ViewProgram {
  protected:
-  void SetUp() override {
-    if (!has_viewer()) GTEST_SKIP() << "SKIPPED: built without libglfw3-dev, libimgui-dev and libgl-dev";
-    if (!test::is_installed("Xvfb")) GTEST_SKIP() << "SKIPPED: Xvfb is not installed (Debian package xvfb)";
-#ifdef __SANITIZE_THREAD__
-    GTEST_SKIP() << "SKIPPED: the software renderer's threads are not instrumented";
-#endif
-    ::setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
-    ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // drivers leave memory behind when they are unloaded
-    screen_ = std::make_unique<test::VirtualScreen>(1280, 820);
-    ASSERT_TRUE(screen_->is_up()) << "Xvfb does not start";
-  }
-
-  /// Exit status; what the script printed goes to output_.
   int view(const LightDomain& domain, const std::string& script) {
     write_reflectance_field(path("a.rfield"), small_field(domain));
     return play(script);
   }
-  /// The same on the field that is there.
-  int play(const std::string& script) {
-    write_text_atomically(path("script"), script);
-    const int status = test::run_program(
-        {"view", path("a.rfield"), "--script", path("script"), "--size", "1200x760"}, path("log"));
-    output_ = read_text(path("log"));
-    return status;
-  }
-  std::string path(const std::string& name) const {
-    return (folder_ / name).string();
-  }
-
-  /// The lines that `where` printed.
-  std::vector<json> places() const {
-    std::vector<json> found;
-    std::istringstream lines(output_);
-    for (std::string line; std::getline(lines, line);)
-      if (line.rfind("{\"image\"", 0) == 0) found.push_back(json::parse(line.substr(0, line.rfind('}') + 1)));
-    return found;
-  }
+  /// On the field that is there.
+  int play(const std::string& script) { return ViewProgram::play(script, "a.rfield"); }
 
   /// The relit image inside a screenshot taken at 1:1 is the tone-mapped `light` on the field, to a level.
   void expect_shown(const std::string& screenshot, const json& place, const LightMap& light) const {
@@ -101,25 +64,12 @@ class ViewProgram : public testing::Test {
         }
     EXPECT_LE(worst, 1) << screenshot;
   }
-
-  const test::TemporaryFolder folder_;
-  std::unique_ptr<test::VirtualScreen> screen_;
-  std::string output_;
 };
 
 constexpr LightDomain monitor{64, 48, Parameterisation::monitor};
 constexpr LightDomain sphere{64, 32, Parameterisation::lat_long};
 
-double relative_difference(const Image& a, const Image& b) {
-  double difference = 0.0, sum = 0.0;
-  for (std::size_t i = 0; i < a.values.size(); ++i) {
-    difference += std::pow(a.values[i] - b.values[i], 2.0);
-    sum += std::pow(b.values[i], 2.0);
-  }
-  return std::sqrt(difference / sum);
-}
-
-TEST_F(ViewProgram, ACameraGoesAroundAMesh) {
+TEST_F(ViewField, ACameraGoesAroundAMesh) {
   const ReflectanceField field = test::unshadowed_field(prt::hare_mesh(10));
   write_reflectance_field(path("a.rfield"), field);
   // By hand, and by commands; then a click, which turns nothing.
@@ -149,7 +99,7 @@ TEST_F(ViewProgram, ACameraGoesAroundAMesh) {
   for (const auto& [place, file] : {std::pair{where[1], "dragged.exr"}, {where[2], "moved.exr"}}) {
     const Image expected = FieldPictures(field, {camera_of(place)}).picture(light, 0);
     // `where` rounds the camera to seven digits.
-    EXPECT_LT(relative_difference(read_image(path(file)), expected), 0.01) << file;
+    EXPECT_LT(test::relative_difference(read_image(path(file)), expected), 0.01) << file;
   }
   EXPECT_EQ(where[3]["camera"], where[2]["camera"]);
   EXPECT_EQ(where[3]["picked"], json::array({400, 350}));
@@ -157,7 +107,7 @@ TEST_F(ViewProgram, ACameraGoesAroundAMesh) {
   EXPECT_EQ(where[4]["camera"], where[0]["camera"]);
 }
 
-TEST_F(ViewProgram, DraggedLampRelightsTheScene) {
+TEST_F(ViewField, DraggedLampRelightsTheScene) {
   // The first lamp stands at (0.3, 0.35), texel (19.2, 16.8); the texel named is taken by its middle.
   ASSERT_EQ(view(monitor, "wait 3\nkey Z\nwhere\nsave-light " + path("before.exr") + "\nscreenshot " +
                               path("before.png") + "\ndrag light 19 17 39 27 20\nwhere\nsave-light " +
@@ -175,12 +125,12 @@ TEST_F(ViewProgram, DraggedLampRelightsTheScene) {
   expected.add({Lamp::Shape::spot, 0.3 + 20.0 / 64, 0.35 + 10.0 / 48, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
   expected.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
   constexpr double mouse_rounding = 0.01;  // the pointer stands on whole pixels of the window or nearly so
-  EXPECT_LT(relative_difference(after.radiance, expected.light().radiance), mouse_rounding);
-  EXPECT_GT(relative_difference(before.radiance, expected.light().radiance), 0.3);
+  EXPECT_LT(test::relative_difference(after.radiance, expected.light().radiance), mouse_rounding);
+  EXPECT_GT(test::relative_difference(before.radiance, expected.light().radiance), 0.3);
   EXPECT_THAT(output_, HasSubstr(" frames, "));
 }
 
-TEST_F(ViewProgram, LoadedMapTurns) {
+TEST_F(ViewField, LoadedMapTurns) {
   Rng rng{3};
   const LightMap map = test::random_light(rng, sphere);
   write_exr(path("map.exr"), map.radiance);
@@ -199,7 +149,7 @@ TEST_F(ViewProgram, LoadedMapTurns) {
   expect_shown("dragged.png", place[2], map);
 }
 
-TEST_F(ViewProgram, SurroundingsTurnBehindTheMonitorsWindow) {
+TEST_F(ViewField, SurroundingsTurnBehindTheMonitorsWindow) {
   Rng rng{4};
   const LightMap map = test::random_light(rng, {128, 64, Parameterisation::lat_long});
   write_exr(path("map.exr"), map.radiance);
@@ -216,7 +166,7 @@ TEST_F(ViewProgram, SurroundingsTurnBehindTheMonitorsWindow) {
   expect_shown("turned.png", place[1], projector.project(map, {.yaw = 40.0}).light);
 }
 
-TEST_F(ViewProgram, LightInMotionMoves) {
+TEST_F(ViewField, LightInMotionMoves) {
   Rng rng{5};
   write_exr(path("map.exr"), test::random_light(rng, sphere).radiance);
   ASSERT_EQ(view(sphere, "load " + path("map.exr") + "\nwait 3\nwhere\nkey Space\nwait 100\nwhere\nquit\n"),
@@ -228,7 +178,7 @@ TEST_F(ViewProgram, LightInMotionMoves) {
   EXPECT_GT(place[1]["turn"].get<double>(), 1.0);  // 30° a second; no machine draws 3000 frames in one
 }
 
-TEST_F(ViewProgram, PicksPixelsAndProbesTheLight) {
+TEST_F(ViewField, PicksPixelsAndProbesTheLight) {
   ASSERT_EQ(
       view(monitor, "wait 3\nkey Z\nscreenshot " + path("plain.png") + "\npick 37 21\nwhere\nscreenshot " +
                         path("picked.png") + "\nkey Escape\nprobe 20 30\nwhere\nscreenshot " +
@@ -262,7 +212,7 @@ TEST_F(ViewProgram, PicksPixelsAndProbesTheLight) {
   for (int c = 0; c < 3; ++c) EXPECT_EQ(error.at(left + 10, top + 10, c), error.at(left + 70, top + 60, c));
 }
 
-TEST_F(ViewProgram, SaysWhatIsWrong) {
+TEST_F(ViewField, SaysWhatIsWrong) {
   // In the window: it stays open.
   ASSERT_EQ(view(sphere, "wait 2\nload " + path("missing.exr") + "\nwhere\nquit\n"), 0);
   EXPECT_EQ(places().at(0)["notice"], "error");

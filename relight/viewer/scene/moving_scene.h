@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/camera.h"
+#include "core/mesh.h"
+
+namespace refield {
+
+/// An object or a lamp.
+struct SceneThing {
+  std::string name;
+  bool is_lamp = false;
+  bool moves = false;     ///< by itself
+  bool can_turn = false;  ///< by hand; lamps that look at a point cannot
+};
+
+/// What a hand did to a thing, beside what its own motion does.
+struct Handling {
+  Eigen::Vector3f shift = Eigen::Vector3f::Zero();  ///< from where its motion has it
+  double turn_degrees = 0.0;                        ///< about the vertical through its middle
+  double gain = 1.0;                                ///< of a lamp's radiance
+  bool operator==(const Handling&) const = default;
+};
+
+/// A lit scene as an eye sees it.
+struct SceneFrame {
+  Mesh mesh;                                ///< all things in place, one after another
+  std::vector<std::uint32_t> first_vertex;  ///< [things + 1], in the mesh
+  std::vector<Eigen::Array3f> radiance;     ///< [vertices], towards the eye
+};
+
+/// When, as moved by whom, how often reflected, and seen from where.
+struct SceneMoment {
+  double time = 0.0;                   ///< seconds
+  std::span<const Handling> handling;  ///< [things]
+  int bounces = 3;
+  Eigen::Vector3f eye = Eigen::Vector3f::Zero();
+};
+
+/// A scene of things that move, as the viewer takes it from whoever computes its light.
+struct MovingScene {
+  std::string name;
+  std::vector<SceneThing> things;
+  double duration = 0.0;  ///< of its own motion, seconds; 0: it stands still
+  PinholeCamera camera;   ///< to begin with
+  /// Where the middle of a thing is by its own motion.
+  std::function<Eigen::Vector3f(std::size_t thing, double time)> middle;
+  /// Puts all in place and lights it.
+  std::function<void(const SceneMoment& moment, SceneFrame& frame)> light;
+};
+
+}  // namespace refield

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/viewer/scene/scene_state.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+#include "core/auto_exposure.h"
+#include "core/errors.h"
+
+namespace refield {
+
+namespace {
+
+double take_milliseconds(std::chrono::steady_clock::time_point& start) {
+  const auto now = std::chrono::steady_clock::now();
+  return std::chrono::duration<double, std::milli>(now - std::exchange(start, now)).count();
+}
+
+}  // namespace
+
+SceneState::SceneState(MovingScene scene) : scene_(std::move(scene)), handling_(scene_.things.size()) {
+  if (scene_.things.empty()) throw InputError(scene_.name + ": the scene is empty; there is nothing to show");
+  light(scene_.camera);
+  view_ = std::make_unique<FreeView>(scene_.camera, [this](const PinholeCamera& camera, int samples) {
+    return std::make_unique<const MeshView>(frame_.mesh, camera, samples);
+  });
+  seen_ = view_->seen().show(frame_.radiance);
+  expose();
+}
+
+void SceneState::light(const PinholeCamera& camera) {
+  scene_.light({time_, handling_, bounces_, camera.position}, frame_);
+  is_light_old_ = false;
+}
+
+void SceneState::set_time(double seconds) {
+  const double wanted = std::isfinite(seconds) ? std::clamp(seconds, 0.0, scene_.duration) : 0.0;
+  if (wanted == time_) return;
+  time_ = wanted;
+  is_light_old_ = true;
+}
+
+void SceneState::advance(double seconds) {
+  if (scene_.duration > 0.0) set_time(std::fmod(time_ + seconds, scene_.duration));
+}
+
+void SceneState::set_bounces(int bounces) {
+  const int wanted = std::clamp(bounces, 0, most_bounces);
+  if (wanted == bounces_) return;
+  bounces_ = wanted;
+  is_light_old_ = true;
+}
+
+void SceneState::handle(std::size_t thing, const Handling& handling) {
+  if (handling == handling_[thing]) return;
+  handling_[thing] = handling;
+  is_light_old_ = true;
+}
+
+Eigen::Vector3f SceneState::middle(std::size_t thing) const {
+  return scene_.middle(thing, time_) + handling_[thing].shift;
+}
+
+void SceneState::put(std::size_t thing, const Eigen::Vector3f& middle) {
+  if (!middle.allFinite()) return;
+  Handling changed = handling_[thing];
+  changed.shift = middle - scene_.middle(thing, time_);
+  handle(thing, changed);
+}
+
+void SceneState::start_over() {
+  for (std::size_t thing = 0; thing < handling_.size(); ++thing) handle(thing, {});
+  set_time(0.0);
+}
+
+std::optional<SceneState::Seen> SceneState::seen_at(int x, int y) const {
+  if (x < 0 || y < 0 || x >= seen_.width || y >= seen_.height) return std::nullopt;
+  const auto vertex = view_->seen().vertex_at(x, y);
+  if (!vertex) return std::nullopt;
+  const auto next = std::ranges::upper_bound(frame_.first_vertex, *vertex);
+  return Seen{static_cast<std::size_t>(next - frame_.first_vertex.begin()) - 1,
+              frame_.mesh.positions[*vertex]};
+}
+
+void SceneState::set_tone(const ToneMapping& tone) {
+  if (tone == tone_) return;
+  tone_ = tone;
+  is_tone_old_ = true;
+}
+
+void SceneState::expose() {
+  std::vector<Eigen::Array3f> reflected = frame_.radiance;
+  for (std::size_t thing = 0; thing < scene_.things.size(); ++thing)
+    if (scene_.things[thing].is_lamp)
+      std::fill(reflected.begin() + frame_.first_vertex[thing],
+                reflected.begin() + frame_.first_vertex[thing + 1], Eigen::Array3f::Zero());
+  set_tone({exposure_to_white(view_->seen().show(reflected)), tone_.curve});
+}
+
+SceneState::Refreshed SceneState::refresh() {
+  Refreshed done;
+  auto start = std::chrono::steady_clock::now();
+  const bool is_lit = is_light_old_ || view_->is_moved();  // what is glossy looks otherwise from elsewhere
+  if (is_lit) {
+    light(view_->camera());
+    view_->move();
+    done.light_ms = take_milliseconds(start);
+  }
+  if (view_->update()) {
+    seen_ = view_->seen().show(frame_.radiance);
+    is_tone_old_ = true;
+    done.view_ms = take_milliseconds(start);
+  }
+  done.picture = std::exchange(is_tone_old_, false);
+  if (!done.picture) return done;
+  picture_.resize(std::size_t{4} * seen_.pixel_count());
+  tone_map_rgba(seen_, tone_table_.table(tone_), picture_);
+  done.tone_ms = take_milliseconds(start);
+  return done;
+}
+
+}  // namespace refield

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/image.h"
+#include "core/tone_map.h"
+#include "relight/viewer/free_view.h"
+#include "relight/viewer/scene/moving_scene.h"
+#include "relight/viewer/tone_table_cache.h"
+
+namespace refield {
+
+/// What the viewer of moving scenes is about, without its window: when it is, what a hand moved, who looks,
+/// and how the picture is shown. Setters only note what is outdated; refresh() does the work.
+class SceneState {
+ public:
+  static constexpr int most_bounces = 8;
+
+  /// At time 0, exposed for it. Throws InputError for a scene without things.
+  explicit SceneState(MovingScene scene);
+  SceneState(const SceneState&) = delete;  // the view looks at the frame in it
+  SceneState& operator=(const SceneState&) = delete;
+
+  const MovingScene& scene() const { return scene_; }
+  FreeView& view() { return *view_; }
+  const FreeView& view() const { return *view_; }
+
+  double time() const { return time_; }
+  /// Within the scene's duration.
+  void set_time(double seconds);
+  /// Lets time pass; after its end the motion begins anew.
+  void advance(double seconds);
+  int bounces() const { return bounces_; }
+  void set_bounces(int bounces);
+
+  const Handling& handling(std::size_t thing) const { return handling_[thing]; }
+  void handle(std::size_t thing, const Handling& handling);
+  /// Where the middle of a thing is.
+  Eigen::Vector3f middle(std::size_t thing) const;
+  /// Moves it there, by hand.
+  void put(std::size_t thing, const Eigen::Vector3f& middle);
+  /// Takes back all that a hand did, and begins anew.
+  void start_over();
+
+  /// What a pixel shows: a thing, and a point of it near there. As of the last refresh().
+  struct Seen {
+    std::size_t thing;
+    Eigen::Vector3f point;
+  };
+  std::optional<Seen> seen_at(int x, int y) const;
+
+  const ToneMapping& tone() const { return tone_; }
+  void set_tone(const ToneMapping& tone);
+  /// So that 1 % of the picture without lamps is white or more.
+  void expose();
+
+  /// What it took, and whether there is a new picture.
+  struct Refreshed {
+    bool picture = false;
+    double light_ms = 0.0;
+    double view_ms = 0.0;
+    double tone_ms = 0.0;
+  };
+  Refreshed refresh();
+
+  /// The picture, as of the last refresh(). Pixels of red, green, blue, alpha, row-major.
+  const Image& radiance() const { return seen_; }
+  std::span<const std::uint8_t> picture() const { return picture_; }
+
+ private:
+  void light(const PinholeCamera& camera);
+
+  MovingScene scene_;
+  std::vector<Handling> handling_;
+  double time_ = 0.0;
+  int bounces_ = 3;
+  ToneMapping tone_;
+  ToneTableCache tone_table_;
+  SceneFrame frame_;
+  std::unique_ptr<FreeView> view_;
+  Image seen_;
+  std::vector<std::uint8_t> picture_;
+  bool is_light_old_ = false, is_tone_old_ = true;
+};
+
+}  // namespace refield
