@@ -26,7 +26,7 @@ struct LightBasis {
   HarmonicKernels harmonics = {};  ///< with Measure::solid_angle alone
 
   /// Hats and harmonics.
-  std::size_t smooth() const { return static_cast<std::size_t>(hats.count() + harmonics.count()); }
+  std::size_t smooth() const { return static_cast<std::size_t>(hats.count()) + harmonics.count(); }
   std::size_t size() const { return smooth() + boxes.size(); }
   bool is_smooth(std::size_t kernel) const { return kernel < smooth(); }
   const Box& box(std::size_t kernel) const { return boxes[kernel - smooth()]; }

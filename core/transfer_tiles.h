@@ -81,7 +81,7 @@ struct TileArrays {
 
   bool is_grey() const { return record_weight.size() == record_kernel.size() * group_pixels; }
   /// Weights of a record.
-  std::size_t record_size() const { return static_cast<std::size_t>((is_grey() ? 1 : 3) * group_pixels); }
+  std::size_t record_size() const { return std::size_t{is_grey() ? 1u : 3u} * group_pixels; }
 };
 
 template <class T>

@@ -67,6 +67,21 @@ Image PreparedScene::picture(int first_bounce, int last_bounce) {
   return MeshView(all, camera_).show(radiance(first_bounce, last_bounce));
 }
 
+Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
+                                    const dynamic::ReferenceOptions& options) const {
+  std::vector<dynamic::VertexOf> vertices;
+  for (std::uint32_t o = 0; o < scene_.objects.size(); ++o)
+    for (std::uint32_t v = 0; v < scene_.objects[o].mesh.positions.size(); ++v) vertices.push_back({o, v});
+  std::vector<Eigen::Array3f> radiance(vertices.size(), Eigen::Array3f::Zero());
+  for (const auto& bounce : reference(time, vertices, camera.position, options))
+    for (std::size_t v = 0; v < radiance.size(); ++v) radiance[v] += bounce[v];
+  const Mesh lamps = scene_.lights.at(time);
+  Mesh all = joined_mesh(scene_, scene_.poses(time));
+  append_lamps(lamps, all);
+  radiance.insert(radiance.end(), lamps.colours.begin(), lamps.colours.end());
+  return MeshView(all, camera).show(radiance);
+}
+
 std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
     double time, std::span<const dynamic::VertexOf> vertices, const Eigen::Vector3f& eye,
     const dynamic::ReferenceOptions& options) const {

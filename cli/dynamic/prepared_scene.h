@@ -30,6 +30,9 @@ class PreparedScene {
   std::vector<Eigen::Array3f> radiance(int first_bounce, int last_bounce);
   /// What the camera of the last solve() sees; lamps shine.
   Image picture(int first_bounce, int last_bounce);
+  /// The picture of a time by traced paths, as many a vertex: the reference for picture().
+  Image traced_picture(double time, const PinholeCamera& camera,
+                       const dynamic::ReferenceOptions& options) const;
   /// References for vertices at a time, by bounce.
   std::vector<std::vector<Eigen::Array3f>> reference(double time, std::span<const dynamic::VertexOf> vertices,
                                                      const Eigen::Vector3f& eye,

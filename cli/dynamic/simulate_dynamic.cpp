@@ -32,7 +32,7 @@ struct DynamicArguments {
   std::string modes = "joint";
   VideoOptions video;
   std::optional<double> time;
-  int reference = 0;
+  int reference = 0, traced = 0;
   bool measure = false, no_occlusion = false, factored_direct = false;
 };
 
@@ -69,6 +69,16 @@ void for_each_frame(PreparedScene& scene, const DynamicArguments& arguments, con
   }
 }
 
+Image one_picture(PreparedScene& scene, const DynamicArguments& arguments) {
+  const double time = arguments.time.value_or(0.0);
+  const PinholeCamera camera = camera_of(scene.scene());
+  if (arguments.traced > 0)
+    return scene.traced_picture(time, camera,
+                                {.paths = arguments.traced, .bounces = arguments.frame.bounces});
+  scene.solve(time, camera, arguments.frame);
+  return scene.picture(0, scene.light().bounces());
+}
+
 void write_frames(PreparedScene& scene, const DynamicArguments& arguments) {
   const fs::path& output = arguments.output;
   const PinholeCamera camera = camera_of(scene.scene());
@@ -82,8 +92,7 @@ void write_frames(PreparedScene& scene, const DynamicArguments& arguments) {
       video.finish();
     });
   } else if (output.has_extension()) {
-    scene.solve(arguments.time.value_or(0.0), camera, arguments.frame);
-    write_picture(output, scene.picture(0, scene.light().bounces()), arguments.video.exposure);
+    write_picture(output, one_picture(scene, arguments), arguments.video.exposure);
   } else {
     create_folders(output);
     for_each_frame(scene, arguments, [&](int frame, const Image& picture) {
@@ -146,6 +155,9 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   arguments.video.check();
   arguments.frame.check();
   check_output(arguments.output);
+  if (arguments.traced > 0 && arguments.output.extension() != ".png" &&
+      arguments.output.extension() != ".exr")
+    throw InputError("--traced: makes one picture; give it to -o as .exr or .png");
   const auto start = std::chrono::steady_clock::now();
   PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene), arguments.transport);
   ordered_json figures{{"objects", ordered_json::array()}};
@@ -253,6 +265,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--exposure", arguments->video.exposure, "Factor on the radiance in PNG and MP4")
       ->capture_default_str();
   verb->add_flag("--measure", arguments->measure, "Measure the time of a frame, by part");
+  verb->add_option("--traced", arguments->traced,
+                   "Make the one picture by so many traced paths a vertex, to see beside what it should be")
+      ->check(CLI::Range(1, 1 << 20));
   verb->add_option("--reference", arguments->reference,
                    "Trace so many paths at each of 500 vertices and tell the error, by bounce")
       ->check(CLI::Range(1, 1 << 24));

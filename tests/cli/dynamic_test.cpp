@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -87,6 +88,21 @@ TEST_F(SimulateDynamicVerb, WritesOnePictureAFolderAndAFilm) {
   EXPECT_FALSE(std::filesystem::exists(folder_ / "frames/frame_00003.png"));
   ASSERT_THAT(run_refield(command({"-o", folder_ / "film.mp4", "--fps", "10"})), Succeeded());
   EXPECT_GT(std::filesystem::file_size(folder_ / "film.mp4"), 500u);
+}
+
+TEST_F(SimulateDynamicVerb, ThePictureIsLikeTheTracedOne) {
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "ours.exr"})), Succeeded());
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "traced.exr", "--traced", "64"})), Succeeded());
+  const Image ours = read_image(folder_ / "ours.exr"), traced = read_image(folder_ / "traced.exr");
+  double difference = 0.0, sum = 0.0;
+  for (std::size_t i = 0; i < ours.values.size(); ++i) {
+    difference += std::abs(ours.values[i] - traced.values[i]);
+    sum += traced.values[i];
+  }
+  EXPECT_GT(difference, 0.0);
+  EXPECT_LT(difference, 0.08 * sum);
+  EXPECT_THAT(run_refield(command({"-o", folder_ / "film.mp4", "--traced", "4"})),
+              RefusedNaming("--traced", ".exr"));
 }
 
 TEST_F(SimulateDynamicVerb, ChartsItsSettingsAgainstThePapers) {
