@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "cli/dynamic/scene_by_hand.h"
+#include "cli/picture_size.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "relight/viewer/viewer.h"
@@ -15,14 +16,6 @@ struct ViewOptions {
   std::filesystem::path shown;
   std::string light, script, size;
 };
-
-/// "1440x900".
-void read_size(const std::string& text, WindowOptions& window) {
-  char rest = '\0';
-  if (std::sscanf(text.c_str(), "%dx%d%c", &window.width, &window.height, &rest) != 2 || window.width < 720 ||
-      window.height < 520 || window.width > 16384 || window.height > 16384)
-    throw InputError("--size " + text + ": give width x height in pixels, 720x520 to 16384x16384");
-}
 
 void view(const ViewOptions& options) {
   const bool moves = options.shown.extension() == ".toml";
@@ -61,7 +54,11 @@ void add_view(CLI::App& app, const Common&, Action& action) {
     action = [options] {
       WindowOptions& window = options->window;
       if (!options->script.empty()) window.script = options->script;
-      if (!options->size.empty()) read_size(options->size, window);
+      if (!options->size.empty()) {
+        const PictureSize size = read_picture_size(options->size, {720, 520});
+        window.width = size.width;
+        window.height = size.height;
+      }
       view(*options);
     };
   });

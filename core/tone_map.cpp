@@ -52,6 +52,10 @@ float least_value(const std::function<std::uint8_t(float)>& level, int wanted) {
 
 }  // namespace
 
+ToneOperator next(ToneOperator curve) {
+  return tone_operators[(static_cast<std::size_t>(curve) + 1) % tone_operators.size()];
+}
+
 std::string_view name_of(ToneOperator curve) {
   switch (curve) {
     case ToneOperator::clip:

@@ -23,6 +23,8 @@ enum class ToneOperator { clip, reinhard, filmic };
 
 inline constexpr std::array<ToneOperator, 3> tone_operators = {ToneOperator::clip, ToneOperator::reinhard,
                                                                ToneOperator::filmic};
+/// The one after it, and after the last the first.
+ToneOperator next(ToneOperator curve);
 std::string_view name_of(ToneOperator curve);
 /// Throws InputError for an unknown name.
 ToneOperator tone_operator_from_name(std::string_view name);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/relight/camera_options.h"
 
-#include <cstdio>
-
+#include "cli/picture_size.h"
 #include "core/errors.h"
 #include "relight/field_pictures.h"
 
@@ -13,14 +12,6 @@ namespace {
 bool are_given(const CameraOptions& options) {
   return !options.position.empty() || !options.target.empty() || options.fov || !options.size.empty() ||
          options.turntable;
-}
-
-void read_size(const std::string& text, PinholeCamera& camera) {
-  char rest = '\0';
-  constexpr int largest = 16384;
-  if (std::sscanf(text.c_str(), "%dx%d%c", &camera.width, &camera.height, &rest) != 2 || camera.width < 1 ||
-      camera.height < 1 || camera.width > largest || camera.height > largest)
-    throw InputError("--size " + text + ": give width x height in pixels, 1x1 to 16384x16384");
 }
 
 Eigen::Vector3f vector_of(const std::vector<float>& numbers) {
@@ -58,7 +49,9 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
   }
   PinholeCamera camera = standard_camera(field);
   if (!options.size.empty()) {
-    read_size(options.size, camera);
+    const PictureSize size = read_picture_size(options.size, {1, 1});
+    camera.width = size.width;
+    camera.height = size.height;
     if (!field.camera) camera = framing_camera(field.mesh, camera.width, camera.height);
   }
   if (!options.position.empty()) camera.position = vector_of(options.position);

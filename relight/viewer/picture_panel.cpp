@@ -7,6 +7,7 @@
 
 #include "relight/viewer/drawing.h"
 #include "relight/viewer/panels.h"
+#include "relight/viewer/picture_canvas.h"
 
 namespace refield {
 
@@ -103,33 +104,14 @@ void draw_title(const App& app, const Area& area) {
   }
 }
 
-/// A picture of the area's size.
-void fill_area(const Area& area, FreeView& view) {
-  const int width = std::max(1, static_cast<int>(area.width)),
-            height = std::max(1, static_cast<int>(area.height));
-  if (view.camera().width != width || view.camera().height != height) view.move().set_size(width, height);
-}
-
 }  // namespace
 
 void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
-  if (FreeView* view = app.state->view()) {
-    app.picture.fit();
-    fill_area(area, *view);
-  }
+  if (FreeView* view = app.state->view()) fill_area(area, app.picture, *view);
   const Image& picture = app.state->radiance();
-  app.picture.lay_out(area, picture.width, picture.height);
-  begin_panel("##picture", area, false);
-  ImGui::InvisibleButton("##canvas", ImGui::GetContentRegionAvail(),
-                         ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight |
-                             ImGuiButtonFlags_MouseButtonMiddle);
+  begin_picture_panel(area, app.picture, picture);
   handle_picture_mouse(app);
-  ImDrawList& list = *ImGui::GetWindowDrawList();
-  list.AddRectFilled(vector({area.x, area.y}), vector({area.x + area.width, area.y + area.height}),
-                     canvas_colour, 6.0f);
-  list.AddImage(textures.picture.handle(), vector(app.picture.window_from_image({0.0, 0.0})),
-                vector(app.picture.window_from_image(
-                    {static_cast<double>(picture.width), static_cast<double>(picture.height)})));
+  draw_picture(app.picture, picture, textures.picture);
   draw_mark(app);
   draw_shown_legend(app, area);
   draw_title(app, area);

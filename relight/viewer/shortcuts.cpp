@@ -37,10 +37,8 @@ void show(App& app, Shown shown) {
 }
 
 void next_operator(App& app) {
-  ToneMapping tone = app.state->tone();
-  const auto at = std::ranges::find(tone_operators, tone.curve);
-  tone.curve = at + 1 == tone_operators.end() ? tone_operators.front() : *(at + 1);
-  app.state->set_tone(tone);
+  const ToneMapping tone = app.state->tone();
+  app.state->set_tone({tone.exposure, next(tone.curve)});
 }
 
 /// Lets go of one thing at a time.

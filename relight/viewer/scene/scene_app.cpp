@@ -44,10 +44,8 @@ void expose_by(SceneApp& app, double stops) {
 }
 
 void next_curve(SceneApp& app) {
-  ToneMapping tone = app.state.tone();
-  const auto at = std::ranges::find(tone_operators, tone.curve);
-  tone.curve = at + 1 == tone_operators.end() ? tone_operators.front() : *(at + 1);
-  app.state.set_tone(tone);
+  const ToneMapping tone = app.state.tone();
+  app.state.set_tone({tone.exposure, next(tone.curve)});
 }
 
 void save_scene_pictures(SceneApp& app) {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "relight/viewer/drawing.h"
+#include "relight/viewer/picture_canvas.h"
 #include "relight/viewer/scene/drag.h"
 #include "relight/viewer/widgets.h"
 #include "relight/viewer/window_panels.h"
@@ -108,25 +109,11 @@ void draw_selection(const SceneApp& app) {
 }
 
 void draw_scene_picture(SceneApp& app, const Texture& texture, const Area& area) {
-  SceneState& state = app.state;
-  const int width = std::max(1, static_cast<int>(area.width)),
-            height = std::max(1, static_cast<int>(area.height));
-  const PinholeCamera& camera = state.view().camera();
-  if (camera.width != width || camera.height != height) state.view().move().set_size(width, height);
-  app.picture.fit();
-  const Image& picture = state.radiance();
-  app.picture.lay_out(area, picture.width, picture.height);
-  begin_panel("##picture", area, false);
-  ImGui::InvisibleButton("##canvas", ImGui::GetContentRegionAvail(),
-                         ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight |
-                             ImGuiButtonFlags_MouseButtonMiddle);
+  fill_area(area, app.picture, app.state.view());
+  const Image& picture = app.state.radiance();
+  begin_picture_panel(area, app.picture, picture);
   handle_scene_mouse(app);
-  ImDrawList& list = *ImGui::GetWindowDrawList();
-  list.AddRectFilled(vector(area.x, area.y), vector(area.x + area.width, area.y + area.height), canvas_colour,
-                     6.0f);
-  list.AddImage(texture.handle(), vector(app.picture.window_from_image({0.0, 0.0})),
-                vector(app.picture.window_from_image(
-                    {static_cast<double>(picture.width), static_cast<double>(picture.height)})));
+  draw_picture(app.picture, picture, texture);
   draw_selection(app);
   end_panel();
 }
