@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -32,15 +33,23 @@ struct PrtArguments {
   int bits = 8;
 };
 
-/// Johan and Nishita, section 6.1, for 73 196 vertices.
-constexpr double epsilon_of_the_paper = 5e-5;
+struct NamedSimilarity {
+  const char* name;
+  prt::Similarity similarity;
+  double epsilon;  ///< by default
+};
+constexpr NamedSimilarity similarities[] = {
+    {"group", prt::Similarity::group, 1e-4},
+    {"solid-angle", prt::Similarity::all_by_solid_angle, 4e-5},
+    {"all", prt::Similarity::all_outputs, 5e-5}};  // Johan and Nishita, section 6.1, for 73 196 vertices
 
 /// Figures of the computation for the summary; fills in `rows`.
 ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {
   prt::ClusterOptions& options = arguments.clusters;
-  options.similarity = arguments.similarity == "all" ? prt::Similarity::all_outputs : prt::Similarity::group;
-  options.epsilon = arguments.epsilon.value_or(
-      options.similarity == prt::Similarity::group ? options.epsilon : epsilon_of_the_paper);
+  const NamedSimilarity& chosen = *std::ranges::find_if(
+      similarities, [&](const auto& each) { return arguments.similarity == each.name; });
+  options.similarity = chosen.similarity;
+  options.epsilon = arguments.epsilon.value_or(chosen.epsilon);
   options.relighting = arguments.image ? prt::Relighting::image : prt::Relighting::geometry;
   prt::ClusterStatistics statistics;
   rows = prt::cluster_transfer(scene, options, statistics);
@@ -117,14 +126,15 @@ void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
   verb.add_option(
           "--epsilon", arguments.epsilon,
           "What is let pass when lights are taken for one; smaller is more exact and larger. Default: 1e-4 "
-          "of white (group), 5e-5 as in the paper (all)")
+          "(group) or 4e-5 (solid-angle) of white, 5e-5 as in the paper (all)")
       ->check(CLI::PositiveNumber)
       ->group(group);
   verb.add_option(
           "--similarity", arguments.similarity,
           "Who decides which lights are alike: 'group', 16 neighbouring vertices each for themselves, "
-          "or 'all' vertices together, as in the paper (equation 11)")
-      ->check(CLI::IsMember({"group", "all"}))
+          "or all vertices together, by what a square of light can bring ('solid-angle') or, as in the "
+          "paper, by its transfer alone ('all', equation 11)")
+      ->check(CLI::IsMember({"group", "solid-angle", "all"}))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--samples", options.samples, "Lights tried along a square's side")

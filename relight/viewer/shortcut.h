@@ -2,6 +2,7 @@
 #pragma once
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "relight/viewer/input.h"
@@ -20,7 +21,9 @@ struct ShortcutKey {
 /// Of a window whose state is a `State`.
 template <class State>
 struct Shortcut : ShortcutKey {
-  std::function<void(State&)> action;
+  using Action = std::function<void(State&)>;
+  Shortcut(ShortcutKey pressed, Action does) : ShortcutKey(std::move(pressed)), action(std::move(does)) {}
+  Action action;
 };
 
 /// Does what a pressed key stands for; nothing for other keys and releases.

@@ -24,6 +24,6 @@ void run_viewer(const std::filesystem::path& field, const std::optional<std::fil
                 const WindowOptions& options);
 
 /// The same on a scene of which objects and lamps move, by themselves and by hand.
-void run_scene_viewer(MovingScene scene, const WindowOptions& options);
+void run_scene_viewer(const MovingScene& scene, const WindowOptions& options);
 
 }  // namespace refield

@@ -145,7 +145,15 @@ Mesh coloured(const Scene& scene) {
 }  // namespace
 
 std::string_view name_of(Similarity similarity) {
-  return similarity == Similarity::group ? "group" : "all_outputs";
+  switch (similarity) {
+    case Similarity::all_outputs:
+      return "all_outputs";
+    case Similarity::all_by_solid_angle:
+      return "all_by_solid_angle";
+    case Similarity::group:
+      return "group";
+  }
+  throw InputError("unknown similarity");
 }
 
 FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics) {

@@ -4,6 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 
 #include "core/cube_map.h"
@@ -42,7 +43,7 @@ class LightClusters {
       : transfer_(transfer),
         options_(options),
         statistics_(statistics),
-        limit_(options.epsilon * static_cast<double>(outputs)),
+        outputs_(static_cast<double>(outputs)),
         weights_(transfer.groups()) {}
 
   std::vector<GroupWeights> run() {
@@ -86,7 +87,13 @@ class LightClusters {
     return lights;
   }
 
-  /// Traces what is missing and tests eq. 11; if all samples satisfy it, their mean (eq. 10) becomes the
+  /// ‖T_C − T_l‖ that is let pass.
+  double limit(const CubeSquare& square) const {
+    if (options_.similarity == Similarity::all_outputs) return options_.epsilon * outputs_;  // eq. 11
+    return options_.epsilon * std::sqrt(outputs_) / cube_solid_angle(square.box, options_.resolution);
+  }
+
+  /// Traces what is missing and tests it; if all samples satisfy it, their mean (eq. 10) becomes the
   /// cluster's vector.
   bool one_cluster(Domain& domain) {
     const std::vector<Light*> lights = sample(domain);
@@ -124,10 +131,11 @@ class LightClusters {
           }
     });
     for (const std::uint64_t count : rays) statistics_.rays += count;
+    const double most = limit(domain.square);
     for (std::size_t of = 0; of < lights.size() * channels; ++of) {
       double sum = 0.0;
       for (std::size_t g = 0; g < groups; ++g) sum += distance[g * lights.size() * channels + of];
-      if (lights.size() > 1 && !(sum < limit_ * limit_)) return false;
+      if (lights.size() > 1 && !(sum < most * most)) return false;
     }
     tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
       weights_[g].append(domain.square.name, std::span(mean).subspan(g * size, size));
@@ -148,7 +156,7 @@ class LightClusters {
   const TransferSamples& transfer_;
   const ClusterOptions& options_;
   ClusterStatistics& statistics_;
-  double limit_;            // ε N
+  double outputs_;          // N
   std::uint64_t held_ = 0;  // transfer vectors
   std::vector<GroupWeights> weights_;
 };

@@ -12,6 +12,14 @@
 
 namespace refield {
 
+/// What the left button holds: a thing by one of its points, or the camera.
+struct HeldThing {
+  std::optional<std::size_t> thing;
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();
+  Point pointer;             ///< in the window, when it was moved last
+  bool is_dragging = false;  ///< further than a click may shake
+};
+
 /// The viewer of moving scenes between frames. Panels draw it and change it; so do shortcuts and scripts.
 struct SceneApp : WindowState {
   explicit SceneApp(MovingScene scene) : state(std::move(scene)) {}
@@ -19,15 +27,7 @@ struct SceneApp : WindowState {
   SceneState state;
   std::optional<std::size_t> selected;  ///< thing
   bool is_playing = false;              ///< the scene's own motion
-
-  /// What the left button holds: a thing by one of its points, or the camera.
-  struct Held {
-    std::optional<std::size_t> thing;
-    Eigen::Vector3f point = Eigen::Vector3f::Zero();
-    Point pointer;             ///< in the window, when it was moved last
-    bool is_dragging = false;  ///< further than a click may shake
-  };
-  std::optional<Held> held;
+  std::optional<HeldThing> held;
 
   Canvas picture;
 };

@@ -51,7 +51,7 @@ void take_hold(SceneApp& app) {
 
 void drag_held(SceneApp& app) {
   constexpr double degrees_a_pixel = 0.35;
-  SceneApp::Held& held = *app.held;
+  HeldThing& held = *app.held;
   const Point before = std::exchange(held.pointer, pointer());
   const double right = held.pointer.x - before.x, down = held.pointer.y - before.y;
   FreeView& view = app.state.view();

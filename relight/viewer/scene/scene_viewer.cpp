@@ -24,8 +24,8 @@ void handle_in_scene(SceneApp& app, const InputEvent& event) {
 
 }  // namespace
 
-void run_scene_viewer(MovingScene scene, const WindowOptions& options) {
-  SceneApp app(std::move(scene));
+void run_scene_viewer(const MovingScene& scene, const WindowOptions& options) {
+  SceneApp app(scene);
   GlWindow window(options.width, options.height, !options.script);
   Texture picture;  // gone before the window
   run_window(window, options.script,

@@ -22,12 +22,13 @@ using refield::test::message_of;
 using test::cluster;
 using test::error_of;
 
-constexpr Similarity both[] = {Similarity::all_outputs, Similarity::group};
+constexpr Similarity all_ways[] = {Similarity::all_outputs, Similarity::all_by_solid_angle,
+                                   Similarity::group};
 
 TEST(Clusters, OfAnOpenPlaneGiveOneUnderWhiteLight) {
   const Scene scene = test::plane_scene();
   LightMap white{Image(32, 192, 3, 1.0f), Parameterisation::cube};
-  for (const Similarity similarity : both) {
+  for (const Similarity similarity : all_ways) {
     const ReflectanceField field =
         cluster(scene, {.similarity = similarity, .resolution = 32, .epsilon = 1e-3});
     const Image image = field.relight(white);
@@ -43,7 +44,7 @@ TEST(Clusters, WithoutToleranceEqualTheSumOverAllLights) {
   const Scene scene = test::hare_scene();
   Rng rng(3);
   for (const int resolution : {1, 8, 11})  // 11: no power of two
-    for (const Similarity similarity : both) {
+    for (const Similarity similarity : all_ways) {
       const ReflectanceField field =
           cluster(scene, {.similarity = similarity, .resolution = resolution, .epsilon = 0.0});
       const LightMap light = refield::test::random_light(rng, cube_domain(resolution));
@@ -57,7 +58,7 @@ TEST(Clusters, OfAViewWithoutToleranceEqualTheSumOverAllLights) {
   const Scene scene = test::glossy_scene();
   Rng rng(4);
   const LightMap light = refield::test::random_light(rng, cube_domain(9));
-  for (const Similarity similarity : both) {
+  for (const Similarity similarity : all_ways) {
     const ReflectanceField field = cluster(
         scene, {.relighting = Relighting::image, .similarity = similarity, .resolution = 9, .epsilon = 0.0});
     EXPECT_TRUE(field.mesh.empty());
@@ -70,7 +71,8 @@ TEST(Clusters, ErrFurtherTheMoreIsLetPass) {
   Rng rng(5);
   const LightMap light = refield::test::random_light(rng, cube_domain(32));
   for (const auto& [similarity, first] :
-       {std::pair{Similarity::all_outputs, 1e-3}, std::pair{Similarity::group, 1e-4}}) {
+       {std::pair{Similarity::all_outputs, 1e-3}, std::pair{Similarity::all_by_solid_angle, 1e-4},
+        std::pair{Similarity::group, 1e-4}}) {
     double last = 0.0;
     std::uint64_t last_clusters = ~0ull;
     for (const double epsilon : {first, 3 * first, 9 * first}) {
@@ -152,7 +154,8 @@ TEST(Clusters, GrowFarSlowerThanTheNumberOfLights) {
   constexpr double growth = 1.5;  // while the lights are sixteen times as many
   const Scene scene = test::hare_scene();
   for (const auto& [similarity, epsilon] :
-       {std::pair{Similarity::all_outputs, 1.5e-3}, std::pair{Similarity::group, 1e-3}}) {
+       {std::pair{Similarity::all_outputs, 1.5e-3}, std::pair{Similarity::all_by_solid_angle, 2e-4},
+        std::pair{Similarity::group, 1e-3}}) {
     ClusterStatistics coarse, fine;
     cluster(scene, {.similarity = similarity, .resolution = 64, .epsilon = epsilon}, &coarse);
     cluster(scene, {.similarity = similarity, .resolution = 256, .epsilon = epsilon}, &fine);
@@ -164,9 +167,23 @@ TEST(Clusters, GrowFarSlowerThanTheNumberOfLights) {
   }
 }
 
+TEST(Clusters, BySolidAngleErrLessAtAsManySquares) {
+  const Scene scene = test::hare_scene();
+  Rng rng(11);
+  const LightMap light = refield::test::random_light(rng, cube_domain(64));
+  ClusterStatistics paper, ours;
+  const ReflectanceField by_transfer =
+      cluster(scene, {.similarity = Similarity::all_outputs, .resolution = 64, .epsilon = 1e-3}, &paper);
+  const ReflectanceField by_angle = cluster(
+      scene, {.similarity = Similarity::all_by_solid_angle, .resolution = 64, .epsilon = 5e-4}, &ours);
+  EXPECT_LT(ours.clusters, paper.clusters);
+  EXPECT_LT(error_of(by_angle, scene, Relighting::geometry, light),
+            0.8 * error_of(by_transfer, scene, Relighting::geometry, light));
+}
+
 TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
   const Scene scene = test::hare_scene();
-  for (const Similarity similarity : both) {
+  for (const Similarity similarity : all_ways) {
     const ClusterOptions options{.similarity = similarity, .resolution = 32, .epsilon = 0.003};
     const auto once = [&](std::size_t threads) {
       const tbb::global_control control(tbb::global_control::max_allowed_parallelism, threads);
@@ -183,7 +200,7 @@ TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
 TEST(Clusters, StopAtCtrlC) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   const Scene scene = test::hare_scene();
-  for (const Similarity similarity : both)
+  for (const Similarity similarity : all_ways)
     EXPECT_EXIT(
         {
           install_interrupt_handler();
