@@ -2,6 +2,7 @@
 #include "core/harmonics.h"
 
 #include <Eigen/QR>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -23,30 +24,53 @@ double window_factor(HarmonicWindow window, int band, int order) {
   return window == HarmonicWindow::hann ? 0.5 * (1.0 + std::cos(angle)) : std::sin(angle) / angle;
 }
 
-}  // namespace
-
-void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<double> values) {
-  const double x = direction.x(), y = direction.y(), z = direction.z();
-  double diagonal = std::sqrt(0.25 / std::numbers::pi);  // P_mm without its factor (sin θ)^m
-  double cosine = 1.0, sine = 0.0;                       // (sin θ)^m cos mφ and sin mφ
+/// The recurrences, for one direction or for many side by side; store(index, value).
+template <class Number, class Value, class Store>
+void recur(int order, const Value& x, const Value& y, const Value& z, const Store& store) {
+  Number diagonal = static_cast<Number>(std::sqrt(0.25 / std::numbers::pi));  // P_mm without its (sin θ)^m
+  Value cosine = Number(1) + Number(0) * x, sine = Number(0) * x;  // (sin θ)^m cos mφ and sin mφ
   for (int m = 0; m < order; ++m) {
-    const double scale = m == 0 ? 1.0 : std::numbers::sqrt2;
-    double before = 0.0, now = diagonal;
+    const auto scale = static_cast<Number>(m == 0 ? 1.0 : std::numbers::sqrt2);
+    Value before = Number(0) * x, now = diagonal + before;
     for (int l = m; l < order; ++l) {
       const int middle = l * (l + 1);
-      values[static_cast<std::size_t>(middle + m)] = scale * cosine * now;
-      if (m > 0) values[static_cast<std::size_t>(middle - m)] = scale * sine * now;
+      store(middle + m, Value(scale * cosine * now));
+      if (m > 0) store(middle - m, Value(scale * sine * now));
       const double next = l + 1.0, mm = static_cast<double>(m) * m;
-      const double grow = std::sqrt((4.0 * next * next - 1.0) / (next * next - mm));
-      const double back = l == m ? 0.0 : std::sqrt((l * static_cast<double>(l) - mm) / (4.0 * l * l - 1.0));
-      const double after = grow * (z * now - back * before);
+      const auto grow = static_cast<Number>(std::sqrt((4.0 * next * next - 1.0) / (next * next - mm)));
+      const auto back = static_cast<Number>(
+          l == m ? 0.0 : std::sqrt((l * static_cast<double>(l) - mm) / (4.0 * l * l - 1.0)));
+      const Value after = grow * (z * now - back * before);
       before = now;
       now = after;
     }
-    const double turned = x * cosine - y * sine;
+    const Value turned = x * cosine - y * sine;
     sine = x * sine + y * cosine;
     cosine = turned;
-    diagonal *= std::sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0));
+    diagonal *= static_cast<Number>(std::sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0)));
+  }
+}
+
+}  // namespace
+
+void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<double> values) {
+  recur<double>(order, direction.x(), direction.y(), direction.z(),
+                [&](int index, double value) { values[static_cast<std::size_t>(index)] = value; });
+}
+
+void evaluate_harmonics(int order, const Eigen::Ref<const Eigen::Matrix3Xf>& directions,
+                        Eigen::Ref<Eigen::MatrixXf> values) {
+  constexpr Eigen::Index block = 8;
+  using Block = Eigen::Array<float, block, 1>;
+  for (Eigen::Index first = 0; first < directions.cols(); first += block) {
+    const Eigen::Index count = std::min(block, directions.cols() - first);
+    Block x = Block::Zero(), y = Block::Zero(), z = Block::Ones();
+    x.head(count) = directions.row(0).segment(first, count);
+    y.head(count) = directions.row(1).segment(first, count);
+    z.head(count) = directions.row(2).segment(first, count);
+    recur<float>(order, x, y, z, [&](int index, const Block& value) {
+      values.row(index).segment(first, count) = value.head(count);
+    });
   }
 }
 

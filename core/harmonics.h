@@ -17,6 +17,10 @@ constexpr int harmonics_of(int order) {
 /// `values` [order²] at a unit direction. By the recurrences for fully normalised Legendre functions, good
 /// to rounding for any order allowed.
 void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<double> values);
+/// The same of many unit directions [3 × count] at once, `values` [order² × count], in single precision: good
+/// to 1e-5.
+void evaluate_harmonics(int order, const Eigen::Ref<const Eigen::Matrix3Xf>& directions,
+                        Eigen::Ref<Eigen::MatrixXf> values);
 
 /// How the bands l of a function cut off at an order n are damped, so that what is small and bright does not
 /// ring around itself; what is smooth loses contrast. hann: (1 + cos(πl/n))/2. lanczos: sin(πl/n)/(πl/n).

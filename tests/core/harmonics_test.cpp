@@ -64,6 +64,20 @@ TEST(Harmonics, AreTheFunctionsOfThePapersTable) {
   EXPECT_NEAR(values[20], std::sqrt(9 / (256 * pi)) * (35 * z * z * z * z - 30 * z * z + 3), 1e-14);
 }
 
+TEST(Harmonics, ManyAtOnceAreThoseOfEach) {
+  constexpr int order = 8, directions = 21;
+  Eigen::Matrix3Xf all(3, directions);
+  for (int k = 0; k < directions; ++k)
+    all.col(k) = Eigen::Vector3f(std::sin(2.0f * k), std::cos(5.0f * k), 0.1f * k - 1.0f).normalized();
+  Eigen::MatrixXf together(harmonics_of(order), directions);
+  evaluate_harmonics(order, all, together);
+  Eigen::VectorXd one(harmonics_of(order));
+  for (int k = 0; k < directions; ++k) {
+    evaluate_harmonics(order, all.col(k).cast<double>(), {one.data(), static_cast<std::size_t>(one.size())});
+    EXPECT_LT((together.col(k).cast<double>() - one).cwiseAbs().maxCoeff(), 1e-5);
+  }
+}
+
 TEST(Harmonics, TurningCoefficientsTurnsTheFunction) {
   constexpr int order = largest_harmonics_order, count = harmonics_of(order);
   const Eigen::Matrix3d rotation = Turn{.yaw = 34.0, .pitch = -71.0, .roll = 200.0}.matrix();
