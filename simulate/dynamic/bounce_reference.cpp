@@ -85,9 +85,8 @@ class Directions {
   float glossy_ = 0.0f, exponent_ = 1.0f;
 };
 
-Eigen::Array3f from_lamps(const PathPoint& point, const SceneRays& rays, std::span<const AreaPoint> lamps,
-                          Rng& rng) {
-  const AreaPoint& lamp = lamps[rng.below(lamps.size())];
+Eigen::Array3f from_lamps(const PathPoint& point, const SceneRays& rays, const AreaPoint& lamp,
+                          std::size_t lamps) {
   const Eigen::Vector3f way = lamp.position - point.position, local = point.frame * way;
   if (local.z() <= 0.0f) return Eigen::Array3f::Zero();
   const std::array from{Eigen::Vector3f(point.position + off_lamp * way)};
@@ -96,7 +95,14 @@ Eigen::Array3f from_lamps(const PathPoint& point, const SceneRays& rays, std::sp
   const float squared = way.squaredNorm(), distance = std::sqrt(squared);
   const float cosines = std::abs(lamp.normal.dot(way)) * local.z() / squared;
   return point.reflectance(local / distance) * lamp.power *
-         (static_cast<float>(lamps.size()) * cosines / std::max(squared, lamp.area));
+         (static_cast<float>(lamps) * cosines / std::max(squared, lamp.area));
+}
+
+/// One of the lamps' points from the path's own part of them: all paths of a vertex together see them evenly.
+std::size_t own_part(int path, int paths, std::size_t lamps, Rng& rng) {
+  const std::size_t all = static_cast<std::size_t>(paths), i = static_cast<std::size_t>(path);
+  const std::size_t first = i * lamps / all, end = (i + 1) * lamps / all;
+  return first + (end > first ? static_cast<std::size_t>(rng.below(end - first)) : 0);
 }
 
 }  // namespace
@@ -125,7 +131,9 @@ std::vector<std::vector<Eigen::Array3f>> trace_bounces(const DynamicScene& scene
       PathPoint point = start;
       Eigen::Array3f throughput = Eigen::Array3f::Ones();
       for (std::size_t depth = 0; depth < depths; ++depth) {
-        sum[depth] += (throughput * from_lamps(point, rays, lamps, rng)).cast<double>();
+        const std::size_t lamp = depth == 0 ? own_part(path, options.paths, lamps.size(), rng)
+                                            : static_cast<std::size_t>(rng.below(lamps.size()));
+        sum[depth] += (throughput * from_lamps(point, rays, lamps[lamp], lamps.size())).cast<double>();
         if (depth + 1 == depths) break;
         const auto [local, density] = Directions(point).draw(rng);
         if (local.z() <= 0.0f || density <= 0.0f) break;
