@@ -11,34 +11,16 @@ namespace refield::dynamic {
 namespace {
 
 using Eigen::Index;
-constexpr std::size_t most_harmonics = harmonics_of(8);
-using Harmonics = Eigen::Matrix<float, Eigen::Dynamic, 1, 0, static_cast<int>(most_harmonics), 1>;
 
 /// Below the first share of the source's light an object is left out, from the second on it counts wholly:
 /// between them it comes in smoothly.
 constexpr float slight = 0.01f, full = 0.03f;
 
-/// Another object as the target sees it; all in the target's axes.
-struct Other {
-  const ObjectTransport* transport;
-  Pose from_target;
-  Eigen::Vector3f middle;
-  Eigen::MatrixXf turn, turn_back;  // harmonics from the object's axes, and to them
-};
-
-Other other_of(const PlacedObject& object, const Pose& target) {
-  const Pose from_target = object.pose.inverse() * target;
-  const Eigen::Matrix3d rotation = from_target.linear().cast<double>();
-  const Eigen::MatrixXf turn_back = harmonic_rotation(object.transport->order, rotation).cast<float>();
-  return {object.transport, from_target, from_target.inverse().translation(), turn_back.transpose(),
-          turn_back};
-}
-
 /// What one vertex of the target sees of the others: where to look it up, how much of each direction they
 /// cover, and the matrix that takes from a function what is hidden, made when it is first needed.
 class View {
  public:
-  View(std::span<const Other> others, const HarmonicProduct& product)
+  View(std::span<const SeenObject> others, const HarmonicProduct& product)
       : others_(others),
         product_(product),
         corners_(others.size()),
@@ -53,10 +35,7 @@ class View {
       corners_[o] = object.grid.around(others_[o].from_target * position);
       leave_out_inside(object.outside, corners_[o]);
       if (!occlusion) continue;
-      Harmonics sum = Harmonics::Zero(object.coverage.rows());
-      for (std::size_t i = 0; i < corners_[o].point.size(); ++i)
-        sum += corners_[o].weight[i] * object.coverage.col(corners_[o].point[i]);
-      covered_[o] = others_[o].turn * sum;
+      covered_[o] = covered_by(others_[o], corners_[o]);
       hidden_[o].resize(0, 0);
     }
   }
@@ -65,7 +44,7 @@ class View {
 
   /// Takes from `receiving` [n² × K] what `occluder` hides of `source`; false where that is next to nothing.
   bool hide(std::size_t occluder, std::size_t source, Eigen::MatrixXf& receiving) {
-    const Other &front = others_[occluder], &back = others_[source];
+    const SeenObject &front = others_[occluder], &back = others_[source];
     const float lit = covered_[source].squaredNorm();
     if (!(lit > 0.0f) ||
         !stands_before(position_, front.middle, front.transport->radius, back.middle, back.transport->radius))
@@ -80,7 +59,7 @@ class View {
   }
 
  private:
-  std::span<const Other> others_;
+  std::span<const SeenObject> others_;
   const HarmonicProduct& product_;
   Eigen::Vector3f position_ = Eigen::Vector3f::Zero();
   std::vector<ShellGrid::Corners> corners_;  // [objects]
@@ -119,8 +98,8 @@ void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
                  std::span<PairTransport> pairs) {
   const ObjectTransport& own = *objects[target].transport;
   const Index terms = own.terms();
-  std::vector<Other> others;
-  for (const PlacedObject& object : objects) others.push_back(other_of(object, objects[target].pose));
+  std::vector<SeenObject> others;
+  for (const PlacedObject& object : objects) others.push_back(seen_object(object, objects[target].pose));
   for (std::size_t source = 0; source < objects.size(); ++source) {
     if (source == target) continue;
     pairs[source].corners.resize(positions.size());
@@ -157,7 +136,7 @@ void PairTransport::add(std::size_t vertex, const Eigen::MatrixXf& radiance,
                         Eigen::Ref<TermLight> light) const {
   const ShellGrid::Corners& from = corners[vertex];
   const Index count = receiving.rows(), terms = light.rows();
-  Eigen::Matrix<float, Eigen::Dynamic, 1, 0, 3 * static_cast<int>(most_harmonics), 1> arriving;
+  Eigen::Matrix<float, Eigen::Dynamic, 1, 0, 3 * most_harmonics, 1> arriving;
   arriving.setZero(3 * count);
   for (std::size_t i = 0; i < from.point.size(); ++i)
     if (from.weight[i] != 0.0f)  // points that nobody looks up hold nothing, not even zero

@@ -7,7 +7,7 @@
 
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/harmonic_product.h"
-#include "simulate/dynamic/object_transport.h"
+#include "simulate/dynamic/placed_object.h"
 
 namespace refield::dynamic {
 
@@ -22,12 +22,6 @@ struct PairTransport {
   /// Adds what a vertex gets; `radiance` [3 n² × points of the source's grid], colours one after another,
   /// `light` the K rows of the vertex.
   void add(std::size_t vertex, const Eigen::MatrixXf& radiance, Eigen::Ref<TermLight> light) const;
-};
-
-/// An object where it stands.
-struct PlacedObject {
-  const ObjectTransport* transport;
-  Pose pose;
 };
 
 /// How all other objects light one, [objects]; its own place there stays as it is. `positions`: the target's
