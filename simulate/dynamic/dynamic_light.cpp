@@ -47,17 +47,33 @@ DynamicLight::DynamicLight(const DynamicScene& scene, std::span<const prt::MeshR
       transport_(transport),
       rays_(rays),
       product_(transport.empty() ? 1 : transport.front().order),
+      fields_(scene, transport),
       pairs_(scene.objects.size() * scene.objects.size()),
       radiance_(scene.objects.size()),
       used_(scene.objects.size()) {}
 
+void DynamicLight::light_directly(const Mesh& lamps) {
+  const Stopwatch watch(times_.direct);
+  const std::vector<AreaPoint> points = area_points(lamps, options_.lamp_points);
+  const bool by_rays = options_.direct == DirectLightBy::rays;
+  const FieldShadow shadow =
+      options_.direct == DirectLightBy::field_products ? FieldShadow::product : FieldShadow::edge;
+  if (by_rays) rays_.move(poses_);
+  direct_to_eye_.clear();
+  for (std::size_t o = 0; o < scene_.objects.size(); ++o) {
+    DirectLight direct =
+        by_rays ? direct_light(scene_.objects[o], poses_[o], transport_[o].factors, rays_, points, eye_)
+                : fields_.direct(placed_, o, points, eye_, shadow, product_);
+    light_[0].push_back(std::move(direct.terms));
+    direct_to_eye_.push_back(std::move(direct.to_eye));
+  }
+}
+
 void DynamicLight::place() {
   const Stopwatch watch(times_.place);
   const std::size_t objects = scene_.objects.size();
-  std::vector<PlacedObject> placed;
-  for (std::size_t o = 0; o < objects; ++o) placed.push_back({&transport_[o], poses_[o]});
   for (std::size_t target = 0; target < objects; ++target)
-    place_pairs(placed, target, scene_.objects[target].mesh.positions, options_.occlusion, product_,
+    place_pairs(placed_, target, scene_.objects[target].mesh.positions, options_.occlusion, product_,
                 std::span(pairs_).subspan(target * objects, objects));
   tbb::parallel_for(std::size_t{0}, objects, [&](std::size_t source) { find_used_points(source); });
 }
@@ -117,19 +133,10 @@ void DynamicLight::solve(std::span<const Pose> poses, const Mesh& lamps, const E
   poses_.assign(poses.begin(), poses.end());
   options_ = options;
   eye_ = eye;
+  placed_.clear();
+  for (std::size_t o = 0; o < poses.size(); ++o) placed_.push_back({&transport_[o], poses[o]});
   light_.assign(1, {});
-  direct_to_eye_.clear();
-  {
-    const Stopwatch watch(times_.direct);
-    rays_.move(poses_);
-    const std::vector<AreaPoint> points = area_points(lamps, options.lamp_points);
-    for (std::size_t o = 0; o < scene_.objects.size(); ++o) {
-      DirectLight direct =
-          direct_light(scene_.objects[o], poses_[o], transport_[o].factors, rays_, points, eye_);
-      light_[0].push_back(std::move(direct.terms));
-      direct_to_eye_.push_back(std::move(direct.to_eye));
-    }
-  }
+  light_directly(lamps);
   times_.place = times_.bounces = 0.0;
   if (options.bounces == 0) return;
   place();

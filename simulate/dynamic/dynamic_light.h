@@ -6,13 +6,19 @@
 
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/dynamic/field_light.h"
 #include "simulate/dynamic/harmonic_product.h"
 #include "simulate/dynamic/object_transport.h"
 #include "simulate/dynamic/pair_transport.h"
 
 namespace refield::dynamic {
 
+/// How shadows of light that comes straight from lamps are found: by rays, or without them by objects'
+/// occlusion fields (FieldShadow: edge, product).
+enum class DirectLightBy { rays, field_edges, field_products };
+
 struct FrameOptions {
+  DirectLightBy direct = DirectLightBy::rays;
   int lamp_points = 32;   ///< that stand for all lamps together
   int bounces = 3;        ///< at most, between objects and within them
   double until = 0.0;     ///< bounces end with one that brings less than this share of the direct light
@@ -24,7 +30,7 @@ struct FrameOptions {
   void check() const;
 };
 
-/// Light in a scene whose objects and lamps move (Iwasaki et al., sections 3 and 4): direct light by rays,
+/// Light in a scene whose objects and lamps move (Iwasaki et al., sections 3 and 4): direct light from lamps,
 /// then bounce after bounce, each object as a lamp for all others and for itself.
 class DynamicLight {
  public:
@@ -34,7 +40,7 @@ class DynamicLight {
 
   /// Seconds of a frame's parts.
   struct Times {
-    double direct = 0.0;  ///< rays to the lamps
+    double direct = 0.0;  ///< from the lamps
     double place = 0.0;   ///< where objects are to one another, who hides whom
     double bounces = 0.0;
     double shade = 0.0;  ///< radiance to the eye
@@ -52,6 +58,7 @@ class DynamicLight {
   const Times& times() const { return times_; }
 
  private:
+  void light_directly(const Mesh& lamps);
   void place();
   void find_used_points(std::size_t source);
   std::vector<TermLight> bounce(std::span<const TermLight> light);
@@ -60,10 +67,12 @@ class DynamicLight {
   std::span<const ObjectTransport> transport_;
   SceneRays rays_;
   HarmonicProduct product_;
+  FieldLight fields_;
   FrameOptions options_;
   Eigen::Vector3f eye_ = Eigen::Vector3f::Zero();
   std::vector<std::vector<Eigen::Array3f>> direct_to_eye_;  // [objects]
   std::vector<Pose> poses_;
+  std::vector<PlacedObject> placed_;
   std::vector<PairTransport> pairs_;              // [targets × sources]
   std::vector<std::vector<TermLight>> light_;     // [bounces + 1][objects]
   std::vector<Eigen::MatrixXf> radiance_;         // [objects], [3 n² × points of the grid], those in use

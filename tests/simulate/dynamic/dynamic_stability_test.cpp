@@ -33,13 +33,14 @@ struct Moving {
   }
 
   /// Radiance with the second ball and the lamp moved.
-  std::vector<Eigen::Array3f> at(const Eigen::Vector3f& second, const Eigen::Vector3f& lamp_at) {
+  std::vector<Eigen::Array3f> at(const Eigen::Vector3f& second, const Eigen::Vector3f& lamp_at,
+                                 const FrameOptions& frame = {}) {
     std::vector<Pose> poses = scene.poses(0.0);
     poses[1].translation() = second;
     Mesh lamp = prt::plane_mesh(1);
     for (auto& point : lamp.positions) point = 0.3f * point + lamp_at;
     for (auto& colour : lamp.colours) colour.setConstant(10.0f);
-    light->solve(poses, lamp, {0, 1, -4}, {});
+    light->solve(poses, lamp, {0, 1, -4}, frame);
     return light->radiance(0, light->bounces());
   }
 
@@ -88,6 +89,25 @@ TEST(DynamicStability, ALampWithinAnObjectAndOnTheFloor) {
     expect_sound(moving.at({1.5f, 0, 0}, place), 60.0f);
 }
 
+TEST(DynamicStability, ShadowsByOcclusionFields) {
+  Moving moving{Brdf{}};
+  for (const DirectLightBy direct : {DirectLightBy::field_edges, DirectLightBy::field_products})
+    for (const bool exact : {true, false}) {
+      FrameOptions frame;
+      frame.direct = direct;
+      frame.exact_direct = exact;
+      // Objects apart, touching, in one place, sunk into the floor, far away.
+      for (const Eigen::Vector3f& place :
+           {Eigen::Vector3f(1.5f, 0, 0), Eigen::Vector3f(1.0f, 0, 0), Eigen::Vector3f(0, 0, 0),
+            Eigen::Vector3f(1.0f, -0.5f, 0), Eigen::Vector3f(1e4f, 0, 0)})
+        expect_sound(moving.at(place, {0.3f, 2.0f, -0.5f}, frame), 20.0f);
+      // The lamp in a ball, upon one, with its points at the floor's vertices.
+      for (const Eigen::Vector3f& place :
+           {Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(0, 0.52f, 0), Eigen::Vector3f(1.0f, -0.5f, 0)})
+        expect_sound(moving.at({1.5f, 0, 0}, place, frame), 60.0f);
+    }
+}
+
 TEST(DynamicStability, ExtremeMaterials) {
   for (const float exponent : {1.0f, 1000.0f}) {
     Brdf brdf;
@@ -96,7 +116,10 @@ TEST(DynamicStability, ExtremeMaterials) {
     brdf.lobe = Lobe::phong;
     brdf.exponent = exponent;
     Moving moving(brdf);
+    FrameOptions by_fields;
+    by_fields.direct = DirectLightBy::field_edges;
     expect_sound(moving.at({1.1f, 0, 0}, {0.3f, 2.0f, -0.5f}), 1e4f);
+    expect_sound(moving.at({1.1f, 0, 0}, {0.3f, 2.0f, -0.5f}, by_fields), 1e4f);
   }
 }
 
