@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -25,11 +26,16 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
+const std::map<std::string, dynamic::DirectLightBy> direct_ways{
+    {"rays", dynamic::DirectLightBy::rays},
+    {"fields", dynamic::DirectLightBy::field_edges},
+    {"products", dynamic::DirectLightBy::field_products}};
+
 struct DynamicArguments {
   fs::path scene, output;
   dynamic::TransportOptions transport;
   dynamic::FrameOptions frame;
-  std::string modes = "joint";
+  std::string modes = "joint", direct = "rays";
   VideoOptions video;
   std::optional<double> time;
   int reference = 0, traced = 0;
@@ -150,6 +156,7 @@ void print(const ordered_json& figures) {
 void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   arguments.transport.modes =
       arguments.modes == "joint" ? dynamic::ModeKind::joint : dynamic::ModeKind::separate;
+  arguments.frame.direct = direct_ways.at(arguments.direct);
   arguments.frame.occlusion = !arguments.no_occlusion;
   arguments.frame.exact_direct = !arguments.factored_direct;
   arguments.video.check();
@@ -227,6 +234,13 @@ void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
   const char* group = "Each frame";
   verb.add_option("--lamp-points", arguments.frame.lamp_points, "Points that stand for the lamps")
       ->check(CLI::Range(1, 65536))
+      ->capture_default_str()
+      ->group(group);
+  verb.add_option(
+          "--direct", arguments.direct,
+          "Shadows from lamps by rays, or by the objects' occlusion fields: their edges, or products of "
+          "harmonics as in the paper")
+      ->check(CLI::IsMember(direct_ways))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--bounces", arguments.frame.bounces, "Bounces of light at most")

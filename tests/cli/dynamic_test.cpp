@@ -114,7 +114,7 @@ TEST_F(SimulateDynamicVerb, ChartsItsSettingsAgainstThePapers) {
   EXPECT_NE(head.find("bounced of all"), std::string::npos);
   int rows = 0;
   while (std::getline(csv, row)) ++rows;
-  EXPECT_GE(rows, 20);
+  EXPECT_GE(rows, 40);
   EXPECT_GT(std::filesystem::file_size(std::filesystem::path(chart) / "dynamic.svg"), 2000u);
 }
 
@@ -122,6 +122,24 @@ TEST_F(SimulateDynamicVerb, EqualInputsGiveEqualPictures) {
   ASSERT_THAT(run_refield(command({"-o", folder_ / "a.exr"})), Succeeded());
   ASSERT_THAT(run_refield(command({"-o", folder_ / "b.exr"})), Succeeded());
   EXPECT_EQ(read_image(folder_ / "a.exr").values, read_image(folder_ / "b.exr").values);
+}
+
+TEST_F(SimulateDynamicVerb, ShadowsByOcclusionFieldsAreCloseToThoseByRays) {
+  ASSERT_THAT(run_refield(command({"-o", folder_ / "rays.exr"})), Succeeded());
+  const auto rays = read_image(folder_ / "rays.exr").values;
+  // Four bands of harmonics and a small ball: products blur its shadow most.
+  for (const auto& [way, most] : {std::pair("fields", 0.1), std::pair("products", 0.2)}) {
+    ASSERT_THAT(run_refield(command({"-o", folder_ / "fields.exr", "--direct", way})), Succeeded());
+    const auto fields = read_image(folder_ / "fields.exr").values;
+    ASSERT_EQ(fields.size(), rays.size());
+    double wrong = 0.0, all = 0.0;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      wrong += (fields[i] - rays[i]) * (fields[i] - rays[i]);
+      all += rays[i] * rays[i];
+    }
+    EXPECT_GT(wrong, 0.0) << way;
+    EXPECT_LT(std::sqrt(wrong / all), most) << way;
+  }
 }
 
 TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
