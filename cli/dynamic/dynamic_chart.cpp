@@ -42,6 +42,9 @@ struct Charted {
   }
 };
 
+constexpr const char *rays_by_points = "rays, by points", *fields_by_points = "fields, by points",
+                     *fields_by_order = "fields, by order", *products_by_order = "products, by order";
+
 /// From coarse to fine in one thing each, the others as by default, or as in the paper.
 std::vector<Setting> settings() {
   std::vector<Setting> all;
@@ -68,9 +71,24 @@ std::vector<Setting> settings() {
     all.push_back({"by order", "n = " + std::to_string(order), {}, {}});
     all.back().transport.order = order;
   }
-  for (const int points : {8, 16, 32, 128}) {
-    all.push_back({"by lamp points", std::to_string(points) + " points", {}, {}});
+  for (const int points : {1, 2, 4, 8, 16, 32, 128}) {
+    all.push_back({rays_by_points, std::to_string(points) + " points", {}, {}});
     all.back().frame.lamp_points = points;
+  }
+  const auto add_without_rays = [&](const char* method, dynamic::DirectLightBy way, int order, int points,
+                                    const std::string& what) {
+    all.push_back({method, what, {}, {}});
+    all.back().transport.order = order;
+    all.back().frame.direct = way;
+    all.back().frame.lamp_points = points;
+  };
+  for (const int points : {2, 4, 8, 16, 32})
+    add_without_rays(fields_by_points, dynamic::DirectLightBy::field_edges, 4, points,
+                     std::to_string(points) + " points");
+  for (const int order : {3, 4, 6, 8}) {
+    const std::string what = "n = " + std::to_string(order);
+    add_without_rays(fields_by_order, dynamic::DirectLightBy::field_edges, order, 16, what);
+    add_without_rays(products_by_order, dynamic::DirectLightBy::field_products, order, 16, what);
   }
   return all;
 }
@@ -90,16 +108,47 @@ std::string csv(const std::vector<Charted>& rows) {
   return text.str();
 }
 
-template <class X>
-chart::Panel panel(const std::vector<Charted>& rows, const std::string& light, const char* title,
-                   const char* x_label, const X& x) {
-  chart::Panel panel{title, x_label, "RMSE of " + light + " light over all light", true, {}, true};
+struct Axis {
+  const char* label;
+  double (*value)(const Charted&);
+};
+const Axis frame_ms{"ms a frame", [](const Charted& row) { return row.times.frame; }};
+const Axis direct_ms{"ms of direct light", [](const Charted& row) { return row.times.direct; }};
+const Axis megabytes{"megabytes", [](const Charted& row) { return row.megabytes; }};
+
+/// Error of one light, a track for each method of which `shown` is true.
+template <class Shown>
+chart::Panel panel(const std::vector<Charted>& rows, const char* title, const char* light, const Axis& axis,
+                   const Shown& shown) {
+  chart::Panel panel{title, axis.label, std::string("RMSE of ") + light + " light over all light",
+                     true,  {},         true};
   for (const Charted& row : rows) {
-    if (panel.tracks.empty() || panel.tracks.back().label != row.setting.method)
-      panel.tracks.push_back({row.setting.method, static_cast<int>(panel.tracks.size()), {}});
-    panel.tracks.back().points.push_back({x(row), row.error(light)});
+    if (!shown(row)) continue;
+    auto track = std::ranges::find(panel.tracks, row.setting.method, &chart::Track::label);
+    if (track == panel.tracks.end())
+      track = panel.tracks.insert(track, {row.setting.method, static_cast<int>(panel.tracks.size()), {}});
+    track->points.push_back({axis.value(row), row.error(light)});
   }
   return panel;
+}
+
+std::string picture(const std::vector<Charted>& rows, const std::string& title) {
+  const auto by_rays = [](const Charted& row) {
+    return row.setting.frame.direct == dynamic::DirectLightBy::rays;
+  };
+  const auto of_direct = [&](const Charted& row) {
+    return !by_rays(row) || row.setting.method == rays_by_points;
+  };
+  const auto of_all = [&](const Charted& row) {
+    return by_rays(row) || row.setting.method == fields_by_points;
+  };
+  return chart::picture_svg(
+      title,
+      {panel(rows, "All light, against frame time", "all", frame_ms, of_all),
+       panel(rows, "Direct light, against its time", "direct", direct_ms, of_direct),
+       panel(rows, "Light that bounced, against frame time", "bounced", frame_ms, by_rays),
+       panel(rows, "Light that bounced, against size", "bounced", megabytes, by_rays)},
+      2);
 }
 
 void make_dynamic_chart(const DynamicChartArguments& arguments) {
@@ -107,29 +156,26 @@ void make_dynamic_chart(const DynamicChartArguments& arguments) {
   create_folders(arguments.folder);
   std::optional<FrameReference> reference;
   std::vector<Charted> rows;
+  std::optional<PreparedScene> scene;
+  dynamic::TransportOptions prepared;
   for (const Setting& setting : settings()) {
-    PreparedScene scene(described, setting.transport);
+    if (!scene || !(setting.transport == prepared)) scene.emplace(described, setting.transport);
+    prepared = setting.transport;
     if (!reference)
-      reference = frame_reference(scene, arguments.time, setting.frame.bounces, arguments.paths);
-    rows.push_back({setting, static_cast<double>(scene.bytes()) / 1e6, measure_frames(scene, setting.frame),
-                    frame_errors(scene, *reference, setting.frame)});
+      reference = frame_reference(*scene, arguments.time, setting.frame.bounces, arguments.paths);
+    rows.push_back({setting, static_cast<double>(scene->bytes()) / 1e6, measure_frames(*scene, setting.frame),
+                    frame_errors(*scene, *reference, setting.frame)});
     const Charted& row = rows.back();
-    std::printf("%-26s %-12s %7.1f MB %7.2f ms   error of bounced light %.4f, of all %.4f\n",
-                setting.method.c_str(), setting.what.c_str(), row.megabytes, row.times.frame,
-                row.error("bounced"), row.error("all"));
+    std::printf(
+        "%-26s %-12s %7.1f MB %7.2f ms, direct %6.2f   error of direct light %.4f, bounced %.4f, all %.4f\n",
+        setting.method.c_str(), setting.what.c_str(), row.megabytes, row.times.frame, row.times.direct,
+        row.error("direct"), row.error("bounced"), row.error("all"));
   }
   write_text_atomically(arguments.folder / "dynamic.csv", csv(rows));
-  const auto frame_ms = [](const Charted& row) { return row.times.frame; };
-  const auto megabytes = [](const Charted& row) { return row.megabytes; };
   write_text_atomically(
       arguments.folder / "dynamic.svg",
-      chart::picture_svg(
-          arguments.scene.filename().string() + ", errors against " + std::to_string(arguments.paths) +
-              " paths a vertex; dashed: Pareto front",
-          {panel(rows, "all", "All light, against frame time", "ms a frame", frame_ms),
-           panel(rows, "bounced", "Light that bounced, against frame time", "ms a frame", frame_ms),
-           panel(rows, "bounced", "Light that bounced, against size", "megabytes", megabytes)},
-          2));
+      picture(rows, arguments.scene.filename().string() + ", errors against " +
+                        std::to_string(arguments.paths) + " paths a vertex; dashed: Pareto front"));
 }
 
 }  // namespace
@@ -139,8 +185,9 @@ void add_simulate_dynamic_chart(CLI::App& app, const Common&, Action& action) {
   CLI::App* verb = app.add_subcommand(
       "dynamic-chart",
       "Compare settings of light between moving objects: error against frame time and bytes\n\n"
-      "Our way by number of functions, terms, harmonics and points of lamps, and the paper's, against traced "
-      "paths.\n"
+      "Our way by number of functions, terms, harmonics and points of lamps, shadows from lamps by rays and "
+      "by "
+      "occlusion fields, and the paper's way, against traced paths.\n"
       "  refield simulate dynamic-chart datasets_synthetic/dynamic/hare.toml -o chart");
   verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
   verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv and dynamic.svg")->required();

@@ -16,6 +16,7 @@ struct FactorOptions {
 
   /// Throws InputError for numbers out of range.
   void check() const;
+  bool operator==(const FactorOptions&) const = default;
 };
 
 /// One function of the angle from the normal on each side, times the turns about the normal of one Fourier

@@ -28,6 +28,7 @@ struct TransportOptions {
 
   /// Throws InputError naming the option and its range.
   void check() const;
+  bool operator==(const TransportOptions&) const = default;
 };
 
 /// What an object does to light, computed once, in its own axes: the same wherever it goes. Angular functions
