@@ -14,8 +14,8 @@ struct AreaPoint {
   float area;
 };
 
-/// `count` points spread over lamps (colours: radiance) in proportion to area times brightness, the same ones
-/// of a lamp wherever it is. None where nothing shines.
+/// `count` points, each the middle of a piece of a lamp (colours: radiance); pieces have equal area times
+/// brightness, are about as wide as long, and stay the same wherever a lamp goes. None where nothing shines.
 std::vector<AreaPoint> area_points(const Mesh& lamps, int count);
 
 }  // namespace refield::dynamic

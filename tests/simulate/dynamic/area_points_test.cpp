@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <cmath>
+
 #include "simulate/prt/mesh_shapes.h"
 
 namespace refield::dynamic {
@@ -26,7 +29,7 @@ TEST(AreaPoints, TogetherHaveThePowerOfTheLamp) {
     EXPECT_NEAR(power[0], 2.0f, 1e-4f) << count;
     EXPECT_NEAR(power[1], 1.0f, 1e-4f) << count;
     EXPECT_EQ(power[2], 0.0f);
-    EXPECT_LT(middle.norm(), count >= 16 ? 0.1f : 0.5f) << count;
+    EXPECT_LT(middle.norm(), count == 1 ? 0.01f : 0.02f) << count;
   }
 }
 
@@ -40,6 +43,35 @@ TEST(AreaPoints, GoWhereMostLightIs) {
   int strong = 0;
   for (const AreaPoint& point : area_points(both, 100)) strong += point.position.x() < 0.0f;
   EXPECT_EQ(strong, 90);
+}
+
+TEST(AreaPoints, AreMiddlesOfCellsAndGoWithTheLamp) {
+  const auto points = area_points(lamp(1.0f, {0, 0, 0}), 16);
+  ASSERT_EQ(points.size(), 16u);
+  for (const AreaPoint& point : points) {
+    // 4 × 4 cells of a quarter
+    const auto from_middle = [](float x) { return std::abs(std::remainder(4.0f * x + 0.5f, 1.0f)); };
+    EXPECT_LT(from_middle(point.position.x()), 0.15f) << point.position.transpose();
+    EXPECT_LT(from_middle(point.position.z()), 0.15f) << point.position.transpose();
+  }
+  Mesh turned = lamp(1.0f, {0, 0, 0});
+  Eigen::Isometry3f pose =
+      Eigen::Translation3f(1, 2, 3) * Eigen::AngleAxisf(0.7f, Eigen::Vector3f(1, 2, 1).normalized());
+  for (auto& point : turned.positions) point = pose * point;
+  const auto moved = area_points(turned, 16);
+  for (std::size_t i = 0; i < 16; ++i)
+    EXPECT_LT((moved[i].position - pose * points[i].position).norm(), 0.03f);
+}
+
+TEST(AreaPoints, OfAClosedLampLieOnAllSides) {
+  Mesh ball = prt::sphere_mesh(6);
+  Eigen::Vector3f middle = Eigen::Vector3f::Zero();
+  for (const AreaPoint& point : area_points(ball, 12)) {
+    middle += point.position / 12.0f;
+    EXPECT_GT(point.normal.dot(point.position.normalized()), 0.7f);
+    EXPECT_GT(point.position.norm(), 0.7f * 0.5f);
+  }
+  EXPECT_LT(middle.norm(), 0.03f);
 }
 
 TEST(AreaPoints, OfDarkLampsAreNone) {
