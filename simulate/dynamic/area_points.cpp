@@ -14,8 +14,8 @@ namespace refield::dynamic {
 
 namespace {
 
-/// A lamp is known by so many samples of equal power for each of its points.
-constexpr std::size_t samples_a_point = 32;
+/// Lamps are known by so many samples of equal power, and by as many for each point.
+constexpr std::size_t least_samples = 2048, least_samples_a_point = 32;
 
 struct LampSample {
   AreaPoint at;
@@ -137,13 +137,15 @@ void part_into_points(std::span<LampSample> samples, std::size_t count, const Ei
 
 std::vector<AreaPoint> area_points(const Mesh& lamps, int count) {
   const std::vector<std::uint32_t> lamp_of = lamps_of_vertices(lamps);
+  const std::size_t samples_a_point =
+      std::max(least_samples_a_point, least_samples / static_cast<std::size_t>(count));
   std::vector<LampSample> samples =
       draw_samples(lamps, lamp_of, static_cast<std::size_t>(count) * samples_a_point);
   std::vector<AreaPoint> points;
   for (std::size_t begin = 0, end = 0; begin < samples.size(); begin = end) {
     while (end < samples.size() && samples[end].lamp == samples[begin].lamp) ++end;
     // Whole points alone: what one lamp loses by rounding another one gains.
-    const auto whole = [](std::size_t sample) { return (sample + samples_a_point / 2) / samples_a_point; };
+    const auto whole = [=](std::size_t sample) { return (sample + samples_a_point / 2) / samples_a_point; };
     const std::size_t own = whole(end) - whole(begin);
     if (own == 0) continue;
     const std::size_t before = points.size();

@@ -152,7 +152,8 @@ FieldLight::FieldLight(const DynamicScene& scene, std::span<const ObjectTranspor
 DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_t target,
                                std::span<const AreaPoint> points, const Eigen::Vector3f& eye,
                                FieldShadow shadow, const HarmonicProduct& product) const {
-  const auto& [name, mesh, brdf, motion] = scene_.objects[target];
+  const Mesh& mesh = scene_.objects[target].mesh;
+  const Brdf& brdf = scene_.objects[target].brdf;
   const ObjectTransport& own = *objects[target].transport;
   const FirstTerm& first = first_[target];
   const Pose to_own = objects[target].pose.inverse();

@@ -134,7 +134,7 @@ TEST(PrtChartVerb, ComparesMethodsWithTheExactSum) {
               Succeeded());
   EXPECT_TRUE(std::filesystem::exists((folder / "chart/prt.svg").string()));
   const std::vector<double> errors = last_errors(folder / "chart/prt.csv");
-  EXPECT_EQ(errors.size(), 25u);
+  EXPECT_EQ(errors.size(), 28u);
   EXPECT_LT(*std::ranges::min_element(errors), 0.02);
 }
 

@@ -4,13 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <cmath>
 #include <numbers>
 
 #include "core/errors.h"
 #include "simulate/dynamic/lamp_error.h"
 #include "tests/simulate/dynamic/hemisphere.h"
+#include "tests/support/singular_values.h"
 
 namespace refield::dynamic {
 namespace {
@@ -77,7 +77,7 @@ Eigen::VectorXd plain_singular_values(const Brdf& brdf, int directions) {
       a.block<1, 3>(i, 3 * j) =
           (brdf(in, out) * std::sqrt(in.z() * out.z())).matrix().transpose().cast<double>();
     }
-  return Eigen::BDCSVD<Eigen::MatrixXd>(a).singularValues() * (2.0 * pi / directions);
+  return refield::test::singular_values(a) * (2.0 * pi / directions);
 }
 
 TEST(BrdfFactors, AreThoseOfOneLargeDecomposition) {

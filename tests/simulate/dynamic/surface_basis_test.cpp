@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/SVD>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -12,6 +11,7 @@
 #include "core/errors.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/prt/mesh_shapes.h"
+#include "tests/support/singular_values.h"
 
 namespace refield::dynamic {
 namespace {
@@ -123,8 +123,8 @@ TEST(PrincipalBasis, IsThatOfAFullDecomposition) {
   for (Eigen::Index l = 0; l < light.cols(); ++l)
     for (Eigen::Index row = 0; row < light.rows(); ++row)
       columns(row / factors.terms(), l * factors.terms() + row % factors.terms()) = light(row, l);
-  const Eigen::VectorXf all =
-      Eigen::BDCSVD<Eigen::MatrixXf>(areas.cwiseSqrt().asDiagonal() * columns).singularValues();
+  const Eigen::VectorXd all =
+      refield::test::singular_values((areas.cwiseSqrt().asDiagonal() * columns).cast<double>());
   for (const int count : {1, 8, 30}) {
     const SurfaceBasis basis = principal_basis(mesh, rays, factors, count, options);
     ASSERT_EQ(basis.functions.cols(), count);
