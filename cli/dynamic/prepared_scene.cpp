@@ -18,6 +18,20 @@ void append_lamps(const Mesh& lamps, Mesh& all) {
   }
 }
 
+/// Objects in their places and lamps after them.
+Mesh mesh_with_lamps(const dynamic::DynamicScene& scene, std::span<const dynamic::Pose> poses,
+                     const Mesh& lamps) {
+  Mesh mesh = joined_mesh(scene, poses);
+  append_lamps(lamps, mesh);
+  return mesh;
+}
+
+/// Of its vertices; `radiance`: of the objects'.
+std::vector<Eigen::Array3f> radiance_with_lamps(std::vector<Eigen::Array3f> radiance, const Mesh& lamps) {
+  radiance.insert(radiance.end(), lamps.colours.begin(), lamps.colours.end());
+  return radiance;
+}
+
 constexpr int reference_lamp_points = 4096;
 
 }  // namespace
@@ -51,15 +65,11 @@ void PreparedScene::solve(std::vector<dynamic::Pose> poses, Mesh lamps, const Pi
 }
 
 Mesh PreparedScene::mesh() const {
-  Mesh mesh = joined_mesh(scene_, poses_);
-  append_lamps(lamps_, mesh);
-  return mesh;
+  return mesh_with_lamps(scene_, poses_, lamps_);
 }
 
 std::vector<Eigen::Array3f> PreparedScene::radiance(int first_bounce, int last_bounce) {
-  std::vector<Eigen::Array3f> radiance = light_->radiance(first_bounce, last_bounce);
-  radiance.insert(radiance.end(), lamps_.colours.begin(), lamps_.colours.end());
-  return radiance;
+  return radiance_with_lamps(light_->radiance(first_bounce, last_bounce), lamps_);
 }
 
 Image PreparedScene::picture(int first_bounce, int last_bounce) {
@@ -76,10 +86,8 @@ Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
   for (const auto& bounce : reference(time, vertices, camera.position, options))
     for (std::size_t v = 0; v < radiance.size(); ++v) radiance[v] += bounce[v];
   const Mesh lamps = scene_.lights.at(time);
-  Mesh all = joined_mesh(scene_, scene_.poses(time));
-  append_lamps(lamps, all);
-  radiance.insert(radiance.end(), lamps.colours.begin(), lamps.colours.end());
-  return MeshView(all, camera).show(radiance);
+  const Mesh all = mesh_with_lamps(scene_, scene_.poses(time), lamps);
+  return MeshView(all, camera).show(radiance_with_lamps(std::move(radiance), lamps));
 }
 
 std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(

@@ -54,14 +54,8 @@ void leave(App& app) {
     app.selected.reset();
 }
 
-void save_both(App& app) {
-  try {
-    const auto file = free_name("relit", ".exr");
-    save_picture(app, file);
-    save_picture(app, std::filesystem::path(file).replace_extension(".png"));
-  } catch (const Error& error) {
-    complain(app, error.what());
-  }
+void save_pictures(App& app) {
+  save_both(app, "relit", [&](const std::filesystem::path& file) { save_picture(app, file); });
 }
 
 void fit(App& app) {
@@ -120,7 +114,7 @@ std::vector<Shortcut<App>> make_shortcuts() {
        [](App& a) { a.is_smooth = !a.is_smooth; }},
       {{rest, "S", GLFW_KEY_S, false, "screenshot (view-0001.png)"},
        [](App& a) { a.wants_screenshot = true; }},
-      {{rest, "W", GLFW_KEY_W, false, "write the picture (relit-0001.exr, .png)"}, save_both},
+      {{rest, "W", GLFW_KEY_W, false, "write the picture (relit-0001.exr, .png)"}, save_pictures},
       {{rest, "R", GLFW_KEY_R, false, "back to the lamps of the start"},
        [](App& a) {
          a.selected.reset();

@@ -47,4 +47,15 @@ void save_image(WindowState& window, const fs::path& file, const Image& linear, 
   say(window, "Saved " + file.string());
 }
 
+void save_both(WindowState& window, const std::string& stem,
+               const std::function<void(const fs::path&)>& save) {
+  try {
+    const fs::path file = free_name(stem, ".exr");
+    save(file);
+    save(fs::path(file).replace_extension(".png"));
+  } catch (const Error& error) {
+    complain(window, error.what());
+  }
+}
+
 }  // namespace refield

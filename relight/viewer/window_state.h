@@ -3,6 +3,7 @@
 #include <chrono>
 #include <deque>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -40,5 +41,9 @@ std::filesystem::path free_name(const std::string& stem, const std::string& exte
 /// Writes a picture as it is (.exr) or tone-mapped (.png), and says so. Throws InputError for other files.
 void save_image(WindowState& window, const std::filesystem::path& file, const Image& linear,
                 const ToneMapping& tone);
+
+/// Saves under one free name as .exr and as .png; errors become notices.
+void save_both(WindowState& window, const std::string& stem,
+               const std::function<void(const std::filesystem::path&)>& save);
 
 }  // namespace refield

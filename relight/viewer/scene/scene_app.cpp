@@ -49,13 +49,7 @@ void next_curve(SceneApp& app) {
 }
 
 void save_scene_pictures(SceneApp& app) {
-  try {
-    const auto file = free_name("scene", ".exr");
-    save_scene_picture(app, file);
-    save_scene_picture(app, std::filesystem::path(file).replace_extension(".png"));
-  } catch (const Error& error) {
-    complain(app, error.what());
-  }
+  save_both(app, "scene", [&](const std::filesystem::path& file) { save_scene_picture(app, file); });
 }
 
 void let_go(SceneApp& app) {
