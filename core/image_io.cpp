@@ -9,12 +9,17 @@
 #include <cerrno>
 #include <cmath>
 #include <memory>
+#include <mutex>
+#include <numbers>
 #include <optional>
+#include <set>
 #include <string>
 
+#include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_header.h"
+#include "core/progress.h"
 
 namespace refield {
 
@@ -179,10 +184,174 @@ Photograph read_photograph(const fs::path& path) {
   return read_photograph_rows(path, 0, read_image_header(path).height);
 }
 
+namespace {
+
+/// Solid angles in any unit: one per row of a lat-long map, one per texel of a cube's face; else none, as
+/// texels count alike.
+std::vector<double> solid_angles_of(const LightDomain& domain) {
+  std::vector<double> angles;
+  if (domain.parameterisation == Parameterisation::lat_long)
+    for (int y = 0; y < domain.height; ++y)
+      angles.push_back(std::cos(std::numbers::pi * y / domain.height) -
+                       std::cos(std::numbers::pi * (y + 1) / domain.height));
+  if (domain.parameterisation == Parameterisation::cube && domain.height == cube_faces * domain.width)
+    for (const float angle : cube_solid_angles(domain.width)) angles.push_back(angle);
+  return angles;
+}
+
+/// Negative texels of a light map: lossy compression leaves some around bright lights, other software many.
+class NegativeTexels {
+ public:
+  NegativeTexels(LightMap& light, const fs::path& path)
+      : image_(light.radiance),
+        path_(path),
+        angles_(solid_angles_of(light.domain())),
+        is_lat_long_(light.parameterisation == Parameterisation::lat_long) {}
+
+  /// Sets them to zero; the mean of each channel over the solid angle stays as it was. Throws InputError
+  /// where they are no artefact of compression.
+  void remove() {
+    count();
+    require_few();
+    if (share_of_light() > reported_share) report();
+    for (int c = 0; c < 3; ++c) remove(c);
+  }
+
+ private:
+  // Seven of 26 published panoramas (DWA) add 3 to 17 % of irradiance when their negative texels become zero;
+  // at most 2.8 % of their texels are negative, and 1.4 % by more than a tenth of the mean radiance.
+  static constexpr double reported_share = 1e-4;
+  static constexpr double strong = 0.1, max_strong_texels = 0.1, max_share_of_light = 0.5;
+  static constexpr int block_size = 8;  // of the cosine transform; its mean survives compression
+
+  double weight(std::size_t texel) const {
+    if (angles_.empty()) return 1.0;
+    return is_lat_long_ ? angles_[texel / image_.width] : angles_[texel % angles_.size()];
+  }
+  float lowest(std::size_t texel) const {
+    return std::min({image_.values[3 * texel], image_.values[3 * texel + 1], image_.values[3 * texel + 2]});
+  }
+  /// What zero in place of negative values adds to the light.
+  double share_of_light() const { return *std::ranges::max_element(added_); }
+
+  void count() {
+    std::array<double, 3> positive{}, negative{};
+    double sum = 0.0, total_weight = 0.0;
+    for (std::size_t t = 0; t < image_.pixel_count(); ++t) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double value = weight(t) * image_.values[3 * t + c];
+        (value < 0.0 ? negative : positive)[c] += std::abs(value);
+        sum += std::abs(value) / 3.0;
+      }
+      total_weight += weight(t);
+      if (lowest(t) < 0.0f) ++texels_;
+      if (lowest(t) < lowest(worst_)) worst_ = t;
+    }
+    for (std::size_t t = 0; t < image_.pixel_count(); ++t)
+      if (lowest(t) < -strong * sum / total_weight) ++strong_texels_;
+    for (std::size_t c = 0; c < 3; ++c)
+      added_[c] = negative[c] > 0.0 ? negative[c] / std::max(positive[c] - negative[c], 1e-9 * sum) : 0.0;
+    is_mostly_negative_ = negative[0] + negative[1] + negative[2] >
+                          max_share_of_light * (positive[0] + positive[1] + positive[2]);
+  }
+
+  std::string percent(double share) const {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.2g %%", 100.0 * share);
+    return text;
+  }
+  double share_of_texels(std::size_t texels) const {
+    return static_cast<double>(texels) / static_cast<double>(image_.pixel_count());
+  }
+  std::string lowest_text() const {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.4g", lowest(worst_));
+    return text;
+  }
+
+  void require_few() const {
+    if (!is_mostly_negative_ && share_of_texels(strong_texels_) <= max_strong_texels) return;
+    throw InputError(path_.string() + ": texel (" + std::to_string(worst_ % image_.width) + ", " +
+                     std::to_string(worst_ / image_.width) + ") is " + lowest_text() + ", and " +
+                     percent(share_of_texels(texels_)) +
+                     " of the texels are negative, more than lossy compression leaves; light cannot be "
+                     "negative: export the light map again");
+  }
+
+  void report() const {
+    static std::mutex mutex;
+    static std::set<fs::path> reported;
+    constexpr std::size_t max_reports = 8;
+    const std::scoped_lock lock(mutex);
+    if (reported.size() > max_reports || !reported.insert(path_).second) return;
+    if (reported.size() > max_reports)
+      return log_line("more light maps have negative texels; they are treated in the same way");
+    log_line(path_.string() + ": " + percent(share_of_texels(texels_)) +
+             " of its texels are negative (lowest " + lowest_text() +
+             "), as lossy compression leaves them; they become zero and the light around them is dimmed, so "
+             "that the mean radiance stays (zero alone would add " +
+             percent(share_of_light()) + ")");
+  }
+
+  /// Takes what zero adds off the positive texels of the same block, and what these lack off the blocks of
+  /// twice the size, up to the whole map.
+  void remove(int c) {
+    int columns = (image_.width + block_size - 1) / block_size;
+    int rows = (image_.height + block_size - 1) / block_size;
+    std::vector<double> debt(static_cast<std::size_t>(columns) * rows);
+    for (int y = 0; y < image_.height; ++y)
+      for (int x = 0; x < image_.width; ++x) {
+        float& value = image_.at(x, y, c);
+        if (!(value < 0.0f)) continue;
+        debt[static_cast<std::size_t>(y / block_size) * columns + x / block_size] -=
+            weight(static_cast<std::size_t>(y) * image_.width + x) * value;
+        value = 0.0f;
+      }
+    for (int size = block_size;; size *= 2) {
+      const int next_columns = (columns + 1) / 2, next_rows = (rows + 1) / 2;
+      std::vector<double> next(static_cast<std::size_t>(next_columns) * next_rows);
+      for (int row = 0; row < rows; ++row)
+        for (int column = 0; column < columns; ++column)
+          next[static_cast<std::size_t>(row / 2) * next_columns + column / 2] += unpaid(
+              column * size, row * size, size, c, debt[static_cast<std::size_t>(row) * columns + column]);
+      if (columns == 1 && rows == 1) return;
+      debt = std::move(next);
+      columns = next_columns;
+      rows = next_rows;
+    }
+  }
+
+  /// Dims a block by `debt`; returns what it lacks.
+  double unpaid(int x0, int y0, int size, int c, double debt) {
+    if (debt <= 0.0) return 0.0;
+    const int x1 = std::min(x0 + size, image_.width), y1 = std::min(y0 + size, image_.height);
+    double light = 0.0;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x)
+        light += weight(static_cast<std::size_t>(y) * image_.width + x) * image_.at(x, y, c);
+    const double factor = light > debt ? (light - debt) / light : 0.0;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x) image_.at(x, y, c) = static_cast<float>(image_.at(x, y, c) * factor);
+    return std::max(debt - light, 0.0);
+  }
+
+  Image& image_;
+  const fs::path& path_;
+  std::vector<double> angles_;
+  bool is_lat_long_;
+  std::size_t texels_ = 0, strong_texels_ = 0, worst_ = 0;
+  std::array<double, 3> added_{};  // by channel, relative to the map's own light
+  bool is_mostly_negative_ = false;
+};
+
+}  // namespace
+
 LightMap read_light_map(const fs::path& path, Parameterisation parameterisation) {
   LightMap light{read_image(path), parameterisation};
   require_finite(light.radiance, path.string(), true, "repair that texel in the light map");
-  for (float& value : light.radiance.values) value = std::max(value, 0.0f);
+  if (std::ranges::any_of(light.radiance.values, [](float value) { return value < 0.0f; }))
+    NegativeTexels(light, path).remove();
+  for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
   return light;
 }
 

@@ -39,8 +39,8 @@ Image read_image(const std::filesystem::path& path);
 Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
 Photograph read_photograph(const std::filesystem::path& path);
 
-/// Reads a light map: finite everywhere; small negative values, as lossy compression leaves them, become
-/// zero. Throws InputError on NaN or Inf.
+/// Reads a light map: finite, nothing negative. Negative values of lossy compression become zero, with a
+/// warning; the channels' means stay. Throws InputError on NaN, Inf, many negative values, naming the texel.
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation);
 
 /// Writes a one- or three-channel EXR (ZIP), atomically. Throws DeviceError where the disk refuses.

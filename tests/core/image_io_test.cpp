@@ -9,8 +9,10 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <numbers>
 #include <thread>
 
+#include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "tests/support/message_of.h"
@@ -168,14 +170,9 @@ TEST(ToneMapped, ScalesAndClips) {
   EXPECT_EQ(bytes[3], 0) << "not a number shows as black";
 }
 
-TEST(LightMaps, SmallNegativesBecomeZeroAndNaNIsNamed) {
+TEST(LightMaps, NaNAndInfinityAreNamed) {
   const test::TemporaryFolder folder;
   Image image(4, 3, 3, 1.0f);
-  image.at(2, 1, 0) = -0.001f;
-  write_exr(folder / "light.exr", image);
-  const LightMap light = read_light_map(folder / "light.exr", Parameterisation::lat_long);
-  EXPECT_EQ(light.radiance.at(2, 1, 0), 0.0f);
-  EXPECT_EQ(light.domain(), (LightDomain{4, 3, Parameterisation::lat_long}));
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), infinity, -infinity}) {
     image.at(1, 2, 1) = bad;
     write_exr(folder / "light.exr", image);
@@ -183,6 +180,62 @@ TEST(LightMaps, SmallNegativesBecomeZeroAndNaNIsNamed) {
                     [&] { read_light_map(folder / "light.exr", Parameterisation::monitor); }),
                 testing::AllOf(HasSubstr("light.exr"), HasSubstr("(1, 2)")));
   }
+}
+
+// Around a sun, lossy compression leaves texels far below zero; setting them to zero alone would add light.
+TEST(LightMaps, NegativesOfCompressionBecomeZeroAndTheMeanStays) {
+  const test::TemporaryFolder folder;
+  for (const LightDomain& domain :
+       {LightDomain{64, 32, Parameterisation::lat_long}, LightDomain{12, 72, Parameterisation::cube},
+        LightDomain{37, 21, Parameterisation::monitor}}) {
+    Rng rng(11);
+    Image image = test::random_image(rng, domain.width, domain.height, 3, 0.5, 1.0);
+    image.at(20 % domain.width, 10, 0) = 2000.0f;
+    image.at(21 % domain.width, 10, 0) = -300.0f;  // in the sun's block
+    image.at(2, 20, 1) = -80.0f;                   // more than the light of its block
+    image.at(5, 20, 2) = -1e-6f;
+    write_exr(folder / "light.exr", image);
+    testing::internal::CaptureStderr();
+    const LightMap light = read_light_map(folder / "light.exr", domain.parameterisation);
+    const std::string said = testing::internal::GetCapturedStderr();
+    if (domain.parameterisation == Parameterisation::lat_long) {
+      EXPECT_THAT(said, testing::AllOf(HasSubstr("light.exr"), HasSubstr("-300"), HasSubstr("mean")));
+    }
+    EXPECT_EQ(light.domain(), domain);
+    EXPECT_EQ(light.radiance.at(21 % domain.width, 10, 0), 0.0f);
+    for (int c = 0; c < 3; ++c) {
+      double before = 0.0, after = 0.0;
+      for (int y = 0; y < domain.height; ++y)
+        for (int x = 0; x < domain.width; ++x) {
+          double weight = 1.0;
+          if (domain.parameterisation == Parameterisation::lat_long)
+            weight = std::cos(std::numbers::pi * y / domain.height) -
+                     std::cos(std::numbers::pi * (y + 1) / domain.height);
+          if (domain.parameterisation == Parameterisation::cube)
+            weight = cube_solid_angle(x, y, domain.width);
+          EXPECT_GE(light.radiance.at(x, y, c), 0.0f);
+          before += weight * image.at(x, y, c);
+          after += weight * light.radiance.at(x, y, c);
+        }
+      constexpr double float_rounding = 1e-6;
+      EXPECT_NEAR(after, before, float_rounding * before) << name_of(domain.parameterisation) << " " << c;
+    }
+    // What lies far away from them is not touched.
+    EXPECT_EQ(light.radiance.at(domain.width - 1, domain.height - 1, 0),
+              image.at(domain.width - 1, domain.height - 1, 0));
+  }
+}
+
+TEST(LightMaps, ManyNegativesAreRefused) {
+  const test::TemporaryFolder folder;
+  Rng rng(12);
+  Image image = test::random_image(rng, 24, 16, 3);
+  for (std::size_t p = 0; p < image.pixel_count(); p += 3) image.values[3 * p] = -3.0f;
+  image.at(5, 2, 1) = -3.5f;
+  write_exr(folder / "light.exr", image);
+  EXPECT_THAT(
+      test::message_of<InputError>([&] { read_light_map(folder / "light.exr", Parameterisation::monitor); }),
+      testing::AllOf(HasSubstr("light.exr"), HasSubstr("(5, 2) is -3.5"), HasSubstr("34 %")));
 }
 
 // Whatever is cut off, reading must end in an error that names the file, never in a crash or a black image.
