@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/bracket_options.h"
 
+#include "cli/option_checks.h"
+
 namespace refield::cli {
 
 void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
@@ -18,10 +20,10 @@ void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
                   "Lowest sample value that may be clipped (default: the largest; 1.0 for float images)");
   verb.add_option("--full-scale-electrons", camera.full_scale_electrons,
                   "Photo-electrons at full scale: sets the shot noise that weights and sigma rest on")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   verb.add_option("--read-noise", camera.read_noise_electrons, "Read noise in electrons")
-      ->check(CLI::NonNegativeNumber)
+      ->check(non_negative_number())
       ->capture_default_str();
 }
 

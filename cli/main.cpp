@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <exception>
 
+#include "cli/option_checks.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/interrupt.h"
@@ -13,6 +14,9 @@ namespace {
 constexpr int status_defect = 1;
 constexpr int status_bad_input = 2;
 constexpr int status_interrupted = 130;
+
+/// What can help when memory runs out: the verb's --memory, where it has one. Set before memory can run out.
+const char* memory_remedy = "work on smaller images or close other programs";
 
 int run(int argc, char** argv) {
   CLI::App app(
@@ -51,11 +55,15 @@ int run(int argc, char** argv) {
   refield::cli::add_info(app, common, action);
   refield::cli::add_report(app, common, action);
   refield::cli::add_view(app, common, action);
+  refield::cli::require_finite_numbers(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : status_bad_input;
   }
+  for (const CLI::App* verb : app.get_subcommands())
+    if (verb->get_option_no_throw("--memory") != nullptr)
+      memory_remedy = "give --memory a smaller limit or work on smaller images";
   if (common.quiet) refield::Progress::silence();
   refield::install_interrupt_handler();
   action();
@@ -76,7 +84,7 @@ int main(int argc, char** argv) {
                  "with --resume\n");
     return status_interrupted;
   } catch (const std::bad_alloc&) {
-    std::fprintf(stderr, "refield: out of memory; give --memory a smaller limit or work on smaller images\n");
+    std::fprintf(stderr, "refield: out of memory; %s\n", memory_remedy);
     return status_bad_input;
   } catch (const std::exception& error) {
     std::fprintf(stderr,

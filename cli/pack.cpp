@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/chart/panel.h"
+#include "cli/option_checks.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -168,7 +169,7 @@ void add_pack(CLI::App& app, const Common& common, Action& action) {
   auto* output = verb->add_option("-o,--output", options->output, "Packed field to write (.rfield)");
   verb->add_option("--error", options->error,
                    "Largest relative RMSE of relit pictures against the full field; 2e-5 and more can be had")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   verb->add_option("--chart", options->chart,
                    "Instead: try errors from 1e-2 to 2e-5 and write size against error to FOLDER/pack.csv "

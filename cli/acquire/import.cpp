@@ -13,6 +13,7 @@
 #include "cli/acquire/if_exists.h"
 #include "cli/acquire/verbs.h"
 #include "cli/bracket_options.h"
+#include "cli/option_checks.h"
 #include "core/errors.h"
 #include "core/files.h"
 
@@ -122,7 +123,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       "--pattern", request.rule.pattern,
       "Of file names: {light} stands for the view's name, * and ? for anything, as in '{light}_e*.tif'");
   verb->add_option("--count", request.rule.count, "So many files, in the order of names, make a bracket")
-      ->check(CLI::PositiveNumber);
+      ->check(positive_number());
   verb->add_option(
           "--exposures", options->exposures,
           "Exposure times of a bracket's files in seconds, separated by commas, in the order of names\n"
@@ -150,7 +151,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
   verb->add_option(
           "--test-every", request.test_every,
           "Hold out every so many frames for validation, beside those whose light is named test… (0: none)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(non_negative_number())
       ->capture_default_str();
   add_bracket_camera(*verb, request.camera);
   verb->add_flag("--half", options->half, "Half-float photographs: half the size, rounding of 0.05 %");

@@ -11,6 +11,7 @@
 #include "acquire/series/match_series.h"
 #include "cli/acquire/if_exists.h"
 #include "cli/acquire/verbs.h"
+#include "cli/option_checks.h"
 #include "core/errors.h"
 
 namespace refield::cli {
@@ -131,15 +132,15 @@ void add_acquire_match(CLI::App& group, const Common& common, Action& action) {
       ->capture_default_str();
   verb->add_option("--largest-offset", request.largest_offset_seconds,
                    "With --offset auto: seconds to look within")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   verb->add_option(
           "--tolerance", options->tolerance,
           "Most seconds between a photograph and its light (default: half the lights' usual interval)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(non_negative_number());
   verb->add_option("--test-every", request.test_every,
                    "Hold out every so many pairs for validation (0: none)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(non_negative_number())
       ->capture_default_str();
   verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
   add_if_exists(*verb, request.if_exists, "a session");

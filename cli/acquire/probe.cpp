@@ -10,6 +10,7 @@
 
 #include "acquire/light_probe/light_probe.h"
 #include "cli/acquire/verbs.h"
+#include "cli/option_checks.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -156,7 +157,7 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
   CLI::Option* diameter =
       verb->add_option("--diameter", options->diameter, "Of the ball, in the unit of --distance")
           ->needs(distance)
-          ->check(CLI::PositiveNumber);
+          ->check(positive_number());
   distance->needs(diameter);
   verb->add_option(
       "--ball", options->first.ball,

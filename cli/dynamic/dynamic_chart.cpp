@@ -11,6 +11,7 @@
 #include "cli/chart/panel.h"
 #include "cli/dynamic/frame_errors.h"
 #include "cli/dynamic/frame_times.h"
+#include "cli/option_checks.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -192,7 +193,7 @@ void add_simulate_dynamic_chart(CLI::App& app, const Common&, Action& action) {
   verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
   verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv and dynamic.svg")->required();
   verb->add_option("--time", arguments->time, "At which errors are looked at, seconds")
-      ->check(CLI::NonNegativeNumber)
+      ->check(non_negative_number())
       ->capture_default_str();
   verb->add_option("--paths", arguments->paths, "Of the reference, a vertex")
       ->check(CLI::Range(1, 1 << 24))

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "cli/option_checks.h"
 #include "cli/prt/measure.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
@@ -127,7 +128,7 @@ void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
           "--epsilon", arguments.epsilon,
           "What is let pass when lights are taken for one; smaller is more exact and larger. Default: 1e-4 "
           "(group) or 4e-5 (solid-angle) of white, 5e-5 as in the paper (all)")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->group(group);
   verb.add_option(
           "--similarity", arguments.similarity,
@@ -162,12 +163,12 @@ void add_harmonic_options(CLI::App& verb, PrtArguments& arguments) {
   verb.add_option("--until", options.until,
                   "Interreflection ends with a pass that brings less than this share of the first; 1: none")
       ->capture_default_str()
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->group(group);
   verb.add_option("--radius", options.radius,
                   "Of the sphere that lights stand on, for light that falls off with distance; 0: far away")
       ->capture_default_str()
-      ->check(CLI::NonNegativeNumber)
+      ->check(non_negative_number())
       ->group(group);
   verb.add_option("--window", arguments.window, "Damps the ringing of sharp lights: none, hann, lanczos")
       ->capture_default_str()

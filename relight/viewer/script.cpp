@@ -6,6 +6,7 @@
 
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <string_view>
 
 #include "core/errors.h"
@@ -77,7 +78,7 @@ std::string_view take_word(std::string_view& rest) {
 double number(std::string_view word, const std::string& place) {
   double value = 0.0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc() || end != word.data() + word.size())
+  if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value))
     throw InputError(place + "'" + std::string(word) + "' is no number");
   return value;
 }
