@@ -3,6 +3,13 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+#include <string>
+
+#include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
@@ -10,23 +17,101 @@
 
 namespace refield {
 
-void relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs, double exposure) {
-  for (const RelightJob& job : jobs)
-    if (job.output.extension() != ".exr" && job.output.extension() != ".png")
+namespace {
+
+constexpr std::size_t max_metered = 8;
+constexpr std::size_t max_kept_bytes = std::size_t{256} << 20;
+
+bool is_png(const RelightJob& job) {
+  return job.output.extension() == ".png";
+}
+
+}  // namespace
+
+MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights,
+                                 std::string name)
+    : field_(field), lights_(std::move(lights)), name_(std::move(name)) {}
+
+Image MeteredPictures::make(std::size_t i) const {
+  throw_if_interrupted();
+  const LightMap light = lights_[i]();
+  Image image = field_.picture(light, i);
+  if (!std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) {
+    char brightest[32];
+    std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(light.radiance.values));
+    require_finite(image,
+                   name_ + (lights_.size() == 1 ? std::string() : ", picture " + std::to_string(i + 1)), true,
+                   std::string("the light is too bright for 32-bit floats (its brightest texel: ") +
+                       brightest + "); scale the light map down");
+  }
+  return image;
+}
+
+double MeteredPictures::sequence_exposure() {
+  const std::size_t count = std::min(lights_.size(), max_metered);
+  std::vector<Image> pictures(count);
+  const auto place = [&](std::size_t k) { return (2 * k + 1) * lights_.size() / (2 * count); };
+  Progress progress("choose the exposure", count);
+  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    pictures[k] = make(place(k));
+    progress.advance();
+  });
+  ExposureMeter meter;
+  std::size_t bytes = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    meter.add(pictures[k]);
+    bytes += pictures[k].values.size() * sizeof(float);
+    if (bytes <= max_kept_bytes) kept_.emplace(place(k), std::move(pictures[k]));
+  }
+  return meter.exposure();
+}
+
+Image MeteredPictures::take(std::size_t i) {
+  const auto kept = kept_.find(i);  // nobody else looks for picture i, and the map stays as it is
+  return kept == kept_.end() ? make(i) : std::move(kept->second);
+}
+
+ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
+                                const ExposureOptions& exposure) {
+  std::vector<LightSource> lights;
+  for (const RelightJob& job : jobs) {
+    if (job.output.extension() != ".exr" && !is_png(job))
       throw InputError(job.output.string() +
                        ": images are written as .exr or .png; give the output such a name");
+    lights.push_back(job.light);
+  }
+  const auto pngs = static_cast<std::size_t>(std::ranges::count_if(jobs, is_png));
+  const std::filesystem::path& first = jobs.front().output;
+  MeteredPictures pictures(field, std::move(lights),
+                           (jobs.size() == 1 ? first : first.parent_path()).string());
+  std::optional<double> shared = exposure.factor;
+  if (!shared && exposure.is_sequence && pngs > 0) shared = pictures.sequence_exposure();
+  std::vector<double> factors(jobs.size()), clipped(jobs.size());
   Progress progress("relight", jobs.size());
   // One task an image: compressing and writing files takes longer than the product T L, and so it overlaps
   // too. Memory stays at one image a core.
   tbb::parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
     throw_if_interrupted();
-    const Image image = field.picture(jobs[i].light(), i);
-    if (jobs[i].output.extension() == ".png")
-      write_png(jobs[i].output, image, {exposure});
-    else
+    const Image image = pictures.take(i);
+    if (is_png(jobs[i])) {
+      if (shared) {
+        factors[i] = *shared;
+      } else {
+        ExposureMeter meter;
+        meter.add(image);
+        factors[i] = meter.exposure();
+      }
+      if (exposure.factor) clipped[i] = clipped_share(image, factors[i]);
+      write_png(jobs[i].output, image, {factors[i]});
+    } else {
       write_exr(jobs[i].output, image);
+    }
     progress.advance();
   });
+  if (pngs == 0) return {};
+  ExposureReport report{shared ? std::vector{*shared} : std::move(factors)};
+  report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) / static_cast<double>(pngs);
+  return report;
 }
 
 }  // namespace refield

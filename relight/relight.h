@@ -2,8 +2,12 @@
 #pragma once
 #include <filesystem>
 #include <functional>
+#include <map>
+#include <optional>
+#include <string>
 #include <vector>
 
+#include "core/image.h"
 #include "core/light_map.h"
 #include "relight/field_pictures.h"
 
@@ -19,10 +23,47 @@ struct RelightJob {
   std::filesystem::path output;
 };
 
+/// The factor on the radiance of PNG files and videos.
+struct ExposureOptions {
+  std::optional<double> factor{};  ///< none: chosen by ExposureMeter
+  /// Whether the pictures are frames of one sequence and share an automatic exposure. It is chosen from up to
+  /// eight frames spread over the sequence.
+  bool is_sequence = false;
+};
+
+/// How PNG files and videos were exposed.
+struct ExposureReport {
+  std::vector<double> factors{};  ///< one for all, or one per picture; empty: no PNG and no video
+  /// Share of the pixels that show light and are clipped in some channel, mean over the pictures; 0 for
+  /// automatic exposures, which clip fewer than 1 %.
+  double clipped = 0.0;
+};
+
 /// Relights `field` for each job and writes the images, several at a time, with progress. A file appears when
-/// it is complete. `exposure` scales what goes into PNG files. Throws InputError for an output that is
-/// neither EXR nor PNG (before any work) and for a light that does not fit the field, Interrupted between
-/// images.
-void relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs, double exposure = 1.0);
+/// it is complete. Throws InputError for an output that is neither EXR nor PNG (before any work), for a light
+/// that does not fit the field or makes pixels that are not finite, Interrupted between images.
+ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
+                                const ExposureOptions& exposure = {});
+
+/// The pictures of `lights`, one at a time and from several threads: those that were made to choose a
+/// sequence's exposure are not made again, where they fit into memory.
+class MeteredPictures {
+ public:
+  /// `name` is what errors call the pictures.
+  MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights, std::string name);
+
+  /// The exposure of a sequence of these pictures.
+  double sequence_exposure();
+  /// Picture i. Throws InputError where a pixel is not finite.
+  Image take(std::size_t i);
+
+ private:
+  Image make(std::size_t i) const;
+
+  const FieldPictures& field_;
+  std::vector<LightSource> lights_;
+  std::string name_;
+  std::map<std::size_t, Image> kept_;
+};
 
 }  // namespace refield

@@ -12,10 +12,13 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <numeric>
 #include <string>
 
+#include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -81,7 +84,8 @@ pid_t start(std::vector<std::string> arguments, int input, int messages) {
 void VideoOptions::check() const {
   if (!(frames_per_second >= 0.1 && frames_per_second <= 1000.0))
     throw InputError("--fps is " + std::to_string(frames_per_second) + "; give 0.1 to 1000 frames a second");
-  if (!(exposure > 0.0)) throw InputError("--exposure must be above zero");
+  if (exposure && !(*exposure > 0.0 && std::isfinite(*exposure)))
+    throw InputError("--exposure is " + std::to_string(*exposure) + "; give a number above zero");
 }
 
 VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int height, double frames_per_second)
@@ -149,11 +153,16 @@ void VideoWriter::fail() {
                     "ffmpeg could not write the video" + (said.empty() ? std::string() : ": " + said));
 }
 
-void relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
-                      const std::filesystem::path& output, const VideoOptions& options) {
+ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
+                                const std::filesystem::path& output, const VideoOptions& options) {
   options.check();
+  MeteredPictures pictures(field, lights, output.string());
+  ExposureReport report;
+  std::vector<double> clipped(lights.size());
   write_atomically(output, [&](const std::filesystem::path& temporary) {
     VideoWriter video(temporary, field.width(), field.height(), options.frames_per_second);
+    const double exposure = options.exposure ? *options.exposure : pictures.sequence_exposure();
+    report.factors = {exposure};
     Progress progress("relight", lights.size());
     // Tokens are numbers and the frames stay here: when a pipeline is stopped, oneTBB forgets to destroy what
     // its larger tokens hold. The frame of a slot is encoded before the next one of that slot is begun.
@@ -166,7 +175,9 @@ void relight_to_video(const FieldPictures& field, const std::vector<LightSource>
     };
     const auto frame = [&](std::size_t i) {
       throw_if_interrupted();
-      slots[i % slots.size()] = tone_mapped(field.picture(lights[i](), i), {options.exposure});
+      const Image picture = pictures.take(i);
+      slots[i % slots.size()] = tone_mapped(picture, {exposure});
+      if (options.exposure) clipped[i] = clipped_share(picture, exposure);
       return i;
     };
     const auto encode = [&](std::size_t i) {
@@ -179,6 +190,9 @@ void relight_to_video(const FieldPictures& field, const std::vector<LightSource>
                                              tbb::make_filter<std::size_t, void>(in_order, encode));
     video.finish();
   });
+  report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) /
+                   static_cast<double>(std::max<std::size_t>(clipped.size(), 1));
+  return report;
 }
 
 }  // namespace refield

@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -11,7 +12,7 @@ namespace refield {
 
 struct VideoOptions {
   double frames_per_second = 30.0;
-  double exposure = 1.0;  ///< factor on the radiance, as for PNG files
+  std::optional<double> exposure{};  ///< factor on the radiance, as for PNG files; none: automatic
 
   /// Throws InputError naming the option and its range.
   void check() const;
@@ -48,7 +49,7 @@ class VideoWriter {
 /// Relights `field` for each light in turn and writes the images as a video, with progress. Several images
 /// are made at a time; none is kept once it is encoded. The file appears when it is complete. Throws
 /// Interrupted between frames, DeviceError where ffmpeg is missing or fails, and what the lights throw.
-void relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
-                      const std::filesystem::path& output, const VideoOptions& options);
+ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
+                                const std::filesystem::path& output, const VideoOptions& options);
 
 }  // namespace refield

@@ -12,6 +12,7 @@
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
 #include "cli/acquire/verbs.h"
+#include "core/auto_exposure.h"
 #include "core/errors.h"
 
 namespace refield::cli {
@@ -91,16 +92,13 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
   return request;
 }
 
-/// Replaces `file` by each photograph, so bright that one sample in a hundred is white: a viewer that looks
+/// Replaces `file` by each photograph, so bright that one pixel in a hundred is white: a viewer that looks
 /// at the file again shows the capture as it goes on.
 std::function<void(const Photograph&)> preview_into(const fs::path& file) {
   if (file.extension() != ".png")
     throw InputError(file.string() + ": the preview is a PNG; let its name end in .png");
   return [file](const Photograph& photograph) {
-    std::vector<float> samples = photograph.radiance.values;
-    const auto bright = samples.begin() + static_cast<std::ptrdiff_t>(samples.size() * 99 / 100);
-    std::nth_element(samples.begin(), bright, samples.end());
-    write_png(file, photograph.radiance, {*bright > 0.0f ? 1.0 / *bright : 1.0});
+    write_png(file, photograph.radiance, {exposure_to_white(photograph.radiance)});
   };
 }
 

@@ -77,6 +77,13 @@ Image PreparedScene::picture(int first_bounce, int last_bounce) {
   return MeshView(all, camera_).show(radiance(first_bounce, last_bounce));
 }
 
+Image PreparedScene::reflected_picture() {
+  const Mesh all = mesh();
+  std::vector<Eigen::Array3f> reflected = light_->radiance(0, light_->bounces());
+  reflected.resize(all.positions.size(), Eigen::Array3f::Zero());
+  return MeshView(all, camera_).show(reflected);
+}
+
 Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
                                     const dynamic::ReferenceOptions& options) const {
   std::vector<dynamic::VertexOf> vertices;

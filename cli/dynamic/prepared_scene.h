@@ -30,6 +30,8 @@ class PreparedScene {
   std::vector<Eigen::Array3f> radiance(int first_bounce, int last_bounce);
   /// What the camera of the last solve() sees; lamps shine.
   Image picture(int first_bounce, int last_bounce);
+  /// The same with all bounces and black lamps: what an automatic exposure is chosen for.
+  Image reflected_picture();
   /// The picture of a time by traced paths, as many a vertex: the reference for picture().
   Image traced_picture(double time, const PinholeCamera& camera,
                        const dynamic::ReferenceOptions& options) const;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -11,7 +13,9 @@
 #include "cli/dynamic/frame_errors.h"
 #include "cli/dynamic/frame_times.h"
 #include "cli/dynamic/prepared_scene.h"
+#include "cli/option_checks.h"
 #include "cli/verbs.h"
+#include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -53,18 +57,15 @@ void check_output(const fs::path& path) {
     throw InputError(path.string() + ": pictures are written as .exr or .png, films as .mp4");
 }
 
-void write_picture(const fs::path& path, const Image& picture, double exposure) {
-  if (path.extension() == ".png")
-    write_png(path, picture, {exposure});
-  else
-    write_exr(path, picture);
+int frame_count(const PreparedScene& scene, const DynamicArguments& arguments) {
+  return static_cast<int>(std::floor(scene.scene().duration() * arguments.video.frames_per_second + 1e-6)) +
+         1;
 }
 
 /// Calls `take` for each frame of the scene's motion in turn, with progress.
 template <class Take>
 void for_each_frame(PreparedScene& scene, const DynamicArguments& arguments, const Take& take) {
-  const auto frames =
-      static_cast<int>(std::floor(scene.scene().duration() * arguments.video.frames_per_second + 1e-6)) + 1;
+  const int frames = frame_count(scene, arguments);
   const PinholeCamera camera = camera_of(scene.scene());
   Progress progress("frames", static_cast<std::uint64_t>(frames));
   for (int frame = 0; frame < frames; ++frame) {
@@ -85,28 +86,77 @@ Image one_picture(PreparedScene& scene, const DynamicArguments& arguments) {
   return scene.picture(0, scene.light().bounces());
 }
 
-void write_frames(PreparedScene& scene, const DynamicArguments& arguments) {
+/// PNG files and films of a scene, and how they are exposed: as --exposure says, else for the light that
+/// objects reflect at up to eight times spread over the film, or at the time of the one picture.
+class ExposedFrames {
+ public:
+  ExposedFrames(PreparedScene& scene, const DynamicArguments& arguments) {
+    if (arguments.video.exposure) {
+      factor_ = *arguments.video.exposure;
+      return;
+    }
+    constexpr int max_metered = 8;
+    const bool is_picture = arguments.output.extension() == ".png";
+    const int frames = frame_count(scene, arguments), count = is_picture ? 1 : std::min(frames, max_metered);
+    const PinholeCamera camera = camera_of(scene.scene());
+    ExposureMeter meter;
+    for (int k = 0; k < count; ++k) {
+      const int frame = (2 * k + 1) * frames / (2 * count);
+      const double time =
+          is_picture ? arguments.time.value_or(0.0) : frame / arguments.video.frames_per_second;
+      throw_if_interrupted();
+      scene.solve(time, camera, arguments.frame);
+      meter.add(scene.reflected_picture());
+    }
+    factor_ = meter.exposure();
+  }
+
+  double factor() const { return factor_; }
+  /// Mean over the pictures that were shown.
+  double clipped() const { return pictures_ == 0 ? 0.0 : clipped_ / pictures_; }
+
+  ToneMapping tone(const Image& picture) {
+    clipped_ += clipped_share(picture, factor_);
+    ++pictures_;
+    return {factor_};
+  }
+
+ private:
+  double factor_ = 1.0, clipped_ = 0.0;
+  int pictures_ = 0;
+};
+
+/// Returns the exposure of PNG files and films; none for EXR.
+std::optional<double> write_frames(PreparedScene& scene, const DynamicArguments& arguments) {
   const fs::path& output = arguments.output;
-  const PinholeCamera camera = camera_of(scene.scene());
   create_folders(fs::absolute(output).parent_path());
+  if (output.extension() == ".exr") {
+    write_exr(output, one_picture(scene, arguments));
+    return std::nullopt;
+  }
+  ExposedFrames frames(scene, arguments);
   if (output.extension() == ".mp4") {
+    const PinholeCamera camera = camera_of(scene.scene());
     write_atomically(output, [&](const fs::path& temporary) {
       VideoWriter video(temporary, camera.width, camera.height, arguments.video.frames_per_second);
       for_each_frame(scene, arguments, [&](int, const Image& picture) {
-        video.add(tone_mapped(picture, {arguments.video.exposure}));
+        video.add(tone_mapped(picture, frames.tone(picture)));
       });
       video.finish();
     });
-  } else if (output.has_extension()) {
-    write_picture(output, one_picture(scene, arguments), arguments.video.exposure);
+  } else if (output.extension() == ".png") {
+    const Image picture = one_picture(scene, arguments);
+    write_png(output, picture, frames.tone(picture));
   } else {
     create_folders(output);
     for_each_frame(scene, arguments, [&](int frame, const Image& picture) {
       char name[32];
       std::snprintf(name, sizeof name, "frame_%05d.png", frame);
-      write_png(output / name, picture, {arguments.video.exposure});
+      write_png(output / name, picture, frames.tone(picture));
     });
   }
+  if (arguments.video.exposure) warn_of_clipping(frames.clipped());
+  return frames.factor();
 }
 
 ordered_json measured(PreparedScene& scene, const DynamicArguments& arguments) {
@@ -181,13 +231,16 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   }
   figures["bytes"] = scene.bytes();
   figures["precompute_seconds"] = seconds_since(start);
-  if (!arguments.output.empty()) write_frames(scene, arguments);
+  if (!arguments.output.empty())
+    if (const auto exposure = write_frames(scene, arguments)) figures["exposure"] = *exposure;
   if (arguments.measure) figures["times"] = measured(scene, arguments);
   if (arguments.reference > 0) figures["errors"] = error_rows(scene, arguments);
   if (common.json)
     std::printf("%s\n", figures.dump(2).c_str());
   else
     print(figures);
+  if (!common.json && !arguments.video.exposure && figures.contains("exposure"))
+    print_exposures({}, std::array{figures["exposure"].get<double>()});
 }
 
 void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
@@ -274,10 +327,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("-o,--output", arguments->output,
                    "Film (.mp4), one picture (.png, .exr; see --time), or a folder of pictures");
   verb->add_option("--time", arguments->time, "Of the one picture and of --reference, seconds")
-      ->check(CLI::NonNegativeNumber);
+      ->check(non_negative_number());
   verb->add_option("--fps", arguments->video.frames_per_second, "Frames a second")->capture_default_str();
-  verb->add_option("--exposure", arguments->video.exposure, "Factor on the radiance in PNG and MP4")
-      ->capture_default_str();
+  add_exposure_option(*verb, arguments->video.exposure);
   verb->add_flag("--measure", arguments->measure, "Measure the time of a frame, by part");
   verb->add_option("--traced", arguments->traced,
                    "Make the one picture by so many traced paths a vertex, to see beside what it should be")

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/relight.h"
 
+#include <algorithm>
+#include <array>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -9,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/option_checks.h"
 #include "cli/relight/light_series.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
@@ -35,8 +38,22 @@ bool names_one_image(const RelightOptions& options, const LightSeries& series) {
          !fs::is_directory(options.output);
 }
 
+/// Refuses a folder that would be named like an image or a video: the user expects a file there.
+void require_folder_name(const fs::path& output) {
+  constexpr std::array<std::string_view, 12> extensions = {".exr", ".png",  ".jpg", ".jpeg", ".tif", ".tiff",
+                                                           ".hdr", ".webp", ".gif", ".mov",  ".avi", ".mkv"};
+  std::string extension = output.extension();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  if (fs::is_directory(output) || std::ranges::find(extensions, extension) == extensions.end()) return;
+  throw InputError(
+      output.string() +
+      ": is named like one file, and several images need a folder or a video (.mp4); give another "
+      "output");
+}
+
 std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries& series) {
   const bool single = names_one_image(options, series);
+  if (!single) require_folder_name(options.output);
   std::vector<RelightJob> jobs;
   std::set<fs::path> outputs;
   for (const SeriesLight& light : series.lights) {
@@ -58,24 +75,28 @@ FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField&
   return {field, cameras_of(options.camera, field, options.field, options.frames)};
 }
 
-/// Returns what was written.
-std::vector<std::string> write_images(const RelightOptions& options, const ReflectanceField& field,
-                                      const LightSeries& series) {
+struct Written {
+  std::vector<std::string> files;
+  ExposureReport exposure;
+};
+
+Written write_images(const RelightOptions& options, const ReflectanceField& field,
+                     const LightSeries& series) {
   const auto jobs = jobs_of(options, series);
   create_folders(fs::absolute(jobs.front().output).parent_path());
-  relight_to_files(pictures_of(options, field), jobs, options.video.exposure);
-  std::vector<std::string> written;
-  for (const RelightJob& job : jobs) written.push_back(job.output.string());
+  Written written;
+  written.exposure =
+      relight_to_files(pictures_of(options, field), jobs, {options.video.exposure, series.is_sequence});
+  for (const RelightJob& job : jobs) written.files.push_back(job.output.string());
   return written;
 }
 
-std::vector<std::string> write_video(const RelightOptions& options, const ReflectanceField& field,
-                                     const LightSeries& series) {
+Written write_video(const RelightOptions& options, const ReflectanceField& field, const LightSeries& series) {
   std::vector<LightSource> lights;
   for (const SeriesLight& light : series.lights) lights.push_back(light.make);
   create_folders(fs::absolute(options.output).parent_path());
-  relight_to_video(pictures_of(options, field), lights, options.output, options.video);
-  return {options.output.string()};
+  return {{options.output.string()},
+          relight_to_video(pictures_of(options, field), lights, options.output, options.video)};
 }
 
 void relight(const RelightOptions& options, const Common& common) {
@@ -83,14 +104,18 @@ void relight(const RelightOptions& options, const Common& common) {
   const ReflectanceField field = read_reflectance_field(options.field);
   const LightSeries series = light_series(options, field);
   const bool is_video = options.output.extension() == ".mp4";
-  const auto written = is_video ? write_video(options, field, series) : write_images(options, field, series);
+  const Written written =
+      is_video ? write_video(options, field, series) : write_images(options, field, series);
+  warn_of_clipping(written.exposure.clipped);
   if (common.json) {
-    nlohmann::ordered_json figures{{is_video ? "videos" : "images", written}};
+    nlohmann::ordered_json figures{{is_video ? "videos" : "images", written.files}};
+    if (!written.exposure.factors.empty()) figures["exposures"] = written.exposure.factors;
     if (series.seen) figures["seen_by_monitor"] = series.seen->json();
     std::printf("%s\n", figures.dump(2).c_str());
-  } else if (series.seen) {
-    series.seen->print();
+    return;
   }
+  if (series.seen) series.seen->print();
+  if (!options.video.exposure) print_exposures(written.files, written.exposure.factors);
 }
 
 void add_light_options(CLI::App& verb, RelightOptions& options) {
@@ -174,9 +199,7 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--fps", options->video.frames_per_second, "Frames a second of a video")
       ->capture_default_str()
       ->group(output);
-  verb->add_option("--exposure", options->video.exposure, "Factor on the radiance for PNG and video")
-      ->check(CLI::PositiveNumber)
-      ->group(output);
+  add_exposure_option(*verb, options->video.exposure)->group(output);
   verb->callback([options, &common, &action] { action = [options, &common] { relight(*options, common); }; });
 }
 

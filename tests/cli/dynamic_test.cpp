@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -83,11 +84,27 @@ TEST_F(SimulateDynamicVerb, WritesOnePictureAFolderAndAFilm) {
   ASSERT_THAT(run_refield(command({"-o", folder_ / "one.exr"})), Succeeded());
   EXPECT_GT(read_image(folder_ / "one.exr").at(32, 40, 0), 0.01f);
   ASSERT_THAT(run_refield(command({"-o", folder_ / "frames", "--fps", "10"})), Succeeded());
+  const auto brightest = [&](const std::string& name) {
+    const Image image = read_image(folder_ / name);
+    return *std::ranges::max_element(image.values);
+  };
+  EXPECT_GT(brightest("frames/frame_00001.png"), 0.9f);
+  const auto result = run_refield(command({"-o", folder_ / "one.png", "--json"}));
+  ASSERT_THAT(result, Succeeded());
+  EXPECT_GT(json::parse(result.out)["exposure"].get<double>(), 0.0);
   for (const char* name : {"frame_00000.png", "frame_00002.png"})
     EXPECT_TRUE(std::filesystem::exists(folder_ / (std::string("frames/") + name))) << name;
   EXPECT_FALSE(std::filesystem::exists(folder_ / "frames/frame_00003.png"));
   ASSERT_THAT(run_refield(command({"-o", folder_ / "film.mp4", "--fps", "10"})), Succeeded());
   EXPECT_GT(std::filesystem::file_size(folder_ / "film.mp4"), 500u);
+}
+
+TEST_F(SimulateDynamicVerb, RefusesATimeOrAnExposureThatIsNoNumber) {
+  for (const char* option : {"--time", "--exposure", "--fps"}) {
+    const auto result = run_refield(command({"-o", folder_ / "one.png", option, "nan"}));
+    EXPECT_EQ(result.status, 2);
+    EXPECT_NE(result.err.find(std::string(option) + ": is 'nan'; give a"), std::string::npos) << result.err;
+  }
 }
 
 TEST_F(SimulateDynamicVerb, ThePictureIsLikeTheTracedOne) {

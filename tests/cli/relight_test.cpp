@@ -54,6 +54,54 @@ TEST_F(RelightVerb, PngIsChosenByTheExtension) {
   EXPECT_EQ(read_image_header(folder_ / "out.png").width, 12);
 }
 
+TEST_F(RelightVerb, TheDefaultExposureIsPrintedAndRepeatsThePicture) {
+  const auto result = relight({"--light", light_, "-o", folder_ / "auto.png"});
+  EXPECT_THAT(result, Succeeded());
+  const auto at = result.out.find("--exposure ");
+  ASSERT_NE(at, std::string::npos) << result.out;
+  const std::string factor = result.out.substr(at + 11, result.out.find(' ', at + 11) - at - 11);
+  const auto again =
+      relight({"--light", light_, "-o", folder_ / "again.png", "--exposure", factor, "--json"});
+  EXPECT_THAT(again, Succeeded());
+  EXPECT_EQ(read_text(folder_ / "again.png"), read_text(folder_ / "auto.png"));
+  EXPECT_EQ(nlohmann::json::parse(again.out)["exposures"][0].get<double>(), std::stod(factor));
+  EXPECT_EQ(again.err.find("clipped"), std::string::npos);
+
+  const auto clipped =
+      relight({"--light", light_, "-o", folder_ / "white.png", "--exposure", "1e6", "--quiet"});
+  EXPECT_THAT(clipped, Succeeded());
+  EXPECT_NE(clipped.err.find("are clipped"), std::string::npos) << clipped.err;
+  const auto none = relight({"--light", light_, "-o", output_, "--exposure", "1e6", "--quiet"});
+  EXPECT_EQ(none.err, "") << "EXR files are not exposed";
+}
+
+TEST_F(RelightVerb, NumbersThatAreNoneAreRefused) {
+  for (const std::vector<std::string>& arguments : {std::vector<std::string>{"--yaw", "nan"},
+                                                    {"--pitch", "inf"},
+                                                    {"--latitude", "NaN"},
+                                                    {"--fps", "nan"},
+                                                    {"--exposure", "nan"},
+                                                    {"--exposure", "0"},
+                                                    {"--exposure", "bright"}}) {
+    auto all = arguments;
+    all.insert(all.end(), {"--env", light_, "-o", folder_ / "a.png"});
+    const auto result = relight(all);
+    EXPECT_EQ(result.status, 2) << testing::PrintToString(arguments);
+    EXPECT_NE(result.err.find(arguments[0] + ": is '" + arguments[1] + "'; give a"), std::string::npos)
+        << result.err;
+    EXPECT_LT(result.err.size(), 200u) << result.err;
+    EXPECT_FALSE(fs::exists(folder_ / "a.png"));
+  }
+}
+
+TEST_F(RelightVerb, AFolderIsNotNamedLikeAnImage) {
+  for (const char* name : {"x.exr", "x.PNG", "x.mov"}) {
+    EXPECT_THAT(relight({"--light", light_, "--rotate", "--frames", "2", "-o", folder_ / name}),
+                RefusedNaming(name, "folder"));
+    EXPECT_FALSE(fs::exists(folder_ / name));
+  }
+}
+
 TEST_F(RelightVerb, SeveralLightsGoToAFolder) {
   fs::create_directory(folder_ / "lights");
   for (const char* name : {"a.exr", "b.exr"}) fs::copy_file(light_, folder_ / "lights" / name);

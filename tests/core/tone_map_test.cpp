@@ -3,7 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <limits>
 
 #include "core/auto_exposure.h"
@@ -80,6 +83,49 @@ TEST(ToneMap, WhiteIsThe99thPercentile) {
   for (int x = 0; x < 50; ++x) image.at(x, 0, 1) = 1000.0f;  // half a percent: lamps in the picture
   EXPECT_DOUBLE_EQ(exposure_to_white(image), 2.0);
   EXPECT_DOUBLE_EQ(exposure_to_white(Image(4, 4, 3)), 1.0);
+}
+
+TEST(AutoExposure, ABlackBackgroundDoesNotCount) {
+  Image image(100, 100, 3);  // nine tenths show nothing
+  for (int y = 0; y < 10; ++y)
+    for (int x = 0; x < 100; ++x)
+      for (int c = 0; c < 3; ++c) image.at(x, y, c) = static_cast<float>(10 * x + y + 1) / 1000.0f;
+  EXPECT_NEAR(exposure_to_white(image), 1.0 / 0.991, 1e-6);
+  EXPECT_LE(clipped_share(image, exposure_to_white(image)), 0.015) << "with levels that round up to white";
+  Mask mask(10000, 0);
+  mask[0] = mask[5050] = 1;
+  EXPECT_DOUBLE_EQ(exposure_to_white(image, mask), 1.0 / image.at(0, 0, 0));
+}
+
+TEST(AutoExposure, HasThreeDigitsAndClipsFewerThanOnePixelInAHundred) {
+  Rng rng(3);
+  for (const double scale : {1e-9, 0.037, 1.0, 777.0, 3e20}) {
+    Image image(60, 50, 3);
+    for (float& value : image.values) value = static_cast<float>(scale * std::exp(4.0 * rng.uniform()));
+    ExposureMeter meter;
+    meter.add(image);
+    const double exposure = meter.exposure();
+    EXPECT_LE(exposure, exposure_to_white(image));
+    EXPECT_GT(exposure, 0.98 * exposure_to_white(image));
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3g", exposure);
+    EXPECT_EQ(std::strtod(text, nullptr), exposure) << text;
+    const auto levels = tone_mapped(image, {exposure});
+    int white = 0;
+    for (std::size_t p = 0; p < image.pixel_count(); ++p)
+      white += *std::max_element(levels.begin() + 3 * p, levels.begin() + 3 * p + 3) == 255;
+    EXPECT_LE(white, 0.01 * image.pixel_count());
+    EXPECT_DOUBLE_EQ(clipped_share(image, exposure), white / 3000.0);
+  }
+}
+
+TEST(AutoExposure, SeveralPicturesShareOne) {
+  ExposureMeter meter;
+  meter.add(Image(10, 10, 3, 0.01f));
+  meter.add(Image(10, 10, 3, 2.0f));
+  EXPECT_DOUBLE_EQ(meter.exposure_to_white(), 0.5);
+  EXPECT_DOUBLE_EQ(clipped_share(Image(2, 2, 3, 2.0f), 1.0), 1.0);
+  EXPECT_DOUBLE_EQ(clipped_share(Image(2, 2, 3), 1.0), 0.0);
 }
 
 TEST(FalseColour, LevelsAreEvenInValueAndInStops) {

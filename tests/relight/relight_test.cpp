@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/relight.h"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 
 #include "core/errors.h"
+#include "core/files.h"
 #include "core/image_io.h"
+#include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -92,6 +95,49 @@ TEST_F(Relight, FilesHoldWhatTheFieldGives) {
   for (int i = 0; i < 5; ++i)
     EXPECT_EQ(read_image(folder / (std::to_string(i) + ".exr")).values, field_.relight(lights[i]).values);
   EXPECT_EQ(read_image(folder / "0.png").width, field_.width);
+}
+
+TEST_F(Relight, PicturesAreExposedByThemselvesAndSequencesAsOne) {
+  const test::TemporaryFolder folder;
+  std::vector<RelightJob> jobs;
+  for (int i = 0; i < 20; ++i) {
+    LightMap light = test::random_light(rng_, domain);
+    for (float& value : light.radiance.values) value *= std::exp2(static_cast<float>(i - 10));
+    jobs.push_back({[light] { return light; }, folder / (std::to_string(i) + ".png")});
+  }
+  const auto brightest = [&](int i) {
+    const Image image = read_image(folder / (std::to_string(i) + ".png"));
+    return *std::ranges::max_element(image.values);
+  };
+  const ExposureReport each = relight_to_files(field_, jobs);
+  ASSERT_EQ(each.factors.size(), 20u);
+  EXPECT_NEAR(each.factors[0] / each.factors[19], std::exp2(19.0), 0.2 * std::exp2(19.0));
+  for (const int i : {0, 7, 19}) EXPECT_EQ(brightest(i), 1.0f) << i;
+  const std::string own = read_text(folder / "7.png");
+  relight_to_files(field_, jobs, {.factor = each.factors[7]});
+  EXPECT_EQ(read_text(folder / "7.png"), own);
+
+  const ExposureReport shared = relight_to_files(field_, jobs, {.is_sequence = true});
+  ASSERT_EQ(shared.factors.size(), 1u);
+  EXPECT_LT(brightest(0), 0.05f) << "neither the first frame decides";
+  EXPECT_EQ(brightest(19), 1.0f);
+  EXPECT_LT(shared.factors[0], 20.0 * each.factors[19]);
+  EXPECT_GT(shared.factors[0], 0.5 * each.factors[19]);
+  EXPECT_GT(relight_to_files(field_, jobs, {.factor = 1e9}).clipped, 0.9);
+  jobs.resize(3);
+  for (RelightJob& job : jobs) job.output.replace_extension(".exr");
+  EXPECT_TRUE(relight_to_files(field_, jobs).factors.empty());
+}
+
+TEST_F(Relight, ALightTooBrightForFloatsIsRefused) {
+  const test::TemporaryFolder folder;
+  LightMap light = test::random_light(rng_, domain);
+  std::ranges::fill(light.radiance.values, 3e38f);
+  EXPECT_THAT(test::message_of<InputError>([&] {
+                relight_to_files(field_, {{[&] { return light; }, folder / "a.exr"}});
+              }),
+              testing::AllOf(testing::HasSubstr("a.exr"), testing::HasSubstr("3e+38")));
+  EXPECT_FALSE(std::filesystem::exists(folder / "a.exr"));
 }
 
 TEST_F(Relight, RefusesOtherFormatsBeforeAnyWork) {
