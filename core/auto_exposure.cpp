@@ -56,8 +56,9 @@ double ExposureMeter::exposure_to_white() {
 }
 
 double ExposureMeter::exposure() {
-  // The highest level begins at a linear value of 0.9957.
-  return rounded_down(0.995 * exposure_to_white());
+  // The highest level begins at a linear value of 0.9957. The rest of the margin keeps the share below 1 %
+  // even where pixels of level 0 are not counted.
+  return rounded_down(0.98 * exposure_to_white());
 }
 
 double clipped_share(const Image& image, double exposure) {

@@ -20,7 +20,7 @@ class ExposureMeter {
 
   /// As exposure_to_white(), over all pixels that were added.
   double exposure_to_white();
-  /// A little less (by 1.5 % at most), in three digits, so that fewer than one pixel in a hundred reaches the
+  /// A little less (by 3 % at most), in three digits, so that fewer than one pixel in a hundred reaches the
   /// highest of 256 levels and that the printed number repeats the picture bit for bit.
   double exposure();
 
