@@ -50,9 +50,10 @@ std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
   if (!format) fail("it is none of EXR, HDR, PNG, JPEG, TIFF and PFM");
   check_image_header(path, *format);
   auto input = OIIO::ImageInput::create(name_of(*format));
-  OIIO::ImageSpec spec;
+  OIIO::ImageSpec spec, config;
+  config.attribute("oiio:UnassociatedAlpha", 1);  // else it multiplies encoded values by alpha
   if (!input) fail(OIIO::geterror());
-  if (!input->open(path.string(), spec)) fail(input->geterror());
+  if (!input->open(path.string(), spec, config)) fail(input->geterror());
   return input;
 }
 
@@ -160,6 +161,10 @@ Image read_image(const fs::path& path) {
   Image image = select_channels(raw, spec.width, spec.height, spec.nchannels, colour_channels(spec, path));
   if (!spec.format.is_floating_point() && spec.get_string_attribute("oiio:ColorSpace") != "Linear")
     std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
+  if (spec.alpha_channel >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
+    for (std::size_t p = 0; p < image.pixel_count(); ++p)
+      for (std::size_t c = 0; c < 3; ++c)
+        image.values[3 * p + c] *= raw[p * spec.nchannels + spec.alpha_channel];
   return image;
 }
 

@@ -31,8 +31,8 @@ enum class Precision { half, single };
 ImageHeader read_image_header(const std::filesystem::path& path);
 
 /// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are
-/// taken as sRGB and decoded. Values are returned as stored: check them with require_finite(). Throws
-/// FormatError when the file is truncated or not an image.
+/// taken as sRGB and decoded, then multiplied by alpha, if any: transparent pixels are black. Values are
+/// returned as stored: check them with require_finite(). Throws FormatError for a truncated file or no image.
 Image read_image(const std::filesystem::path& path);
 
 /// Reads rows [first, last) of a photograph without holding the rest of the file.

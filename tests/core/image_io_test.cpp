@@ -170,6 +170,24 @@ TEST(ToneMapped, ScalesAndClips) {
   EXPECT_EQ(bytes[3], 0) << "not a number shows as black";
 }
 
+// OpenImageIO alone multiplies the encoded values by alpha, which takes half-transparent pixels to a fifth.
+TEST(ReadImage, AlphaMultipliesLinearLight) {
+  const test::TemporaryFolder folder;
+  const auto path = folder / "map.png";
+  auto output = OIIO::ImageOutput::create("png");
+  OIIO::ImageSpec spec(2, 1, 4, OIIO::TypeDesc::UINT8);
+  spec.attribute("oiio:UnassociatedAlpha", 1);
+  const std::vector<std::uint8_t> levels = {188, 128, 64, 128, 188, 128, 64, 255};
+  ASSERT_TRUE(output && output->open(path.string(), spec) &&
+              output->write_image(OIIO::TypeDesc::UINT8, levels.data()) && output->close());
+  const Image image = read_image(path);
+  for (int c = 0; c < 3; ++c) {
+    const float opaque = linear_from_srgb(static_cast<float>(levels[c]) / 255.0f);
+    EXPECT_NEAR(image.at(0, 0, c), opaque * 128.0f / 255.0f, 1e-6f);
+    EXPECT_NEAR(image.at(1, 0, c), opaque, 1e-6f);
+  }
+}
+
 TEST(LightMaps, NaNAndInfinityAreNamed) {
   const test::TemporaryFolder folder;
   Image image(4, 3, 3, 1.0f);
