@@ -7,6 +7,7 @@
 #include <cctype>
 #include <cerrno>
 #include <string_view>
+#include <utility>
 
 #include "core/errors.h"
 #include "core/files.h"
@@ -63,7 +64,7 @@ std::vector<std::uint16_t> read_samples(OIIO::ImageInput& input, const fs::path&
 }  // namespace
 
 BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> one_channel) {
-  read_image_header(path);  // for its checks
+  const ImageHeader header = read_image_header(path);  // also for its checks
   BracketFile file;
   // Samples must come as stored: no division by alpha, no conversion.
   OIIO::ImageSpec as_stored;
@@ -76,7 +77,13 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   file.iso = positive_attribute(spec, {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
   if (spec.format.is_floating_point()) {
     input.reset();
-    file.linear = read_image(path);
+    if (header.has_sigma) {
+      Photograph photograph = read_photograph(path);
+      file.linear = std::move(photograph.radiance);
+      file.sigma = std::move(photograph.sigma);
+    } else {
+      file.linear = read_image(path);
+    }
     return file;
   }
   const int channels = spec.nchannels >= 3 ? 3 : 1;

@@ -2,7 +2,9 @@
 #include "acquire/import/bracket_merge.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
+#include <limits>
 
 #include "acquire/relative_map.h"
 #include "core/errors.h"
@@ -25,6 +27,8 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
   std::vector<Seconds> exposures;
   for (std::size_t i = 0; i < bracket.files.size(); ++i) {
     const BracketFile& file = bracket.files[i];
+    if (!file.exposure && bracket.files.size() == 1 && !file.sigma.empty())
+      return {Seconds(1.0)};  // merged already, by another tool
     if (!file.exposure)
       throw InputError(bracket.paths[i].string() +
                        ": does not state its exposure time; give the times of all images with --exposures");
@@ -45,6 +49,65 @@ std::optional<PixelLayout> layout_of(const std::string& name) {
   return static_cast<PixelLayout>(found - layout_names.begin());
 }
 
+/// Throws InputError where a file's noise is no noise.
+void require_sigma(const BracketFile& file, const fs::path& path) {
+  if (file.sigma.empty())
+    throw InputError(
+        path.string() +
+        ": carries no noise (sigma.R, sigma.G, sigma.B), which other files of its bracket do; give "
+        "all with sigma or none");
+  for (const float sigma : file.sigma.values)
+    if (std::isnan(sigma) || sigma < 0.0f)
+      throw InputError(path.string() + ": a sigma is negative or not a number; repair that sample");
+}
+
+/// Images that carry the noise of each sample: the mean weighted by its inverse variance, which is kept as
+/// measured. Samples of infinite sigma, or from `saturation` on, were not measured.
+Photograph merge_measured(const Bracket& bracket, double black, std::optional<double> saturation,
+                          MergeStatistics* statistics) {
+  const std::size_t exposures = bracket.files.size();
+  const Image& first = bracket.files.front().linear;
+  Photograph merged{Image(first.width, first.height, 3), Image(first.width, first.height, 3)};
+  const auto shortest =
+      static_cast<std::size_t>(std::ranges::min_element(bracket.exposures) - bracket.exposures.begin());
+  for (std::size_t k = 0; k < exposures; ++k) {
+    require_finite(bracket.files[k].linear, bracket.paths[k].string(), true, "repair that pixel");
+    require_sigma(bracket.files[k], bracket.paths[k]);
+  }
+  std::vector<double> useful(exposures, 0.0), information(exposures);
+  double clipped = 0.0;
+  const std::size_t samples = first.values.size();
+  for (std::size_t i = 0; i < samples; ++i) {
+    double sum = 0.0, total = 0.0;
+    for (std::size_t k = 0; k < exposures; ++k) {
+      const double value = bracket.files[k].linear.values[i], sigma = bracket.files[k].sigma.values[i];
+      const double seconds = bracket.exposures[k].count();
+      information[k] = 0.0;
+      if (std::isinf(sigma) || (saturation && value >= *saturation)) continue;
+      // A sigma of zero would outweigh all others: floats hold no value better than this.
+      const double least = std::max(1e-7 * std::abs(value), 1e-30);
+      information[k] = std::pow(seconds / std::max(sigma, least), 2);
+      sum += information[k] * (value - black) / seconds;
+      total += information[k];
+    }
+    const double bound =
+        (bracket.files[shortest].linear.values[i] - black) / bracket.exposures[shortest].count();
+    merged.radiance.values[i] = static_cast<float>(total > 0.0 ? sum / total : bound);
+    merged.sigma.values[i] =
+        total > 0.0 ? static_cast<float>(1.0 / std::sqrt(total)) : std::numeric_limits<float>::infinity();
+    if (!(total > 0.0)) clipped += 1.0;
+    for (std::size_t k = 0; k < exposures; ++k)
+      if (information[k] > 0.0 && information[k] >= 0.4 / static_cast<double>(exposures) * total)
+        useful[k] += 1.0;
+  }
+  if (statistics != nullptr) {
+    statistics->useful_fraction = useful;
+    for (double& fraction : statistics->useful_fraction) fraction /= static_cast<double>(samples);
+    statistics->clipped_fraction = clipped / static_cast<double>(samples);
+  }
+  return merged;
+}
+
 Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, MergeStatistics* statistics) {
   if (!camera.response.empty() && camera.response != "linear")
     throw InputError("--response " + camera.response + ": float images are linear already; leave it out");
@@ -53,6 +116,9 @@ Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, Me
   sensor.saturation = camera.saturation.value_or(1.0);
   sensor.electrons_per_value = camera.full_scale_electrons;
   sensor.read_noise_electrons = camera.read_noise_electrons;
+  const auto carries_sigma = [](const BracketFile& file) { return !file.sigma.empty(); };
+  if (std::ranges::any_of(bracket.files, carries_sigma))
+    return merge_measured(bracket, sensor.black, camera.saturation, statistics);
   std::vector<Image> images;
   for (std::size_t i = 0; i < bracket.files.size(); ++i) {
     require_finite(bracket.files[i].linear, bracket.paths[i].string(), true, "repair that pixel");

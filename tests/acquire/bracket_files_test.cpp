@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
+
+#include "acquire/import/bracket_merge.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -48,6 +52,61 @@ TEST(BracketFiles, EightBitsAndFloatsComeAsStored) {
   const BracketFile floating = read_bracket_file(folder / "float.exr");
   EXPECT_EQ(floating.bits, 0);
   EXPECT_EQ(floating.linear.values, std::vector<float>(18, 2.5f));
+}
+
+/// Photographs of two exposures as another tool's HDR files, with the noise that it measured.
+class MeasuredBracket : public testing::Test {
+ protected:
+  static constexpr float unmeasured = std::numeric_limits<float>::infinity();
+
+  void write(const std::string& name, std::initializer_list<float> values,
+             std::initializer_list<float> sigma) {
+    Photograph photograph{Image(static_cast<int>(values.size() / 3), 1, 3), {}};
+    photograph.radiance.values = values;
+    photograph.sigma = photograph.radiance;
+    photograph.sigma.values = sigma;
+    write_photograph(folder_ / name, photograph);
+  }
+  Photograph merge(const std::vector<std::string>& names, std::vector<Seconds> exposures,
+                   MergeStatistics* statistics = nullptr) {
+    std::vector<std::filesystem::path> paths;
+    for (const std::string& name : names) paths.emplace_back(folder_ / name);
+    Bracket bracket = read_bracket(paths, {}, exposures);
+    return merge_bracket(bracket, {}, statistics);
+  }
+  const TemporaryFolder folder_;
+};
+
+TEST_F(MeasuredBracket, OneFileKeepsItsSigma) {
+  write("hdr.exr", {0.25f, 7.5f, -0.01f, 1, 2, 3}, {0.5f, 0.125f, 0.25f, 0, unmeasured, 0.5f});
+  const Photograph merged = merge({"hdr.exr"}, {});
+  EXPECT_EQ(merged.radiance.values, (std::vector<float>{0.25f, 7.5f, -0.01f, 1, 2, 3}));
+  EXPECT_NEAR(merged.sigma.values[1], 0.125f, 1e-6);
+  EXPECT_NEAR(merged.sigma.values[3], 0.0f, 1e-6);
+  EXPECT_EQ(merged.sigma.values[4], unmeasured);
+}
+
+TEST_F(MeasuredBracket, SeveralFilesWeighByTheirSigma) {
+  write("short.exr", {0.1f, 1.0f, 9.0f}, {0.01f, 0.02f, unmeasured});
+  write("long.exr", {0.44f, 5.0f, 9.0f}, {0.02f, unmeasured, unmeasured});
+  MergeStatistics statistics;
+  const Photograph merged = merge({"short.exr", "long.exr"}, {Seconds(0.5), Seconds(2.0)}, &statistics);
+  // 0.2 ± 0.02 and 0.22 ± 0.01 a second; one sample is clipped in the long exposure, one in both.
+  EXPECT_NEAR(merged.radiance.values[0], (0.2 + 4 * 0.22) / 5, 1e-6);
+  EXPECT_NEAR(merged.sigma.values[0], 0.01 / std::sqrt(1.25), 1e-6);
+  EXPECT_NEAR(merged.radiance.values[1], 2.0, 1e-6);
+  EXPECT_NEAR(merged.sigma.values[1], 0.04, 1e-6);
+  EXPECT_EQ(merged.sigma.values[2], unmeasured);
+  EXPECT_NEAR(merged.radiance.values[2], 18.0, 1e-5);
+  EXPECT_NEAR(statistics.clipped_fraction, 1.0 / 3.0, 1e-9);
+}
+
+TEST_F(MeasuredBracket, AllFilesCarrySigmaOrNone) {
+  write("with.exr", {1, 1, 1}, {0.1f, 0.1f, 0.1f});
+  write_exr(folder_ / "without.exr", Image(1, 1, 3, 1.0f));
+  write("negative.exr", {1, 1, 1}, {0.1f, -0.1f, 0.1f});
+  EXPECT_THROW(merge({"with.exr", "without.exr"}, {Seconds(1), Seconds(2)}), InputError);
+  EXPECT_THROW(merge({"negative.exr"}, {}), InputError);
 }
 
 TEST(BracketFiles, RefusesWhatIsNoImage) {
