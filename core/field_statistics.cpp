@@ -4,6 +4,7 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <numeric>
 
@@ -42,7 +43,8 @@ KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_
   std::vector<float> energies(transfer.entries());
   for (std::size_t e = 0; e < energies.size(); ++e) {
     const float* weight = transfer.weight.data() + 3 * e;
-    energies[e] = (weight[0] + weight[1] + weight[2]) * static_cast<float>(areas[transfer.column[e]]);
+    energies[e] = (std::abs(weight[0]) + std::abs(weight[1]) + std::abs(weight[2])) *
+                  static_cast<float>(areas[transfer.column[e]]);
   }
   tbb::parallel_sort(energies.begin(), energies.end(), std::greater<>());
   const double total = std::accumulate(energies.begin(), energies.end(), 0.0);

@@ -7,8 +7,8 @@
 
 namespace refield {
 
-/// How many kernels a field has and where their energy lies. The energy of a kernel is Σ_channels weight ×
-/// area: what it adds to its pixel under a white light of radiance one.
+/// How many kernels a field has and where their energy lies. The energy of a kernel is Σ_channels |weight|
+/// × area: what it adds to its pixel, or takes away, under a white light of radiance one.
 struct KernelStatistics {
   std::uint64_t pixels = 0;  ///< that have at least one kernel
   std::uint64_t kernels =
@@ -16,7 +16,7 @@ struct KernelStatistics {
   std::uint64_t stored = 0;  ///< entries of the transfer
   std::uint64_t distinct_boxes = 0;
   double mean_stored = 0.0;          ///< entries a pixel, over `pixels`
-  double nonzero_share = 0.0;        ///< kernels with a weight above zero in some channel
+  double nonzero_share = 0.0;        ///< kernels with a weight that is not zero in some channel
   double share_of_99_percent = 0.0;  ///< the fewest kernels that hold 99 % of the scene's energy
   double share_of_95_percent = 0.0;
   /// [most entries a pixel + 1], pixels with so many entries; pixels outside the mask stand under 0.

@@ -2,6 +2,7 @@
 #include "core/pixel_kernels.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "core/errors.h"
@@ -26,7 +27,8 @@ std::vector<PixelKernel> ranked(std::vector<PixelKernel> kernels, const LightBas
   for (PixelKernel& kernel : kernels) {
     const auto& w = kernel.weight;
     const double area = kernel.hat ? basis.area(*kernel.hat) : static_cast<double>(kernel.support.area());
-    total += kernel.energy_share = (static_cast<double>(w[0]) + w[1] + w[2]) * area;
+    total += kernel.energy_share =
+        (std::abs(static_cast<double>(w[0])) + std::abs(w[1]) + std::abs(w[2])) * area;
   }
   if (total > 0.0)
     for (PixelKernel& kernel : kernels) kernel.energy_share /= total;

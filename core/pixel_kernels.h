@@ -18,7 +18,7 @@ struct PixelKernel {
   std::optional<std::uint32_t> hat;  ///< its number; nothing: a rectangle
   Box support;
   std::array<float, 3> weight{};  ///< multiplies the sum of texel values under the kernel
-  double energy_share = 0.0;      ///< of the pixel's energy (weight × area, all channels), 0 to 1
+  double energy_share = 0.0;      ///< of the pixel's energy (|weight| × area, all channels), 0 to 1
 };
 
 /// What a pixel takes light from, most energy first. `pixel` counts row-major. Throws InputError for a pixel

@@ -55,8 +55,8 @@ void read_content(const Hdf5Values& values, ReflectanceField& field) {
     values.fail("transfer/weight does not fit transfer/column");
   if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
     values.fail("transfer/column names a kernel that is not there");
-  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w) || w < 0.0f; }))
-    values.fail("transfer/weight holds a negative or infinite weight");
+  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
+    values.fail("transfer/weight holds a weight that is not finite");
   read_statistics(values, field);
 }
 

@@ -27,7 +27,7 @@ class TileCheck {
     if (!kernels_exist()) return "a kernel that is not there or lies outside the light map";
     if (!records_agree()) return "dense weights whose numbers do not agree";
     if (!pixels_exist()) return "a weight of a pixel outside the picture";
-    if (!scales_are_numbers()) return "a scale that is negative or infinite";
+    if (!scales_are_numbers()) return "a scale that is not finite";
     return nullptr;
   }
 
@@ -92,7 +92,7 @@ class TileCheck {
 
   bool scales_are_numbers() const {
     const auto sound = [](float scale) {
-      return scale >= 0.0f && std::isfinite(scale * std::numeric_limits<Weight>::max());
+      return std::isfinite(scale * static_cast<float>(std::numeric_limits<Weight>::max()));
     };
     return std::ranges::all_of(tile_.scale, sound) && std::ranges::all_of(tile_.record_scale, sound);
   }
@@ -109,8 +109,11 @@ std::string fault_of(const PackedField& packed, const TiledTransfer<Weight>& til
   const auto fault_at = [&](int at) -> const char* {
     const auto& band = tiles.bands[static_cast<std::size_t>(at) / of_band];
     const std::size_t i = static_cast<std::size_t>(at) % of_band;
-    if (band.start[i] >= band.start[i + 1] || tiles.bytes_stated(at) > band.start[i + 1] - band.start[i])
-      return "arrays that are longer than itself";
+    if (band.start[i] >= band.start[i + 1]) return "no arrays";
+    // Filled up to a whole cache line, and no further.
+    const std::uint64_t stated = tiles.bytes_stated(at), bytes = band.start[i + 1] - band.start[i];
+    if (stated > bytes || stated + cache_line_bytes <= bytes)
+      return "arrays that are longer or shorter than itself";
     return TileCheck<Weight>(packed, tiles, at).fault();
   };
   tbb::parallel_for(0, tiles.tiles(), [&](int at) {

@@ -29,11 +29,18 @@ struct RankedEntry {
 
 class PixelRanking {
  public:
-  PixelRanking(const ReflectanceField& field, const std::vector<float>& area, double unit)
-      : transfer_(field.transfer), area_(area), unit_(unit) {}
+  PixelRanking(const ReflectanceField& field, const std::vector<float>& area, double unit, bool has_negative)
+      : transfer_(field.transfer), area_(area), unit_(unit), has_negative_(has_negative) {}
+
+  /// What a channel's other kernels are multiplied by when `pruned` of its energy `all` is left out. One for
+  /// fields whose weights have both signs: there white light's picture is a difference, and says little.
+  double factor_of(double all, double pruned) const {
+    return !has_negative_ && pruned > 0.0 && pruned < all ? all / (all - pruned) : 1.0;
+  }
 
   float energy(std::uint64_t entry, int channel) const {
-    return transfer_.weight[3 * entry + static_cast<std::size_t>(channel)] * area_[transfer_.column[entry]];
+    return std::abs(transfer_.weight[3 * entry + static_cast<std::size_t>(channel)]) *
+           area_[transfer_.column[entry]];
   }
 
   void rank(std::size_t pixel, std::vector<RankedEntry>& ranked) const {
@@ -58,12 +65,8 @@ class PixelRanking {
   const SparseTransfer& transfer_;
   const std::vector<float>& area_;
   double unit_;
+  bool has_negative_;
 };
-
-/// What a channel's other kernels are multiplied by when `pruned` of its energy `all` is left out.
-double factor_of(double all, double pruned) {
-  return pruned > 0.0 && pruned < all ? all / (all - pruned) : 1.0;
-}
 
 /// Light of all probes under each kernel.
 class ProbeCoefficients {
@@ -144,7 +147,7 @@ class ErrorSums {
   void sum_squares(const RgbSums& energy, const RgbSums& pruned_energy, SumsByKind& sums) const {
     std::ranges::fill(sums, 0.0);
     RgbSums factor;
-    for (std::size_t c = 0; c < 3; ++c) factor[c] = factor_of(energy[c], pruned_energy[c]);
+    for (std::size_t c = 0; c < 3; ++c) factor[c] = ranking_.factor_of(energy[c], pruned_energy[c]);
     for (std::size_t i = 0; i < full_.size(); ++i) {
       const double error = factor[i % 3] * pruned_[i] - (factor[i % 3] - 1.0) * full_[i];
       sums[light_.kinds[i]] += error * error;
@@ -161,6 +164,7 @@ class ErrorSums {
 }  // namespace
 
 Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes) : field_(field) {
+  has_negative_ = std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; });
   area_.resize(field.basis.size());
   tbb::parallel_for(std::size_t{0}, area_.size(),
                     [&](std::size_t k) { area_[k] = static_cast<float>(field.basis.area(k)); });
@@ -169,7 +173,7 @@ Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& 
     RgbSums energy{};
     for (auto e = field.transfer.row_start[p]; e < field.transfer.row_start[p + 1]; ++e)
       for (std::size_t c = 0; c < 3; ++c)
-        energy[c] += field.transfer.weight[3 * e + c] * area_[field.transfer.column[e]];
+        energy[c] += std::abs(field.transfer.weight[3 * e + c]) * area_[field.transfer.column[e]];
     const double strongest = std::ranges::max(energy);
     unit_ += strongest * strongest / static_cast<double>(pixels);
   }
@@ -179,7 +183,7 @@ Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& 
 
 void Pruning::measure(const std::vector<ProbeLights>& probes) {
   const ProbeCoefficients light(field_.basis, probes);
-  const PixelRanking ranking(field_, area_, unit_);
+  const PixelRanking ranking(field_, area_, unit_, has_negative_);
   // A sum for each stretch of pixels, added up in their order: the result does not depend on the cores.
   const std::size_t pixels = field_.transfer.rows();
   constexpr std::size_t stretch = 4096;
@@ -208,7 +212,7 @@ ReflectanceField Pruning::prune(int level) const {
   pruned.height = field_.height;
   pruned.basis = field_.basis;
   const SparseTransfer& from = field_.transfer;
-  const PixelRanking ranking(field_, area_, unit_);
+  const PixelRanking ranking(field_, area_, unit_, has_negative_);
   std::vector<RankedEntry> ranked;
   for (std::size_t p = 0; p < from.rows(); ++p) {
     ranking.rank(p, ranked);
@@ -224,8 +228,8 @@ ReflectanceField Pruning::prune(int level) const {
     for (const RankedEntry& entry : ranked) {
       pruned.transfer.column.push_back(from.column[entry.entry]);
       for (std::size_t c = 0; c < 3; ++c)
-        pruned.transfer.weight.push_back(
-            static_cast<float>(from.weight[3 * entry.entry + c] * factor_of(energy[c], pruned_energy[c])));
+        pruned.transfer.weight.push_back(static_cast<float>(from.weight[3 * entry.entry + c] *
+                                                            ranking.factor_of(energy[c], pruned_energy[c])));
     }
     pruned.transfer.row_start.push_back(pruned.transfer.column.size());
   }

@@ -8,9 +8,10 @@
 
 namespace refield {
 
-/// Leaving out those kernels of a pixel that carry little of its energy: weight × area of the kernel, which
+/// Leaving out those kernels of a pixel that carry little of its energy: |weight| × area of the kernel, which
 /// is what it adds under white light, in its brightest channel. What they carried goes to the pixel's other
-/// kernels, each channel by one factor, so that white light gives the same picture. Every pixel keeps its
+/// kernels, each channel by one factor, so that white light gives the same picture; not where the field has
+/// negative weights. Every pixel keeps its
 /// strongest kernel.
 class Pruning {
  public:
@@ -32,6 +33,7 @@ class Pruning {
 
   const ReflectanceField& field_;
   std::vector<float> area_;                          // [kernels]
+  bool has_negative_ = false;                        // some weight is
   double unit_ = 0.0;                                // root mean square of the pixels' energies
   std::vector<std::vector<double>> squared_errors_;  // [levels][kinds]
 };

@@ -59,6 +59,15 @@ double sum_of(const Image& image) {
 
 }  // namespace
 
+namespace {
+
+RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision wanted) {
+  const auto is_negative = [](float weight) { return weight < 0.0f; };
+  return std::ranges::any_of(field.transfer.weight, is_negative) ? RelightPrecision::fine : wanted;
+}
+
+}  // namespace
+
 Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision)
     : domain_(basis.domain),
       smooth_(basis),
@@ -67,8 +76,8 @@ Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrec
       image_(width, height, 3) {}
 
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
-    : Relighter(field.basis, field.width, field.height, precision) {
-  if (precision == RelightPrecision::fast)
+    : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
+  if (precision_for(field, precision) == RelightPrecision::fast)
     transfer_ = tile_transfer<std::uint8_t>(field);
   else
     transfer_ = tile_transfer<std::uint16_t>(field);
@@ -76,8 +85,8 @@ Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
 }
 
 Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
-    : Relighter(field.basis, field.width, field.height, precision) {
-  if (precision == RelightPrecision::fast)
+    : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
+  if (precision_for(field, precision) == RelightPrecision::fast)
     transfer_ = tile_transfer<std::uint8_t>(std::move(field));
   else
     transfer_ = tile_transfer<std::uint16_t>(std::move(field));

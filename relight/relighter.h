@@ -14,7 +14,8 @@ namespace refield {
 
 /// How a relighter trades error for speed, as relative RMSE against ReflectanceField::relight(). `fast`:
 /// weights of 8 bits; 4e-4 for estimated fields, and below 1e-3 where a pixel has some ten kernels. `fine`:
-/// 16 bits and sums of light in double; 2e-6, below 1e-5.
+/// 16 bits and sums of light in double; 2e-6, below 1e-5. Fields with negative weights are always shown
+/// `fine`: rounding of what nearly cancels in a pixel weighs more there.
 enum class RelightPrecision { fast, fine };
 
 /// Shows one reflectance field under one light after another. Keeps the light and the image between calls,

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <tuple>
 
 namespace refield {
@@ -84,31 +85,47 @@ class TileLayout {
     arrange();
     scale();
     round();
-    for (const auto& kernel : shop_.kernels) shop_.place[kernel.number] = not_common;
+    for (const auto& kernel : shop_.kernels) shop_.place[kernel.key] = not_common;
   }
   TileArrays<Weight, Vector> tile;
 
  private:
+  /// Calls visit(pixel, key, magnitudes of the weights): an entry with both signs comes once for each.
   template <class Visit>
   void for_each_entry(const Visit& visit) {
     for_each_pixel(field_, tile_x_, tile_y_, [&](int pixel, std::size_t row) {
-      for (auto e = field_.transfer.row_start[row]; e < field_.transfer.row_start[row + 1]; ++e)
-        visit(pixel, field_.transfer.column[e], field_.transfer.weight.data() + 3 * e);
+      for (auto e = field_.transfer.row_start[row]; e < field_.transfer.row_start[row + 1]; ++e) {
+        const std::uint32_t number = field_.transfer.column[e];
+        const float* weight = field_.transfer.weight.data() + 3 * e;
+        if (weight[0] >= 0.0f && weight[1] >= 0.0f && weight[2] >= 0.0f) {
+          visit(pixel, number, weight);
+          continue;
+        }
+        float above[3], below[3];
+        for (int c = 0; c < 3; ++c) {
+          above[c] = std::max(weight[c], 0.0f);
+          below[c] = std::max(-weight[c], 0.0f);
+        }
+        if (above[0] > 0.0f || above[1] > 0.0f || above[2] > 0.0f) visit(pixel, number, above);
+        visit(pixel, number + static_cast<std::uint32_t>(field_.basis.size()), below);
+      }
     });
   }
 
   void collect() {
-    shop_.place.resize(field_.basis.size(), not_common);
+    shop_.place.resize(2 * field_.basis.size(), not_common);
     shop_.kernels.clear();
-    for_each_entry([&](int pixel, std::uint32_t number, const float* weight) {
+    for_each_entry([&](int pixel, std::uint32_t key, const float* weight) {
       grey_ = grey_ && weight[0] == weight[1] && weight[1] == weight[2];
-      std::uint32_t& place = shop_.place[number];
+      std::uint32_t& place = shop_.place[key];
       if (place == not_common) {
         place = static_cast<std::uint32_t>(shop_.kernels.size());
         auto& added = shop_.kernels.emplace_back();
-        added.number = number;
-        added.own = common_place_[number] == not_common;
-        added.support = field_.basis.support(number);
+        added.key = key;
+        added.negative = key >= field_.basis.size();
+        added.number = added.negative ? key - static_cast<std::uint32_t>(field_.basis.size()) : key;
+        added.own = common_place_[added.number] == not_common;
+        added.support = field_.basis.support(added.number);
         added.on_map = added.own ? static_cast<std::uint32_t>(added.support.x0 + added.support.x1)
                                  : place_on_curve(added.support);
       }
@@ -179,15 +196,20 @@ class TileLayout {
   }
 
   void scale() {
-    for_each_entry([&](int pixel, std::uint32_t number, const float* weight) {
-      auto& kernel = shop_.kernels[shop_.place[number]];
+    for_each_entry([&](int pixel, std::uint32_t key, const float* weight) {
+      auto& kernel = shop_.kernels[shop_.place[key]];
       const int g = pixel / group_pixels;
       float& largest = kernel.dense(g) ? tile.record_scale[kernel.record[g]] : kernel.largest;
       largest = std::max({largest, weight[0], weight[1], weight[2]});
     });
     for (float& largest : tile.record_scale) largest /= steps;
     tile.scale.reserve(shop_.order.size());
-    for (const std::uint32_t i : shop_.order) tile.scale.push_back(shop_.kernels[i].largest / steps);
+    for (const std::uint32_t i : shop_.order) {
+      const auto& kernel = shop_.kernels[i];
+      tile.scale.push_back((kernel.negative ? -kernel.largest : kernel.largest) / steps);
+      for (int g = 0; kernel.negative && g < groups_of_tile; ++g)
+        if (kernel.dense(g)) tile.record_scale[kernel.record[g]] *= -1.0f;
+    }
   }
 
   static Weight rounded(float weight, float scale) {
@@ -195,14 +217,15 @@ class TileLayout {
   }
 
   void round() {
-    for_each_entry([&](int pixel, std::uint32_t number, const float* weight) {
-      auto& kernel = shop_.kernels[shop_.place[number]];
+    for_each_entry([&](int pixel, std::uint32_t key, const float* weight) {
+      auto& kernel = shop_.kernels[shop_.place[key]];
       const int g = pixel / group_pixels;
       if (kernel.dense(g)) {
         const std::uint32_t record = kernel.record[g];
         Weight* channels = tile.record_weight.data() + tile.record_size() * record;
         for (int c = 0; c < (grey_ ? 1 : 3); ++c)
-          channels[c * group_pixels + pixel % group_pixels] = rounded(weight[c], tile.record_scale[record]);
+          channels[c * group_pixels + pixel % group_pixels] =
+              rounded(weight[c], std::abs(tile.record_scale[record]));
       } else {
         auto& entry = tile.sparse[kernel.next_sparse++];
         for (int c = 0; c < 3; ++c) entry.channel[c] = rounded(weight[c], kernel.largest / steps);

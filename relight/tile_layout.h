@@ -21,6 +21,8 @@ struct TileWorkshop {
   /// A kernel of the tile at hand.
   struct Kernel {
     std::uint32_t number = 0;  // in the basis
+    std::uint32_t key = 0;     // in `place`
+    bool negative = false;     // its scales are
     bool own = false;
     bool repeated = false;  // a pixel has it more than once
     std::uint32_t last_pixel = not_common;
@@ -33,12 +35,14 @@ struct TileWorkshop {
     std::uint32_t next_sparse = 0;
     bool dense(int group) const;
   };
-  std::vector<std::uint32_t> place;  // [basis functions], of a kernel in `kernels`
+  /// [2 × basis functions], of a kernel in `kernels`: of the positive weights of each, then of the negative.
+  std::vector<std::uint32_t> place;
   std::vector<Kernel> kernels;       // by first appearance
   std::vector<std::uint32_t> order;  // of the tile's kernels, in `kernels`
 };
 
-/// Lays out tile (tile_x, tile_y).
+/// Lays out tile (tile_x, tile_y). Whole numbers have no sign: a kernel's negative weights are those of a
+/// second kernel of the same support whose scale is negative.
 template <class Weight>
 TileArrays<Weight, Vector> lay_out_tile(const ReflectanceField& field,
                                         const std::vector<std::uint32_t>& common_place, int tile_x,

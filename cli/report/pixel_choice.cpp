@@ -30,7 +30,7 @@ KernelSpread spread_of(const ReflectanceField& field, std::size_t pixel) {
   for (std::uint64_t e = field.transfer.row_start[pixel]; e < field.transfer.row_start[pixel + 1]; ++e) {
     const float* w = field.transfer.weight.data() + 3 * e;
     const Box box = field.basis.support(field.transfer.column[e]);
-    const double weight = (static_cast<double>(w[0]) + w[1] + w[2]) / 3.0;
+    const double weight = (std::abs(static_cast<double>(w[0])) + std::abs(w[1]) + std::abs(w[2])) / 3.0;
     const double energy = weight * field.basis.area(field.transfer.column[e]);
     const Interval x(box.x0, box.x1), y(box.y0, box.y1);
     result.energy += energy;

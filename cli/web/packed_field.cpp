@@ -66,6 +66,10 @@ PackedField pack(const ReflectanceField& field) {
     throw InputError("the light map of " + std::to_string(domain.width) + "×" +
                      std::to_string(domain.height) +
                      " is too large for a page; at most 65535 texels a side can be shown");
+  if (std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; }))
+    throw InputError(
+        "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
+        "'refield view'");
   PackedField packed;
   packed.width = field.width;
   packed.height = field.height;

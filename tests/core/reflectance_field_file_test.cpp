@@ -4,9 +4,11 @@
 #include <gmock/gmock.h>
 #include <hdf5.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
+#include <limits>
 
 #include "core/errors.h"
 #include "core/files.h"
@@ -60,6 +62,17 @@ void set_first_values(const fs::path& path, const char* name, hid_t type, std::v
 
 std::string message_of(const fs::path& path) {
   return test::message_of<FormatError>([&] { read_reflectance_field(path); });
+}
+
+TEST(ReflectanceFieldFile, KeepsWeightsOfBothSigns) {
+  const test::TemporaryFolder folder;
+  ReflectanceField field = sample_field();
+  for (std::size_t i = 0; i < field.transfer.weight.size(); i += 2) field.transfer.weight[i] *= -1.0f;
+  write_reflectance_field(folder / "signed.rfield", field);
+  EXPECT_EQ(read_reflectance_field(folder / "signed.rfield").transfer.weight, field.transfer.weight);
+  field.transfer.weight[3] = std::numeric_limits<float>::infinity();
+  write_reflectance_field(folder / "infinite.rfield", field);
+  EXPECT_THAT(message_of(folder / "infinite.rfield"), HasSubstr("transfer/weight"));
 }
 
 TEST(ReflectanceFieldFile, RoundTripIsBitExact) {
@@ -184,7 +197,7 @@ TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
       "outside the light map");
   expect_refused([&] { set_first_values<std::uint32_t>(path, "transfer/column", H5T_NATIVE_UINT32, {60}); },
                  "a kernel that is not there");
-  expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {-1.0f}); },
+  expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {INFINITY}); },
                  "weight");
   expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {NAN}); },
                  "weight");

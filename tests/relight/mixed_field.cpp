@@ -44,4 +44,11 @@ ReflectanceField mixed_field(int width, int height, LightDomain domain, HatGrid 
   return field;
 }
 
+ReflectanceField with_both_signs(ReflectanceField field) {
+  Rng rng(17);
+  for (float& weight : field.transfer.weight)
+    if (rng.below(3) == 0) weight = -weight;
+  return field;
+}
+
 }  // namespace refield::test

@@ -43,6 +43,21 @@ TEST(Pack, KeepsTheErrorAskedFor) {
   }
 }
 
+TEST(Pack, KeepsTheErrorAskedForWithWeightsOfBothSigns) {
+  const ReflectanceField field = test::with_both_signs(test::mixed_field(40, 21, monitor));
+  Rng rng(9);
+  const LightMap light = test::random_light(rng, monitor);
+  for (const double asked : {3e-2, 1e-4}) {
+    PackResult result = pack_field(field, asked);
+    if (asked > 1e-2) {
+      EXPECT_GT(result.cost.pruned, 0u);
+    }
+    EXPECT_LE(result.cost.worst_error(), asked);
+    EXPECT_EQ(fault_of_tiles(result.field), "");
+    EXPECT_LE(relative_rmse(expand(std::move(result.field)).relight(light), field.relight(light)), asked);
+  }
+}
+
 TEST(Pack, PrunesMoreTheMoreErrorIsAllowed) {
   const ReflectanceField field = test::mixed_field(60, 41, monitor);
   EXPECT_GT(pack_field(field, 1e-1).cost.pruned, pack_field(field, 1e-2).cost.pruned);

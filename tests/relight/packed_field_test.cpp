@@ -155,7 +155,7 @@ TEST(DamagedPackedField, EveryNumberIsLookedAt) {
   expect("dense weights", [](Damaged tile) { writable(tile.record_kernel, 0) = huge; });
   expect("arrays", [](Damaged tile) { writable(tile.runs, 0).uses = huge; });
   expect("arrays", [](Damaged tile) { writable(tile.runs, 0).kernels = huge; });
-  expect("scale", [](Damaged tile) { writable(tile.scale, 0) = -1.0f; });
+  expect("scale", [](Damaged tile) { writable(tile.scale, 0) = -INFINITY; });
   expect("scale", [](Damaged tile) { writable(tile.scale, 0) = 3e38f; });
   expect("scale", [](Damaged tile) { writable(tile.record_scale, 0) = NAN; });
   // Only five of the last tile's sixteen columns are in the picture.

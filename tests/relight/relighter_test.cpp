@@ -98,6 +98,21 @@ TEST(Relighter, AddsUpAKernelThatAPixelHasTwice) {
   EXPECT_LT(relative_rmse(relighter.relight(light), field.relight(light)), fine_error);
 }
 
+// As ridge regression or wavelets give them. Pixels below zero stay: pictures for screens clip them.
+TEST(Relighter, ShowsWeightsOfBothSigns) {
+  const ReflectanceField field = test::with_both_signs(mixed_field(37, 29, monitor));
+  LightMap light = random_light(monitor, 1);
+  const Image expected = field.relight(light);
+  ASSERT_LT(*std::ranges::min_element(expected.values), 0.0f);
+  Relighter relighter(field), given_up{ReflectanceField(field)};
+  EXPECT_LT(relative_rmse(relighter.relight(light), expected), fine_error);
+  EXPECT_EQ(given_up.relight(light).values, relighter.relight(light).values);
+  const Box part = {10, 5, 22, 31};
+  for (int y = part.y0; y < part.y1; ++y)
+    for (int x = part.x0; x < part.x1; ++x) light.radiance.at(x, y, 1) *= 3.0f;
+  EXPECT_LT(relative_rmse(relighter.update(light, part), field.relight(light)), fine_error);
+}
+
 TEST(Relighter, LightsNothingWithNoLight) {
   const ReflectanceField field = mixed_field(20, 20, monitor);
   const LightMap dark{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
