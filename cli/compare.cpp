@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -7,6 +6,8 @@
 #include <optional>
 #include <string>
 
+#include "cli/capture_options.h"
+#include "cli/held_out_figures.h"
 #include "cli/verbs.h"
 #include "core/capture_session.h"
 #include "core/drift.h"
@@ -27,30 +28,11 @@ using nlohmann::ordered_json;
 
 struct CompareOptions {
   std::string predicted;
-  std::string observed;
-  fs::path mask;
+  CaptureOptions capture;  // session: the second argument, whatever it is
   fs::path truth;
   fs::path error_map;
   double noise_scale = 1.0;
 };
-
-/// JSON has no infinity; it stands as null there, as "inf" in text.
-ordered_json finite_or_null(double value) {
-  return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
-}
-
-ordered_json figures_of(const HeldOutError& error) {
-  ordered_json figures = {{"images", error.images},
-                          {"relative_rmse", finite_or_null(error.relative_rmse)},
-                          {"median", finite_or_null(error.median)},
-                          {"percentile_90", finite_or_null(error.percentile_90)},
-                          {"psnr_db", finite_or_null(error.psnr_db)}};
-  if (error.prediction)
-    figures["predicted_error"] = {{"rank_correlation", finite_or_null(error.prediction->rank_correlation)},
-                                  {"median_ratio", finite_or_null(error.prediction->median_ratio)},
-                                  {"median", finite_or_null(error.prediction->predicted_median)}};
-  return figures;
-}
 
 void print_prediction(const std::vector<HeldOutError>& errors) {
   if (errors.empty() || !errors.front().prediction) return;
@@ -60,15 +42,6 @@ void print_prediction(const std::vector<HeldOutError>& errors) {
     std::printf("%-16s %16.3f %22.3f %10.4f\n", error.kind.empty() ? "all" : error.kind.c_str(),
                 error.prediction->rank_correlation, error.prediction->median_ratio,
                 error.prediction->predicted_median);
-}
-
-void print_header() {
-  std::printf("%-16s %6s %14s %10s %10s %10s\n", "", "images", "relative RMSE", "median", "90 %", "PSNR dB");
-}
-
-void print_row(const std::string& label, const HeldOutError& error) {
-  std::printf("%-16s %6zu %14.4f %10.4f %10.4f %10.2f\n", label.c_str(), error.images, error.relative_rmse,
-              error.median, error.percentile_90, error.psnr_db);
 }
 
 /// Checks only pixels that count.
@@ -88,10 +61,16 @@ Photograph read_for_comparison(const fs::path& path) {
 
 void compare_images(const CompareOptions& options, const Common& common) {
   if (!options.truth.empty()) throw InputError("--truth goes with a field and a session, not with images");
-  const auto pairs = pair_files(options.predicted, options.observed, "prediction", "observed image");
+  if (options.capture.by_pairs() || options.capture.hold_out != 0)
+    throw InputError(
+        "--light, --observed and --hold-out go with a field (.rfield); give images as 'refield compare "
+        "PREDICTED OBSERVED'");
+  const auto pairs = pair_files(options.predicted, options.capture.session, "prediction", "observed image");
   const ImageHeader first = read_image_header(pairs.front().second);
-  const Mask mask = options.mask.empty() ? Mask{} : read_mask(options.mask, first.width, first.height);
+  const std::string& mask_file = options.capture.mask;
+  const Mask mask = mask_file.empty() ? Mask{} : read_mask(mask_file, first.width, first.height);
   SeriesError series(mask);
+  HeldOutError error;
   Progress progress("compare", pairs.size());
   for (const auto& [predicted_path, observed_path] : pairs) {
     throw_if_interrupted();
@@ -104,31 +83,31 @@ void compare_images(const CompareOptions& options, const Common& common) {
     require_comparable(predicted, predicted_path, mask);
     require_comparable(observed, observed_path, mask);
     series.add(predicted.radiance, observed.radiance, observed.sigma);
+    error.per_image.push_back({predicted_path.filename().string(), observed_path,
+                               image_error(predicted.radiance, observed.radiance, mask, observed.sigma)});
     progress.advance();
   }
-  const HeldOutError error{"",
-                           series.images(),
-                           series.relative_rmse(),
-                           series.pixel_quantile(0.5),
-                           series.pixel_quantile(0.9),
-                           series.psnr_db(),
-                           std::nullopt};
+  error.images = series.images();
+  error.relative_rmse = series.relative_rmse();
+  error.median = series.pixel_quantile(0.5);
+  error.percentile_90 = series.pixel_quantile(0.9);
+  error.tone_mapped_psnr_db = tone_mapped_psnr_db(error.per_image);
   if (!options.error_map.empty()) write_exr(options.error_map, series.relative_rmse_map());
   if (common.json) {
     std::printf("%s\n", figures_of(error).dump(2).c_str());
   } else {
-    print_header();
-    print_row("all", error);
+    print_errors({error});
   }
 }
 
 void compare_field(const CompareOptions& options, const Common& common) {
   if (!options.error_map.empty())
     throw InputError("-o goes with images: compare relit images to get an error map");
-  CaptureSession session = read_capture_session(options.observed);
+  CaptureSession session = open_capture(options.capture);
+  if (session.folder.empty()) check_image_sizes(session);
   if (options.truth.empty()) remove_drift(session);
-  if (!options.mask.empty()) session.mask = options.mask;
   const ReflectanceField field = read_image_field(options.predicted);
+  find_held_out(options.capture, field, session);
   std::optional<ReflectanceField> truth;
   if (!options.truth.empty()) truth = read_image_field(options.truth);
   if (!(options.noise_scale >= 0.0))
@@ -136,13 +115,10 @@ void compare_field(const CompareOptions& options, const Common& common) {
   const auto errors =
       held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test, options.noise_scale);
   if (common.json) {
-    ordered_json kinds = ordered_json::object();
-    for (const HeldOutError& error : errors) kinds[error.kind] = figures_of(error);
-    std::printf("%s\n", ordered_json{{"held_out", kinds}}.dump(2).c_str());
+    std::printf("%s\n", ordered_json{{"held_out", figures_of(errors)}}.dump(2).c_str());
     return;
   }
-  print_header();
-  for (const HeldOutError& error : errors) print_row(error.kind.empty() ? "all" : error.kind, error);
+  print_errors(errors);
   print_prediction(errors);
 }
 
@@ -153,17 +129,26 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
   CLI::App* verb = app.add_subcommand("compare",
                                       "Measure how far predicted images are from observed ones: relative "
                                       "RMSE sqrt(Σ(p − o)² / Σo²) over everything, "
-                                      "its median and 90th percentile over pixels, and PSNR");
+                                      "its median and 90th percentile over pixels, and the PSNR of the\n"
+                                      "pictures as a screen shows them (99th percentile white, sRGB)");
+  verb->footer(
+      "Examples:\n"
+      "  refield compare predicted.exr photograph.exr\n"
+      "  refield compare 'out/*.exr' 'observed/*.exr' -o error.exr\n"
+      "  refield compare scene.rfield session\n"
+      "  refield compare scene.rfield --light 'light/*.exr' --observed 'observed/*.exr'\n"
+      "Of pairs, those that the field was not estimated from are compared. --json adds each image's errors.");
   verb->add_option(
           "predicted", options->predicted,
           "Image, quoted pattern or folder; or a field (.rfield), to be compared with a session's held-out "
           "frames")
       ->required();
   verb->add_option(
-          "observed", options->observed,
-          "Image, quoted pattern or folder, paired by what the wildcards stand for or by name; or a session")
-      ->required();
-  verb->add_option("--mask", options->mask, "Image of the observed size; pixels above one half count");
+      "reference", options->capture.session,
+      "Image, quoted pattern or folder, paired by what the wildcards stand for or by name; or a session");
+  add_capture_options(*verb, options->capture,
+                      "Compare every N-th pair, as the field was estimated with\n"
+                      "(default: the pairs that the field was not estimated from)");
   verb->add_option("--truth", options->truth,
                    "Field whose noise-free images replace the session's photographs");
   verb->add_option("--noise-scale", options->noise_scale,
@@ -175,6 +160,9 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
     action = [options, &common] {
       if (fs::path(options->predicted).extension() == ".rfield")
         compare_field(*options, common);
+      else if (options->capture.session.empty() && !options->capture.by_pairs())
+        throw InputError("give the images to compare " + options->predicted +
+                         " with, as 'refield compare PREDICTED OBSERVED'");
       else
         compare_images(*options, common);
     };

@@ -6,11 +6,15 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/capture_options.h"
+#include "cli/held_out_figures.h"
 #include "cli/verbs.h"
+#include "core/drift.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/progress.h"
+#include "core/reflectance_field_file.h"
 #include "estimate/foresee.h"
 
 namespace refield::cli {
@@ -20,11 +24,7 @@ namespace {
 constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 
 struct EstimateArguments {
-  std::string session;
-  std::string light_glob;
-  std::string observed_glob;
-  std::string parameterisation = "monitor";
-  std::string mask;
+  CaptureOptions capture;
   std::vector<std::string> monitors;
   std::string mode = "refined";
   std::string output;
@@ -35,17 +35,8 @@ struct EstimateArguments {
   EstimateOptions options;
 };
 
-CaptureSession open_capture(const EstimateArguments& arguments) {
-  const bool by_globs = !arguments.light_glob.empty() || !arguments.observed_glob.empty();
-  if (by_globs == !arguments.session.empty())
-    throw InputError("give either a SESSION folder, or both --light and --observed");
-  if (by_globs && (arguments.light_glob.empty() || arguments.observed_glob.empty()))
-    throw InputError(
-        "--light and --observed go together: one pattern for the light maps, one for the photographs");
-  CaptureSession session = by_globs ? pair_by_globs(arguments.light_glob, arguments.observed_glob,
-                                                    parameterisation_from_name(arguments.parameterisation))
-                                    : read_capture_session(arguments.session);
-  if (!arguments.mask.empty()) session.mask = arguments.mask;
+CaptureSession open_input(const EstimateArguments& arguments) {
+  CaptureSession session = open_capture(arguments.capture);
   if (!arguments.monitors.empty()) session.monitors = placements_from_texts(arguments.monitors);
   return session;
 }
@@ -190,20 +181,31 @@ std::string names_of(const std::vector<LeftOutFrame>& frames) {
   return names;
 }
 
+/// Errors on what --hold-out kept away from the estimate; nothing without it, or where only rows are there.
+std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, CaptureSession session) {
+  if (arguments.capture.hold_out == 0 || arguments.options.rows) return {};
+  if (session.folder.empty()) check_image_sizes(session);
+  if (!arguments.options.keep_drift) remove_drift(session);
+  return held_out_errors(read_image_field(arguments.output), session);
+}
+
 void run(EstimateArguments arguments, const Common& common) {
   arguments.options.mode = estimate_mode_from_name(arguments.mode);
   if (!(arguments.memory_gib > 0.0 && arguments.memory_gib < 1e6))
     throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
                      "; give a number of GiB above 0");
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
-  const CaptureSession session = open_capture(arguments);
+  const CaptureSession session = open_input(arguments);
   if (!arguments.rows.empty()) arguments.options.rows = rows_from_text(arguments.rows, session);
   if (arguments.dry_run) return dry_run(arguments, session, common);
   if (arguments.output.empty()) throw InputError("--output is missing; give -o NAME.rfield");
   announce(arguments, plan_estimate(session, arguments.options));
   const EstimateSummary summary =
       estimate_to_file(session, arguments.options, arguments.output, arguments.resume);
-  const auto log = log_of(arguments, summary);
+  auto log = log_of(arguments, summary);
+  const auto held_out = held_out_of(arguments, session);
+  if (!held_out.empty())
+    log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", figures_of(held_out)}};
   write_text_atomically(arguments.output + ".log.json", log.dump(2) + "\n");
   if (common.json) {
     std::printf("%s\n", log.dump(2).c_str());
@@ -221,6 +223,12 @@ void run(EstimateArguments arguments, const Common& common) {
   if (!summary.frames.left_out.empty())
     std::printf("left out, since they do not fit the others: %s\n",
                 names_of(summary.frames.left_out).c_str());
+  if (!held_out.empty()) {
+    std::printf("error on the images held out by --hold-out %d:\n", arguments.capture.hold_out);
+    print_errors(held_out);
+  } else if (arguments.capture.hold_out != 0) {
+    std::printf("rows alone are not compared: after 'refield merge', 'refield compare' tells the error\n");
+  }
 }
 
 }  // namespace
@@ -232,7 +240,7 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->footer(
       "Examples:\n"
       "  refield estimate session -o scene.rfield\n"
-      "  refield estimate --light 'light/train_*.exr' --observed 'observed/train_*.exr' -o scene.rfield\n"
+      "  refield estimate --light 'light/*.exr' --observed 'observed/*.exr' --hold-out 10 -o scene.rfield\n"
       "Light maps and photographs pair up by what the wildcards stand for. Both are scene-linear OpenEXR.\n"
       "An interrupted estimation goes on with --resume; finished rows wait in OUTPUT.partial.\n"
       "Exit status: 0 done; 2 input or an option was refused; 130 stopped by Ctrl-C or SIGTERM, go on with "
@@ -240,17 +248,12 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       "1 a defect. OUTPUT.log.json says what was done; lines on standard error carry the time where that is "
       "no "
       "terminal.");
-  verb->add_option("session", arguments->session,
+  verb->add_option("session", arguments->capture.session,
                    "Capture session folder, as refield acquire or simulate makes it");
-  verb->add_option("--light", arguments->light_glob,
-                   "Light maps of another capture: pattern in quotes, or folder");
-  verb->add_option("--observed", arguments->observed_glob,
-                   "Photographs of another capture: pattern, or folder");
-  verb->add_option("--parameterisation", arguments->parameterisation,
-                   "Of the light maps: monitor, lat_long or cube")
-      ->capture_default_str();
-  verb->add_option("--mask", arguments->mask,
-                   "Image that is bright where the scene is; other pixels stay empty");
+  add_capture_options(
+      *verb, arguments->capture,
+      "Hold out every N-th image (10: every tenth) from the estimate, and print the error of its\n"
+      "prediction afterwards");
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
   verb->add_option(
           "--mode", arguments->mode,

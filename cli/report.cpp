@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/capture_options.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 
@@ -28,6 +29,7 @@ std::array<int, 2> parse_pixel(const std::string& text) {
 
 void add_report(CLI::App& app, const Common& common, Action& action) {
   struct Options {
+    CaptureOptions capture;
     report::ReportRequest request;
     std::vector<std::string> pixels;
   };
@@ -35,13 +37,15 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
   report::ReportRequest& request = options->request;
   CLI::App* verb =
       app.add_subcommand("report", "One page with pictures: how well fields relight a captured scene");
-  verb->add_option("session", request.session, "Capture session whose held-out frames are the test")
-      ->required();
+  verb->add_option("session", options->capture.session, "Capture session whose held-out frames are the test");
   verb->add_option("--field", request.fields, "Reflectance field estimated from it; several to compare them")
       ->required();
   verb->add_option(
       "--truth", request.truth,
       "Folder of the simulation behind a virtual capture: errors are then also taken against exact images");
+  add_capture_options(*verb, options->capture,
+                      "Test on every N-th pair, as the field was estimated with\n"
+                      "(default: the pairs that the first field was not estimated from)");
   verb->add_option("--pixel", options->pixels,
                    "Column,row of a pixel whose kernels to show; several; default: chosen by kind");
   verb->add_option("--study-pixels", request.study_pixels,
@@ -51,6 +55,8 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
   verb->callback([options, &common, &action] {
     action = [options, &common] {
       for (const std::string& pixel : options->pixels) options->request.pixels.push_back(parse_pixel(pixel));
+      options->request.session = open_capture(options->capture);
+      options->request.find_held_out = options->capture.hold_out == 0;
       auto figures = report::write_report(options->request);
       const std::string path = options->request.output.string();
       if (common.json) {

@@ -78,8 +78,6 @@ void SeriesError::add(const Image& predicted, const Image& observed, const Image
       const double o = observed.values[i];
       error_[pixel] += (p - o) * (p - o);
       signal_[pixel] += o * o;
-      peak_ = std::max(peak_, o);
-      ++samples_;
     }
   }
 }
@@ -95,12 +93,6 @@ Image SeriesError::relative_rmse_map() const {
   for (std::size_t pixel = 0; pixel < error_.size(); ++pixel)
     map.values[pixel] = static_cast<float>(relative(error_[pixel], signal_[pixel]));
   return map;
-}
-
-double SeriesError::psnr_db() const {
-  const double error = std::accumulate(error_.begin(), error_.end(), 0.0);
-  if (error == 0.0) return std::numeric_limits<double>::infinity();
-  return 10.0 * std::log10(peak_ * peak_ * static_cast<double>(samples_) / error);
 }
 
 double SeriesError::pixel_quantile(double q) const {
@@ -119,10 +111,6 @@ Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image>
   return error_of(predicted, observed, mask).relative_rmse_map();
 }
 
-double psnr_db(const Image& predicted, const Image& observed, const Mask& mask) {
-  return error_of(std::span(&predicted, 1), std::span(&observed, 1), mask).psnr_db();
-}
-
 Image absolute_error(const Image& predicted, const Image& observed) {
   require_same_shape(predicted, observed);
   Image error(predicted.width, predicted.height, predicted.channels);
@@ -133,12 +121,13 @@ Image absolute_error(const Image& predicted, const Image& observed) {
 
 double quantile(std::vector<float> values, double q) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::ranges::sort(values);
   const double position = std::clamp(q, 0.0, 1.0) * static_cast<double>(values.size() - 1);
   const auto low = static_cast<std::size_t>(position);
-  const std::size_t high = std::min(low + 1, values.size() - 1);
   const double fraction = position - static_cast<double>(low);
-  return values[low] * (1.0 - fraction) + values[high] * fraction;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(low);
+  std::ranges::nth_element(values, at);
+  const float high = at + 1 == values.end() ? *at : *std::min_element(at + 1, values.end());
+  return *at * (1.0 - fraction) + high * fraction;
 }
 
 double rank_correlation(std::span<const float> a, std::span<const float> b) {

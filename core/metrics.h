@@ -26,7 +26,6 @@ class SeriesError {
   double relative_rmse() const;
   /// [height × width × 1]; pixels outside the mask are 0.
   Image relative_rmse_map() const;
-  double psnr_db() const;
   /// The q-quantile of relative_rmse_map() inside the mask.
   double pixel_quantile(double q) const;
 
@@ -35,8 +34,6 @@ class SeriesError {
   int width_ = 0;
   int height_ = 0;
   std::size_t images_ = 0;
-  std::size_t samples_ = 0;
-  double peak_ = 0.0;
   std::vector<double> error_;   // [pixels], Σ(predicted − observed)²
   std::vector<double> signal_;  // [pixels], Σ observed²
 };
@@ -51,9 +48,6 @@ double relative_rmse(const Image& predicted, const Image& observed, const Mask& 
 /// The same for each pixel over the images and channels, [height × width × 1]. Pixels outside the mask are 0.
 Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed,
                         const Mask& mask = {});
-
-/// Peak signal-to-noise ratio in dB with the observed maximum as the peak; infinity for equal images.
-double psnr_db(const Image& predicted, const Image& observed, const Mask& mask = {});
 
 /// |predicted − observed|, channel by channel.
 Image absolute_error(const Image& predicted, const Image& observed);

@@ -65,6 +65,7 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   if (!options.keep_drift) job.drift = remove_drift(job.session);
   job.references = job.session.frames_of(FrameRole::reference);
   job.frames = job.session.frames_of(FrameRole::train);
+  for (const CaptureFrame& frame : job.session.frames_of(FrameRole::test)) job.held_out.push_back(frame.name);
   require_enough_frames(job, options);
   job.session.frames = job.frames;
   check_image_sizes(job.session);
@@ -116,6 +117,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
   if (job.refinement) provenance["refined_from_images"] = job.refinement->known_images();
   if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
   for (const CaptureFrame& frame : job.frames) provenance["frames"].push_back(frame.name);
+  for (const std::string& name : job.held_out) provenance["held_out"].push_back(name);
   if (job.drift.significant)
     provenance["drift_removed"] = {{"reference_frames", job.references.size()},
                                    {"largest_change", job.drift.largest}};

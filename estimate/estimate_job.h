@@ -24,6 +24,7 @@ struct EstimateJob {
   Drift drift;                        ///< what reference frames show; removed where significant
   double mean_square = 0.0;           ///< of the photographs' samples, see EstimateOptions::mean_square
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
+  std::vector<std::string> held_out;  ///< names of the test frames
   /// The field that takes in new images; null for a fresh start.
   std::shared_ptr<Refinement> refinement = nullptr;
 };

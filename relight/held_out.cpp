@@ -3,6 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <span>
 
 #include "core/errors.h"
 #include "core/image_io.h"
@@ -22,10 +25,26 @@ Photograph reference_for(const CaptureFrame& frame, const LightMap& light, const
   return photograph;
 }
 
+std::vector<ImageError> errors_of(const std::vector<HeldOutImage>& images) {
+  std::vector<ImageError> errors;
+  for (const HeldOutImage& image : images) errors.push_back(image.error);
+  return errors;
+}
+
+/// The names that a field's provenance lists under `key`.
+std::set<std::string> names_in(const nlohmann::json& provenance, const char* key) {
+  std::set<std::string> names;
+  if (provenance.is_object() && provenance.contains(key) && provenance[key].is_array())
+    for (const auto& name : provenance[key])
+      if (name.is_string()) names.insert(name.get<std::string>());
+  return names;
+}
+
 /// Sums for one kind of light.
 struct KindSums {
   std::string kind;
   SeriesError error;
+  std::vector<HeldOutImage> per_image = {};
   bool has_sigma = true;       // every photograph carries its noise
   std::vector<double> noise;   // [pixels], Σσ² over measured samples
   std::vector<double> signal;  // [pixels], Σ observed²
@@ -62,16 +81,66 @@ PredictionCheck check_prediction(const ReflectanceField& field, const KindSums& 
 
 }  // namespace
 
+ErrorSpread spread_of(const std::vector<HeldOutImage>& images) {
+  return spread_of(std::span<const ImageError>(errors_of(images)));
+}
+
+double tone_mapped_psnr_db(const std::vector<HeldOutImage>& images) {
+  return tone_mapped_psnr_db(std::span<const ImageError>(errors_of(images)));
+}
+
+std::string text_of(const CaptureSession& session) {
+  if (!session.folder.empty() || session.frames.empty()) return session.folder.string();
+  const auto folder = session.frames.front().observed.parent_path();
+  return folder.empty() ? "the photographs" : folder.string();
+}
+
+void hold_out_every(CaptureSession& session, int every) {
+  if (every < 2)
+    throw InputError("--hold-out " + std::to_string(every) +
+                     ": give 2 or more, for example 10 to hold out every tenth image");
+  int place = 0, held_out = 0;
+  for (CaptureFrame& frame : session.frames)
+    if (frame.role == FrameRole::train && ++place % every == 0) {
+      frame.role = FrameRole::test;
+      ++held_out;
+    }
+  if (held_out == 0)
+    throw InputError("--hold-out " + std::to_string(every) + ": there are " + std::to_string(place) +
+                     " images to train from, so none would be held out; give a smaller number");
+}
+
+std::string mark_held_out(CaptureSession& session, const ReflectanceField& field) {
+  const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
+  if (!session.folder.empty()) {
+    const std::set<std::string> held_out = names_in(provenance, "held_out");
+    for (CaptureFrame& frame : session.frames)
+      if (frame.role == FrameRole::train && held_out.contains(frame.name)) frame.role = FrameRole::test;
+    return "";
+  }
+  std::set<std::string> known = names_in(provenance, "frames");
+  known.merge(names_in(provenance, "left_out"));
+  const auto is_known = [&](const CaptureFrame& frame) { return known.contains(frame.name); };
+  const auto overlap = static_cast<std::size_t>(std::ranges::count_if(session.frames, is_known));
+  const bool of_this_estimate = !known.empty() && overlap == known.size() && overlap < session.frames.size();
+  for (CaptureFrame& frame : session.frames)
+    frame.role = of_this_estimate && is_known(frame) ? FrameRole::train : FrameRole::test;
+  if (of_this_estimate || overlap == 0) return "";
+  return "warning: " + std::to_string(overlap) + " of " + std::to_string(session.frames.size()) +
+         " pairs have the names of images that the field was estimated from. If they are these images, the "
+         "errors are training errors; estimate with --hold-out 10 to measure errors on new images";
+}
+
 std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const CaptureSession& session,
                                           const ReflectanceField* truth, FrameRole role, double noise_scale) {
   const auto frames = session.frames_of(role);
   if (frames.empty())
-    throw InputError(session.folder.string() + ": has no frame of role '" + std::string(name_of(role)) +
+    throw InputError(text_of(session) + ": has no frame of role '" + std::string(name_of(role)) +
                      "' to compare with");
   if (session.width != field.width || session.height != field.height)
-    throw InputError(session.folder.string() + ": the photographs are " + std::to_string(session.width) +
-                     "×" + std::to_string(session.height) + ", the field is " + std::to_string(field.width) +
-                     "×" + std::to_string(field.height) +
+    throw InputError(text_of(session) + ": the photographs are " + std::to_string(session.width) + "×" +
+                     std::to_string(session.height) + ", the field is " + std::to_string(field.width) + "×" +
+                     std::to_string(field.height) +
                      "; compare a field with the session it was estimated from");
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
 
@@ -83,10 +152,13 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
     throw_if_interrupted();
     auto kind = std::ranges::find(kinds, frame.kind, &KindSums::kind);
     if (kind == kinds.end())
-      kind = kinds.insert(kinds.end(), KindSums{frame.kind, SeriesError(mask), true, {}, {}});
+      kind = kinds.insert(kinds.end(), KindSums{frame.kind, SeriesError(mask), {}, true, {}, {}});
     const LightMap light = read_light_map(frame.illumination, session.light.parameterisation);
     const Photograph reference = reference_for(frame, light, truth);
-    kind->error.add(field.relight(light), reference.radiance, reference.sigma);
+    const Image predicted = field.relight(light);
+    kind->error.add(predicted, reference.radiance, reference.sigma);
+    kind->per_image.push_back(
+        {frame.name, frame.observed, image_error(predicted, reference.radiance, mask, reference.sigma)});
     if (predicts) kind->add_noise(reference);
     progress.advance();
   }
@@ -94,7 +166,8 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   for (const KindSums& sums : kinds) {
     const SeriesError& error = sums.error;
     errors.push_back({sums.kind, error.images(), error.relative_rmse(), error.pixel_quantile(0.5),
-                      error.pixel_quantile(0.9), error.psnr_db(), std::nullopt});
+                      error.pixel_quantile(0.9), tone_mapped_psnr_db(sums.per_image), std::nullopt,
+                      sums.per_image});
     if (predicts) errors.back().prediction = check_prediction(field, sums, mask, noise_scale);
   }
   return errors;

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "core/capture_session.h"
+#include "core/image_error.h"
 #include "core/reflectance_field.h"
 
 namespace refield {
@@ -16,6 +18,13 @@ struct PredictionCheck {
   double predicted_median = 0.0;
 };
 
+/// One photograph under held-out light.
+struct HeldOutImage {
+  std::string name;                ///< the frame's
+  std::filesystem::path observed;  ///< the photograph's file
+  ImageError error;
+};
+
 /// How well a field predicts photographs that it was not estimated from, for one kind of light. All errors
 /// are relative RMSE, unitless: over everything, and as quantiles of the errors that single pixels make over
 /// the kind's images.
@@ -25,9 +34,27 @@ struct HeldOutError {
   double relative_rmse = 0.0;
   double median = 0.0;
   double percentile_90 = 0.0;
-  double psnr_db = 0.0;
+  double tone_mapped_psnr_db = 0.0;           ///< of the series, core/metrics.h
   std::optional<PredictionCheck> prediction;  ///< where the field holds predicted errors
+  std::vector<HeldOutImage> per_image;        ///< [images], in the order of frames
 };
+
+/// The same measures of a series as core/metrics.h takes of its images' errors.
+ErrorSpread spread_of(const std::vector<HeldOutImage>& images);
+double tone_mapped_psnr_db(const std::vector<HeldOutImage>& images);
+
+/// What messages and pages call a capture: its folder, or that of its photographs.
+std::string text_of(const CaptureSession& session);
+
+/// Gives every `every`-th training frame the role test. Throws
+/// InputError for fewer than 2, or where that leaves none or takes none.
+void hold_out_every(CaptureSession& session, int every);
+
+/// Tells which frames `field` was not estimated from, by the names that its provenance holds. Of a session's
+/// frames, those that the estimate held out take the role test. Pairs without roles, if all frames of the
+/// estimate are among them: those train, the others are the test. Else all pairs are the test. Returns a
+/// warning where some of these have the names of frames of the estimate, else nothing.
+std::string mark_held_out(CaptureSession& session, const ReflectanceField& field);
 
 /// Relights `field` with each of the session's frames of a role and compares by kind of light, kinds in order
 /// of first appearance; the session's mask is respected and samples that were not measured are left out. With

@@ -9,14 +9,31 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+std::string name_of_kind(const HeldOutError& error) {
+  return error.kind.empty() ? "all" : error.kind;
+}
+
 Json kinds_json(const std::vector<HeldOutError>& errors) {
   Json json = Json::object();
   for (const HeldOutError& error : errors)
-    json[error.kind] = {{"images", error.images},
-                        {"relative_rmse", error.relative_rmse},
-                        {"median", error.median},
-                        {"percentile_90", error.percentile_90},
-                        {"psnr_db", error.psnr_db}};
+    json[name_of_kind(error)] = {{"images", error.images},
+                                 {"relative_rmse", error.relative_rmse},
+                                 {"median", error.median},
+                                 {"percentile_90", error.percentile_90},
+                                 {"tone_mapped_psnr_db", error.tone_mapped_psnr_db}};
+  return json;
+}
+
+/// The same with each image's own errors.
+Json kinds_and_images_json(const std::vector<HeldOutError>& errors) {
+  Json json = kinds_json(errors);
+  for (const HeldOutError& error : errors)
+    for (const HeldOutImage& image : error.per_image)
+      json[name_of_kind(error)]["per_image"].push_back(
+          {{"name", image.name},
+           {"observed", image.observed.string()},
+           {"relative_rmse", image.error.relative_rmse},
+           {"tone_mapped_psnr_db", image.error.tone_mapped_psnr_db}});
   return json;
 }
 
@@ -42,7 +59,7 @@ Json field_json(const FieldEntry& entry, const FieldFigures& figures) {
                         {"share_of_95_percent", statistics.share_of_95_percent}};
   json["errors"] = Json::object();
   for (const ReferenceErrors& errors : figures.errors)
-    json["errors"][errors.reference] = kinds_json(errors.kinds);
+    json["errors"][errors.reference] = kinds_and_images_json(errors.kinds);
   return json;
 }
 
@@ -64,7 +81,7 @@ Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& fig
                   const ImageCountStudy& study, const std::vector<ChosenPixel>& pixels) {
   const CaptureSession& session = input.session;
   Json json;
-  json["session"] = {{"folder", session.folder.string()},
+  json["session"] = {{"folder", text_of(session)},
                      {"width", session.width},
                      {"height", session.height},
                      {"light_width", session.light.width},

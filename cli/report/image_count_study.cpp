@@ -78,6 +78,8 @@ ImageCountStudy study_image_count(const ReportInput& input, std::size_t most_pix
       input.truth ? cropped(*input.truth, study.window, scratch / "window-truth") : session;
   for (const char* kind : {"natural", "bar"})
     for (const CaptureFrame& frame : spread_frames(reference, kind, 1)) study.picture_frames.push_back(frame);
+  if (study.picture_frames.empty())
+    study.picture_frames = spread_frames(reference, kinds_of(reference).front(), 2);
   std::vector<LightMap> lights;
   for (const CaptureFrame& frame : study.picture_frames) {
     study.reference.push_back(read_photograph(frame.observed).radiance);

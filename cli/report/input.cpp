@@ -12,6 +12,7 @@
 #include "core/interrupt.h"
 #include "core/progress.h"
 #include "core/reflectance_field_file.h"
+#include "relight/held_out.h"
 
 namespace refield::report {
 
@@ -30,23 +31,23 @@ std::string size_text(int width, int height) {
 void require_fit(const ReflectanceField& field, const fs::path& path, const CaptureSession& session) {
   if (field.width != session.width || field.height != session.height)
     throw InputError(path.string() + ": has " + size_text(field.width, field.height) +
-                     " pixels, the photographs of " + session.folder.string() + " have " +
+                     " pixels, the photographs of " + text_of(session) + " have " +
                      size_text(session.width, session.height) +
                      "; give a field that was estimated from this session");
   if (field.basis.domain != session.light)
     throw InputError(path.string() + ": is made for light maps of " +
                      size_text(field.basis.domain.width, field.basis.domain.height) + " (" +
                      std::string(name_of(field.basis.domain.parameterisation)) + "), those of " +
-                     session.folder.string() + " are " +
-                     size_text(session.light.width, session.light.height) + " (" +
-                     std::string(name_of(session.light.parameterisation)) +
+                     text_of(session) + " are " + size_text(session.light.width, session.light.height) +
+                     " (" + std::string(name_of(session.light.parameterisation)) +
                      "); give a field that was estimated from this session");
 }
 
 FieldEntry load_field(const fs::path& path, const CaptureSession& session) {
   if (!fs::exists(path))
     throw InputError(path.string() + ": there is no such field; make it with 'refield estimate " +
-                     session.folder.string() + " -o " + path.string() + "'");
+                     (session.folder.empty() ? "--light … --observed …" : session.folder.string()) + " -o " +
+                     path.string() + "'");
   FieldEntry entry;
   entry.path = path;
   entry.field = read_image_field(path);
@@ -75,7 +76,7 @@ CaptureSession truth_by_name(const CaptureSession& session, const fs::path& fold
   const CaptureSession exact = read_capture_session(folder);
   if (exact.width != session.width || exact.height != session.height)
     throw InputError(folder.string() + ": its images are " + size_text(exact.width, exact.height) +
-                     ", the photographs of " + session.folder.string() + " " +
+                     ", the photographs of " + text_of(session) + " " +
                      size_text(session.width, session.height) +
                      "; give the truth that this session was acquired from");
   CaptureSession truth = session;
@@ -83,8 +84,8 @@ CaptureSession truth_by_name(const CaptureSession& session, const fs::path& fold
   for (CaptureFrame& frame : truth.frames) {
     const auto match = std::ranges::find(exact.frames, frame.name, &CaptureFrame::name);
     if (match == exact.frames.end())
-      throw InputError(folder.string() + ": has no frame '" + frame.name + "', which " +
-                       session.folder.string() + " has; give the truth that this session was acquired from");
+      throw InputError(folder.string() + ": has no frame '" + frame.name + "', which " + text_of(session) +
+                       " has; give the truth that this session was acquired from");
     frame.observed = match->observed;
   }
   return truth;
@@ -153,15 +154,20 @@ std::optional<EstimateOptions> options_from_provenance(const std::string& proven
   return result;
 }
 
-ReportInput load_input(const fs::path& session_folder, const std::vector<fs::path>& field_paths,
-                       const fs::path& truth_folder, const fs::path& scratch) {
+ReportInput load_input(const CaptureSession& session, bool find_held_out,
+                       const std::vector<fs::path>& field_paths, const fs::path& truth_folder,
+                       const fs::path& scratch) {
   ReportInput input;
-  input.session = read_capture_session(session_folder);
+  input.session = session;
+  if (session.folder.empty()) check_image_sizes(input.session);
   remove_drift(input.session);
   if (input.session.mask)
     input.mask = read_mask(*input.session.mask, input.session.width, input.session.height);
   for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session));
   label_fields(input.fields);
+  if (find_held_out)
+    if (const auto warning = mark_held_out(input.session, input.fields.front().field); !warning.empty())
+      log_line(warning);
   input.truth_folder = truth_folder;
   if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty()) load_truth(input, scratch);
   return input;

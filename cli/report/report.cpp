@@ -19,7 +19,7 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
   for (const auto& [x, y] : request.pixels) {
     if (x < 0 || y < 0 || x >= session.width || y >= session.height)
       throw InputError("--pixel " + std::to_string(x) + "," + std::to_string(y) +
-                       ": lies outside the photographs of " + session.folder.string() + "; give 0 to " +
+                       ": lies outside the photographs of " + text_of(session) + "; give 0 to " +
                        std::to_string(session.width - 1) + ", 0 to " + std::to_string(session.height - 1));
     pixels.push_back({x, y, "asked for"});
   }
@@ -31,7 +31,8 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
 nlohmann::ordered_json write_report(const ReportRequest& request) {
   if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
   const ScratchFolder scratch;
-  const ReportInput input = load_input(request.session, request.fields, request.truth, scratch.path());
+  const ReportInput input =
+      load_input(request.session, request.find_held_out, request.fields, request.truth, scratch.path());
   std::vector<ChosenPixel> pixels = asked_pixels(request, input.session);
   if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask);
   const auto logs = find_run_logs(input);

@@ -5,11 +5,14 @@
 #include <nlohmann/json_fwd.hpp>
 #include <vector>
 
+#include "core/capture_session.h"
+
 namespace refield::report {
 
 /// What a report is made of.
 struct ReportRequest {
-  std::filesystem::path session;
+  CaptureSession session;
+  bool find_held_out = true;                  ///< which frames were held out is asked of the first field
   std::vector<std::filesystem::path> fields;  ///< at least one
   std::filesystem::path truth;                ///< a simulated session's folder; empty: none
   std::vector<std::array<int, 2>> pixels;  ///< (x, y) whose kernels are shown; empty: chosen by the program

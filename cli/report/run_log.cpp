@@ -79,7 +79,7 @@ std::optional<RunLog> read_run_log(const fs::path& path) {
 std::vector<RunLog> find_run_logs(const ReportInput& input) {
   std::vector<fs::path> made;
   if (!input.truth_folder.empty()) made.push_back(input.truth_folder);
-  made.push_back(input.session.folder);
+  if (!input.session.folder.empty()) made.push_back(input.session.folder);
   for (const FieldEntry& entry : input.fields) made.push_back(entry.path);
   std::vector<RunLog> logs;
   for (const fs::path& path : made)

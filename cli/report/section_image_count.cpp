@@ -35,9 +35,11 @@ std::string picture_rows(const ReportInput& input, const ImageCountStudy& study,
     return "<figure>" + image_html(shrunk(image, max_picture_width), exposure, text) + "<figcaption>" + text +
            "</figcaption></figure>";
   };
-  std::string html = "<p class=\"row-title\"><b>" + escaped(study.picture_frames[frame].kind) +
-                     "</b> <code>" + escaped(study.picture_frames[frame].name) + "</code> <span>exposure ×" +
-                     significant(exposure, 2) + "</span></p>";
+  std::string html =
+      "<p class=\"row-title\"><b>" +
+      escaped(study.picture_frames[frame].kind.empty() ? "light" : study.picture_frames[frame].kind) +
+      "</b> <code>" + escaped(study.picture_frames[frame].name) + "</code> <span>exposure ×" +
+      significant(exposure, 2) + "</span></p>";
   for (std::size_t s = 0; s < study.series.size(); ++s) {
     const StudySeries& series = study.series[s];
     html += "<p class=\"series-name\"><span class=\"key c" + std::to_string(s % 6) +

@@ -12,8 +12,16 @@ std::string tile(const std::string& value, const std::string& what) {
   return "<div class=\"tile\"><b>" + escaped(value) + "</b><span>" + escaped(what) + "</span></div>";
 }
 
-/// The session's folder; the one around it where that is called "session", as captures are often kept.
+/// The session's folder; the one around it where that is called "session", as captures are often kept. Of
+/// pairs the folder of the photographs, or the one that holds the light maps' folder, too.
 std::string session_name(const CaptureSession& session) {
+  if (session.folder.empty() && !session.frames.empty()) {
+    const CaptureFrame& frame = session.frames.front();
+    const auto observed = std::filesystem::weakly_canonical(frame.observed).parent_path();
+    const auto light = std::filesystem::weakly_canonical(frame.illumination).parent_path();
+    const bool side_by_side = observed != light && observed.parent_path() == light.parent_path();
+    return (side_by_side ? observed.parent_path() : observed).filename().string();
+  }
   auto folder = std::filesystem::weakly_canonical(session.folder);
   if (!folder.has_filename()) folder = folder.parent_path();
   if (folder.filename() == "session" && folder.has_parent_path()) folder = folder.parent_path();
@@ -58,6 +66,13 @@ std::string opening_html(const ReportInput& input, const std::vector<FieldFigure
         tiles +=
             tile(percent(error->relative_rmse), std::string("relative RMSE, held-out ") +
                                                     (kind == std::string("bar") ? "bars" : "natural light"));
+    if (tiles.empty() && !errors.kinds.empty()) {  // pairs of images state no kind of light
+      const HeldOutError& error = errors.kinds.front();
+      tiles +=
+          tile(percent(error.relative_rmse), "relative RMSE, " + counted(error.images, "held-out image"));
+      if (!error.per_image.empty())
+        tiles += tile(percent(spread_of(error.per_image).median), "relative RMSE of the median image");
+    }
   }
   const double pixels = static_cast<double>(entry.field.width) * entry.field.height;
   tiles += tile(fixed(entry.statistics.mean_stored, 1), "kernels a pixel");

@@ -15,7 +15,7 @@ namespace refield::report {
 namespace {
 
 std::size_t pictures_of(const std::string& kind) {
-  if (kind == "natural") return 3;
+  if (kind == "natural" || kind.empty()) return 3;
   if (kind == "bar") return 2;
   return kind == "black" ? 0 : 1;
 }

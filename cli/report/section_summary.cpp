@@ -15,7 +15,7 @@ std::string size_text(int width, int height) {
 }
 
 std::string kind_name(const std::string& kind) {
-  return kind.empty() ? "unnamed" : kind;
+  return kind.empty() ? "all" : kind;
 }
 
 std::string frames_text(const CaptureSession& session, FrameRole role) {
@@ -38,7 +38,7 @@ std::string session_table(const ReportInput& input) {
     return "<tr><th>" + escaped(name) + "</th><td>" + escaped(value) + "</td></tr>";
   };
   std::string html = "<table class=\"facts\">";
-  html += row("Session", session.folder.string());
+  html += row(session.folder.empty() ? "Image pairs" : "Session", text_of(session));
   html += row("Camera", size_text(session.width, session.height) + " pixels");
   html += row("Light map", size_text(session.light.width, session.light.height) + " texels, " +
                                std::string(name_of(session.light.parameterisation)));
@@ -88,12 +88,35 @@ std::string error_table(const ReportInput& input, const std::vector<FieldFigures
         html += "<td class=\"num\">";
         if (error)
           html += "<b>" + percent(error->relative_rmse) + "</b><br><small>" + percent(error->median) + " · " +
-                  percent(error->percentile_90) + "</small>";
+                  percent(error->percentile_90) + "</small><br><small>" +
+                  (std::isfinite(error->tone_mapped_psnr_db) ? fixed(error->tone_mapped_psnr_db, 1) : "∞") +
+                  " dB</small>";
         html += "</td>";
       }
       html += "</tr>";
     }
   return html + "</tbody></table></div>";
+}
+
+/// One sentence for each kind of light: how far single images lie apart, and which is the worst.
+std::string image_spread(const ReportInput& input, const std::vector<FieldFigures>& figures) {
+  std::string list;
+  for (std::size_t f = 0; f < input.fields.size(); ++f)
+    for (const HeldOutError& error : figures[f].errors.back().kinds) {
+      if (error.per_image.empty() || error.kind == "black") continue;
+      const ErrorSpread spread = spread_of(error.per_image);
+      list += "<tr><td><span class=\"key c" + std::to_string(f % 6) + "\"><i></i>" +
+              escaped(input.fields[f].label) + "</span></td><td>" + escaped(kind_name(error.kind)) +
+              "</td><td class=\"num\">" + std::to_string(error.images) + "</td><td class=\"num\">" +
+              percent(spread.median) + "</td><td class=\"num\">" + percent(spread.mean) +
+              "</td><td class=\"num\">" + percent(spread.largest) + "</td><td><code>" +
+              escaped(error.per_image[spread.worst].name) + "</code></td></tr>";
+    }
+  if (list.empty()) return "";
+  return "<h3>Image by image</h3><div class=\"wide\"><table><thead><tr><th>Field</th><th>Light</th>"
+         "<th class=\"num\">Images</th><th class=\"num\">Median</th><th class=\"num\">Mean</th>"
+         "<th class=\"num\">Largest</th><th>in image</th></tr></thead><tbody>" +
+         list + "</tbody></table></div>";
 }
 
 std::string error_chart(const ReportInput& input, const std::vector<FieldFigures>& figures) {
@@ -133,7 +156,7 @@ std::string summary_html(const ReportInput& input, const std::vector<FieldFigure
       "<p class=\"note\">Relative RMSE, √(Σ(predicted − reference)² ∕ Σ reference²), over all images of a "
       "kind, pixels and "
       "channels; below it, the median and the 90th percentile of the same measure taken pixel by pixel. "
-      "“Photographs” "
+      "In dB, the PSNR of the pictures as a screen shows them, 99th percentile white. “Photographs” "
       "carry the camera’s noise, which no prediction can know";
   html += input.truth ? "; “exact images” are " + escaped(input.truth_note) + "." : ".";
   for (const std::string& kind : kinds_of(input.session))
@@ -141,7 +164,7 @@ std::string summary_html(const ReportInput& input, const std::vector<FieldFigure
       html +=
           " Under black light next to nothing is left to compare with: that figure measures noise, not the "
           "field.";
-  return section_html("Summary", html + "</p>");
+  return section_html("Summary", html + "</p>" + image_spread(input, figures));
 }
 
 }  // namespace refield::report

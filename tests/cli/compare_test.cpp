@@ -47,7 +47,13 @@ TEST_F(CompareVerb, FoldersPatternsAndSingleImages) {
     EXPECT_NEAR(figures["relative_rmse"].get<double>(), 0.2, rounding);
     EXPECT_NEAR(figures["median"].get<double>(), 0.2, rounding);
     EXPECT_NEAR(figures["percentile_90"].get<double>(), 0.2, rounding);
-    EXPECT_NEAR(figures["psnr_db"].get<double>(), 20.0 * std::log10(5.0), rounding * 20);
+    // At an exposure of one the prediction clips: on the screen the pictures are the same.
+    EXPECT_TRUE(figures["tone_mapped_psnr_db"].is_null());
+    for (const auto& image : figures["per_image"]) {
+      EXPECT_NEAR(image["relative_rmse"].get<double>(), 0.2, rounding);
+      EXPECT_NE(image["observed"].get<std::string>().find("/o/"), std::string::npos);
+    }
+    EXPECT_EQ(figures["per_image"].size(), figures["images"]);
   }
 }
 
@@ -71,7 +77,7 @@ TEST_F(CompareVerb, OnlyPixelsOfTheMaskCount) {
 TEST_F(CompareVerb, EqualImagesHaveNoFinitePsnr) {
   const auto result = run_refield({"compare", folder_ / "o", folder_ / "o", "--json"});
   EXPECT_EQ(json::parse(result.out)["relative_rmse"], 0.0);
-  EXPECT_TRUE(json::parse(result.out)["psnr_db"].is_null());
+  EXPECT_TRUE(json::parse(result.out)["tone_mapped_psnr_db"].is_null());
 }
 
 TEST_F(CompareVerb, NamesWhatDoesNotFit) {
@@ -82,6 +88,80 @@ TEST_F(CompareVerb, NamesWhatDoesNotFit) {
   EXPECT_THAT(run_refield({"compare", folder_ / "p", folder_ / "o"}),
               RefusedNaming("p/2.exr", "observed image"));
   EXPECT_THAT(run_refield({"compare", folder_ / "q", folder_ / "o"}), RefusedNaming("/q", "no file"));
+}
+
+/// Pairs of images of another tool, and a field that says which of them it was made from.
+class ComparePairs : public testing::Test {
+ protected:
+  static constexpr int pairs = 6;
+
+  ComparePairs() {
+    create_folders(folder_ / "light");
+    create_folders(folder_ / "observed");
+    for (int i = 0; i < pairs; ++i) {
+      const LightMap light = test::random_light(rng_, field_.basis.domain);
+      Image photograph = field_.relight(light);
+      for (float& value : photograph.values) value *= i == 4 ? 2.0f : 1.25f;
+      write_exr(folder_ / ("light/" + std::to_string(i) + ".exr"), light.radiance);
+      write_exr(folder_ / ("observed/" + std::to_string(i) + ".exr"), photograph);
+    }
+  }
+  json compare(const std::string& provenance, const std::vector<std::string>& more = {}) {
+    field_.provenance = provenance;
+    write_reflectance_field(folder_ / "f.rfield", field_);
+    std::vector<std::string> arguments = {"compare",    folder_ / "f.rfield", "--light", folder_ / "light",
+                                          "--observed", folder_ / "observed", "--json"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const auto result = run_refield(arguments);
+    EXPECT_THAT(result, Succeeded()) << result.err;
+    warning_ = result.err;
+    return json::parse(result.out)["held_out"]["all"];
+  }
+
+  test::TemporaryFolder folder_;
+  Rng rng_{1};
+  ReflectanceField field_ = test::random_field(rng_, 10, 7, {8, 6}, 20, 5);
+  std::string warning_;
+};
+
+TEST_F(ComparePairs, EachPairHasItsError) {
+  const json figures = compare("");
+  ASSERT_EQ(figures["per_image"].size(), std::size_t{pairs});
+  for (const auto& image : figures["per_image"]) {
+    const bool worst = image["name"] == "4";
+    EXPECT_NEAR(image["relative_rmse"].get<double>(), worst ? 0.5 : 0.2, rounding);
+    EXPECT_EQ(fs::path(image["observed"].get<std::string>()).filename(),
+              image["name"].get<std::string>() + ".exr");
+  }
+  const auto text = run_refield({"compare", folder_ / "f.rfield", "--light", folder_ / "light/*.exr",
+                                 "--observed", folder_ / "observed/*.exr"});
+  EXPECT_NE(text.out.find("0.5000  4\n"), std::string::npos) << text.out;
+}
+
+TEST_F(ComparePairs, OnlyThoseThatTheFieldWasNotEstimatedFrom) {
+  const json held_out = compare(R"({"frames": ["0", "1", "3"], "left_out": ["5"]})");
+  ASSERT_EQ(held_out["images"], 2);
+  EXPECT_EQ(held_out["per_image"][0]["name"], "2");
+  EXPECT_EQ(held_out["per_image"][1]["name"], "4");
+  EXPECT_EQ(warning_.find("warning"), std::string::npos);
+  // By the user's word, whatever the field says.
+  EXPECT_EQ(compare(R"({"frames": ["0", "1", "3"]})", {"--hold-out", "3"})["per_image"][0]["name"], "2");
+  // Names of another series: all pairs count, and where some have a known name, the user is warned.
+  EXPECT_EQ(compare(R"({"frames": ["a", "b"]})")["images"], pairs);
+  EXPECT_EQ(warning_.find("warning"), std::string::npos);
+  EXPECT_EQ(compare(R"({"frames": ["a", "b", "1"]})")["images"], pairs);
+  EXPECT_NE(warning_.find("1 of 6 pairs"), std::string::npos) << warning_;
+}
+
+TEST_F(ComparePairs, NamesWhatIsMissing) {
+  compare("");
+  const std::string field = folder_ / "f.rfield", light = folder_ / "light";
+  EXPECT_THAT(run_refield({"compare", field}), RefusedNaming("SESSION", "--light"));
+  EXPECT_THAT(run_refield({"compare", field, "--light", light}), RefusedNaming("--light", "--observed"));
+  EXPECT_THAT(run_refield({"compare", field, "--light", light, "--observed", light, "--hold-out", "9"}),
+              RefusedNaming("--hold-out 9", "smaller number"));
+  EXPECT_THAT(run_refield({"compare", light, "--light", light, "--observed", light}),
+              RefusedNaming("--light", ".rfield"));
 }
 
 TEST_F(CompareVerb, AFieldAgainstASessionsHeldOutFrames) {

@@ -74,6 +74,26 @@ TEST_F(EstimateVerb, GoodInputReplacesTheOutput) {
   EXPECT_EQ(read_reflectance_field(output_).width, 6);
 }
 
+TEST_F(EstimateVerb, HoldsOutEveryThirdPairAndMeasuresTheErrorOnThem) {
+  const auto result = estimate({"--kernels", "4", "--json", "--hold-out", "3"});
+  ASSERT_THAT(result, Succeeded());
+  const auto log = nlohmann::json::parse(result.out);
+  EXPECT_EQ(log["images"], images - images / 3);
+  const auto& errors = log["held_out"]["errors"]["all"];
+  ASSERT_EQ(errors["images"], images / 3);
+  // In the order of names: t_0, t_1, t_10, t_11, t_2, ...
+  EXPECT_EQ(errors["per_image"][0]["name"], "t_10");
+  const auto provenance = nlohmann::json::parse(read_reflectance_field(output_).provenance);
+  EXPECT_EQ(provenance["held_out"], nlohmann::json({"t_10", "t_3", "t_6", "t_9"}));
+  EXPECT_EQ(provenance["frames"].size(), std::size_t{images - images / 3});
+  // Comparing needs no option: the field says which pairs it has not seen.
+  const auto compared = run_refield({"compare", output_, "--light", folder_ / "light/t_*.exr", "--observed",
+                                     folder_ / "observed/t_*.exr", "--json"});
+  ASSERT_THAT(compared, Succeeded());
+  EXPECT_EQ(nlohmann::json::parse(compared.out)["held_out"]["all"]["per_image"], errors["per_image"]);
+  EXPECT_THAT(estimate({"--hold-out", "1"}), RefusedNaming("--hold-out 1", "2 or more"));
+}
+
 TEST_F(EstimateVerb, AMissingImageInASeries) {
   fs::remove(photograph_file(7));
   expect_refused("light/t_7.exr", "add the missing image");

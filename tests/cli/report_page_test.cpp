@@ -43,7 +43,7 @@ class ReportPage : public testing::Test {
     create_folders(truth_);
     write_reflectance_field(truth_ / "transport.rfield", transport_);
     write_reflectance_field(field_path_, field_);
-    request_ = {session_.folder, {field_path_}, truth_, {}, 30, page_};
+    request_ = {read_capture_session(session_.folder), true, {field_path_}, truth_, {}, 30, page_};
   }
 
   void add_frame(const std::string& name, FrameRole role, const std::string& kind) {
@@ -147,7 +147,7 @@ TEST_F(ReportPage, AskedPixelsAreShown) {
 
 TEST_F(ReportPage, SessionWithoutHeldOutFramesStillGetsAPage) {
   std::erase_if(session_.frames, [](const CaptureFrame& frame) { return frame.role == FrameRole::test; });
-  write_session_manifest(session_);
+  request_.session = session_;
   const auto figures = write_report(request_);
   EXPECT_TRUE(figures.at("fields").at(0).at("errors").empty());
   EXPECT_NE(read_text(page_).find("holds no image out"), std::string::npos);
@@ -172,6 +172,28 @@ TEST_F(ReportPage, RefusesWhatDoesNotFitAndLeavesTheOldPage) {
   EXPECT_THAT(run_refield({"report", session, "--field", field_path_, "--pixel", "3;4", "-o", page}),
               RefusedNaming("3;4", "--pixel 80,60"));
   EXPECT_EQ(read_text(page_), "old page");
+}
+
+TEST_F(ReportPage, PairsOfImagesInsteadOfASession) {
+  // Of all pairs, the field was estimated from those of the training.
+  field_.provenance = "{\"frames\": [";
+  for (int i = 0; i < 30; ++i)
+    field_.provenance += (i > 0 ? ", \"train_" : "\"train_") + std::to_string(i) + "_light\"";
+  field_.provenance += "]}";
+  write_reflectance_field(field_path_, field_);
+  const auto result = run_refield({"report", "--light", session_.folder / "*_light.exr", "--observed",
+                                   session_.folder / "*_photo.exr", "--field", field_path_, "--study-pixels",
+                                   "12", "--json", "-o", page_});
+  ASSERT_THAT(result, test::Succeeded()) << result.err;
+  const auto figures = nlohmann::json::parse(result.out);
+  EXPECT_EQ(figures.at("session").at("training_images"), 30);
+  const auto& all = figures.at("fields").at(0).at("errors").at("photographs").at("all");
+  EXPECT_EQ(all.at("images"), 5);
+  ASSERT_EQ(all.at("per_image").size(), 5u);
+  EXPECT_EQ(all.at("per_image").at(0).at("name"), "bar_0_light");
+  const std::string page = read_text(page_);
+  for (const char* word : {"Image pairs", "Image by image", "5 held-out images", "How many images"})
+    EXPECT_NE(page.find(word), std::string::npos) << word;
 }
 
 TEST_F(ReportPage, ProgramPrintsFiguresAndPath) {

@@ -89,22 +89,6 @@ TEST(SeriesError, LeavesOutSamplesThatWereNotMeasured) {
   SeriesError series;
   series.add(filled({2, 100}), filled({4, 5}), filled({0.1f, unmeasured}));
   EXPECT_NEAR(series.relative_rmse(), 0.5, rounding);
-  EXPECT_NEAR(series.psnr_db(), 20.0 * std::log10(4.0 / 2.0), rounding);
-}
-
-TEST(Psnr, KnownValue) {
-  // Peak 4, mean squared error (1 + 0 + 4) / 3.
-  EXPECT_NEAR(psnr_db(filled({2, 4, 2}), filled({3, 4, 0})), 10.0 * std::log10(16.0 / (5.0 / 3.0)), rounding);
-}
-
-TEST(Psnr, FallsByTwentyDecibelsWhenTheErrorIsTenfold) {
-  const Image observed(8, 8, 3, 1.0f);
-  EXPECT_NEAR(psnr_db(Image(8, 8, 3, 1.01f), observed) - psnr_db(Image(8, 8, 3, 1.1f), observed), 20.0, 1e-4);
-}
-
-TEST(Psnr, EqualImagesAreInfinitelyClose) {
-  const Image image(2, 2, 3, 0.5f);
-  EXPECT_EQ(psnr_db(image, image), std::numeric_limits<double>::infinity());
 }
 
 TEST(AbsoluteError, IsPerChannel) {
