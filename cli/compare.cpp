@@ -94,7 +94,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
   error.tone_mapped_psnr_db = tone_mapped_psnr_db(error.per_image);
   if (!options.error_map.empty()) write_exr(options.error_map, series.relative_rmse_map());
   if (common.json) {
-    std::printf("%s\n", figures_of(error).dump(2).c_str());
+    std::printf("%s\n", held_out_figures(error).dump(2).c_str());
   } else {
     print_errors({error});
   }
@@ -115,7 +115,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
   const auto errors =
       held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test, options.noise_scale);
   if (common.json) {
-    std::printf("%s\n", ordered_json{{"held_out", figures_of(errors)}}.dump(2).c_str());
+    std::printf("%s\n", ordered_json{{"held_out", held_out_figures(errors)}}.dump(2).c_str());
     return;
   }
   print_errors(errors);

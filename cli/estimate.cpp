@@ -205,7 +205,7 @@ void run(EstimateArguments arguments, const Common& common) {
   auto log = log_of(arguments, summary);
   const auto held_out = held_out_of(arguments, session);
   if (!held_out.empty())
-    log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", figures_of(held_out)}};
+    log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", held_out_figures(held_out)}};
   write_text_atomically(arguments.output + ".log.json", log.dump(2) + "\n");
   if (common.json) {
     std::printf("%s\n", log.dump(2).c_str());

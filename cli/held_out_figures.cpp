@@ -17,7 +17,7 @@ ordered_json finite_or_null(double value) {
 
 }  // namespace
 
-ordered_json figures_of(const HeldOutError& error) {
+ordered_json held_out_figures(const HeldOutError& error) {
   ordered_json figures = {{"images", error.images},
                           {"relative_rmse", finite_or_null(error.relative_rmse)},
                           {"median", finite_or_null(error.median)},
@@ -37,9 +37,10 @@ ordered_json figures_of(const HeldOutError& error) {
   return figures;
 }
 
-ordered_json figures_of(const std::vector<HeldOutError>& errors) {
+ordered_json held_out_figures(const std::vector<HeldOutError>& errors) {
   ordered_json kinds = ordered_json::object();
-  for (const HeldOutError& error : errors) kinds[error.kind.empty() ? "all" : error.kind] = figures_of(error);
+  for (const HeldOutError& error : errors)
+    kinds[error.kind.empty() ? "all" : error.kind] = held_out_figures(error);
   return kinds;
 }
 

@@ -9,9 +9,9 @@ namespace refield::cli {
 
 /// Errors on held-out images for machines: of the series and, under "per_image", of each image with its
 /// file. What is not finite becomes null.
-nlohmann::ordered_json figures_of(const HeldOutError& error);
+nlohmann::ordered_json held_out_figures(const HeldOutError& error);
 /// The same by kind of light.
-nlohmann::ordered_json figures_of(const std::vector<HeldOutError>& errors);
+nlohmann::ordered_json held_out_figures(const std::vector<HeldOutError>& errors);
 
 /// The same as a table, with the spread over images.
 void print_errors(const std::vector<HeldOutError>& errors);
