@@ -2,10 +2,15 @@
 #include "acquire/bracket_files.h"
 
 #include <OpenImageIO/imageio.h>
+#if REFIELD_HAS_LIBRAW
+#include <libraw/libraw.h>
+#endif
 
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
+#include <cmath>
+#include <memory>
 #include <string_view>
 #include <utility>
 
@@ -22,7 +27,8 @@ namespace {
 std::optional<double> positive_attribute(const OIIO::ImageSpec& spec,
                                          std::initializer_list<const char*> names) {
   for (const char* name : names)
-    if (const float value = spec.get_float_attribute(name, 0.0f); value > 0.0f) return value;
+    if (const float value = spec.get_float_attribute(name, 0.0f); value > 0.0f && std::isfinite(value))
+      return value;
   return std::nullopt;
 }
 
@@ -46,6 +52,25 @@ PixelLayout raw_layout(const OIIO::ImageSpec& spec, const fs::path& path) {
       path, "has the colour filter '" + pattern +
                 "', which is none of RGGB, GRBG, GBRG, BGGR; give its layout with --layout, or develop "
                 "it to a linear 16-bit TIFF");
+}
+
+/// What OpenImageIO does not hand on. Cameras without a stated black level have it in masked pixels, from
+/// which LibRaw takes it when it unpacks the samples.
+std::optional<RawLevels> levels_of_raw([[maybe_unused]] const fs::path& path) {
+#if REFIELD_HAS_LIBRAW
+  const auto raw = std::make_unique<LibRaw>();  // some hundred kilobytes
+  if (raw->open_file(path.c_str()) != LIBRAW_SUCCESS || raw->unpack() != LIBRAW_SUCCESS) return std::nullopt;
+  const libraw_colordata_t& colour = raw->imgdata.color;
+  // One level for all, one for each of four colours, then a repeating pattern of rows × columns.
+  double black = colour.black;
+  for (int c = 0; c < 4; ++c) black += colour.cblack[c] / 4.0;
+  const unsigned pattern = colour.cblack[4] * colour.cblack[5];
+  for (unsigned i = 0; i < pattern && 6 + i < std::size(colour.cblack); ++i)
+    black += colour.cblack[6 + i] / static_cast<double>(pattern);
+  const double saturation = colour.maximum;
+  if (saturation > black) return RawLevels{black, saturation};
+#endif
+  return std::nullopt;
 }
 
 template <class T>
@@ -91,6 +116,7 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   file.frame.width = spec.width;
   file.frame.height = spec.height;
   file.is_raw = std::string_view(input->format_name()) == "raw";
+  if (file.is_raw) file.raw_levels = levels_of_raw(path);
   file.frame.layout = channels == 3 ? PixelLayout::rgb
                       : one_channel ? *one_channel
                       : file.is_raw ? raw_layout(spec, path)

@@ -8,6 +8,12 @@
 
 namespace refield {
 
+/// Levels of a sensor's samples, as its RAW file states them.
+struct RawLevels {
+  double black = 0.0;       ///< without light, mean over the colours
+  double saturation = 0.0;  ///< lowest sample that may be clipped
+};
+
 /// One exposure of a bracketed series, from an ordinary image file.
 struct BracketFile {
   int bits = 0;                     ///< 8 or 16 for integer formats; 0 for float ones
@@ -18,6 +24,7 @@ struct BracketFile {
   std::optional<double> iso;
   bool is_raw =
       false;  ///< a camera's own format: samples of the sensor, not interpolated, black not subtracted
+  std::optional<RawLevels> raw_levels;  ///< RAW: where the file states them and LibRaw was there at the build
 };
 
 /// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or a camera's RAW (DNG, CR2, NEF and so on, by LibRaw

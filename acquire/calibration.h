@@ -80,9 +80,10 @@ Image emitted_above_black(const DriveImage& drive, const MonitorCalibration& mon
 /// A whole image at one drive level.
 DriveImage uniform_drive(int width, int height, std::uint8_t level);
 
-/// All calibrations as a TOML file, see docs/capture-session-format.md. The text holds every digit.
+/// All calibrations that are known as a TOML file, see docs/capture-session-format.md. The text holds every
+/// digit.
 void write_calibration(const std::filesystem::path& path, const CameraCalibration& camera,
-                       const MonitorCalibration& monitor,
+                       const std::optional<MonitorCalibration>& monitor,
                        const std::optional<TimingCalibration>& timing = std::nullopt);
 /// Throw FormatError where a table or key is missing or malformed and InputError where a value is impossible.
 CameraCalibration read_camera_calibration(const std::filesystem::path& path);

@@ -79,7 +79,8 @@ toml::table table_of(const TimingCalibration& timing) {
 }  // namespace
 
 void write_calibration(const fs::path& path, const CameraCalibration& camera,
-                       const MonitorCalibration& monitor, const std::optional<TimingCalibration>& timing) {
+                       const std::optional<MonitorCalibration>& monitor,
+                       const std::optional<TimingCalibration>& timing) {
   toml::table camera_table{{"bits", camera.bits},
                            {"black_level_dn", camera.black_level_dn},
                            {"saturation_dn", camera.saturation_dn},
@@ -91,11 +92,13 @@ void write_calibration(const fs::path& path, const CameraCalibration& camera,
   else
     camera_table.insert("linear_from_dn", array_of(camera.linear_from_dn));
   if (!camera.flat_field.empty()) camera_table.insert("flat_field", table_of(camera.flat_field));
-  toml::table monitor_table;
-  for (int c = 0; c < 3; ++c)
-    monitor_table.insert(channel_names[c], array_of(monitor.radiance_from_level[c]));
-  if (!monitor.uniformity.empty()) monitor_table.insert("uniformity", table_of(monitor.uniformity));
-  toml::table file{{"camera", camera_table}, {"monitor", monitor_table}};
+  toml::table file{{"camera", camera_table}};
+  if (monitor) {
+    toml::table table;
+    for (int c = 0; c < 3; ++c) table.insert(channel_names[c], array_of(monitor->radiance_from_level[c]));
+    if (!monitor->uniformity.empty()) table.insert("uniformity", table_of(monitor->uniformity));
+    file.insert("monitor", table);
+  }
   if (timing) file.insert("timing", table_of(*timing));
   std::ostringstream text;
   text << file << "\n";

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "acquire/import/bracket_merge.h"
+#include "acquire/import/bracket_response.h"
 #include "cli/bracket_options.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
@@ -33,8 +34,11 @@ void hdr(const HdrOptions& options, const Common& common) {
   for (const fs::path& path : bracket.paths)
     if (std::error_code error; fs::equivalent(path, options.output, error))
       throw InputError(options.output.string() + ": is also an input; give another output");
+  BracketCamera camera = options.camera;
+  const std::vector<BracketSamples> samples = {samples_of(bracket)};
+  const std::vector<std::string> notes = settle_response(samples, camera);
   MergeStatistics statistics;
-  const Photograph merged = merge_bracket(bracket, options.camera, &statistics);
+  const Photograph merged = merge_bracket(bracket, camera, &statistics);
   write_photograph(options.output, merged, options.half ? Precision::half : Precision::single);
 
   ordered_json images = ordered_json::array();
@@ -43,11 +47,15 @@ void hdr(const HdrOptions& options, const Common& common) {
                       {"seconds", bracket.exposures[i].count()},
                       {"useful_fraction", statistics.useful_fraction[i]}});
   if (common.json) {
-    std::printf(
-        "%s\n",
-        ordered_json{{"images", images}, {"clipped_fraction", statistics.clipped_fraction}}.dump(2).c_str());
+    std::printf("%s\n", ordered_json{{"images", images},
+                                     {"response_estimated", !camera.curve.empty()},
+                                     {"notes", notes},
+                                     {"clipped_fraction", statistics.clipped_fraction}}
+                            .dump(2)
+                            .c_str());
     return;
   }
+  for (const std::string& note : notes) std::printf("note: %s\n", note.c_str());
   for (const auto& image : images)
     std::printf("%s: %.6g s, useful for %.1f %% of the samples\n", image["file"].get<std::string>().c_str(),
                 image["seconds"].get<double>(), 100.0 * image["useful_fraction"].get<double>());
@@ -63,7 +71,10 @@ void add_hdr(CLI::App& app, const Common& common, Action& action) {
       "hdr",
       "Merge bracketed exposures of one view into a photograph of linear radiance (.exr) with the standard\n"
       "deviation of every sample (channels sigma.R, sigma.G, sigma.B; infinite where all exposures clip).\n"
-      "Radiance 1 fills the range of the images in one second.\n\n"
+      "Radiance 1 fills the range of the images in one second. Exposures that contradict one another are "
+      "refused; "
+      "where\n"
+      "they contradict the assumed response, it is estimated from them (docs/import.md).\n\n"
       "Examples:\n"
       "  refield hdr a.tif b.tif c.tif -o view.exr --exposures 0.01,0.04,0.16\n"
       "  refield hdr 'IMG_*.jpg' -o view.exr                    sRGB files with EXIF exposure times\n"

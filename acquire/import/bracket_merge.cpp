@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <limits>
 
+#include "acquire/import/bracket_response.h"
 #include "acquire/relative_map.h"
 #include "core/errors.h"
 
@@ -143,11 +144,12 @@ Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& ca
         !file.linear.same_shape(first.linear))
       throw InputError(path.string() + ": differs in size, bits or channels from " + paths.front().string() +
                        "; merge exposures of one camera and one view");
-    if (file.is_raw && !fs::is_regular_file(camera.response) && !(camera.black && camera.saturation))
+    if (file.is_raw && !fs::is_regular_file(camera.response) && !file.raw_levels &&
+        !(camera.black && camera.saturation))
       throw InputError(
           path.string() +
-          ": a camera's RAW file does not tell its black and saturation levels here; give --black and "
-          "--saturation, or a calibration with --response");
+          ": does not state its black and saturation levels in a way that is understood here; give "
+          "--black and --saturation, or a calibration with --response");
   }
   bracket.exposures = exposures_of(bracket, exposures);
   return bracket;
@@ -158,7 +160,9 @@ CameraCalibration bracket_calibration(const BracketCamera& camera, int bits) {
   if (fs::is_regular_file(response)) return read_camera_calibration(response);
   CameraCalibration calibration;
   calibration.bits = bits;
-  if (response == "linear") {
+  if (!camera.curve.empty()) {
+    calibration.linear_from_dn = camera.curve;
+  } else if (response == "linear") {
     calibration.linear_from_dn = linear_response(bits);
   } else if (response == "srgb") {
     calibration.linear_from_dn = srgb_response(bits);
@@ -182,7 +186,13 @@ CameraCalibration bracket_calibration(const BracketCamera& camera, int bits) {
   return calibration;
 }
 
-Photograph merge_bracket(Bracket& bracket, const BracketCamera& camera, MergeStatistics* statistics) {
+Photograph merge_bracket(Bracket& bracket, const BracketCamera& given, MergeStatistics* statistics) {
+  BracketCamera camera = given;
+  if (const auto& levels = bracket.files.at(0).raw_levels) {
+    camera.black = camera.black.value_or(levels->black);
+    camera.saturation = camera.saturation.value_or(levels->saturation);
+  }
+  require_brighter_with_time(samples_of(bracket), camera);
   if (bracket.files.at(0).bits == 0) return merge_float_bracket(bracket, camera, statistics);
   std::vector<RawFrame> frames;
   for (std::size_t i = 0; i < bracket.files.size(); ++i) {

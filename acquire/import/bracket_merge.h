@@ -16,10 +16,14 @@ struct BracketCamera {
   /// How samples encode light: "linear", "srgb", "gamma:X" (sample = light^(1/X)) or a calibration.toml.
   /// Empty: srgb for 8 bits, else linear.
   std::string response;
+  std::vector<float>
+      curve;  ///< [2^bits], inverse response estimated from brackets; empty: as `response` says
   std::string
       layout;  ///< of one-channel files: name of a PixelLayout, "bayer" (RGGB); empty: grey, RAW: theirs
-  std::optional<double> black;       ///< without light, in linearised sample units
-  std::optional<double> saturation;  ///< lowest sample that may be clipped
+  /// Of samples without light, in linearised units; nullopt: as RAW files state it, else 0.
+  std::optional<double> black;
+  /// Lowest sample that may be clipped; nullopt: as RAW files state it, else the largest.
+  std::optional<double> saturation;
   double full_scale_electrons = 20000.0;
   double read_noise_electrons = 5.0;
 };
@@ -32,7 +36,8 @@ struct Bracket {
 };
 
 /// Reads the files of a bracket. `exposures`: one for each file, or none: as the files' metadata state them.
-/// Throws InputError when files differ in size, bits, channels or ISO speed, or do not state their exposure.
+/// Throws InputError when files differ in size, bits, channels or ISO speed, or do not state their exposure
+/// or, for RAW files, black and saturation that `camera` does not give, either.
 Bracket read_bracket(const std::vector<std::filesystem::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures = {});
 
@@ -41,7 +46,8 @@ Bracket read_bracket(const std::vector<std::filesystem::path>& paths, const Brac
 CameraCalibration bracket_calibration(const BracketCamera& camera, int bits);
 
 /// Merges a bracket (whose images are moved out of it) by merge_exposures() or, for float files,
-/// merge_linear_exposures(), and divides by the calibration's flat field.
+/// merge_linear_exposures(), and divides by the calibration's flat field. Throws InputError as
+/// require_brighter_with_time().
 Photograph merge_bracket(Bracket& bracket, const BracketCamera& camera,
                          MergeStatistics* statistics = nullptr);
 

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "acquire/calibration.h"
+#include "acquire/import/bracket_response.h"
 #include "acquire/import/import_views.h"
 #include "acquire/import/series_merger.h"
 #include "acquire/scene_mask.h"
@@ -174,21 +175,42 @@ void check(const ImportRequest& request) {
   if (request.photographs.empty()) throw InputError("there is no photograph to import");
   if (request.makes_session() && request.light_content == LightContent::drive_levels &&
       request.monitor.empty())
-    throw InputError("drive levels need the monitor's calibration; give a calibration.toml with --monitor");
+    throw InputError(
+        "drive levels need the monitor's calibration; give a calibration.toml with --monitor-calibration");
   if (!request.makes_session() && request.mask)
     throw InputError("a mask belongs to a session; give --lights as well");
   if (request.makes_session()) check_session_folder(request.folder, request.if_exists);
 }
 
+/// Checks the camera's response against some brackets, spread over the series, and settles it.
+void settle_camera(const std::vector<ImportedView>& views, ImportRequest& request, ImportSummary& summary) {
+  constexpr std::size_t enough = 5;
+  const std::size_t count = std::min(views.size(), enough);
+  std::vector<BracketSamples> brackets;
+  Progress progress("checking the response", count);
+  for (std::size_t i = 0; i < count; ++i) {
+    throw_if_interrupted();
+    brackets.push_back(samples_of(
+        read_bracket(views[i * views.size() / count].bracket.paths, request.camera, request.exposures)));
+    progress.advance();
+  }
+  if (std::ranges::any_of(brackets, [&](const auto& other) { return other.bits != brackets[0].bits; }))
+    return;  // the merge will name the file
+  summary.notes = settle_response(brackets, request.camera);
+  summary.response_estimated = !request.camera.curve.empty();
+}
+
 }  // namespace
 
-ImportSummary import_series(const ImportRequest& request) {
-  check(request);
+ImportSummary import_series(const ImportRequest& given) {
+  check(given);
+  ImportRequest request = given;
+  ImportSummary summary;
   const auto views = views_of(request);
+  settle_camera(views, request, summary);
   // What is wrong with the options shows in the first photograph, before anything is written.
   SeriesMerger(request).merge(views.front().bracket.paths, false);
   if (request.makes_session()) emitted(request, views.front().light);
-  ImportSummary summary;
   summary.photographs = views.size();
   summary.timed = static_cast<std::size_t>(
       std::ranges::count_if(views, [](const auto& view) { return view.time.has_value(); }));

@@ -27,7 +27,8 @@ struct ImportRequest {
   BracketCamera camera;
   std::vector<Seconds> exposures;  ///< of a bracket's files, in order; empty: as their metadata state them
   std::vector<std::filesystem::path>
-      ambient;  ///< files of one bracket, taken out of the photographs; may be empty
+      ambient;                 ///< files of one bracket, taken out of the photographs; may be empty
+  bool ambient_first = false;  ///< the first bracket is the ambient one
   /// Lights, in the order of their names; empty: photographs are merged, and no session is made.
   std::vector<std::filesystem::path> lights;
   /// The n-th light belongs to the n-th bracket; else the light NAME.* to the bracket NAME.
@@ -51,13 +52,16 @@ struct ImportSummary {
   std::vector<Seconds> exposures;       ///< of the first bracket
   std::vector<double> useful_fraction;  ///< [exposures], mean over this run's photographs; empty when none
   double clipped_fraction = 0.0;
-  std::size_t timed = 0;  ///< photographs whose time is known
+  std::size_t timed = 0;            ///< photographs whose time is known
+  bool response_estimated = false;  ///< from the brackets, which contradicted the assumed one
+  std::vector<std::string> notes;   ///< what the user should know of the camera's response and the times
 };
 
 /// Merges bracketed exposures to photographs of linear radiance. With lights: into a capture session
 /// (illumination/, observed/, ambient light subtracted), resumable like any capture; roles by the lights'
 /// names: test…, reference…, all others train. Without: as NAME.exr into a folder, with times.tsv, for
-/// match_series() or probe_light(). Throws InputError, FormatError or DeviceError naming the file.
+/// match_series() or probe_light(). Before, some brackets are checked by settle_response(). Throws
+/// InputError, FormatError or DeviceError naming the file.
 ImportSummary import_series(const ImportRequest& request);
 
 }  // namespace refield

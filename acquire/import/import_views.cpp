@@ -45,10 +45,12 @@ std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups
 std::vector<ImportedView> with_lights_by_order(const ImportRequest& request,
                                                const std::vector<BracketGroup>& groups) {
   if (groups.size() != request.lights.size())
-    throw InputError(std::to_string(groups.size()) + " brackets (the last begins with " +
-                     groups.back().paths.front().string() + ") but " + std::to_string(request.lights.size()) +
-                     " lights (the last is " + request.lights.back().string() +
-                     "); give as many of each, or pair them by name with --pattern");
+    throw InputError(
+        std::to_string(groups.size()) + " brackets (the last begins with " +
+        groups.back().paths.front().string() + ") but " + std::to_string(request.lights.size()) +
+        " lights (the last is " + request.lights.back().string() +
+        "); give as many of each (--ambient-first takes the first bracket out), pair them by name "
+        "with --pattern, or by time with 'refield acquire match'");
   std::vector<ImportedView> views;
   for (std::size_t i = 0; i < groups.size(); ++i)
     views.push_back({groups[i], request.lights[i].stem().string(), request.lights[i], {}});
@@ -77,8 +79,17 @@ std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
 
 }  // namespace
 
-std::vector<ImportedView> views_of(const ImportRequest& request) {
-  const auto groups = group(request);
+std::vector<ImportedView> views_of(ImportRequest& request) {
+  auto groups = group(request);
+  if (request.ambient_first) {
+    if (!request.ambient.empty())
+      throw InputError("the ambient photographs are given twice: give --ambient or --ambient-first");
+    if (groups.size() < 2)
+      throw InputError(groups.front().paths.front().string() +
+                       ": is the only bracket; besides the ambient one there must be others");
+    request.ambient = groups.front().paths;
+    groups.erase(groups.begin());
+  }
   std::vector<ImportedView> views = !request.makes_session()  ? without_lights(groups)
                                     : request.lights_by_order ? with_lights_by_order(request, groups)
                                                               : with_lights_by_name(request, groups);

@@ -18,9 +18,10 @@ struct ImportedView {
   std::optional<ClockSeconds> time;
 };
 
-/// The request's photographs in brackets, each with its light where a session is made. Throws InputError
-/// naming the file when brackets and lights do not belong together or two views would have one name.
-std::vector<ImportedView> views_of(const ImportRequest& request);
+/// The request's photographs in brackets, each with its light where a session is made. With `ambient_first`
+/// the first bracket becomes the request's ambient one. Throws InputError naming the file when brackets and
+/// lights do not belong together or two views would have one name.
+std::vector<ImportedView> views_of(ImportRequest& request);
 
 /// Role of the frame `name`, the `place`th of the session.
 FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/calibrate.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -8,12 +10,16 @@
 #include <optional>
 #include <string>
 
+#include "acquire/import/bracket_response.h"
+#include "acquire/import/import_views.h"
 #include "cli/acquire/calibration_page.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/interrupt.h"
+#include "core/progress.h"
 #include "simulate/virtual_rig.h"
 
 namespace refield::cli {
@@ -25,6 +31,10 @@ using nlohmann::ordered_json;
 struct CalibrateVerbOptions {
   fs::path session;
   fs::path recipe;
+  std::vector<std::string> photographs;
+  std::string pattern;
+  int count = 0;
+  std::vector<double> exposures;
   fs::path truth;
   fs::path output;
   fs::path page;
@@ -101,7 +111,11 @@ void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
   std::printf("display: light changes %.1f ms after a flip and stands still %.1f ms after it\n",
               1e3 * rig.timing.display_latency.count(),
               1e3 * (rig.timing.display_latency + rig.timing.display_settling).count());
-  std::printf("camera: settings act after %d frames\n", rig.timing.control_latency_frames);
+  if (rig.timing.control_latency_frames == 0)
+    std::printf("camera: a new exposure or gain acts on the next frame that begins\n");
+  else
+    std::printf("camera: a new exposure or gain acts on the frame after the next %d\n",
+                rig.timing.control_latency_frames);
   if (rig.timing.exposure_unit.count() > 0.0)
     std::printf("exposures: whole multiples of %.4g ms\n", 1e3 * rig.timing.exposure_unit.count());
   else
@@ -138,11 +152,87 @@ RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const C
   return calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options);
 }
 
+/// At most twenty of the brackets, evenly spread.
+std::vector<BracketSamples> brackets_of(const CalibrateVerbOptions& given) {
+  ImportRequest request;
+  request.photographs = expand_globs(given.photographs);
+  request.rule = {given.pattern, given.count};
+  for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
+  const auto views = views_of(request);
+  constexpr std::size_t enough = 20;
+  const std::size_t count = std::min(views.size(), enough);
+  std::vector<BracketSamples> brackets;
+  Progress progress("reading photographs", count);
+  for (std::size_t i = 0; i < count; ++i) {
+    throw_if_interrupted();
+    const auto& paths = views[i * views.size() / count].bracket.paths;
+    brackets.push_back(samples_of(read_bracket(paths, {}, request.exposures)));
+    const BracketSamples& bracket = brackets.back();
+    if (bracket.is_sensor || bracket.bits == 0)
+      throw InputError(
+          paths.front().string() +
+          ": RAW and float files are proportional to light and need no curve; import them as they are");
+    if (bracket.bits != brackets.front().bits)
+      throw InputError(paths.front().string() + ": has other bits than the files before; give one kind");
+    if (bracket.seconds.size() < 2)
+      throw InputError(paths.front().string() +
+                       ": is one exposure alone; photograph each view with two or more exposure times");
+    require_brighter_with_time(bracket, {});
+    progress.advance();
+  }
+  return brackets;
+}
+
+double spread_under(const std::vector<BracketSamples>& brackets, const BracketCamera& camera) {
+  double squares = 0.0;
+  for (const BracketSamples& bracket : brackets)
+    squares += std::pow(compare_exposures(bracket, camera).spread, 2) / static_cast<double>(brackets.size());
+  return std::sqrt(squares);
+}
+
+void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common& common) {
+  if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
+  if (fs::exists(given.output) && !given.force)
+    throw InputError(given.output.string() + ": exists; give --force to replace it, or another name");
+  const auto brackets = brackets_of(given);
+  const ResponseEstimate estimate = estimate_response(brackets);
+  BracketCamera camera;
+  const double assumed = spread_under(brackets, camera);
+  camera.curve = estimate.linear_from_dn;
+  const double estimated = spread_under(brackets, camera);
+  CameraCalibration calibration = bracket_calibration(camera, brackets.front().bits);
+  // Saturation was not measured; cameras bend samples below full scale.
+  calibration.saturation_dn =
+      std::floor((1.0 - with_unmeasured_saturation.clip_margin) * calibration.saturation_dn);
+  write_calibration(given.output, calibration, std::nullopt);
+  if (common.json) {
+    std::printf("%s\n", ordered_json{{"brackets", brackets.size()},
+                                     {"places", estimate.places},
+                                     {"residual", estimate.residual},
+                                     {"disagreement_assumed", assumed},
+                                     {"disagreement", estimated}}
+                            .dump(2)
+                            .c_str());
+    return;
+  }
+  std::printf("%s: response estimated from %zu samples of %zu brackets\n", given.output.c_str(),
+              estimate.places, brackets.size());
+  std::printf("exposures disagree by %.1f %% under it, by %.1f %% under %s\n", 100.0 * estimated,
+              100.0 * assumed, brackets.front().bits == 8 ? "sRGB" : "a linear response");
+  std::printf("noise figures are not measured; the defaults of 'refield acquire import' are in the file\n");
+}
+
 void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
+  if (!given.photographs.empty()) {
+    calibrate_from_photographs(given, common);
+    return;
+  }
   std::optional<SessionFile> session;
   if (!given.session.empty()) session = read_session_file(given.session);
   if (session.has_value() != given.recipe.empty())
-    throw InputError("give either a session file, which names the devices, or --virtual with a recipe");
+    throw InputError(
+        "give a session file, which names the devices ('refield acquire init' writes one), --virtual with a "
+        "recipe, or --from-photographs");
   if (given.output.empty() && session) given.output = session->calibration;
   if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
   if (given.page.empty()) given.page = fs::path(given.output).replace_extension(".html");
@@ -189,6 +279,12 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
       "                                                                  the calibration file that it names, "
       "too\n"
       "  refield acquire calibrate --virtual recipe.toml --truth truth -o calibration.toml\n"
+      "  refield acquire calibrate --from-photographs brackets -o camera.toml\n"
+      "                                                                  only the response of a camera that "
+      "is "
+      "not driven\n"
+      "                                                                  from here, from bracketed JPEG "
+      "files\n"
       "  refield acquire calibrate … --target card -o lens.toml          vignetting: plain white card, out "
       "of focus\n"
       "  refield acquire calibrate … --target screen --flat-field lens.toml -o rig.toml\n"
@@ -198,6 +294,24 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
                                           "Session file (.toml) of 'refield acquire run', for its devices");
   verb->add_option("--virtual", options->recipe, "Instead: recipe (.toml) of a virtual rig")
       ->excludes(session);
+  CLI::Option* photographs =
+      verb->add_option(
+              "--from-photographs", options->photographs,
+              "Instead: bracketed photographs of still views (folders, files or quoted patterns), from\n"
+              "which the camera's response curve is estimated, for 'refield acquire import --response'")
+          ->excludes(session);
+  verb->add_option("--pattern", options->pattern,
+                   "With --from-photographs: file names, as for 'refield acquire import'")
+      ->needs(photographs);
+  verb->add_option("--count", options->count, "With --from-photographs: so many files make a bracket")
+      ->check(CLI::PositiveNumber)
+      ->needs(photographs);
+  verb->add_option(
+          "--exposures", options->exposures,
+          "With --from-photographs: exposure times of a bracket's files in seconds, separated by commas\n"
+          "(default: as the files' metadata state them)")
+      ->delimiter(',')
+      ->needs(photographs);
   verb->add_option(
       "--truth", options->truth,
       "With --virtual: folder that 'refield simulate' made from the recipe (default: traced first)");

@@ -65,6 +65,8 @@ ordered_json figures_of(const ImportSummary& summary) {
           {"taken_over", summary.found_done},
           {"with_time", summary.timed},
           {"exposures", exposures},
+          {"response_estimated", summary.response_estimated},
+          {"notes", summary.notes},
           {"clipped_fraction", summary.clipped_fraction}};
 }
 
@@ -72,6 +74,7 @@ void print(const ImportSummary& summary, const fs::path& folder) {
   std::printf("%s: %zu photographs", folder.c_str(), summary.photographs);
   if (summary.found_done > 0) std::printf(", %zu steps of an earlier run taken over", summary.found_done);
   std::printf("; %zu state when they were taken\n", summary.timed);
+  for (const std::string& note : summary.notes) std::printf("note: %s\n", note.c_str());
   if (summary.useful_fraction.empty()) return;
   std::printf("exposures:");
   for (std::size_t i = 0; i < summary.exposures.size(); ++i)
@@ -115,7 +118,9 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       "  refield acquire import shots --lights shown --lights-hold drive --count 4 --ambient 'dark/*.tif' "
       "\\\n"
       "      --response calibration.toml -o session\n"
-      "  refield acquire import roof -o roof-hdr --black 512 --saturation 15800        cameras' RAW files\n");
+      "  refield acquire import shots --lights patterns --ambient-first -o session     shown by 'acquire "
+      "show'\n"
+      "  refield acquire import roof -o roof-hdr                                       cameras' RAW files\n");
   verb->add_option("photographs", options->photographs, "Photographs: folders, files or quoted patterns")
       ->required();
   verb->add_option("-o,--output", request.folder, "Session folder, or folder for photographs")->required();
@@ -139,7 +144,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       ->check(CLI::IsMember({"radiance", "drive"}))
       ->capture_default_str();
   verb->add_option(
-      "--monitor", request.monitor,
+      "--monitor-calibration", request.monitor,
       "calibration.toml with the monitor's tone curve, for drive levels (default: that of --response)");
   verb->add_option("--parameterisation", options->parameterisation,
                    "Of the light maps: monitor, lat_long or cube")
@@ -147,6 +152,8 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
   verb->add_option(
       "--ambient", options->ambient,
       "Photographs of the ambient light, one bracket: folder or quoted pattern; subtracted from all");
+  verb->add_flag("--ambient-first", request.ambient_first,
+                 "The first bracket is the ambient light, as 'refield acquire show' begins with black");
   verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
   verb->add_option(
           "--test-every", request.test_every,

@@ -189,7 +189,7 @@ TEST_F(Import, LightsMayBeDriveLevels) {
     levels.lights.push_back(file);
   }
   levels.light_content = LightContent::drive_levels;
-  EXPECT_THAT(message(levels), HasSubstr("--monitor"));
+  EXPECT_THAT(message(levels), HasSubstr("--monitor-calibration"));
   levels.monitor = at("session/calibration.toml");
   import_series(levels);
   expect_equal(out_ / "imported", at("session"));

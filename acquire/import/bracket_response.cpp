@@ -1,0 +1,472 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/import/bracket_response.h"
+
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+
+#include "acquire/calibrate/monotone_curve.h"
+#include "core/errors.h"
+#include "core/tone_map.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr std::size_t max_samples = 30000;  // of an exposure
+constexpr double another_exposure = 1.1;    // ratio of times from which on two exposures are compared
+constexpr double tolerated_spread = 0.05;   // 8-bit files of a camera with the sRGB curve: below 0.02
+constexpr double tolerated_factor = 0.10;   // 1/15, 1/30, 1/60 s stand for 1/16, 1/32, 1/64 s: up to 0.07
+constexpr double share_of_range_clipped = 0.96;  // cameras bend samples below full scale
+
+std::string digits(double value, int significant = 3) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.*g", significant, value);
+  return text;
+}
+
+std::string percent(double share) {
+  return digits(100.0 * share, share < 0.1 ? 2 : 3) + " %";
+}
+
+double range_of(const BracketSamples& bracket) {
+  return bracket.bits == 0 ? 1.0 : static_cast<double>((1 << bracket.bits) - 1);
+}
+
+/// From where on samples are left out as clipped: below what the files hold at most, for the level at which
+/// they clip may lie below full scale (12 bits in 16).
+double clip_level_of(const BracketSamples& bracket, const BracketCamera& camera) {
+  double highest = 0.0;
+  for (const auto& exposure : bracket.values)
+    for (const float value : exposure) highest = std::max(highest, static_cast<double>(value));
+  const double stated = camera.saturation.value_or(
+      fs::is_regular_file(camera.response) ? read_camera_calibration(camera.response).saturation_dn
+                                           : range_of(bracket));
+  return share_of_range_clipped * std::min(stated, highest);
+}
+
+/// Stored samples to light above black, as a share of the range.
+class Linearisation {
+ public:
+  Linearisation(const BracketSamples& bracket, const BracketCamera& camera) {
+    if (bracket.bits == 0) {
+      black_ = camera.black.value_or(0.0);
+      range_ = camera.saturation.value_or(1.0) - black_;
+      return;
+    }
+    const CameraCalibration calibration = bracket_calibration(camera, bracket.bits);
+    table_ = calibration.linear_from_dn;
+    black_ = calibration.black_level_dn;
+    range_ = table_[static_cast<std::size_t>(calibration.saturation_dn)] - black_;
+  }
+  double operator()(float value) const {
+    const double linear =
+        table_.empty() ? value
+                       : table_[std::min(static_cast<std::size_t>(std::max(0.0f, value)), table_.size() - 1)];
+    return (linear - black_) / range_;
+  }
+
+ private:
+  std::vector<float> table_;
+  double black_ = 0.0;
+  double range_ = 1.0;
+};
+
+/// Mean without the outer tenths: movement and noise do little to it.
+double trimmed_mean(std::vector<double> values) {
+  std::ranges::sort(values);
+  const std::size_t cut = values.size() / 10;
+  const auto first = values.begin() + static_cast<std::ptrdiff_t>(cut);
+  const auto last = values.end() - static_cast<std::ptrdiff_t>(cut);
+  return std::accumulate(first, last, 0.0) / static_cast<double>(last - first);
+}
+
+/// Log of the radiance by exposure `i + 1` over that by exposure `i`, in classes of brightness.
+struct PairComparison {
+  std::vector<double> log_ratio;  ///< of each class with enough samples
+  std::size_t compared = 0;
+};
+
+PairComparison compare_pair(const BracketSamples& bracket, std::size_t i, const Linearisation& linear,
+                            double clipped) {
+  constexpr int classes = 12;
+  constexpr std::size_t enough = 40;
+  constexpr double darkest = 0.01;  // of the range: below, rounding and black level count
+  const double ratio = bracket.seconds[i + 1] / bracket.seconds[i];
+  const double darkest_longer = darkest * ratio;
+  std::array<std::vector<double>, classes> found;
+  for (std::size_t s = 0; s < bracket.values[i].size(); ++s) {
+    const float longer_value = bracket.values[i + 1][s];
+    if (longer_value >= clipped || bracket.values[i][s] >= clipped) continue;
+    // Classes by the longer exposure alone: choosing by the shorter, noisier one would bias the mean.
+    const double longer = linear(longer_value), shorter = linear(bracket.values[i][s]);
+    if (!(longer >= darkest_longer && longer < 1.0)) continue;
+    const double place = std::log(longer / darkest_longer) / std::log(1.0 / darkest_longer);
+    found[std::min(classes - 1, static_cast<int>(place * classes))].push_back(
+        std::log(longer / (std::max(shorter, 0.1 * darkest) * ratio)));
+  }
+  PairComparison comparison;
+  for (auto& values : found)
+    if (values.size() >= enough) {
+      comparison.compared += values.size();
+      comparison.log_ratio.push_back(trimmed_mean(std::move(values)));
+    }
+  return comparison;
+}
+
+}  // namespace
+
+BracketSamples samples_of(const Bracket& bracket) {
+  BracketSamples samples;
+  const BracketFile& first = bracket.files.at(0);
+  samples.bits = first.bits;
+  samples.is_sensor =
+      first.is_raw || (first.frame.layout != PixelLayout::rgb && first.frame.layout != PixelLayout::grey);
+  std::vector<std::size_t> order(bracket.files.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return bracket.exposures[i]; });
+  for (const std::size_t i : order) {
+    const BracketFile& file = bracket.files[i];
+    const std::size_t size = file.bits == 0 ? file.linear.values.size() : file.frame.samples.size();
+    // An odd step, no multiple of 3: all channels and all colours of a Bayer pattern.
+    std::size_t step = std::max<std::size_t>(1, size / max_samples) | 1;
+    while (step % 3 == 0) step += 2;
+    std::vector<float>& values = samples.values.emplace_back();
+    for (std::size_t s = 0; s < size; s += step)
+      values.push_back(file.bits == 0 ? file.linear.values[s] : static_cast<float>(file.frame.samples[s]));
+    samples.paths.push_back(bracket.paths[i]);
+    samples.seconds.push_back(bracket.exposures[i].count());
+  }
+  return samples;
+}
+
+void require_brighter_with_time(const BracketSamples& bracket, const BracketCamera& camera) {
+  constexpr std::size_t enough = 100;
+  constexpr double lit = 0.05;  // of the highest: below, noise decides
+  const double clipped = clip_level_of(bracket, camera);
+  for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
+    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
+    std::vector<float> growth;
+    for (std::size_t s = 0; s < bracket.values[i].size(); ++s) {
+      const float shorter = bracket.values[i][s], longer = bracket.values[i + 1][s];
+      if (std::max(shorter, longer) >= lit * clipped && std::max(shorter, longer) < clipped)
+        growth.push_back(longer - shorter);
+    }
+    if (growth.size() < enough) continue;
+    const auto middle = growth.begin() + static_cast<std::ptrdiff_t>(growth.size() / 2);
+    std::ranges::nth_element(growth, middle);
+    if (*middle > 0.0f) continue;
+    throw InputError(bracket.paths[i + 1].string() + ": is " + (*middle < 0.0f ? "darker" : "no brighter") +
+                     " than " + bracket.paths[i].string() + ", though its exposure time is " +
+                     digits(bracket.seconds[i + 1], 6) + " s instead of " + digits(bracket.seconds[i], 6) +
+                     " s; the times are swapped or wrong, or one photograph was given twice: correct "
+                     "--exposures or the files");
+  }
+}
+
+ExposureAgreement compare_exposures(const BracketSamples& bracket, const BracketCamera& camera) {
+  const Linearisation linear(bracket, camera);
+  const double clipped = clip_level_of(bracket, camera);
+  ExposureAgreement agreement;
+  double squares = 0.0, count = 0.0;
+  for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
+    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
+    const PairComparison pair = compare_pair(bracket, i, linear, clipped);
+    if (pair.log_ratio.empty()) continue;
+    agreement.compared += pair.compared;
+    const auto classes = static_cast<double>(pair.log_ratio.size());
+    const double common = std::accumulate(pair.log_ratio.begin(), pair.log_ratio.end(), 0.0) / classes;
+    for (const double ratio : pair.log_ratio) squares += (ratio - common) * (ratio - common);
+    count += classes;
+    if (std::abs(common) > std::abs(std::log(agreement.factor))) {
+      agreement.factor = std::exp(common);
+      agreement.shorter = i;
+      agreement.longer = i + 1;
+    }
+  }
+  agreement.spread = count > 0.0 ? std::expm1(std::sqrt(squares / count)) : 0.0;
+  return agreement;
+}
+
+namespace {
+
+/// A scene point that several exposures hold.
+struct ScenePoint {
+  double brightness;
+  std::size_t bracket, sample;
+};
+
+constexpr double darkest_share = 2.0 / 255.0;  // of the range: darker samples say little for their rounding
+constexpr double brightest_share = 252.0 / 255.0;  // cameras bend what is above
+
+bool is_usable(double value, double full) {
+  return value > darkest_share * full && value < brightest_share * full;
+}
+
+/// Points of all brightnesses alike: most of a frame may be dark.
+std::vector<ScenePoint> points_of(std::span<const BracketSamples> brackets) {
+  constexpr std::size_t levels = 64, max_points_of_level = 100;
+  const double full = range_of(brackets.front());
+  std::array<std::vector<ScenePoint>, levels> by_level;
+  for (std::size_t b = 0; b < brackets.size(); ++b)
+    for (std::size_t s = 0; s < brackets[b].values.front().size(); ++s) {
+      double sum = 0.0;
+      int usable = 0;
+      for (const auto& exposure : brackets[b].values)
+        if (is_usable(exposure[s], full)) {
+          sum += exposure[s];
+          ++usable;
+        }
+      if (usable >= 2)
+        by_level[static_cast<std::size_t>(sum / usable / full * levels)].push_back({sum / usable, b, s});
+    }
+  std::vector<ScenePoint> points;
+  for (const auto& level : by_level) {
+    const std::size_t count = std::min(level.size(), max_points_of_level);
+    for (std::size_t k = 0; k < count; ++k) points.push_back(level[k * level.size() / count]);
+  }
+  return points;
+}
+
+/// Log of an inverse response: that of sRGB plus hat functions over the encoded range.
+class LogResponse {
+ public:
+  static constexpr int knots = 33;
+
+  /// Weighted least squares for the coefficients, the light of each point eliminated.
+  void fit(std::span<const BracketSamples> brackets, std::span<const ScenePoint> points, double full) {
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(knots, knots);
+    Eigen::VectorXd right = Eigen::VectorXd::Zero(knots);
+    std::vector<Row> rows;
+    for (const ScenePoint& point : points) {
+      rows_of(brackets[point.bracket], point.sample, full, rows);
+      Eigen::VectorXd mean = Eigen::VectorXd::Zero(knots);
+      double total = 0.0, mean_value = 0.0;
+      for (const Row& row : rows) {
+        total += row.weight;
+        mean_value += row.weight * row.value;
+        mean(row.knot) += row.weight * (1.0 - row.above);
+        mean(row.knot + 1) += row.weight * row.above;
+      }
+      for (const Row& row : rows) {
+        Eigen::VectorXd a = -mean / total;
+        a(row.knot) += 1.0 - row.above;
+        a(row.knot + 1) += row.above;
+        normal.noalias() += row.weight * a * a.transpose();
+        right += row.weight * (row.value - mean_value / total) * a;
+      }
+    }
+    // Exposure times of one ratio leave free any function that repeats with that ratio of light: smoothness
+    // decides there, and is weak beside what the data tell.
+    const double data = normal.trace() / knots;
+    constexpr double smoothness = 0.1, flatness = 1e-6;
+    for (int k = 0; k + 2 < knots; ++k) {
+      Eigen::VectorXd bend = Eigen::VectorXd::Zero(knots);
+      bend.segment<3>(k) = Eigen::Vector3d(1.0, -2.0, 1.0);
+      normal += smoothness * data * bend * bend.transpose();
+    }
+    for (int k = 0; k + 1 < knots; ++k) {
+      Eigen::VectorXd slope = Eigen::VectorXd::Zero(knots);
+      slope.segment<2>(k) = Eigen::Vector2d(-1.0, 1.0);
+      normal += flatness * data * slope * slope.transpose();
+    }
+    normal(knots - 1, knots - 1) += data;  // the scale is free
+    coefficients_ = normal.ldlt().solve(right);
+  }
+
+  double light(double share) const {
+    const auto [knot, above] = place_of(share);
+    return linear_from_srgb(static_cast<float>(share)) *
+           std::exp(coefficients_(knot) * (1.0 - above) + coefficients_(knot + 1) * above);
+  }
+
+  /// RMS of the samples about the curve, relative.
+  double residual(std::span<const BracketSamples> brackets, std::span<const ScenePoint> points,
+                  double full) const {
+    double squares = 0.0, count = 0.0;
+    for (const ScenePoint& point : points) {
+      const BracketSamples& bracket = brackets[point.bracket];
+      double first = 0.0;
+      for (std::size_t i = 0; i < bracket.values.size(); ++i) {
+        const double value = bracket.values[i][point.sample];
+        if (!is_usable(value, full)) continue;
+        const double radiance = light(value / full) / bracket.seconds[i];
+        if (first > 0.0) {
+          squares += std::pow(std::log(radiance / first), 2);
+          count += 1.0;
+        } else {
+          first = radiance;
+        }
+      }
+    }
+    return std::sqrt(squares / std::max(count, 1.0));
+  }
+
+ private:
+  struct Row {
+    int knot;
+    double above;  // share of the next knot
+    double value, weight;
+  };
+  struct Place {
+    int knot;
+    double above;
+  };
+
+  static Place place_of(double share) {
+    const double x = std::clamp(share, 0.0, 1.0) * (knots - 1);
+    const int knot = std::min(static_cast<int>(x), knots - 2);
+    return {knot, x - knot};
+  }
+
+  void rows_of(const BracketSamples& bracket, std::size_t sample, double full, std::vector<Row>& rows) const {
+    constexpr double noise = 1.0 / 255.0;  // of the range: rounding, noise, compression
+    constexpr double unevenness = 0.01;    // of light: shutters are no more exact
+    rows.clear();
+    for (std::size_t i = 0; i < bracket.values.size(); ++i) {
+      const double value = bracket.values[i][sample];
+      if (!is_usable(value, full)) continue;
+      const double share = value / full;
+      const double log_light = std::log(linear_from_srgb(static_cast<float>(share)));
+      const double log_slope =
+          (std::log(linear_from_srgb(static_cast<float>(share + 0.002))) - log_light) / 0.002;
+      const auto [knot, above] = place_of(share);
+      rows.push_back({knot, above, std::log(bracket.seconds[i]) - log_light,
+                      1.0 / (std::pow(noise * log_slope, 2) + unevenness * unevenness)});
+    }
+  }
+
+  Eigen::VectorXd coefficients_ = Eigen::VectorXd::Zero(knots);
+};
+
+}  // namespace
+
+ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
+  const double full = range_of(brackets.front());
+  const std::vector<ScenePoint> points = points_of(brackets);
+  double darkest = 1.0, brightest = 0.0;
+  for (const ScenePoint& point : points)
+    for (const auto& exposure : brackets[point.bracket].values)
+      if (const double value = exposure[point.sample]; is_usable(value, full)) {
+        darkest = std::min(darkest, value / full);
+        brightest = std::max(brightest, value / full);
+      }
+  constexpr std::size_t enough = 300;
+  constexpr double dark_enough = 0.25, bright_enough = 0.8;
+  if (points.size() < enough || darkest > dark_enough || brightest < bright_enough)
+    throw InputError("the camera's response cannot be estimated: " + std::to_string(points.size()) +
+                     " samples that two exposures hold reach from " + percent(darkest) + " to " +
+                     percent(brightest) +
+                     " of the range; photograph a view with darks and brights, with more exposures");
+  LogResponse response;
+  response.fit(brackets, points, full);
+  ResponseEstimate estimate;
+  estimate.places = points.size();
+  estimate.residual = response.residual(brackets, points, full);
+  std::vector<double> light;
+  for (double value = 0.0; value <= full; value += 1.0) light.push_back(response.light(value / full));
+  light = never_falling(std::move(light));
+  for (const double value : light)
+    estimate.linear_from_dn.push_back(static_cast<float>(full * value / light.back()));
+  return estimate;
+}
+
+namespace {
+
+ExposureAgreement worst_agreement(std::span<const BracketSamples> brackets, const BracketCamera& camera,
+                                  std::size_t& worst) {
+  ExposureAgreement result;
+  double squares = 0.0, weights = 0.0;
+  for (std::size_t b = 0; b < brackets.size(); ++b) {
+    const ExposureAgreement one = compare_exposures(brackets[b], camera);
+    squares += one.spread * one.spread * static_cast<double>(one.compared);
+    weights += static_cast<double>(one.compared);
+    result.compared += one.compared;
+    if (std::abs(std::log(one.factor)) > std::abs(std::log(result.factor))) {
+      worst = b;
+      result.factor = one.factor;
+      result.shorter = one.shorter;
+      result.longer = one.longer;
+    }
+  }
+  result.spread = weights > 0.0 ? std::sqrt(squares / weights) : 0.0;
+  return result;
+}
+
+std::string name_of_response(const BracketCamera& camera, int bits) {
+  if (!camera.response.empty()) return "'" + camera.response + "'";
+  return bits == 8 ? "the sRGB curve" : "a linear response";
+}
+
+}  // namespace
+
+std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera) {
+  std::vector<std::string> notes;
+  for (const BracketSamples& bracket : brackets) require_brighter_with_time(bracket, camera);
+  const BracketSamples& first = brackets.front();
+  const bool assumed = camera.response.empty() && !first.is_sensor && first.bits > 0;
+  const bool several = std::ranges::any_of(brackets, [](const BracketSamples& bracket) {
+    return bracket.seconds.back() >= another_exposure * bracket.seconds.front();
+  });
+  if (!several) {
+    if (assumed && first.bits == 8)
+      notes.emplace_back(
+          "8-bit files with one exposure per view are taken to have the sRGB curve, which one exposure "
+          "cannot "
+          "confirm; a camera's contrast curve makes errors of 20 % and more. Photograph brackets, or give "
+          "the "
+          "camera's curve with --response (docs/import.md)");
+    return notes;
+  }
+  std::size_t worst = 0;
+  const ExposureAgreement before = worst_agreement(brackets, camera, worst);
+  const double off = std::abs(before.factor - 1.0);
+  if (before.spread <= tolerated_spread) {
+    if (off > tolerated_factor) {
+      const BracketSamples& bracket = brackets[worst];
+      const double stated = bracket.seconds[before.longer] / bracket.seconds[before.shorter];
+      notes.push_back(bracket.paths[before.longer].string() + ": was exposed " + digits(stated) +
+                      " times as long as " + bracket.paths[before.shorter].filename().string() +
+                      " by the stated times, but is " + digits(stated * before.factor) +
+                      " times as bright; check --exposures, ISO speed and aperture");
+    }
+    return notes;
+  }
+  const std::string wrong =
+      "the exposures contradict " + name_of_response(camera, first.bits) + " by " + percent(before.spread);
+  if (!assumed || camera.black) {
+    notes.push_back(wrong +
+                    (first.bits == 0 || first.is_sensor
+                         ? "; check exposure times, black level, movement and flicker"
+                         : "; leave --response and --black out, or estimate the curve with 'refield acquire "
+                           "calibrate --from-photographs'; check also exposure times, movement and flicker"));
+    return notes;
+  }
+  BracketCamera estimated = camera;
+  try {
+    estimated.curve = estimate_response(brackets).linear_from_dn;
+  } catch (const InputError& error) {
+    notes.push_back(wrong + ", and " + error.what());
+    return notes;
+  }
+  const ExposureAgreement after = worst_agreement(brackets, estimated, worst);
+  if (after.spread > std::max(tolerated_spread, 0.5 * before.spread)) {
+    notes.push_back(wrong + ", and no response curve brings them nearer than " + percent(after.spread) +
+                    "; check exposure times, automatic white balance, local contrast, movement and flicker");
+    return notes;
+  }
+  camera.curve = std::move(estimated.curve);
+  notes.push_back(
+      wrong + ": the camera applies a contrast curve of its own. Its response was estimated from " +
+      std::to_string(brackets.size()) + (brackets.size() == 1 ? " bracket" : " brackets") +
+      ", and the exposures now agree to " + percent(after.spread) + "; --response overrules the estimate");
+  return notes;
+}
+
+}  // namespace refield
