@@ -15,6 +15,7 @@
 #include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/image_io.h"
 #include "core/interrupt.h"
 #include "core/progress.h"
 
@@ -62,10 +63,15 @@ std::vector<SeriesFile> read_series(const std::string& pattern) {
   const fs::path folder = folder_of(pattern);
   const auto times = read_times(folder);
   std::vector<SeriesFile> series;
+  std::size_t unlisted = 0;
   for (const GlobMatch& match : expand_glob(pattern)) {
     SeriesFile file{match.path, 0.0, ""};
     const auto listed = times.find(match.path.stem().string());
     const auto time = listed != times.end() ? std::optional(listed->second) : capture_time(match.path);
+    if (!time && !times.empty()) {  // not photographed, or not shown
+      ++unlisted;
+      continue;
+    }
     if (!time)
       throw InputError(match.path.string() +
                        ": when it was taken stands neither in its metadata nor in its name; list it in " +
@@ -73,6 +79,9 @@ std::vector<SeriesFile> read_series(const std::string& pattern) {
     file.time = *time;
     series.push_back(file);
   }
+  if (unlisted > 0)
+    log_line(std::to_string(unlisted) + " files of " + pattern + " are not listed in " + times_file_name +
+             " and were left out");
   for (const auto& [name, reason] : discarded_probes(folder))
     if (const auto listed = times.find(name); listed != times.end() && !fs::exists(folder / (name + ".exr")))
       series.push_back({folder / (name + ".exr"), listed->second, reason});
@@ -120,7 +129,8 @@ void bring_clocks_together(const MatchRequest& request, const std::vector<Series
   }
   Progress progress("measuring brightness", observed.size() + probes.size());
   const auto scene = brightness_of(observed, false, progress);
-  const auto light = brightness_of(probes, true, progress);
+  const auto light =
+      brightness_of(probes, request.parameterisation == Parameterisation::lat_long, progress);
   summary.estimate = estimate_clocks(scene, light, request.largest_offset_seconds, !request.drift_ppm);
   summary.clocks = summary.estimate->relation;
   if (request.drift_ppm) summary.clocks.drift = 1e-6 * *request.drift_ppm;
@@ -189,14 +199,18 @@ std::string plan_of(const MatchRequest& request, const CaptureSession& session) 
 CaptureSession frames_of(const MatchRequest& request, const MatchSummary& summary,
                          const std::vector<SeriesFile>& observed) {
   CaptureSession session;
-  session.light.parameterisation = Parameterisation::lat_long;
+  session.light.parameterisation = request.parameterisation;
   std::map<fs::path, ClockSeconds> time;
   for (const SeriesFile& file : observed) time[file.path] = file.time;
   for (const MatchedPair& pair : summary.pairs) {
     const auto place = session.frames.size() + 1;
-    const bool test = request.test_every > 0 && place % static_cast<std::size_t>(request.test_every) == 0;
-    session.frames.push_back({pair.observed.stem().string(), test ? FrameRole::test : FrameRole::train,
-                              "natural", pair.probe, pair.observed,
+    const std::string light = pair.probe.stem().string();
+    const bool test = light.starts_with("test") ||
+                      (request.test_every > 0 && place % static_cast<std::size_t>(request.test_every) == 0);
+    const FrameRole role = light.starts_with("reference") ? FrameRole::reference
+                           : test                         ? FrameRole::test
+                                                          : FrameRole::train;
+    session.frames.push_back({pair.observed.stem().string(), role, "natural", pair.probe, pair.observed,
                               time[pair.observed] - time[summary.pairs.front().observed]});
   }
   return session;
@@ -224,7 +238,11 @@ void write_session(const MatchRequest& request, CaptureSession session) {
     const std::vector<std::string> files = {"illumination/" + frame.name + ".exr",
                                             "observed/" + frame.name + ".exr"};
     if (!writer.is_done(frame.name)) {
-      copy_atomically(frame.illumination, request.folder / files[0]);
+      if (frame.illumination.extension() == ".exr")
+        copy_atomically(frame.illumination, request.folder / files[0]);
+      else  // as shown: 8-bit sRGB
+        write_exr(request.folder / files[0],
+                  read_light_map(frame.illumination, request.parameterisation).radiance);
       copy_atomically(frame.observed, request.folder / files[1]);
       writer.finish_step(frame.name, files);
     }

@@ -7,13 +7,15 @@
 
 #include "acquire/series/clock_match.h"
 #include "acquire/session_writer.h"
+#include "core/light_map.h"
 
 namespace refield {
 
 /// Two series of photographs by cameras whose clocks know nothing of each other: the scene, and the light.
 struct MatchRequest {
   std::string observed;          ///< pattern or folder of the scene's photographs (OpenEXR)
-  std::string probes;            ///< pattern or folder of lat-long light maps, as probe_light() writes them
+  std::string probes;  ///< pattern or folder of light maps, as probe_light() writes them or as they were shown
+  Parameterisation parameterisation = Parameterisation::lat_long;  ///< of the light maps
   std::filesystem::path folder;  ///< of the session to make
   std::optional<double> offset_seconds =
       0.0;  ///< the observed camera's clock is ahead by this; nullopt: told from brightness
@@ -47,7 +49,8 @@ struct MatchSummary {
 };
 
 /// Pairs each photograph of the scene with the light map nearest in time and writes the pairs as a capture
-/// session, with order = seconds since the first. Times: times.tsv of the folder, else metadata, else file
+/// session, with order = seconds since the first. Roles by the lights' names: test…, reference…, all others
+/// train. Times: times.tsv of the folder, else metadata, else file
 /// names. A light map that was discarded still takes its photograph with it, so that this is not paired with
 /// the next best light. Resumable like any capture. Throws InputError where times are missing, sizes differ
 /// or nothing matches. Source: Matusik et al. 2004, section 6: two cameras, every two minutes for three days,

@@ -26,6 +26,7 @@ struct MatchOptions {
   std::string offset = "0";
   std::string drift = "0";
   std::optional<double> tolerance;
+  std::string parameterisation = "lat_long";
   fs::path mask;
 };
 
@@ -91,6 +92,7 @@ void match(const MatchOptions& options, const Common& common) {
   request.offset_seconds = number_or_auto(options.offset, "--offset");
   request.drift_ppm = number_or_auto(options.drift, "--drift");
   request.tolerance_seconds = options.tolerance;
+  request.parameterisation = parameterisation_from_name(options.parameterisation);
   if (!options.mask.empty()) request.mask = options.mask;
   const MatchSummary summary = match_series(request);
   if (common.json)
@@ -115,12 +117,19 @@ void add_acquire_match(CLI::App& group, const Common& common, Action& action) {
       "without a partner is named, and so is what 'acquire probe' discarded.\n\n"
       "Examples:\n"
       "  refield acquire match --observed city --lights sky -o session --tolerance 20\n"
-      "  refield acquire match --observed city --lights sky -o session --offset auto --drift auto");
+      "  refield acquire match --observed city --lights sky -o session --offset auto --drift auto\n"
+      "  refield acquire match --observed hdr --lights patterns --parameterisation monitor --offset auto -o "
+      "session\n"
+      "                                                  patterns that 'refield acquire show' logged");
   verb->add_option("--observed", request.observed,
                    "Photographs of the scene (.exr): folder or quoted pattern")
       ->required();
-  verb->add_option("--lights", request.probes, "Lat-long light maps (.exr): folder or quoted pattern")
+  verb->add_option("--lights", request.probes,
+                   "Light maps (.exr, or .png as shown on a monitor): folder or quoted pattern")
       ->required();
+  verb->add_option("--parameterisation", options->parameterisation,
+                   "Of the light maps: lat_long, monitor or cube")
+      ->capture_default_str();
   verb->add_option("-o,--output", request.folder, "Session folder to make")->required();
   verb->add_option(
           "--offset", options->offset,
