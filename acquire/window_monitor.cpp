@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <utility>
 
 #include "core/errors.h"
 
@@ -24,10 +25,18 @@ class Video {
     SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
     SDL_SetHint(SDL_HINT_RENDER_SCALE_QUALITY, "nearest");
     SDL_SetHint(SDL_HINT_VIDEO_HIGHDPI_DISABLED, "0");
-    if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0)
-      fail("there is no desktop to open a window on; set DISPLAY or WAYLAND_DISPLAY, or use a KMS monitor");
+    if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0) fail(no_desktop);
+    // SDL has drivers that draw to nowhere, and takes them where nothing else is.
+    const std::string driver = SDL_GetCurrentVideoDriver() ? SDL_GetCurrentVideoDriver() : "";
+    for (const char* nowhere : {"dummy", "offscreen", "evdev"})
+      if (driver == nowhere) {
+        SDL_QuitSubSystem(SDL_INIT_VIDEO);
+        throw DeviceError("window monitor", ENODEV, no_desktop);
+      }
   }
   ~Video() { SDL_QuitSubSystem(SDL_INIT_VIDEO); }
+  static constexpr const char* no_desktop =
+      "there is no desktop to open a window on; set DISPLAY or WAYLAND_DISPLAY, or use a KMS monitor";
   Video(const Video&) = delete;
   Video& operator=(const Video&) = delete;
 };
@@ -72,6 +81,8 @@ struct WindowMonitor::State {
   int screen_width = 0, screen_height = 0;
   int scale = 1;
   bool waits = false;
+  bool covered = false;
+  std::vector<WindowKey> keys;
   std::unique_ptr<SDL_Window, Deleter> window;
   std::unique_ptr<SDL_Renderer, Deleter> renderer;
   std::unique_ptr<SDL_Texture, Deleter> texture;
@@ -115,19 +126,49 @@ struct WindowMonitor::State {
   }
 
   /// Throws when the window was closed: nobody sees what is shown.
-  void handle_events() const {
+  void handle_events() {
     SDL_Event event;
-    while (SDL_PollEvent(&event))
+    while (SDL_PollEvent(&event)) {
       if (event.type == SDL_QUIT ||
           (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_CLOSE))
-        throw DeviceError(display.name, ENODEV, "the window was closed; start again with --resume");
+        throw DeviceError(display.name, ENODEV,
+                          "the window was closed; start again, where it stopped, with --resume or --from");
+      if (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_EXPOSED) covered = true;
+      if (event.type != SDL_KEYDOWN || event.key.repeat != 0) continue;
+      switch (event.key.keysym.sym) {
+        case SDLK_SPACE:
+        case SDLK_RIGHT:
+        case SDLK_DOWN:
+          keys.push_back(WindowKey::next);
+          break;
+        case SDLK_LEFT:
+        case SDLK_UP:
+        case SDLK_BACKSPACE:
+          keys.push_back(WindowKey::back);
+          break;
+        case SDLK_p:
+          keys.push_back(WindowKey::pause);
+          break;
+        case SDLK_ESCAPE:
+        case SDLK_q:
+          keys.push_back(WindowKey::stop);
+          break;
+        default:
+          break;
+      }
+    }
   }
 
   void draw(const DriveImage& image) const {
+    if (SDL_UpdateTexture(texture.get(), nullptr, image.levels.data(), 3 * width) != 0)
+      fail("cannot draw the pattern");
+    draw_texture();
+  }
+
+  void draw_texture() const {
     const SDL_Rect place = {(screen_width - width * scale) / 2, (screen_height - height * scale) / 2,
                             width * scale, height * scale};
-    if (SDL_UpdateTexture(texture.get(), nullptr, image.levels.data(), 3 * width) != 0 ||
-        SDL_SetRenderDrawColor(renderer.get(), 0, 0, 0, 255) != 0 || SDL_RenderClear(renderer.get()) != 0 ||
+    if (SDL_SetRenderDrawColor(renderer.get(), 0, 0, 0, 255) != 0 || SDL_RenderClear(renderer.get()) != 0 ||
         SDL_RenderCopy(renderer.get(), texture.get(), nullptr, &place) != 0)
       fail("cannot draw the pattern");
   }
@@ -151,8 +192,18 @@ bool WindowMonitor::waits_for_blanking() const {
   return state_->waits;
 }
 
+std::vector<WindowKey> WindowMonitor::keys() {
+  State& state = *state_;
+  state.handle_events();
+  if (std::exchange(state.covered, false)) {
+    state.draw_texture();
+    SDL_RenderPresent(state.renderer.get());
+  }
+  return std::exchange(state.keys, {});
+}
+
 TimePoint WindowMonitor::show(const DriveImage& image) {
-  const State& state = *state_;
+  State& state = *state_;
   if (image.width != state.width || image.height != state.height ||
       image.levels.size() != std::size_t{3} * state.width * state.height)
     throw InputError(state.display.name + ": a pattern of " + std::to_string(image.width) + "×" +

@@ -24,6 +24,14 @@ struct WindowDisplay {
   double refresh_hz = 0.0;  ///< 0: not known
 };
 
+/// What somebody at the keyboard wants of a window monitor.
+enum class WindowKey {
+  next,   ///< space, arrow right or down
+  back,   ///< arrow left or up, backspace
+  pause,  ///< P
+  stop    ///< Escape, Q
+};
+
 /// Whether this build has a window monitor: SDL2 was there when it was configured.
 bool has_window_monitor();
 
@@ -48,6 +56,10 @@ class WindowMonitor final : public Illuminator {
   IlluminatorDescription describe() const override;
   /// Also throws DeviceError when the window was closed.
   TimePoint show(const DriveImage& image) override;
+
+  /// Keys pressed in the window since the last call; what was covered is drawn again. Throws DeviceError when
+  /// the window was closed.
+  std::vector<WindowKey> keys();
 
   /// Side of the square that a texel is shown as, pixels.
   int pixels_per_texel() const;

@@ -35,6 +35,9 @@ WindowMonitor::~WindowMonitor() = default;
 IlluminatorDescription WindowMonitor::describe() const {
   fail();
 }
+std::vector<WindowKey> WindowMonitor::keys() {
+  fail();
+}
 int WindowMonitor::pixels_per_texel() const {
   fail();
 }

@@ -12,11 +12,13 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
       "in the same bytes. docs/capture-session-format.md describes the folder.");
   group->require_subcommand(1);
   add_acquire_devices(*group, common, action);
+  add_acquire_init(*group, common, action);
   add_acquire_calibrate(*group, common, action);
   add_acquire_run(*group, common, action);
   add_acquire_virtual(*group, common, action);
-  add_acquire_import(*group, common, action);
   add_acquire_lights(*group, common, action);
+  add_acquire_show(*group, common, action);
+  add_acquire_import(*group, common, action);
   add_acquire_match(*group, common, action);
   add_acquire_probe(*group, common, action);
 }

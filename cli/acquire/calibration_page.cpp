@@ -81,8 +81,9 @@ std::string banding(const RigMeasurements& rig) {
     words =
         "Brightness per second does not depend on the exposure: no pulsing of the light between 20 Hz and 2 "
         "kHz is "
-        "seen, so any exposure will do. What is left, " +
-        percent(measured.noise) + ", is noise.";
+        "seen, so any exposure will do. The remaining deviation, " +
+        percent(measured.noise) +
+        " RMS from frame to frame, has no period: slow drift of the light, or noise.";
   else
     words = "The light pulses at " + significant(measured.ripples.front().hz, 5) + " Hz by " +
             percent(measured.ripples.front().depth) +

@@ -70,10 +70,13 @@ void print(const CaptureSummary& summary, const fs::path& session) {
                 100.0 * summary.useful_fraction[i], i + 1 < summary.exposures.size() ? "," : "\n");
   if (!summary.exposure_note.empty()) std::printf("%s\n", summary.exposure_note.c_str());
   std::printf("clipped in every exposure: %.3f %% of the samples\n", 100.0 * summary.clipped_fraction);
-  std::printf("discarded frames: %llu early, %llu with old settings; lost: %llu\n",
-              static_cast<unsigned long long>(summary.discarded.early),
-              static_cast<unsigned long long>(summary.discarded.stale),
-              static_cast<unsigned long long>(summary.discarded.lost));
+  std::printf(
+      "discarded frames: %llu began before the pattern stood still, %llu before the last change of exposure "
+      "or "
+      "gain; lost: %llu\n",
+      static_cast<unsigned long long>(summary.discarded.early),
+      static_cast<unsigned long long>(summary.discarded.stale),
+      static_cast<unsigned long long>(summary.discarded.lost));
   if (summary.out_of_range_lights > 0)
     std::printf("%zu lights are brighter in places than the monitor; what it emitted is on record\n",
                 summary.out_of_range_lights);

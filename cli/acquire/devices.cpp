@@ -151,10 +151,14 @@ void print(const ordered_json& devices) {
       std::printf("    %s%s\n", word(mode["mode"]).c_str(),
                   mode["preferred"].get<bool>() ? "  preferred" : "");
   }
-  for (const auto& display : devices["window_displays"])
-    std::printf("Window on display %d: %s, %d×%d at %.4g Hz\n", display["display"].get<int>(),
-                word(display["name"]).c_str(), display["width"].get<int>(), display["height"].get<int>(),
-                display["refresh_hz"].get<double>());
+  for (const auto& display : devices["window_displays"]) {
+    std::printf("Window on display %d: %s, %d×%d", display["display"].get<int>(),
+                word(display["name"]).c_str(), display["width"].get<int>(), display["height"].get<int>());
+    if (const double hz = display["refresh_hz"].get<double>(); hz > 0.0)
+      std::printf(" at %.4g Hz\n", hz);
+    else
+      std::printf(", refresh rate not known\n");
+  }
   if (devices["window_displays"].empty()) std::printf("No desktop to open a window on.\n");
   if (devices["gpio_chips"].empty()) std::printf("No GPIO chip.\n");
   for (const auto& chip : devices["gpio_chips"]) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// refield acquire lights: photographs or panorama views of any size become lights of the monitor's size.
+// refield acquire lights: patterns of the monitor's size, made from images of any size or from a seed.
 #include <algorithm>
+#include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -14,6 +16,8 @@
 #include "core/interrupt.h"
 #include "core/progress.h"
 #include "core/resample.h"
+#include "core/tone_map.h"
+#include "simulate/light_maps.h"
 
 namespace refield::cli {
 
@@ -23,7 +27,9 @@ namespace fs = std::filesystem;
 
 struct LightsOptions {
   std::vector<std::string> images;
+  bool starter = false;
   fs::path output;
+  fs::path png;
   std::string size;
   bool stretch = false;
   double peak = 1.0;
@@ -41,30 +47,108 @@ std::pair<int, int> size_of(const std::string& text) {
 }
 
 /// "name", or with brightness steps "name_x0.25" and so on.
-std::string name_of(const fs::path& image, double step, bool stepped) {
+std::string name_of(const std::string& name, double step, bool stepped) {
   char text[32];
   std::snprintf(text, sizeof text, "_x%.4g", step);
-  return image.stem().string() + (stepped ? text : "") + ".exr";
+  return name + (stepped ? text : "");
+}
+
+/// Writes patterns, linear radiance from 0 to 1, as OpenEXR and, where asked for, as PNG.
+class PatternWriter {
+ public:
+  PatternWriter(const LightsOptions& options, const std::vector<std::string>& names) : options_(options) {
+    if (!(options.peak > 0.0)) throw InputError("--peak must be above zero");
+    if (steps_.empty()) steps_ = {1.0};
+    for (const double step : steps_)
+      if (!(step > 0.0 && step <= 1.0))
+        throw InputError("--steps: " + std::to_string(step) +
+                         " is no part of the full brightness; give more than 0, at most 1");
+    for (const std::string& name : names)
+      for (const double step : steps_)
+        for (const fs::path& file : {exr_of(name, step), png_of(name, step)})
+          if (!options.force && !file.empty() && fs::exists(file))
+            throw InputError(file.string() + ": is there already; --force replaces it");
+    create_folders(options.output);
+    if (!options.png.empty()) create_folders(options.png);
+  }
+
+  std::size_t steps() const { return steps_.size(); }
+
+  void write(const std::string& name, const Image& light) const {
+    for (const double step : steps_) {
+      Image shown = light;
+      for (float& value : shown.values) value = static_cast<float>(step) * std::min(value, 1.0f);
+      if (!options_.png.empty()) {
+        // What the file is to stand for is what the monitor shows: the 8-bit levels, decoded.
+        ScreenImage screen{shown.width, shown.height, 3, tone_mapped(shown, ToneMapping{})};
+        for (std::size_t i = 0; i < shown.values.size(); ++i)
+          shown.values[i] = linear_from_srgb(static_cast<float>(screen.levels[i]) * (1.0f / 255.0f));
+        write_png(png_of(name, step), screen);
+      }
+      for (float& value : shown.values) value *= static_cast<float>(options_.peak);
+      write_exr(exr_of(name, step), shown);
+    }
+  }
+
+ private:
+  fs::path exr_of(const std::string& name, double step) const {
+    return options_.output / (name_of(name, step, !options_.steps.empty()) + ".exr");
+  }
+  fs::path png_of(const std::string& name, double step) const {
+    if (options_.png.empty()) return {};
+    return options_.png / (name_of(name, step, !options_.steps.empty()) + ".png");
+  }
+
+  const LightsOptions& options_;
+  std::vector<double> steps_ = options_.steps;
+};
+
+void report(const LightsOptions& options, std::size_t count, int width, int height, double clipped,
+            const Common& common) {
+  if (common.json) {
+    std::printf("%s\n",
+                nlohmann::ordered_json{
+                    {"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}}
+                    .dump(2)
+                    .c_str());
+    return;
+  }
+  std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);
+  if (!options.starter)
+    std::printf("; %.2f %% of the samples were brighter than white and cut off", 100.0 * clipped);
+  std::printf("\n");
+  if (!options.png.empty())
+    std::printf("%s: the same as 8-bit sRGB images, to be shown with 'refield acquire show %s'\n",
+                options.png.c_str(), options.png.c_str());
+}
+
+/// 150 natural patterns to estimate from and 30 held out, which name the error of an estimate.
+void make_starter_set(const LightsOptions& options, const Common& common) {
+  constexpr LightPlan plan{.train = 150, .natural = 15, .bars = 8, .squares = 6, .white = 1, .black = 0};
+  constexpr std::uint64_t seed = 2004;
+  const auto [width, height] = size_of(options.size.empty() ? "160x90" : options.size);
+  const std::vector<LightSpec> list = list_lights(plan);
+  std::vector<std::string> names;
+  for (const LightSpec& spec : list) names.push_back(spec.name);
+  const PatternWriter writer(options, names);
+  make_lights(list, {width, height, Parameterisation::monitor}, seed,
+              [&](std::size_t place, LightMap&& light) { writer.write(list[place].name, light.radiance); });
+  report(options, list.size() * writer.steps(), width, height, 0.0, common);
 }
 
 void make_lights_of(const LightsOptions& options, const Common& common) {
+  if (options.starter) {
+    make_starter_set(options, common);
+    return;
+  }
+  if (options.images.empty())
+    throw InputError("name images to make lights of, or give --starter for a set of patterns");
+  if (options.size.empty()) throw InputError("--size: give the lights' size in texels, such as 800x600");
   const auto [width, height] = size_of(options.size);
-  if (!(options.peak > 0.0)) throw InputError("--peak must be above zero");
-  std::vector<double> steps = options.steps;
-  if (steps.empty()) steps = {1.0};
-  for (double step : steps)
-    if (!(step > 0.0 && step <= 1.0))
-      throw InputError("--steps: " + std::to_string(step) +
-                       " is no part of the full brightness; give more than 0, at most 1");
   const auto images = expand_globs(options.images);
-  const auto target_of = [&](const fs::path& image, double step) {
-    return options.output / name_of(image, step, !options.steps.empty());
-  };
-  for (const fs::path& image : images)
-    for (double step : steps)
-      if (!options.force && fs::exists(target_of(image, step)))
-        throw InputError(target_of(image, step).string() + ": is there already; --force replaces it");
-  create_folders(options.output);
+  std::vector<std::string> names;
+  for (const fs::path& image : images) names.push_back(image.stem().string());
+  const PatternWriter writer(options, names);
   Progress progress("resampling lights", images.size());
   double clipped = 0.0;
   for (const fs::path& path : images) {
@@ -74,24 +158,10 @@ void make_lights_of(const LightsOptions& options, const Common& common) {
         options.stretch ? resample_area(image, width, height) : resample_area_cropped(image, width, height);
     clipped += static_cast<double>(std::ranges::count_if(light.values, [](float v) { return v > 1.0f; })) /
                static_cast<double>(light.values.size() * images.size());
-    for (double step : steps) {
-      Image shown = light;
-      for (float& value : shown.values)
-        value = static_cast<float>(step * options.peak) * std::min(value, 1.0f);
-      write_exr(target_of(path, step), shown);
-    }
+    writer.write(path.stem().string(), light);
     progress.advance();
   }
-  const std::size_t count = images.size() * steps.size();
-  if (common.json)
-    std::printf("%s\n",
-                nlohmann::ordered_json{
-                    {"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}}
-                    .dump(2)
-                    .c_str());
-  else
-    std::printf("%s: %zu lights of %d×%d; %.2f %% of the samples were brighter than white and cut off\n",
-                options.output.c_str(), count, width, height, 100.0 * clipped);
+  report(options, images.size() * writer.steps(), width, height, clipped, common);
 }
 
 }  // namespace
@@ -100,16 +170,30 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<LightsOptions>();
   CLI::App* verb = group.add_subcommand(
       "lights",
-      "Make lights of the monitor's size from images of any size.\n"
+      "Make light patterns for a monitor: from images of any size, or a starter set of 180 generated ones.\n"
       "Each texel becomes the mean of the linear radiance over its area of the image, so that light is "
       "neither lost\n"
-      "nor made. PNG and JPEG are decoded from sRGB; 1 is white, what is brighter is cut off.\n\n"
-      "Example:\n"
+      "nor made. PNG and JPEG are decoded from sRGB; 1 is white, what is brighter is cut off.\n"
+      "The starter set: 150 natural patterns (train_…) and, held out (test_…), 15 natural ones, 8 bars, 6 "
+      "squares and\n"
+      "white. Always the same ones.\n\n"
+      "With --png each pattern is also written as an 8-bit sRGB image to be shown on a monitor; the OpenEXR "
+      "file then\n"
+      "holds the linear radiance of exactly those 8-bit levels: level L stands for peak × sRGB⁻¹(L / "
+      "255).\n\n"
+      "Examples:\n"
+      "  refield acquire lights --starter -o lights --png patterns\n"
       "  refield acquire lights photos --size 800x600 -o lights\n"
       "  refield acquire lights 'kitchen*.jpg' --size 1920x1080 --steps 1,0.25 -o lights");
-  verb->add_option("images", options->images, "Images: files, folders or quoted patterns")->required();
-  verb->add_option("--size", options->size, "Of the lights in texels, WIDTHxHEIGHT")->required();
-  verb->add_option("-o,--output", options->output, "Folder for the lights (.exr)")->required();
+  CLI::Option* images =
+      verb->add_option("images", options->images, "Images: files, folders or quoted patterns");
+  verb->add_flag("--starter", options->starter, "Instead of images: the starter set of 180 patterns")
+      ->excludes(images);
+  verb->add_option(
+      "--size", options->size,
+      "Of the patterns in texels, WIDTHxHEIGHT (starter set: 160x90, which fills 16:9 monitors)");
+  verb->add_option("-o,--output", options->output, "Folder for the light maps (.exr)")->required();
+  verb->add_option("--png", options->png, "Also write each pattern as an 8-bit sRGB PNG into this folder");
   verb->add_flag("--stretch", options->stretch,
                  "Show all of each image, stretched; default: its middle part with the lights' proportions");
   verb->add_option("--peak", options->peak, "Radiance that white stands for: the monitor's, above its black")

@@ -10,7 +10,9 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
 void add_acquire_run(CLI::App& group, const Common& common, Action& action);
 void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
 void add_acquire_import(CLI::App& group, const Common& common, Action& action);
+void add_acquire_init(CLI::App& group, const Common& common, Action& action);
 void add_acquire_lights(CLI::App& group, const Common& common, Action& action);
+void add_acquire_show(CLI::App& group, const Common& common, Action& action);
 void add_acquire_match(CLI::App& group, const Common& common, Action& action);
 void add_acquire_probe(CLI::App& group, const Common& common, Action& action);
 

@@ -26,31 +26,6 @@ using ::testing::HasSubstr;
 constexpr int screen_width = 320;
 constexpr int screen_height = 200;
 
-/// The screen's content by xwd: levels red, green, blue; empty when it cannot be read.
-std::vector<std::uint8_t> screenshot(const std::filesystem::path& file) {
-  if (test::finish_program(test::start_program({"xwd", "-root", "-silent", "-out", file})) != 0) return {};
-  const std::string dump = read_text(file);
-  // X11/XWDFile.h: 32-bit words, most significant byte first.
-  const auto word = [&](std::size_t place) {
-    std::uint32_t value = 0;
-    for (std::size_t i = 0; i < 4; ++i)
-      value = value << 8 | static_cast<std::uint8_t>(dump.at(4 * place + i));
-    return value;
-  };
-  const std::size_t header_bytes = word(0), width = word(4), height = word(5), bits = word(11),
-                    line = word(12), colours = word(19);
-  const bool blue_first = word(7) == 0;
-  if (bits != 32 || width != screen_width || height != screen_height) return {};
-  std::vector<std::uint8_t> levels;
-  for (std::size_t y = 0; y < height; ++y)
-    for (std::size_t x = 0; x < width; ++x) {
-      const std::size_t at = header_bytes + 12 * colours + y * line + 4 * x;
-      for (std::size_t c = 0; c < 3; ++c)
-        levels.push_back(static_cast<std::uint8_t>(dump.at(at + (blue_first ? 2 - c : 1 + c))));
-    }
-  return levels;
-}
-
 DriveImage random_pattern(Rng& random, int width, int height) {
   DriveImage image{width, height, {}};
   for (int i = 0; i < width * height * 3; ++i)
@@ -91,7 +66,8 @@ TEST_F(WindowMonitorOnScreen, ShowsEveryLevelOfEveryPixel) {
     const TimePoint shown = monitor.show(pattern);
     EXPECT_GT(shown, last);
     last = shown;
-    EXPECT_TRUE(screenshot(folder_ / "screen.xwd") == pattern.levels) << "pattern " << i;
+    EXPECT_TRUE(test::screenshot(folder_ / "screen.xwd", screen_width, screen_height) == pattern.levels)
+        << "pattern " << i;
   }
   EXPECT_THROW(monitor.show(random_pattern(random, 64, 40)), InputError);
 }
@@ -103,7 +79,7 @@ TEST_F(WindowMonitorOnScreen, EnlargesByWholePixelsWithBlackAround) {
   Rng random(5);
   const DriveImage pattern = random_pattern(random, width, height);
   monitor.show(pattern);
-  const auto screen = screenshot(folder_ / "screen.xwd");
+  const auto screen = test::screenshot(folder_ / "screen.xwd", screen_width, screen_height);
   ASSERT_EQ(screen.size(), static_cast<std::size_t>(screen_width) * screen_height * 3);
   int wrong = 0;
   for (int y = 0; y < screen_height; ++y)

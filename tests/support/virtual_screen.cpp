@@ -9,6 +9,8 @@
 
 #include <cstdlib>
 
+#include "core/files.h"
+
 extern char** environ;
 
 namespace refield::test {
@@ -29,6 +31,31 @@ int finish_program(pid_t child) {
 
 bool is_installed(const std::string& program) {
   return std::system(("command -v " + program + " > /dev/null 2>&1").c_str()) == 0;
+}
+
+std::vector<std::uint8_t> screenshot(const std::filesystem::path& file, std::size_t wanted_width,
+                                     std::size_t wanted_height) {
+  if (finish_program(start_program({"xwd", "-root", "-silent", "-out", file})) != 0) return {};
+  const std::string dump = read_text(file);
+  // X11/XWDFile.h: 32-bit words, most significant byte first.
+  const auto word = [&](std::size_t place) {
+    std::uint32_t value = 0;
+    for (std::size_t i = 0; i < 4; ++i)
+      value = value << 8 | static_cast<std::uint8_t>(dump.at(4 * place + i));
+    return value;
+  };
+  const std::size_t header_bytes = word(0), width = word(4), height = word(5), bits = word(11),
+                    line = word(12), colours = word(19);
+  const bool blue_first = word(7) == 0;
+  if (bits != 32 || width != wanted_width || height != wanted_height) return {};
+  std::vector<std::uint8_t> levels;
+  for (std::size_t y = 0; y < height; ++y)
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::size_t at = header_bytes + 12 * colours + y * line + 4 * x;
+      for (std::size_t c = 0; c < 3; ++c)
+        levels.push_back(static_cast<std::uint8_t>(dump.at(at + (blue_first ? 2 - c : 1 + c))));
+    }
+  return levels;
 }
 
 VirtualScreen::VirtualScreen(int width, int height) {

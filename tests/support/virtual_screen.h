@@ -2,6 +2,8 @@
 #pragma once
 #include <sys/types.h>
 
+#include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -26,5 +28,10 @@ class VirtualScreen {
   pid_t server_ = -1;
   bool is_up_ = false;
 };
+
+/// The screen's content by xwd, which leaves its dump in `file`: levels red, green, blue; empty when it
+/// cannot be read or has another size.
+std::vector<std::uint8_t> screenshot(const std::filesystem::path& file, std::size_t wanted_width,
+                                     std::size_t wanted_height);
 
 }  // namespace refield::test

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+// A capture by hand: patterns are made and shown, a camera with a contrast curve takes bracketed JPEG files
+// with EXIF, and what is imported is the scene's radiance.
+#include <OpenImageIO/imageio.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <regex>
+#include <thread>
+
+#include "acquire/series/capture_time.h"
+#include "acquire/window_monitor.h"
+#include "core/capture_session.h"
+#include "core/files.h"
+#include "core/image_io.h"
+#include "core/tone_map.h"
+#include "tests/pipeline/program.h"
+#include "tests/pipeline/tiny_recipe.h"
+#include "tests/support/temporary_folder.h"
+#include "tests/support/virtual_screen.h"
+
+namespace refield {
+namespace {
+
+using test::run_program;
+using test::TemporaryFolder;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+namespace fs = std::filesystem;
+
+constexpr ClockSeconds noon = 1'087'812'000.0;
+constexpr double clock_ahead = 137.0;  // of the camera, seconds
+constexpr double every = 6.0;          // seconds per pattern
+
+/// sRGB, then the S of a camera's picture style.
+double contrast(double light) {
+  const double x = srgb_from_linear(static_cast<float>(std::clamp(light, 0.0, 1.0)));
+  return x - 0.48 * std::sin(2.0 * M_PI * x) * x * (1.0 - x);
+}
+
+void write_jpeg(const fs::path& path, const Image& radiance, double seconds, ClockSeconds time) {
+  OIIO::ImageSpec spec(radiance.width, radiance.height, 3, OIIO::TypeDesc::UINT8);
+  spec.attribute("CompressionQuality", 98);
+  spec.attribute("jpeg:subsampling", "4:4:4");
+  spec.attribute("ExposureTime", static_cast<float>(seconds));
+  std::string text = text_from_clock_seconds(time).substr(0, 19);
+  text[4] = text[7] = ':';
+  text[10] = ' ';
+  spec.attribute("DateTime", text);
+  std::vector<std::uint8_t> levels;
+  for (const float value : radiance.values)
+    levels.push_back(static_cast<std::uint8_t>(std::lround(255.0 * contrast(value * seconds))));
+  auto output = OIIO::ImageOutput::create(path.string());
+  ASSERT_TRUE(output && output->open(path.string(), spec));
+  ASSERT_TRUE(output->write_image(OIIO::TypeDesc::UINT8, levels.data()) && output->close());
+}
+
+/// The scene under a hundred patterns, as a camera on a tripod writes it: IMG_1000.jpg and so on.
+class ManualCapture : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<TemporaryFolder>();
+    write_text_atomically(at("recipe.toml"), test::tiny_recipe);
+    const std::vector<std::vector<std::string>> commands = {
+        {"acquire", "lights", "--starter", "--size", "16x12", "-o", at("lights"), "--png", at("patterns")},
+        {"simulate", at("recipe.toml"), "-o", at("truth")},
+        {"acquire", "virtual", at("recipe.toml"), "--truth", at("truth"), "--lights",
+         at("lights/train_0*.exr"), "-o", at("captured"), "--exposures", "0.02,0.08,0.32", "--ambient-frames",
+         "1"}};
+    for (const auto& command : commands)
+      ASSERT_EQ(run_program(command, at("log")), 0) << read_text(at("log"));
+    fs::create_directories(at("shots"));
+    fs::create_directories(at("shown"));
+    Image black(24, 18, 3);
+    photograph(black, 0);
+    std::map<std::string, ClockSeconds> shown;
+    int place = 1;
+    const CaptureSession session = read_capture_session(at("captured"));
+    for (const CaptureFrame& frame : session.frames) {
+      photograph(read_photograph(frame.observed).radiance, place);
+      fs::copy(at("patterns/" + frame.name + ".png"), at("shown/" + frame.name + ".png"));
+      shown[frame.name] = noon + every * (place + 0.5);
+      ++place;
+    }
+    write_times(at("shown"), shown);
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+  static std::string at(const std::string& name) { return *folder_ / name; }
+
+  static void photograph(const Image& radiance, int place) {
+    Image seen = radiance;
+    for (float& value : seen.values) value = static_cast<float>(40.0 * (std::max(value, 0.0f) + ambient));
+    int shot = 0;
+    for (const double seconds : {1.0 / 60.0, 1.0 / 15.0, 0.3}) {
+      const std::string name = "shots/IMG_" + std::to_string(1000 + 3 * place + shot) + ".jpg";
+      write_jpeg(at(name), seen, seconds, noon + every * place + 1.0 + shot + clock_ahead);
+      ++shot;
+    }
+  }
+
+  /// Relative RMS error of the imported photographs, with the factor that fits best.
+  static double error_of(const fs::path& session) {
+    const CaptureSession imported = read_capture_session(session);
+    double rt = 0.0, rr = 0.0, tt = 0.0;
+    for (const CaptureFrame& frame : imported.frames) {
+      const Photograph photograph = read_photograph(frame.observed);
+      const Image truth = read_image(at("captured/observed/" + frame.name + ".exr"));
+      for (std::size_t i = 0; i < truth.values.size(); ++i) {
+        if (!std::isfinite(photograph.sigma.values[i])) continue;
+        const double r = photograph.radiance.values[i], t = truth.values[i];
+        rt += r * t;
+        rr += r * r;
+        tt += t * t;
+      }
+    }
+    return std::sqrt(1.0 - rt * rt / (rr * tt));
+  }
+
+  static constexpr double ambient = 0.002;
+  static std::unique_ptr<TemporaryFolder> folder_;
+  const TemporaryFolder out_;
+  std::string log() const { return read_text(out_ / "log"); }
+  int run(std::vector<std::string> words) const { return run_program(std::move(words), out_ / "log"); }
+};
+
+std::unique_ptr<TemporaryFolder> ManualCapture::folder_;
+
+TEST_F(ManualCapture, TheStarterSetIsWhatItsImagesShow) {
+  EXPECT_EQ(expand_glob(at("lights")).size(), 180U);
+  EXPECT_EQ(expand_glob(at("lights/test_*.exr")).size(), 30U);
+  for (const GlobMatch& match : expand_glob(at("patterns"))) {
+    // read_image() decodes PNG from sRGB.
+    const Image decoded = read_image(match.path);
+    const Image light = read_image(at("lights/" + match.path.stem().string() + ".exr"));
+    EXPECT_EQ(decoded.values, light.values) << match.path;
+    EXPECT_GT(*std::ranges::max_element(light.values), 0.5f);
+  }
+  ASSERT_EQ(run({"acquire", "lights", "--starter", "-o", at("lights")}), 2);
+  EXPECT_THAT(log(), HasSubstr("train_000.exr: is there already"));
+}
+
+TEST_F(ManualCapture, ImportedByOrderTheCamerasCurveIsEstimated) {
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "--lights", at("shown"), "--ambient-first", "--response",
+                 "srgb", "-o", out_ / "doubtful"}),
+            0)
+      << log();
+  EXPECT_THAT(log(), HasSubstr("contradict 'srgb' by"));
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "--lights", at("shown"), "--ambient-first", "-o",
+                 out_ / "session"}),
+            0)
+      << log();
+  EXPECT_THAT(log(), HasSubstr("Its response was estimated from 5 brackets"));
+  const double before = error_of(out_ / "doubtful"), after = error_of(out_ / "session");
+  RecordProperty("before", std::to_string(before));
+  RecordProperty("after", std::to_string(after));
+  EXPECT_GT(before, 0.10);
+  constexpr double rounding_and_jpeg = 0.04;  // of 24 × 18 pixels at 8 bits, quality 98
+  EXPECT_LT(after, rounding_and_jpeg);
+
+  ASSERT_EQ(run({"acquire", "calibrate", "--from-photographs", at("shots"), "-o", out_ / "camera.toml"}), 0)
+      << log();
+  EXPECT_THAT(log(), HasSubstr("response estimated from"));
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "--lights", at("shown"), "--ambient-first", "--response",
+                 out_ / "camera.toml", "-o", out_ / "calibrated"}),
+            0)
+      << log();
+  EXPECT_THAT(log(), Not(HasSubstr("note: the exposures contradict")));
+  EXPECT_LT(error_of(out_ / "calibrated"), rounding_and_jpeg);
+}
+
+TEST_F(ManualCapture, WithGapsPhotographsAndPatternsArePairedByTime) {
+  const fs::path shots = out_ / "shots";
+  fs::create_directories(shots);
+  for (const GlobMatch& match : expand_glob(at("shots"))) {
+    const int number = std::stoi(match.path.stem().string().substr(4)) - 1000;
+    if (number / 3 != 31 && number / 3 != 47) fs::copy(match.path, shots / match.path.filename());
+  }
+  ASSERT_EQ(run({"acquire", "import", shots, "--lights", at("shown"), "--ambient-first", "-o", out_ / "no"}),
+            2);
+  EXPECT_THAT(log(), AllOf(HasSubstr("98 brackets"), HasSubstr("refield acquire match")));
+  ASSERT_EQ(run({"acquire", "import", shots, "--ambient-first", "-o", out_ / "hdr"}), 0) << log();
+  ASSERT_EQ(run({"acquire", "match", "--observed", out_ / "hdr", "--lights", at("shown"),
+                 "--parameterisation", "monitor", "--offset", "auto", "-o", out_ / "session"}),
+            0)
+      << log();
+  const CaptureSession session = read_capture_session(out_ / "session");
+  EXPECT_EQ(session.frames.size(), 98U);
+  EXPECT_EQ(session.light.parameterisation, Parameterisation::monitor);
+  for (const CaptureFrame& frame : session.frames) {
+    const int place = (std::stoi(frame.name.substr(4)) - 1000) / 3 - 1;
+    char light[32];
+    std::snprintf(light, sizeof light, "lights/train_%03d.exr", place);
+    EXPECT_EQ(read_image(frame.illumination).values, read_image(at(light)).values) << frame.name;
+  }
+}
+
+TEST_F(ManualCapture, HdrRefusesTimesThatThePhotographsContradict) {
+  const std::vector<std::string> images = {at("shots/IMG_1012.jpg"), at("shots/IMG_1013.jpg")};
+  EXPECT_EQ(run({"hdr", images[0], images[1], "--exposures", "0.0666,0.0166", "-o", out_ / "view.exr"}), 2);
+  EXPECT_THAT(log(), AllOf(HasSubstr("IMG_1012.jpg: is darker than"), HasSubstr("swapped")));
+  EXPECT_EQ(run({"hdr", images[0], images[0], "--exposures", "0.0166,0.0666", "-o", out_ / "view.exr"}), 2);
+  EXPECT_THAT(log(), HasSubstr("no brighter"));
+  EXPECT_FALSE(fs::exists(out_ / "view.exr"));
+  EXPECT_EQ(run({"hdr", images[1], "-o", out_ / "view.exr"}), 0);
+  EXPECT_THAT(log(), HasSubstr("note: 8-bit files with one exposure"));
+}
+
+TEST_F(ManualCapture, PatternsAreShownOnAScreenWithTheirTimes) {
+  if (!has_window_monitor()) GTEST_SKIP() << "SKIPPED: built without SDL2 (libsdl2-dev)";
+  if (!test::is_installed("Xvfb") || !test::is_installed("xwd"))
+    GTEST_SKIP() << "SKIPPED: Xvfb or xwd is not installed (Debian packages xvfb and x11-apps)";
+  ::unsetenv("WAYLAND_DISPLAY");
+  ::setenv("SDL_VIDEODRIVER", "x11", 1);
+  ::setenv("SDL_RENDER_DRIVER", "software", 1);
+  constexpr int width = 320, height = 200, scale = 16, left = 32, top = 4;  // 16×12 texels: 256×192 pixels
+  const test::VirtualScreen screen(width, height);
+  ASSERT_TRUE(screen.is_up()) << "Xvfb does not start";
+  fs::create_directories(out_ / "patterns");
+  for (const char* name : {"train_000", "train_001", "test_029"})
+    fs::copy(at("patterns/" + std::string(name) + ".png"), out_ / "patterns" / (std::string(name) + ".png"));
+  const Image pattern = read_image(out_ / "patterns/train_000.png");
+  const std::vector<std::uint8_t> levels = tone_mapped(pattern, {});
+  std::vector<std::uint8_t> wanted(std::size_t{3} * width * height);
+  for (int y = 0; y < 12 * scale; ++y)
+    for (int x = 0; x < 16 * scale; ++x)
+      for (int c = 0; c < 3; ++c)
+        wanted[(static_cast<std::size_t>(y + top) * width + x + left) * 3 + c] =
+            levels[(y / scale * 16 + x / scale) * 3 + c];
+  test::RunningProgram program(
+      {"acquire", "show", out_ / "patterns", "--every", "0.7s", "--start-in", "0s", "--from", "train_000"},
+      out_ / "log");
+  bool seen = false;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (!seen && std::chrono::steady_clock::now() < end)
+    seen = test::screenshot(out_ / "screen.xwd", width, height) == wanted;
+  EXPECT_TRUE(seen) << "train_000 was not on the screen";
+  EXPECT_EQ(program.wait(), 0) << log();
+  EXPECT_THAT(log(),
+              AllOf(HasSubstr("black (photograph the ambient light)"), HasSubstr("train_001     3 of 3")));
+  const auto times = read_times(out_ / "patterns");
+  ASSERT_EQ(times.size(), 2U);  // files come by name: test_029 lies before the first
+  EXPECT_NEAR(times.at("train_001") - times.at("train_000"), 0.7, 0.5);
+}
+
+TEST(SessionFileTemplate, IsReadByTheProgramWithAllItsKeys) {
+  const TemporaryFolder folder;
+  const auto message = [&](const std::vector<std::string>& words) {
+    EXPECT_EQ(run_program(words, folder / "log"), 2);
+    return read_text(folder / "log");
+  };
+  ASSERT_EQ(run_program({"acquire", "init", folder / "session.toml"}, folder / "log"), 0)
+      << read_text(folder / "log");
+  EXPECT_THAT(message({"acquire", "init", folder / "session.toml"}), HasSubstr("exists"));
+  std::string text = std::regex_replace(read_text(folder / "session.toml"),
+                                        std::regex("\ndevice = \"[^\"]*\""), "\ndevice = \"no such camera\"");
+  write_text_atomically(folder / "session.toml", text);
+  // The camera is the first thing that is missing: the file was read to its end.
+  EXPECT_THAT(message({"acquire", "run", folder / "session.toml"}), HasSubstr("no such camera"));
+  // All keys that are commented out are keys of the program; a display belongs to a window alone.
+  text = std::regex_replace(text, std::regex("\n# (\\[[a-z]+\\]|[a-z_]+ = )"), "\n$1");
+  text = std::regex_replace(text, std::regex("\ndisplay = [^\n]*"), "");
+  write_text_atomically(folder / "all.toml", text);
+  EXPECT_THAT(message({"acquire", "run", folder / "all.toml"}), HasSubstr("no such camera"));
+  EXPECT_THAT(
+      text, AllOf(HasSubstr("\nstrobe_active_low = "), HasSubstr("\n[trigger]"), HasSubstr("\npreview = ")));
+}
+
+}  // namespace
+}  // namespace refield
