@@ -2,6 +2,7 @@
 #include "core/files.h"
 
 #include <fcntl.h>
+#include <sys/random.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <optional>
 
 #include "core/errors.h"
+#include "core/interrupt.h"
 
 namespace refield {
 
@@ -34,21 +36,65 @@ fs::path folder_of(const fs::path& path) {
 }
 
 /// Text that the wildcards of `pattern` stand for in `text`, joined by '/'; nullopt when it does not match.
+/// Each `*` takes as little as it can. When the text does not fit, only the last `*` takes more: what stands
+/// before it fits already, and at the earliest place. So the time is at most the product of the two lengths.
 std::optional<std::string> match_wildcards(std::string_view pattern, std::string_view text) {
-  if (pattern.empty()) return text.empty() ? std::optional<std::string>("") : std::nullopt;
-  const auto join = [](std::string_view head, const std::string& tail) {
-    return std::string(head) + (tail.empty() ? "" : "/" + tail);
+  struct Wildcard {
+    std::size_t begin, end;  // in the text
   };
-  if (pattern.front() == '*') {
-    for (std::size_t length = 0; length <= text.size(); ++length)
-      if (auto rest = match_wildcards(pattern.substr(1), text.substr(length)))
-        return join(text.substr(0, length), *rest);
-    return std::nullopt;
+  std::vector<Wildcard> wildcards;
+  struct LastStar {
+    std::size_t after;  // in the pattern
+    std::size_t wildcards;
+  };
+  std::optional<LastStar> star;
+  std::size_t p = 0, t = 0;
+  while (t < text.size() || p < pattern.size()) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      wildcards.push_back({t, t});
+      star = {++p, wildcards.size()};
+    } else if (p < pattern.size() && t < text.size() && (pattern[p] == '?' || pattern[p] == text[t])) {
+      if (pattern[p++] == '?') wildcards.push_back({t, t + 1});
+      ++t;
+    } else {
+      if (!star) return std::nullopt;
+      wildcards.resize(star->wildcards);
+      if (wildcards.back().end == text.size()) return std::nullopt;
+      t = ++wildcards.back().end;
+      p = star->after;
+    }
   }
-  if (text.empty() || (pattern.front() != '?' && pattern.front() != text.front())) return std::nullopt;
-  auto rest = match_wildcards(pattern.substr(1), text.substr(1));
-  if (rest && pattern.front() == '?') return join(text.substr(0, 1), *rest);
-  return rest;
+  std::string joined;
+  for (std::size_t i = wildcards.size(); i-- > 0;) {
+    const auto [begin, end] = wildcards[i];
+    joined = std::string(text.substr(begin, end - begin)) + (joined.empty() ? "" : "/" + joined);
+  }
+  return joined;
+}
+
+/// Creates an empty file beside `path`, named `.partial-RANDOM-NAME`. Nobody can foresee that name, and an
+/// existing file or link is never opened.
+fs::path create_temporary(const fs::path& path) {
+  constexpr std::size_t max_name = 255, max_tail = 200;
+  const std::string name = path.filename().string();
+  const auto fail = [&](int error_number) {
+    throw DeviceError(path.string(), error_number, "cannot create");
+  };
+  if (name.size() > max_name) fail(ENAMETOOLONG);
+  const std::string tail = name.size() > max_tail ? name.substr(name.size() - max_tail) : name;
+  for (;;) {
+    std::uint64_t random = 0;
+    if (::getrandom(&random, sizeof random, 0) != sizeof random) fail(errno);
+    char digits[17];
+    std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(random));
+    fs::path temporary = folder_of(path) / (".partial-" + std::string(digits) + "-" + tail);
+    const int fd = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (fd >= 0) {
+      ::close(fd);
+      return temporary;
+    }
+    if (errno != EEXIST) fail(errno);
+  }
 }
 
 /// Whether the extension, in whatever case, is one of `known`.
@@ -70,10 +116,10 @@ bool is_camera_raw(const fs::path& path) {
 }
 
 void write_atomically(const fs::path& path, const std::function<void(const fs::path&)>& write) {
-  const fs::path temporary = folder_of(path) / (".partial-" + path.filename().string());
+  const fs::path temporary = create_temporary(path);
   try {
     write(temporary);
-    sync_to_device(temporary, O_RDWR);
+    sync_to_device(temporary, O_RDWR | O_NOFOLLOW);
     if (::rename(temporary.c_str(), path.c_str()) != 0)
       throw DeviceError(path.string(), errno, "cannot rename the finished file into place");
   } catch (...) {
@@ -136,6 +182,7 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
         matches.push_back({entry.path(), entry.path().stem().string()});
   } else if (fs::is_directory(folder_of(path))) {
     for (const auto& entry : fs::directory_iterator(folder_of(path))) {
+      throw_if_interrupted();
       const std::string name = entry.path().filename().string();
       if (name[0] == '.' && pattern[0] != '.') continue;
       if (auto wildcard = match_wildcards(path.filename().string(), name))

@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 
 #include <cerrno>
+#include <chrono>
 #include <fstream>
+#include <set>
 
 #include "core/errors.h"
 #include "tests/support/small_disk.h"
@@ -53,6 +55,33 @@ TEST(WriteAtomically, TheTemporaryHasTheSameExtensionAndFolder) {
     EXPECT_EQ(temporary.parent_path(), folder.path());
     touch(temporary);
   });
+}
+
+TEST(WriteAtomically, FollowsNoLinkThatSomebodyPlaced) {
+  const test::TemporaryFolder folder;
+  write_text_atomically(folder / "victim", "precious");
+  fs::create_symlink("victim", folder / ".partial-a.txt");
+  std::set<fs::path> temporaries;
+  for (int i = 0; i < 2; ++i)
+    write_atomically(folder / "a.txt", [&](const fs::path& temporary) {
+      EXPECT_TRUE(fs::is_regular_file(fs::symlink_status(temporary)));
+      temporaries.insert(temporary);
+      std::ofstream(temporary) << "new";
+    });
+  EXPECT_EQ(temporaries.size(), 2u) << "the name of the temporary can be foreseen";
+  EXPECT_EQ(read_text(folder / "victim"), "precious");
+  EXPECT_EQ(read_text(folder / "a.txt"), "new");
+}
+
+TEST(WriteAtomically, LongNames) {
+  const test::TemporaryFolder folder;
+  const std::string longest = std::string(251, 'n') + ".txt";
+  write_text_atomically(folder / longest, "x");
+  EXPECT_EQ(read_text(folder / longest), "x");
+  bool asked = false;
+  EXPECT_THROW(write_atomically(folder / ("n" + longest), [&](const fs::path&) { asked = true; }),
+               DeviceError);
+  EXPECT_FALSE(asked) << "the name was refused only after the work";
 }
 
 TEST(WriteAtomically, SaysWhyItCannotWrite) {
@@ -121,6 +150,21 @@ TEST(ExpandGlob, SortsAndTellsWhatTheWildcardsStandFor) {
   EXPECT_THAT(wildcards(expand_glob((folder / "t*_0??.exr").string())),
               ElementsAre("est/0/1", "rain/0/2", "rain/1/0"));
   EXPECT_THAT(wildcards(expand_glob((folder / "test_001.exr").string())), ElementsAre(""));
+}
+
+TEST(ExpandGlob, ManyStarsTakeNoTime) {
+  const test::TemporaryFolder folder;
+  touch(folder / (std::string(120, 'a') + ".exr"));
+  std::string pattern;
+  for (int i = 0; i < 10; ++i) pattern += "*a";
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_THROW(expand_glob((folder / (pattern + "*b.exr")).string()), InputError);
+  EXPECT_EQ(wildcards(expand_glob((folder / (pattern + "*.exr")).string())).size(), 1u);
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
+  touch(folder / "ab_abc_abd.exr");
+  EXPECT_THAT(wildcards(expand_glob((folder / "*_*b?.exr").string())), ElementsAre("ab/abc_a/d"));
+  EXPECT_THAT(wildcards(expand_glob((folder / "*ab?.exr").string())), ElementsAre("ab_abc_/d"));
+  EXPECT_THROW(expand_glob((folder / "ab_*_abd_*.exr").string()), InputError);
 }
 
 TEST(ExpandGlob, AFolderStandsForItsImages) {
