@@ -3,7 +3,8 @@
 
 #include <algorithm>
 #include <array>
-#include <fstream>
+#include <cerrno>
+#include <cstdio>
 #include <string_view>
 
 #include "core/byte_reader.h"
@@ -114,10 +115,11 @@ std::optional<ImageFormat> image_format(const fs::path& path) {
                                        std::pair{"MM\0+"sv, ImageFormat::tiff},
                                        std::pair{"PF\n"sv, ImageFormat::pfm},
                                        std::pair{"Pf\n"sv, ImageFormat::pfm}};
-  std::ifstream file(path, std::ios::binary);
+  std::FILE* file = std::fopen(path.c_str(), "rbe");
+  if (!file) throw DeviceError(path.string(), errno, "cannot open the image");
   std::array<char, 16> head{};
-  file.read(head.data(), head.size());
-  const std::string_view start(head.data(), static_cast<std::size_t>(file.gcount()));
+  const std::string_view start(head.data(), std::fread(head.data(), 1, head.size(), file));
+  std::fclose(file);
   const auto found =
       std::ranges::find_if(known, [&](const auto& kind) { return start.starts_with(kind.first); });
   if (found == known.end()) return std::nullopt;

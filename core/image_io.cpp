@@ -8,12 +8,15 @@
 #include <array>
 #include <cerrno>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <numbers>
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "core/cube_map.h"
 #include "core/errors.h"
@@ -57,20 +60,6 @@ std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
   return input;
 }
 
-std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
-  std::error_code error;
-  if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
-  if (!fs::is_regular_file(path, error)) throw FormatError(path, "is not a file; name an image");
-  silence_openimageio();
-  auto input = open_with_decoder(path);
-  const auto& spec = input->spec();
-  if (spec.depth > 1) throw FormatError(path, "has impossible dimensions: it is a volume, not an image");
-  require_plausible({spec.width, spec.height, spec.nchannels,
-                     static_cast<std::int64_t>(spec.tile_width) * spec.tile_height, 0},
-                    path);
-  return input;
-}
-
 /// Numbers of the named channels in a file.
 std::optional<std::array<int, 3>> find_channels(const OIIO::ImageSpec& spec, const std::string& prefix) {
   const std::array<int, 3> found = {spec.channelindex(prefix + "R"), spec.channelindex(prefix + "G"),
@@ -79,21 +68,129 @@ std::optional<std::array<int, 3>> find_channels(const OIIO::ImageSpec& spec, con
   return found;
 }
 
-std::array<int, 3> colour_channels(const OIIO::ImageSpec& spec, const fs::path& path) {
-  if (auto rgb = find_channels(spec, "")) return *rgb;
-  if (spec.nchannels <= 2) return {0, 0, 0};  // grey, perhaps with alpha
-  // A single layer under any name, such as Combined.R.
+/// Channels that may be meant as the image, and the name of their layer; "" for that without a name.
+struct ColourLayer {
+  std::string name;
+  std::array<int, 3> channels{};
+};
+
+/// R, G, B without a layer's name are the image, whatever else there is. Else every layer that has R, G, B,
+/// or Y (grey), is one possibility.
+std::vector<ColourLayer> colour_layers(const OIIO::ImageSpec& spec) {
+  if (const auto rgb = find_channels(spec, "")) return {{"", *rgb}};
+  std::vector<ColourLayer> layers;
   for (int c = 0; c < spec.nchannels; ++c) {
     const std::string& name = spec.channelnames[c];
-    if (name.size() > 2 && name.ends_with(".R") && !name.starts_with("sigma"))
-      if (auto rgb = find_channels(spec, name.substr(0, name.size() - 1))) return *rgb;
+    const std::size_t dot = name.rfind('.');
+    const std::string prefix = dot == std::string::npos ? "" : name.substr(0, dot + 1);
+    if (prefix == "sigma.") continue;
+    const std::string layer = prefix.substr(0, prefix.empty() ? 0 : dot);
+    const std::string last = name.substr(prefix.size());
+    const auto rgb = find_channels(spec, prefix);
+    if (last == "R" && rgb) layers.push_back({layer, *rgb});
+    if (last == "Y" && !rgb) layers.push_back({layer, {c, c, c}});
   }
-  throw FormatError(path, "has no channels R, G, B");
+  return layers;
 }
 
-/// All channels of rows [first, last), interleaved.
-std::vector<float> read_raw_rows(OIIO::ImageInput& input, const fs::path& path, int first, int last) {
+std::string joined(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+/// Throws FormatError unless the file says clearly which channels are the image.
+std::array<int, 3> colour_channels(const OIIO::ImageSpec& spec, bool is_exr, const fs::path& path) {
+  const auto layers = colour_layers(spec);
+  if (layers.size() == 1) return layers.front().channels;
+  if (!is_exr && spec.nchannels <= 2) return {0, 0, 0};  // grey, perhaps with alpha, under whatever names
+  if (layers.empty())
+    throw FormatError(path, "has no colour: its channels are " + joined(spec.channelnames) +
+                                "; an image needs R, G and B, or Y for grey");
+  std::vector<std::string> names;
+  for (const ColourLayer& layer : layers) names.push_back("'" + layer.name + "'");
+  throw FormatError(path, "has several layers, and none is the image without a name: " + joined(names) +
+                              "; export one of them alone");
+}
+
+/// An image file that is open for reading. Its pixels are placed as its header says: an EXR file stores
+/// those of its data window, which may be smaller or larger than the image, its display window.
+struct ImageFile {
+  std::unique_ptr<OIIO::ImageInput> input;
+  bool is_exr = false;
+  int width = 0;   ///< of the image, pixels
+  int height = 0;  ///< rows
+  int left = 0;    ///< column of the image where the stored pixels begin; below 0 for overscan
+  int top = 0;     ///< row
+
+  const OIIO::ImageSpec& spec() const { return input->spec(); }
+};
+
+/// A file of several parts: goes to the one that holds colour.
+void choose_part(OIIO::ImageInput& input, const fs::path& path) {
+  if (!input.seek_subimage(1, 0)) return;
+  std::vector<int> with_colour;
+  std::vector<std::string> names;
+  for (int part = 0; input.seek_subimage(part, 0); ++part) {
+    const std::string name = input.spec().get_string_attribute("oiio:subimagename", std::to_string(part));
+    names.push_back("'" + name + "' (" + joined(input.spec().channelnames) + ")");
+    if (!colour_layers(input.spec()).empty()) with_colour.push_back(part);
+  }
+  if (with_colour.size() == 1 && input.seek_subimage(with_colour.front(), 0)) return;
+  throw FormatError(path, "has several parts, and which is the image is not clear: " + joined(names) +
+                              "; export one of them alone");
+}
+
+/// Sets the size of the image and the place of the stored pixels in it.
+void place_data_window(ImageFile& file, const fs::path& path) {
+  const OIIO::ImageSpec& spec = file.spec();
+  file.width = spec.width;
+  file.height = spec.height;
+  if (!file.is_exr) return;
+  const auto text = [](int width, int height) {
+    return std::to_string(width) + "×" + std::to_string(height);
+  };
+  const std::int64_t left = std::int64_t{spec.x} - spec.full_x, top = std::int64_t{spec.y} - spec.full_y;
+  if (left >= spec.full_width || top >= spec.full_height || left + spec.width <= 0 || top + spec.height <= 0)
+    throw FormatError(path, "stores no pixel of its display window of " +
+                                text(spec.full_width, spec.full_height) + "; export it with that window");
+  // Pixels outside of the data window are zero and take no space in the file, but in memory.
+  constexpr std::int64_t always_allowed = 1 << 24, max_side = 1 << 16, max_ratio = 64;
+  const std::int64_t pixels = std::int64_t{spec.full_width} * spec.full_height;
+  const std::int64_t stored = std::int64_t{spec.width} * spec.height;
+  if (spec.full_width > max_side || spec.full_height > max_side ||
+      (pixels > always_allowed && pixels / max_ratio > stored))
+    throw FormatError(path, "stores " + text(spec.width, spec.height) + " pixels of a display window of " +
+                                text(spec.full_width, spec.full_height) + "; crop that window");
+  file.width = spec.full_width;
+  file.height = spec.full_height;
+  file.left = static_cast<int>(left);
+  file.top = static_cast<int>(top);
+}
+
+ImageFile open_image(const fs::path& path) {
+  std::error_code error;
+  if (!fs::exists(path, error))
+    throw DeviceError(path.string(), error ? error.value() : ENOENT, "cannot open the image");
+  if (!fs::is_regular_file(path, error)) throw FormatError(path, "is not a file; name an image");
+  silence_openimageio();
+  ImageFile file{.input = open_with_decoder(path)};
+  file.is_exr = std::string_view(file.input->format_name()) == name_of(ImageFormat::exr);
+  if (file.is_exr) choose_part(*file.input, path);
+  const OIIO::ImageSpec& spec = file.spec();
+  if (spec.depth > 1) throw FormatError(path, "has impossible dimensions: it is a volume, not an image");
+  require_plausible({spec.width, spec.height, spec.nchannels,
+                     static_cast<std::int64_t>(spec.tile_width) * spec.tile_height, 0},
+                    path);
+  place_data_window(file, path);
+  return file;
+}
+
+/// All channels of the stored rows [first, last), interleaved.
+std::vector<float> read_stored_rows(const ImageFile& file, const fs::path& path, int first, int last) {
+  OIIO::ImageInput& input = *file.input;
   const OIIO::ImageSpec spec = input.spec();
+  const int part = input.current_subimage();
   const std::size_t row_size = static_cast<std::size_t>(spec.width) * spec.nchannels;
   const auto fail = [&] {
     throw FormatError(path, "cannot read rows " + std::to_string(first) + " to " + std::to_string(last) +
@@ -102,15 +199,44 @@ std::vector<float> read_raw_rows(OIIO::ImageInput& input, const fs::path& path, 
   };
   std::vector<float> raw(row_size * (last - first));
   if (spec.tile_width == 0) {
-    if (!input.read_scanlines(0, 0, spec.y + first, spec.y + last, 0, 0, spec.nchannels,
+    if (!input.read_scanlines(part, 0, spec.y + first, spec.y + last, 0, 0, spec.nchannels,
                               OIIO::TypeDesc::FLOAT, raw.data()))
       fail();
     return raw;
   }
   // Tiled files come whole: they are rare, and rows of tiles do not line up with bands.
   std::vector<float> whole(row_size * spec.height);
-  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, whole.data())) fail();
+  if (!input.read_image(part, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, whole.data())) fail();
   std::copy_n(whole.data() + row_size * first, raw.size(), raw.data());
+  return raw;
+}
+
+/// All channels of rows [first, last) of the image, interleaved. Where the file stores no pixels, radiance is
+/// zero, and noise infinite: nothing was measured there.
+std::vector<float> read_raw_rows(const ImageFile& file, const fs::path& path, int first, int last) {
+  const OIIO::ImageSpec& spec = file.spec();
+  const int stored_first = std::clamp(first - file.top, 0, spec.height);
+  const int stored_last = std::clamp(last - file.top, 0, spec.height);
+  std::vector<float> stored;
+  if (stored_first < stored_last) stored = read_stored_rows(file, path, stored_first, stored_last);
+  if (file.left == 0 && file.width == spec.width && stored_last - stored_first == last - first) return stored;
+  std::vector<float> background(spec.nchannels, 0.0f);
+  for (int c = 0; c < spec.nchannels; ++c)
+    if (spec.channelnames[c].starts_with("sigma.")) background[c] = std::numeric_limits<float>::infinity();
+  std::vector<float> raw;
+  raw.reserve(static_cast<std::size_t>(file.width) * spec.nchannels * (last - first));
+  for (std::size_t p = 0; p < static_cast<std::size_t>(file.width) * (last - first); ++p)
+    raw.insert(raw.end(), background.begin(), background.end());
+  const int x_first = std::max(file.left, 0), x_last = std::min(file.left + spec.width, file.width);
+  const std::size_t channels = spec.nchannels;
+  for (int row = stored_first; row < stored_last; ++row) {
+    const float* from =
+        stored.data() +
+        (static_cast<std::size_t>(row - stored_first) * spec.width + (x_first - file.left)) * channels;
+    float* to =
+        raw.data() + (static_cast<std::size_t>(row + file.top - first) * file.width + x_first) * channels;
+    std::copy_n(from, static_cast<std::size_t>(x_last - x_first) * channels, to);
+  }
   return raw;
 }
 
@@ -150,15 +276,16 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
 }  // namespace
 
 ImageHeader read_image_header(const fs::path& path) {
-  const auto input = open_image(path);
-  return {input->spec().width, input->spec().height, find_channels(input->spec(), "sigma.").has_value()};
+  const ImageFile file = open_image(path);
+  return {file.width, file.height, find_channels(file.spec(), "sigma.").has_value()};
 }
 
 Image read_image(const fs::path& path) {
-  const auto input = open_image(path);
-  const OIIO::ImageSpec spec = input->spec();
-  const auto raw = read_raw_rows(*input, path, 0, spec.height);
-  Image image = select_channels(raw, spec.width, spec.height, spec.nchannels, colour_channels(spec, path));
+  const ImageFile file = open_image(path);
+  const OIIO::ImageSpec& spec = file.spec();
+  const auto colour = colour_channels(spec, file.is_exr, path);
+  const auto raw = read_raw_rows(file, path, 0, file.height);
+  Image image = select_channels(raw, file.width, file.height, spec.nchannels, colour);
   if (!spec.format.is_floating_point() && spec.get_string_attribute("oiio:ColorSpace") != "Linear")
     std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
   if (spec.alpha_channel >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
@@ -169,19 +296,19 @@ Image read_image(const fs::path& path) {
 }
 
 Photograph read_photograph_rows(const fs::path& path, int first, int last) {
-  const auto input = open_image(path);
-  const OIIO::ImageSpec spec = input->spec();
-  if (first < 0 || last > spec.height || first >= last)
+  const ImageFile file = open_image(path);
+  const OIIO::ImageSpec& spec = file.spec();
+  if (first < 0 || last > file.height || first >= last)
     throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " +
                      std::to_string(last));
   if (!spec.format.is_floating_point())
     throw FormatError(path, "is not scene-linear; photographs must be OpenEXR or another float format");
-  const auto raw = read_raw_rows(*input, path, first, last);
+  const auto colour = colour_channels(spec, file.is_exr, path);
+  const auto raw = read_raw_rows(file, path, first, last);
   Photograph photograph;
-  photograph.radiance =
-      select_channels(raw, spec.width, last - first, spec.nchannels, colour_channels(spec, path));
+  photograph.radiance = select_channels(raw, file.width, last - first, spec.nchannels, colour);
   if (auto sigma = find_channels(spec, "sigma."))
-    photograph.sigma = select_channels(raw, spec.width, last - first, spec.nchannels, *sigma);
+    photograph.sigma = select_channels(raw, file.width, last - first, spec.nchannels, *sigma);
   return photograph;
 }
 

@@ -10,7 +10,10 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "core/cube_map.h"
 #include "core/errors.h"
@@ -144,6 +147,126 @@ TEST(ForeignExr, ANamedLayerIsTaken) {
   spec.channelnames = {"Combined.R", "Combined.G", "Combined.B"};
   write_with_openimageio(folder / "a.exr", spec, {1.0f, 2.0f, 3.0f});
   EXPECT_EQ(read_image(folder / "a.exr").values, (std::vector<float>{1.0f, 2.0f, 3.0f}));
+}
+
+/// An EXR whose data window of 4×3 pixels begins at (x, y) of a display window, which begins at (1, 2)
+/// itself.
+void write_window(const fs::path& path, int x, int y, int display_width, int display_height, int tile = 0,
+                  std::vector<std::string> channels = {"R", "G", "B"}) {
+  OIIO::ImageSpec spec(4, 3, static_cast<int>(channels.size()), OIIO::TypeDesc::FLOAT);
+  spec.channelnames = channels;
+  spec.full_x = 1;
+  spec.full_y = 2;
+  spec.x = 1 + x;
+  spec.y = 2 + y;
+  spec.full_width = display_width;
+  spec.full_height = display_height;
+  spec.tile_width = spec.tile_height = tile;
+  std::vector<float> values(4 * 3 * channels.size());
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<float>(1 + i);
+  write_with_openimageio(path, spec, values);
+}
+
+/// What write_window() stored at a pixel of the display window, 0 where it stored none.
+float stored_at(int column, int row, int x, int y, int channel) {
+  const int u = column - x, v = row - y;
+  return u < 0 || v < 0 || u >= 4 || v >= 3 ? 0.0f : static_cast<float>(1 + (v * 4 + u) * 3 + channel);
+}
+
+TEST(ForeignExr, PixelsArePlacedInTheDisplayWindow) {
+  const test::TemporaryFolder folder;
+  struct Case {
+    int x, y, width, height, tile;
+  };
+  for (const auto& [x, y, width, height, tile] :
+       {Case{2, 1, 8, 6, 0}, Case{2, 1, 8, 6, 16}, Case{0, 0, 4, 3, 0}, Case{-1, -1, 2, 2, 0},
+        Case{-2, 1, 5, 3, 0}, Case{3, -2, 5, 9, 0}, Case{0, 2, 4, 9, 0}}) {
+    SCOPED_TRACE(std::to_string(x) + "," + std::to_string(y));
+    write_window(folder / "a.exr", x, y, width, height, tile);
+    const Image image = read_image(folder / "a.exr");
+    const ImageHeader header = read_image_header(folder / "a.exr");
+    ASSERT_EQ(std::pair(image.width, image.height), std::pair(width, height));
+    EXPECT_EQ(std::pair(header.width, header.height), std::pair(width, height));
+    for (int row = 0; row < height; ++row) {
+      const Photograph band = read_photograph_rows(folder / "a.exr", row, row + 1);
+      for (int column = 0; column < width; ++column)
+        for (int c = 0; c < 3; ++c) {
+          EXPECT_EQ(image.at(column, row, c), stored_at(column, row, x, y, c)) << column << "," << row;
+          EXPECT_EQ(band.radiance.at(column, 0, c), image.at(column, row, c)) << column << "," << row;
+        }
+    }
+  }
+}
+
+TEST(ForeignExr, NothingIsMeasuredOutsideOfTheDataWindow) {
+  const test::TemporaryFolder folder;
+  write_window(folder / "a.exr", 1, 0, 6, 3, 0, {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B"});
+  const Photograph photograph = read_photograph(folder / "a.exr");
+  EXPECT_EQ(photograph.radiance.at(0, 0, 0), 0.0f);
+  EXPECT_EQ(photograph.sigma.at(0, 0, 0), infinity);
+  EXPECT_EQ(photograph.sigma.at(1, 0, 0), 4.0f);
+  EXPECT_EQ(photograph.sigma.at(5, 2, 2), infinity);
+}
+
+TEST(ForeignExr, WindowsThatMakeNoSenseAreRefused) {
+  const test::TemporaryFolder folder;
+  const auto refusal = [&](int x, int y, int width, int height) {
+    write_window(folder / "a.exr", x, y, width, height);
+    return test::message_of<FormatError>([&] { read_image(folder / "a.exr"); });
+  };
+  EXPECT_THAT(refusal(9, 0, 8, 6), HasSubstr("display window of 8×6"));
+  EXPECT_THAT(refusal(0, -3, 8, 6), HasSubstr("display window of 8×6"));
+  EXPECT_THAT(refusal(0, 0, 60000, 60000), HasSubstr("crop"));  // 43 GB for 12 pixels
+}
+
+TEST(ForeignExr, ChannelsThatAreNoImageAreNamed) {
+  const test::TemporaryFolder folder;
+  const auto refusal = [&](std::vector<std::string> channels) {
+    OIIO::ImageSpec spec(1, 1, static_cast<int>(channels.size()), OIIO::TypeDesc::FLOAT);
+    spec.channelnames = channels;
+    write_with_openimageio(folder / "a.exr", spec, std::vector<float>(channels.size(), 0.5f));
+    return test::message_of<FormatError>([&] { read_image(folder / "a.exr"); });
+  };
+  EXPECT_THAT(refusal({"Z"}), HasSubstr("its channels are Z"));
+  EXPECT_THAT(refusal({"A", "Z"}), HasSubstr("A, Z"));
+  EXPECT_THAT(refusal({"R", "G"}), HasSubstr("R, G"));
+  EXPECT_THAT(refusal({"diffuse.B", "diffuse.G", "diffuse.R", "glossy.B", "glossy.G", "glossy.R"}),
+              testing::AllOf(HasSubstr("'diffuse', 'glossy'"), HasSubstr("a.exr")));
+  for (const auto& clear : {std::vector<std::string>{"Y"},
+                            {"Y", "A"},
+                            {"B", "G", "R", "Z", "mist.Y"},
+                            {"B", "G", "R", "glossy.B", "glossy.G", "glossy.R"},
+                            {"grey.Y"}})
+    EXPECT_EQ(refusal(clear), "(nothing was thrown)") << clear[0];
+}
+
+TEST(ForeignExr, OfSeveralPartsTheOneWithColourIsRead) {
+  const test::TemporaryFolder folder;
+  const auto write_parts = [&](const std::vector<std::vector<std::string>>& parts) {
+    std::vector<OIIO::ImageSpec> specs;
+    for (const auto& channels : parts) {
+      OIIO::ImageSpec& spec =
+          specs.emplace_back(1, 1, static_cast<int>(channels.size()), OIIO::TypeDesc::FLOAT);
+      spec.channelnames = channels;
+      spec.attribute("oiio:subimagename", "part" + std::to_string(specs.size()));
+    }
+    auto output = OIIO::ImageOutput::create("exr");
+    const std::string path = folder / "a.exr";
+    ASSERT_TRUE(output->open(path, static_cast<int>(specs.size()), specs.data()));
+    for (std::size_t i = 0; i < specs.size(); ++i) {
+      const std::vector<float> values(specs[i].nchannels, static_cast<float>(i));
+      if (i > 0) {
+        ASSERT_TRUE(output->open(path, specs[i], OIIO::ImageOutput::AppendSubimage));
+      }
+      ASSERT_TRUE(output->write_image(OIIO::TypeDesc::FLOAT, values.data())) << output->geterror();
+    }
+    ASSERT_TRUE(output->close());
+  };
+  write_parts({{"Z"}, {"R", "G", "B"}});
+  EXPECT_EQ(read_image(folder / "a.exr").at(0, 0, 0), 1.0f);
+  write_parts({{"R", "G", "B"}, {"R", "G", "B"}});
+  EXPECT_THAT(test::message_of<FormatError>([&] { read_image(folder / "a.exr"); }),
+              testing::AllOf(HasSubstr("'part1' (R, G, B)"), HasSubstr("'part2'")));
 }
 
 TEST(Png, IsDecodedFromSrgb) {
