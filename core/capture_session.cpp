@@ -14,6 +14,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "core/config_file.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -41,12 +42,27 @@ Parameterisation parameterisation(std::string_view name, const fs::path& manifes
   }
 }
 
+std::string line_of(const toml::node& node) {
+  return node.source().begin.line ? "line " + std::to_string(node.source().begin.line) + ": " : std::string();
+}
+
+/// A key that is ignored would be an option that silently does nothing.
+void check_keys(const toml::table& table, const std::string& where, const std::vector<std::string>& known,
+                const fs::path& manifest) {
+  for (const auto& [key, node] : table)
+    if (const std::string name(key.str()); std::ranges::find(known, name) == known.end())
+      throw FormatError(manifest, line_of(node) + where + "'" + name + "' " + unknown_name_text(name, known));
+}
+
 /// Whole numbers alone are taken as such: toml++ would convert others, and overflow where they are large.
 template <class T>
 std::optional<T> value_of(const toml::table& table, const char* key) {
   if constexpr (std::is_same_v<T, int>) {
     const auto value = table[key].value_exact<std::int64_t>();
     return value && std::in_range<int>(*value) ? std::optional(static_cast<int>(*value)) : std::nullopt;
+  } else if constexpr (std::is_same_v<T, std::string>) {
+    const auto value = table[key].value_exact<std::string>();
+    return value && value->find('\0') == std::string::npos ? value : std::nullopt;
   } else {
     return table[key].value<T>();
   }
@@ -55,10 +71,9 @@ std::optional<T> value_of(const toml::table& table, const char* key) {
 template <class T>
 T required(const toml::table& table, const char* key, const fs::path& manifest) {
   if (const auto value = value_of<T>(table, key)) return *value;
-  throw FormatError(manifest,
-                    "has no valid '" + std::string(key) + "'" +
-                        (table.source().begin.line ? " near line " + std::to_string(table.source().begin.line)
-                                                   : std::string()));
+  const toml::node* node = table.get(key);
+  throw FormatError(manifest, line_of(node ? *node : table) + "has no valid '" + std::string(key) + "'" +
+                                  (std::is_same_v<T, std::string> ? "; give a text in quotes" : ""));
 }
 
 void require_exists(const fs::path& path, const fs::path& manifest) {
@@ -91,6 +106,10 @@ std::vector<MonitorPlacement> monitors_of(const toml::table& light, const LightD
     throw FormatError(manifest, "light.monitor is no list of tables; write [[light.monitor]]");
   for (const toml::node& node : *given->as_array()) {
     const toml::table& table = *node.as_table();
+    check_keys(table, "[[light.monitor]] ",
+               {"width_mm", "height_mm", "distance_mm", "yaw_degrees", "pitch_degrees", "roll_degrees",
+                "offset_x_mm", "offset_y_mm"},
+               manifest);
     const auto optional = [&](const char* key) {
       return table.contains(key) ? required<double>(table, key, manifest) : 0.0;
     };
@@ -217,6 +236,9 @@ CaptureSession read_capture_session(const fs::path& folder) {
   const toml::table* light = table["light"].as_table();
   const toml::array* frames = table["frame"].as_array();
   if (!camera || !light || !frames) throw FormatError(manifest, "lacks [camera], [light] or [[frame]]");
+  check_keys(table, "", {"format", "version", "camera", "light", "frame", "ambient", "mask"}, manifest);
+  check_keys(*camera, "[camera] ", {"width", "height"}, manifest);
+  check_keys(*light, "[light] ", {"width", "height", "parameterisation", "monitor"}, manifest);
 
   CaptureSession session;
   session.folder = folder;
@@ -231,10 +253,11 @@ CaptureSession read_capture_session(const fs::path& folder) {
   for (const auto& node : *frames) {
     const toml::table* entry = node.as_table();
     if (!entry) throw FormatError(manifest, "a [[frame]] is no table");
+    check_keys(*entry, "[[frame]] ", {"name", "role", "kind", "illumination", "observed", "order"}, manifest);
     CaptureFrame frame;
     frame.name = required<std::string>(*entry, "name", manifest);
     frame.role = role_from_name(required<std::string>(*entry, "role", manifest), manifest);
-    frame.kind = (*entry)["kind"].value_or(std::string());
+    if (entry->contains("kind")) frame.kind = required<std::string>(*entry, "kind", manifest);
     frame.illumination = folder / required<std::string>(*entry, "illumination", manifest);
     frame.observed = folder / required<std::string>(*entry, "observed", manifest);
     frame.order = static_cast<double>(session.frames.size());
@@ -251,8 +274,8 @@ CaptureSession read_capture_session(const fs::path& folder) {
     session.frames.push_back(std::move(frame));
   }
   for (auto [key, slot] : {std::pair{"ambient", &session.ambient}, std::pair{"mask", &session.mask}})
-    if (const auto value = table[key].value<std::string>()) {
-      *slot = folder / *value;
+    if (table.contains(key)) {
+      *slot = folder / required<std::string>(table, key, manifest);
       require_exists(**slot, manifest);
     }
   return session;

@@ -43,7 +43,35 @@ std::string place(const fs::path& path, const toml::node& node) {
   return path.string() + ":" + std::to_string(node.source().begin.line) + ": ";
 }
 
+/// Levenshtein's distance: letters to insert, leave out or replace.
+std::size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i - 1] != b[j - 1]);
+      diagonal = row[j];
+      row[j] = std::min({row[j] + 1, row[j - 1] + 1, replaced});
+    }
+  }
+  return row[b.size()];
+}
+
 }  // namespace
+
+std::string unknown_name_text(const std::string& name, const std::vector<std::string>& known) {
+  std::string text = "is not known here", names;
+  constexpr std::size_t max_length = 100;  // of a name that may be misspelt
+  const auto distance = [&](const std::string& other) { return edit_distance(name, other); };
+  if (!known.empty() && name.size() <= max_length) {
+    const std::string& nearest = *std::ranges::min_element(known, {}, distance);
+    if (distance(nearest) <= 1 + nearest.size() / 4) text += "; did you mean '" + nearest + "'?";
+  }
+  for (const std::string& other : known) names += (names.empty() ? "" : ", ") + other;
+  return text + (text.ends_with('?') ? " Known" : "; known") + " are " + names;
+}
 
 void ConfigSection::fail(const std::string& key, const std::string& what) const {
   const toml::table& table = table_of(table_);
@@ -185,9 +213,8 @@ std::map<std::string, std::int64_t> ConfigSection::settings() {
 void ConfigSection::finish() const {
   for (const auto& [key, node] : table_of(table_)) {
     if (known_.contains(std::string(key.str()))) continue;
-    std::string names;
-    for (const std::string& name : known_) names += (names.empty() ? "" : ", ") + name;
-    fail(std::string(key.str()), "is not known here; known are " + names);
+    const std::string name(key.str());
+    fail(name, unknown_name_text(name, {known_.begin(), known_.end()}));
   }
 }
 
@@ -215,12 +242,12 @@ ConfigFile::ConfigFile(fs::path path, std::string what, std::string manual)
 ConfigFile::~ConfigFile() = default;
 
 void ConfigFile::check_names(std::initializer_list<const char*> known) const {
-  std::string names;
-  for (const char* name : known) names += (names.empty() ? "" : ", ") + std::string(name);
-  for (const auto& [key, node] : content_->root)
-    if (std::ranges::find(known, key.str()) == known.end())
-      throw InputError(place(path_, node) + "'" + std::string(key.str()) + "' is not known; known are " +
-                       names);
+  for (const auto& [key, node] : content_->root) {
+    const std::string name(key.str());
+    if (std::ranges::find(known, name) == known.end())
+      throw InputError(place(path_, node) + "'" + name + "' " +
+                       unknown_name_text(name, {known.begin(), known.end()}));
+  }
 }
 
 bool ConfigFile::has(const std::string& name) const {

@@ -17,6 +17,10 @@
 
 namespace refield {
 
+/// What to say of a name that is not one of `known`: which of them is meant, by its spelling, and all of
+/// them.
+std::string unknown_name_text(const std::string& name, const std::vector<std::string>& known);
+
 /// One table of a TOML file that a person wrote. Values that are absent leave what they are read into as it
 /// is. Every error names file, line, table, key, value and remedy; keys that nobody asked for are errors,
 /// too. All functions throw InputError.

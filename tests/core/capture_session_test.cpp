@@ -133,6 +133,32 @@ TEST_F(CaptureSessionTest, HostileManifests) {
   expect_refused("[camera]", "[camera");
 }
 
+TEST_F(CaptureSessionTest, KeysThatNobodyReadsAreRefused) {
+  write_session_manifest(make_session());
+  const std::string good = read_text(folder_ / session_manifest_name);
+  const auto refusal = [&](const std::string& before, const std::string& added) {
+    std::string text = good;
+    write_manifest(text.insert(text.find(before), added + "\n"));
+    return test::message_of([&] { read_capture_session(folder_.path()); });
+  };
+  EXPECT_THAT(refusal("format", "maks = 'mask.png'"),
+              AllOf(HasSubstr("line 1"), HasSubstr("'maks'"), HasSubstr("did you mean 'mask'?")));
+  EXPECT_THAT(refusal("format", "ambiant = 'a.exr'"), HasSubstr("'ambient'"));
+  EXPECT_THAT(refusal("format", "mask = 7"), AllOf(HasSubstr("'mask'"), HasSubstr("text in quotes")));
+  EXPECT_THAT(refusal("format", "mask = \"m\\u0000.png\""), HasSubstr("'mask'"));
+  EXPECT_THAT(refusal("[light]", "[lights]"), HasSubstr("did you mean 'light'?"));
+  const auto in_table = [&](const std::string& table, const std::string& added) {
+    std::string text = good;
+    const auto line = text.find('\n', text.find(table)) + 1;
+    write_manifest(text.insert(line, added + "\n"));
+    return test::message_of([&] { read_capture_session(folder_.path()); });
+  };
+  EXPECT_THAT(in_table("[camera]", "hight = 4"), AllOf(HasSubstr("[camera] 'hight'"), HasSubstr("'height'")));
+  EXPECT_THAT(in_table("[light]", "gamma = 2.2"), HasSubstr("[light] 'gamma' is not known here; known are"));
+  EXPECT_THAT(in_table("[[frame]]", "weight = 2"), HasSubstr("[[frame]] 'weight'"));
+  EXPECT_THAT(in_table("[[frame]]", "orders = 2"), HasSubstr("did you mean 'order'?"));
+}
+
 TEST_F(CaptureSessionTest, AManifestCutAnywhereIsRefusedOrHasFewerFrames) {
   write_session_manifest(make_session());
   const std::string good = read_text(folder_ / session_manifest_name);
