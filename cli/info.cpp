@@ -16,6 +16,7 @@
 #include "core/field_part.h"
 #include "core/field_statistics.h"
 #include "core/image_io.h"
+#include "core/json_text.h"
 #include "core/metrics.h"
 #include "core/reflectance_field_file.h"
 
@@ -252,7 +253,7 @@ void print_text(const ordered_json& value, int indent) {
     } else if (constexpr std::size_t one_line = 40; item.is_array() && item.size() > one_line) {
       std::printf("%*s%s: %zu values, see --json\n", indent, "", label.c_str(), item.size());
     } else {
-      std::printf("%*s%s: %s\n", indent, "", label.c_str(), item.dump().c_str());
+      std::printf("%*s%s: %s\n", indent, "", label.c_str(), json_text(item).c_str());
     }
   }
 }
@@ -268,7 +269,7 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
     action = [path, &common] {
       const ordered_json info = describe_path(*path);
       if (common.json)
-        std::printf("%s\n", info.dump(2).c_str());
+        std::printf("%s\n", json_text(info, 2).c_str());
       else
         print_text(info, 0);
     };

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/errors.h"
+#include "core/json_text.h"
 
 namespace refield {
 
@@ -89,7 +90,7 @@ std::string describe(const EstimateJob& job, const EstimateOptions& options) {
                                   {"modified", fs::last_write_time(path).time_since_epoch().count()}};
   };
   for (const fs::path& path : inputs_of(job)) description["inputs"].push_back(stamp(path));
-  return description.dump(1);
+  return json_text(description, 1);
 }
 
 std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
@@ -102,7 +103,7 @@ std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
   std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
   key["inputs"] = inputs_of(job).size();
   key["names_and_sizes"] = text;
-  return key.dump();
+  return json_text(key);
 }
 
 std::string provenance_of(const EstimateJob& job, const EstimateOptions& options) {
@@ -122,7 +123,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
     provenance["drift_removed"] = {{"reference_frames", job.references.size()},
                                    {"largest_change", job.drift.largest}};
   for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
-  return provenance.dump();
+  return json_text(provenance);
 }
 
 std::vector<fs::path> illumination_paths(const std::vector<CaptureFrame>& frames) {

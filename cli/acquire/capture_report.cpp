@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/report/run_log.h"
+#include "core/json_text.h"
 
 namespace refield::cli {
 
@@ -99,7 +100,7 @@ void report_capture(const CaptureSummary& summary, const fs::path& session, cons
                            {"frames_discarded_stale", summary.discarded.stale},
                            {"frames_lost", summary.discarded.lost}});
   if (common.json)
-    std::printf("%s\n", figures_of(summary, until).dump(2).c_str());
+    std::printf("%s\n", json_text(figures_of(summary, until), 2).c_str());
   else
     print(summary, session);
   if (until && !common.json) print(*until, summary);

@@ -10,6 +10,7 @@
 #include "acquire/window_monitor.h"
 #include "cli/acquire/verbs.h"
 #include "core/errors.h"
+#include "core/json_text.h"
 
 namespace refield::cli {
 
@@ -183,7 +184,7 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
                                     {"window_displays", window_displays_of_desktop()},
                                     {"gpio_chips", gpio_chips()}};
       if (common.json)
-        std::printf("%s\n", devices.dump(2).c_str());
+        std::printf("%s\n", json_text(devices, 2).c_str());
       else
         print(devices);
     };

@@ -11,6 +11,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
 #include "core/progress.h"
 #include "estimate/estimate.h"
 
@@ -40,7 +41,7 @@ std::string describe(const ChartData& data, const Sources& sources) {
       description["files"].push_back(stamp(frame.illumination));
       description["files"].push_back(stamp(frame.observed));
     }
-  return description.dump(1) + "\n";
+  return json_text(description, 1) + "\n";
 }
 
 std::vector<int> image_counts(const std::vector<int>& asked, int available) {

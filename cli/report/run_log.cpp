@@ -11,6 +11,7 @@
 #include "cli/report/html.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
 
 namespace refield::report {
 
@@ -34,7 +35,7 @@ std::string detail(std::string key, const nlohmann::ordered_json& value) {
   key += ' ';
   if (in_bytes) return key + bytes_text(value.get<double>());
   if (value.is_number_float()) return key + significant(value.get<double>(), 3);
-  return key + (value.is_string() ? value.get<std::string>() : value.dump());
+  return key + (value.is_string() ? value.get<std::string>() : json_text(value));
 }
 
 }  // namespace
@@ -53,7 +54,7 @@ void write_run_log(const fs::path& made, const std::string& stage, double second
                                 {"seconds", seconds},
                                 {"peak_memory_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024}};
   log.update(details);
-  write_text_atomically(run_log_path(made), log.dump(2) + "\n");
+  write_text_atomically(run_log_path(made), json_text(log, 2) + "\n");
 }
 
 std::optional<RunLog> read_run_log(const fs::path& path) {
