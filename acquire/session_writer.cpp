@@ -46,6 +46,14 @@ void remove_leftovers(const fs::path& folder) {
   for (const fs::path& path : leftovers) fs::remove(path);
 }
 
+/// Removes a file that a journal names, unless that leads out of the folder.
+void remove_inside(const fs::path& folder, const fs::path& file) {
+  const fs::path normal = file.lexically_normal();
+  if (normal.is_absolute() || normal.empty() || *normal.begin() == "..") return;
+  std::error_code ignored;
+  if (!fs::is_directory(folder / normal, ignored)) fs::remove(folder / normal, ignored);
+}
+
 void require_same_plan(const fs::path& path, const std::string& stored, const std::string& wanted) {
   if (stored == wanted) return;
   std::istringstream old_lines(stored);
@@ -116,7 +124,14 @@ void SessionWriter::lock() {
 }
 
 void SessionWriter::clear() {
-  for (const char* name : contents) fs::remove_all(folder_ / name);
+  // What the journal does not name is the user's, or a file of a step that was under way.
+  for (const JournalEntry& entry : read_journal(folder_ / journal_name))
+    for (const JournalFile& file : entry.files) remove_inside(folder_, file.path);
+  for (const std::string& step : steps_)
+    for (const char* kind : {"illumination", "observed"})
+      remove_inside(folder_, kind + ("/" + step + ".exr"));
+  std::error_code ignored;
+  for (const char* name : contents) fs::remove(folder_ / name, ignored);  // folders, once they are empty
 }
 
 void SessionWriter::take_over_finished_steps() {

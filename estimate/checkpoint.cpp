@@ -58,9 +58,20 @@ void Checkpoint::resume() const {
 }
 
 void Checkpoint::remove() const {
+  if (!fs::is_directory(folder_)) return;
+  const auto is_ours = [](const fs::path& path) {
+    const std::string name = path.filename().string();
+    return name == description_name || name.starts_with(".partial-") ||
+           (name.starts_with("rows-") && path.extension() == ".band");
+  };
+  std::vector<fs::path> ours;
+  for (const auto& entry : fs::directory_iterator(folder_))
+    if (is_ours(entry.path())) ours.push_back(entry.path());
   std::error_code error;
-  fs::remove_all(folder_, error);
-  if (error) throw DeviceError(folder_.string(), error.value(), "cannot remove the finished bands");
+  for (const fs::path& path : ours)
+    if (fs::remove(path, error); error)
+      throw DeviceError(path.string(), error.value(), "cannot remove the finished bands");
+  fs::remove(folder_, error);  // stays where somebody else's files lie in it
 }
 
 fs::path Checkpoint::band_path(RowRange rows) const {

@@ -19,7 +19,8 @@ class Checkpoint {
 
   /// Throws InputError when what is there was made under another description.
   void resume() const;
-  /// Removes what is there. The folder comes into being with the first band.
+  /// Removes the bands that are there, and the folder unless somebody else's files lie in it. The folder
+  /// comes into being with the first band.
   void remove() const;
 
   void store(RowRange rows, const std::vector<PixelKernels>& kernels) const;

@@ -18,6 +18,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
 #include "core/metrics.h"
 #include "core/progress.h"
 #include "relight/sequence.h"
@@ -51,6 +52,27 @@ std::string deflated(std::string_view bytes) {
   return packed;
 }
 
+/// Throws InputError when the folder holds files of the page's names that no export wrote. Data comes first
+/// and the page's own files last, so where one of those is ours, the data lies beside it.
+void require_page_folder(const fs::path& folder) {
+  if (!fs::is_directory(folder)) return;
+  const auto starts_with = [](const fs::path& path, std::string_view start) {
+    return fs::is_regular_file(path) && read_text(path).starts_with(start);
+  };
+  const auto refuse = [](const fs::path& path) {
+    throw InputError(path.string() +
+                     ": is there already and is no file of an exported page; give an empty or new folder");
+  };
+  const bool exported = starts_with(folder / "data.js", "refield.describe(");
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    const bool data = name.starts_with("data") && name.ends_with(".js");
+    if (data && !starts_with(entry.path(), "refield.")) refuse(entry.path());
+    if (!data && !exported && std::ranges::find(page_files(), name, &PageFile::name) != page_files().end())
+      refuse(entry.path());
+  }
+}
+
 /// Writes files into the page's folder and counts them.
 class PageWriter {
  public:
@@ -70,11 +92,6 @@ class PageWriter {
   std::size_t files_ = 0;
   std::uint64_t bytes_ = 0;
 };
-
-/// A name need not be UTF-8.
-std::string dumped(const nlohmann::ordered_json& json) {
-  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
-}
 
 /// Writes arrays as scripts `data-NNN.js`, each of which hands a part to the page.
 class DataWriter {
@@ -153,6 +170,7 @@ nlohmann::ordered_json description(const PackedField& packed, const std::string&
 }  // namespace
 
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder) {
+  require_page_folder(folder);
   const PackedField packed = pack(field);
   ExportReport report;
   report.exposure = exposure_to_white(field.relight(white_light(field.basis.domain)));
@@ -165,7 +183,7 @@ ExportReport export_page(const ReflectanceField& field, const std::string& title
   data.add("boxes", corners_of(packed.basis.boxes));
   auto described = description(packed, title, report.exposure);
   described["arrays"] = data.arrays();
-  page.write("data.js", "refield.describe(" + dumped(described) + ");\n");
+  page.write("data.js", "refield.describe(" + json_text(described) + ");\n");
   for (const PageFile& file : page_files()) page.write(file.name, file.content);
   report.files = page.files();
   report.bytes = page.bytes();

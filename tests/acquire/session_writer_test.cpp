@@ -140,6 +140,19 @@ TEST_F(SessionWriterTest, OverwritesOnlyWhenTold) {
   EXPECT_FALSE(fs::exists(folder / "observed" / "a"));
 }
 
+TEST_F(SessionWriterTest, ReplacingKeepsFilesOfTheUser) {
+  {
+    SessionWriter session(folder, "plan", steps, IfExists::refuse);
+    for (const auto& step : steps) write_step(session, step);
+    session.finish(manifest());
+  }
+  std::ofstream(folder / "observed" / "notes.txt") << "precious";
+  SessionWriter session(folder, "other plan", {"c"}, IfExists::replace);
+  EXPECT_EQ(read_text(folder / "observed" / "notes.txt"), "precious");
+  for (const auto& step : steps) EXPECT_FALSE(fs::exists(folder / "observed" / step)) << step;
+  EXPECT_FALSE(fs::exists(folder / session_manifest_name));
+}
+
 TEST_F(SessionWriterTest, LeavesForeignFoldersAlone) {
   create_folders(folder);
   std::ofstream(folder / "thesis.txt") << "precious";

@@ -143,6 +143,20 @@ TEST_F(Estimate, ResumingUnderOtherOptionsIsRefused) {
   EXPECT_TRUE(fs::exists(output().string() + ".partial"));
 }
 
+TEST_F(Estimate, FinishedBandsAreRemovedAndNothingElse) {
+  const Checkpoint checkpoint(output(), "job");
+  const fs::path folder = output().string() + ".partial";
+  checkpoint.store({0, 1}, std::vector<PixelKernels>(13));
+  write_text_atomically(folder / "notes.txt", "precious");
+  checkpoint.remove();
+  EXPECT_EQ(std::ranges::distance(fs::directory_iterator(folder)), 1);
+  EXPECT_EQ(read_text(folder / "notes.txt"), "precious");
+  fs::remove(folder / "notes.txt");
+  checkpoint.store({0, 1}, std::vector<PixelKernels>(13));
+  checkpoint.remove();
+  EXPECT_FALSE(fs::exists(folder));
+}
+
 TEST_F(Estimate, MaskedPixelsStayEmpty) {
   Image mask(13, 21, 3);
   for (int y = 5; y < 15; ++y)
