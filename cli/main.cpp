@@ -1,7 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield: reads the command line, runs one verb, turns errors into messages and exit statuses.
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
+#include <string>
+#include <system_error>
 
 #include "cli/option_checks.h"
 #include "cli/verbs.h"
@@ -17,6 +27,53 @@ constexpr int status_interrupted = 130;
 
 /// What can help when memory runs out: the verb's --memory, where it has one. Set before memory can run out.
 const char* memory_remedy = "work on smaller images or close other programs";
+
+/// Makes the process fit to run: what goes wrong later is an error with a message then, not a signal, and no
+/// file gets the number of a standard stream that was closed.
+void prepare_process() {
+  for (int stream = 0; stream <= 2; ++stream)
+    if (::fcntl(stream, F_GETFD) < 0) ::open("/dev/null", stream == 0 ? O_RDONLY : O_WRONLY);
+  std::signal(SIGXFSZ, SIG_IGN);  // writing beyond `ulimit -f` fails with EFBIG instead
+  // Libraries call it damage when they cannot open a file; images, fields and their readers take up to a
+  // dozen.
+  constexpr rlim_t least_files = 64;
+  rlimit files{};
+  if (::getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= least_files) return;
+  files.rlim_cur = std::min(files.rlim_max, least_files);
+  ::setrlimit(RLIMIT_NOFILE, &files);
+  if (files.rlim_cur < least_files)
+    throw refield::InputError("too few open files are allowed: " + std::to_string(files.rlim_cur) +
+                              " of the " + std::to_string(least_files) +
+                              " that refield needs; raise the limit (ulimit -n), then run again");
+}
+
+/// Exit status 2 when something that was printed did not arrive.
+int finish_standard_output(int status) {
+  errno = 0;
+  const bool flushed = std::fflush(stdout) == 0 && std::ferror(stdout) == 0;
+  if (!flushed && errno == 0) {  // An earlier write failed; another one tells why.
+    std::clearerr(stdout);
+    std::fputc('\n', stdout);
+    std::fflush(stdout);
+  }
+  int error_number = errno;
+  const bool closed = ::close(STDOUT_FILENO) == 0;
+  if (!closed && error_number == 0) error_number = errno;
+  if ((flushed && closed) || status != 0) return status;
+  const refield::DeviceError error("standard output", error_number != 0 ? error_number : EIO, "cannot write");
+  std::fprintf(stderr, "refield: %s\n", error.what());
+  return status_bad_input;
+}
+
+/// What the system refused, without the library's words.
+refield::DeviceError refused_by_system(const std::system_error& error) {
+  const auto* file = dynamic_cast<const std::filesystem::filesystem_error*>(&error);
+  const bool is_errno =
+      error.code().category() == std::system_category() || error.code().category() == std::generic_category();
+  const int error_number = is_errno ? error.code().value() : EIO;
+  return {file && !file->path1().empty() ? file->path1().string() : "the system", error_number,
+          file ? "cannot access" : "refused an operation"};
+}
 
 int run(int argc, char** argv) {
   CLI::App app(
@@ -70,10 +127,9 @@ int run(int argc, char** argv) {
   return 0;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run_and_report(int argc, char** argv) {
   try {
+    prepare_process();
     return run(argc, argv);
   } catch (const refield::Error& error) {
     std::fprintf(stderr, "refield: %s\n", error.what());
@@ -86,10 +142,19 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "refield: out of memory; %s\n", memory_remedy);
     return status_bad_input;
+  } catch (const std::system_error& error) {
+    std::fprintf(stderr, "refield: %s\n", refused_by_system(error).what());
+    return status_bad_input;
   } catch (const std::exception& error) {
     std::fprintf(stderr,
                  "refield: unexpected error: %s\nPlease report this with the command that caused it.\n",
                  error.what());
     return status_defect;
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return finish_standard_output(run_and_report(argc, argv));
 }

@@ -49,6 +49,11 @@ hid_t type_of() {
     return H5T_STD_U64LE;
 }
 
+/// A file that could not be written to its end stays open in the library, whose cleaning up at exit crashes
+/// on it (HDF5 1.10). Complete files are closed by finish(), so nothing is left to clean. This must come
+/// before the library's first use.
+[[maybe_unused]] const bool no_cleaning_at_exit = H5dont_atexit() >= 0;
+
 hid_t create(const std::filesystem::path& file) {
   H5Eset_auto2(H5E_DEFAULT, nullptr,
                nullptr);  // its error stack would be printed; ours go through exceptions
