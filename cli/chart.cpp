@@ -12,6 +12,8 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -80,13 +82,14 @@ nlohmann::ordered_json json_of(const chart::ChartResult& result, const std::vect
 }
 
 void run(const ChartArguments& arguments, const Common& common) {
+  const OutputLock lock(arguments.output, {});
   const chart::ChartResult result =
       chart::make_chart(open_sources(arguments), arguments.options, arguments.output);
   const auto verdicts = chart::verdicts_of(result.rows, result.names);
   const auto json = json_of(result, verdicts, arguments.output);
-  write_text_atomically(arguments.output / "chart.json", json.dump(2) + "\n");
+  write_text_atomically(arguments.output / "chart.json", json_text(json, 2) + "\n");
   if (common.json) {
-    std::printf("%s\n", json.dump(2).c_str());
+    std::printf("%s\n", json_text(json, 2).c_str());
     return;
   }
   for (const auto& [method, reason] : result.left_out)

@@ -14,7 +14,9 @@
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
 #include "core/metrics.h"
+#include "core/output_lock.h"
 #include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "relight/held_out.h"
@@ -65,6 +67,11 @@ void compare_images(const CompareOptions& options, const Common& common) {
     throw InputError(
         "--light, --observed and --hold-out go with a field (.rfield); give images as 'refield compare "
         "PREDICTED OBSERVED'");
+  std::optional<OutputLock> lock;
+  if (!options.error_map.empty())
+    lock.emplace(options.error_map,
+                 std::vector<fs::path>{options.predicted, options.capture.session, options.capture.mask},
+                 ".exr");
   const auto pairs = pair_files(options.predicted, options.capture.session, "prediction", "observed image");
   const ImageHeader first = read_image_header(pairs.front().second);
   const std::string& mask_file = options.capture.mask;
@@ -94,7 +101,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
   error.tone_mapped_psnr_db = tone_mapped_psnr_db(error.per_image);
   if (!options.error_map.empty()) write_exr(options.error_map, series.relative_rmse_map());
   if (common.json) {
-    std::printf("%s\n", held_out_figures(error).dump(2).c_str());
+    std::printf("%s\n", json_text(held_out_figures(error), 2).c_str());
   } else {
     print_errors({error});
   }
@@ -115,7 +122,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
   const auto errors =
       held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test, options.noise_scale);
   if (common.json) {
-    std::printf("%s\n", ordered_json{{"held_out", held_out_figures(errors)}}.dump(2).c_str());
+    std::printf("%s\n", json_text(ordered_json{{"held_out", held_out_figures(errors)}}, 2).c_str());
     return;
   }
   print_errors(errors);

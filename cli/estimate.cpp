@@ -13,6 +13,8 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "estimate/foresee.h"
@@ -148,7 +150,7 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
                   {"sampled_pixels", foresight.sampled_pixels}});
   figures.update(frame_figures(foresight.frames));
   if (common.json) {
-    std::printf("%s\n", figures.dump(2).c_str());
+    std::printf("%s\n", json_text(figures, 2).c_str());
     return;
   }
   const EstimatePlan& plan = foresight.plan;
@@ -199,6 +201,9 @@ void run(EstimateArguments arguments, const Common& common) {
   if (!arguments.rows.empty()) arguments.options.rows = rows_from_text(arguments.rows, session);
   if (arguments.dry_run) return dry_run(arguments, session, common);
   if (arguments.output.empty()) throw InputError("--output is missing; give -o NAME.rfield");
+  const CaptureOptions& capture = arguments.capture;
+  const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
+                        ".rfield");
   announce(arguments, plan_estimate(session, arguments.options));
   const EstimateSummary summary =
       estimate_to_file(session, arguments.options, arguments.output, arguments.resume);
@@ -206,9 +211,9 @@ void run(EstimateArguments arguments, const Common& common) {
   const auto held_out = held_out_of(arguments, session);
   if (!held_out.empty())
     log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", held_out_figures(held_out)}};
-  write_text_atomically(arguments.output + ".log.json", log.dump(2) + "\n");
+  write_text_atomically(arguments.output + ".log.json", json_text(log, 2) + "\n");
   if (common.json) {
-    std::printf("%s\n", log.dump(2).c_str());
+    std::printf("%s\n", json_text(log, 2).c_str());
     return;
   }
   std::printf("%s: %.1f kernels a pixel, training error %.4f (median), %.1f s, %.2f GiB\n",

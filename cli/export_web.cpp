@@ -8,6 +8,8 @@
 #include "cli/verbs.h"
 #include "cli/web/export.h"
 #include "core/errors.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/reflectance_field_file.h"
 
 namespace refield::cli {
@@ -25,18 +27,20 @@ struct ExportWebOptions {
 void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
+  const OutputLock lock(options.output, {});
   const ReflectanceField field = read_image_field(options.field);
   const std::string title = options.title.empty() ? options.field.stem().string() : options.title;
   const web::ExportReport report = web::export_page(field, title, options.output);
   if (common.json) {
-    std::printf("%s\n", nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
-                                               {"files", report.files},
-                                               {"bytes", report.bytes},
-                                               {"relative_rmse", report.relative_rmse},
-                                               {"largest_8_bit_difference", report.largest_difference},
-                                               {"exposure", report.exposure}}
-                            .dump(2)
-                            .c_str());
+    std::printf("%s\n",
+                json_text(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
+                                                 {"files", report.files},
+                                                 {"bytes", report.bytes},
+                                                 {"relative_rmse", report.relative_rmse},
+                                                 {"largest_8_bit_difference", report.largest_difference},
+                                                 {"exposure", report.exposure}},
+                          2)
+                    .c_str());
     return;
   }
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,

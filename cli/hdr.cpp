@@ -12,6 +12,8 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -29,11 +31,9 @@ struct HdrOptions {
 };
 
 void hdr(const HdrOptions& options, const Common& common) {
+  const OutputLock lock(options.output, {options.images.begin(), options.images.end()}, ".exr");
   const std::vector<Seconds> exposures(options.exposures.begin(), options.exposures.end());
   Bracket bracket = read_bracket(expand_globs(options.images), options.camera, exposures);
-  for (const fs::path& path : bracket.paths)
-    if (std::error_code error; fs::equivalent(path, options.output, error))
-      throw InputError(options.output.string() + ": is also an input; give another output");
   BracketCamera camera = options.camera;
   const std::vector<BracketSamples> samples = {samples_of(bracket)};
   const std::vector<std::string> notes = settle_response(samples, camera);
@@ -47,11 +47,11 @@ void hdr(const HdrOptions& options, const Common& common) {
                       {"seconds", bracket.exposures[i].count()},
                       {"useful_fraction", statistics.useful_fraction[i]}});
   if (common.json) {
-    std::printf("%s\n", ordered_json{{"images", images},
-                                     {"response_estimated", !camera.curve.empty()},
-                                     {"notes", notes},
-                                     {"clipped_fraction", statistics.clipped_fraction}}
-                            .dump(2)
+    std::printf("%s\n", json_text(ordered_json{{"images", images},
+                                               {"response_estimated", !camera.curve.empty()},
+                                               {"notes", notes},
+                                               {"clipped_fraction", statistics.clipped_fraction}},
+                                  2)
                             .c_str());
     return;
   }

@@ -11,6 +11,8 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/field_part.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/reflectance_field_file.h"
 
 namespace refield::cli {
@@ -26,9 +28,7 @@ struct MergeArguments {
 
 void merge(const MergeArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
-  for (const fs::path& part : arguments.parts)
-    if (fs::exists(arguments.output) && fs::exists(part) && fs::equivalent(part, arguments.output))
-      throw InputError(part.string() + ": is a part and the output at once; give another --output");
+  const OutputLock lock(arguments.output, arguments.parts, ".rfield");
   const ReflectanceField field = merge_field_parts(arguments.parts);
   write_reflectance_field(arguments.output, field);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -39,7 +39,7 @@ void merge(const MergeArguments& arguments, const Common& common) {
                                           {"kernels", field.transfer.entries()}};
   report::write_run_log(arguments.output, "merge", seconds, figures);
   if (common.json)
-    std::printf("%s\n", figures.dump(2).c_str());
+    std::printf("%s\n", json_text(figures, 2).c_str());
   else
     std::printf("%s: %d×%d pixels from %zu parts, %.1f s\n", arguments.output.c_str(), field.width,
                 field.height, arguments.parts.size(), seconds);

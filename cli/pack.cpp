@@ -11,6 +11,8 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/packed_field_file.h"
 #include "core/progress.h"
 #include "core/reflectance_field_file.h"
@@ -44,7 +46,7 @@ void add_to_provenance(std::string& provenance, const ordered_json& figures) {
   ordered_json origin = ordered_json::parse(provenance, nullptr, false);
   if (!origin.is_object()) origin = {{"field", provenance}};
   origin["pack"] = figures;
-  provenance = origin.dump();
+  provenance = json_text(origin);
 }
 
 void print(const fs::path& output, const ordered_json& figures) {
@@ -98,12 +100,12 @@ void write_chart(const fs::path& folder, const fs::path& field, const ordered_js
   }
   for (const ordered_json& figures : series) {
     const double megabytes = figures["bytes"].get<double>() * 1e-6;
-    table += "\n" + figures["error_asked"].dump() + "," + ordered_json(megabytes).dump() + "," +
-             figures["weight_bits"].dump() + "," +
-             ordered_json(figures["pruned"].get<double>() / figures["weights"].get<double>()).dump();
+    table += "\n" + json_text(figures["error_asked"]) + "," + json_text(ordered_json(megabytes)) + "," +
+             json_text(figures["weight_bits"]) + "," +
+             json_text(ordered_json(figures["pruned"].get<double>() / figures["weights"].get<double>()));
     for (chart::Track& track : panel.tracks) {
       const auto& error = figures["error_by_kind_of_light"][track.label];
-      table.append(",").append(error.dump());
+      table.append(",").append(json_text(error));
       track.points.push_back({megabytes, error.get<double>()});
     }
   }
@@ -115,9 +117,11 @@ void write_chart(const fs::path& folder, const fs::path& field, const ordered_js
 }
 
 void chart_packing(const PackOptions& options, const Common& common) {
+  const OutputLock lock(options.chart, {});
+  const fs::path packed = options.chart / "packing.rfield";
+  require_not_an_input(packed, {options.field});
   const ReflectanceField field = full_field(options.field);
   create_folders(options.chart);
-  const fs::path packed = options.chart / "packing.rfield";
   ordered_json series = ordered_json::array();
   Progress progress("pack", charted_errors.size());
   for (const double error : charted_errors) {
@@ -132,7 +136,7 @@ void chart_packing(const PackOptions& options, const Common& common) {
   }
   write_chart(options.chart, options.field, series);
   if (common.json)
-    std::printf("%s\n", series.dump(2).c_str());
+    std::printf("%s\n", json_text(series, 2).c_str());
   else
     std::printf("%s\n", (options.chart / "pack.svg").c_str());
 }
@@ -141,12 +145,10 @@ void pack(const PackOptions& options, const Common& common) {
   if (!options.chart.empty()) return chart_packing(options, common);
   if (options.output.empty())
     throw InputError("--output or --chart is needed: where is the packed field to go?");
-  std::error_code error;
-  if (fs::equivalent(options.output, options.field, error))
-    throw InputError(options.output.string() + ": is also the input; give another output");
+  const OutputLock lock(options.output, {options.field}, ".rfield");
   const ordered_json figures = pack_into(full_field(options.field), options.error, options, options.output);
   if (common.json)
-    std::printf("%s\n", figures.dump(2).c_str());
+    std::printf("%s\n", json_text(figures, 2).c_str());
   else
     print(options.output, figures);
 }

@@ -9,6 +9,8 @@
 #include "cli/capture_options.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -55,13 +57,18 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
   verb->callback([options, &common, &action] {
     action = [options, &common] {
       for (const std::string& pixel : options->pixels) options->request.pixels.push_back(parse_pixel(pixel));
+      const CaptureOptions& capture = options->capture;
+      std::vector<std::filesystem::path> inputs = options->request.fields;
+      inputs.insert(inputs.end(),
+                    {capture.session, capture.light, capture.observed, capture.mask, options->request.truth});
+      const OutputLock lock(options->request.output, inputs, ".html");
       options->request.session = open_capture(options->capture);
       options->request.find_held_out = options->capture.hold_out == 0;
       auto figures = report::write_report(options->request);
       const std::string path = options->request.output.string();
       if (common.json) {
         figures["report"] = path;
-        std::printf("%s\n", figures.dump(2).c_str());
+        std::printf("%s\n", json_text(figures, 2).c_str());
       } else {
         std::printf("report: %s\n", path.c_str());
       }

@@ -10,6 +10,8 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -60,7 +62,7 @@ constexpr const char* record_name = "simulation.json";
 
 void write_record(const fs::path& folder, nlohmann::json provenance, bool complete) {
   provenance["complete"] = complete;
-  write_text_atomically(folder / record_name, provenance.dump(2) + "\n");
+  write_text_atomically(folder / record_name, json_text(provenance, 2) + "\n");
 }
 
 // An unfinished simulation may be replaced, a finished one with --force, anything else never.
@@ -78,29 +80,45 @@ void require_replaceable(const fs::path& folder, bool force) {
                      ": holds a simulation already; give another folder, or --force to replace it");
 }
 
+/// Whether a file is named as those of lights are: train_007.exr, test_natural_012.exr.
+bool is_image_of_a_light(const fs::path& path) {
+  const std::string stem = path.stem().string();
+  const auto mark = stem.find_last_of('_');
+  return path.extension() == ".exr" && mark != std::string::npos && stem.size() - mark > 3 &&
+         stem.find_first_not_of("0123456789", mark + 1) == std::string::npos &&
+         (stem.starts_with("train_") || stem.starts_with("test_"));
+}
+
 void remove_earlier(const fs::path& folder) {
   for (const char* name :
        {session_manifest_name, transport_file_name, ambient_file_name, kinds_file_name, "kinds.json"})
     fs::remove(folder / name);
-  for (const char* name : {"illumination", "observed"}) fs::remove_all(folder / name);
+  // Files of the user's stay, even among ours.
+  for (const char* name : {"illumination", "observed"}) {
+    std::error_code ignored;
+    for (const auto& entry : fs::directory_iterator(folder / name, ignored))
+      if (is_image_of_a_light(entry.path()) || entry.path().filename().string().starts_with(".partial-"))
+        fs::remove(entry.path());
+    fs::remove(folder / name, ignored);
+  }
 }
 
 void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
   const double pixels = static_cast<double>(summary.width) * summary.height;
   const double rays_per_second = static_cast<double>(summary.rays) / std::max(1e-9, summary.trace_seconds);
   if (json) {
-    std::printf("%s\n", nlohmann::json{{"folder", folder.string()},
-                                       {"width", summary.width},
-                                       {"height", summary.height},
-                                       {"lights", summary.lights},
-                                       {"entries_per_pixel", summary.entries_per_pixel},
-                                       {"transport_bytes", summary.transport_bytes},
-                                       {"rays", summary.rays},
-                                       {"rays_per_second", rays_per_second},
-                                       {"light_seconds", summary.light_seconds},
-                                       {"trace_seconds", summary.trace_seconds},
-                                       {"write_seconds", summary.write_seconds}}
-                            .dump(2)
+    std::printf("%s\n", json_text(nlohmann::json{{"folder", folder.string()},
+                                                 {"width", summary.width},
+                                                 {"height", summary.height},
+                                                 {"lights", summary.lights},
+                                                 {"entries_per_pixel", summary.entries_per_pixel},
+                                                 {"transport_bytes", summary.transport_bytes},
+                                                 {"rays", summary.rays},
+                                                 {"rays_per_second", rays_per_second},
+                                                 {"light_seconds", summary.light_seconds},
+                                                 {"trace_seconds", summary.trace_seconds},
+                                                 {"write_seconds", summary.write_seconds}},
+                                  2)
                             .c_str());
     return;
   }
@@ -119,6 +137,7 @@ void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
 
 void simulate(const Arguments& arguments, const Common& common) {
   const Recipe recipe = recipe_of(arguments);
+  const OutputLock lock(arguments.folder, {});
   require_replaceable(arguments.folder, arguments.force);
   SimulateOptions options;
   options.precision = arguments.half ? Precision::half : Precision::single;
@@ -142,7 +161,7 @@ void simulate(const Arguments& arguments, const Common& common) {
                                   {"seed", recipe.seed},
                                   {"quality", options.quality},
                                   {"noise", options.noise}};
-  options.provenance = provenance.dump();
+  options.provenance = json_text(provenance);
   require_free_space(arguments.folder, plan.disk_bytes);
   create_folders(arguments.folder);
   write_record(arguments.folder, provenance, false);

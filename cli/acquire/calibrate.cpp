@@ -19,6 +19,8 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/progress.h"
 #include "simulate/virtual_rig.h"
 
@@ -206,12 +208,12 @@ void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common&
       std::floor((1.0 - with_unmeasured_saturation.clip_margin) * calibration.saturation_dn);
   write_calibration(given.output, calibration, std::nullopt);
   if (common.json) {
-    std::printf("%s\n", ordered_json{{"brackets", brackets.size()},
-                                     {"places", estimate.places},
-                                     {"residual", estimate.residual},
-                                     {"disagreement_assumed", assumed},
-                                     {"disagreement", estimated}}
-                            .dump(2)
+    std::printf("%s\n", json_text(ordered_json{{"brackets", brackets.size()},
+                                               {"places", estimate.places},
+                                               {"residual", estimate.residual},
+                                               {"disagreement_assumed", assumed},
+                                               {"disagreement", estimated}},
+                                  2)
                             .c_str());
     return;
   }
@@ -237,13 +239,15 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
   if (given.page.empty()) given.page = fs::path(given.output).replace_extension(".html");
   refuse_existing(given);
+  const std::vector<fs::path> inputs = {given.session, given.recipe};
+  const OutputLock lock(given.output, inputs), page_lock(given.page, inputs, ".html");
   const CalibrateOptions options = options_of(given);
   const RigMeasurements measured = session ? calibrate_devices(*session, options, given.gain.has_value())
                                            : calibrate_virtual_rig(given, options);
   write_calibration(given.output, measured.camera, measured.monitor, measured.timing);
   write_text_atomically(given.page, calibration_page(measured));
   if (common.json)
-    std::printf("%s\n", figures_of(measured).dump(2).c_str());
+    std::printf("%s\n", json_text(figures_of(measured), 2).c_str());
   else
     print(measured, given);
   if (!measured.superposition.holds())

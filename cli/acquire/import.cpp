@@ -16,6 +16,8 @@
 #include "cli/option_checks.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -88,9 +90,15 @@ void print(const ImportSummary& summary, const fs::path& folder) {
 
 void run_import(const ImportOptions& options, const Common& common) {
   const ImportRequest request = request_of(options);
+  const OutputLock lock(request.folder, {});
+  if (request.if_exists == IfExists::replace) {
+    std::vector<fs::path> inputs = {options.mask, options.lights, options.ambient};
+    inputs.insert(inputs.end(), options.photographs.begin(), options.photographs.end());
+    require_outside(request.folder, inputs);
+  }
   const ImportSummary summary = import_series(request);
   if (common.json)
-    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+    std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
   else
     print(summary, request.folder);
 }

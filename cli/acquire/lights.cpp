@@ -14,6 +14,8 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/progress.h"
 #include "core/resample.h"
 #include "core/tone_map.h"
@@ -56,7 +58,10 @@ std::string name_of(const std::string& name, double step, bool stepped) {
 /// Writes patterns, linear radiance from 0 to 1, as OpenEXR and, where asked for, as PNG.
 class PatternWriter {
  public:
-  PatternWriter(const LightsOptions& options, const std::vector<std::string>& names) : options_(options) {
+  /// Files are written that are named after `names`; none of them may be one of `inputs`.
+  PatternWriter(const LightsOptions& options, const std::vector<std::string>& names,
+                const std::vector<fs::path>& inputs = {})
+      : options_(options) {
     if (!(options.peak > 0.0)) throw InputError("--peak must be above zero");
     if (steps_.empty()) steps_ = {1.0};
     for (const double step : steps_)
@@ -68,6 +73,8 @@ class PatternWriter {
         for (const fs::path& file : {exr_of(name, step), png_of(name, step)})
           if (!options.force && !file.empty() && fs::exists(file))
             throw InputError(file.string() + ": is there already; --force replaces it");
+          else
+            require_not_an_input(file, inputs);
     create_folders(options.output);
     if (!options.png.empty()) create_folders(options.png);
   }
@@ -106,11 +113,12 @@ class PatternWriter {
 void report(const LightsOptions& options, std::size_t count, int width, int height, double clipped,
             const Common& common) {
   if (common.json) {
-    std::printf("%s\n",
-                nlohmann::ordered_json{
-                    {"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}}
-                    .dump(2)
-                    .c_str());
+    std::printf("%s\n", json_text(nlohmann::ordered_json{{"lights", count},
+                                                         {"width", width},
+                                                         {"height", height},
+                                                         {"clipped_fraction", clipped}},
+                                  2)
+                            .c_str());
     return;
   }
   std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);
@@ -148,7 +156,7 @@ void make_lights_of(const LightsOptions& options, const Common& common) {
   const auto images = expand_globs(options.images);
   std::vector<std::string> names;
   for (const fs::path& image : images) names.push_back(image.stem().string());
-  const PatternWriter writer(options, names);
+  const PatternWriter writer(options, names, images);
   Progress progress("resampling lights", images.size());
   double clipped = 0.0;
   for (const fs::path& path : images) {

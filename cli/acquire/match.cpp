@@ -13,6 +13,8 @@
 #include "cli/acquire/verbs.h"
 #include "cli/option_checks.h"
 #include "core/errors.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -94,9 +96,12 @@ void match(const MatchOptions& options, const Common& common) {
   request.tolerance_seconds = options.tolerance;
   request.parameterisation = parameterisation_from_name(options.parameterisation);
   if (!options.mask.empty()) request.mask = options.mask;
+  const OutputLock lock(request.folder, {});
+  if (request.if_exists == IfExists::replace)
+    require_outside(request.folder, {request.observed, request.probes, options.mask});
   const MatchSummary summary = match_series(request);
   if (common.json)
-    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+    std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
   else
     print(summary, request.folder);
 }

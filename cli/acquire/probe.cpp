@@ -14,6 +14,8 @@
 #include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -105,9 +107,13 @@ void print(const ProbeSummary& summary, const fs::path& folder) {
 
 void probe(const ProbeOptionsText& options, const Common& common) {
   const ProbeRequest request = request_of(options);
+  const OutputLock lock(request.folder, {});
+  if (request.replace)
+    for (const SideOptions* side : {&options.first, &options.second})
+      require_outside(request.folder, {side->photographs.begin(), side->photographs.end()});
   const ProbeSummary summary = probe_light(request);
   if (common.json)
-    std::printf("%s\n", figures_of(summary).dump(2).c_str());
+    std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
   else
     print(summary, request.folder);
   if (summary.kept() == 0)

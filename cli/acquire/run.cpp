@@ -14,6 +14,7 @@
 #include "cli/acquire/verbs.h"
 #include "core/auto_exposure.h"
 #include "core/errors.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -105,6 +106,13 @@ std::function<void(const Photograph&)> preview_into(const fs::path& file) {
 void run_session(const RunOptions& options, const Common& common) {
   const SessionFile session = read_session_file(options.file);
   check_session_folder(session.output, options.if_exists);
+  const OutputLock lock(session.output, {});
+  if (options.if_exists == IfExists::replace) {
+    const SessionLights& lights = session.lights;
+    require_outside(session.output,
+                    {lights.session, lights.images, lights.test_images, lights.panorama, session.calibration,
+                     session.mask, session.background, session.reference_light});
+  }
   SessionRig rig(session);
   CaptureRequest request = request_of(session, rig.camera().describe(), rig.monitor().describe());
   request.if_exists = options.if_exists;

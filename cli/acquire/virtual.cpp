@@ -12,6 +12,7 @@
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "core/errors.h"
+#include "core/output_lock.h"
 #include "simulate/virtual_rig.h"
 
 namespace refield::cli {
@@ -34,6 +35,10 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
   require_scene(options);
   const std::uint64_t seed = options.seed.value_or(recipe.seed);
   check_session_folder(options.session, options.if_exists);
+  const OutputLock lock(options.session, {});
+  if (options.if_exists == IfExists::replace)
+    require_outside(options.session, {options.lights, options.truth, options.calibration, options.mask,
+                                      options.background, options.reference_light});
   CaptureRequest request = request_of(options, recipe, seed);
   std::optional<UntilError> until;
   if (!options.until_error.empty()) {

@@ -14,6 +14,7 @@
 #include "cli/verbs.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "core/output_lock.h"
 #include "simulate/prt/mesh_file.h"
 #include "simulate/prt/mesh_shapes.h"
 
@@ -130,6 +131,7 @@ void print(const std::vector<BasisRow>& rows) {
 
 void make_bases_chart(const BasesArguments& arguments) {
   const std::vector<StudySurface> surfaces = surfaces_of(arguments);
+  const OutputLock lock(arguments.folder, {});
   create_folders(arguments.folder);
   std::vector<BasisRow> rows;
   for (std::size_t s = 0; s < surfaces.size(); ++s) {

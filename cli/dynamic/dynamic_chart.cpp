@@ -15,6 +15,7 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/output_lock.h"
 
 namespace refield::cli {
 
@@ -153,6 +154,7 @@ std::string picture(const std::vector<Charted>& rows, const std::string& title) 
 }
 
 void make_dynamic_chart(const DynamicChartArguments& arguments) {
+  const OutputLock lock(arguments.folder, {});
   const dynamic::DynamicScene described = dynamic::read_dynamic_scene(arguments.scene);
   create_folders(arguments.folder);
   std::optional<FrameReference> reference;

@@ -20,6 +20,8 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/progress.h"
 #include "relight/video.h"
 
@@ -215,6 +217,8 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   if (arguments.traced > 0 && arguments.output.extension() != ".png" &&
       arguments.output.extension() != ".exr")
     throw InputError("--traced: makes one picture; give it to -o as .exr or .png");
+  std::optional<OutputLock> lock;
+  if (!arguments.output.empty()) lock.emplace(arguments.output, std::vector<fs::path>{arguments.scene});
   const auto start = std::chrono::steady_clock::now();
   PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene), arguments.transport);
   ordered_json figures{{"objects", ordered_json::array()}};
@@ -236,7 +240,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   if (arguments.measure) figures["times"] = measured(scene, arguments);
   if (arguments.reference > 0) figures["errors"] = error_rows(scene, arguments);
   if (common.json)
-    std::printf("%s\n", figures.dump(2).c_str());
+    std::printf("%s\n", json_text(figures, 2).c_str());
   else
     print(figures);
   if (!common.json && !arguments.video.exposure && figures.contains("exposure"))

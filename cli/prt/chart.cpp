@@ -15,6 +15,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/metrics.h"
+#include "core/output_lock.h"
 #include "core/rng.h"
 #include "relight/environment.h"
 #include "relight/sky.h"
@@ -134,6 +135,7 @@ void print(const Row& row) {
 }
 
 void make_chart(const PrtChartArguments& arguments) {
+  const OutputLock lock(arguments.folder, {});
   prt::Scene scene = prt::read_scene(arguments.scene);
   prt::sort_vertices(scene);
   const std::size_t vertices = scene.mesh.positions.size();

@@ -12,6 +12,8 @@
 #include "cli/prt/measure.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/packed_field_file.h"
 #include "relight/pack.h"
 #include "simulate/prt/clusters.h"
@@ -76,6 +78,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   if (arguments.image && arguments.method == "sh")
     throw InputError("--image goes with --method clusters; harmonics are for vertices seen from anywhere");
+  const OutputLock lock(arguments.output, {arguments.scene}, ".rfield");
   prt::Scene scene = prt::read_scene(arguments.scene);
   prt::sort_vertices(scene);
   FieldRows rows;
@@ -85,7 +88,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
                           {"scene", arguments.scene.filename().string()},
                           {"method", arguments.method}};
   provenance.update(figures);
-  rows.outline.provenance = provenance.dump();
+  rows.outline.provenance = json_text(provenance);
   if (!rows.outline.mesh.empty()) rows.outline.camera = scene.camera;
   PackedField packed = pack_rows(std::move(rows), arguments.bits);
   write_packed_field(arguments.output, packed);
@@ -103,7 +106,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
     figures["update_error"] = times.update_error;
   }
   if (common.json) {
-    std::printf("%s\n", figures.dump(2).c_str());
+    std::printf("%s\n", json_text(figures, 2).c_str());
     return;
   }
   std::printf("%s: %zu vertices, %.1f MB, in %.1f s\n", arguments.output.c_str(), scene.mesh.positions.size(),

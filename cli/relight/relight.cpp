@@ -16,6 +16,8 @@
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/json_text.h"
+#include "core/output_lock.h"
 #include "core/reflectance_field_file.h"
 
 namespace refield::cli {
@@ -23,12 +25,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-
-void require_other_file(const fs::path& output, const fs::path& input) {
-  std::error_code error;
-  if (fs::equivalent(output, input, error))
-    throw InputError(output.string() + ": is also an input; give another output");
-}
 
 /// Whether the output names the image itself: one file of light, named as it is, and no folder.
 bool names_one_image(const RelightOptions& options, const LightSeries& series) {
@@ -58,13 +54,12 @@ std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries
   std::set<fs::path> outputs;
   for (const SeriesLight& light : series.lights) {
     const fs::path output = single ? options.output : options.output / (light.name + "." + options.format);
-    if (light.source) require_other_file(output, *light.source);
+    require_not_an_input(output, {options.field, light.source.value_or(fs::path())});
     if (!outputs.insert(output).second)
       throw InputError(light.source->string() + ": another light of that name goes to " + output.string() +
                        " too; rename one or relight them into different folders");
     jobs.push_back({light.make, output});
   }
-  require_other_file(jobs.front().output, options.field);
   if (fs::is_regular_file(options.output) && jobs.front().output != options.output)
     throw InputError(options.output.string() +
                      ": is a file, and several images need a folder; give another output");
@@ -101,6 +96,10 @@ Written write_video(const RelightOptions& options, const ReflectanceField& field
 
 void relight(const RelightOptions& options, const Common& common) {
   options.video.check();
+  std::vector<fs::path> inputs = {options.field, options.area_lights};
+  for (const auto* patterns : {&options.lights, &options.environments})
+    inputs.insert(inputs.end(), patterns->begin(), patterns->end());
+  require_not_an_input(options.output, inputs);
   const ReflectanceField field = read_reflectance_field(options.field);
   const LightSeries series = light_series(options, field);
   const bool is_video = options.output.extension() == ".mp4";
@@ -111,7 +110,7 @@ void relight(const RelightOptions& options, const Common& common) {
     nlohmann::ordered_json figures{{is_video ? "videos" : "images", written.files}};
     if (!written.exposure.factors.empty()) figures["exposures"] = written.exposure.factors;
     if (series.seen) figures["seen_by_monitor"] = series.seen->json();
-    std::printf("%s\n", figures.dump(2).c_str());
+    std::printf("%s\n", json_text(figures, 2).c_str());
     return;
   }
   if (series.seen) series.seen->print();
