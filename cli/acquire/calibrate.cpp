@@ -196,6 +196,7 @@ void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common&
   if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
   if (fs::exists(given.output) && !given.force)
     throw InputError(given.output.string() + ": exists; give --force to replace it, or another name");
+  const OutputLock lock(given.output, {given.photographs.begin(), given.photographs.end()});
   const auto brackets = brackets_of(given);
   const ResponseEstimate estimate = estimate_response(brackets);
   BracketCamera camera;
