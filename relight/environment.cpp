@@ -5,9 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <memory>
 #include <numbers>
+#include <numeric>
 #include <string>
+#include <utility>
 
+#include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
@@ -91,10 +96,6 @@ LightMap read_environment(const std::filesystem::path& path) {
                    "square faces above one another, +X −X +Y −Y +Z −Z)");
 }
 
-EnvironmentProjector::EnvironmentProjector(const LightDomain& target,
-                                           std::span<const MonitorPlacement> monitors)
-    : grid_(target, monitors) {}
-
 std::vector<SeenPart> EnvironmentProjector::parts_of(const SphericalPolygon& texel,
                                                      const SpherePatch& window) const {
   std::vector<SeenPart> parts{{texel, 1}};
@@ -104,15 +105,477 @@ std::vector<SeenPart> EnvironmentProjector::parts_of(const SphericalPolygon& tex
   return parts;
 }
 
-EnvironmentLight EnvironmentProjector::project(const LightMap& environment, const Turn& turn) const {
-  const LightDomain& domain = grid_.domain();
+std::optional<LightMap> EnvironmentProjector::as_it_stands(const LightMap& environment,
+                                                           const Turn& turn) const {
   if (environment.parameterisation == Parameterisation::monitor)
     throw InputError("a monitor's light map is no environment; give a lat-long map or a cube");
-  if (environment.domain() == domain) {
-    if (turn.is_none()) return {environment, {}};
-    if (domain.parameterisation == Parameterisation::lat_long && Turn{0.0, turn.pitch, turn.roll}.is_none())
-      return {rotated(environment, turn.yaw / 360.0), {}};
+  if (environment.domain() != target()) return std::nullopt;
+  if (turn.is_none()) return environment;
+  if (target().parameterisation == Parameterisation::lat_long && Turn{0.0, turn.pitch, turn.roll}.is_none())
+    return rotated(environment, turn.yaw / 360.0);
+  return std::nullopt;
+}
+
+void EnvironmentProjector::find_shared_texels() {
+  const LightDomain& domain = target();
+  const auto count = static_cast<std::size_t>(domain.width) * static_cast<std::size_t>(domain.height);
+  std::vector<float> shares(count, 1.0f);
+  std::vector<std::vector<SharedTexel>> of_row(static_cast<std::size_t>(domain.height));
+  std::vector<double> seen(static_cast<std::size_t>(domain.height), 0.0);
+  const bool overlap = std::ranges::any_of(grid_.patches(), [&](const SpherePatch& patch) {
+    return std::ranges::any_of(parts_of(patch.outline(), patch),
+                               [](const SeenPart& part) { return part.windows > 1; });
+  });
+  if (!overlap) return;
+  for (const SpherePatch& patch : grid_.patches())
+    tbb::parallel_for(patch.first_row, patch.first_row + patch.rows(), [&](int y) {
+      throw_if_interrupted();
+      for (int x = 0; x < domain.width; ++x) {
+        const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(domain.width) +
+                        static_cast<std::size_t>(x);
+        std::vector<SeenPart> parts = parts_of(patch.texel(x, y - patch.first_row), patch);
+        double own = 0.0;
+        for (const SeenPart& part : parts) own += solid_angle(part.outline) / part.windows;
+        seen[static_cast<std::size_t>(y)] += own;
+        if (parts.size() == 1)
+          shares[at] = 1.0f / static_cast<float>(parts.front().windows);
+        else
+          of_row[static_cast<std::size_t>(y)].push_back({x, y, std::move(parts)});
+      }
+    });
+  seen_ = std::accumulate(seen.begin(), seen.end(), 0.0);
+  window_shares_ = std::move(shares);
+  for (auto& row : of_row) std::ranges::move(row, std::back_inserter(shared_texels_));
+}
+
+const float* EnvironmentProjector::solid_angles_of(int y) const {
+  if (target().parameterisation == Parameterisation::lat_long) return solid_angles_.data() + y;
+  const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(target().width);
+  return solid_angles_.data() + at % solid_angles_.size();  // a cube's faces are alike
+}
+
+namespace {
+
+/// A point on an environment map's sphere, and the texel it lies in.
+struct MapPoint {
+  Eigen::Vector3d direction;
+  SourceTexel texel;
+};
+
+/// `direction`, of any length, in the axes of the environment.
+MapPoint map_point(const PreparedEnvironment& environment, Eigen::Vector3d direction,
+                   const SourceTexel& near) {
+  direction *= 1.0 / direction.norm();
+  PreparedEnvironment::leave_pole(direction);
+  return {direction, environment.texel_at(direction, near)};
+}
+
+PathSums along(const PreparedEnvironment& environment, const MapPoint& a, const MapPoint& b) {
+  return environment.along(a.direction, a.texel, b.direction, b.texel);
+}
+
+/// The integral over a polygon that goes around clockwise, as texels do.
+void integrate(const PreparedEnvironment& environment, const Eigen::Matrix3d& environment_from_scene,
+               const SphericalPolygon& polygon, double light[3]) {
+  std::vector<MapPoint> corners;
+  for (const Eigen::Vector3d& corner : polygon)
+    corners.push_back(map_point(environment, environment_from_scene * corner,
+                                corners.empty() ? SourceTexel{} : corners.back().texel));
+  PathSums around;
+  for (std::size_t i = 0; i < corners.size(); ++i)
+    around -= along(environment, corners[i], corners[(i + 1) % corners.size()]);
+  environment.enclosed(around, light);
+}
+
+/// The corners of a light map's texels: of a plane patch, or of a whole lat-long map.
+class CornerGrid {
+ public:
+  CornerGrid(const SphereGrid& grid, const SpherePatch& patch, const Eigen::Matrix3d& environment_from_scene)
+      : patch_(patch),
+        domain_(grid.domain()),
+        columns_(patch.column_edges->data()),
+        rows_(patch.row_edges->data()),
+        axes_(environment_from_scene) {
+    if (domain_.parameterisation == Parameterisation::lat_long) {
+      edges_per_texel_ = lat_long_edges(domain_.width);
+      set_chord(std::max(pi / domain_.height, 2.0 * pi / (edges_per_texel_ * domain_.width)));
+      return;
+    }
+    axes_ *= patch.axes.transpose();
+    set_chord(std::max(columns_[1][0] - columns_[0][0], rows_[0][0] - rows_[1][0]));
   }
+
+  /// Great circles that stand for a parallel of latitude along one texel: that many edges.
+  static int lat_long_edges(int width) { return (min_lat_long_edges + width - 1) / width; }
+
+  int edges_per_texel() const { return edges_per_texel_; }
+  /// See PreparedEnvironment::bounds_of().
+  double shrink() const { return shrink_; }
+  bool is_lat_long() const { return domain_.parameterisation == Parameterisation::lat_long; }
+  int columns() const { return is_lat_long() ? domain_.width : patch_.columns(); }
+  int rows() const { return is_lat_long() ? domain_.height : patch_.rows(); }
+
+  Eigen::Vector3d corner(int column, int row) const {
+    if (is_lat_long())
+      return axes_ * lat_long_direction(static_cast<double>(column) / edges_per_texel_, row, domain_.width,
+                                        domain_.height);
+    const double u = columns_[column][0], v = rows_[row][0];
+    return u * axes_.col(0) + (v * axes_.col(1) + axes_.col(2));
+  }
+
+ private:
+  /// Solid angles are off by Δφ²/8 of themselves, Δφ an edge's azimuth: 1e-6.
+  static constexpr int min_lat_long_edges = 2048;
+
+  void set_chord(double longest) { shrink_ = std::sqrt(std::max(0.0, 1.0 - 0.25 * longest * longest)); }
+
+  const SpherePatch& patch_;
+  LightDomain domain_;
+  const Eigen::Vector2d *columns_, *rows_;  // edges of a plane patch
+  Eigen::Matrix3d axes_;
+  int edges_per_texel_ = 1;
+  double shrink_ = 0.0;
+};
+
+/// Solid angle of a texel of a plane patch, in closed form.
+double rectangle_angle(const SpherePatch& patch, int column, int row) {
+  const auto up_to = [&](int x, int y) {
+    const double u = (*patch.column_edges)[x][0], v = (*patch.row_edges)[y][0];
+    return std::atan2(u * v, std::sqrt(u * u + v * v + 1.0));
+  };
+  return up_to(column + 1, row) - up_to(column, row) - up_to(column + 1, row + 1) + up_to(column, row + 1);
+}
+
+/// The corners along one edge of a row of texels. Which texel of the environment they lie in is found for
+/// all; the rest, where it is needed.
+class CornerLine {
+ public:
+  CornerLine(const PreparedEnvironment& environment, const CornerGrid& grid)
+      : environment_(environment),
+        grid_(grid),
+        count_(static_cast<std::size_t>(grid.columns() * grid.edges_per_texel()) + 1),
+        inside_(count_),
+        points_(count_),
+        sums_(count_),
+        has_point_(count_),
+        has_sums_(count_) {}
+
+  void set(int row) {
+    row_ = row;
+    std::ranges::fill(has_point_, std::uint8_t{0});
+    std::ranges::fill(has_sums_, std::uint8_t{0});
+    TexelBounds bounds = environment_.bounds_of(first_, grid_.shrink());
+    for (std::size_t i = 0; i < count_; ++i) {
+      const Eigen::Vector3d direction = grid_.corner(static_cast<int>(i), row);
+      if (!bounds.hold(direction)) {
+        points_[i] = map_point(environment_, direction, bounds.texel);
+        has_point_[i] = 1;
+        bounds = environment_.bounds_of(points_[i].texel, grid_.shrink());
+      }
+      inside_[i] = bounds.hold_great_circles(direction) ? bounds.number : -1;
+      if (i == 0) first_ = bounds.texel;
+    }
+  }
+
+  /// Number of the environment's texel that holds a corner and the great circles to its neighbours in the
+  /// same texel; −1 for none.
+  std::int32_t inside(std::size_t i) const { return inside_[i]; }
+
+  const MapPoint& point(std::size_t i) {
+    if (has_point_[i] == 0) {
+      has_point_[i] = 1;
+      points_[i] = map_point(environment_, grid_.corner(static_cast<int>(i), row_),
+                             i > 0 && has_point_[i - 1] != 0 ? points_[i - 1].texel : first_);
+    }
+    return points_[i];
+  }
+
+  /// From corner `i` to the next.
+  const PathSums& edge(std::size_t i) {
+    if (has_sums_[i] == 0) {
+      has_sums_[i] = 1;
+      sums_[i] = along(environment_, point(i), point(i + 1));
+    }
+    return sums_[i];
+  }
+
+ private:
+  const PreparedEnvironment& environment_;
+  const CornerGrid& grid_;
+  std::size_t count_;
+  int row_ = 0;
+  SourceTexel first_;  // of the first corner
+  std::vector<std::int32_t> inside_;
+  std::vector<MapPoint> points_;
+  std::vector<PathSums> sums_;
+  std::vector<std::uint8_t> has_point_, has_sums_;
+};
+
+/// Integrates an environment over the texels of successive rows.
+class TexelRows {
+ public:
+  TexelRows(const PreparedEnvironment& environment, const CornerGrid& grid, int first_row)
+      : environment_(environment),
+        row_(first_row),
+        edges_(static_cast<std::size_t>(grid.edges_per_texel())),
+        above_(std::make_unique<CornerLine>(environment, grid)),
+        below_(std::make_unique<CornerLine>(environment, grid)) {
+    below_->set(first_row);
+  }
+
+  /// On to the next row, the first one to begin with.
+  void advance() {
+    std::swap(above_, below_);
+    below_->set(++row_);
+    has_right_ = false;
+  }
+
+  /// Of the row's texel `x`, columns in order: its radiance where it is the same all over it, else nullptr
+  /// and the integral in `light`.
+  const float* texel(int x, double light[3]) {
+    const std::size_t first = static_cast<std::size_t>(x) * edges_, last = first + edges_;
+    const std::int32_t source = above_->inside(first);
+    bool inside = source >= 0;
+    for (std::size_t i = first; i <= last && inside; ++i)
+      inside = above_->inside(i) == source && below_->inside(i) == source;
+    if (inside) {
+      has_right_ = false;
+      return environment_.map().radiance.values.data() + std::ptrdiff_t{3} * source;
+    }
+    PathSums around = has_right_ ? right_ : along(environment_, above_->point(first), below_->point(first));
+    right_ = along(environment_, above_->point(last), below_->point(last));
+    has_right_ = true;
+    around -= right_;
+    for (std::size_t i = first; i < last; ++i) {
+      around += below_->edge(i);
+      around -= above_->edge(i);
+    }
+    environment_.enclosed(around, light);
+    return nullptr;
+  }
+
+ private:
+  const PreparedEnvironment& environment_;
+  int row_;
+  std::size_t edges_;
+  std::unique_ptr<CornerLine> above_, below_;
+  PathSums right_;  // down the right edge of the texel before, where has_right_
+  bool has_right_ = false;
+};
+
+}  // namespace
+
+EnvironmentProjector::EnvironmentProjector(const LightDomain& target,
+                                           std::span<const MonitorPlacement> monitors)
+    : grid_(target, monitors) {
+  if (target.parameterisation == Parameterisation::lat_long) {
+    const int edges = CornerGrid::lat_long_edges(target.width);
+    for (int y = 0; y < target.height; ++y) {
+      SphericalPolygon part;
+      for (const auto& [column, row] : {std::pair{0, y}, {1, y}, {1, y + 1}, {0, y + 1}})
+        part.push_back(lat_long_direction(column, row, edges * target.width, target.height));
+      solid_angles_.push_back(static_cast<float>(edges * solid_angle(part)));
+    }
+    return;
+  }
+  const bool has_windows = target.parameterisation == Parameterisation::monitor;  // else a cube's first face
+  const auto first = grid_.patches().begin(), last = has_windows ? grid_.patches().end() : first + 1;
+  for (auto patch = first; patch != last; ++patch) {
+    const std::size_t start = solid_angles_.size();
+    const auto columns = static_cast<std::size_t>(patch->columns());
+    solid_angles_.resize(start + columns * static_cast<std::size_t>(patch->rows()));
+    tbb::parallel_for(0, patch->rows(), [&](int y) {
+      for (int x = 0; x < patch->columns(); ++x)
+        solid_angles_[start + columns * static_cast<std::size_t>(y) + static_cast<std::size_t>(x)] =
+            static_cast<float>(rectangle_angle(*patch, x, y));
+    });
+    seen_ += solid_angle(patch->outline());
+  }
+  if (grid_.patches().size() > 1 && has_windows) find_shared_texels();
+}
+
+EnvironmentLight EnvironmentProjector::project(const LightMap& environment, const Turn& turn) const {
+  if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
+  return project(PreparedEnvironment(environment), turn);
+}
+
+EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& environment,
+                                               const Turn& turn) const {
+  if (!environment.has_path_sums()) return project_exactly(environment.map(), turn);
+  if (auto light = as_it_stands(environment.map(), turn)) return {std::move(*light), {}};
+  const LightDomain& domain = target();
+  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+  EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};
+  std::vector<double> energy(static_cast<std::size_t>(domain.height), 0.0);
+  const bool is_lat_long = domain.parameterisation == Parameterisation::lat_long;
+  const auto project_rows = [&](const CornerGrid& grid, int first_row, int begin, int end) {
+    throw_if_interrupted();
+    TexelRows rows(environment, grid, begin);
+    auto shared = std::ranges::lower_bound(shared_texels_, first_row + begin, {}, &SharedTexel::y);
+    for (int y = begin; y < end; ++y) {
+      rows.advance();
+      float* out = result.light.radiance.row(first_row + y).data();
+      double of_row[3] = {0.0, 0.0, 0.0};
+      const float* angles = solid_angles_of(first_row + y);
+      for (int x = 0; x < domain.width; ++x, out += 3) {
+        double light[3];
+        const double angle = is_lat_long ? angles[0] : angles[x];
+        const float* constant = rows.texel(x, light);
+        if (constant && window_shares_.empty()) {
+          for (int c = 0; c < 3; ++c) {
+            out[c] = constant[c];
+            of_row[c] += angle * constant[c];
+          }
+          continue;
+        }
+        if (constant)
+          for (int c = 0; c < 3; ++c) light[c] = angle * constant[c];
+        if (!window_shares_.empty()) {
+          const float share = window_shares_[static_cast<std::size_t>(first_row + y) *
+                                                 static_cast<std::size_t>(domain.width) +
+                                             static_cast<std::size_t>(x)];
+          for (double& channel : light) channel *= share;
+          if (shared != shared_texels_.end() && shared->y == first_row + y && shared->x == x) {
+            std::ranges::fill(light, 0.0);
+            for (const SeenPart& part : shared->parts) {
+              double of_part[3];
+              integrate(environment, environment_from_scene, part.outline, of_part);
+              for (int c = 0; c < 3; ++c) light[c] += of_part[c] / part.windows;
+            }
+            ++shared;
+          }
+        }
+        for (int c = 0; c < 3; ++c) {
+          out[c] = static_cast<float>(light[c] / angle);
+          of_row[c] += light[c];
+        }
+      }
+      energy[static_cast<std::size_t>(first_row + y)] = of_row[0] + of_row[1] + of_row[2];
+    }
+  };
+  for (const SpherePatch& patch : grid_.patches()) {
+    const CornerGrid grid(grid_, patch, environment_from_scene);
+    constexpr std::size_t rows_per_task = 16;
+    tbb::parallel_for(tbb::blocked_range<int>(0, grid.rows(), rows_per_task), [&](const auto& range) {
+      project_rows(grid, is_lat_long ? 0 : patch.first_row, range.begin(), range.end());
+    });
+    if (is_lat_long) break;
+  }
+  if (domain.parameterisation != Parameterisation::monitor) return result;
+  const double all = std::accumulate(energy.begin(), energy.end(), 0.0);
+  result.share = {seen_ / (4.0 * pi), environment.energy() > 0.0 ? all / environment.energy() : 1.0};
+  return result;
+}
+
+bool box_sums_suffice(const LightBasis& basis) {
+  return basis.measure == Measure::solid_angle && basis.smooth() == 0 && !basis.boxes.empty() &&
+         basis.domain.parameterisation == Parameterisation::cube && basis.domain.height <= small_box_limit;
+}
+
+BoxProjector::BoxProjector(int resolution, std::span<const SmallBox> boxes)
+    : resolution_(resolution), boxes_(boxes.size()) {
+  // Ends of edges on each grid line of each face, then the lines' stops one after another.
+  const auto lines_per_face = 2 * (static_cast<std::size_t>(resolution) + 1);
+  std::vector<std::vector<std::int16_t>> ends(lines_per_face * cube_faces);
+  const auto line_number = [&](int face, bool is_column, int edge) {
+    return static_cast<std::size_t>(face) * lines_per_face +
+           (is_column ? static_cast<std::size_t>(resolution) + 1 : 0) + static_cast<std::size_t>(edge);
+  };
+  const auto for_pieces = [&](const auto& use) {
+    for (std::size_t k = 0; k < boxes.size(); ++k)
+      for (int face = boxes[k].y0 / resolution; face * resolution < boxes[k].y1; ++face)
+        use(k, face, std::max(boxes[k].y0 - face * resolution, 0),
+            std::min(boxes[k].y1 - face * resolution, resolution));
+  };
+  for_pieces([&](std::size_t k, int face, int y0, int y1) {
+    const auto add = [&](bool is_column, int edge, int from, int to) {
+      auto& stops = ends[line_number(face, is_column, edge)];
+      stops.push_back(static_cast<std::int16_t>(from));
+      stops.push_back(static_cast<std::int16_t>(to));
+    };
+    add(false, y0, boxes[k].x0, boxes[k].x1);
+    add(false, y1, boxes[k].x0, boxes[k].x1);
+    add(true, boxes[k].x0, y0, y1);
+    add(true, boxes[k].x1, y0, y1);
+  });
+  std::vector<std::size_t> first_stop(ends.size(), 0);
+  for (std::size_t number = 0; number < ends.size(); ++number) {
+    auto& stops = ends[number];
+    std::ranges::sort(stops);
+    stops.erase(std::ranges::unique(stops).begin(), stops.end());
+    first_stop[number] = stops_.size();
+    if (stops.empty()) continue;
+    const std::size_t in_face = number % lines_per_face, columns_from = lines_per_face / 2;
+    const bool is_column = in_face >= columns_from;
+    lines_.push_back({static_cast<int>(number / lines_per_face),
+                      static_cast<int>(is_column ? in_face - columns_from : in_face), is_column,
+                      stops_.size(), stops_.size() + stops.size()});
+    stops_.insert(stops_.end(), stops.begin(), stops.end());
+  }
+  for_pieces([&](std::size_t k, int face, int y0, int y1) {
+    const auto ends_of = [&](bool is_column, int edge, int from, int to) {
+      const std::size_t number = line_number(face, is_column, edge);
+      const auto place = [&](int at) {
+        const auto& stops = ends[number];
+        return static_cast<std::uint32_t>(
+            first_stop[number] +
+            static_cast<std::size_t>(std::ranges::lower_bound(stops, at) - stops.begin()));
+      };
+      return std::array{place(from), place(to)};
+    };
+    pieces_.push_back({static_cast<std::uint32_t>(k), ends_of(false, y0, boxes[k].x0, boxes[k].x1),
+                       ends_of(false, y1, boxes[k].x0, boxes[k].x1), ends_of(true, boxes[k].x0, y0, y1),
+                       ends_of(true, boxes[k].x1, y0, y1)});
+  });
+}
+
+std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const Turn& turn) const {
+  if (!environment.has_path_sums())
+    throw InputError("this environment is integrated over texels alone; give a lat-long map of 16 columns");
+  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+  std::vector<PathSums> up_to(stops_.size());  // along each line, from its first stop
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, lines_.size(), 8), [&](const auto& range) {
+    throw_if_interrupted();
+    for (std::size_t number = range.begin(); number != range.end(); ++number) {
+      const Line& line = lines_[number];
+      const Eigen::Matrix3d axes = environment_from_scene * cube_face_axes(line.face).transpose();
+      const auto point = [&](std::size_t stop, const SourceTexel& near) {
+        const double edge = 2.0 * line.edge / resolution_ - 1.0, at = 2.0 * stops_[stop] / resolution_ - 1.0;
+        return map_point(
+            environment,
+            axes * (line.is_column ? Eigen::Vector3d(edge, -at, 1.0) : Eigen::Vector3d(at, -edge, 1.0)),
+            near);
+      };
+      MapPoint before = point(line.first, {});
+      for (std::size_t stop = line.first + 1; stop < line.last; ++stop) {
+        const MapPoint next = point(stop, before.texel);
+        up_to[stop] = up_to[stop - 1];
+        up_to[stop] += along(environment, before, next);
+        before = next;
+      }
+    }
+  });
+  std::vector<double> sums(boxes_ * 3, 0.0);
+  for (const Piece& piece : pieces_) {
+    const auto edge = [&](const std::array<std::uint32_t, 2>& ends) {
+      PathSums sum = up_to[ends[1]];
+      sum -= up_to[ends[0]];
+      return sum;
+    };
+    PathSums around = edge(piece.bottom);
+    around -= edge(piece.right);
+    around -= edge(piece.top);
+    around += edge(piece.left);
+    double light[3];
+    environment.enclosed(around, light);
+    for (std::size_t c = 0; c < 3; ++c) sums[3 * piece.box + c] += light[c];
+  }
+  return {sums.begin(), sums.end()};
+}
+
+EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const Turn& turn) const {
+  if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
+  const LightDomain& domain = grid_.domain();
   const SphereGrid source(environment.domain());
   const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
   EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};

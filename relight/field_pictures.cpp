@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/field_pictures.h"
 
+#include <tbb/concurrent_queue.h>
+#include <tbb/task_arena.h>
+
 #include <utility>
 
 #include "core/errors.h"
@@ -8,8 +11,26 @@
 
 namespace refield {
 
+/// One for each picture that is being made; they share the field's transfer.
+struct FieldPictures::Relighters {
+  explicit Relighters(Relighter&& relighter) : first(std::move(relighter)) {}
+
+  std::unique_ptr<Relighter> take() {
+    std::unique_ptr<Relighter> relighter;
+    return idle.try_pop(relighter) ? std::move(relighter) : std::make_unique<Relighter>(first);
+  }
+
+  const Relighter first;
+  tbb::concurrent_queue<std::unique_ptr<Relighter>> idle;
+};
+
 FieldPictures::FieldPictures(const ReflectanceField& field, std::vector<PinholeCamera> cameras)
     : field_(&field), cameras_(std::move(cameras)) {
+  if (box_sums_suffice(field.basis)) {
+    std::vector<SmallBox> boxes;
+    for (const Box& box : field.basis.boxes) boxes.push_back(small_box(box));
+    box_projector_ = std::make_shared<const BoxProjector>(field.basis.domain.width, boxes);
+  }
   if (field.mesh.empty()) {
     if (!cameras_.empty())
       throw InputError("the field is a photograph's, seen from where its camera stood; leave cameras out");
@@ -28,8 +49,38 @@ int FieldPictures::height() const {
   return cameras_.empty() ? field_->height : cameras_.front().height;
 }
 
-Image FieldPictures::picture(const LightMap& light, std::size_t frame) const {
-  Image outputs = field_->relight(light);
+void FieldPictures::lay_out(RelightPrecision precision) {
+  const LightDomain& domain = field_->basis.domain;
+  if (domain.width > small_box_limit || domain.height > small_box_limit) return;
+  relighters_ = std::make_shared<Relighters>(Relighter(*field_, precision));
+  const auto boxes = relighters_->first.summed_boxes();
+  if (!boxes.empty()) box_projector_ = std::make_shared<const BoxProjector>(domain.width, boxes);
+}
+
+Image FieldPictures::outputs(const SceneLight& light) const {
+  const auto* map = std::get_if<LightMap>(&light);
+  std::vector<float> sums;
+  if (!map) {
+    if (!box_projector_) throw InputError("this field needs an environment's light map");
+    const auto& turned = std::get<TurnedEnvironment>(light);
+    sums = box_projector_->project(*turned.environment, turned.turn);
+  }
+  if (!relighters_) {
+    if (map) return field_->relight(*map);
+    Image image(field_->width, field_->height, 3);
+    field_->transfer.apply(sums, image.values);
+    return image;
+  }
+  auto relighter = relighters_->take();
+  Image image;
+  // Without other pictures' work in between.
+  tbb::this_task_arena::isolate([&] { image = map ? relighter->relight(*map) : relighter->relight(sums); });
+  relighters_->idle.push(std::move(relighter));
+  return image;
+}
+
+Image FieldPictures::picture(const SceneLight& light, std::size_t frame) const {
+  Image outputs = this->outputs(light);
   if (cameras_.empty()) return outputs;
   if (view_) return view_->show(outputs);
   return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);

@@ -2,12 +2,22 @@
 #pragma once
 #include <cstddef>
 #include <memory>
+#include <variant>
 #include <vector>
 
 #include "core/reflectance_field.h"
+#include "relight/environment.h"
 #include "relight/mesh_view.h"
+#include "relight/relighter.h"
 
 namespace refield {
+
+/// An environment that lights a scene, turned, for fields that need no light map of it.
+struct TurnedEnvironment {
+  std::shared_ptr<const PreparedEnvironment> environment;
+  Turn turn{};
+};
+using SceneLight = std::variant<LightMap, TurnedEnvironment>;
 
 /// The pictures of a field, one a frame: of a captured field its outputs as they stand, of one over a mesh
 /// what cameras see. May be asked from several threads at a time.
@@ -19,16 +29,26 @@ class FieldPictures {
   // NOLINTNEXTLINE(google-explicit-constructor): a field shows itself where no camera is asked for
   FieldPictures(const ReflectanceField& field, std::vector<PinholeCamera> cameras = {});
 
+  /// Lays the field out for relighting many times, by Relighter, which takes the time of some pictures and
+  /// memory. Pictures before are as ReflectanceField::relight() gives them. Not while pictures are made.
+  void lay_out(RelightPrecision precision);
+
   int width() const;
   int height() const;
 
-  /// Throws InputError when the light does not fit the field.
-  Image picture(const LightMap& light, std::size_t frame) const;
+  /// Throws InputError when the light does not fit the field, and for an environment where box_sums_suffice()
+  /// does not hold.
+  Image picture(const SceneLight& light, std::size_t frame) const;
 
  private:
+  struct Relighters;
+  Image outputs(const SceneLight& light) const;
+
   const ReflectanceField* field_;
   std::vector<PinholeCamera> cameras_;
   std::shared_ptr<const MeshView> view_;  // where one camera takes all frames
+  std::shared_ptr<const BoxProjector> box_projector_;
+  std::shared_ptr<Relighters> relighters_;
 };
 
 /// `frames` cameras on a full circle about the target, along the horizon (around +Y), from `start` on; seen

@@ -26,6 +26,11 @@ bool is_png(const RelightJob& job) {
   return job.output.extension() == ".png";
 }
 
+const Image& radiance_of(const SceneLight& light) {
+  const auto* map = std::get_if<LightMap>(&light);
+  return map ? map->radiance : std::get<TurnedEnvironment>(light).environment->map().radiance;
+}
+
 }  // namespace
 
 MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights,
@@ -34,11 +39,11 @@ MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSo
 
 Image MeteredPictures::make(std::size_t i) const {
   throw_if_interrupted();
-  const LightMap light = lights_[i]();
+  const SceneLight light = lights_[i]();
   Image image = field_.picture(light, i);
   if (!std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) {
     char brightest[32];
-    std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(light.radiance.values));
+    std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(radiance_of(light).values));
     require_finite(image,
                    name_ + (lights_.size() == 1 ? std::string() : ", picture " + std::to_string(i + 1)), true,
                    std::string("the light is too bright for 32-bit floats (its brightest texel: ") +

@@ -14,7 +14,7 @@
 namespace refield {
 
 /// A light, read or computed when its turn comes; lights may be asked for from several threads at a time.
-using LightSource = std::function<LightMap()>;
+using LightSource = std::function<SceneLight()>;
 
 /// One image to be made: a light and the file that the relit scene goes to. The file's extension chooses the
 /// format: .exr (scene-linear, float) or .png (sRGB, 8 bits).

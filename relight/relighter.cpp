@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "core/errors.h"
+#include "relight/environment.h"
 
 namespace refield {
 
@@ -21,11 +22,6 @@ constexpr std::int64_t most_fixed_point_texels = 1 << 20;
 /// Light that came or went leaves rounding of about 6e-8 of itself behind: at this many times all light, the
 /// sum is 1e-6 of the image.
 constexpr double most_moved_light = 16.0;
-
-SmallBox small(const Box& box) {
-  return {static_cast<std::int16_t>(box.x0), static_cast<std::int16_t>(box.y0),
-          static_cast<std::int16_t>(box.x1), static_cast<std::int16_t>(box.y1)};
-}
 
 template <class Table>
 Coefficients common_coefficients(const std::vector<double>& smooth, const Table& table,
@@ -78,36 +74,57 @@ Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrec
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
     : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
   if (precision_for(field, precision) == RelightPrecision::fast)
-    transfer_ = tile_transfer<std::uint8_t>(field);
+    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(field));
   else
-    transfer_ = tile_transfer<std::uint16_t>(field);
-  list_common_boxes(field.basis);
+    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint16_t>(field));
+  list_boxes(field.basis);
 }
 
 Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
     : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
   if (precision_for(field, precision) == RelightPrecision::fast)
-    transfer_ = tile_transfer<std::uint8_t>(std::move(field));
+    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(std::move(field)));
   else
-    transfer_ = tile_transfer<std::uint16_t>(std::move(field));
+    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint16_t>(std::move(field)));
   // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
-  list_common_boxes(field.basis);
+  list_boxes(field.basis);
 }
 
 Relighter::Relighter(PackedField&& packed)
     : Relighter(packed.outline.basis, packed.outline.width, packed.outline.height,
                 packed.bits() == 8 ? RelightPrecision::fast : RelightPrecision::fine) {
-  transfer_ = std::move(packed.tiles);
-  list_common_boxes(packed.outline.basis);
+  transfer_ = std::make_shared<const TransferTiles>(std::move(packed.tiles));
+  list_boxes(packed.outline.basis);
 }
 
-void Relighter::list_common_boxes(const LightBasis& basis) {
+void Relighter::list_boxes(const LightBasis& basis) {
   std::visit(
       [&](const auto& transfer) {
         for (std::size_t i = smooth_.count(); i < transfer.common.size(); ++i)
-          common_boxes_.push_back(small(basis.box(transfer.common[i])));
+          common_boxes_.push_back(small_box(basis.box(transfer.common[i])));
+        if (!box_sums_suffice(basis)) return;
+        summed_boxes_ = common_boxes_;
+        for (int at = 0; at < transfer.tiles(); ++at) {
+          own_start_.push_back(static_cast<std::uint32_t>(summed_boxes_.size() - common_boxes_.size()));
+          const auto tile = transfer.tile(at);
+          const auto own = tile.support.subspan(tile.common.size());
+          summed_boxes_.insert(summed_boxes_.end(), own.begin(), own.end());
+        }
       },
-      transfer_);
+      *transfer_);
+}
+
+const Image& Relighter::relight(std::span<const float> sums) {
+  if (summed_boxes_.empty() || sums.size() != 3 * summed_boxes_.size())
+    throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
+                     std::to_string(3 * summed_boxes_.size()));
+  const std::size_t shared = 3 * common_boxes_.size();
+  common_.resize(shared + 1);
+  std::copy_n(sums.begin(), shared, common_.begin());
+  const OwnSums own{sums.data() + shared, own_start_};
+  std::visit([&](const auto& transfer) { multiply(transfer, common_, own, image_); }, *transfer_);
+  light_ = {};
+  return image_;
 }
 
 const Image& Relighter::relight(const LightMap& light) {
@@ -121,7 +138,7 @@ const Image& Relighter::relight(const LightMap& light) {
   const std::vector<double> smooth = smooth_.project(values, whole);
   const auto multiply_with = [&](const auto& table) {
     common_ = common_coefficients(smooth, table, common_boxes_);
-    std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, transfer_);
+    std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, *transfer_);
   };
   if (double_sums_) {
     exact_table_.build(values);
@@ -164,11 +181,12 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   if (moved_light_ > most_moved_light * total_light_) return relight(light);
   if (smooth_.weighs()) smooth_.weigh(difference, changed);
   changed_texels_.build(difference);
-  if (blocks_.empty()) std::visit([&](const auto& transfer) { blocks_ = KernelBlocks(transfer); }, transfer_);
+  if (blocks_.empty())
+    std::visit([&](const auto& transfer) { blocks_ = KernelBlocks(transfer); }, *transfer_);
   const auto add_with = [&](const auto& table) {
     const LightChange<std::decay_t<decltype(table)>> change{changed, changed_texels_, table,
                                                             smooth_.project(difference, changed)};
-    std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, image_); }, transfer_);
+    std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, image_); }, *transfer_);
   };
   if (double_sums_) {
     exact_table_.build(difference);
@@ -183,7 +201,7 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
 std::size_t Relighter::bytes_a_frame() const {
   const auto texels = static_cast<std::size_t>(domain_.width) * domain_.height;
   const std::size_t table = double_sums_ ? 3 * sizeof(double) : 4 * sizeof(std::int32_t);
-  return std::visit([](const auto& transfer) { return transfer.bytes(); }, transfer_) +
+  return std::visit([](const auto& transfer) { return transfer.bytes(); }, *transfer_) +
          common_boxes_.size() * (sizeof(SmallBox) + 4 * sizeof(float)) +
          texels * (table + 3 * sizeof(float)) + image_.values.size() * sizeof(float);
 }

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cstdint>
+#include <memory>
+#include <span>
 #include <variant>
+#include <vector>
 
 #include "core/box.h"
 #include "core/image.h"
@@ -20,7 +24,7 @@ enum class RelightPrecision { fast, fine };
 
 /// Shows one reflectance field under one light after another. Keeps the light and the image between calls,
 /// so that a change of part of the light costs only what it touches. Not for several threads at once; its own
-/// work runs on all cores.
+/// work runs on all cores. Copies share the field's transfer, so that each thread may have one.
 class Relighter {
  public:
   /// Lays the field out for speed; `field` is not needed any more after that. Throws InputError for a light
@@ -46,7 +50,15 @@ class Relighter {
   const Image& update(const LightMap& light, const Box& changed);
   static constexpr int refresh_period = 256;
 
-  const TransferTiles& transfer() const { return transfer_; }
+  /// The boxes of a field whose coefficients are sums of light over boxes alone, by solid angle (see
+  /// box_sums_suffice()): with these, no light map is needed. Empty for other fields.
+  std::span<const SmallBox> summed_boxes() const { return summed_boxes_; }
+  /// The scene under a light whose radiance times solid angle in each of summed_boxes() is `sums`
+  /// [boxes × 3]; valid until the next call. The next update() computes the whole image. Throws InputError
+  /// for another number of sums.
+  const Image& relight(std::span<const float> sums);
+
+  const TransferTiles& transfer() const { return *transfer_; }
 
   /// Bytes that one call of relight() reads and writes at least: transfer, table, light and image.
   std::size_t bytes_a_frame() const;
@@ -54,15 +66,18 @@ class Relighter {
  private:
   /// Without a transfer yet.
   Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
-  void list_common_boxes(const LightBasis& basis);
+  void list_boxes(const LightBasis& basis);
   /// Takes over the light inside `changed`; the difference to what it was.
   Image take_change(const LightMap& light, const Box& changed);
 
   LightDomain domain_;
   SmoothProjector smooth_;
-  TransferTiles transfer_;
+  std::shared_ptr<const TransferTiles> transfer_;
   KernelBlocks blocks_;                 // of transfer_; empty before the first change
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
+  std::vector<SmallBox> summed_boxes_;  // the common ones, then each tile's own
+  std::vector<std::uint32_t>
+      own_start_;  // [tiles], first of each tile's in summed_boxes_ after the common ones
   bool double_sums_ = false;
   FixedPointTable table_;
   SummedAreaTable exact_table_;

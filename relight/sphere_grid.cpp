@@ -30,11 +30,11 @@ SpherePatch::Edges even_edges(double first, double last, int count) {
 
 }  // namespace
 
-SphericalPolygon SpherePatch::texel(int column, int row) const {
+SphericalPolygon SpherePatch::rectangle(int left, int top, int right, int bottom) const {
   SphericalPolygon corners;
-  for (const auto& [x, y] : {std::pair{0, 0}, {1, 0}, {1, 1}, {0, 1}}) {
-    const Eigen::Vector2d& u = (*column_edges)[column + x];
-    const Eigen::Vector2d& v = (*row_edges)[row + y];
+  for (const auto& [x, y] : {std::pair{left, top}, {right, top}, {right, bottom}, {left, bottom}}) {
+    const Eigen::Vector2d& u = (*column_edges)[x];
+    const Eigen::Vector2d& v = (*row_edges)[y];
     corners.push_back(axes.transpose() * Eigen::Vector3d(u[0] * v[1], v[0] * u[1], u[1] * v[1]));
   }
   return corners;

@@ -38,7 +38,12 @@ struct SpherePatch {
   }
 
   /// The outline of a texel, column and row counted from 0 within the patch.
-  SphericalPolygon texel(int column, int row) const;
+  SphericalPolygon texel(int column, int row) const { return rectangle(column, row, column + 1, row + 1); }
+  /// Of all texels.
+  SphericalPolygon outline() const { return rectangle(0, 0, columns(), rows()); }
+
+ private:
+  SphericalPolygon rectangle(int left, int top, int right, int bottom) const;
 };
 
 /// A light map's texels on the sphere. Those of lat-long maps are cut into strips so narrow that the great

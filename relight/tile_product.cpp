@@ -37,6 +37,20 @@ void sum_boxes(const SummedAreaTable& table, std::span<const SmallBox> boxes, fl
   }
 }
 
+namespace {
+
+template <class Table>
+void sum_own_boxes(const Table& table, int, std::span<const SmallBox> boxes, float* sums) {
+  sum_boxes(table, boxes, sums);
+}
+
+void sum_own_boxes(const OwnSums& own, int tile, std::span<const SmallBox> boxes, float* sums) {
+  const float* from = own.sums + std::size_t{3} * own.start[static_cast<std::size_t>(tile)];
+  for (std::size_t k = 0; k < boxes.size(); ++k) std::copy_n(from + 3 * k, 3, sums + 4 * k);
+}
+
+}  // namespace
+
 template <class Weight, class Table>
 void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const Table& table,
               Image& image) {
@@ -49,7 +63,7 @@ void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common,
     const std::size_t shared = tile.common.size();
     for (std::size_t k = 0; k < shared; ++k)
       std::memcpy(light.data() + 4 * k, common.data() + std::size_t{3} * tile.common[k], 4 * sizeof(float));
-    sum_boxes(table, tile.support.subspan(shared), light.data() + 4 * shared);
+    sum_own_boxes(table, at, tile.support.subspan(shared), light.data() + 4 * shared);
     TileSums sums;
     sum_kernels(tile, light.data(), light.data() + 4 * tile.support.size(),
                 transfer.tile(std::min(at + 1, transfer.tiles() - 1)), sums);
@@ -66,5 +80,7 @@ template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&,
                        Image&);
 template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const SummedAreaTable&,
                        Image&);
+template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const OwnSums&, Image&);
+template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const OwnSums&, Image&);
 
 }  // namespace refield

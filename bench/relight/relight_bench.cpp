@@ -21,11 +21,13 @@
 #include <cblas.h>
 #endif
 
+#include "bench/relight/environment_bench.h"
 #include "core/metrics.h"
 #include "core/reflectance_field.h"
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
 #include "core/summed_area_table.h"
+#include "relight/environment.h"
 #include "relight/relighter.h"
 
 namespace {
@@ -201,6 +203,57 @@ BENCHMARK_CAPTURE(Whole, fine, the_field, refield::RelightPrecision::fine)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 BENCHMARK_CAPTURE(Whole, mirror, the_mirror, refield::RelightPrecision::fast)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+/// From an environment map in memory, turned from frame to frame, to the picture on the screen: what a
+/// monitor's window of 52×32 cm at 60 cm shows of it.
+void RotatedEnvironment(benchmark::State& state) {
+  const refield::ReflectanceField& field = the_field();
+  const std::vector<refield::MonitorPlacement> monitor =
+      field.monitors.empty() ? std::vector{refield::MonitorPlacement{520, 320, 600}} : field.monitors;
+  const refield::EnvironmentProjector projector(field.basis.domain, monitor);
+  const refield::PreparedEnvironment environment(
+      refield::bench::environment(static_cast<int>(state.range(0))));
+  refield::Relighter relighter(field);
+  const refield::LevelTable tones{refield::ToneMapping{}};
+  std::vector<std::uint8_t> rgba(std::size_t{4} * static_cast<std::size_t>(field.width) * field.height);
+  refield::Turn turn{20, 30, 40};
+  const Image* image = nullptr;
+  for (auto _ : state) {
+    turn.yaw += 1.5;
+    image = &relighter.relight(projector.project(environment, turn).light);
+    tone_map_rgba(*image, tones, rgba);
+  }
+  state.counters["limit_ms"] =
+      static_cast<double>(relighter.bytes_a_frame() + rgba.size()) / refield::bench::read_rate() * 1e3;
+  const Image shown = *image;
+  state.counters["relative_rmse"] =
+      relative_rmse(shown, relighter.relight(projector.project_exactly(environment.map(), turn).light));
+}
+BENCHMARK(RotatedEnvironment)
+    ->ArgName("map")
+    ->Arg(512)
+    ->Arg(1024)
+    ->Arg(4096)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+/// The light map alone.
+void Window(benchmark::State& state) {
+  const refield::MonitorPlacement monitor{520, 320, 600};
+  const refield::EnvironmentProjector projector(
+      {light_width, light_height, refield::Parameterisation::monitor}, std::span(&monitor, 1));
+  const refield::PreparedEnvironment environment(
+      refield::bench::environment(static_cast<int>(state.range(0))));
+  for (auto _ : state)
+    benchmark::DoNotOptimize(projector.project(environment, {20, 30, 40}).light.radiance.values.data());
+}
+BENCHMARK(Window)
+    ->ArgName("map")
+    ->Arg(512)
+    ->Arg(1024)
+    ->Arg(4096)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 

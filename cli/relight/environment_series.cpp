@@ -13,17 +13,32 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Puts environments onto a field's light map and keeps count of what the monitor sees of them.
+/// Brings environments into the form that a field is lit by, and keeps count of what the monitor sees of
+/// them.
 struct Projection {
   std::shared_ptr<const EnvironmentProjector> projector;
   std::shared_ptr<SeenShares> seen;
+  bool exact = false;
+  bool box_sums = false;  ///< the field needs no light map
 
-  LightMap operator()(const std::string& name, const LightMap& environment, const Turn& turn) const {
-    EnvironmentLight result = projector->project(environment, turn);
+  SceneLight operator()(const std::string& name, std::shared_ptr<const PreparedEnvironment> environment,
+                        const Turn& turn) const {
+    if (box_sums && environment->has_path_sums()) return TurnedEnvironment{std::move(environment), turn};
+    return light_map(name, *environment, turn);
+  }
+
+  LightMap light_map(const std::string& name, const PreparedEnvironment& environment,
+                     const Turn& turn) const {
+    EnvironmentLight result =
+        exact ? projector->project_exactly(environment.map(), turn) : projector->project(environment, turn);
     if (seen) seen->add(name, result.share);
     return std::move(result.light);
   }
 };
+
+std::shared_ptr<const PreparedEnvironment> prepared(LightMap environment) {
+  return std::make_shared<const PreparedEnvironment>(std::move(environment));
+}
 
 Projection projection_of(const RelightOptions& options, const ReflectanceField& field) {
   const auto monitors = options.monitors.empty() ? field.monitors : placements_from_texts(options.monitors);
@@ -39,24 +54,25 @@ Projection projection_of(const RelightOptions& options, const ReflectanceField& 
                      " light map, seen from everywhere; leave --monitor out");
   check_placements(monitors, domain, options.monitors.empty() ? options.field.string() : "--monitor");
   return {std::make_shared<const EnvironmentProjector>(domain, monitors),
-          has_window ? std::make_shared<SeenShares>() : nullptr};
+          has_window ? std::make_shared<SeenShares>() : nullptr, options.exact,
+          !options.exact && box_sums_suffice(field.basis)};
 }
 
 void add_maps(const RelightOptions& options, const Projection& project, LightSeries& series) {
   for (const fs::path& file : expand_globs(options.environments))
     series.lights.push_back({file.stem().string(), file, [=, turn = options.turn] {
-                               return project(file.stem().string(), read_environment(file), turn);
+                               return project(file.stem().string(), prepared(read_environment(file)), turn);
                              }});
 }
 
 void add_rotation(const RelightOptions& options, const Projection& project, LightSeries& series) {
   const fs::path file = only_file(options.environments, "--env");
-  const auto environment = std::make_shared<const LightMap>(read_environment(file));
+  const auto environment = prepared(read_environment(file));
   for (int i = 0; i < options.frames; ++i) {
     Turn turn = options.turn;
     turn.yaw += 360.0 * i / options.frames;
     const std::string name = frame_name("rotation", i);
-    series.lights.push_back({name, file, [=] { return project(name, *environment, turn); }});
+    series.lights.push_back({name, file, [=] { return project(name, environment, turn); }});
   }
 }
 
@@ -66,7 +82,7 @@ void add_day(const RelightOptions& options, const Projection& project, LightSeri
     const std::string name = frame_name("day", i);
     const double done = options.frames == 1 ? 0.5 : static_cast<double>(i) / (options.frames - 1);
     series.lights.push_back({name, std::nullopt, [=, sky = options.sky, turn = options.turn] {
-                               return project(name, clear_sky(sun_direction(done, sky), sky), turn);
+                               return project(name, prepared(clear_sky(sun_direction(done, sky), sky)), turn);
                              }});
   }
 }
@@ -77,7 +93,8 @@ void add_fade(const RelightOptions& options, const Projection& project, LightSer
   if (files.size() < 2) throw InputError("--fade goes from map to map; give at least two by --env");
   const auto lights = std::make_shared<std::vector<LightMap>>();
   for (const fs::path& file : files)
-    lights->push_back(project(file.stem().string(), read_environment(file), options.turn));
+    lights->push_back(
+        project.light_map(file.stem().string(), PreparedEnvironment(read_environment(file)), options.turn));
   for (int i = 0; i < options.frames; ++i) {
     const double last = static_cast<double>(files.size()) - 1.0;
     const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);

@@ -80,7 +80,7 @@ LightSeries series_of_area_lights(const RelightOptions& options, const Reflectan
 void hold_still(LightSeries& series, int frames) {
   if (series.lights.size() != 1)
     throw InputError("--turntable goes around under one light, or one that moves; give one map");
-  const auto light = std::make_shared<const LightMap>(series.lights[0].make());
+  const auto light = std::make_shared<const SceneLight>(series.lights[0].make());
   const auto source = series.lights[0].source;
   series.lights.clear();
   for (int i = 0; i < frames; ++i)
@@ -103,9 +103,10 @@ void check(const RelightOptions& options) {
         "sequence's number of "
         "frames");
   const bool is_environment = !options.environments.empty() || options.day;
-  if (!is_environment && (!options.turn.is_none() || !options.monitors.empty()))
+  if (!is_environment && (!options.turn.is_none() || !options.monitors.empty() || options.exact))
     throw InputError(
-        "--yaw, --pitch, --roll and --monitor turn environments; give --env or --day, or leave them out");
+        "--yaw, --pitch, --roll, --monitor and --exact are about environments; give --env or --day, or leave "
+        "them out");
   if (options.fade && (options.environments.empty() || options.rotate))
     throw InputError("--fade goes from one --env to the next, without --rotate");
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,6 +9,7 @@
 #include "cli/relight/relight_options.h"
 #include "cli/relight/seen_share.h"
 #include "core/reflectance_field.h"
+#include "relight/relight.h"
 
 namespace refield::cli {
 
@@ -17,7 +17,7 @@ namespace refield::cli {
 struct SeriesLight {
   std::string name;                             ///< its image's, without extension
   std::optional<std::filesystem::path> source;  ///< the file that it comes from, where it is one file's
-  std::function<LightMap()> make;               ///< reads or computes it; from several threads at a time
+  LightSource make;                             ///< reads or computes it; from several threads at a time
 };
 
 /// What the options ask a field to be lit by.

@@ -66,8 +66,14 @@ std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries
   return jobs;
 }
 
-FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField& field) {
-  return {field, cameras_of(options.camera, field, options.field, options.frames)};
+/// For fewer pictures, laying the field out takes longer than it saves.
+constexpr std::size_t min_pictures_for_layout = 12;
+
+FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField& field, std::size_t count,
+                          RelightPrecision precision) {
+  FieldPictures pictures(field, cameras_of(options.camera, field, options.field, options.frames));
+  if (count >= min_pictures_for_layout) pictures.lay_out(precision);
+  return pictures;
 }
 
 struct Written {
@@ -80,8 +86,8 @@ Written write_images(const RelightOptions& options, const ReflectanceField& fiel
   const auto jobs = jobs_of(options, series);
   create_folders(fs::absolute(jobs.front().output).parent_path());
   Written written;
-  written.exposure =
-      relight_to_files(pictures_of(options, field), jobs, {options.video.exposure, series.is_sequence});
+  written.exposure = relight_to_files(pictures_of(options, field, jobs.size(), RelightPrecision::fine), jobs,
+                                      {options.video.exposure, series.is_sequence});
   for (const RelightJob& job : jobs) written.files.push_back(job.output.string());
   return written;
 }
@@ -91,7 +97,8 @@ Written write_video(const RelightOptions& options, const ReflectanceField& field
   for (const SeriesLight& light : series.lights) lights.push_back(light.make);
   create_folders(fs::absolute(options.output).parent_path());
   return {{options.output.string()},
-          relight_to_video(pictures_of(options, field), lights, options.output, options.video)};
+          relight_to_video(pictures_of(options, field, lights.size(), RelightPrecision::fast), lights,
+                           options.output, options.video)};
 }
 
 void relight(const RelightOptions& options, const Common& common) {
@@ -138,6 +145,10 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
           "Where the monitor stood, if the field does not say so or is wrong: width x height @ distance "
           "in mm, then what is not zero of yaw, pitch, roll in degrees, x, y in mm, as "
           "520x320@600,yaw=90. Once for each window of stacked light maps")
+      ->group(group);
+  verb.add_flag("--exact", options.exact,
+                "Project environment maps by clipping every texel against the map's texels: slow, the "
+                "reference for the default, which sums along the texels' edges")
       ->group(group);
   verb.add_option("--area-lights", options.area_lights,
                   "Light a mesh by lamps that move around it (TOML, docs/harmonics.md)")

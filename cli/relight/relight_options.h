@@ -18,6 +18,7 @@ struct RelightOptions {
   std::vector<std::string> environments;  ///< maps of the surroundings, of any size
   std::vector<std::string> monitors;      ///< placements, in place of the field's own
   Turn turn;                              ///< of environments
+  bool exact = false;                     ///< project environments texel by texel
   std::filesystem::path area_lights;      ///< lamps around a mesh, as a file describes them
   double bar = 0.0;                       ///< width as a fraction of the light map; 0: no bar
   bool rotate = false;

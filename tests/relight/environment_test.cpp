@@ -2,12 +2,15 @@
 #include "relight/environment.h"
 
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 
+#include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/rng.h"
@@ -290,6 +293,177 @@ TEST(Environment, WindowsThatOverlapCountLightOnce) {
     return window_energy(light, monitor);
   };
   EXPECT_NEAR(energy(first, 0) + energy(second, 1), window_energy(alone(both), both), 1e-6);
+}
+
+/// The largest difference of two lights, relative to the mean of the first.
+double largest_difference(const LightMap& a, const LightMap& b) {
+  double difference = 0.0, sum = 0.0;
+  for (std::size_t i = 0; i < a.radiance.values.size(); ++i) {
+    difference = std::max(difference, std::abs(double{a.radiance.values[i]} - b.radiance.values[i]));
+    sum += std::abs(a.radiance.values[i]);
+  }
+  return difference / (sum / static_cast<double>(a.radiance.values.size()));
+}
+
+Turn random_turn(Rng& rng) {
+  return {rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
+}
+
+// The two ways cut parallels of latitude into great circles of different lengths: 1e-6 of a lat-long texel.
+constexpr double ways_differ = 2e-5;
+
+/// Sources coarser than, as fine as and finer than the target.
+void expect_sums_to_agree_with_clipping(const LightDomain& target,
+                                        const std::vector<MonitorPlacement>& monitors,
+                                        const std::vector<Turn>& turns) {
+  Rng rng(20);
+  const EnvironmentProjector projector(target, monitors);
+  for (const LightDomain& source :
+       {lat_long(16), lat_long(200), LightDomain{30, 15, Parameterisation::lat_long}}) {
+    const LightMap map = test::random_light(rng, source);
+    const PreparedEnvironment prepared(map);
+    ASSERT_TRUE(prepared.has_path_sums());
+    for (const Turn& turn : turns) {
+      const EnvironmentLight fast = projector.project(prepared, turn),
+                             exact = projector.project_exactly(map, turn);
+      ASSERT_LT(largest_difference(exact.light, fast.light), ways_differ)
+          << source.width << " turned by " << turn.yaw << " " << turn.pitch << " " << turn.roll;
+      EXPECT_NEAR(fast.share.sphere, exact.share.sphere, 1e-6);
+      EXPECT_NEAR(fast.share.energy, exact.share.energy, 1e-5);
+    }
+  }
+}
+
+/// Poles on corners, on edges and inside of texels, and anywhere.
+std::vector<Turn> turns_of_poles() {
+  Rng rng(25);
+  return {{}, {90, 0, 0}, {33, 0, 0}, {0, 90, 0}, {45, -90, 0}, random_turn(rng), random_turn(rng)};
+}
+
+TEST(Environment, SumsAlongEdgesOfAWindowAgreeWithClipping) {
+  expect_sums_to_agree_with_clipping(window(24, 15), one_monitor, turns_of_poles());
+  expect_sums_to_agree_with_clipping(window(1, 1), one_monitor, turns_of_poles());
+}
+
+TEST(Environment, SumsAlongEdgesOfSeveralWindowsAgreeWithClipping) {
+  // The first two overlap, the others look up and down.
+  expect_sums_to_agree_with_clipping(window(6, 24),
+                                     {slanted,
+                                      {400, 300, 400, {20, 0, 0}},
+                                      {400, 300, 400, {0, 80, 0}},
+                                      {400, 300, 300, {0, -90, 0}, 30, 20}},
+                                     {{}, {40, 20, 10}});
+}
+
+TEST(Environment, SumsAlongEdgesOfACubeAgreeWithClipping) {
+  expect_sums_to_agree_with_clipping(cube(4), {}, {{}, {45, 0, 0}, {45, -90, 0}});
+  expect_sums_to_agree_with_clipping(cube(3), {}, {{}, {12, 34, 56}});
+}
+
+// Against dense sampling: clipping a whole sphere of narrow strips takes seconds.
+TEST(Environment, TexelsOfALatLongMapAreMeansOverTheirSolidAngles) {
+  Rng rng(26);
+  const LightDomain target = lat_long(6);
+  const LightMap map = test::random_light(rng, lat_long(20));
+  for (const Turn& turn : {Turn{0, 90, 0}, random_turn(rng)}) {
+    const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+    const LightMap light = EnvironmentProjector(target, {}).project(map, turn).light;
+    for (int y = 0; y < target.height; ++y)
+      for (int x = 0; x < target.width; ++x) {
+        constexpr int samples = 200;
+        Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+        const double north = std::cos(pi * y / target.height), south = std::cos(pi * (y + 1) / target.height);
+        for (int j = 0; j < samples; ++j)
+          for (int i = 0; i < samples; ++i) {
+            const double sine = north + (j + 0.5) / samples * (south - north);
+            const Eigen::Vector3d d = lat_long_direction(
+                x + (i + 0.5) / samples, std::acos(sine) / pi * target.height, target.width, target.height);
+            sum += value_at(map, environment_from_scene * d).cast<double>();
+          }
+        for (int c = 0; c < 3; ++c)
+          EXPECT_NEAR(light.radiance.at(x, y, c), sum[c] / (samples * samples), 2e-3);
+      }
+  }
+}
+
+TEST(Environment, SumsAlongEdgesKeepASunOfOneTexel) {
+  Rng rng(21);
+  for (const int width : {32, 400}) {
+    LightMap map = constant(lat_long(width), 1.0f);
+    for (int c = 0; c < 3; ++c) map.radiance.at(width / 3, width / 7, c) = 1e5f;
+    const PreparedEnvironment prepared(map);
+    for (const LightDomain& target : {window(32, 20), cube(4)}) {
+      const EnvironmentProjector projector(target, one_monitor);
+      const Turn turn = random_turn(rng);
+      const LightMap fast = projector.project(prepared, turn).light,
+                     exact = projector.project_exactly(map, turn).light;
+      // Texels beside the sun as well: differences of large sums must not show.
+      for (std::size_t i = 0; i < fast.radiance.values.size(); ++i)
+        ASSERT_NEAR(fast.radiance.values[i], exact.radiance.values[i], 1e-4 * exact.radiance.values[i])
+            << width << " " << i;
+    }
+  }
+}
+
+TEST(Environment, LargeMapsWithoutAllPrefixSumsAgreeToo) {
+  Rng rng(22);
+  const LightMap map = test::random_light(rng, lat_long(2400));  // above 2^21 texels
+  const PreparedEnvironment prepared(map);
+  for (const LightDomain& target : {window(3, 2), window(1, 1)}) {
+    const EnvironmentProjector projector(target, one_monitor);
+    const Turn turn{20, 70, 10};
+    EXPECT_LT(largest_difference(projector.project_exactly(map, turn).light,
+                                 projector.project(prepared, turn).light),
+              ways_differ);
+  }
+}
+
+TEST(Environment, BoxesOfACubeHoldTheEnergyOfTheirTexels) {
+  Rng rng(23);
+  constexpr int side = 8;
+  const LightMap map = test::random_light(rng, lat_long(100));
+  const PreparedEnvironment prepared(map);
+  std::vector<SmallBox> boxes{{0, 0, side, 6 * side}, {0, 2 * side, side, 3 * side}, {3, 3, 5, 5}};
+  for (int i = 0; i < 300; ++i) {
+    const auto pick = [&](int limit) {
+      const auto a = static_cast<std::int16_t>(rng.below(static_cast<std::uint64_t>(limit)));
+      const auto most = static_cast<std::uint64_t>(limit - a);
+      return std::pair(a, static_cast<std::int16_t>(a + 1 + static_cast<int>(rng.below(most))));
+    };
+    const auto [x0, x1] = pick(side);
+    const auto [y0, y1] = pick(6 * side);
+    boxes.push_back({x0, y0, x1, y1});
+  }
+  const BoxProjector projector(side, boxes);
+  for (const Turn& turn : {Turn{}, Turn{0, 90, 0}, random_turn(rng)}) {
+    const std::vector<float> sums = projector.project(prepared, turn);
+    const LightMap light = EnvironmentProjector(cube(side), {}).project_exactly(map, turn).light;
+    for (std::size_t k = 0; k < boxes.size(); ++k)
+      for (int c = 0; c < 3; ++c) {
+        double sum = 0.0;
+        for (int y = boxes[k].y0; y < boxes[k].y1; ++y)
+          for (int x = boxes[k].x0; x < boxes[k].x1; ++x)
+            sum += cube_solid_angle(x, y, side) * light.radiance.at(x, y, c);
+        ASSERT_NEAR(sums[3 * k + static_cast<std::size_t>(c)], sum, 1e-5 * sum) << k;
+      }
+  }
+}
+
+TEST(Environment, ThreadsDoNotChangeTheLight) {
+  Rng rng(24);
+  const LightMap map = test::random_light(rng, lat_long(128));
+  const Turn turn = random_turn(rng);
+  const auto lights = [&] {
+    const PreparedEnvironment prepared(map);
+    std::vector<float> values =
+        EnvironmentProjector(window(100, 75), one_monitor).project(prepared, turn).light.radiance.values;
+    const std::vector<SmallBox> boxes{{0, 0, 9, 9}, {9, 0, 64, 200}, {3, 70, 5, 71}};
+    std::ranges::copy(BoxProjector(64, boxes).project(prepared, turn), std::back_inserter(values));
+    return values;
+  };
+  const std::vector<float> together = lights();
+  const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
+  EXPECT_EQ(lights(), together);
 }
 
 TEST(Environment, FilesAreToldApartByTheirProportions) {

@@ -2,13 +2,17 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <memory>
 #include <numbers>
 
 #include "core/cube_map.h"
+#include "core/errors.h"
 #include "core/metrics.h"
 #include "core/packed_field_file.h"
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
+#include "relight/environment.h"
+#include "relight/field_pictures.h"
 #include "relight/pack.h"
 #include "relight/relighter.h"
 #include "tests/support/random_data.h"
@@ -23,11 +27,11 @@ constexpr int side = 12;
 constexpr std::size_t vertices = 1500;  // more than one row of tiles
 
 /// A field over a mesh under a cube map: harmonics that all outputs have, squares that neighbours share.
-/// `grey`: all channels weigh alike.
-ReflectanceField random_mesh_field(bool grey) {
+/// `grey`: all channels weigh alike. `order`: of the harmonics; 0: none.
+ReflectanceField random_mesh_field(bool grey, int order = 3) {
   Rng rng(3);
   ReflectanceField field;
-  field.basis = {cube_domain(side), {}, {}, Measure::solid_angle, {3}};
+  field.basis = {cube_domain(side), {}, {}, Measure::solid_angle, {order}};
   for (int i = 0; i < 60; ++i) field.basis.boxes.push_back(test::random_box(rng, side, cube_faces * side));
   for (std::size_t i = 0; i < vertices; ++i) {
     const auto angle = static_cast<float>(i);
@@ -164,6 +168,40 @@ TEST(PrecomputedFields, SumLightBySolidAngle) {
   LightMap light{Image(side, cube_faces * side, 3), Parameterisation::cube};
   std::ranges::fill(light.radiance.values, 1.0f);
   EXPECT_NEAR(field.relight(light).values[0], 4.0 * std::numbers::pi, 1e-5);
+}
+
+// Sums over boxes straight from the environment give the picture that the cube map of it gives: kernels that
+// tiles share and their own, rows as they are, tiles and packed tiles.
+TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
+  Rng rng(17);
+  ReflectanceField field = random_mesh_field(false, 0);
+  ASSERT_TRUE(box_sums_suffice(field.basis));
+  EXPECT_FALSE(box_sums_suffice(random_mesh_field(false).basis));
+  const auto environment = std::make_shared<const PreparedEnvironment>(
+      test::random_light(rng, {64, 32, Parameterisation::lat_long}));
+  const Turn turn{30, 40, 50};
+  const LightMap map =
+      EnvironmentProjector(field.basis.domain, {}).project_exactly(environment->map(), turn).light;
+  const Image expected = field.relight(map);
+  constexpr double float_error = 1e-5;
+
+  Relighter relighter(field, RelightPrecision::fine);
+  const auto boxes = relighter.summed_boxes();
+  const std::vector<float> sums = BoxProjector(side, boxes).project(*environment, turn);
+  EXPECT_LT(relative_rmse(relighter.relight(sums), expected), fine_error);
+  EXPECT_LT(relative_rmse(relighter.update(map, {0, 0, side, cube_faces * side}), expected), fine_error);
+  EXPECT_THROW(relighter.relight(std::span(sums).first(3)), InputError);
+  Relighter copy = relighter;
+  EXPECT_EQ(copy.relight(sums).values, relighter.relight(sums).values);
+
+  // Without a camera the outputs themselves.
+  field.mesh = {};
+  field.camera.reset();
+  FieldPictures pictures(field);
+  EXPECT_LT(relative_rmse(pictures.picture(TurnedEnvironment{environment, turn}, 0), expected), float_error);
+  pictures.lay_out(RelightPrecision::fine);
+  EXPECT_LT(relative_rmse(pictures.picture(TurnedEnvironment{environment, turn}, 0), expected), fine_error);
+  EXPECT_LT(relative_rmse(pictures.picture(map, 0), expected), fine_error);
 }
 
 }  // namespace

@@ -75,7 +75,7 @@ TEST_F(Video, HoldsTheFramesInTheirOrder) {
   ASSERT_EQ(decoded.size(), static_cast<std::size_t>(frames) * width * height * 3);
   const auto lights = bar();
   for (int f = 0; f < frames; ++f) {
-    const auto expected = tone_mapped(field_.relight(lights[f]()), {report.factors[0]});
+    const auto expected = tone_mapped(field_.relight(std::get<LightMap>(lights[f]())), {report.factors[0]});
     double sum = 0.0;
     for (int y = 0; y < field_.height; ++y)
       for (int x = 0; x < 3 * field_.width; ++x) {
