@@ -8,6 +8,7 @@
 //
 // REFIELD_FIELD=f.rfield measures a precomputed field instead, REFIELD_ENV=map.exr with a map of your own.
 #include <benchmark/benchmark.h>
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
 #include <chrono>
@@ -151,6 +152,7 @@ BENCHMARK(ClusterNewMap)
     ->Args({1024, 512})
     ->Args({1024, 4096})
     ->Unit(benchmark::kMillisecond)
+    ->MeasureProcessCPUTime()
     ->UseRealTime();
 
 /// One map, turned from frame to frame.
@@ -171,6 +173,7 @@ BENCHMARK(ClusterRotated)
     ->Args({1024, 512})
     ->Args({1024, 4096})
     ->Unit(benchmark::kMillisecond)
+    ->MeasureProcessCPUTime()
     ->UseRealTime();
 
 /// The projection alone, onto a whole cube map, as the viewer shows it.
@@ -186,6 +189,7 @@ BENCHMARK(CubeMap)
     ->Args({1024, 512})
     ->Args({1024, 4096})
     ->Unit(benchmark::kMillisecond)
+    ->MeasureProcessCPUTime()
     ->UseRealTime();
 
 }  // namespace

@@ -27,6 +27,7 @@
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
 #include "core/summed_area_table.h"
+#include "core/tone_map.h"
 #include "relight/environment.h"
 #include "relight/relighter.h"
 
@@ -237,6 +238,7 @@ BENCHMARK(RotatedEnvironment)
     ->Arg(1024)
     ->Arg(4096)
     ->Unit(benchmark::kMillisecond)
+    ->MeasureProcessCPUTime()
     ->UseRealTime();
 
 /// The light map alone.
@@ -255,6 +257,7 @@ BENCHMARK(Window)
     ->Arg(1024)
     ->Arg(4096)
     ->Unit(benchmark::kMillisecond)
+    ->MeasureProcessCPUTime()
     ->UseRealTime();
 
 /// A twentieth of the map's width changes: over its whole height, or a region as high as wide.
