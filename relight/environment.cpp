@@ -272,7 +272,7 @@ class CornerLine {
         has_point_[i] = 1;
         bounds = environment_.bounds_of(points_[i].texel, grid_.shrink());
       }
-      inside_[i] = bounds.hold_great_circles(direction) ? bounds.number : -1;
+      inside_[i] = bounds.hold_great_circles(direction) ? bounds.number : ~bounds.number;
       if (i == 0) first_ = bounds.texel;
     }
   }
@@ -284,8 +284,9 @@ class CornerLine {
   const MapPoint& point(std::size_t i) {
     if (has_point_[i] == 0) {
       has_point_[i] = 1;
-      points_[i] = map_point(environment_, grid_.corner(static_cast<int>(i), row_),
-                             i > 0 && has_point_[i - 1] != 0 ? points_[i - 1].texel : first_);
+      const int number = inside_[i] < 0 ? ~inside_[i] : inside_[i], width = environment_.map().radiance.width;
+      points_[i] =
+          map_point(environment_, grid_.corner(static_cast<int>(i), row_), {number % width, number / width});
     }
     return points_[i];
   }
