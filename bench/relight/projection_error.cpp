@@ -38,11 +38,19 @@ LightMap one_texel_sun() {
   return map;
 }
 
+/// A field that does not know its monitor: a screen of 52×32 cm at 60 cm.
+std::vector<refield::MonitorPlacement> monitors_of(const refield::ReflectanceField& field) {
+  const bool is_captured = field.basis.domain.parameterisation == refield::Parameterisation::monitor;
+  if (is_captured && field.monitors.empty()) return {{520, 320, 600}};
+  return field.monitors;
+}
+
 /// One field under all maps.
 class Comparison {
  public:
   explicit Comparison(const refield::ReflectanceField& field)
-      : relighter_(field, refield::RelightPrecision::fine), projector_(field.basis.domain, field.monitors) {
+      : relighter_(field, refield::RelightPrecision::fine),
+        projector_(field.basis.domain, monitors_of(field)) {
     if (!relighter_.summed_boxes().empty())
       boxes_.emplace(field.basis.domain.width, relighter_.summed_boxes());
   }
