@@ -21,6 +21,11 @@ namespace {
 constexpr const char* field_format_name = "refield reflectance field";
 constexpr const char* part_format_name = "refield reflectance field part";
 constexpr std::uint64_t max_pixels = 1ull << 32;
+/// Of light maps: sides as of images, and texels that a machine of 4 GiB can hold once.
+constexpr int max_light_side = 1 << 16;
+constexpr std::uint64_t max_light_texels = 1ull << 28;
+/// Hats need no bytes in the file: a forged grid must not take memory of its own.
+constexpr std::uint64_t max_hats = 1ull << 24;
 
 /// Everything that a reader asks for.
 constexpr std::array data_set_names = {
@@ -54,21 +59,6 @@ void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement
   writer.dataset(monitors_name, numbers.data(), {monitors.size(), numbers_of_a_monitor});
 }
 
-std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const LightDomain& domain) {
-  std::vector<MonitorPlacement> monitors;
-  const auto numbers = values.dataset<double>(monitors_name, numbers_of_a_monitor);
-  for (std::size_t i = 0; i < numbers.size(); i += numbers_of_a_monitor) {
-    const double* m = numbers.data() + i;
-    monitors.push_back({m[0], m[1], m[2], {m[3], m[4], m[5]}, m[6], m[7]});
-  }
-  try {
-    check_placements(monitors, domain, monitors_name);
-  } catch (const InputError& error) {
-    values.fail(error.what());
-  }
-  return monitors;
-}
-
 Parameterisation parameterisation_of(const Hdf5Values& values) {
   try {
     return parameterisation_from_name(values.text("light_parameterisation"));
@@ -77,22 +67,53 @@ Parameterisation parameterisation_of(const Hdf5Values& values) {
   }
 }
 
-void check_statistics(const ReflectanceField& field, const Hdf5Values& values) {
-  const std::uint64_t pixels = static_cast<std::uint64_t>(field.width) * field.height;
-  if (!field.training_error.empty() && field.training_error.size() != pixels)
-    values.fail("statistics/training_error does not fit the image size");
-  if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
-    values.fail("statistics/error_evidence does not fit the image size");
-  if (std::ranges::any_of(field.learning_curve, [](const LearningPoint& point) {
-        return !(point.share > 0.0f && std::isfinite(point.error) && point.error >= 0.0f);
-      }))
-    values.fail("statistics/learning_curve holds what is no error");
-  for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
-    if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
-      values.fail("statistics/predicted_error or photograph_noise does not fit the image size");
-    if (std::ranges::any_of(*map, [](float e) { return !std::isfinite(e) || e < 0.0f; }))
-      values.fail("statistics/predicted_error or photograph_noise holds what is no error");
+/// Sizes of the picture, the light map and the grid of hats.
+std::string fault_of_sizes(const ReflectanceField& field) {
+  const auto area = [](int width, int height) {
+    return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+  };
+  const LightDomain& light = field.basis.domain;
+  if (field.width <= 0 || field.height <= 0 || area(field.width, field.height) > max_pixels ||
+      light.width <= 0 || light.height <= 0)
+    return "has impossible dimensions";
+  if (light.width > max_light_side || light.height > max_light_side ||
+      area(light.width, light.height) > max_light_texels)
+    return "has a light map of " + std::to_string(light.width) + "×" + std::to_string(light.height) +
+           " texels, more than any that can be estimated with";
+  const HatGrid& hats = field.basis.hats;
+  if (hats.columns < 0 || hats.rows < 0 || hats.columns > light.width || hats.rows > light.height ||
+      area(hats.columns, hats.rows) > max_hats)
+    return "has an impossible grid of hats";
+  return "";
+}
+
+std::string fault_of_boxes(const LightBasis& basis) {
+  const auto inside = [&](const Box& box) { return box.inside(basis.domain.width, basis.domain.height); };
+  return std::ranges::all_of(basis.boxes, inside) ? "" : "basis/boxes reaches outside the light map";
+}
+
+std::string fault_of_monitors(const std::vector<MonitorPlacement>& monitors, const LightDomain& domain) {
+  try {
+    check_placements(monitors, domain, monitors_name);
+    return "";
+  } catch (const InputError& error) {
+    return error.what();
   }
+}
+
+void require_sound(const Hdf5Values& values, const std::string& fault) {
+  if (!fault.empty()) values.fail(fault);
+}
+
+std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const LightDomain& domain) {
+  std::vector<MonitorPlacement> monitors;
+  const auto numbers = values.dataset<double>(monitors_name, numbers_of_a_monitor);
+  for (std::size_t i = 0; i < numbers.size(); i += numbers_of_a_monitor) {
+    const double* m = numbers.data() + i;
+    monitors.push_back({m[0], m[1], m[2], {m[3], m[4], m[5]}, m[6], m[7]});
+  }
+  require_sound(values, fault_of_monitors(monitors, domain));
+  return monitors;
 }
 
 }  // namespace
@@ -120,6 +141,55 @@ void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int 
   writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
   write_precomputed(writer, field);
+}
+
+std::string fault_of_statistics(const ReflectanceField& field) {
+  const std::uint64_t pixels = static_cast<std::uint64_t>(field.width) * field.height;
+  const auto is_no_error = [](float e) { return !std::isfinite(e) || e < 0.0f; };
+  if (!field.training_error.empty() && field.training_error.size() != pixels)
+    return "statistics/training_error does not fit the image size";
+  if (std::ranges::any_of(field.training_error, is_no_error))
+    return "statistics/training_error holds what is no error";
+  if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
+    return "statistics/error_evidence does not fit the image size";
+  if (std::ranges::any_of(field.learning_curve, [&](const LearningPoint& point) {
+        return !(point.share > 0.0f) || is_no_error(point.error);
+      }))
+    return "statistics/learning_curve holds what is no error";
+  for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
+    if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
+      return "statistics/predicted_error or photograph_noise does not fit the image size";
+    if (std::ranges::any_of(*map, is_no_error))
+      return "statistics/predicted_error or photograph_noise holds what is no error";
+  }
+  return "";
+}
+
+std::string fault_of_rows(const ReflectanceField& field) {
+  const SparseTransfer& transfer = field.transfer;
+  if (std::string fault = fault_of_sizes(field); !fault.empty()) return fault;
+  if (std::string fault = fault_of_boxes(field.basis); !fault.empty()) return fault;
+  if (!field.monitors.empty())
+    if (std::string fault = fault_of_monitors(field.monitors, field.basis.domain); !fault.empty())
+      return fault;
+  if (transfer.row_start.size() != static_cast<std::uint64_t>(field.width) * field.height + 1 ||
+      transfer.row_start.front() != 0 || transfer.row_start.back() != transfer.column.size() ||
+      !std::ranges::is_sorted(transfer.row_start))
+    return "transfer/row_start does not fit the image size";
+  if (transfer.weight.size() != transfer.column.size() * 3)
+    return "transfer/weight does not fit transfer/column";
+  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
+    return "transfer/column names a kernel that is not there";
+  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
+    return "transfer/weight holds a weight that is not finite";
+  return "";
+}
+
+void require_readable(const std::string& fault, const fs::path& destination) {
+  if (!fault.empty())
+    throw SolverError(destination.string() + ": is not written, for it could not be read again (" + fault +
+                      "); the photographs or light maps may hold values too large or too small to compute "
+                      "with: scale them, then run again");
 }
 
 void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field) {
@@ -164,6 +234,9 @@ FieldFile open_field(const fs::path& path) {
   if (!outline)
     throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
   FieldFile file{{std::move(*outline), path}, false, 0};
+  if (const auto& refused = file.values.outline.refused; !refused.empty())
+    throw FormatError(path, "data set '" + refused.begin()->first + "' is " + refused.begin()->second +
+                                "; a field must lie whole and uncompressed in its own file: make it again");
   const std::string format = file.values.outline.texts.contains("format") ? file.values.text("format") : "";
   if (format != field_format_name && format != part_format_name)
     throw FormatError(
@@ -184,15 +257,8 @@ ReflectanceField read_outline(const Hdf5Values& values) {
   field.height = values.number("height");
   field.basis.domain = {values.number("light_width"), values.number("light_height"),
                         parameterisation_of(values)};
-  if (field.width <= 0 || field.height <= 0 ||
-      static_cast<std::uint64_t>(field.width) * static_cast<std::uint64_t>(field.height) > max_pixels ||
-      field.basis.domain.width <= 0 || field.basis.domain.height <= 0)
-    values.fail("has impossible dimensions");
   field.basis.hats = {values.number("hat_columns"), values.number("hat_rows")};
-  const HatGrid& hats = field.basis.hats;
-  if (hats.columns < 0 || hats.rows < 0 || hats.columns > field.basis.domain.width ||
-      hats.rows > field.basis.domain.height)
-    values.fail("has an impossible grid of hats");
+  require_sound(values, fault_of_sizes(field));
   field.provenance = values.text("provenance");
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
@@ -204,9 +270,7 @@ void read_boxes(const Hdf5Values& values, ReflectanceField& field) {
   field.basis.boxes.reserve(corners.size() / 4);
   for (std::size_t k = 0; k < corners.size(); k += 4)
     field.basis.boxes.push_back({corners[k], corners[k + 1], corners[k + 2], corners[k + 3]});
-  for (const Box& box : field.basis.boxes)
-    if (!box.inside(field.basis.domain.width, field.basis.domain.height))
-      values.fail("basis/boxes reaches outside the light map");
+  require_sound(values, fault_of_boxes(field.basis));
 }
 
 void read_statistics(const Hdf5Values& values, ReflectanceField& field) {
@@ -226,7 +290,7 @@ void read_statistics(const Hdf5Values& values, ReflectanceField& field) {
     field.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
   if (values.has("statistics/photograph_noise"))
     field.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
-  check_statistics(field, values);
+  require_sound(values, fault_of_statistics(field));
 }
 
 }  // namespace refield

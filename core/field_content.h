@@ -18,6 +18,13 @@ void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field);
 /// Bytes that all but the transfer takes in a file, HDF5's own structures included.
 std::uint64_t outline_bytes(const ReflectanceField& field);
 
+/// The first fault for which a reader would refuse a field kept as rows, or its statistics; "" where there is
+/// none. Writers ask, too: what they wrote must be readable.
+std::string fault_of_rows(const ReflectanceField& field);
+std::string fault_of_statistics(const ReflectanceField& field);
+/// Throws SolverError where a field about to be written has a fault.
+void require_readable(const std::string& fault, const std::filesystem::path& destination);
+
 /// A file of a field or of part of one.
 struct FieldFile {
   Hdf5Values values;

@@ -66,11 +66,30 @@ std::string type_name(hid_t type) {
   return "";
 }
 
+enum class Path { absent, inside, elsewhere };
+
+/// Looks at each link of a path before the library follows it: an external link would make it open whatever
+/// file the link names.
+Path path_of(hid_t file, const std::string& name) {
+  for (std::size_t end = name.find('/');; end = name.find('/', end + 1)) {
+    H5L_info_t link;
+    if (H5Lget_info(file, name.substr(0, end).c_str(), &link, H5P_DEFAULT) < 0) return Path::absent;
+    if (link.type != H5L_TYPE_HARD) return Path::elsewhere;
+    if (end == std::string::npos) return Path::inside;
+  }
+}
+
 void describe_data_set(hid_t file, const char* name, Json& outline) {
+  const Path path = path_of(file, name);
+  if (path == Path::absent) return;
+  const auto refuse = [&](const char* what) { outline["refused"][name] = what; };
+  if (path == Path::elsewhere) return refuse("a link to another place or file");
   const hid_t set = H5Dopen2(file, name, H5P_DEFAULT);
   if (set < 0) return;
   const hid_t creation = H5Dget_create_plist(set);
-  if (H5Pget_layout(creation) != H5D_CONTIGUOUS || H5Pget_external_count(creation) != 0) return;
+  if (H5Pget_layout(creation) == H5D_VIRTUAL || H5Pget_external_count(creation) != 0)
+    return refuse("stored in another file");
+  if (H5Pget_layout(creation) != H5D_CONTIGUOUS) return refuse("stored in chunks or compressed");
   const hid_t space = H5Dget_space(set);
   const int rank = H5Sget_simple_extent_ndims(space);
   std::array<hsize_t, 2> shape{};
@@ -91,7 +110,10 @@ std::string describe(const std::filesystem::path& path, std::span<const char* co
   H5PLset_loading_state(0);  // a file may name filters, which would be searched for as shared libraries
   const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
   if (file < 0) throw std::runtime_error("no HDF5 file");
-  Json outline{{"numbers", Json::object()}, {"texts", Json::object()}, {"data_sets", Json::object()}};
+  Json outline{{"numbers", Json::object()},
+               {"texts", Json::object()},
+               {"data_sets", Json::object()},
+               {"refused", Json::object()}};
   describe_attributes(file, std::filesystem::file_size(path), outline);
   // One link after another: of a path whose first part is missing, HDF5 would complain.
   for (const char* name : data_sets) describe_data_set(file, name, outline);
@@ -112,6 +134,7 @@ std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
     outline.numbers = described.at("numbers").get<std::map<std::string, std::int64_t>>();
     for (const auto& [name, text] : described.at("texts").items())
       outline.texts[name] = {text.get_binary().begin(), text.get_binary().end()};
+    outline.refused = described.at("refused").get<std::map<std::string, std::string>>();
     for (const auto& [name, set] : described.at("data_sets").items()) {
       Hdf5DataSet& found = outline.data_sets[name];
       found.type = set.at("type");

@@ -24,12 +24,15 @@ struct Hdf5Outline {
   std::map<std::string, std::int64_t> numbers;  ///< attributes of the root: scalar integers
   std::map<std::string, std::string> texts;     ///< and scalar texts of fixed length
   std::map<std::string, Hdf5DataSet> data_sets;
+  /// Named data sets that are there but not read, and what they are: "a link to another place or file".
+  std::map<std::string, std::string> refused;
 };
 
 /// Reads attributes of the root and the named data sets, where present. HDF5's library (1.10) crashes on many
 /// damaged files, so it runs in a process of its own (run_isolated()), and the caller reads the values
-/// itself. nullopt where the file is no HDF5 file or the library did not survive it. Data sets that are not
-/// stored in one piece in this very file (chunked, compressed, external, virtual) are left out.
+/// itself. nullopt where the file is no HDF5 file or the library did not survive it. Links that lead
+/// elsewhere (soft, external) are not followed; they and data sets that are not stored in one piece in this
+/// very file (chunked, compressed, external, virtual) are refused.
 std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
                                              std::span<const char* const> data_sets);
 

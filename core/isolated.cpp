@@ -2,6 +2,7 @@
 #include "core/isolated.h"
 
 #include <fcntl.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -11,6 +12,7 @@
 #include <fstream>
 
 #include "core/errors.h"
+#include "core/interrupt.h"
 
 namespace refield {
 
@@ -46,11 +48,15 @@ bool write_all(int descriptor, const std::string& text) {
   return true;
 }
 
-[[noreturn]] void run_child(int answer, const std::function<std::string()>& work,
+[[noreturn]] void run_child(int answer, pid_t parent, const std::function<std::string()>& work,
                             const IsolationLimits& limits) {
+  // Without this, a child whose parent is killed would go on as an orphan.
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (::getppid() != parent) ::_exit(1);  // it ended before the call
   // Crashes are expected here: no handler of the parent's should speak of them, no memory be dumped.
-  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU, SIGINT, SIGTERM})
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU, SIGALRM, SIGINT, SIGTERM})
     std::signal(signal, SIG_DFL);
+  ::alarm(limits.wall_seconds);
   set_limit(RLIMIT_CORE, 0);
   set_limit(RLIMIT_CPU, static_cast<rlim_t>(limits.cpu_seconds));
   if (!reserves_address_space) set_limit(RLIMIT_AS, address_space_bytes() + limits.memory_bytes);
@@ -62,13 +68,16 @@ bool write_all(int descriptor, const std::string& text) {
   ::_exit(complete ? 0 : 1);
 }
 
-/// nullopt when there is more than `most`.
+/// nullopt when there is more than `most` or the user asks to stop.
 std::optional<std::string> read_all(int descriptor, std::size_t most) {
   std::string text;
   char buffer[1 << 16];
   for (;;) {
     const ssize_t got = ::read(descriptor, buffer, sizeof buffer);
-    if (got < 0 && errno == EINTR) continue;
+    if (got < 0 && errno == EINTR) {
+      if (interrupted()) return std::nullopt;
+      continue;
+    }
     if (got <= 0) return text;
     text.append(buffer, static_cast<std::size_t>(got));
     if (text.size() > most) return std::nullopt;
@@ -82,8 +91,9 @@ std::optional<std::string> run_isolated(const std::function<std::string()>& work
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0)
     throw DeviceError("pipe", errno, "cannot start a process to read a file");
+  const pid_t parent = ::getpid();
   const pid_t child = ::fork();
-  if (child == 0) run_child(ends[1], work, limits);
+  if (child == 0) run_child(ends[1], parent, work, limits);
   const int error_number = errno;
   ::close(ends[1]);
   if (child < 0) {
@@ -92,10 +102,12 @@ std::optional<std::string> run_isolated(const std::function<std::string()>& work
   }
   auto answer = read_all(ends[0], limits.answer_bytes);
   ::close(ends[0]);
+  if (!answer) ::kill(child, SIGKILL);
   int status = 0;
   pid_t ended = 0;
   while ((ended = ::waitpid(child, &status, 0)) < 0 && errno == EINTR) {
   }
+  if (!answer) throw_if_interrupted();
   if (ended != child || !WIFEXITED(status) || WEXITSTATUS(status) != 0) return std::nullopt;
   return answer;
 }

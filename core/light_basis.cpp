@@ -13,6 +13,24 @@
 
 namespace refield {
 
+namespace {
+
+/// Sum of a hat along one side over the centres of the texels, by HatGrid's formula: value 1 − |p − node| at
+/// p = (t + ½) s, s = (nodes − 1)/texels, which rises up to the node and falls from there. In closed form,
+/// since a file may state any size.
+double hat_sum(int node, int nodes, int texels) {
+  if (nodes == 1) return texels;
+  const double s = static_cast<double>(nodes - 1) / texels;
+  /// The first texel whose centre does not lie before p.
+  const auto first_from = [&](double p) { return std::clamp(std::ceil(p / s - 0.5), 0.0, 1.0 * texels); };
+  const double begin = first_from(node - 1), top = first_from(node), end = first_from(node + 1);
+  const auto sum_of_positions = [&](double from, double to) { return s * (to * to - from * from) / 2.0; };
+  return (top - begin) * (1.0 - node) + sum_of_positions(begin, top) + (end - top) * (1.0 + node) -
+         sum_of_positions(top, end);
+}
+
+}  // namespace
+
 double LightBasis::area(std::size_t kernel) const {
   if (!is_smooth(kernel))
     return measure == Measure::texels ? static_cast<double>(box(kernel).area())
@@ -22,12 +40,14 @@ double LightBasis::area(std::size_t kernel) const {
     const int harmonic = (number - hats.count()) / 2, sign = (number - hats.count()) % 2 == 0 ? 1 : -1;
     return harmonic == 0 ? sign * std::sqrt(4.0 * std::numbers::pi) : 0.0;
   }
+  if (measure == Measure::texels)
+    return hat_sum(number % hats.columns, hats.columns, domain.width) *
+           hat_sum(number / hats.columns, hats.rows, domain.height);
   double sum = 0.0;
   const Box within = support(kernel);
   for (int y = within.y0; y < within.y1; ++y)
     for (int x = within.x0; x < within.x1; ++x)
-      sum += hats.value(number, x, y, domain) *
-             (measure == Measure::texels ? 1.0 : cube_solid_angle(x, y, domain.width));
+      sum += hats.value(number, x, y, domain) * cube_solid_angle(x, y, domain.width);
   return sum;
 }
 

@@ -17,8 +17,6 @@ namespace {
 
 using Word = std::uint32_t;
 
-constexpr int most_hats = 1 << 24;
-
 /// Where each tile begins in the memory of all bands one after another; at the end, its size.
 template <class Weight>
 std::vector<std::uint64_t> starts_of(const TiledTransfer<Weight>& tiles) {
@@ -74,6 +72,8 @@ TiledTransfer<Weight> read_tiles(const Hdf5Values& values, const ReflectanceFiel
 }  // namespace
 
 void write_packed_field(const fs::path& path, const PackedField& packed) {
+  require_readable(fault_of_statistics(packed.outline), path);
+  require_readable(fault_of_tiles(packed), path);
   const std::size_t bytes = std::visit([](const auto& tiles) { return tiles.bytes(); }, packed.tiles);
   require_free_space(fs::absolute(path).parent_path(), outline_bytes(packed.outline) + bytes);
   write_atomically(path, [&](const fs::path& temporary) {
@@ -93,8 +93,6 @@ PackedField read_packed(const Hdf5Values& values) {
   read_boxes(values, outline);
   if (outline.basis.domain.width > small_box_limit || outline.basis.domain.height > small_box_limit)
     values.fail("has a larger light map than packed fields can");
-  // Hats need no bytes in the file: a forged grid must not take memory of its own.
-  if (outline.basis.hats.count() > most_hats) values.fail("has an impossible grid of hats");
   const int bits = values.number("weight_bits");
   if (bits == 8)
     packed.tiles = read_tiles<std::uint8_t>(values, outline);

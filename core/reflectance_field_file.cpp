@@ -25,6 +25,8 @@ std::uint64_t content_bytes(const ReflectanceField& field) {
 
 /// `part` is null for a whole field, else it says which rows these are.
 void write_field(const fs::path& path, const ReflectanceField& field, const FieldPart* part) {
+  require_readable(fault_of_rows(field), path);
+  require_readable(fault_of_statistics(field), path);
   // HDF5 1.10 does not survive a full disk gracefully when it closes the file: look before.
   require_free_space(fs::absolute(path).parent_path(), content_bytes(field));
   write_atomically(path, [&](const fs::path& temporary) {
@@ -47,16 +49,7 @@ void read_content(const Hdf5Values& values, ReflectanceField& field) {
   transfer.row_start = values.dataset<std::uint64_t>("transfer/row_start", 1);
   transfer.column = values.dataset<std::uint32_t>("transfer/column", 1);
   transfer.weight = values.dataset<float>("transfer/weight", 3);
-  if (transfer.row_start.size() != static_cast<std::uint64_t>(field.width) * field.height + 1 ||
-      transfer.row_start.front() != 0 || transfer.row_start.back() != transfer.column.size() ||
-      !std::ranges::is_sorted(transfer.row_start))
-    values.fail("transfer/row_start does not fit the image size");
-  if (transfer.weight.size() != transfer.column.size() * 3)
-    values.fail("transfer/weight does not fit transfer/column");
-  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
-    values.fail("transfer/column names a kernel that is not there");
-  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
-    values.fail("transfer/weight holds a weight that is not finite");
+  if (const std::string fault = fault_of_rows(field); !fault.empty()) values.fail(fault);
   read_statistics(values, field);
 }
 

@@ -40,6 +40,24 @@ TEST(KernelStatistics, WithoutACapTheFullestPixelIsTheMeasure) {
   EXPECT_EQ(kernel_statistics(small_field()).kernels, 6u);
 }
 
+// In closed form: a forged file may state any size.
+TEST(KernelStatistics, TheAreaOfAHatIsTheSumOverItsTexels) {
+  for (const HatGrid& hats : {HatGrid{4, 3}, HatGrid{1, 7}, HatGrid{13, 2}, HatGrid{13, 7}, HatGrid{2, 1}}) {
+    const LightBasis basis{{13, 7, Parameterisation::monitor}, hats, {}};
+    double whole = 0.0;
+    for (int node = 0; node < hats.count(); ++node) {
+      double sum = 0.0;
+      for (int y = 0; y < 7; ++y)
+        for (int x = 0; x < 13; ++x) sum += hats.value(node, x, y, basis.domain);
+      EXPECT_NEAR(basis.area(node), sum, 1e-5) << hats.columns << "×" << hats.rows << ", node " << node;
+      whole += basis.area(node);
+    }
+    EXPECT_NEAR(whole, 13.0 * 7.0, 1e-9);
+  }
+  const LightBasis large{{65536, 4096, Parameterisation::monitor}, {3, 2}, {}};
+  EXPECT_NEAR(large.area(1), 65536.0 / 2 * 4096.0 / 2, 1.0);
+}
+
 TEST(KernelStatistics, EmptyField) {
   ReflectanceField field;
   field.width = field.height = 1;

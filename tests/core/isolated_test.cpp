@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <cstdlib>
@@ -37,6 +40,48 @@ TEST(Isolated, EndsALoop) {
         for (;;) std::rand();
       },
       limits));
+}
+
+TEST(Isolated, EndsWhatWaitsForEver) {
+  IsolationLimits limits;
+  limits.wall_seconds = 1;
+  EXPECT_FALSE(run_isolated(
+      []() -> std::string {
+        for (;;) ::pause();
+      },
+      limits));
+}
+
+// Else what was started to read a file would live on after `kill -9`.
+TEST(Isolated, TheChildEndsWithItsParent) {
+  ::prctl(PR_SET_CHILD_SUBREAPER, 1);  // the grandchild becomes this process's when its parent is gone
+  int ends[2];
+  ASSERT_EQ(::pipe(ends), 0);
+  const pid_t parent = ::fork();
+  if (parent == 0) {
+    run_isolated([&]() -> std::string {
+      const pid_t self = ::getpid();
+      if (::write(ends[1], &self, sizeof self) != sizeof self) ::_exit(1);
+      for (;;) ::pause();
+    });
+    ::_exit(0);
+  }
+  pid_t grandchild = 0;
+  ASSERT_EQ(::read(ends[0], &grandchild, sizeof grandchild), static_cast<ssize_t>(sizeof grandchild));
+  ::kill(parent, SIGKILL);
+  ::waitpid(parent, nullptr, 0);
+  int status = 0;
+  pid_t ended = 0;
+  for (int i = 0; i < 500 && ended == 0; ++i) {
+    ::usleep(10'000);
+    ended = ::waitpid(grandchild, &status, WNOHANG);
+  }
+  EXPECT_EQ(ended, grandchild) << "still runs after five seconds";
+  if (ended == 0) ::kill(grandchild, SIGKILL);
+  EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
+  ::prctl(PR_SET_CHILD_SUBREAPER, 0);
+  ::close(ends[0]);
+  ::close(ends[1]);
 }
 
 TEST(Isolated, RefusesTooLongAnAnswer) {

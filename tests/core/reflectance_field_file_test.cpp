@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <hdf5.h>
+#include <sys/stat.h>
 
 #include <cmath>
 #include <cstdlib>
@@ -64,6 +65,10 @@ std::string message_of(const fs::path& path) {
   return test::message_of<FormatError>([&] { read_reflectance_field(path); });
 }
 
+std::string message_of_writing(const fs::path& path, const ReflectanceField& field) {
+  return test::message_of<SolverError>([&] { write_reflectance_field(path, field); });
+}
+
 TEST(ReflectanceFieldFile, KeepsWeightsOfBothSigns) {
   const test::TemporaryFolder folder;
   ReflectanceField field = sample_field();
@@ -71,8 +76,7 @@ TEST(ReflectanceFieldFile, KeepsWeightsOfBothSigns) {
   write_reflectance_field(folder / "signed.rfield", field);
   EXPECT_EQ(read_reflectance_field(folder / "signed.rfield").transfer.weight, field.transfer.weight);
   field.transfer.weight[3] = std::numeric_limits<float>::infinity();
-  write_reflectance_field(folder / "infinite.rfield", field);
-  EXPECT_THAT(message_of(folder / "infinite.rfield"), HasSubstr("transfer/weight"));
+  EXPECT_THAT(message_of_writing(folder / "infinite.rfield", field), HasSubstr("transfer/weight"));
 }
 
 TEST(ReflectanceFieldFile, RoundTripIsBitExact) {
@@ -128,15 +132,31 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
   predict_errors(back);  // from the evidence that the file kept
   EXPECT_EQ(back.predicted_error, field.predicted_error);
 
+  set_first_values<float>(folder / "a.rfield", "statistics/predicted_error", H5T_NATIVE_FLOAT, {-1.0f});
+  EXPECT_THAT(message_of(folder / "a.rfield"), HasSubstr("predicted_error"));
   field.predicted_error.pop_back();
-  write_reflectance_field(folder / "short.rfield", field);
-  EXPECT_THAT(message_of(folder / "short.rfield"), HasSubstr("predicted_error"));
-  field.predicted_error.push_back(-1.0f);
-  write_reflectance_field(folder / "negative.rfield", field);
-  EXPECT_THAT(message_of(folder / "negative.rfield"), HasSubstr("predicted_error"));
+  EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("predicted_error"));
   field.error_evidence.pop_back();
-  write_reflectance_field(folder / "evidence.rfield", field);
-  EXPECT_THAT(message_of(folder / "evidence.rfield"), HasSubstr("error_evidence"));
+  EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("error_evidence"));
+}
+
+// An estimation of hours shall not end in a file that every verb refuses.
+TEST(ReflectanceFieldFile, WhatCouldNotBeReadIsNotWritten) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "a.rfield";
+  write_reflectance_field(path, sample_field());
+  const std::string before = read_text(path);
+  const auto expect_refused = [&](const std::function<void(ReflectanceField&)>& damage, const char* word) {
+    ReflectanceField field = sample_field();
+    damage(field);
+    EXPECT_THAT(message_of_writing(path, field), AllOf(HasSubstr("a.rfield"), HasSubstr(word)));
+    EXPECT_TRUE(read_text(path) == before) << "the old field was touched";
+  };
+  expect_refused([](ReflectanceField& field) { field.transfer.weight[5] = INFINITY; }, "weight");
+  expect_refused([](ReflectanceField& field) { field.transfer.weight[5] = NAN; }, "weight");
+  expect_refused([](ReflectanceField& field) { field.transfer.column[5] = 60; }, "not there");
+  expect_refused([](ReflectanceField& field) { field.training_error.assign(108, NAN); }, "training_error");
+  expect_refused([](ReflectanceField& field) { field.basis.domain.width = 1 << 17; }, "light map");
 }
 
 TEST(ReflectanceFieldFile, MonitorPlacementsRoundTrip) {
@@ -146,9 +166,10 @@ TEST(ReflectanceFieldFile, MonitorPlacementsRoundTrip) {
   field.monitors = {{520, 320, 600, {90, -5.5, 0.1}, 10, -20}, {520, 320, 450}};
   write_reflectance_field(folder / "f.rfield", field);
   EXPECT_EQ(read_reflectance_field(folder / "f.rfield").monitors, field.monitors);
-  field.monitors[1].width_mm = 0.0;
-  write_reflectance_field(folder / "f.rfield", field);
+  set_first_values<double>(folder / "f.rfield", "basis/monitors", H5T_NATIVE_DOUBLE, {0.0});
   EXPECT_THAT(message_of(folder / "f.rfield"), AllOf(HasSubstr("basis/monitors"), HasSubstr("width")));
+  field.monitors[1].width_mm = 0.0;
+  EXPECT_THAT(message_of_writing(folder / "f.rfield", field), HasSubstr("basis/monitors"));
 }
 
 TEST(ReflectanceFieldFile, EqualFieldsGiveEqualBytes) {
@@ -190,6 +211,14 @@ TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
   expect_refused([&] { set_number(path, "width", 13); }, "row_start");
   expect_refused([&] { set_number(path, "width", -12); }, "impossible dimensions");
   expect_refused([&] { set_number(path, "light_width", 3); }, "outside the light map");
+  for (const int width : {65537, std::numeric_limits<int>::max()})
+    expect_refused([&] { set_number(path, "light_width", width); }, "more than any");
+  expect_refused(
+      [&] {
+        set_number(path, "light_width", 65536);
+        set_number(path, "light_height", 65536);
+      },
+      "more than any");
   expect_refused(
       [&] {
         set_first_values<std::int32_t>(path, "basis/boxes", H5T_NATIVE_INT32, {5, 5, 5, 6});
@@ -206,6 +235,49 @@ TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
         set_first_values<std::uint64_t>(path, "transfer/row_start", H5T_NATIVE_UINT64, {0, 1u << 20});
       },
       "row_start");
+}
+
+/// Replaces a link of a file by what `make` puts there.
+void replace_link(const fs::path& path, const char* name, const std::function<void(hid_t)>& make) {
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  ASSERT_GE(H5Lmove(file, name, file, "was", H5P_DEFAULT, H5P_DEFAULT), 0);
+  make(file);
+  ASSERT_GE(H5Lexists(file, name, H5P_DEFAULT), 0);
+  H5Fclose(file);
+}
+
+// An external link would have any file opened that it names: another user's field, a pipe.
+TEST(ReflectanceFieldFile, ContentInAnotherPlaceIsNotFollowed) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "a.rfield", other = folder / "other.rfield", pipe = folder / "pipe";
+  write_reflectance_field(other, sample_field());
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  const auto expect_refused = [&](const char* name, const char* what,
+                                  const std::function<void(hid_t)>& make) {
+    write_reflectance_field(path, sample_field());
+    replace_link(path, name, make);
+    EXPECT_THAT(message_of(path), AllOf(HasSubstr(name), HasSubstr(what)));
+  };
+  const auto link_to = [&](const fs::path& target, const char* place, const char* name) {
+    return [=](hid_t file) {
+      ASSERT_GE(H5Lcreate_external(target.c_str(), place, file, name, H5P_DEFAULT, H5P_DEFAULT), 0);
+    };
+  };
+  expect_refused("transfer/weight", "a link", link_to(other, "/transfer/weight", "transfer/weight"));
+  expect_refused("transfer", "a link", link_to(other, "/transfer", "transfer"));
+  expect_refused("transfer/weight", "a link", link_to(pipe, "/transfer/weight", "transfer/weight"));
+  expect_refused("statistics/training_error", "a link", link_to(other, "/x", "statistics/training_error"));
+  expect_refused("transfer/weight", "a link", [](hid_t file) {
+    ASSERT_GE(H5Lcreate_soft("/was", file, "transfer/weight", H5P_DEFAULT, H5P_DEFAULT), 0);
+  });
+  expect_refused("transfer/weight", "in another file", [&](hid_t file) {
+    const hsize_t extent[] = {4, 3};
+    const hid_t space = H5Screate_simple(2, extent, nullptr), creation = H5Pcreate(H5P_DATASET_CREATE);
+    ASSERT_GE(H5Pset_external(creation, other.c_str(), 0, H5F_UNLIMITED), 0);
+    H5Dclose(H5Dcreate2(file, "transfer/weight", H5T_IEEE_F32LE, space, H5P_DEFAULT, creation, H5P_DEFAULT));
+    H5Pclose(creation);
+    H5Sclose(space);
+  });
 }
 
 TEST(ReflectanceFieldFile, ContentOfAnotherProgramNeedsNoChecksums) {
