@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/mesh_import.h"
 
+#include <assimp/DefaultIOSystem.h>
 #include <assimp/importerdesc.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
@@ -15,8 +16,10 @@
 #include <new>
 #include <span>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "core/errors.h"
 #include "core/isolated.h"
@@ -36,6 +39,7 @@ IsolationLimits library_limits(std::uint64_t file_bytes) {
   constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20;
   return {.memory_bytes = std::min(512 * mebibyte + 500 * file_bytes, 12 * 1024 * mebibyte),
           .cpu_seconds = 3 + static_cast<int>(file_bytes / mebibyte),
+          .wall_seconds = 60 + 10 * static_cast<unsigned>(file_bytes / mebibyte),
           .answer_bytes = std::min(64 * mebibyte + 100 * file_bytes, 4 * 1024 * mebibyte)};
 }
 
@@ -58,6 +62,43 @@ class WrongIndexListener final : public Assimp::LogStream {
 
  private:
   bool* heard_;
+};
+
+/// Why a mesh is refused, in words that are not the file's.
+struct MeshFault : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// A mesh may name other files: materials, buffers. Only regular ones in its own folder or below are opened,
+/// symbolic links followed before that is decided: a mesh from elsewhere shall not make this program read
+/// other files of the user, nor wait for a pipe.
+class FolderOnly final : public Assimp::DefaultIOSystem {
+ public:
+  FolderOnly(fs::path mesh, std::string& refused)
+      : mesh_(std::move(mesh)),
+        folder_(fs::canonical(mesh_.has_parent_path() ? mesh_.parent_path() : fs::path("."))),
+        refused_(&refused) {}
+
+  bool Exists(const char* file) const override { return allowed(file) && DefaultIOSystem::Exists(file); }
+  Assimp::IOStream* Open(const char* file, const char* mode) override {
+    return allowed(file) ? DefaultIOSystem::Open(file, mode) : nullptr;
+  }
+
+ private:
+  bool allowed(const char* file) const {
+    const fs::path path(file);
+    if (path == mesh_) return true;
+    std::error_code error;
+    const fs::path real = fs::canonical(path, error);
+    if (error) return false;  // is not there
+    const auto [ours, theirs] = std::ranges::mismatch(folder_, real);
+    if (ours == folder_.end() && fs::is_regular_file(real, error)) return true;
+    *refused_ = ours == folder_.end() ? "what is no regular file" : "a file outside its folder";
+    return false;
+  }
+
+  fs::path mesh_, folder_;
+  std::string* refused_;
 };
 
 /// Leaves the library no other reader to try than those of the format that the name promises.
@@ -96,20 +137,28 @@ void append_part(const aiMesh& part, bool normals, bool colours, ImportedMesh& m
     std::array<std::uint32_t, 3> triangle{};
     for (std::size_t i = 0; i < 3; ++i) {
       if (face.mIndices[i] >= part.mNumVertices)
-        throw std::runtime_error("a triangle names vertex " + std::to_string(face.mIndices[i]) + " of " +
-                                 std::to_string(part.mNumVertices) + "; write the file anew");
+        throw MeshFault("a triangle names vertex " + std::to_string(face.mIndices[i]) + " of " +
+                        std::to_string(part.mNumVertices) + "; write the file anew");
       triangle[i] = first + face.mIndices[i];
     }
     mesh.triangles.push_back(triangle);
   }
 }
 
-std::string remedied(const std::string& error) {
+/// What the library says may quote the file, so only the kind of fault is passed on.
+std::string kind_of_fault(const std::string& error) {
   const auto speaks_of = [&](const char* word) { return error.find(word) != std::string::npos; };
   if (speaks_of("bad_alloc")) throw std::bad_alloc();
   if (speaks_of("raco"))
-    return error + "; this build of assimp lacks the Draco decoder: export the mesh without compression";
-  return error;
+    return "this build of assimp lacks the Draco decoder: export the mesh without compression";
+  for (const auto& [word, kind] : {std::pair{"mpty", "the file is empty"},
+                                   {"too small", "the file is too short"},
+                                   {"ndex", "an index is out of range"},
+                                   {"JSON", "its JSON is damaged"},
+                                   {"open", "a file that it refers to cannot be opened"},
+                                   {"No suitable reader", "its content is not what its name promises"}})
+    if (speaks_of(word)) return kind;
+  return "its content breaks the format";
 }
 
 ImportedMesh run_library(const fs::path& path) {
@@ -119,10 +168,13 @@ ImportedMesh run_library(const fs::path& path) {
       ->attachStream(new WrongIndexListener(wrong_index), Assimp::Logger::Err);
   Assimp::Importer importer;
   keep_readers_of(importer, format_of(path));
+  std::string refused;
+  importer.SetIOHandler(new FolderOnly(path, refused));  // owned by the importer
   const aiScene* scene = importer.ReadFile(path, aiProcess_Triangulate | aiProcess_PreTransformVertices);
-  if (scene == nullptr) throw std::runtime_error(remedied(importer.GetErrorString()));
-  if (wrong_index)
-    throw std::runtime_error("a triangle names a vertex that is not there; write the file anew");
+  if (!refused.empty())
+    throw MeshFault("it refers to " + refused + "; put all that belongs to the mesh into one folder");
+  if (scene == nullptr) throw MeshFault(kind_of_fault(importer.GetErrorString()));
+  if (wrong_index) throw MeshFault("a triangle names a vertex that is not there; write the file anew");
   const std::span parts(scene->mMeshes, scene->mNumMeshes);
   const bool normals = std::ranges::all_of(parts, [](const aiMesh* part) { return part->HasNormals(); });
   const bool colours =
@@ -144,8 +196,10 @@ std::string answer_of_library(const fs::path& path) {
     return answer;
   } catch (const std::bad_alloc&) {
     throw;
+  } catch (const MeshFault& fault) {
+    return "E" + std::string(fault.what());
   } catch (const std::exception& error) {
-    return "E" + std::string(error.what());
+    return "E" + kind_of_fault(error.what());
   }
 }
 

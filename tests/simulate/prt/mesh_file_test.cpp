@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <nlohmann/json.hpp>
 
@@ -159,6 +160,41 @@ TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {
 
   gltf["accessors"][0]["count"] = 4000000000u;
   EXPECT_THAT(error_of("huge.gltf", gltf.dump()), HasSubstr("huge.gltf"));
+}
+
+// A mesh from elsewhere must not make the program read the user's other files, show them or wait for a pipe.
+TEST_F(MeshFiles, ReferencesStayInTheFolder) {
+  const test::TemporaryFolder elsewhere;
+  const std::string secret = "root:x:0:0:secret";
+  write_text_atomically(elsewhere / "secret.mtl", secret + "\nnewmtl " + secret + "\n");
+  const std::string outside = std::filesystem::relative(elsewhere / "secret.mtl", folder_.path()).string();
+  std::filesystem::create_symlink(elsewhere / "secret.mtl", folder_ / "link.mtl");
+  ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
+  const auto gltf = [](const std::string& uri) {
+    return R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+      "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+      "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+      "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36, "uri": ")" +
+           uri + "\"}]}";
+  };
+  for (const std::string& name : {outside, std::string("link.mtl"), std::string("pipe")}) {
+    for (const std::string& error :
+         {error_of("a.obj", "mtllib " + name + "\n" + tetrahedron_obj), error_of("a.gltf", gltf(name))}) {
+      EXPECT_THAT(error, HasSubstr("refers to")) << name;
+      EXPECT_THAT(error, ::testing::Not(HasSubstr("secret:"))) << name;
+      EXPECT_THAT(error, ::testing::Not(HasSubstr("root"))) << name;
+    }
+  }
+  file("own.mtl", "newmtl red\nKd 1 0 0\n");
+  EXPECT_EQ(read("own.obj", std::string("mtllib own.mtl\nusemtl red\n") + tetrahedron_obj).positions.size(),
+            4u);
+  EXPECT_EQ(read("absent.obj", std::string("mtllib absent.mtl\n") + tetrahedron_obj).positions.size(), 4u);
+}
+
+TEST_F(MeshFiles, ErrorsDoNotQuoteTheFile) {
+  for (const char* name : {"secret.obj", "secret.off", "secret.gltf", "secret.glb"})
+    EXPECT_THAT(error_of(name, "root:x:0:0:root:/root:/bin/bash\n\x1b[2J {]\nusemtl \x1b[2J\n"),
+                ::testing::Not(::testing::AnyOf(HasSubstr("root"), HasSubstr("\x1b"))));
 }
 
 }  // namespace
