@@ -73,7 +73,8 @@ PinholeCamera framing_camera(const Mesh& mesh, int width, int height) {
     distance = std::max(distance, needed - corner.dot(ahead));
   }
   constexpr float margin = 1.05f;
-  camera.position = camera.target - margin * std::max(distance, 1e-6f) * ahead;
+  camera.position =
+      camera.target - margin * (distance > 0.0f ? distance : 1.0f) * ahead;  // of any size, but a point
   return camera;
 }
 
