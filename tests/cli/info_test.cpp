@@ -42,6 +42,26 @@ TEST(InfoVerb, AField) {
   EXPECT_THAT(run_refield({"info", folder / "f.rfield"}).out, testing::HasSubstr("distinct boxes: 20"));
 }
 
+// Provenance is whatever the file says: a terminal must not obey it.
+TEST(InfoVerb, ControlCharactersOfAFileAreShownAsNumbers) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  ReflectanceField field = test::random_field(rng, 4, 3, {8, 6}, 20, 5);
+  const std::string harmless = "Übung – ok";
+  for (const std::string provenance :
+       {std::string("\x1b]0;mine\x07\x1b[2J ") + harmless,
+        R"({"note": "\u001b[31m )" + harmless + R"(", "\u001bkey": ["\u009b2J"]})"}) {
+    field.provenance = provenance;
+    write_reflectance_field(folder / "f.rfield", field);
+    const auto result = run_refield({"info", folder / "f.rfield"});
+    ASSERT_THAT(result, Succeeded());
+    EXPECT_EQ(result.out.find_first_of("\x1b\x07"), std::string::npos) << result.out;
+    EXPECT_EQ(result.out.find("\xc2\x9b"), std::string::npos) << result.out;
+    EXPECT_THAT(result.out, testing::HasSubstr("\\x1b"));
+    EXPECT_THAT(result.out, testing::HasSubstr(harmless));
+  }
+}
+
 TEST(InfoVerb, AnImage) {
   const test::TemporaryFolder folder;
   Image image(3, 2, 3, 0.5f);

@@ -182,5 +182,10 @@ TEST(ExpandGlob, NothingFoundIsAnError) {
   EXPECT_THROW(expand_glob(""), InputError);
 }
 
+TEST(ReadText, EndsOnADeviceThatDoesNot) {
+  EXPECT_EQ(read_text("/dev/null"), "");
+  EXPECT_THROW(read_text("/dev/zero"), FormatError);
+}
+
 }  // namespace
 }  // namespace refield
