@@ -6,6 +6,8 @@
 #include <functional>
 #include <numeric>
 
+#include "core/interrupt.h"
+
 namespace refield::report {
 
 namespace {
@@ -55,7 +57,8 @@ std::vector<float> median_of_neighbours(const ReflectanceField& field,
                                         const std::function<double(std::size_t)>& measure) {
   std::vector<float> medians(field.transfer.rows());
   std::vector<float> values;
-  for (int y = 0; y < field.height; ++y)
+  for (int y = 0; y < field.height; ++y) {
+    throw_if_interrupted();
     for (int x = 0; x < field.width; ++x) {
       values.clear();
       for (int v = std::max(0, y - 1); v <= std::min(field.height - 1, y + 1); ++v)
@@ -66,6 +69,7 @@ std::vector<float> median_of_neighbours(const ReflectanceField& field,
       if (!values.empty())
         medians[static_cast<std::size_t>(y) * field.width + x] = static_cast<float>(quantile(values, 0.5));
     }
+  }
   return medians;
 }
 
@@ -77,6 +81,7 @@ class Chooser {
   /// Takes the pixel at `quantile` of the candidates ordered by `key`, or the nearest in that order that lies
   /// far enough from those already chosen.
   void take(const std::function<double(std::size_t)>& key, double quantile, std::string kind) {
+    throw_if_interrupted();
     auto order = candidates_;
     // Ties are broken by position, so that the choice is the same everywhere.
     std::ranges::sort(order, {}, [&](std::size_t p) { return std::pair(key(p), p); });
@@ -109,7 +114,10 @@ class Chooser {
 
 std::vector<KernelSpread> kernel_spreads(const ReflectanceField& field) {
   std::vector<KernelSpread> spreads(field.transfer.rows());
-  for (std::size_t p = 0; p < spreads.size(); ++p) spreads[p] = spread_of(field, p);
+  for (std::size_t p = 0; p < spreads.size(); ++p) {
+    if (p % 4096 == 0) throw_if_interrupted();
+    spreads[p] = spread_of(field, p);
+  }
   return spreads;
 }
 

@@ -61,16 +61,18 @@ Box typical_window(const ReflectanceField& field, const Mask& mask, std::size_t 
   const int y_step = std::max(1, static_cast<int>(stride_share * height));
 
   const auto measures = measures_of(field);
+  std::vector<std::array<double, quantiles.size()>> everywhere;
+  for (const Image& measure : measures) everywhere.push_back(log_quantiles(measure, mask, whole));
   Box best{(field.width - width) / 2, (field.height - height) / 2, 0, 0};
   double least = std::numeric_limits<double>::infinity();
   for (int y = 0; y + height <= field.height; y += y_step)
     for (int x = 0; x + width <= field.width; x += x_step) {
+      throw_if_interrupted();
       const Box window{x, y, x + width, y + height};
       double difference = 0.0;
-      for (const Image& measure : measures) {
-        const auto here = log_quantiles(measure, mask, window),
-                   everywhere = log_quantiles(measure, mask, whole);
-        for (std::size_t i = 0; i < quantiles.size(); ++i) difference += std::abs(here[i] - everywhere[i]);
+      for (std::size_t m = 0; m < measures.size(); ++m) {
+        const auto here = log_quantiles(measures[m], mask, window);
+        for (std::size_t i = 0; i < quantiles.size(); ++i) difference += std::abs(here[i] - everywhere[m][i]);
       }
       if (difference < least) {  // never for NaN: a window without pixels
         least = difference;

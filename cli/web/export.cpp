@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string_view>
 #include <vector>
@@ -36,19 +37,32 @@ constexpr std::size_t part_bytes = std::size_t{12} << 20;
 template <class T>
 std::string shuffled(const std::vector<T>& values) {
   std::string bytes(values.size() * sizeof(T), '\0');
-  for (std::size_t b = 0; b < sizeof(T); ++b)
+  for (std::size_t b = 0; b < sizeof(T); ++b) {
+    throw_if_interrupted();
     for (std::size_t i = 0; i < values.size(); ++i)
       bytes[b * values.size() + i] = static_cast<char>(values[i] >> (8 * b));
+  }
   return bytes;
 }
 
 std::string deflated(std::string_view bytes) {
-  uLongf size = compressBound(bytes.size());
-  std::string packed(size, '\0');
-  if (compress2(reinterpret_cast<Bytef*>(packed.data()), &size, reinterpret_cast<const Bytef*>(bytes.data()),
-                bytes.size(), Z_DEFAULT_COMPRESSION) != Z_OK)
-    throw std::bad_alloc();
-  packed.resize(size);
+  constexpr std::size_t step_bytes = std::size_t{1} << 20;  // a tenth of a second at most
+  std::string packed(compressBound(bytes.size()), '\0');
+  z_stream stream{};
+  if (deflateInit(&stream, Z_DEFAULT_COMPRESSION) != Z_OK) throw std::bad_alloc();
+  const std::unique_ptr<z_stream, decltype(&deflateEnd)> ends(&stream, &deflateEnd);
+  stream.next_out = reinterpret_cast<Bytef*>(packed.data());
+  stream.avail_out = static_cast<uInt>(packed.size());
+  for (int status = Z_OK; status != Z_STREAM_END;) {
+    throw_if_interrupted();
+    const std::string_view step = bytes.substr(0, step_bytes);
+    bytes.remove_prefix(step.size());
+    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(step.data()));
+    stream.avail_in = static_cast<uInt>(step.size());
+    status = deflate(&stream, bytes.empty() ? Z_FINISH : Z_NO_FLUSH);
+    if (status != Z_OK && status != Z_STREAM_END) throw std::bad_alloc();
+  }
+  packed.resize(stream.total_out);
   return packed;
 }
 
@@ -141,7 +155,9 @@ void measure(const ReflectanceField& full, const ReflectanceField& shown, Export
     throw_if_interrupted();
     const LightMap light =
         i < bars ? sliding_bar(full.basis.domain, 0.125, i, bars) : white_light(full.basis.domain);
-    const Image expected = full.relight(light), seen = shown.relight(light);
+    const Image expected = full.relight(light);
+    throw_if_interrupted();
+    const Image seen = shown.relight(light);
     const auto a = tone_mapped(expected, {report.exposure}), b = tone_mapped(seen, {report.exposure});
     for (std::size_t v = 0; v < a.size(); ++v) {
       const double difference = static_cast<double>(seen.values[v]) - expected.values[v];

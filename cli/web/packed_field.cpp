@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/errors.h"
+#include "core/interrupt.h"
 
 namespace refield::web {
 
@@ -86,6 +87,7 @@ PackedField pack(const ReflectanceField& field) {
     packed.counts.push_back(static_cast<std::uint16_t>(count));
   }
   for (std::size_t i = 0; i < transfer.entries(); ++i) {
+    if (i % 65536 == 0) throw_if_interrupted();
     packed.kernels.push_back(number[transfer.column[i]]);
     packed.weights.push_back(packed.exponent.packed(&transfer.weight[3 * i]));
   }
@@ -101,8 +103,10 @@ ReflectanceField unpacked(const PackedField& packed) {
     field.transfer.row_start.push_back(field.transfer.row_start.back() + count);
   field.transfer.column = packed.kernels;
   field.transfer.weight.resize(packed.weights.size() * 3);
-  for (std::size_t i = 0; i < packed.weights.size(); ++i)
+  for (std::size_t i = 0; i < packed.weights.size(); ++i) {
+    if (i % 65536 == 0) throw_if_interrupted();
     packed.exponent.unpack(packed.weights[i], &field.transfer.weight[3 * i]);
+  }
   return field;
 }
 
