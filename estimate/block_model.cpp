@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "core/interrupt.h"
+
 namespace refield {
 
 HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int images) {
@@ -25,8 +27,10 @@ std::vector<PixelKernels> BlockModel::fit(std::span<const PixelSamples> samples,
                                           std::span<const std::vector<Box>> old) {
   if (block_) return block_->fit(samples, width, old);
   std::vector<PixelKernels> kernels(samples.size());
-  for (std::size_t p = 0; p < samples.size(); ++p)
+  for (std::size_t p = 0; p < samples.size(); ++p) {
+    throw_if_interrupted();
     if (samples[p][0] != nullptr) kernels[p] = pixel_->fit(samples[p]);
+  }
   return kernels;
 }
 

@@ -4,11 +4,14 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdio>
 
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
 #include "core/progress.h"
+#include "estimate/observations.h"
 #include "estimate/vector_kernels.h"
 
 namespace refield {
@@ -24,7 +27,19 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
   if (light.domain() != domain)
     throw InputError(name + ": the light map is " + shape_text(light.radiance) + ", the others are " +
                      std::to_string(domain.width) + "×" + std::to_string(domain.height) + "; resample it");
-  if (std::ranges::all_of(light.radiance.values, [](float v) { return v == 0.0f; }))
+  const auto& values = light.radiance.values;
+  const auto beyond = std::ranges::find_if(values, [](float v) { return !(v <= largest_radiance); });
+  if (beyond != values.end()) {
+    const auto texel = static_cast<int>((beyond - values.begin()) / 3);
+    char text[160];
+    std::snprintf(
+        text, sizeof text,
+        ": texel (%d, %d) of the light map has a radiance of %.4g, more than any light; repair it or "
+        "leave the image out",
+        texel % domain.width, texel / domain.width, static_cast<double>(*beyond));
+    throw InputError(name + text);
+  }
+  if (std::ranges::all_of(values, [](float v) { return v == 0.0f; }))
     throw InputError(name +
                      ": the light map is black everywhere and says nothing about the scene; leave it out");
 }
@@ -97,15 +112,36 @@ void BoxTable::integrate() {
   const std::size_t row = entry * (domain_.width + 1);
   // Along rows, then down columns; both walk contiguous memory.
   tbb::parallel_for(1, domain_.height + 1, [&](int y) {
+    throw_if_interrupted();
     double* current = prefix_->data() + row * y + entry;
     for (std::size_t i = 0; i < row - 2 * entry; ++i) current[entry + i] += current[i];
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, row, 4096), [&](const auto& range) {
+    throw_if_interrupted();
     for (int y = 1; y <= domain_.height; ++y) {
       const double* above = prefix_->data() + row * (y - 1);
       double* current = prefix_->data() + row * y;
       for (std::size_t i = range.begin(); i != range.end(); ++i) current[i] += above[i];
     }
+  });
+  choose_unit();
+}
+
+void BoxTable::choose_unit() {
+  // Lights of 100 000 texels, as displays and cameras measure them, need none.
+  constexpr double least = 0x1p-10, most = 0x1p24, too_dim = 1e-20;
+  const double* totals = corner(domain_.width, domain_.height);
+  const double largest = *std::max_element(totals, totals + std::size_t{3} * images_);
+  if (largest >= least && largest <= most) return;
+  if (!(largest > too_dim))
+    throw InputError(
+        "the texels of each light map add up to less than 1e-20, too little to compute with; scale all light "
+        "maps by the same factor");
+  unit_ = std::exp2(std::ilogb(largest));
+  const double factor = 1.0 / unit_;
+  for (double& sum : hat_sums_) sum *= factor;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, prefix_->size(), 1 << 16), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i != range.end(); ++i) (*prefix_)[i] *= factor;
   });
 }
 

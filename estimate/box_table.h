@@ -53,18 +53,25 @@ class BoxTable {
     return hat_sums_.data() + (static_cast<std::size_t>(node) * 3 + channel) * images_;
   }
 
+  /// All sums are kept divided by this power of two: 1, unless the lights are so bright or dim that single
+  /// precision would not hold the squares of what the fit computes. A weight found with them must be divided
+  /// by it.
+  double unit() const { return unit_; }
+
   static std::uint64_t bytes(const LightDomain& domain, std::uint64_t images);
 
  private:
   BoxTable(LightDomain domain, int images, HatGrid hats);
   void fill(std::span<const LightMap> lights, int first);
   void integrate();
+  void choose_unit();
   /// Upper before lower, left before right.
   std::array<const double*, 4> corners(const Box& box, int channel) const;
   const double* corner(int x, int y) const {
     return prefix_->data() + (static_cast<std::size_t>(y) * (domain_.width + 1) + x) * 3 * stored_images_;
   }
   LightDomain domain_;
+  double unit_ = 1.0;
   int images_;
   int stored_images_;
   std::vector<int> selected_;  // which of the stored images; empty: all

@@ -5,11 +5,11 @@
 #include <cmath>
 #include <utility>
 
+#include "core/interrupt.h"
+
 namespace refield {
 
 namespace {
-/// A part's cache of columns is emptied beyond this.
-constexpr std::size_t part_cache_bytes = 8u << 20;
 /// An image that determines a kernel nearly alone (h near 1) tells nothing about it: its residual grows no
 /// further than twentyfold.
 constexpr float least_freedom = 0.05f;
@@ -79,7 +79,6 @@ ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
       if ((j % folds == fold) == alone) seen.push_back(j);
     found = std::make_unique<Part>(table_, std::move(seen), options_);
   }
-  found->model.cache().keep_within(part_cache_bytes);
   return *found;
 }
 
@@ -103,6 +102,7 @@ std::vector<double> ErrorJudge::validate_folds_alone(std::span<const PixelSample
 
 void ErrorJudge::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
                                       std::vector<double>& squared) {
+  throw_if_interrupted();
   const std::size_t stride = part.table.stride();
   std::vector<char> is_seen(images_, 0);
   for (const int j : part.seen) is_seen[j] = 1;
@@ -118,6 +118,7 @@ void ErrorJudge::add_errors_on_unseen(Part& part, std::span<const PixelSamples> 
     }
   }
   const auto fitted = part.model.fit(seen, width);
+  part.model.cache().keep_within(part_cache_bytes);
   predicted_.resize(3 * stride_);
   column_.resize(3 * stride_);
   for (std::size_t p = 0; p < block.size(); ++p) {

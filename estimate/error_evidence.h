@@ -32,6 +32,11 @@ class ErrorJudge {
   /// over the k − 1 predictions of each image, on the same scale.
   std::vector<double> validate_folds_alone(std::span<const PixelSamples> block, int width, int folds);
 
+  /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters.
+  static constexpr int parts = 5 + 2 + 4;
+  /// Each part's cache of columns is emptied beyond this.
+  static constexpr std::size_t part_cache_bytes = 8u << 20;
+
  private:
   /// A fit to some of the images.
   struct Part {

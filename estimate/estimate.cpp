@@ -79,6 +79,22 @@ void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSu
   summary.learning_curve = field.learning_curve;
 }
 
+/// A whole picture without any kernel tells nothing: says why.
+[[noreturn]] void refuse_empty(const EstimateJob& job, const EstimateOptions& options) {
+  const auto sample =
+      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level);
+  const bool measured =
+      std::ranges::any_of(sample.values, [](float value) { return std::isfinite(value) && value != 0.0f; });
+  const bool dark = std::ranges::any_of(sample.values, [](float value) { return value == 0.0f; });
+  throw InputError(
+      job.frames.front().observed.string() + " and the other photographs: " +
+      (measured ? "no pixel could be fitted; check that light maps and photographs belong together"
+       : dark   ? "they are black under all lights, so there is nothing to estimate; check the exposure and "
+                  "the mask"
+              : "no sample was measured (all are at or above --clip, or marked by sigma = inf); raise --clip "
+                "or expose shorter"));
+}
+
 }  // namespace
 
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options) {
@@ -88,8 +104,8 @@ EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions&
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
                                  const fs::path& output, bool resume) {
   const auto start = std::chrono::steady_clock::now();
-  const auto limit = limit_threads(options);
   EstimateJob job = open_job(session, options);
+  const auto limit = limit_threads(plan_job(job, options).threads);
   EstimateSummary summary;
   summary.frames = check_frames(job, options);
   summary.plan = plan_job(job, options);
@@ -113,6 +129,10 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   }
   FieldPart part{assembler.take(), job.rows, job.session.height, job_key(job, options)};
   const ReflectanceField& field = part.field;
+  if (!options.rows && field.transfer.entries() == 0) {
+    checkpoint.remove();
+    refuse_empty(job, options);
+  }
   if (options.rows)
     write_field_part(output, part);
   else
@@ -128,8 +148,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
 }
 
 ReflectanceField estimate_field(const CaptureSession& session, const EstimateOptions& options) {
-  const auto limit = limit_threads(options);
   EstimateJob job = open_job(session, options);
+  const auto limit = limit_threads(plan_job(job, options).threads);
   check_frames(job, options);
   FieldAssembler assembler(job, options);
   estimate_bands(
@@ -156,8 +176,10 @@ std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const 
              KernelSnapshot& snapshot = history.emplace_back();
              snapshot.subdivisions = count;
              snapshot.boxes.assign(boxes.begin(), boxes.end());
+             const auto factor = static_cast<float>(1.0 / table.unit());
              for (std::size_t k = 0; k < boxes.size(); ++k)
-               snapshot.weights.push_back({weights[3 * k], weights[3 * k + 1], weights[3 * k + 2]});
+               snapshot.weights.push_back(
+                   {factor * weights[3 * k], factor * weights[3 * k + 1], factor * weights[3 * k + 2]});
            });
   return history;
 }

@@ -102,6 +102,7 @@ struct EvidenceGatherer {
     MaskedSamples masked;
     AlignedFloats before, here;
     for (int y = tile.y0; y < tile.y1; ++y) {
+      throw_if_interrupted();
       double squared = 0.0;
       bool has_before = residuals_of(tile.x0 - 1, y, own, masked, before, squared);
       double shared_before = 0.0;  // with the pixel before
@@ -173,6 +174,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   for_each_tile(held, [&](const PixelTile& tile, FitWorker& own) {
     for (int y = tile.y0; y < tile.y1; y += block_side_px)
       for (int x = tile.x0; x < tile.x1; x += block_side_px) {
+        throw_if_interrupted();
         const PixelTile block{x, y, std::min(x + block_side_px, tile.x1),
                               std::min(y + block_side_px, tile.y1)};
         std::vector<std::vector<Box>> old;
@@ -240,6 +242,12 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
       throw_if_interrupted();
       gatherer.judge_block(blocks[i], worker());
     });
+  }
+  if (table.unit() != 1.0) {
+    const auto factor = static_cast<float>(1.0 / table.unit());
+    for (PixelKernels& pixel : result)
+      for (auto* weights : {&pixel.weights, &pixel.smooth})
+        for (float& weight : *weights) weight *= factor;
   }
   return result;
 }

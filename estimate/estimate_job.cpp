@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/estimate_job.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/json_text.h"
 
@@ -70,13 +72,26 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   require_enough_frames(job, options);
   job.session.frames = job.frames;
   check_image_sizes(job.session);
+  const LightDomain& light = job.session.light;
+  if (light.parameterisation == Parameterisation::cube && light != cube_domain(light.width))
+    throw InputError(job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
+                     std::to_string(light.height) +
+                     ", which is no cube map (six square faces one below the other, R×6R); give such maps or "
+                     "the right --parameterisation");
   check_placements(job.session.monitors, job.session.light, "the capture");
   job.rows = options.rows.value_or(RowRange{0, job.session.height});
   if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
     throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +
                      " are no rows of a picture of " + std::to_string(job.session.height) +
                      "; rows count from 0, and the last one named is not included");
-  if (session.mask) job.mask = read_mask(*session.mask, job.session.width, job.session.height);
+  if (session.mask) {
+    job.mask = read_mask(*session.mask, job.session.width, job.session.height);
+    if (std::ranges::none_of(job.mask, [](unsigned char inside) { return inside != 0; }))
+      throw InputError(
+          session.mask->string() +
+          ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
+          "than one half, or leave the mask out");
+  }
   if (!options.refine.empty())
     job.refinement = std::make_shared<Refinement>(options.refine, job.session, job.frames);
   return job;

@@ -3,7 +3,6 @@
 #include <tbb/global_control.h>
 
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "estimate/estimate_band.h"
@@ -21,7 +20,8 @@ struct EstimatePlan {
   std::uint64_t memory_bytes = 0;  ///< foreseen peak
 };
 
-/// Foresees memory and cuts the image into bands that fit. Throws InputError where not even one row does.
+/// Foresees memory and cuts the image into bands that fit, with fewer threads where the number is left to it.
+/// Throws InputError where not even one row does.
 EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options);
 
 /// The bands of the plan's rows, in order.
@@ -29,7 +29,7 @@ std::vector<RowRange> bands_of(const EstimatePlan& plan);
 
 int thread_count(const EstimateOptions& options);
 
-/// Holds oneTBB to the asked number of threads while it lives.
-std::optional<tbb::global_control> limit_threads(const EstimateOptions& options);
+/// Holds oneTBB to that many threads while it lives.
+[[nodiscard]] tbb::global_control limit_threads(int threads);
 
 }  // namespace refield

@@ -124,8 +124,8 @@ struct FitSample {
 }  // namespace
 
 Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options) {
-  const auto limit = limit_threads(options);
   EstimateJob job = open_job(session, options);
+  const auto limit = limit_threads(plan_job(job, options).threads);
   Foresight foresight;
   const auto begin = Clock::now();
   foresight.frames = check_frames(job, options);

@@ -2,8 +2,10 @@
 #include "estimate/frame_check.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
+#include "core/errors.h"
 #include "core/progress.h"
 
 namespace refield {
@@ -21,6 +23,20 @@ void log_drift(const Drift& drift) {
     if (!point.used) log_line("drift: " + point.frame + " breaks the curve of the others and is not used");
 }
 
+/// The fit squares products of samples and sums of light in single precision, which further off are infinite
+/// or zero. Such photographs come from a conversion gone wrong, which scaling them silently would hide.
+void require_usual_brightness(const EstimateJob& job) {
+  constexpr double least = 1e-9, most = 1e7;
+  const double typical = std::sqrt(job.mean_square);
+  if (typical == 0.0 || (typical >= least && typical <= most)) return;
+  char text[160];
+  std::snprintf(text, sizeof text,
+                ": the photographs' samples are about %.1e, too %s to compute with; scale all photographs by "
+                "the same factor to values around 1",
+                typical, typical < least ? "small" : "large");
+  throw InputError(job.frames.front().observed.parent_path().string() + text);
+}
+
 }  // namespace
 
 FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
@@ -32,6 +48,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
   const auto sample =
       read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level);
   job.mean_square = sample.mean_square({});
+  require_usual_brightness(job);
   if (!judges) return report;
   const auto grams = light_grams(illumination_paths(job.frames), job.session.light);
   const OutlierSearch search = find_outlier_frames(grams, sample);

@@ -54,7 +54,11 @@ class KernelCache {
   /// Vᵀd of a split that was made, [smooth rank]: see SmoothSpace. On demand, since few splits are chosen.
   const float* smooth_coordinates(Split& split, int channel);
 
-  std::size_t bytes() const { return blocks_in_use_ * block_floats * sizeof(float); }
+  std::size_t bytes() const {
+    constexpr std::size_t of_node = 48;  // what a map allocates for an entry besides
+    return blocks_in_use_ * block_floats * sizeof(float) + columns_.size() * (sizeof(Box) + 24 + of_node) +
+           splits_.size() * (sizeof(Box) + sizeof(Splits) + of_node);
+  }
   /// Forgets everything; pointers handed out become invalid. Keeps the memory for what comes.
   void clear();
   /// Forgets everything where that takes more than `limit_bytes`, and keeps no more memory than that.

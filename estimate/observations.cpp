@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
+#include <string>
 
 #include "core/errors.h"
 #include "core/image_io.h"
@@ -26,18 +28,27 @@ Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int
   if (radiance.width != width)
     throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) +
                      " pixels wide, not " + std::to_string(width));
+  const auto refuse = [&](std::size_t i, const char* quantity, float value, const char* remedy) {
+    static constexpr const char* channels[] = {"red", "green", "blue"};
+    char number[32];
+    std::snprintf(number, sizeof number, "%.4g", static_cast<double>(value));
+    throw InputError(frame.observed.string() + ": pixel (" + std::to_string(i / 3 % width) + ", " +
+                     std::to_string(first_row + static_cast<int>(i / 3) / width) + "), " + channels[i % 3] +
+                     ", has a " + quantity + " of " + number + "; " + remedy);
+  };
   for (std::size_t i = 0; i < radiance.values.size(); ++i) {
     float& value = radiance.values[i];
+    const float sigma = photograph.sigma.empty() ? 0.0f : photograph.sigma.values[i];
+    if (!(sigma >= 0.0f))
+      refuse(i, "noise estimate (sigma)", sigma,
+             "a standard deviation is 0 or more, and infinite where nothing was measured");
     // The camera clips before drift is divided out.
     const bool clipped = std::isfinite(clip_level) && value * frame.gain[i % 3] >= clip_level;
-    if (clipped || (!photograph.sigma.empty() && std::isinf(photograph.sigma.values[i]))) {
+    if (clipped || std::isinf(sigma))
       value = std::numeric_limits<float>::quiet_NaN();
-    } else if (!std::isfinite(value)) {
-      const std::size_t pixel = i / 3;
-      throw InputError(frame.observed.string() + ": pixel (" + std::to_string(pixel % width) + ", " +
-                       std::to_string(first_row + pixel / width) + ") is " + std::to_string(value) +
-                       "; repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
-    }
+    else if (!(std::abs(value) <= largest_radiance))
+      refuse(i, "radiance", value,
+             "repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
   }
   return std::move(radiance);
 }

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "core/interrupt.h"
+
 namespace refield {
 
 namespace {
@@ -237,6 +239,7 @@ OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sa
   if (sample.images < fewest_frames_to_judge || sample.pixels == 0) return search;
   std::vector<char> left_out = worst_fifth(Examination(grams, sample, std::vector<char>(sample.images, 0)));
   for (int round = 0;; ++round) {
+    throw_if_interrupted();
     const Examination found(grams, sample, left_out);
     const auto whole = excess(found.whole(), left_out, limit_whole);
     const auto cell = excess(found.worst_cell(), left_out, limit_cell);

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "core/interrupt.h"
+
 namespace refield {
 
 namespace {
@@ -28,7 +30,8 @@ std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& t
   std::vector<PixelKernels> corrected;
   MaskedSamples samples;
   PixelKernels trial;
-  for (int y = tile.y0; y < tile.y1; ++y)
+  for (int y = tile.y0; y < tile.y1; ++y) {
+    throw_if_interrupted();
     for (int x = tile.x0; x < tile.x1; ++x) {
       corrected.emplace_back();
       if (!grid.active(x, y)) continue;
@@ -50,6 +53,7 @@ std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& t
           best.squared_residual = trial.squared_residual;
         }
     }
+  }
   return corrected;
 }
 

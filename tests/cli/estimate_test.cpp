@@ -128,6 +128,89 @@ TEST_F(EstimateVerb, PixelsThatAreNoNumbers) {
   expect_refused("light/t_6.exr", "(5, 1)");
 }
 
+// Of one such sample the whole estimation would be lost: its square is infinite in single precision.
+TEST_F(EstimateVerb, SamplesAndTexelsOfAbsurdSize) {
+  for (const float bad : {1e20f, 3e38f, -1e20f, -3e38f}) {
+    spoil(photograph_file(4), 2, 3, bad);
+    expect_refused("observed/t_4.exr", "(2, 3), green");
+  }
+  spoil(photograph_file(4), 2, 3, 1.0f);
+  spoil(light_file(6), 5, 1, 3e38f);
+  expect_refused("light/t_6.exr", "(5, 1)");
+}
+
+TEST_F(EstimateVerb, PhotographsOfAbsurdBrightness) {
+  for (const float scale : {1e-39f, 1e20f}) {
+    SCOPED_TRACE(scale);
+    for (int i = 0; i < images; ++i) {
+      Image image = read_image(photograph_file(i));
+      for (float& value : image.values) value = std::min(std::max(value, 0.5f), 2.0f) * scale;
+      write_exr(photograph_file(i), image);
+    }
+    expect_refused("observed", "");
+    for (int i = 0; i < images; ++i) write_exr(photograph_file(i), Image(6, 5, 3, 1.0f));
+  }
+}
+
+/// Relative radiance and cd/m² alike: what is not refused is estimated as well at any scale.
+TEST_F(EstimateVerb, TheScaleOfRadianceDoesNotMatter) {
+  ASSERT_THAT(estimate(), Succeeded());
+  const ReflectanceField usual = read_reflectance_field(output_);
+  std::vector<Image> photographs, lights;
+  for (int i = 0; i < images; ++i) {
+    photographs.push_back(read_image(photograph_file(i)));
+    lights.push_back(read_image(light_file(i)));
+  }
+  const auto scaled = [](Image image, float scale) {
+    for (float& value : image.values) value *= scale;
+    return image;
+  };
+  for (const auto& [of_photographs, of_lights] :
+       {std::pair{0x1p-28f, 1.0f}, {0x1p20f, 0x1p30f}, {1.0f, 0x1p-40f}, {0x1p-28f, 0x1p-40f}}) {
+    SCOPED_TRACE(testing::PrintToString(std::pair(of_photographs, of_lights)));
+    for (int i = 0; i < images; ++i) {
+      write_exr(photograph_file(i), scaled(photographs[i], of_photographs));
+      write_exr(light_file(i), scaled(lights[i], of_lights));
+    }
+    ASSERT_THAT(estimate(), Succeeded());
+    const ReflectanceField field = read_reflectance_field(output_);
+    const Image expected = usual.relight({lights[0], domain.parameterisation});
+    const Image relit = field.relight({scaled(lights[0], of_lights), domain.parameterisation});
+    for (std::size_t i = 0; i < expected.values.size(); ++i)
+      EXPECT_NEAR(relit.values[i] / of_photographs, expected.values[i], 1e-4f * expected.values[i] + 1e-6f);
+  }
+}
+
+TEST_F(EstimateVerb, ANoiseEstimateThatIsNone) {
+  for (const float bad : {NAN, -1.0f, -INFINITY}) {
+    Photograph photograph{Image(6, 5, 3, 1.0f), Image(6, 5, 3, 0.1f)};
+    photograph.sigma.at(2, 3, 1) = bad;
+    write_photograph(photograph_file(4), photograph);
+    expect_refused("observed/t_4.exr", "sigma");
+  }
+}
+
+TEST_F(EstimateVerb, PhotographsThatShowNothing) {
+  const auto write_all = [&](const Image& radiance, const Image& sigma) {
+    for (int i = 0; i < images; ++i) write_photograph(photograph_file(i), {radiance, sigma});
+  };
+  for (const std::vector<std::string>& more :
+       {std::vector<std::string>{"--kernels", "4"}, {"--mode", "paper", "--kernels", "4"}}) {
+    write_all(Image(6, 5, 3), {});
+    expect_refused("observed", "black", more);
+    write_all(Image(6, 5, 3, 1.0f), Image(6, 5, 3, INFINITY));
+    expect_refused("observed", "sigma = inf", more);
+  }
+  write_all(Image(6, 5, 3, 1.0f), {});
+  expect_refused("observed", "--clip", {"--kernels", "4", "--clip", "0.5"});
+  write_exr(folder_ / "mask.exr", Image(6, 5, 3));
+  expect_refused("mask.exr", "dark everywhere", {"--kernels", "4", "--mask", folder_ / "mask.exr"});
+}
+
+TEST_F(EstimateVerb, ACubeMapThatIsNone) {
+  expect_refused("light/t_0.exr", "8×6", {"--kernels", "4", "--parameterisation", "cube"});
+}
+
 TEST_F(EstimateVerb, AnAllBlackLight) {
   write_exr(light_file(8), Image(domain.width, domain.height, 3));
   expect_refused("light/t_8.exr", "leave it out");
