@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield: reads the command line, runs one verb, turns errors into messages and exit statuses.
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -8,9 +9,13 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <exception>
 #include <filesystem>
+#include <new>
 #include <string>
+#include <string_view>
 #include <system_error>
 
 #include "cli/option_checks.h"
@@ -74,6 +79,58 @@ refield::DeviceError refused_by_system(const std::system_error& error) {
   return {file && !file->path1().empty() ? file->path1().string() : "the system", error_number,
           file ? "cannot access" : "refused an operation"};
 }
+
+constexpr const char* no_resources =
+    "refield: the system refused memory or a thread; raise the limits (ulimit -v, ulimit -u) or close other "
+    "programs\n";
+
+/// What oneTBB throws when the system gives it no thread.
+bool lacks_threads(const std::exception& error) {
+  return std::string_view(error.what()).find("pthread_create") != std::string_view::npos;
+}
+
+/// Ends without what libraries do at exit: some wait there for threads that they could not start.
+[[noreturn]] void leave_at_once(int status) {
+  std::fflush(nullptr);
+  ::_exit(status);
+}
+
+/// Without allocating memory.
+[[noreturn]] void end_for_lack_of_resources() {
+  const ssize_t written = ::write(STDERR_FILENO, no_resources, std::strlen(no_resources));
+  static_cast<void>(written);
+  ::_exit(status_bad_input);
+}
+
+/// For exceptions that nothing can catch: those of libraries while they are loaded, and of their threads.
+[[noreturn]] void end_uncaught() {
+  try {
+    if (const auto thrown = std::current_exception()) std::rethrow_exception(thrown);
+  } catch (const std::bad_alloc&) {
+    end_for_lack_of_resources();
+  } catch (const std::system_error&) {
+    end_for_lack_of_resources();
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "refield: unexpected error: %s\n", error.what());
+  } catch (...) {
+  }
+  std::abort();
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose own start must come first
+/// Runs before the shared libraries' constructors, one of which (log4cplus, which OpenImageIO needs) starts
+/// threads. OpenBLAS, where it is the system's BLAS, would start one for each core, and nothing here uses it.
+void prepare_for_libraries() {
+  // They take 50 MiB, and not all look whether they get it.
+  constexpr std::size_t least_bytes = std::size_t{64} << 20;
+  void* room = ::mmap(nullptr, least_bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (room == MAP_FAILED) end_for_lack_of_resources();
+  ::munmap(room, least_bytes);
+  ::setenv("OPENBLAS_NUM_THREADS", "1", 0);
+  std::set_terminate(end_uncaught);
+}
+[[gnu::section(".preinit_array"), gnu::used]] void (*const before_libraries)() = prepare_for_libraries;
+#endif
 
 int run(int argc, char** argv) {
   CLI::App app(
@@ -141,11 +198,15 @@ int run_and_report(int argc, char** argv) {
     return status_interrupted;
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "refield: out of memory; %s\n", memory_remedy);
-    return status_bad_input;
+    leave_at_once(status_bad_input);
   } catch (const std::system_error& error) {
     std::fprintf(stderr, "refield: %s\n", refused_by_system(error).what());
     return status_bad_input;
   } catch (const std::exception& error) {
+    if (lacks_threads(error)) {
+      std::fputs(no_resources, stderr);
+      leave_at_once(status_bad_input);
+    }
     std::fprintf(stderr,
                  "refield: unexpected error: %s\nPlease report this with the command that caused it.\n",
                  error.what());
