@@ -6,7 +6,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <limits>
+#include <string>
 
+#include "core/errors.h"
 #include "simulate/embree_device.h"
 
 namespace refield::prt {
@@ -15,6 +17,9 @@ namespace {
 
 /// Rays start off their surface by so much of the scene's diagonal.
 constexpr float offset_share = 2e-5f;
+/// Embree's products of three edges of smaller meshes leave the range of float: at 1e-12 half of the light is
+/// missed.
+constexpr float least_size = 1e-9f;
 
 }  // namespace
 
@@ -25,7 +30,12 @@ void MeshRays::Release::operator()(RTCSceneTy* scene) const {
 MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh) {
   Eigen::AlignedBox3f bounds;
   for (const auto& position : mesh.positions) bounds.extend(position);
-  offset_ = bounds.isEmpty() ? 0.0f : offset_share * bounds.diagonal().norm();
+  const float size = bounds.isEmpty() ? 0.0f : bounds.diagonal().norm();
+  if (size > 0.0f && size < least_size)
+    throw InputError("the mesh is " + std::to_string(size / least_size) +
+                     "e-9 units across, too small for rays in single precision; give it in larger units, or "
+                     "a `size` in a scene's description");
+  offset_ = offset_share * size;
   scene_.reset(rtcNewScene(embree_device()));
   rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
   RTCGeometry geometry = rtcNewGeometry(embree_device(), RTC_GEOMETRY_TYPE_TRIANGLE);
