@@ -129,7 +129,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   }
   FieldPart part{assembler.take(), job.rows, job.session.height, job_key(job, options)};
   const ReflectanceField& field = part.field;
-  if (!options.rows && field.transfer.entries() == 0) {
+  const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
+  if (!options.rows && is_empty) {
     checkpoint.remove();
     refuse_empty(job, options);
   }

@@ -48,7 +48,7 @@ TEST(InfoVerb, ControlCharactersOfAFileAreShownAsNumbers) {
   Rng rng(1);
   ReflectanceField field = test::random_field(rng, 4, 3, {8, 6}, 20, 5);
   const std::string harmless = "Übung – ok";
-  for (const std::string provenance :
+  for (const std::string& provenance :
        {std::string("\x1b]0;mine\x07\x1b[2J ") + harmless,
         R"({"note": "\u001b[31m )" + harmless + R"(", "\u001bkey": ["\u009b2J"]})"}) {
     field.provenance = provenance;

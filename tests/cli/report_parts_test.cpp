@@ -16,6 +16,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
+#include "tests/support/interruption.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -153,6 +154,15 @@ TEST(ReportWindow, ResemblesTheWhole) {
   const int mirror = std::max(0, window.x1 - 40);
   EXPECT_GE(mirror, 3);
   EXPECT_LE(mirror, 6);
+}
+
+// These took up to half a minute for a large field.
+TEST(ReportWindow, TheChoiceOfPixelsAndWindowEndsOnAnInterruption) {
+  Rng rng(5);
+  const ReflectanceField field = test::random_field(rng, 40, 30, {16, 12}, 60, 5);
+  EXPECT_TRUE(test::heeds_interruption([&] { kernel_spreads(field); }));
+  EXPECT_TRUE(test::heeds_interruption([&] { choose_pixels(field, {}); }));
+  EXPECT_TRUE(test::heeds_interruption([&] { typical_window(field, {}, 100); }));
 }
 
 TEST(ReportWindow, CroppedFieldRelightsTheCroppedImage) {

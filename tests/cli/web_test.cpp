@@ -12,6 +12,7 @@
 #include "core/files.h"
 #include "core/reflectance_field_file.h"
 #include "tests/cli/matchers.h"
+#include "tests/support/interruption.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -89,6 +90,13 @@ TEST(PackedField, LeavesOutBoxesThatNoPixelUses) {
   const web::PackedField packed = web::pack(field);
   EXPECT_LE(packed.basis.boxes.size(), boxes);
   EXPECT_EQ(web::unpacked(packed).transfer.entries(), field.transfer.entries());
+}
+
+TEST(PackedField, PackingEndsOnAnInterruption) {
+  const ReflectanceField field = sample_field(Parameterisation::monitor);
+  const web::PackedField packed = web::pack(field);
+  EXPECT_TRUE(test::heeds_interruption([&] { web::pack(field); }));
+  EXPECT_TRUE(test::heeds_interruption([&] { web::unpacked(packed); }));
 }
 
 TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {

@@ -194,5 +194,21 @@ TEST(MeshView, RefusesWhatDoesNotFit) {
   EXPECT_THROW(MeshView(field, PinholeCamera{}).show(Image(64, 16, 3)), InputError);
 }
 
+TEST(FramingCamera, ShowsAMeshOfAnySizeAlike) {
+  const Mesh mesh = prt::hare_mesh(12);
+  const PinholeCamera usual = framing_camera(mesh, 64, 48);
+  for (const float size : {1e-12f, 1e-9f, 1e-6f, 1e6f}) {
+    Mesh other = mesh;
+    for (auto& position : other.positions) position *= size;
+    const PinholeCamera camera = framing_camera(other, 64, 48);
+    for (std::size_t v = 0; v < mesh.positions.size(); v += 16) {
+      const auto expected = usual.image_point(mesh.positions[v]),
+                 seen = camera.image_point(other.positions[v]);
+      ASSERT_TRUE(expected && seen);
+      EXPECT_LT((*expected - *seen).norm(), 0.01f) << "at size " << size;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace refield
