@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/estimate.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <fstream>
 #include <optional>
+#include <string>
 
 #include "core/errors.h"
 #include "core/field_part.h"
@@ -79,6 +79,15 @@ void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSu
   summary.learning_curve = field.learning_curve;
 }
 
+/// The most memory that this program held. getrusage() would also count what started it held before.
+std::uint64_t peak_memory_bytes() {
+  std::ifstream status("/proc/self/status");
+  std::uint64_t kibibytes = 0;
+  for (std::string word; status >> word;)
+    if (word == "VmHWM:") status >> kibibytes;
+  return kibibytes * 1024;
+}
+
 /// A whole picture without any kernel tells nothing: says why.
 [[noreturn]] void refuse_empty(const EstimateJob& job, const EstimateOptions& options) {
   const auto sample =
@@ -142,9 +151,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
 
   summarise(field, job, summary);
   summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  summary.peak_memory_bytes = static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+  summary.peak_memory_bytes = peak_memory_bytes();
   return summary;
 }
 

@@ -11,6 +11,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "tests/pipeline/program.h"
+#include "tests/support/random_data.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -162,8 +163,12 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
     SCOPED_TRACE(c.name);
     const TemporaryFolder folder;
     const auto lights = random_lights(c.images, c.light_width, c.light_height, 5);
+    // What is different in every pixel fills the caches of the fits.
+    Rng rng(3);
     write_capture(folder / "session",
-                  field_of_boxes(c.width, c.height, lights[0].domain(), {{0, 0, 9, 9}}, 2), lights, 0.02);
+                  c.masked ? field_of_boxes(c.width, c.height, lights[0].domain(), {{0, 0, 9, 9}}, 2)
+                           : random_field(rng, c.width, c.height, lights[0].domain(), 2000, 9),
+                  lights, 0.02);
     Image mask(c.width, c.height, 3);
     for (int x = 0; x < std::min(c.width, 64); ++x)
       for (int y = 0; y < c.height; y += 9)
@@ -178,14 +183,15 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
     ASSERT_EQ(program.wait(), 0) << read_text(log);
     const auto kept = nlohmann::json::parse(read_text(folder / "f.rfield.log.json"));
     const auto foreseen = kept["foreseen_memory_bytes"].get<std::uint64_t>();
-    EXPECT_LE(program.peak_memory_bytes(), foreseen);
+    const auto held = kept["peak_memory_bytes"].get<std::uint64_t>();
+    EXPECT_LE(held, foreseen);
     // Nor is the forecast idle caution: beyond what it holds ready for the program itself and for the caches,
     // which this small work does not fill, it is used.
     constexpr std::uint64_t allowance = 400ull << 20;
-    EXPECT_GE(program.peak_memory_bytes() + allowance, foreseen);
-    EXPECT_GE(kept["peak_memory_bytes"], program.peak_memory_bytes() * 9 / 10);
-    std::printf("%s: %.0f MiB foreseen, %.0f MiB held\n", c.name, foreseen / 1048576.0,
-                program.peak_memory_bytes() / 1048576.0);
+    EXPECT_GE(held + allowance, foreseen);
+    // What wait4() tells may be that of this test, which the program's process was copied from.
+    EXPECT_LE(held, program.peak_memory_bytes());
+    std::printf("%s: %.0f MiB foreseen, %.0f MiB held\n", c.name, foreseen / 1048576.0, held / 1048576.0);
   }
 }
 
