@@ -19,6 +19,8 @@ std::align_val_t alignment_of(std::size_t bytes) {
 }  // namespace
 
 void* allocate_aligned(std::size_t bytes) {
+  // Whole huge pages, or the last part would lie on small ones.
+  if (bytes >= large) bytes = (bytes + huge_page - 1) / huge_page * huge_page;
   void* memory = ::operator new(bytes, alignment_of(bytes));
   // Advice only: a kernel without huge pages gives small ones.
   if (bytes >= large) madvise(memory, bytes, MADV_HUGEPAGE);

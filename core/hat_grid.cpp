@@ -78,12 +78,22 @@ std::vector<double> HatGrid::project(const Image& radiance, const Box& within,
     const float* texel = radiance.row(y).data();
     const double* share = shares.data();
     for (const Interval& interval : across) {
-      double sum[3] = {0.0, 0.0, 0.0}, right[3] = {0.0, 0.0, 0.0};
-      for (int x = interval.first; x < interval.last; ++x, texel += 3, ++share) {
+      // Two texels at a time: a sum waits half as often for the one before.
+      double sum[6] = {}, right[6] = {};
+      int x = interval.first;
+      for (; x + 1 < interval.last; x += 2, texel += 6, share += 2)
+        for (int i = 0; i < 6; ++i) {
+          sum[i] += texel[i];
+          right[i] += share[i / 3] * texel[i];
+        }
+      for (; x < interval.last; ++x, texel += 3, ++share)
         for (int c = 0; c < 3; ++c) {
           sum[c] += texel[c];
           right[c] += *share * texel[c];
         }
+      for (int c = 0; c < 3; ++c) {
+        sum[c] += sum[c + 3];
+        right[c] += right[c + 3];
       }
       for (int c = 0; c < 3; ++c) {
         if (interval.node + 1 < columns) along_row[3 * (interval.node + 1) + c] += right[c];

@@ -62,15 +62,13 @@ Tile<Weight> TiledTransfer<Weight>::tile(int at) const {
 }
 
 template <class Weight>
-void TiledTransfer<Weight>::prefetch(int at, bool for_change) const {
+void TiledTransfer<Weight>::prefetch_for_change(int at) const {
   if (at >= tiles()) return;
   const auto of_band = static_cast<std::size_t>(tiles_across()) * band_rows;
   const Band& band = bands[static_cast<std::size_t>(at) / of_band];
   const std::size_t tile = static_cast<std::size_t>(at) % of_band;
   const std::byte* begin = band.memory.data() + band.start[tile];
-  const std::byte* end = for_change ? begin + band.change_until[tile] : begin + band.weights_from[tile];
-  __builtin_prefetch(begin);  // the lengths
-  if (!for_change) begin += band.whole_from[tile];
+  const std::byte* end = begin + band.change_until[tile];
   for (const std::byte* line = begin; line < end; line += cache_line_bytes) __builtin_prefetch(line);
 }
 
@@ -88,12 +86,8 @@ void TiledTransfer<Weight>::mark_parts() {
     for (std::size_t i = 0; i + 1 < band.start.size(); ++i) {
       const Tile<Weight> marked = tile(at++);
       const std::byte* begin = band.memory.data() + band.start[i];
-      const auto offset = [&](const void* array) {
-        return static_cast<std::uint32_t>(static_cast<const std::byte*>(array) - begin);
-      };
-      band.whole_from.push_back(offset(marked.support.data() + marked.common.size()));
-      band.change_until.push_back(offset(marked.group.data()));
-      band.weights_from.push_back(offset(marked.scale.data()));
+      band.change_until.push_back(
+          static_cast<std::uint32_t>(reinterpret_cast<const std::byte*>(marked.group.data()) - begin));
     }
 }
 

@@ -101,10 +101,8 @@ struct TiledTransfer {
   /// arrays, then the arrays.
   struct Band {
     std::vector<std::byte, AlignedAllocator<std::byte>> memory;
-    std::vector<std::uint32_t> start;  ///< [tiles + 1], in `memory`
-    /// [tiles], of a tile's bytes: from where on all light needs them, until where a change looks at all, and
-    /// where the weights begin.
-    std::vector<std::uint32_t> whole_from, change_until, weights_from;
+    std::vector<std::uint32_t> start;         ///< [tiles + 1], in `memory`
+    std::vector<std::uint32_t> change_until;  ///< [tiles], bytes of a tile that a change of light looks at
   };
   static constexpr int band_rows = 4;
   std::vector<Band> bands;
@@ -113,11 +111,11 @@ struct TiledTransfer {
   int tiles_down() const { return (height + tile_side_px - 1) / tile_side_px; }
   int tiles() const { return tiles_across() * tiles_down(); }
   Tile<Weight> tile(int at) const;
-  /// Asks for a tile's memory, so that it is there when its turn comes: a tile's arrays are too short for
-  /// the processor to foresee them. For all light: without the weights, which add_kernels() asks for.
-  void prefetch(int at, bool for_change) const;
+  /// Prefetches what a change of light looks at in a tile: its arrays are too short for the processor to
+  /// prefetch them. What all light needs is prefetched by sum_kernels().
+  void prefetch_for_change(int at) const;
   std::size_t bytes() const;
-  /// Fills in where the parts of each tile begin, when the rest of all bands stands.
+  /// Fills in where the parts of each tile end, when the rest of all bands stands.
   void mark_parts();
   /// Bytes that a tile takes by the lengths that it states; may be more than it has where these are wrong.
   std::uint64_t bytes_stated(int at) const;

@@ -23,10 +23,11 @@ constexpr std::int64_t most_fixed_point_texels = 1 << 20;
 /// sum is 1e-6 of the image.
 constexpr double most_moved_light = 16.0;
 
+/// `common` keeps its memory from one light to the next.
 template <class Table>
-Coefficients common_coefficients(const std::vector<double>& smooth, const Table& table,
-                                 const std::vector<SmallBox>& boxes) {
-  Coefficients common(smooth.size() + boxes.size() * 3 + 1);
+void sum_common(const std::vector<double>& smooth, const Table& table, const std::vector<SmallBox>& boxes,
+                Coefficients& common) {
+  common.resize(smooth.size() + boxes.size() * 3 + 1);
   std::ranges::transform(smooth, common.begin(), [](double sum) { return static_cast<float>(sum); });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, boxes.size(), 1024), [&](const auto& range) {
     std::array<float, 4 * 64> sums;
@@ -37,7 +38,6 @@ Coefficients common_coefficients(const std::vector<double>& smooth, const Table&
         std::copy_n(sums.data() + 4 * k, 3, common.data() + smooth.size() + 3 * (first + k));
     }
   });
-  return common;
 }
 
 void copy(const Image& from, Image& to) {
@@ -130,14 +130,15 @@ const Image& Relighter::relight(std::span<const float> sums) {
 const Image& Relighter::relight(const LightMap& light) {
   require_domain(light, domain_);
   const Box whole{0, 0, domain_.width, domain_.height};
+  copy(light.radiance, light_);  // first: the copy is what the caches hold then
   if (smooth_.weighs()) {
-    copy(light.radiance, weighed_);
+    copy(light_, weighed_);
     smooth_.weigh(weighed_, whole);
   }
-  const Image& values = smooth_.weighs() ? weighed_ : light.radiance;
+  const Image& values = smooth_.weighs() ? weighed_ : light_;
   const std::vector<double> smooth = smooth_.project(values, whole);
   const auto multiply_with = [&](const auto& table) {
-    common_ = common_coefficients(smooth, table, common_boxes_);
+    sum_common(smooth, table, common_boxes_, common_);
     std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, *transfer_);
   };
   if (double_sums_) {
@@ -147,7 +148,6 @@ const Image& Relighter::relight(const LightMap& light) {
     table_.build(values);
     multiply_with(table_);
   }
-  copy(light.radiance, light_);
   updates_ = 0;
   moved_light_ = 0.0;
   total_light_ = -1.0;

@@ -172,7 +172,7 @@ void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& block
       find_changed(scratch.blocks, change, touched);
       // Where much is touched, so it is in the next tile, and its lists are needed all over.
       if (much_touched * touched.kernels.size() > touched.tile.support.size())
-        transfer.prefetch(at + 1, true);
+        transfer.prefetch_for_change(at + 1);
       if (touched.kernels.empty()) return;
       list_weights(touched);
       prefetch_touched(touched, image, at % transfer.tiles_across() * tile_side_px,

@@ -56,7 +56,6 @@ void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common,
               Image& image) {
   tbb::enumerable_thread_specific<std::vector<float>> scratches;
   tbb::parallel_for(0, transfer.tiles(), [&](int at) {
-    transfer.prefetch(at + 1, false);
     const Tile<Weight> tile = transfer.tile(at);
     std::vector<float>& light = scratches.local();  // [kernels × 4], and the dense ones' again
     light.resize(std::max(light.size(), (tile.support.size() + tile.dense_kernels.size()) * 4));

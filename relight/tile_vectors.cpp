@@ -81,17 +81,32 @@ HWY_INLINE void add_uses(const SparseWeights<Weight>* uses, std::size_t count, V
   }
 }
 
-/// Prefetches values [first, first + count) of an array that is needed soon; may reach beyond its end.
-template <class T>
-HWY_INLINE void ask_for(std::span<const T> values, std::size_t first, std::size_t count) {
-  const auto* line = reinterpret_cast<const std::byte*>(values.data() + first);
-  for (std::size_t byte = 0; byte < count * sizeof(T); byte += 64) __builtin_prefetch(line + byte);
-}
+/// Prefetches the next tile, a cache line at a time, while this one is multiplied: asked for all at once, the
+/// lines would wait for one another and what this tile needs would wait behind them. Starts where all light
+/// needs a tile and ends one line behind it, at the lengths of the tile that follows.
+class LinesAhead {
+ public:
+  template <class Weight>
+  explicit HWY_INLINE LinesAhead(const Tile<Weight>& next)
+      : line_(reinterpret_cast<const char*>(next.support.data() + next.common.size())),
+        end_(reinterpret_cast<const char*>(next.record_weight.data() + next.record_weight.size()) + 64) {}
+  HWY_INLINE void prefetch_one() {
+    __builtin_prefetch(line_);
+    if (line_ < end_) line_ += 64;
+  }
+  HWY_INLINE void prefetch_rest() {
+    for (; line_ < end_; line_ += 64) __builtin_prefetch(line_);
+  }
+
+ private:
+  const char* line_;
+  const char* end_;
+};
 
 /// Adds the dense weights of one group; `light` [dense kernels × 4].
 template <bool grey, class Weight>
 HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT light, std::size_t group,
-                          const Tile<Weight>& next, float* HWY_RESTRICT pixels) {
+                          LinesAhead& ahead, float* HWY_RESTRICT pixels) {
   const Lanes d;
   const Rgb rgb;
   HWY_ALIGN float factor[4];
@@ -103,7 +118,7 @@ HWY_INLINE void add_group(const Tile<Weight>& tile, const float* HWY_RESTRICT li
                 rgb, factor);
       constexpr std::size_t record = (grey ? 1 : 3) * group_pixels, apart = grey ? 0 : group_pixels;
       const Weight* weights = tile.record_weight.data() + r * record + lane;
-      ask_for(next.record_weight, r * record, record);
+      ahead.prefetch_one();
       red = hn::MulAdd(widened(d, weights), hn::Set(d, factor[0]), red);
       green = hn::MulAdd(widened(d, weights + apart), hn::Set(d, factor[1]), green);
       blue = hn::MulAdd(widened(d, weights + 2 * apart), hn::Set(d, factor[2]), blue);
@@ -125,20 +140,20 @@ HWY_INLINE void sum_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
   const auto scaled = [&](std::size_t k) {
     return hn::Mul(hn::LoadU(rgb, light + 4 * k), hn::Set(rgb, scale[k]));
   };
+  LinesAhead ahead(next);
   std::size_t kernel = 0;
   for (const auto run : tile.runs) {
     const std::size_t end = kernel + run.kernels;
     if (run.uses == 1)
       for (std::size_t k = kernel; k < end; ++k) {
-        if (k % 16 == 0) {
-          ask_for(next.scale, k, 16);
-          ask_for(next.sparse, static_cast<std::size_t>(uses - tile.sparse.data()), 16);
-        }
+        if (k % 8 == 0) ahead.prefetch_one();
         add_uses<Weight>(uses++, 1, scaled(k), sums.sparse);
       }
     else if (run.uses > 1)
-      for (std::size_t k = kernel; k < end; ++k, uses += run.uses)
+      for (std::size_t k = kernel; k < end; ++k, uses += run.uses) {
+        ahead.prefetch_one();
         add_uses<Weight>(uses, run.uses, scaled(k), sums.sparse);
+      }
     kernel = end;
   }
   for (std::size_t i = 0; i < tile.dense_kernels.size(); ++i)
@@ -147,10 +162,11 @@ HWY_INLINE void sum_all(const Tile<Weight>& tile, const float* HWY_RESTRICT ligh
   for (std::size_t g = 0; g < groups_of_tile; ++g) {
     float* pixels = sums.dense + g * 3 * group_pixels;
     if (grey)
-      add_group<true>(tile, dense_light, g, next, pixels);
+      add_group<true>(tile, dense_light, g, ahead, pixels);
     else
-      add_group<false>(tile, dense_light, g, next, pixels);
+      add_group<false>(tile, dense_light, g, ahead, pixels);
   }
+  ahead.prefetch_rest();
 }
 
 template <bool grey, class Weight>

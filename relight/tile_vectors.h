@@ -38,7 +38,7 @@ void sum_boxes_fixed(const std::int32_t* corners, std::int32_t stride, const flo
                      const SmallBox* boxes, std::size_t count, float* sums);
 
 /// Sums all kernels of a tile; `light` [kernels × 4]; `dense_light`: room for [dense kernels × 4].
-/// On the way asks memory for the weights of the tile that comes `next`.
+/// Prefetches on the way what all light needs of the tile that comes `next`, and the lengths behind it.
 void sum_kernels(const Tile<std::uint8_t>& tile, const float* light, float* dense_light,
                  const Tile<std::uint8_t>& next, TileSums& sums);
 void sum_kernels(const Tile<std::uint16_t>& tile, const float* light, float* dense_light,

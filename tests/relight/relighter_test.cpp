@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <hwy/targets.h>
+#include <tbb/global_control.h>
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -83,6 +84,38 @@ TEST(Relighter, UsesUpAFieldThatIsGivenUp) {
   EXPECT_EQ(relighter.relight(light).values, Relighter(field).relight(light).values);
   EXPECT_EQ(given.transfer.entries(), 0u);
   EXPECT_EQ(given.basis.size(), field.basis.size());
+}
+
+// Memory is kept from one light to the next, and tiles prefetch their successors.
+TEST(Relighter, ShowsALightTheSameWhateverCameBeforeAndOnOneThread) {
+  const ReflectanceField field = mixed_field(101, 133, monitor);
+  const LightMap light = random_light(monitor, 1), other = random_light(monitor, 2);
+  for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
+    const Image expected = Relighter(field, precision).relight(light);
+    Relighter relighter(field, precision);
+    relighter.relight(other);
+    EXPECT_EQ(relighter.relight(light).values, expected.values);
+    const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
+    EXPECT_EQ(relighter.relight(light).values, expected.values);
+  }
+}
+
+// The projection takes texels in pairs; intervals between nodes have odd and even lengths here.
+TEST(Relighter, SumsHatsOverMapsOfAnyWidth) {
+  const HatGrid hats{5, 4};
+  for (const int width : {49, 50, 51, 53}) {
+    const LightMap light = random_light({width, 7, Parameterisation::monitor}, 6);
+    const std::vector<double> sums = hats.project(light);
+    for (int node = 0; node < hats.count(); ++node)
+      for (int c = 0; c < 3; ++c) {
+        double expected = 0.0;
+        for (int y = 0; y < 7; ++y)
+          for (int x = 0; x < width; ++x)
+            expected += double{hats.value(node, x, y, light.domain())} * light.radiance.at(x, y, c);
+        // HatGrid::value() rounds to float.
+        EXPECT_NEAR(sums[static_cast<std::size_t>(3 * node + c)], expected, 1e-5) << width << ' ' << node;
+      }
+  }
 }
 
 // Other programs' files may name a kernel twice in a row.
