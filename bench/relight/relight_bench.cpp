@@ -4,7 +4,8 @@
 // it moves a second and its error against sums in double.
 //
 // The field is made here: trees of rectangles that blocks of 4×4 pixels share, as where a scene is coherent.
-// REFIELD_FIELD=f.rfield measures a captured or simulated field instead.
+// `scene` has the statistics of a field estimated from photographs. REFIELD_FIELD=f.rfield measures a
+// captured or simulated field instead.
 #include <benchmark/benchmark.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -124,7 +125,87 @@ refield::ReflectanceField reflecting_field() {
   return made;
 }
 
+/// Statistics of a field estimated from the table-top scene of datasets_synthetic at this size: half of all
+/// pixels see rectangles that no other pixel has, anywhere on the light map.
+///  - Each pixel has most hats of a grid of 5×4.
+///  - Each tile of 16×16 pixels has rectangles of its own, 563 on average, spread like an exponential; each
+///  is
+///    used by one pixel.
+///  - Regions of 2×3 tiles share 387 rectangles: each block of 4×4 pixels has two of them, each pixel 2.4
+///  more.
+///  - Widths and heights are log-normal around 54 and 61 texels; a quarter of all edges lie on a grid.
+refield::ReflectanceField scene_like_field() {
+  constexpr int tile_px = 16, region_tiles_x = 2, region_tiles_y = 3, of_region = 387;
+  constexpr double own_of_tile = 563.0, shared_of_pixel = 2.4, share_of_hats = 0.84;
+  refield::Rng rng(9);
+  refield::ReflectanceField made;
+  made.width = width;
+  made.height = height;
+  made.basis.domain = {light_width, light_height, refield::Parameterisation::monitor};
+  made.basis.hats = {5, 4};
+  const auto hats = static_cast<std::uint32_t>(made.basis.hats.count());
+  const auto interval = [&rng](double log2_size, double deviation, int length) {
+    constexpr int grid = 48;
+    const auto size =
+        std::clamp(static_cast<int>(std::exp2(log2_size + deviation * rng.normal())), 1, length);
+    const int first = static_cast<int>(rng.below(static_cast<std::uint64_t>(length - size + 1)));
+    const auto edge = [&](int at) {
+      return rng.uniform() < 0.25 ? (at * grid + length / 2) / length * length / grid : at;
+    };
+    const int begin = edge(first), end = edge(first + size);
+    return begin < end ? std::pair(begin, end) : std::pair(first, first + size);
+  };
+  const auto new_box = [&] {
+    const auto [x0, x1] = interval(5.76, 1.56, light_width);
+    const auto [y0, y1] = interval(5.92, 1.59, light_height);
+    made.basis.boxes.push_back({x0, y0, x1, y1});
+    return static_cast<std::uint32_t>(made.basis.size() - 1);
+  };
+  constexpr int tiles_across = width / tile_px, regions_across = tiles_across / region_tiles_x;
+  constexpr int regions = regions_across * (height / tile_px / region_tiles_y);
+  for (int i = 0; i < regions * of_region; ++i) new_box();
+  std::vector<double> own(static_cast<std::size_t>(tiles_across) * (height / tile_px));
+  for (double& mean : own) mean = own_of_tile / (tile_px * tile_px) * -std::log(1.0 - rng.uniform());
+  std::vector<std::uint32_t> columns;
+  std::vector<float> weights;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const int tile_x = x / tile_px, tile_y = y / tile_px;
+      const int region = tile_y / region_tiles_y * regions_across + tile_x / region_tiles_x;
+      const auto shared = [&](refield::Rng& chooser) {
+        return static_cast<std::uint32_t>(hats + region * of_region + chooser.below(of_region));
+      };
+      columns.clear();
+      for (std::uint32_t hat = 0; hat < hats; ++hat)
+        if (rng.uniform() < share_of_hats) columns.push_back(hat);
+      refield::Rng block(2, static_cast<std::uint64_t>(x / block_px),
+                         static_cast<std::uint64_t>(y / block_px));
+      for (int k = 0; k < 2; ++k) columns.push_back(shared(block));
+      for (auto k = static_cast<int>(rng.poisson(shared_of_pixel)); k > 0; --k)
+        columns.push_back(shared(rng));
+      for (auto k =
+               static_cast<int>(rng.poisson(own[static_cast<std::size_t>(tile_y * tiles_across + tile_x)]));
+           k > 0; --k)
+        columns.push_back(new_box());
+      std::ranges::sort(columns);
+      columns.erase(std::unique(columns.begin(), columns.end()), columns.end());
+      weights.clear();
+      for (const std::uint32_t column : columns) {
+        const double area = column < hats ? light_width * light_height / hats
+                                          : static_cast<double>(made.basis.box(column).area());
+        for (int c = 0; c < 3; ++c) weights.push_back(static_cast<float>(rng.uniform() / (kernels * area)));
+      }
+      made.transfer.append_row(columns, weights);
+    }
+  return made;
+}
+
 using GiveField = const refield::ReflectanceField&();
+
+const refield::ReflectanceField& the_scene() {
+  static const refield::ReflectanceField field = scene_like_field();
+  return field;
+}
 
 const refield::ReflectanceField& the_mirror() {
   static const refield::ReflectanceField field = reflecting_field();
@@ -201,6 +282,9 @@ BENCHMARK_CAPTURE(Whole, fast, the_field, refield::RelightPrecision::fast)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 BENCHMARK_CAPTURE(Whole, fine, the_field, refield::RelightPrecision::fine)
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+BENCHMARK_CAPTURE(Whole, scene, the_scene, refield::RelightPrecision::fast)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
 BENCHMARK_CAPTURE(Whole, mirror, the_mirror, refield::RelightPrecision::fast)
