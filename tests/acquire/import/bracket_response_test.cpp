@@ -30,7 +30,7 @@ double contrast(double light) {
   return x + 0.12 * std::sin(2.0 * M_PI * (x - 0.5)) * 4.0 * x * (1.0 - x);
 }
 
-constexpr int width = 120, height = 80;
+constexpr int width = 240, height = 160;
 
 /// Radiance over three decades, smooth from place to place, as a scene under a natural pattern.
 Image scene(std::uint64_t seed) {
@@ -41,12 +41,13 @@ Image scene(std::uint64_t seed) {
     for (int x = 0; x < width; ++x)
       for (int c = 0; c < 3; ++c)
         image.at(x, y, c) = static_cast<float>(
-            8.0 * std::exp(-3.3 + 2.4 * std::sin(0.05 * x + a + 0.3 * c) * std::cos(0.07 * y + b) +
-                           random.uniform(-0.8, 0.8)));
+            8.0 * std::exp(-3.3 + 2.4 * std::sin(0.025 * x + a + 0.3 * c) * std::cos(0.035 * y + b) +
+                           random.uniform(-0.05, 0.05)));
   return image;
 }
 
-BracketFile exposed(const Image& radiance, double seconds, Curve curve, Rng& random) {
+/// `noise`: of the levels, as JPEG's compression adds.
+BracketFile exposed(const Image& radiance, double seconds, Curve curve, Rng& random, double noise = 0.0) {
   constexpr double electrons = 20000.0, read_noise = 6.0;
   BracketFile file;
   file.bits = 8;
@@ -57,18 +58,18 @@ BracketFile exposed(const Image& radiance, double seconds, Curve curve, Rng& ran
   for (const float r : radiance.values) {
     const double mean = electrons * r * seconds;
     const double light = (mean + std::hypot(std::sqrt(mean), read_noise) * random.normal()) / electrons;
-    file.frame.samples.push_back(static_cast<std::uint16_t>(
-        std::lround(255.0 * std::clamp(curve(std::clamp(light, 0.0, 1.0)), 0.0, 1.0))));
+    const double level = 255.0 * curve(std::clamp(light, 0.0, 1.0)) + noise * random.normal();
+    file.frame.samples.push_back(static_cast<std::uint16_t>(std::lround(std::clamp(level, 0.0, 255.0))));
   }
   return file;
 }
 
-Bracket bracket_of(const Image& radiance, const std::vector<double>& times, Curve curve) {
+Bracket bracket_of(const Image& radiance, const std::vector<double>& times, Curve curve, double noise = 0.0) {
   Rng random(7);
   Bracket bracket;
   for (const double seconds : times) {
     bracket.paths.emplace_back("shot_" + std::to_string(bracket.paths.size()) + ".jpg");
-    bracket.files.push_back(exposed(radiance, seconds, curve, random));
+    bracket.files.push_back(exposed(radiance, seconds, curve, random, noise));
     bracket.exposures.emplace_back(seconds);
   }
   return bracket;
@@ -114,12 +115,28 @@ TEST(BracketResponse, AContrastCurveIsNoticedAndEstimated) {
   EXPECT_LT(after, 1.3 * error_of(fresh, BracketCamera{}, srgb) + 0.005);
 }
 
+TEST(BracketResponse, NoiseOfCompressionDoesNotBendTheCurve) {
+  constexpr double noise = 4.0;
+  std::vector<BracketSamples> noisy;
+  for (const std::uint64_t seed : {1, 2, 3, 4, 5})
+    noisy.push_back(samples_of(bracket_of(scene(seed), times, contrast, noise)));
+  BracketCamera camera;
+  EXPECT_THAT(settle_response(noisy, camera), ::testing::ElementsAre(HasSubstr("estimated from 5 brackets")));
+  ASSERT_EQ(camera.curve.size(), 256U);
+  // The scale is free: both are compared with a light of 0.2.
+  const auto estimated = [&](double light) {
+    return camera.curve[static_cast<std::size_t>(std::lround(255.0 * contrast(light)))] / light;
+  };
+  for (const double light : {0.02, 0.05, 0.1, 0.4, 0.7, 0.9})
+    EXPECT_NEAR(estimated(light) / estimated(0.2), 1.0, 0.06) << "light " << light;
+}
+
 TEST(BracketResponse, ACameraWithTheSrgbCurveIsLeftAlone) {
   BracketCamera camera;
   EXPECT_THAT(settle_response(brackets(srgb), camera), IsEmpty());
   EXPECT_TRUE(camera.curve.empty());
   const ExposureAgreement agreement = compare_exposures(brackets(srgb)[0], camera);
-  EXPECT_GT(agreement.compared, 2000U);
+  EXPECT_GT(agreement.compared, 1000U);
   EXPECT_LT(agreement.spread, 0.02);
   EXPECT_NEAR(agreement.factor, 1.0, 0.03);
 }
