@@ -2,6 +2,7 @@
 #include "core/interrupt.h"
 
 #include <signal.h>
+#include <tbb/task_group.h>
 
 #include "core/errors.h"
 
@@ -27,7 +28,7 @@ bool interrupted() {
 }
 
 void throw_if_interrupted() {
-  if (interrupted()) throw Interrupted();
+  if (interrupted() || tbb::is_current_task_group_canceling()) throw Interrupted();
 }
 
 }  // namespace refield

@@ -8,8 +8,8 @@ void install_interrupt_handler();
 
 bool interrupted();
 
-/// Throws Interrupted once a stop was asked for. Called between units of work whose results are already safe
-/// on disk.
+/// Throws Interrupted once a stop was asked for, or the caller's group of TBB tasks was cancelled. Called
+/// between units of work whose results are already safe on disk.
 void throw_if_interrupted();
 
 }  // namespace refield

@@ -162,7 +162,8 @@ void make_dynamic_chart(const DynamicChartArguments& arguments) {
   std::optional<PreparedScene> scene;
   dynamic::TransportOptions prepared;
   for (const Setting& setting : settings()) {
-    if (!scene || !(setting.transport == prepared)) scene.emplace(described, setting.transport);
+    if (!scene || !(setting.transport == prepared))
+      scene.emplace(described, setting.transport, dynamic::TransportCache({}));
     prepared = setting.transport;
     if (!reference)
       reference = frame_reference(*scene, arguments.time, setting.frame.bounces, arguments.paths);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/dynamic/prepared_scene.h"
 
+#include "core/interrupt.h"
 #include "relight/mesh_view.h"
 
 namespace refield::cli {
@@ -36,12 +37,20 @@ constexpr int reference_lamp_points = 4096;
 
 }  // namespace
 
-PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options)
+PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
+                             const dynamic::TransportCache& cache)
     : scene_(std::move(scene)) {
   rays_.reserve(scene_.objects.size());
   for (const dynamic::MovingObject& object : scene_.objects) {
     rays_.emplace_back(object.mesh);
+    if (auto stored = cache.load(object, options)) {
+      transport_.push_back(*std::move(stored));
+      ++cached_;
+      continue;
+    }
     transport_.push_back(dynamic::object_transport(object, rays_.back(), options));
+    throw_if_interrupted();  // else it may be incomplete
+    cache.store(object, options, transport_.back());
   }
   light_ = std::make_unique<dynamic::DynamicLight>(scene_, rays_, transport_);
 }

@@ -7,18 +7,23 @@
 #include "core/image.h"
 #include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/dynamic_light.h"
+#include "simulate/dynamic/transport_cache.h"
 
 namespace refield::cli {
 
-/// A moving scene with all that is computed ahead.
+/// A moving scene with its precomputed transport.
 class PreparedScene {
  public:
-  PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options);
+  /// Takes from the cache what it holds, and stores there what it does not. Throws Interrupted.
+  PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
+                const dynamic::TransportCache& cache);
 
   const dynamic::DynamicScene& scene() const { return scene_; }
   const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }
   dynamic::DynamicLight& light() { return *light_; }
   std::size_t bytes() const;
+  /// Number of objects whose transport came from the cache.
+  std::size_t cached() const { return cached_; }
 
   void solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options);
   /// The same with all in other places; `lamps`: colours are radiance.
@@ -44,6 +49,7 @@ class PreparedScene {
   dynamic::DynamicScene scene_;
   std::vector<prt::MeshRays> rays_;
   std::vector<dynamic::ObjectTransport> transport_;
+  std::size_t cached_ = 0;
   std::unique_ptr<dynamic::DynamicLight> light_;
   std::vector<dynamic::Pose> poses_;
   Mesh lamps_;

@@ -62,7 +62,8 @@ SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t
 
 MovingScene read_moving_scene(const std::filesystem::path& path) {
   const auto prepared =
-      std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path), dynamic::TransportOptions{});
+      std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path), dynamic::TransportOptions{},
+                                      dynamic::TransportCache::from_environment());
   const dynamic::DynamicScene& scene = prepared->scene();
   const std::vector<prt::AreaLight>& lights = scene.lights.lights;
   MovingScene moving;

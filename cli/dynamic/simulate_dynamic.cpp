@@ -186,8 +186,9 @@ void print(const ordered_json& figures) {
                 object["terms"].get<int>(), object["term_error"].get<double>(), object["modes"].get<int>(),
                 object["leaving"].get<int>(), object["returning"].get<int>(),
                 object["bytes"].get<double>() / 1e6);
-  std::printf("%.1f MB, computed in %.1f s\n", figures["bytes"].get<double>() / 1e6,
-              figures["precompute_seconds"].get<double>());
+  std::printf("%.1f MB, precomputed in %.1f s, %zu of %zu objects from the cache\n",
+              figures["bytes"].get<double>() / 1e6, figures["precompute_seconds"].get<double>(),
+              figures["from_cache"].get<std::size_t>(), figures["objects"].size());
   if (figures.contains("times")) {
     const auto& times = figures["times"];
     const double frame = times["frame_ms"].get<double>();
@@ -220,7 +221,8 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   std::optional<OutputLock> lock;
   if (!arguments.output.empty()) lock.emplace(arguments.output, std::vector<fs::path>{arguments.scene});
   const auto start = std::chrono::steady_clock::now();
-  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene), arguments.transport);
+  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene), arguments.transport,
+                      dynamic::TransportCache::from_environment());
   ordered_json figures{{"objects", ordered_json::array()}};
   for (std::size_t o = 0; o < scene.transport().size(); ++o) {
     const dynamic::ObjectTransport& transport = scene.transport()[o];
@@ -234,6 +236,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
                                   {"bytes", transport.bytes()}});
   }
   figures["bytes"] = scene.bytes();
+  figures["from_cache"] = scene.cached();
   figures["precompute_seconds"] = seconds_since(start);
   if (!arguments.output.empty())
     if (const auto exposure = write_frames(scene, arguments)) figures["exposure"] = *exposure;
@@ -326,7 +329,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       "  refield simulate dynamic datasets_synthetic/dynamic/hare.toml -o hare.mp4\n"
       "  refield simulate dynamic scene.toml --time 1.5 -o picture.png\n"
       "  refield simulate dynamic scene.toml --measure --reference 1024\n\n"
-      "docs/dynamic.md describes scenes and methods.");
+      "What is precomputed is kept in ~/.cache/refield for the next run; REFIELD_CACHE=off in the "
+      "environment\n"
+      "switches that off. docs/dynamic.md describes scenes and methods.");
   verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
   verb->add_option("-o,--output", arguments->output,
                    "Film (.mp4), one picture (.png, .exr; see --time), or a folder of pictures");

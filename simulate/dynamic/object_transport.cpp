@@ -219,23 +219,30 @@ std::size_t ObjectTransport::bytes() const {
   return leaving.bytes() + returning.bytes() + floats * sizeof(float) + outside.size() / 8;
 }
 
+ShellGrid shell_grid_of(const TransportOptions& options, float radius) {
+  return {options.rings, options.shells, options.smallest_radius * radius, options.largest_radius * radius};
+}
+
 ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays& rays,
                                  const TransportOptions& options) {
   options.check();
   ObjectTransport transport;
   transport.order = options.order;
   transport.factors = factor(object.brdf, options.factors);
+  throw_if_interrupted();
   transport.radius = bounding_ball(object.mesh).radius;
   transport.modes =
       options.modes == ModeKind::joint
           ? joint_modes(object.mesh, rays, transport.factors, options.functions)
           : separate_modes(principal_basis(object.mesh, rays, transport.factors, options.functions),
                            transport.terms());
-  transport.grid = ShellGrid(options.rings, options.shells, options.smallest_radius * transport.radius,
-                             options.largest_radius * transport.radius);
+  throw_if_interrupted();
+  transport.grid = shell_grid_of(options, transport.radius);
   const Shine shine(object.mesh, transport.factors, transport.modes);
   trace_grid(object.mesh, rays, options, shine, transport);
+  throw_if_interrupted();
   trace_vertices(object.mesh, rays, options, shine, transport);
+  transport.modes.functions.resize(0, 0);  // the largest part, needed for tracing alone
   return transport;
 }
 

@@ -55,6 +55,9 @@ struct ObjectTransport {
   std::size_t bytes() const;
 };
 
+/// The grid around an object whose sphere has that radius.
+ShellGrid shell_grid_of(const TransportOptions& options, float radius);
+
 /// Runs on all cores, with progress. Throws InputError, Interrupted.
 ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays& rays,
                                  const TransportOptions& options);

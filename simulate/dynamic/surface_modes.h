@@ -14,10 +14,10 @@ namespace refield::dynamic {
 /// v·K + k of the matrices is that number.
 struct SurfaceModes {
   using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  Rows functions;              ///< [vertices · K × modes]
+  Rows functions;              ///< [vertices · K × modes]; empty once an object's transport is computed
   Eigen::MatrixXf to_weights;  ///< [modes × vertices · K]
   Eigen::VectorXf strength;    ///< [modes]: how large weights are under typical light; relative
-  Eigen::Index count() const { return functions.cols(); }
+  Eigen::Index count() const { return strength.size(); }
 };
 
 /// The paper's (eq. 5): each term's L_k by the same N functions, with weights of its own: N · K modes.
