@@ -22,7 +22,9 @@ void view(const ViewOptions& options) {
   if (moves && !options.light.empty())
     throw InputError("--light " + options.light + ": a moving scene has its lamps in " +
                      options.shown.string() + "; maps are for fields (.rfield)");
-  if (moves) return run_scene_viewer(read_moving_scene(options.shown), options.window);
+  if (moves)
+    return run_scene_viewer(
+        options.shown.filename().string(), [&] { return read_moving_scene(options.shown); }, options.window);
   const auto light =
       options.light.empty() ? std::nullopt : std::optional<std::filesystem::path>(options.light);
   run_viewer(options.shown, light, options.window);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "core/errors.h"
 #include "core/image_io.h"
@@ -17,77 +18,126 @@ namespace fs = std::filesystem;
 
 namespace {
 
-void load_field(App& app, const fs::path& file) {
-  app.state = std::visit([](auto field) { return std::make_unique<ViewState>(std::move(field)); },
-                         read_either_field(file));
-  app.field_file = file;
-  app.light_name.clear();
-  app.selected.reset();
-}
-
 /// What puts a map of the surroundings onto the field's light map; nothing for other maps, and for those
 /// that differ from the field's in size alone.
-std::shared_ptr<const EnvironmentProjector> projector_for(LightMap& map, const ReflectanceField& field) {
-  const LightDomain& domain = field.basis.domain;
+std::shared_ptr<const EnvironmentProjector> projector_for(LightMap& map, const LightDomain& domain,
+                                                          const std::vector<MonitorPlacement>& monitors) {
   const auto kind = environment_kind(map.radiance.width, map.radiance.height);
   if (!kind || map.domain() == domain || *kind == domain.parameterisation ||
-      (domain.parameterisation == Parameterisation::monitor && field.monitors.empty()))
+      (domain.parameterisation == Parameterisation::monitor && monitors.empty()))
     return nullptr;
   map.parameterisation = *kind;
-  return std::make_shared<const EnvironmentProjector>(domain, field.monitors);
+  return std::make_shared<const EnvironmentProjector>(domain, monitors);
 }
 
-std::string seen_note(const EnvironmentShare& share) {
-  char text[96];
-  std::snprintf(text, sizeof text, "%.1f %% of its light comes from where the monitor is; turn it for more",
-                100.0 * share.energy);
-  return text;
+void show_light(App& app, OpenedLight opened) {
+  LightSetup& setup = app.state->setup();
+  const bool is_monitor = setup.domain().parameterisation == Parameterisation::monitor;
+  if (!setup.has_map()) {
+    setup.remove_all();
+    setup.set_ambient(0.0);
+    app.selected.reset();
+  }
+  setup.set_map(std::nullopt);
+  setup.set_turns(0.0);
+  app.tells_share = opened.environment && is_monitor;
+  if (opened.environment)
+    setup.set_environment(std::move(opened.environment), std::move(opened.projector));
+  else
+    setup.set_map(std::move(opened.map));
+  app.light_name = opened.file.filename().string();
+  app.light_file = opened.file;
+  app.recent.add(opened.file);
+  app.state->probe(std::nullopt);
+  app.state->expose_light();
+  app.state->expose_picture();
+  if (!app.tells_share) say(app, app.light_name + (opened.note.empty() ? "" : ": " + opened.note));
+}
+
+void show_opened(App& app, OpenedFile opened) {
+  if (opened.state) {
+    app.state = std::move(opened.state);
+    app.field_file = opened.file;
+    app.recent.add(opened.file);
+    app.light_name.clear();
+    app.selected.reset();
+    app.tells_share = false;
+  }
+  if (opened.light) show_light(app, *std::move(opened.light));
+}
+
+void tell_share(App& app) {
+  if (!app.tells_share || !app.state->is_current()) return;
+  app.tells_share = false;
+  char text[120];
+  std::snprintf(text, sizeof text, ": %.1f %% of its light comes from where the monitor is; turn it for more",
+                100.0 * app.state->share().energy);
+  say(app, app.light_name + text);
 }
 
 }  // namespace
 
-App::App(const fs::path& field_path) {
-  load_field(*this, field_path);
+OpenedFile read_light_file(const fs::path& file, const LightDomain& domain,
+                           const std::vector<MonitorPlacement>& monitors) {
+  OpenedLight opened;
+  opened.file = file;
+  opened.map = read_light_map(file, domain.parameterisation);
+  opened.projector = projector_for(opened.map, domain, monitors);
+  if (opened.projector) {
+    opened.environment = std::make_shared<const PreparedEnvironment>(std::move(opened.map));
+  } else {
+    FittedLight fitted = fit_light(opened.map.radiance, domain);
+    opened.map = std::move(fitted.light);
+    opened.note = std::move(fitted.note);
+  }
+  return {.file = file, .light = std::move(opened)};
 }
 
-void load_light(App& app, const fs::path& file) {
-  LightPainter& painter = app.state->painter();
-  const LightDomain& domain = painter.domain();
-  LightMap map = read_light_map(file, domain.parameterisation);
-  auto projector = projector_for(map, app.state->field());
-  FittedLight fitted;
-  if (!projector) fitted = fit_light(map.radiance, domain);
-  if (!painter.has_map()) {
-    painter.remove_all();
-    painter.set_ambient(0.0);
-    app.selected.reset();
-  }
-  painter.set_map(std::nullopt);
-  painter.set_turns(0.0);
-  if (projector) {
-    painter.set_surroundings(std::move(map), std::move(projector));
-    if (domain.parameterisation == Parameterisation::monitor) fitted.note = seen_note(painter.share());
-  } else {
-    painter.set_map(std::move(fitted.light));
-  }
-  app.light_name = file.filename().string();
-  app.state->probe(std::nullopt);
-  app.state->expose_light();
-  app.state->expose_picture();
-  say(app, app.light_name + (fitted.note.empty() ? "" : ": " + fitted.note));
+OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light) {
+  OpenedFile opened{.file = field};
+  opened.state = std::visit([](auto content) { return std::make_unique<ViewState>(std::move(content)); },
+                            read_either_field(field));
+  const ReflectanceField& shown = opened.state->field();
+  if (light) opened.light = read_light_file(*light, shown.basis.domain, shown.monitors).light;
+  return opened;
+}
+
+App::App(OpenedFile field) {
+  show_opened(*this, std::move(field));
 }
 
 void open_file(App& app, const fs::path& file) {
+  if (app.opening) {
+    app.opening->cancel();
+    app.abandoned.push_back(std::move(app.opening));
+  }
+  const ReflectanceField& shown = app.state->field();
+  app.opening = std::make_unique<BackgroundJob<OpenedFile>>(
+      [file, domain = shown.basis.domain, monitors = shown.monitors] {
+        if (file.extension() == ".rfield") return read_field_file(file, std::nullopt);
+        return read_light_file(file, domain, monitors);
+      });
+  app.opening_name = file.filename().string();
+}
+
+void take_opened(App& app) {
+  std::erase_if(app.abandoned, [](const auto& job) { return job->wait_for(std::chrono::microseconds(0)); });
+  tell_share(app);
+  constexpr std::chrono::milliseconds pause(15);  // frames that show nothing new must not slow the reading
+  if (!app.opening || !app.opening->wait_for(pause)) return;
+  const auto job = std::exchange(app.opening, nullptr);
+  app.opening_name.clear();
   try {
-    if (file.extension() == ".rfield") {
-      load_field(app, file);
-      say(app, file.filename().string());
-    } else {
-      load_light(app, file);
-    }
+    OpenedFile opened = job->take();
+    if (opened.state) say(app, opened.file.filename().string());
+    show_opened(app, std::move(opened));
   } catch (const Error& error) {
     complain(app, error.what());
   }
+}
+
+bool is_busy(const App& app) {
+  return app.opening || app.tells_share || !app.state->is_current();
 }
 
 void save_picture(App& app, const fs::path& file) {
@@ -98,7 +148,8 @@ void save_picture(App& app, const fs::path& file) {
 }
 
 void save_light(App& app, const fs::path& file) {
-  save_image(app, file, app.state->painter().light().radiance, {app.state->light_exposure()});
+  app.state->refresh();
+  save_image(app, file, app.state->light().radiance, {app.state->light_exposure()});
 }
 
 void change_exposure(App& app, double stops) {
@@ -109,15 +160,15 @@ void change_exposure(App& app, double stops) {
 
 void turn_light(App& app, double degrees) {
   try {
-    LightPainter& painter = app.state->painter();
-    painter.set_turns(painter.turns() + degrees / 360.0);
+    LightSetup& setup = app.state->setup();
+    setup.set_turns(setup.turns() + degrees / 360.0);
   } catch (const Error& error) {
     complain(app, error.what());
   }
 }
 
 void select_lamp_beside(App& app, int step) {
-  const auto count = static_cast<int>(app.state->painter().lamps().size());
+  const auto count = static_cast<int>(app.state->setup().lamps().size());
   if (count == 0) return app.selected.reset();
   const int next = app.selected ? static_cast<int>(*app.selected) + step : 0;
   app.selected = static_cast<std::size_t>((next + count) % count);
@@ -127,45 +178,45 @@ void add_lamp_and_select(App& app, Lamp::Shape shape) {
   Lamp lamp;
   lamp.shape = shape;
   if (shape == Lamp::Shape::bar) lamp.size = 0.125;  // the paper's
-  app.selected = app.state->painter().add(lamp);
+  app.selected = app.state->setup().add(lamp);
 }
 
 void change_selected(App& app, const std::function<void(Lamp&)>& change) {
-  LightPainter& painter = app.state->painter();
-  if (!app.selected || *app.selected >= painter.lamps().size()) return;
-  Lamp lamp = painter.lamps()[*app.selected];
+  LightSetup& setup = app.state->setup();
+  if (!app.selected || *app.selected >= setup.lamps().size()) return;
+  Lamp lamp = setup.lamps()[*app.selected];
   change(lamp);
   lamp.size = std::clamp(lamp.size, 0.002, 1.0);
   lamp.y = std::clamp(lamp.y, 0.0, 1.0);
-  if (painter.domain().parameterisation != Parameterisation::monitor)
+  if (setup.domain().parameterisation != Parameterisation::monitor)
     lamp.x -= std::floor(lamp.x);
   else
     lamp.x = std::clamp(lamp.x, 0.0, 1.0);
-  painter.change(*app.selected, lamp);
+  setup.change(*app.selected, lamp);
 }
 
 void remove_selected(App& app) {
   if (!app.selected) return;
-  app.state->painter().remove(*app.selected);
+  app.state->setup().remove(*app.selected);
   app.selected.reset();
 }
 
 void advance_motion(App& app, double seconds) {
   if (!app.is_playing) return;
   constexpr double turns_a_second = 1.0 / 12.0, sweeps_a_second = 0.15;
-  LightPainter& painter = app.state->painter();
-  if (painter.can_turn()) painter.set_turns(painter.turns() + turns_a_second * seconds);
-  for (std::size_t i = 0; i < painter.lamps().size(); ++i) {
+  LightSetup& setup = app.state->setup();
+  if (setup.can_turn()) setup.set_turns(setup.turns() + turns_a_second * seconds);
+  for (std::size_t i = 0; i < setup.lamps().size(); ++i) {
     if (app.selected && *app.selected != i) continue;  // the selected one alone, or all
-    Lamp lamp = painter.lamps()[i];
+    Lamp lamp = setup.lamps()[i];
     lamp.x += sweeps_a_second * seconds * (i % 2 == 0 ? 1.0 : -1.0);
     lamp.x -= std::floor(lamp.x);
-    painter.change(i, lamp);
+    setup.change(i, lamp);
   }
 }
 
 void probe_at(App& app, const Point& texel) {
-  const LightDomain& domain = app.state->painter().domain();
+  const LightDomain& domain = app.state->setup().domain();
   const int width = std::min(app.probe_texels, domain.width),
             height = std::min(app.probe_texels, domain.height);
   const auto start = [](double middle, int length, int all) {

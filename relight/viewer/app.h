@@ -5,21 +5,56 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "relight/viewer/background_job.h"
 #include "relight/viewer/canvas.h"
+#include "relight/viewer/recent_files.h"
 #include "relight/viewer/view_state.h"
 #include "relight/viewer/window_state.h"
 
 namespace refield {
 
+/// A light map, read and ready to go behind the lamps.
+struct OpenedLight {
+  std::filesystem::path file;
+  LightMap map;                                            ///< that fits the field; empty for environments
+  std::shared_ptr<const PreparedEnvironment> environment;  ///< instead
+  std::shared_ptr<const EnvironmentProjector> projector;   ///< of it
+  std::string note;                                        ///< what was done to the map
+};
+
+/// What a file held: a field or, with `state` null, a light map.
+struct OpenedFile {
+  std::filesystem::path file;
+  std::unique_ptr<ViewState> state = nullptr;
+  std::optional<OpenedLight> light = std::nullopt;  ///< with a field, too: the one to begin with
+};
+
+/// Read a field and, where there is one, a light map to begin with; a light map for a field of that domain
+/// and those monitors. For threads in the background. Throw what the readers throw, InputError for a map that
+/// does not fit.
+OpenedFile read_field_file(const std::filesystem::path& field,
+                           const std::optional<std::filesystem::path>& light);
+OpenedFile read_light_file(const std::filesystem::path& file, const LightDomain& domain,
+                           const std::vector<MonitorPlacement>& monitors);
+
 /// The viewer of fields between frames: what is shown (ViewState) and how the window stands. Panels draw it
 /// and change it; so do shortcuts and scripts.
 struct App : WindowState {
-  explicit App(const std::filesystem::path& field_path);
+  explicit App(OpenedFile field);
 
   std::filesystem::path field_file;
   std::string light_name;  ///< of the map behind the lamps; empty: none
+  std::filesystem::path light_file;
+  RecentFiles recent{RecentFiles::list_from_environment()};
   std::unique_ptr<ViewState> state;
+
+  std::unique_ptr<BackgroundJob<OpenedFile>> opening;  ///< the file that is being read
+  std::string opening_name;
+  /// Those before it, cancelled: kept until they end, so that nobody has to wait for them.
+  std::vector<std::unique_ptr<BackgroundJob<OpenedFile>>> abandoned;
+  bool tells_share = false;  ///< a new environment is being projected: say how much of it the monitor shows
 
   std::optional<std::size_t> selected;  ///< lamp
   bool probes = false;                  ///< the left button probes the light instead of moving lamps
@@ -33,12 +68,14 @@ struct App : WindowState {
   Canvas picture, light;
 };
 
-/// A field (.rfield) or a light map. Errors become notices.
+/// Begins to read a field (.rfield) or a light map in the background; what was being read is given up.
 void open_file(App& app, const std::filesystem::path& file);
-/// The same; errors are thrown.
-void load_light(App& app, const std::filesystem::path& file);
+/// Takes over what has been read since; errors become notices. Called once a frame.
+void take_opened(App& app);
+/// Whether another frame is due though nothing happened: a file is being read, an image relit.
+bool is_busy(const App& app);
 
-/// The relit image as it is (.exr), or tone-mapped (.png).
+/// The relit image as it is (.exr), or tone-mapped (.png). Waits for it.
 void save_picture(App& app, const std::filesystem::path& file);
 void save_light(App& app, const std::filesystem::path& file);
 

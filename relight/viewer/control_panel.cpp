@@ -16,7 +16,7 @@ namespace refield {
 namespace {
 
 void light_section(App& app) {
-  LightPainter& painter = app.state->painter();
+  LightSetup& setup = app.state->setup();
   heading("LIGHT");
   if (button(app, "Add bar")) add_lamp_and_select(app, Lamp::Shape::bar);
   ImGui::SameLine();
@@ -29,29 +29,30 @@ void light_section(App& app) {
   ImGui::SameLine();
   if (button(app, "Move", app.is_playing)) app.is_playing = !app.is_playing;
   label("Ambient");
-  auto ambient = static_cast<float>(painter.ambient());
+  auto ambient = static_cast<float>(setup.ambient());
   if (ImGui::SliderFloat("##ambient", &ambient, 0.0f, 1.0f, "%.3f", ImGuiSliderFlags_Logarithmic))
-    painter.set_ambient(ambient);
-  if (painter.has_map()) {
-    double gain = painter.map_gain();
-    if (stops_slider("Map", "##gain", gain, -8.0f, 8.0f)) painter.set_map_gain(gain);
+    setup.set_ambient(ambient);
+  if (setup.has_map()) {
+    double gain = setup.map_gain();
+    if (stops_slider("Map", "##gain", gain, -8.0f, 8.0f)) setup.set_map_gain(gain);
     const bool slides =
-        painter.domain().parameterisation == Parameterisation::monitor && !painter.has_surroundings();
+        setup.domain().parameterisation == Parameterisation::monitor && !setup.has_environment();
     label(slides ? "Slide" : "Turn");
-    auto degrees = static_cast<float>(360.0 * painter.turns());
+    auto degrees = static_cast<float>(360.0 * setup.turns());
     if (ImGui::SliderFloat("##turn", &degrees, 0.0f, 360.0f, "%.0f°"))
-      turn_light(app, degrees - 360.0 * painter.turns());
-    if (painter.has_surroundings())
-      ImGui::TextDisabled("%s, %.1f %% of its light", app.light_name.c_str(), 100.0 * painter.share().energy);
+      turn_light(app, degrees - 360.0 * setup.turns());
+    if (setup.has_environment() && setup.domain().parameterisation == Parameterisation::monitor)
+      ImGui::TextDisabled("%s, %.1f %% of its light", app.light_name.c_str(),
+                          100.0 * app.state->share().energy);
     else
       ImGui::TextDisabled("%s", app.light_name.c_str());
     ImGui::SameLine();
     if (button(app, "Remove map")) {
-      painter.set_map(std::nullopt);
+      setup.set_map(std::nullopt);
       app.light_name.clear();
     }
   } else {
-    ImGui::TextDisabled("Drop a light map onto the window.");
+    ImGui::TextDisabled("Open a light map, or drop one onto the window.");
   }
   double shown = app.state->light_exposure();
   if (stops_slider("Shown at", "##light exposure", shown, -16.0f, 16.0f))
@@ -59,8 +60,8 @@ void light_section(App& app) {
 }
 
 void lamp_section(App& app) {
-  if (!app.selected || *app.selected >= app.state->painter().lamps().size()) return;
-  const Lamp lamp = app.state->painter().lamps()[*app.selected];
+  if (!app.selected || *app.selected >= app.state->setup().lamps().size()) return;
+  const Lamp lamp = app.state->setup().lamps()[*app.selected];
   heading(lamp.shape == Lamp::Shape::bar ? "BAR" : "SPOT");
   std::array<float, 3> encoded;
   for (int c = 0; c < 3; ++c) encoded[c] = srgb_from_linear(lamp.colour[c]);
@@ -97,10 +98,10 @@ void picture_section(App& app) {
   ImGui::NewLine();
   ToneMapping tone = state.tone();
   if (tone_controls(app, tone)) state.set_tone(tone);
-  if (button(app, "Expose anew")) state.expose_picture();
+  if (button(app, "Auto-expose")) state.expose_picture();
   ImGui::SameLine();
   if (FreeView* view = state.view()) {
-    if (button(app, "Camera back")) view->move().reset();
+    if (button(app, "Reset camera")) view->move().reset();
   } else {
     if (button(app, "Fit")) app.picture.fit();
     ImGui::SameLine();
@@ -108,7 +109,6 @@ void picture_section(App& app) {
     ImGui::SameLine();
     if (button(app, "Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
   }
-  window_buttons(app);
 }
 
 /// The power of ten that the largest weight is written with.
@@ -140,9 +140,22 @@ void kernel_row(const PixelKernel& kernel, int exponent) {
   }
 }
 
+constexpr std::size_t shown_kernels = 6;
+
+double kernel_section_height(const App& app) {
+  const auto rows = static_cast<double>(std::min(app.state->kernels().size(), shown_kernels) + 1);
+  return rows * ImGui::GetTextLineHeightWithSpacing() + 2.0 * ImGui::GetTextLineHeightWithSpacing() +
+         ImGui::GetFrameHeightWithSpacing() + 2.0 * ImGui::GetStyle().WindowPadding.y + 26.0;
+}
+
+/// Where the last light map came from, else the field.
+std::filesystem::path folder_of_dialog(const App& app) {
+  return std::filesystem::absolute(app.light_file.empty() ? app.field_file : app.light_file).parent_path();
+}
+
 void kernel_section(App& app) {
   ViewState& state = *app.state;
-  if (!state.picked()) return;
+  if (!state.picked()) return;  // deselected in this frame
   heading(state.view() != nullptr ? "VERTEX" : "PIXEL");
   const PixelPosition pixel = *state.picked();
   const Image& image = state.radiance();
@@ -155,15 +168,12 @@ void kernel_section(App& app) {
   }
   if (button(app, "Over the map", app.shows_kernels)) app.shows_kernels = !app.shows_kernels;
   ImGui::SameLine();
-  if (button(app, "Let go")) state.pick(std::nullopt);
+  if (button(app, "Deselect")) state.pick(std::nullopt);
   ImGui::SameLine();
   ImGui::TextDisabled("%zu kernels", state.kernels().size());
-  const auto shown_rows = static_cast<float>(std::min<std::size_t>(state.kernels().size(), 6) + 1);
   constexpr ImGuiTableFlags flags =
       ImGuiTableFlags_RowBg | ImGuiTableFlags_ScrollY | ImGuiTableFlags_SizingFixedFit;
-  if (!ImGui::BeginTable("##kernels", 5, flags,
-                         ImVec2(0.0f, shown_rows * ImGui::GetTextLineHeightWithSpacing())))
-    return;
+  if (!ImGui::BeginTable("##kernels", 5, flags, ImVec2(0.0f, ImGui::GetContentRegionAvail().y))) return;
   ImGui::TableSetupScrollFreeze(0, 1);
   ImGui::TableSetupColumn("share");
   ImGui::TableSetupColumn("texels (x, y + size)", ImGuiTableColumnFlags_WidthStretch);
@@ -177,12 +187,23 @@ void kernel_section(App& app) {
 }  // namespace
 
 void draw_control_panel(App& app, const Area& area) {
-  begin_panel("##controls", area, true);
   app.controls.clear();
-  kernel_section(app);
+  // The kernels have a panel of their own below the others, which stay where they are.
+  constexpr double gap = 8.0;
+  const double kernels = app.state->picked() ? std::min(kernel_section_height(app), 0.5 * area.height) : 0.0;
+  Area rest = area;
+  if (kernels > 0.0) rest.height -= kernels + gap;
+  begin_panel("##controls", rest, true);
+  if (button(app, "Open")) app.dialog.emplace(FileDialog::Purpose::open, folder_of_dialog(app));
+  ImGui::SameLine();
+  window_buttons(app, "relit");
+  picture_section(app);
   light_section(app);
   lamp_section(app);
-  picture_section(app);
+  end_panel();
+  if (kernels <= 0.0) return;
+  begin_panel("##kernels", {area.x, area.y + rest.height + gap, area.width, kernels}, true);
+  kernel_section(app);
   end_panel();
 }
 

@@ -23,11 +23,11 @@ void print_places(const App& app) {
                                             : "null";
   std::printf(
       "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"lamps\": %zu, \"turn\": %.6f, "
-      "\"exposure\": %.9g, \"notice\": %s%s}\n",
+      "\"exposure\": %.9g, \"notice\": %s, %s%s}\n",
       canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(),
       canvas_text(app.light, light.width, light.height).c_str(), picked.c_str(), state.kernels().size(),
-      state.painter().lamps().size(), 360.0 * state.painter().turns(), state.tone_in_use().exposure,
-      app.notice && app.notice->is_error ? "\"error\"" : "null",
+      state.setup().lamps().size(), 360.0 * state.setup().turns(), state.tone_in_use().exposure,
+      app.notice && app.notice->is_error ? "\"error\"" : "null", controls_text(app).c_str(),
       state.view() != nullptr ? (", " + camera_text(state.view()->camera())).c_str() : "");
   std::fflush(stdout);
 }
@@ -36,7 +36,7 @@ void perform(App& app, const ScriptCommand& command) {
   ViewState& state = *app.state;
   switch (command.verb) {
     case Verb::rotate:
-      return turn_light(app, command.numbers[0] - 360.0 * state.painter().turns());
+      return turn_light(app, command.numbers[0] - 360.0 * state.setup().turns());
     case Verb::exposure:
       return state.set_tone({std::exp2(command.numbers[0]), state.tone().curve});
     case Verb::curve:
@@ -68,7 +68,9 @@ ScriptStage field_stage(App& app) {
                 return canvas.window_from_image({x, y});
               },
           .key = [](const std::string& name) { return key_named(keys_of(shortcuts()), name); },
-          .perform = [&app](const ScriptCommand& command) { perform(app, command); }};
+          .perform = [&app](const ScriptCommand& command) { perform(app, command); },
+          .is_opening = [&app] { return app.opening != nullptr; },
+          .is_current = [&app] { return !is_busy(app); }};
 }
 
 }  // namespace refield

@@ -6,6 +6,7 @@
 
 #include "core/light_map.h"
 #include "relight/environment.h"
+#include "relight/prepared_environment.h"
 #include "relight/viewer/lamp.h"
 
 namespace refield {
@@ -13,36 +14,40 @@ namespace refield {
 /// The box around both; either may be missing.
 std::optional<Box> united(const std::optional<Box>& a, const std::optional<Box>& b);
 
-/// A light map made of parts that can be moved: ambient light, a loaded map behind, lamps in front. Changes
-/// cost what they touch, and are remembered as a box until taken. Texels are always made anew from the parts,
-/// so that no rounding adds up.
-class LightPainter {
+/// What a light map is made of: ambient light, a loaded map behind, lamps in front. A value: cheap to change,
+/// to copy (maps are shared) and to compare; LightPainter makes the texels.
+class LightSetup {
  public:
-  explicit LightPainter(const LightDomain& domain);
+  explicit LightSetup(const LightDomain& domain) : domain_(domain) {}
 
   const LightDomain& domain() const { return domain_; }
-  const LightMap& light() const { return light_; }
 
   /// Radiance of every texel, beside all else.
   double ambient() const { return ambient_; }
-  void set_ambient(double radiance);
+  void set_ambient(double radiance) { ambient_ = radiance; }
 
   /// The map behind the lamps; none at first. Throws InputError when it does not fit the domain.
   void set_map(std::optional<LightMap> map);
-  bool has_map() const { return map_.has_value(); }
-  /// Surroundings behind the lamps instead, of any size, as `projector` puts them onto this light map.
-  void set_surroundings(LightMap surroundings, std::shared_ptr<const EnvironmentProjector> projector);
-  bool has_surroundings() const { return projector_ != nullptr; }
-  /// What of the surroundings reaches the light map as it is turned; all of a map.
-  const EnvironmentShare& share() const { return share_; }
+  bool has_map() const { return map_ || environment_; }
+  const std::shared_ptr<const LightMap>& map() const { return map_; }
+  /// An environment behind the lamps instead, of any size, as `projector` puts it onto this light map.
+  void set_environment(std::shared_ptr<const PreparedEnvironment> environment,
+                       std::shared_ptr<const EnvironmentProjector> projector);
+  bool has_environment() const { return environment_ != nullptr; }
+  const std::shared_ptr<const PreparedEnvironment>& environment() const { return environment_; }
+  const std::shared_ptr<const EnvironmentProjector>& projector() const { return projector_; }
+  /// How the environment is turned.
+  Turn turn() const { return {.yaw = 360.0 * turns_}; }
   /// A factor on the map.
   double map_gain() const { return map_gain_; }
-  void set_map_gain(double gain);
+  void set_map_gain(double gain) { map_gain_ = gain; }
   /// The map turned about the vertical axis, 1 = full circle, content moving to the right. A monitor's own
   /// map slides sideways instead, and what leaves on the right enters on the left. Throws InputError for a
   /// cube's own map.
   double turns() const { return turns_; }
-  bool can_turn() const { return projector_ || (map_ && domain_.parameterisation != Parameterisation::cube); }
+  bool can_turn() const {
+    return environment_ || (map_ && domain_.parameterisation != Parameterisation::cube);
+  }
   void set_turns(double turns);
 
   const std::vector<Lamp>& lamps() const { return lamps_; }
@@ -51,29 +56,49 @@ class LightPainter {
   /// Numbers that no lamp has are ignored by these two.
   void change(std::size_t number, const Lamp& lamp);
   void remove(std::size_t number);
-  void remove_all();
+  void remove_all() { lamps_.clear(); }
   /// The lamp at a point, in fractions of width and height; of several the one added last.
   std::optional<std::size_t> lamp_at(double x, double y) const;
 
-  /// Where the light changed since the last call; nothing where it did not.
-  std::optional<Box> take_changed();
+  bool operator==(const LightSetup&) const = default;
 
  private:
-  Box everything() const { return {0, 0, domain_.width, domain_.height}; }
-  void turn_map();
-  void compose(const std::optional<Box>& box);
-
   LightDomain domain_;
-  LightMap light_;
   double ambient_ = 0.0;
-  std::optional<LightMap> map_;
-  std::shared_ptr<const EnvironmentProjector> projector_;  // of surroundings
-  EnvironmentShare share_;
-  LightMap turned_;
+  std::shared_ptr<const LightMap> map_;
+  std::shared_ptr<const PreparedEnvironment> environment_;
+  std::shared_ptr<const EnvironmentProjector> projector_;  // of the environment
   double map_gain_ = 1.0;
   double turns_ = 0.0;
   std::vector<Lamp> lamps_;
-  std::optional<Box> changed_;
+};
+
+/// Paints setups onto a light map, one after another; each costs what differs from the one before. Texels are
+/// always made anew from the parts, so that no rounding adds up.
+class LightPainter {
+ public:
+  explicit LightPainter(const LightDomain& domain);
+
+  const LightMap& light() const { return light_; }
+  const LightSetup& setup() const { return setup_; }
+  /// What of the environment reaches the light map as it is turned; all of a map.
+  const EnvironmentShare& share() const { return share_; }
+
+  /// Turns or projects the map, where that is another than it was: what paint() begins with. Throws
+  /// Interrupted; then nothing has changed.
+  void turn_map(const LightSetup& setup);
+  /// Returns where the light changed; nothing where it did not.
+  std::optional<Box> paint(const LightSetup& setup);
+
+ private:
+  Box everything() const { return {0, 0, setup_.domain().width, setup_.domain().height}; }
+  void compose(const Box& box);
+
+  LightMap light_;
+  LightSetup setup_;   // as painted
+  LightSetup turned_;  // its map as it is in the next
+  LightMap behind_;
+  EnvironmentShare share_;
 };
 
 }  // namespace refield

@@ -30,7 +30,7 @@ void handle_drag(App& app) {
   const ImGuiIO& io = ImGui::GetIO();
   if (ImGui::IsItemActivated()) {
     const Point at = fraction_at(app, io.MousePos);
-    app.selected = app.state->painter().lamp_at(at.x, at.y);
+    app.selected = app.state->setup().lamp_at(at.x, at.y);
     return;
   }
   if (io.MouseDelta.x == 0.0f && io.MouseDelta.y == 0.0f) return;
@@ -42,7 +42,7 @@ void handle_drag(App& app) {
       lamp.x += dx;
       lamp.y += dy;
     });
-  else if (app.state->painter().can_turn())
+  else if (app.state->setup().can_turn())
     turn_light(app, 360.0 * dx);
 }
 
@@ -56,7 +56,7 @@ void handle_wheel(App& app) {
     return;
   }
   const Point at = fraction_at(app, io.MousePos);
-  if (const auto lamp = app.state->painter().lamp_at(at.x, at.y)) app.selected = lamp;
+  if (const auto lamp = app.state->setup().lamp_at(at.x, at.y)) app.selected = lamp;
   change_selected(app, [&](Lamp& lamp) { lamp.size *= std::pow(1.1, io.MouseWheel); });
 }
 
@@ -74,7 +74,7 @@ void handle_mouse(App& app) {
   if (!ImGui::IsItemHovered()) return;
   handle_wheel(app);
   const Point at = fraction_at(app, io.MousePos);
-  if (!app.probes && app.state->painter().lamp_at(at.x, at.y)) ImGui::SetMouseCursor(ImGuiMouseCursor_Hand);
+  if (!app.probes && app.state->setup().lamp_at(at.x, at.y)) ImGui::SetMouseCursor(ImGuiMouseCursor_Hand);
 }
 
 ImU32 colour_of(const Lamp& lamp) {
@@ -165,7 +165,7 @@ void draw_light_panel(App& app, const Textures& textures, const Area& area) {
   list.PushClipRect(corner, far_corner, true);
   const bool shows_kernels = app.shows_kernels && app.state->picked();
   if (shows_kernels) draw_kernels(app, textures, corner, far_corner);
-  const auto& lamps = app.state->painter().lamps();
+  const auto& lamps = app.state->setup().lamps();
   for (std::size_t i = 0; i < lamps.size(); ++i)
     if (!shows_kernels || app.selected == i) draw_lamp(app, lamps[i], app.selected == i);
   draw_probe(app);

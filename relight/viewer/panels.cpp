@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "core/errors.h"
+#include "relight/viewer/file_dialog.h"
 #include "relight/viewer/shortcuts.h"
 #include "relight/viewer/window_panels.h"
 
@@ -20,13 +22,22 @@ constexpr const char* mouse_help =
     "a mesh: drag turns them, wheel comes nearer, right button or Shift and drag pans.\n"
     "Light map: drag lamps, wheel sizes them; drag beside them to turn the map; hold the right button to see "
     "what that part alone lights, wheel sizes the part.\n"
-    "Drop light maps and fields onto the window.";
+    "Open light maps and fields by the button, or drop them onto the window.";
 
 std::string name_text(const App& app) {
   const ReflectanceField& field = app.state->field();
   return app.field_file.filename().string() + "   " +
          (field.mesh.empty() ? std::to_string(field.width) + "×" + std::to_string(field.height)
                              : std::to_string(field.mesh.positions.size()) + " vertices");
+}
+
+void take_file(App& app, const std::filesystem::path& file) {
+  if (app.dialog->purpose == FileDialog::Purpose::open) return open_file(app, file);
+  try {
+    save_picture(app, file);
+  } catch (const Error& error) {
+    complain(app, error.what());
+  }
 }
 
 }  // namespace
@@ -39,7 +50,8 @@ void draw_panels(App& app, const Textures& textures) {
   const double left_width = window.x - side - 3.0 * gap, right = left_width + 2.0 * gap;
   const double light_height =
       std::min(side * domain.height / domain.width, std::max(140.0, 0.42 * inner_height));
-  const Area picture{gap, gap, left_width, inner_height};
+  const Area left{gap, gap, left_width, inner_height};
+  const Area picture = app.shows_help ? above_help(app, left) : left;
   draw_picture_panel(app, textures, picture);
   draw_light_panel(app, textures, {right, gap, side, light_height});
   draw_control_panel(app, {right, gap + light_height + gap, side, inner_height - light_height - gap});
@@ -47,8 +59,9 @@ void draw_panels(App& app, const Textures& textures) {
                   pointer_text(app.picture, app.state->radiance(), "pixel") +
                       pointer_text(app.light, app.state->shown_light(), "texel"));
   draw_notice(app, picture);
-  if (app.shows_help)
-    draw_help(app, {0.0, 0.0, window.x, window.y}, mouse_help, keys_of(shortcuts()), "Picture");
+  if (app.shows_help) draw_help(app, left, mouse_help, keys_of(shortcuts()));
+  draw_file_dialog(app, left, app.recent.files(),
+                   [&](const std::filesystem::path& file) { take_file(app, file); });
 }
 
 }  // namespace refield

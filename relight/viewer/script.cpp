@@ -28,7 +28,7 @@ struct Grammar {
   std::string_view usage;
 };
 
-constexpr std::array<Grammar, 28> grammars = {{
+constexpr std::array<Grammar, 29> grammars = {{
     {"load", Verb::load, false, 0, 0, true, "load FILE"},
     {"move", Verb::move, true, 2, 2, false, "move image|light X Y"},
     {"pick", Verb::pick, false, 2, 2, false, "pick X Y"},
@@ -38,6 +38,7 @@ constexpr std::array<Grammar, 28> grammars = {{
     {"release", Verb::release, false, 0, 0, false, "release"},
     {"press", Verb::press, false, 0, 0, true, "press LABEL"},
     {"key", Verb::key, false, 0, 0, true, "key NAME"},
+    {"type", Verb::type, false, 0, 0, true, "type TEXT"},
     {"rotate", Verb::rotate, false, 1, 1, false, "rotate DEGREES"},
     {"select", Verb::select, false, 0, 0, true, "select NAME"},
     {"place", Verb::place, false, 3, 3, false, "place X Y Z"},

@@ -19,6 +19,7 @@ struct ScriptCommand {
     release,
     press,     ///< text: a control's label
     key,       ///< text: its name
+    type,      ///< text: ASCII, into the text field that has the focus
     rotate,    ///< numbers: degrees
     select,    ///< text: a thing's name
     place,     ///< numbers: x y z

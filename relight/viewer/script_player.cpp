@@ -23,26 +23,29 @@ MouseMoved over(const ScriptStage& stage, Target target, double x, double y) {
 
 Point control_named(const WindowState& window, const std::string& name) {
   const auto found = window.controls.find(name);
-  if (found != window.controls.end()) return found->second;
+  if (found != window.controls.end() && found->second.is_visible) return found->second.middle;
+  if (found != window.controls.end())
+    throw InputError("the control '" + name + "' is scrolled out of view; take a larger window (--size)");
   std::string known;
-  for (const auto& [label, place] : window.controls) known.append(known.empty() ? "" : ", ").append(label);
+  for (const auto& [label, control] : window.controls) known.append(known.empty() ? "" : ", ").append(label);
   throw InputError("there is no control '" + name + "' now; there are " + known);
 }
 
 }  // namespace
 
-void ScriptPlayer::add(const ScriptCommand& command, Step step) {
-  steps_.push_back([line = command.line, step = std::move(step)](const Driven& driven) {
+void ScriptPlayer::add(const ScriptCommand& command, std::function<void(const Driven&)> run, bool waits) {
+  const auto told = [line = command.line, run = std::move(run)](const Driven& driven) {
     try {
-      step(driven);
+      run(driven);
     } catch (const InputError& error) {
       throw InputError("script, line " + std::to_string(line) + ": " + error.what());
     }
-  });
+  };
+  steps_.push_back({told, waits});
 }
 
 void ScriptPlayer::plan_waiting(int frames) {
-  for (int i = 0; i < frames; ++i) steps_.push_back([](const Driven&) {});
+  for (int i = 0; i < frames; ++i) steps_.push_back({[](const Driven&) {}});
 }
 
 void ScriptPlayer::plan_click(const ScriptCommand& command, MouseButton button) {
@@ -87,7 +90,7 @@ void ScriptPlayer::plan_drag(const ScriptCommand& command) {
 
 void ScriptPlayer::plan_output(const ScriptCommand& command) {
   plan_waiting(1);
-  add(command, [this, command](const Driven& driven) {
+  const auto run = [this, command](const Driven& driven) {
     if (command.verb == Verb::fps) {
       std::printf("%s\n", text_of(frame_statistics(frames_)).c_str());
       std::fflush(stdout);
@@ -99,7 +102,8 @@ void ScriptPlayer::plan_output(const ScriptCommand& command) {
     } else {
       driven.stage.perform(command);
     }
-  });
+  };
+  add(command, run, command.verb != Verb::quit);
 }
 
 void ScriptPlayer::plan(const ScriptCommand& command) {
@@ -149,6 +153,11 @@ void ScriptPlayer::plan(const ScriptCommand& command) {
         driven.input.push(key);
       });
       return plan_waiting(settling_frames);
+    case Verb::type:
+      add(command, [=](const Driven& driven) {
+        for (const char c : command.text) driven.input.push(CharacterTyped{static_cast<unsigned char>(c)});
+      });
+      return plan_waiting(settling_frames);
     case Verb::wait:
       return plan_waiting(static_cast<int>(command.numbers[0]));
     case Verb::fps:
@@ -165,14 +174,16 @@ void ScriptPlayer::plan(const ScriptCommand& command) {
 }
 
 bool ScriptPlayer::step(WindowState& window, const ScriptStage& stage, InputQueue& input) {
+  if (stage.is_opening()) return true;
   while (steps_.empty()) {
     const auto command = source_.next();
     if (!command) return false;
     plan(*command);
   }
+  if (steps_.front().waits && !stage.is_current()) return true;
   const Step next = std::move(steps_.front());
   steps_.pop_front();
-  next({window, stage, input});
+  next.run({window, stage, input});
   return true;
 }
 

@@ -21,6 +21,10 @@ struct ScriptStage {
   std::function<KeyChanged(const std::string&)> key;
   /// Does what is neither mouse nor key. Throws InputError for what is not to be had there.
   std::function<void(const ScriptCommand&)> perform;
+  /// Whether a file is still being read: the script then waits. And whether the picture shows all that was
+  /// done: commands that print or save wait for it.
+  std::function<bool()> is_opening = [] { return false; };
+  std::function<bool()> is_current = [] { return true; };
 };
 
 /// Plays a script, a step a frame: mouse and keys as events that a user could have made, the rest by calls.
@@ -43,10 +47,13 @@ class ScriptPlayer {
     const ScriptStage& stage;
     InputQueue& input;
   };
-  using Step = std::function<void(const Driven&)>;
+  struct Step {
+    std::function<void(const Driven&)> run;
+    bool waits = false;  ///< for the picture
+  };
   void plan(const ScriptCommand& command);
-  /// `step` as the next frame's, its errors with the command's line.
-  void add(const ScriptCommand& command, Step step);
+  /// `run` as the next frame's step, its errors with the command's line.
+  void add(const ScriptCommand& command, std::function<void(const Driven&)> run, bool waits = false);
   void plan_click(const ScriptCommand& command, MouseButton button);
   void plan_drag(const ScriptCommand& command);
   void plan_output(const ScriptCommand& command);

@@ -43,7 +43,9 @@ void next_operator(App& app) {
 
 /// Lets go of one thing at a time.
 void leave(App& app) {
-  if (app.shows_help)
+  if (app.dialog)
+    app.dialog.reset();
+  else if (app.shows_help)
     app.shows_help = false;
   else if (app.probes || app.state->probed()) {
     app.probes = false;
@@ -102,26 +104,26 @@ std::vector<Shortcut<App>> make_shortcuts() {
        [](App& a) { change_exposure(a, third_of_a_stop); }},
       {{picture, "D", GLFW_KEY_D, false, "darker by ⅓ stop"},
        [](App& a) { change_exposure(a, -third_of_a_stop); }},
-      {{picture, "A", GLFW_KEY_A, false, "expose anew"},
+      {{picture, "A", GLFW_KEY_A, false, "auto-expose"},
        [](App& a) {
          a.state->expose_picture();
          a.state->expose_light();
        }},
       {{picture, "T", GLFW_KEY_T, false, "next tone curve"}, next_operator},
-      {{picture, "F", GLFW_KEY_F, false, "fit into the window; the camera back"}, fit},
+      {{picture, "F", GLFW_KEY_F, false, "fit; reset camera"}, fit},
       {{picture, "Z", GLFW_KEY_Z, false, "pixel for pixel"}, [](App& a) { a.picture.zoom_to(1.0); }},
       {{picture, "X", GLFW_KEY_X, false, "smooth or square pixels"},
        [](App& a) { a.is_smooth = !a.is_smooth; }},
-      {{rest, "S", GLFW_KEY_S, false, "screenshot (view-0001.png)"},
+      {{rest, "S", GLFW_KEY_S, false, "screenshot, view-0001.png"},
        [](App& a) { a.wants_screenshot = true; }},
-      {{rest, "W", GLFW_KEY_W, false, "write the picture (relit-0001.exr, .png)"}, save_pictures},
-      {{rest, "R", GLFW_KEY_R, false, "back to the lamps of the start"},
+      {{rest, "W", GLFW_KEY_W, false, "save as relit-0001.exr and .png"}, save_pictures},
+      {{rest, "R", GLFW_KEY_R, false, "reset the lamps"},
        [](App& a) {
          a.selected.reset();
          a.state->reset_lamps();
        }},
       {{rest, "F1", GLFW_KEY_F1, false, "this help"}, [](App& a) { a.shows_help = !a.shows_help; }},
-      {{rest, "Escape", GLFW_KEY_ESCAPE, false, "let go"}, leave},
+      {{rest, "Escape", GLFW_KEY_ESCAPE, false, "close, deselect"}, leave},
       {{rest, "Shift+Q", GLFW_KEY_Q, true, "quit"}, [](App& a) { a.wants_to_close = true; }},
   };
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/view_state.h"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
@@ -10,6 +12,8 @@
 #include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/false_colour.h"
+#include "core/interrupt.h"
+#include "relight/sequence.h"
 
 namespace refield {
 
@@ -26,6 +30,13 @@ constexpr std::uint64_t most_fine_entries = 8'000'000;
 void require_content(const ReflectanceField& field) {
   if (field.width < 1 || field.height < 1 || field.basis.domain.width < 1 || field.basis.domain.height < 1)
     throw InputError("the field is empty; there is nothing to show");
+}
+
+void add(double factor, const Image& from, Image& to) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, to.values.size(), 1 << 16), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i != range.end(); ++i)
+      to.values[i] += static_cast<float>(factor) * from.values[i];
+  });
 }
 
 }  // namespace
@@ -71,27 +82,36 @@ ViewState::Loaded ViewState::load(PackedField packed) {
 
 ViewState::ViewState(Loaded loaded)
     : field_(std::move(loaded.field)),
+      setup_(field_.basis.domain),
+      panorama_(field_.basis.domain),
+      light_picture_(std::size_t{4} * panorama_.shown().width * panorama_.shown().height),
+      kernel_picture_(light_picture_.size()),
+      done_{setup_, std::nullopt},
+      running_(done_),
       relighter_(std::move(loaded.relighter)),
       painter_(field_.basis.domain),
-      probe_light_{Image(painter_.domain().width, painter_.domain().height, 3),
-                   painter_.domain().parameterisation},
-      panorama_(painter_.domain()),
-      light_picture_(std::size_t{4} * panorama_.shown().width * panorama_.shown().height),
-      kernel_picture_(light_picture_.size()) {
+      probe_light_{Image(setup_.domain().width, setup_.domain().height, 3),
+                   setup_.domain().parameterisation} {
+  if (const auto boxes = relighter_.summed_boxes(); !boxes.empty() && panorama_.is_cube())
+    summed_.emplace(SummedEnvironment{.relighter = relighter_,
+                                      .boxes = BoxProjector(setup_.domain().width, boxes),
+                                      .shown = EnvironmentProjector(panorama_.shown(), {}),
+                                      .of = std::nullopt,
+                                      .straight = {},
+                                      .outputs = {},
+                                      .panorama = {}});
   reset_lamps();
-  outputs_ = &relighter_.relight(painter_.light());
-  painter_.take_changed();
   if (!field_.mesh.empty()) view_ = std::make_unique<FreeView>(field_);
-  look(true);
   expose_picture();
+  refresh();
+  is_picture_old_ = is_light_old_ = true;
 }
 
 void ViewState::reset_lamps() {
-  painter_.remove_all();
-  painter_.set_ambient(0.03);
-  painter_.add({Lamp::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  painter_.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
-  is_light_old_ = true;
+  setup_.remove_all();
+  setup_.set_ambient(0.03);
+  setup_.add({Lamp::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  setup_.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
 }
 
 void ViewState::set_tone(const ToneMapping& tone) {
@@ -107,17 +127,23 @@ void ViewState::set_light_exposure(double exposure) {
 }
 
 void ViewState::expose_picture() {
-  look(relight());
-  const double exposure = exposure_to_white(radiance());
-  if (probed_)
-    probe_exposure_ = exposure;
-  else
-    tone_.exposure = exposure;
-  is_picture_old_ = true;
+  wants_picture_exposure_ = true;
+  expose_if_current();
 }
 
 void ViewState::expose_light() {
-  set_light_exposure(exposure_to_white(painter_.light().radiance));
+  wants_light_exposure_ = true;
+  expose_if_current();
+}
+
+void ViewState::expose_if_current() {
+  if (!is_current()) return;
+  if (std::exchange(wants_picture_exposure_, false)) {
+    look(false);
+    (done_.probe ? probe_exposure_ : tone_.exposure) = exposure_to_white(radiance());
+    is_picture_old_ = true;
+  }
+  if (std::exchange(wants_light_exposure_, false)) set_light_exposure(exposure_to_white(shown_light_));
 }
 
 const std::vector<float>& ViewState::error_map(Shown shown) const {
@@ -175,15 +201,14 @@ void ViewState::place_mark() {
 }
 
 void ViewState::probe(std::optional<Box> part) {
-  if (part && !part->inside(painter_.domain().width, painter_.domain().height)) part.reset();
+  if (part && !part->inside(setup_.domain().width, setup_.domain().height)) part.reset();
   if (part == probed_) return;
   const bool begins = part && !probed_;
-  if (part.has_value() != probed_.has_value()) is_picture_old_ = true;
   probed_ = part;
   if (begins) expose_picture();
 }
 
-void ViewState::relight_probe() {
+const Image& ViewState::relight_probe(const Box& probe) {
   const auto fill = [this](const Box& box, float radiance) {
     for (int y = box.y0; y < box.y1; ++y)
       std::ranges::fill(probe_light_.radiance.row(y).subspan(static_cast<std::size_t>(box.x0) * 3,
@@ -191,30 +216,134 @@ void ViewState::relight_probe() {
                         radiance);
   };
   if (lit_) fill(*lit_, 0.0f);
-  fill(*probed_, 1.0f);
-  outputs_ =
-      lit_ ? &relighter_.update(probe_light_, *united(lit_, probed_)) : &relighter_.relight(probe_light_);
-  lit_ = probed_;
+  fill(probe, 1.0f);
+  const Image& outputs =
+      lit_ ? relighter_.update(probe_light_, *united(*lit_, probe)) : relighter_.relight(probe_light_);
+  lit_ = probe;
+  return outputs;
 }
 
-/// Whether the image changed.
-bool ViewState::relight() {
-  const auto changed = painter_.take_changed();
-  if (changed) is_light_old_ = true;
-  if (probed_) {
-    if (probed_ == lit_) return false;
-    relight_probe();
-    return true;
+bool ViewState::is_summed(const LightSetup& light) const {
+  return summed_ && light.has_environment() && light.environment()->has_path_sums();
+}
+
+/// Returns how long relighting took, in milliseconds.
+double ViewState::sum_environment(const LightSetup& light) {
+  SummedEnvironment& summed = *summed_;
+  const bool is_same = summed.of && summed.of->environment() == light.environment();
+  if (is_same && summed.of->turns() == light.turns()) return 0.0;
+  if (!is_same) {
+    summed.of.reset();
+    summed.straight = summed.shown.project(*light.environment(), {}).light;
   }
-  if (lit_) {
-    // Emptied for the next probe.
-    std::ranges::fill(probe_light_.radiance.values, 0.0f);
-    lit_.reset();
-    outputs_ = &relighter_.relight(painter_.light());
-    return true;
+  const std::vector<float> sums = summed.boxes.project(*light.environment(), light.turn());
+  throw_if_interrupted();  // else they may be incomplete
+  double relight_ms = 0.0;
+  run_uncancelled([&] {
+    summed.panorama = rotated(summed.straight, light.turns()).radiance;
+    const auto start = std::chrono::steady_clock::now();
+    summed.outputs = summed.relighter.relight(sums);
+    relight_ms = milliseconds_since(start);
+  });
+  summed.of = light;
+  return relight_ms;
+}
+
+/// In the job. What can be cancelled is projecting alone, which takes long and leaves all as it was.
+ViewState::JobTimes ViewState::relight(const Request& request) {
+  JobTimes times;
+  const auto start = std::chrono::steady_clock::now();
+  const bool is_summed_one = is_summed(request.light);
+  LightSetup painted = request.light;
+  if (is_summed_one) {
+    painted.set_map(std::nullopt);
+    times.relight_ms = sum_environment(request.light);
+  } else {
+    painter_.turn_map(painted);
   }
-  if (changed) outputs_ = &relighter_.update(painter_.light(), *changed);
-  return changed.has_value();
+  run_uncancelled([&] {
+    // Beside a summed environment nothing else may shine; then there is nothing to paint.
+    const bool is_dark = is_summed_one && painted.ambient() == 0.0 && painted.lamps().empty();
+    std::optional<Box> changed;
+    if (!is_dark) changed = painter_.paint(painted);
+    changed_ = united(changed_, changed);
+    times.light_ms = milliseconds_since(start) - times.relight_ms;
+    const auto begun = std::chrono::steady_clock::now();
+    if (request.probe) {
+      relit_ = &relight_probe(*request.probe);
+    } else if (is_dark) {
+      relit_ = nullptr;
+    } else if (lit_ || !relit_) {
+      std::ranges::fill(probe_light_.radiance.values, 0.0f);  // for the next probe
+      lit_.reset();
+      relit_ = &relighter_.relight(painter_.light());
+    } else if (changed) {
+      relit_ = &relighter_.update(painter_.light(), *changed);
+    }
+    adds_summed_ = is_summed_one && !request.probe;
+    is_dark_ = is_dark;
+    times.relight_ms += milliseconds_since(begun);
+  });
+  return times;
+}
+
+void ViewState::start_job() {
+  running_ = wanted();
+  job_ = std::make_unique<BackgroundJob<JobTimes>>([this, request = running_] { return relight(request); });
+}
+
+/// Of a job that has ended.
+void ViewState::take_result(Refreshed& done) {
+  const auto job = std::exchange(job_, nullptr);
+  done_ = running_;  // also where it failed: it would fail again
+  const JobTimes times = job->take();
+  share_ = painter_.share();
+  if (relit_)
+    outputs_ = *relit_;
+  else
+    outputs_ = Image(field_.width, field_.height, 3);
+  if (adds_summed_) {
+    share_ = {};
+    add(done_.light.map_gain(), summed_->outputs, outputs_);
+  }
+  show_light(std::exchange(changed_, std::nullopt));
+  ++relit_count_;
+  done.light_ms += times.light_ms;
+  done.relight_ms += times.relight_ms;
+}
+
+void ViewState::show_light(const std::optional<Box>& changed) {
+  const Image& light = painter_.light().radiance;
+  const bool is_summed_one = is_summed(done_.light);
+  if (!changed && !is_summed_one && !was_summed_) return;
+  is_light_old_ = true;
+  was_summed_ = is_summed_one;
+  if (panorama_.is_cube()) {
+    if (is_dark_)
+      shown_light_ = Image(panorama_.shown().width, panorama_.shown().height, 3);
+    else
+      shown_light_ = panorama_.show(light);
+    if (is_summed_one) add(done_.light.map_gain(), summed_->panorama, shown_light_);
+    return;
+  }
+  if (!shown_light_.same_shape(light)) {
+    shown_light_ = light;
+    return;
+  }
+  const auto first = static_cast<std::size_t>(changed->x0) * 3,
+             count = static_cast<std::size_t>(changed->width()) * 3;
+  for (int y = changed->y0; y < changed->y1; ++y)
+    std::ranges::copy(light.row(y).subspan(first, count), shown_light_.row(y).subspan(first).begin());
+}
+
+LightMap ViewState::light() const {
+  LightMap light = painter_.light();
+  if (is_dark_) std::ranges::fill(light.radiance.values, 0.0f);
+  const LightSetup& setup = done_.light;
+  if (is_summed(setup))
+    add(setup.map_gain(), setup.projector()->project(*setup.environment(), setup.turn()).light.radiance,
+        light.radiance);
+  return light;
 }
 
 /// Makes the camera's picture anew where the light or the camera is another. Whether there is a new picture.
@@ -222,29 +351,38 @@ bool ViewState::look(bool relit) {
   if (!view_) return relit;
   const bool moved = view_->update();
   if (!moved && !relit) return false;
-  seen_ = view_->seen().show(*outputs_);
+  seen_ = view_->seen().show(outputs_);
   if (moved) place_mark();
   return true;
 }
 
-ViewState::Refreshed ViewState::refresh() {
+ViewState::Refreshed ViewState::refresh(std::optional<std::chrono::milliseconds> patience) {
   Refreshed done;
-  if (outputs_ == nullptr) return done;
   auto start = std::chrono::steady_clock::now();
-  const bool relit = relight();
-  if (relit) done.relight_ms = milliseconds_since(start);
+  bool relit = false;
+  while (!is_current()) {
+    if (!job_) start_job();
+    const std::chrono::duration<double, std::milli> waited(milliseconds_since(start));
+    if (!patience)
+      job_->wait();
+    else if (!job_->wait_for(std::chrono::duration_cast<std::chrono::microseconds>(*patience - waited)))
+      break;
+    take_result(done);
+    relit = true;
+  }
+  done.wait_ms = milliseconds_since(start);
   start = std::chrono::steady_clock::now();
   if (look(relit)) {
     if (view_) done.view_ms = milliseconds_since(start);
     is_picture_old_ |= shown_ == Shown::picture || shown_ == Shown::false_colour;
   }
+  expose_if_current();
   done.picture = std::exchange(is_picture_old_, false);
   done.light = std::exchange(is_light_old_, false);
   done.kernels = std::exchange(are_kernels_old_, false);
   start = std::chrono::steady_clock::now();
   if (done.picture) draw_picture();
   if (done.light) {
-    if (panorama_.is_cube()) shown_light_ = panorama_.show(painter_.light().radiance);
     tone_map_rgba(shown_light(), light_tone_.table({light_exposure_, ToneOperator::clip}), light_picture_);
   }
   if (done.picture || done.light) done.tone_ms = milliseconds_since(start);

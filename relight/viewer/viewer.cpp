@@ -11,16 +11,32 @@ namespace refield {
 
 namespace {
 
+/// So long a frame waits for the background, which most often is done by then: a picture follows the hand in
+/// the same frame.
+constexpr std::chrono::milliseconds patience(25);
+/// Files that take longer to read are waited for in the window.
+constexpr std::chrono::milliseconds patience_before_window(150);
+
 FrameTime draw(App& app, Textures& textures) {
+  take_opened(app);
   draw_panels(app, textures);
-  const ViewState::Refreshed done = app.state->refresh();
+  ViewState::Refreshed done;
+  try {
+    done = app.state->refresh(patience);
+  } catch (const Error& error) {
+    complain(app, error.what());
+  }
   const ViewState& state = *app.state;
   const LightDomain& light = state.panorama().shown();
   if (done.picture) textures.picture.update(state.radiance().width, state.radiance().height, state.picture());
   if (done.light) textures.light.update(light.width, light.height, state.light_picture());
   if (done.kernels) textures.kernels.update(light.width, light.height, state.kernel_picture());
   textures.picture.set_smooth(app.is_smooth);
-  return {.relight_ms = done.relight_ms, .tone_ms = done.tone_ms, .view_ms = done.view_ms};
+  return {.relight_ms = done.relight_ms,
+          .tone_ms = done.tone_ms,
+          .view_ms = done.view_ms,
+          .light_ms = done.light_ms,
+          .wait_ms = done.wait_ms};
 }
 
 void handle(App& app, const InputEvent& event) {
@@ -37,19 +53,28 @@ bool has_viewer() {
 
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options) {
-  App app(field);
+  BackgroundJob<OpenedFile> reading([=] { return read_field_file(field, light); });
+  std::optional<OpenedFile> opened;
+  if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
   GlWindow window(options.width, options.height, !options.script);
+  if (!opened) {
+    const auto is_done = [&](std::chrono::milliseconds wait) { return reading.wait_for(wait); };
+    if (!show_message_until(window, "Reading " + field.filename().string(), is_done)) return;
+    opened = reading.take();
+  }
+  App app(*std::move(opened));
   Textures textures;  // gone before the window
-  if (light) load_light(app, *light);
-  run_window(window, options.script,
-             {.state = app,
-              .title = [&] { return app.field_file.filename().string(); },
-              .wants_frame = [&] { return app.state->view() != nullptr && app.state->view()->wants_rest(); },
-              .is_moving = [&] { return app.is_playing; },
-              .advance = [&](double seconds) { advance_motion(app, seconds); },
-              .handle = [&](const InputEvent& event) { handle(app, event); },
-              .draw = [&] { return draw(app, textures); },
-              .stage = field_stage(app)});
+  run_window(
+      window, options.script,
+      {.state = app,
+       .title = [&] { return app.field_file.filename().string(); },
+       .wants_frame =
+           [&] { return is_busy(app) || (app.state->view() != nullptr && app.state->view()->wants_rest()); },
+       .is_moving = [&] { return app.is_playing; },
+       .advance = [&](double seconds) { advance_motion(app, seconds); },
+       .handle = [&](const InputEvent& event) { handle(app, event); },
+       .draw = [&] { return draw(app, textures); },
+       .stage = field_stage(app)});
 }
 
 }  // namespace refield

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -23,7 +24,9 @@ bool has_viewer();
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options);
 
-/// The same on a scene of which objects and lamps move, by themselves and by hand.
-void run_scene_viewer(const MovingScene& scene, const WindowOptions& options);
+/// The same on a scene of which objects and lamps move, by themselves and by hand. `read` runs in a thread of
+/// its own, with a message in the window where it takes long; what it throws is thrown.
+void run_scene_viewer(const std::string& name, const std::function<MovingScene()>& read,
+                      const WindowOptions& options);
 
 }  // namespace refield

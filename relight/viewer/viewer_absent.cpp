@@ -28,7 +28,7 @@ void run_viewer(const std::filesystem::path&, const std::optional<std::filesyste
   refuse();
 }
 
-void run_scene_viewer(const MovingScene&, const WindowOptions&) {
+void run_scene_viewer(const std::string&, const std::function<MovingScene()>&, const WindowOptions&) {
   refuse();
 }
 

@@ -33,9 +33,16 @@ bool button(WindowState& window, const char* name, bool is_on) {
   }
   const bool is_pressed = ImGui::Button(name);
   if (is_on) ImGui::PopStyleColor(3);
-  const ImVec2 low = ImGui::GetItemRectMin(), high = ImGui::GetItemRectMax();
-  window.controls[name] = {0.5 * (low.x + high.x), 0.5 * (low.y + high.y)};
+  note_control(window, name);
   return is_pressed;
+}
+
+void note_control(WindowState& window, const std::string& name) {
+  const ImVec2 low = ImGui::GetItemRectMin(), high = ImGui::GetItemRectMax();
+  const Point middle{0.5 * (low.x + high.x), 0.5 * (low.y + high.y)};
+  // At least half of it, so that the middle can be clicked.
+  const bool is_visible = ImGui::IsRectVisible(vector(middle.x - 1.0, middle.y - 1.0), vector(middle));
+  window.controls[name] = {middle, is_visible};
 }
 
 bool stops_slider(const char* name, const char* id, double& factor, float low, float high) {
@@ -61,7 +68,9 @@ bool tone_controls(WindowState& window, ToneMapping& tone) {
   return is_changed;
 }
 
-void window_buttons(WindowState& window) {
+void window_buttons(WindowState& window, const std::string& stem) {
+  if (button(window, "Save")) ask_where_to_save(window, stem);
+  ImGui::SameLine();
   if (button(window, "Screenshot")) window.wants_screenshot = true;
   ImGui::SameLine();
   if (button(window, "Help", window.shows_help)) window.shows_help = !window.shows_help;

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <string>
+
 #include "core/tone_map.h"
 #include "relight/viewer/window_state.h"
 
@@ -16,7 +18,9 @@ bool button(WindowState& window, const char* label, bool is_on = false);
 bool stops_slider(const char* name, const char* id, double& factor, float low, float high);
 /// Exposure and tone curve; true when they were changed.
 bool tone_controls(WindowState& window, ToneMapping& tone);
-/// Screenshot and help.
-void window_buttons(WindowState& window);
+/// Tells scripts where the item that was drawn last stands.
+void note_control(WindowState& window, const std::string& name);
+/// Save, screenshot and help. `stem`: of the saved picture's name.
+void window_buttons(WindowState& window, const std::string& stem);
 
 }  // namespace refield

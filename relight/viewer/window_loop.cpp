@@ -4,9 +4,11 @@
 #include <imgui.h>
 
 #include <chrono>
+#include <cstdio>
 #include <utility>
 
 #include "core/interrupt.h"
+#include "relight/viewer/drawing.h"
 
 namespace refield {
 
@@ -91,7 +93,7 @@ class WindowLoop {
   void note_time(Clock::time_point start, FrameTime time) {
     const auto end = Clock::now();
     time.total_ms = milliseconds_between(last_end_.value_or(start), end);
-    time.draw_ms = milliseconds_between(start, end) - time.relight_ms - time.view_ms - time.tone_ms;
+    time.draw_ms = milliseconds_between(start, end) - time.wait_ms - time.view_ms - time.tone_ms;
     last_end_ = end;
     if (script_) script_->note_frame(time);
     state_.recent_frames.push_back(time);
@@ -109,6 +111,28 @@ class WindowLoop {
 };
 
 }  // namespace
+
+bool show_message_until(GlWindow& window, const std::string& message,
+                        const std::function<bool(std::chrono::milliseconds)>& is_done) {
+  constexpr std::chrono::milliseconds frame(50);
+  const auto start = Clock::now();
+  InputQueue ignored;
+  while (!window.is_closed()) {
+    throw_if_interrupted();
+    window.collect(ignored, 0.0);
+    ignored = {};
+    window.begin_frame({});
+    char text[200];
+    std::snprintf(text, sizeof text, "%s … %.0f s", message.c_str(),
+                  milliseconds_between(start, Clock::now()) / 1000.0);
+    const ImVec2 size = ImGui::CalcTextSize(text), all = ImGui::GetIO().DisplaySize;
+    ImGui::GetBackgroundDrawList()->AddText(vector(0.5 * (all.x - size.x), 0.5 * (all.y - size.y)),
+                                            text_colour, text);
+    window.end_frame(nullptr);
+    if (is_done(frame)) return true;
+  }
+  return false;
+}
 
 void run_window(GlWindow& window, const std::optional<std::string>& script, const WindowContent& content) {
   WindowLoop(window, script, content).run();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <chrono>
 #include <functional>
 #include <optional>
 #include <string>
@@ -25,6 +26,11 @@ struct WindowContent {
   std::function<FrameTime()> draw;
   ScriptStage stage;
 };
+
+/// Shows a message, and since when it is there, until `is_done`, called with the time that it may wait,
+/// returns true. False: the window was closed before. Throws Interrupted.
+bool show_message_until(GlWindow& window, const std::string& message,
+                        const std::function<bool(std::chrono::milliseconds patience)>& is_done);
 
 /// Shows `content` until the window is closed, sleeping while nothing happens. `script`: a file of commands,
 /// or "-". Throws InputError for a wrong line of it, and Interrupted.

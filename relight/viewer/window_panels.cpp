@@ -16,25 +16,24 @@ namespace {
 std::string time_text(const WindowState& window) {
   const FrameStatistics recent = frame_statistics({window.recent_frames.begin(), window.recent_frames.end()});
   if (recent.frames == 0) return "";
-  char text[160], view[40] = "";
+  char text[200], view[40] = "", light[40] = "";
   if (recent.mean.view_ms > 0.0) std::snprintf(view, sizeof view, "view %.1f ms · ", recent.mean.view_ms);
-  std::snprintf(text, sizeof text, "relighting %.1f ms · %stone %.1f ms · drawing %.1f ms · %.0f frames/s",
-                recent.mean.relight_ms, view, recent.mean.tone_ms, recent.mean.draw_ms, recent.per_second);
+  if (recent.mean.light_ms > 0.0)
+    std::snprintf(light, sizeof light, "light map %.1f ms · ", recent.mean.light_ms);
+  std::snprintf(text, sizeof text, "%srelighting %.1f ms · %sdrawing %.1f ms · %.0f frames/s", light,
+                recent.mean.relight_ms, view, recent.mean.tone_ms + recent.mean.draw_ms, recent.per_second);
   return text;
 }
 
-void help_column(const std::vector<ShortcutKey>& all, std::size_t first, std::size_t last) {
-  std::string group;
-  for (std::size_t i = first; i < last; ++i) {
-    if (all[i].group != group) {
-      group = all[i].group;
-      ImGui::Dummy(ImVec2(0.0f, 4.0f));
-      ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(accent_colour), "%s", group.c_str());
-    }
-    ImGui::TextUnformatted(all[i].name.c_str());
-    ImGui::SameLine(86.0f);
-    ImGui::TextDisabled("%s", all[i].help.c_str());
-  }
+/// A key, below its group's name where the group begins; the number of lines.
+std::size_t help_line(const ShortcutKey& key, bool begins_group) {
+  constexpr float key_width = 90.0f;
+  if (begins_group)
+    ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(accent_colour), "%s", key.group.c_str());
+  ImGui::TextUnformatted(key.name.c_str());
+  ImGui::SameLine(key_width);  // from the column's left edge
+  ImGui::TextDisabled("%s", key.help.c_str());
+  return begins_group ? 2 : 1;
 }
 
 }  // namespace
@@ -84,24 +83,39 @@ void draw_notice(WindowState& window, const Area& area) {
   ImGui::PopStyleColor();
 }
 
-void draw_help(WindowState& window, const Area& area, const char* mouse, const std::vector<ShortcutKey>& keys,
-               const std::string& second_column) {
-  const double width = std::min(760.0, area.width - 40.0);
-  ImGui::SetNextWindowPos(vector(area.x + 0.5 * area.width, area.y + 0.5 * area.height), 0,
-                          ImVec2(0.5f, 0.5f));
-  ImGui::SetNextWindowSize(vector(width, 0.0));
-  ImGui::SetNextWindowBgAlpha(0.97f);
-  ImGui::Begin("##help", &window.shows_help,
-               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoMove |
-                   ImGuiWindowFlags_NoNav | ImGuiWindowFlags_AlwaysAutoResize);
-  ImGui::TextWrapped("%s", mouse);
-  const auto half =
-      static_cast<std::size_t>(std::ranges::find(keys, second_column, &ShortcutKey::group) - keys.begin());
-  ImGui::Columns(2, "##shortcuts", false);
-  help_column(keys, 0, half);
-  ImGui::NextColumn();
-  help_column(keys, half, keys.size());
+Area above_help(const WindowState& window, const Area& area) {
+  constexpr double gap = 8.0, least = 120.0;
+  return {area.x, area.y, area.width, std::max(area.height - window.help_height - gap, least)};
+}
+
+void draw_help(WindowState& window, const Area& area, const char* mouse,
+               const std::vector<ShortcutKey>& keys) {
+  constexpr double column_width = 290.0;
+  const auto columns = static_cast<std::size_t>(std::clamp(std::floor(area.width / column_width), 1.0, 4.0));
+  ImGui::SetNextWindowPos(vector(area.x, area.y + area.height), 0, ImVec2(0.0f, 1.0f));
+  ImGui::SetNextWindowSizeConstraints(vector(area.width, 0.0), vector(area.width, 0.75 * area.height));
+  ImGui::Begin("##help", nullptr,
+               ImGuiWindowFlags_NoTitleBar | ImGuiWindowFlags_NoResize | ImGuiWindowFlags_NoSavedSettings |
+                   ImGuiWindowFlags_NoMove | ImGuiWindowFlags_NoNav | ImGuiWindowFlags_AlwaysAutoResize);
+  ImGui::PushTextWrapPos(static_cast<float>(area.width) - 16.0f);
+  ImGui::TextUnformatted(mouse);
+  ImGui::PopTextWrapPos();
+  std::size_t groups = 1;
+  for (std::size_t i = 1; i < keys.size(); ++i) groups += keys[i].group != keys[i - 1].group;
+  const std::size_t lines = (keys.size() + groups + columns - 1) / columns;
+  ImGui::Columns(static_cast<int>(columns), "##shortcuts", false);
+  std::size_t line = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const bool begins = i == 0 || keys[i].group != keys[i - 1].group;
+    // A heading stays with its first key.
+    if (line + begins >= lines && line > 0) {
+      ImGui::NextColumn();
+      line = 0;
+    }
+    line += help_line(keys[i], begins);
+  }
   ImGui::Columns(1);
+  window.help_height = ImGui::GetWindowHeight();
   ImGui::End();
 }
 

@@ -16,9 +16,10 @@ namespace refield {
 void draw_status_bar(const WindowState& window, const Area& area, const std::string& name,
                      const std::string& pointer);
 void draw_notice(WindowState& window, const Area& area);
-/// What the mouse does, and all keys; those of `second_column` and after it at the right.
-void draw_help(WindowState& window, const Area& area, const char* mouse, const std::vector<ShortcutKey>& keys,
-               const std::string& second_column);
+/// What the mouse does, and all keys, in the lower part of an area; above_help() is what that leaves of it.
+void draw_help(WindowState& window, const Area& area, const char* mouse,
+               const std::vector<ShortcutKey>& keys);
+Area above_help(const WindowState& window, const Area& area);
 
 /// "pixel 3, 4:  0.1  0.2  0.3"; empty where the pointer is not over the image.
 std::string pointer_text(const Canvas& canvas, const Image& image, const char* what);

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/window_state.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "core/errors.h"
 #include "core/image_io.h"
@@ -18,7 +22,51 @@ void notify(WindowState& window, const std::string& text, bool is_error, std::ch
   window.notice = Notice{text, is_error, std::chrono::steady_clock::now() + duration};
 }
 
+constexpr std::array<std::string_view, 8> opened_extensions = {".rfield", ".exr",  ".hdr", ".png",
+                                                               ".jpg",    ".jpeg", ".tif", ".tiff"};
+
 }  // namespace
+
+FileDialog::FileDialog(Purpose wanted, const fs::path& start) : purpose(wanted) {
+  go_to(start);
+}
+
+void FileDialog::go_to(const fs::path& wanted) {
+  std::error_code error;
+  folder = fs::absolute(wanted.empty() ? "." : wanted, error).lexically_normal();
+  if (!folder.has_filename() && folder.has_relative_path()) folder = folder.parent_path();  // "a/"
+  folders.clear();
+  files.clear();
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const fs::path& path = entry->path();
+    if (path.filename().string().starts_with('.')) continue;
+    std::error_code unknown;
+    if (entry->is_directory(unknown))
+      folders.push_back(path);
+    else if (std::ranges::find(opened_extensions, path.extension().string()) != opened_extensions.end())
+      files.push_back(path);
+  }
+  std::ranges::sort(folders);
+  std::ranges::sort(files);
+  if (purpose == Purpose::open) type("");
+}
+
+void FileDialog::type(const std::string& text) {
+  typed.fill('\0');
+  std::copy_n(text.begin(), std::min(text.size(), typed.size() - 1), typed.begin());
+}
+
+void ask_where_to_save(WindowState& window, const std::string& stem) {
+  window.dialog.emplace(FileDialog::Purpose::save, ".");
+  window.dialog->type(free_name(stem, ".exr").string());
+}
+
+std::string controls_text(const WindowState& window) {
+  nlohmann::json visible = nlohmann::json::object();
+  for (const auto& [label, control] : window.controls)
+    if (control.is_visible) visible[label] = {std::lround(control.middle.x), std::lround(control.middle.y)};
+  return "\"controls\": " + visible.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
 
 void say(WindowState& window, const std::string& text) {
   notify(window, text, false, std::chrono::seconds(4));

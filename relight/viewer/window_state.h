@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <chrono>
 #include <deque>
 #include <filesystem>
@@ -7,6 +8,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/image.h"
 #include "core/tone_map.h"
@@ -22,15 +24,47 @@ struct Notice {
   std::chrono::steady_clock::time_point until;
 };
 
+/// A button or a line of a list, for scripts.
+struct Control {
+  Point middle;
+  bool is_visible = true;  ///< not scrolled out of its panel
+};
+
+/// Choosing a file to open or to save to, in one folder.
+struct FileDialog {
+  enum class Purpose { open, save };
+
+  FileDialog(Purpose wanted, const std::filesystem::path& start);
+  /// Lists a folder: its folders and what can be opened (fields, images), sorted, hidden ones left out. One
+  /// that cannot be read is empty.
+  void go_to(const std::filesystem::path& wanted);
+  /// As if a user had typed it.
+  void type(const std::string& text);
+
+  Purpose purpose;
+  std::filesystem::path folder;  ///< absolute
+  std::vector<std::filesystem::path> folders, files;
+  std::array<char, 4096> typed{};
+  bool is_new = true;  ///< not yet drawn
+};
+
 /// What every window of the viewer keeps between frames, whatever it shows.
 struct WindowState {
-  std::map<std::string, Point> controls;  ///< the middle of every button, by its label; for scripts
+  std::map<std::string, Control> controls;  ///< by their labels
+  std::optional<FileDialog> dialog;
+  double help_height = 0.0;  ///< window pixels, as drawn last
   std::optional<Notice> notice;
   std::deque<FrameTime> recent_frames;
   bool shows_help = false;
   bool wants_screenshot = false;  ///< of the window, into a new file
   bool wants_to_close = false;
 };
+
+/// A dialog that saves under a free name of this stem.
+void ask_where_to_save(WindowState& window, const std::string& stem);
+
+/// Of the controls that can be seen: `"controls": {"Open": [x, y], …}`.
+std::string controls_text(const WindowState& window);
 
 void say(WindowState& window, const std::string& text);
 void complain(WindowState& window, const std::string& text);

@@ -110,12 +110,13 @@ TEST_F(ViewScene, MouseCommandsAndKeysMoveTheLamp) {
   const Eigen::Vector2f seen = *camera.image_point(start.lamp);
   const std::string from = std::to_string(seen.x()) + " " + std::to_string(seen.y());
   const std::string to = std::to_string(seen.x() + 150.0f) + " " + std::to_string(seen.y());
-  ASSERT_EQ(view(start, "wait 3\nwhere\nsave " + path("before.exr") +
-                            "\nselect lamp\nplace -0.2 1.5 0.6\nwhere\nsave " + path("placed.exr") +
-                            "\ngain -1\nsave " + path("dim.exr") + "\npress Put back\nsave " +
-                            path("back.exr") + "\nkey Right\nkey PageUp\nwhere\npress Put back\ndrag image " +
-                            from + " " + to + " 8\nwhere\nsave " + path("dragged.exr") + "\nquit\n"),
-            0)
+  ASSERT_EQ(
+      view(start, "wait 3\nwhere\nsave " + path("before.exr") +
+                      "\nselect lamp\nplace -0.2 1.5 0.6\nwhere\nsave " + path("placed.exr") +
+                      "\ngain -1\nsave " + path("dim.exr") + "\npress Reset object\nsave " +
+                      path("back.exr") + "\nkey Right\nkey PageUp\nwhere\npress Reset object\ndrag image " +
+                      from + " " + to + " 8\nwhere\nsave " + path("dragged.exr") + "\nquit\n"),
+      0)
       << output_;
   const auto where = places();
   ASSERT_EQ(where.size(), 4u) << output_;
@@ -165,6 +166,29 @@ TEST_F(ViewScene, DragsBesideThingsTurnTheCameraAndClicksSelect) {
   EXPECT_EQ(where[1]["things"], where[0]["things"]);
   EXPECT_EQ(where[4]["camera"], where[0]["camera"]);
   EXPECT_EQ(where[4]["selected"], nullptr);
+}
+
+// The second start, and `simulate dynamic`, take the objects' transport from the cache, and show the same.
+TEST_F(ViewScene, OpensFromTheCacheAndWithoutIt) {
+  const auto saved_as = [&](const std::string& name) {
+    EXPECT_EQ(view({}, "wait 2\nsave " + path(name) + "\nquit\n"), 0) << output_;
+    return read_image(path(name));
+  };
+  const Image first = saved_as("first.exr");
+  std::vector<std::filesystem::path> stored;
+  for (const auto& entry : std::filesystem::directory_iterator(path("cache"))) stored.push_back(entry.path());
+  EXPECT_EQ(stored.size(), 2U);  // floor and ball
+  EXPECT_EQ(saved_as("second.exr").values, first.values);
+  const auto cached_objects = [&] {
+    EXPECT_EQ(test::run_program({"--json", "simulate", "dynamic", path("scene.toml")}, path("log")), 0);
+    const std::string log = read_text(path("log"));
+    return json::parse(log.substr(log.find("{\n")))["from_cache"].get<int>();
+  };
+  EXPECT_EQ(cached_objects(), 2);
+  for (const auto& file : stored) write_text_atomically(file, "damaged");
+  EXPECT_EQ(cached_objects(), 0);
+  EXPECT_EQ(cached_objects(), 2);  // written again
+  EXPECT_EQ(saved_as("third.exr").values, first.values);
 }
 
 TEST_F(ViewScene, SaysWhatIsWrong) {

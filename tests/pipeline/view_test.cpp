@@ -69,6 +69,15 @@ class ViewField : public test::ViewProgram {
 constexpr LightDomain monitor{64, 48, Parameterisation::monitor};
 constexpr LightDomain sphere{64, 32, Parameterisation::lat_long};
 
+/// On the monitor, the first one at that place.
+LightSetup lamps_of_the_start(double x, double y) {
+  LightSetup setup(monitor);
+  setup.set_ambient(0.03);
+  setup.add({Lamp::Shape::spot, x, y, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  setup.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  return setup;
+}
+
 TEST_F(ViewField, ACameraGoesAroundAMesh) {
   const ReflectanceField field = test::unshadowed_field(prt::hare_mesh(10));
   write_reflectance_field(path("a.rfield"), field);
@@ -121,9 +130,7 @@ TEST_F(ViewField, DraggedLampRelightsTheScene) {
   expect_shown("before.png", place[0], before);
   expect_shown("after.png", place[1], after);
   LightPainter expected(monitor);
-  expected.set_ambient(0.03);
-  expected.add({Lamp::Shape::spot, 0.3 + 20.0 / 64, 0.35 + 10.0 / 48, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  expected.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  expected.paint(lamps_of_the_start(0.3 + 20.0 / 64, 0.35 + 10.0 / 48));
   constexpr double mouse_rounding = 0.01;  // the pointer stands on whole pixels of the window or nearly so
   EXPECT_LT(test::relative_difference(after.radiance, expected.light().radiance), mouse_rounding);
   EXPECT_GT(test::relative_difference(before.radiance, expected.light().radiance), 0.3);
@@ -202,14 +209,64 @@ TEST_F(ViewField, PicksPixelsAndProbesTheLight) {
   for (int c = 0; c < 3; ++c) alone.radiance.at(20, 30, c) = 1.0f;
   expect_shown("probe.png", place[1], alone);
   LightPainter start(monitor);
-  start.set_ambient(0.03);
-  start.add({Lamp::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  start.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  start.paint(lamps_of_the_start(0.3, 0.35));
   expect_shown("released.png", place[2], start.light());
   // A constant map of errors is one colour, unlike the scene.
   const Image error = read_image(path("error.png"));
   const int left = place[2]["image"]["x"].get<int>(), top = place[2]["image"]["y"].get<int>();
   for (int c = 0; c < 3; ++c) EXPECT_EQ(error.at(left + 10, top + 10, c), error.at(left + 70, top + 60, c));
+}
+
+// A drag over an environment: frames go on while it is projected, and what is saved then is the last one.
+TEST_F(ViewField, TurningAnEnvironmentDoesNotBlockTheWindow) {
+  constexpr LightDomain fine{600, 450, Parameterisation::monitor};
+  Rng rng{3};
+  write_exr(path("sky.exr"), test::random_light(rng, {64, 32, Parameterisation::lat_long}).radiance);
+  std::string script = "wait 3\nload " + path("sky.exr") + "\nwait 3\nfps\n";
+  for (int i = 1; i <= 15; ++i) script += "rotate " + std::to_string(4 * i) + "\n";
+  ASSERT_EQ(view(fine, script + "where\nfps\nsave-light " + path("last.exr") + "\nquit\n"), 0) << output_;
+  const EnvironmentProjector projector(fine, std::span(&placement, 1));
+  const LightMap expected =
+      projector.project(read_light_map(path("sky.exr"), Parameterisation::lat_long), {.yaw = 60.0}).light;
+  EXPECT_LT(test::relative_difference(read_image(path("last.exr")), expected.radiance), 2e-3);
+  EXPECT_NEAR(places().at(0)["turn"].get<double>(), 60.0, 1e-3);
+  // Of the second `fps`: "… longest 31.0 ms): light map 12.1 ms and relighting 26.0 ms in 15 of them, …". How
+  // long frames take says nothing on a machine that tests in parallel; ViewStateUnderAnEnvironment looks at
+  // that.
+  const auto at = output_.rfind("longest ");
+  ASSERT_NE(at, std::string::npos) << output_;
+  EXPECT_THAT(output_.substr(at), HasSubstr("light map "));
+}
+
+// What is selected and what helps has places of its own.
+TEST_F(ViewField, SelectingAPixelAndHelpLeaveThePanelsInView) {
+  ASSERT_EQ(view(monitor, "wait 3\nwhere\npick 37 21\nwhere\nkey F1\nwait 3\nwhere\nscreenshot " +
+                              path("help.png") + "\nquit\n"),
+            0)
+      << output_;
+  const auto where = places();
+  ASSERT_EQ(where.size(), 3U) << output_;
+  for (const char* name : {"Open", "Save", "Scene", "Auto-expose", "Fit", "Help"})
+    for (std::size_t i : {1U, 2U}) EXPECT_EQ(where[i]["controls"][name], where[0]["controls"][name]) << name;
+  EXPECT_TRUE(where[1]["controls"].contains("Deselect"));
+  EXPECT_FALSE(where[0]["controls"].contains("Deselect"));
+  // The help is below the picture, which makes room, and nothing of it lies over the panels at the right.
+  EXPECT_LT(where[2]["image"]["scale"], where[1]["image"]["scale"]);
+  EXPECT_EQ(where[2]["light"], where[1]["light"]);
+}
+
+TEST_F(ViewField, OpensAndSavesByItsDialogsAndRemembersFiles) {
+  Rng rng{3};
+  write_exr(path("map.exr"), test::random_light(rng, sphere).radiance);
+  ASSERT_EQ(view(sphere, "wait 3\npress Open\nwait 2\npress map.exr\nwhere\npress Save\nwait 2\ntype " +
+                             path("saved.exr") + "\npress Save file\nsave " + path("expected.exr") +
+                             "\npress Save\nwait 2\npress Cancel\npress Open\nwait 2\nwhere\nquit\n"),
+            0)
+      << output_;
+  EXPECT_EQ(places().at(0)["lamps"], 0);  // the map took their place
+  EXPECT_EQ(read_image(path("saved.exr")).values, read_image(path("expected.exr")).values);
+  EXPECT_TRUE(places().at(1)["controls"].contains(path("map.exr")));
+  EXPECT_EQ(read_text(path("state/refield/recent")), path("map.exr") + "\n" + path("a.rfield") + "\n");
 }
 
 TEST_F(ViewField, SaysWhatIsWrong) {

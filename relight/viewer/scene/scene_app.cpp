@@ -53,7 +53,9 @@ void save_scene_pictures(SceneApp& app) {
 }
 
 void let_go(SceneApp& app) {
-  if (app.shows_help)
+  if (app.dialog)
+    app.dialog.reset();
+  else if (app.shows_help)
     app.shows_help = false;
   else
     app.selected.reset();
@@ -78,7 +80,7 @@ std::vector<Shortcut<SceneApp>> make_scene_shortcuts() {
       {{things, "]", GLFW_KEY_RIGHT_BRACKET, false, "a lamp brighter by ⅓ stop"},
        [](App& a) { brighten(a, third_stop); }},
       {{things, "[", GLFW_KEY_LEFT_BRACKET, false, "dimmer"}, [](App& a) { brighten(a, -third_stop); }},
-      {{things, "Delete", GLFW_KEY_DELETE, false, "put it back"},
+      {{things, "Delete", GLFW_KEY_DELETE, false, "reset object"},
        [](App& a) { change_handling(a, [](Handling& handling) { handling = {}; }); }},
       {{motion, "Space", GLFW_KEY_SPACE, false, "the scene's own motion, or rest"},
        [](App& a) { a.is_playing = !a.is_playing; }},
@@ -90,14 +92,14 @@ std::vector<Shortcut<SceneApp>> make_scene_shortcuts() {
        [](App& a) { a.state.set_bounces(a.state.bounces() - 1); }},
       {{picture, "E", GLFW_KEY_E, false, "brighter by ⅓ stop"}, [](App& a) { expose_by(a, third_stop); }},
       {{picture, "D", GLFW_KEY_D, false, "darker by ⅓ stop"}, [](App& a) { expose_by(a, -third_stop); }},
-      {{picture, "A", GLFW_KEY_A, false, "expose anew"}, [](App& a) { a.state.expose(); }},
+      {{picture, "A", GLFW_KEY_A, false, "auto-expose"}, [](App& a) { a.state.expose(); }},
       {{picture, "T", GLFW_KEY_T, false, "next tone curve"}, next_curve},
-      {{picture, "F", GLFW_KEY_F, false, "the camera back"}, [](App& a) { a.state.view().move().reset(); }},
-      {{rest, "S", GLFW_KEY_S, false, "screenshot (view-0001.png)"},
+      {{picture, "F", GLFW_KEY_F, false, "reset camera"}, [](App& a) { a.state.view().move().reset(); }},
+      {{rest, "S", GLFW_KEY_S, false, "screenshot, view-0001.png"},
        [](App& a) { a.wants_screenshot = true; }},
-      {{rest, "W", GLFW_KEY_W, false, "write the picture (scene-0001.exr, .png)"}, save_scene_pictures},
+      {{rest, "W", GLFW_KEY_W, false, "save as scene-0001.exr and .png"}, save_scene_pictures},
       {{rest, "F1", GLFW_KEY_F1, false, "this help"}, [](App& a) { a.shows_help = !a.shows_help; }},
-      {{rest, "Escape", GLFW_KEY_ESCAPE, false, "let go"}, let_go},
+      {{rest, "Escape", GLFW_KEY_ESCAPE, false, "close, deselect"}, let_go},
       {{rest, "Shift+Q", GLFW_KEY_Q, true, "quit"}, [](App& a) { a.wants_to_close = true; }},
   };
 }

@@ -7,7 +7,9 @@
 #include <cmath>
 #include <utility>
 
+#include "core/errors.h"
 #include "relight/viewer/drawing.h"
+#include "relight/viewer/file_dialog.h"
 #include "relight/viewer/picture_canvas.h"
 #include "relight/viewer/scene/drag.h"
 #include "relight/viewer/widgets.h"
@@ -166,22 +168,30 @@ void things_section(SceneApp& app) {
     if (stops_slider("Brighter", "##gain", gain, -8.0f, 8.0f))
       change_handling(app, [=](Handling& handling) { handling.gain = gain; });
   }
-  if (button(app, "Put back")) change_handling(app, [](Handling& handling) { handling = {}; });
+  if (button(app, "Reset object")) change_handling(app, [](Handling& handling) { handling = {}; });
 }
 
 void draw_scene_controls(SceneApp& app, const Area& area) {
   begin_panel("##controls", area, true);
   app.controls.clear();
-  things_section(app);
-  motion_section(app);
+  window_buttons(app, "scene");
   heading("PICTURE");
   ToneMapping tone = app.state.tone();
   if (tone_controls(app, tone)) app.state.set_tone(tone);
-  if (button(app, "Expose anew")) app.state.expose();
+  if (button(app, "Auto-expose")) app.state.expose();
   ImGui::SameLine();
-  if (button(app, "Camera back")) app.state.view().move().reset();
-  window_buttons(app);
+  if (button(app, "Reset camera")) app.state.view().move().reset();
+  motion_section(app);
+  things_section(app);
   end_panel();
+}
+
+void save_to(SceneApp& app, const std::filesystem::path& file) {
+  try {
+    save_scene_picture(app, file);
+  } catch (const Error& error) {
+    complain(app, error.what());
+  }
 }
 
 }  // namespace
@@ -189,15 +199,15 @@ void draw_scene_controls(SceneApp& app, const Area& area) {
 void draw_scene_panels(SceneApp& app, const Texture& picture) {
   const ImVec2 window = ImGui::GetIO().DisplaySize;
   const double height = window.y - 2.0 * margin - status, width = window.x - side - 3.0 * margin;
-  const Area picture_area{margin, margin, width, height};
+  const Area left{margin, margin, width, height};
+  const Area picture_area = app.shows_help ? above_help(app, left) : left;
   draw_scene_picture(app, picture, picture_area);
   draw_scene_controls(app, {width + 2.0 * margin, margin, side, height});
   draw_status_bar(app, {0.0, window.y - status, window.x, status}, app.state.scene().name,
                   pointer_text(app.picture, app.state.radiance(), "pixel"));
   draw_notice(app, picture_area);
-  if (app.shows_help)
-    draw_help(app, {0.0, 0.0, window.x, window.y}, scene_mouse_help, keys_of(scene_shortcuts()),
-              "Motion and light");
+  if (app.shows_help) draw_help(app, left, scene_mouse_help, keys_of(scene_shortcuts()));
+  draw_file_dialog(app, left, {}, [&](const std::filesystem::path& file) { save_to(app, file); });
 }
 
 }  // namespace refield

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "relight/viewer/background_job.h"
 #include "relight/viewer/scene/moving_scene.h"
 #include "relight/viewer/scene/scene_panels.h"
 #include "relight/viewer/viewer.h"
@@ -13,7 +14,10 @@ FrameTime draw_scene(SceneApp& app, Texture& picture) {
   const SceneState::Refreshed done = app.state.refresh();
   const Image& seen = app.state.radiance();
   if (done.picture) picture.update(seen.width, seen.height, app.state.picture());
-  return {.relight_ms = done.light_ms, .tone_ms = done.tone_ms, .view_ms = done.view_ms};
+  return {.relight_ms = done.light_ms,
+          .tone_ms = done.tone_ms,
+          .view_ms = done.view_ms,
+          .wait_ms = done.light_ms};
 }
 
 void handle_in_scene(SceneApp& app, const InputEvent& event) {
@@ -24,9 +28,20 @@ void handle_in_scene(SceneApp& app, const InputEvent& event) {
 
 }  // namespace
 
-void run_scene_viewer(const MovingScene& scene, const WindowOptions& options) {
-  SceneApp app(scene);
+void run_scene_viewer(const std::string& name, const std::function<MovingScene()>& read,
+                      const WindowOptions& options) {
+  BackgroundJob<std::unique_ptr<SceneApp>> reading([&] { return std::make_unique<SceneApp>(read()); });
+  std::unique_ptr<SceneApp> opened;
+  constexpr std::chrono::milliseconds patience_before_window(150);
+  if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
   GlWindow window(options.width, options.height, !options.script);
+  if (!opened) {
+    window.set_title(name + " – refield");
+    const auto is_done = [&](std::chrono::milliseconds wait) { return reading.wait_for(wait); };
+    if (!show_message_until(window, "Precomputing the light transport of " + name, is_done)) return;
+    opened = reading.take();
+  }
+  SceneApp& app = *opened;
   Texture picture;  // gone before the window
   run_window(window, options.script,
              {.state = app,

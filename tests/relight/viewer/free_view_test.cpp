@@ -12,6 +12,7 @@
 #include "relight/viewer/view_state.h"
 #include "simulate/prt/mesh_shapes.h"
 #include "tests/support/mesh_field.h"
+#include "tests/support/random_data.h"
 
 namespace refield {
 namespace {
@@ -96,8 +97,7 @@ class MeshInTheViewer : public testing::Test {
   void expect_picture() {
     state_.view()->settle();
     state_.refresh();
-    const Image expected =
-        FieldPictures(field_, {state_.view()->camera()}).picture(state_.painter().light(), 0);
+    const Image expected = FieldPictures(field_, {state_.view()->camera()}).picture(state_.light(), 0);
     EXPECT_LT(relative_rmse(state_.radiance(), expected), 1e-4);
   }
   const ReflectanceField field_ = test::unshadowed_field(prt::hare_mesh(8));
@@ -109,13 +109,49 @@ TEST_F(MeshInTheViewer, ShowsWhatTheCameraSees) {
   EXPECT_EQ(state_.picture().size(), 4u * 160 * 120);
   state_.view()->move().orbit(70.0, 20.0);
   expect_picture();
-  Lamp lamp = state_.painter().lamps()[0];
+  Lamp lamp = state_.setup().lamps()[0];
   lamp.x = 0.9;
-  state_.painter().change(0, lamp);
+  state_.setup().change(0, lamp);
   expect_picture();
   EXPECT_EQ(state_.light_picture().size(),
             4u * state_.panorama().shown().width * state_.panorama().shown().height);
   EXPECT_FALSE(state_.refresh().picture);
+}
+
+// An environment's integrals over the field's squares and the lamps' light map make one picture, whichever of
+// them changes or is missing.
+TEST_F(MeshInTheViewer, AnEnvironmentNeedsNoLightMap) {
+  Rng rng{11};
+  const auto environment = std::make_shared<const PreparedEnvironment>(
+      test::random_light(rng, {64, 32, Parameterisation::lat_long}));
+  const auto projector =
+      std::make_shared<const EnvironmentProjector>(field_.basis.domain, std::span<const MonitorPlacement>());
+  LightSetup& setup = state_.setup();
+  setup.set_environment(environment, projector);
+  expect_picture();  // with the lamps of the start
+  setup.set_turns(0.3);
+  expect_picture();
+  Lamp lamp = setup.lamps()[0];
+  lamp.x = 0.8;
+  setup.change(0, lamp);
+  expect_picture();
+  setup.remove_all();
+  setup.set_ambient(0.0);
+  setup.set_map_gain(2.0);
+  expect_picture();  // alone
+  EXPECT_EQ(state_.share().energy, 1.0);
+  const LightMap seen = projector->project(*environment, setup.turn()).light;
+  for (std::size_t i = 0; i < seen.radiance.values.size(); ++i)
+    ASSERT_NEAR(state_.light().radiance.values[i], 2.0f * seen.radiance.values[i], 1e-5f);
+  state_.probe(Box{1, 1, 2, 2});
+  state_.refresh();
+  state_.probe(std::nullopt);
+  setup.set_turns(0.7);
+  expect_picture();
+  setup.add(lamp);
+  expect_picture();
+  setup.set_map(std::nullopt);
+  expect_picture();  // the lamp alone
 }
 
 TEST_F(MeshInTheViewer, APickedVertexStaysPicked) {

@@ -130,17 +130,18 @@ TEST(Lamp, SpotOnACubeKeepsItsSolidAngleAndItsBox) {
 TEST(LightPainter, ChangesOnlyWhatItSays) {
   Rng rng{6};
   for (const LightDomain& domain : {monitor, sphere, cube_domain(12)}) {
+    LightSetup setup(domain);
     LightPainter painter(domain);
-    painter.set_ambient(0.1);
-    painter.set_map(test::random_light(rng, domain));
-    for (int i = 0; i < 3; ++i) painter.add(random_lamp(rng));
-    painter.take_changed();
+    setup.set_ambient(0.1);
+    setup.set_map(test::random_light(rng, domain));
+    for (int i = 0; i < 3; ++i) setup.add(random_lamp(rng));
+    painter.paint(setup);
     for (int i = 0; i < 100; ++i) {
       const LightMap before = painter.light();
-      painter.change(rng.below(3), random_lamp(rng));
-      const auto changed = painter.take_changed();
+      setup.change(rng.below(3), random_lamp(rng));
+      const auto changed = painter.paint(setup);
       ASSERT_TRUE(changed);
-      ASSERT_FALSE(painter.take_changed());
+      ASSERT_FALSE(painter.paint(setup));
       for (int y = 0; y < domain.height; ++y)
         for (int x = 0; x < domain.width; ++x)
           for (int c = 0; c < 3; ++c) {
@@ -148,55 +149,83 @@ TEST(LightPainter, ChangesOnlyWhatItSays) {
             ASSERT_EQ(painter.light().radiance.at(x, y, c), before.radiance.at(x, y, c));
           }
     }
-    // As if it had been painted so at once.
+    // Lamps that come and go, too; as if it had been painted so at once.
+    setup.remove(1);
+    painter.paint(setup);
+    setup.add(random_lamp(rng));
+    setup.set_ambient(0.0);
+    setup.set_map(std::nullopt);
+    painter.paint(setup);
     LightPainter anew(domain);
-    for (const Lamp& lamp : painter.lamps()) anew.add(lamp);
-    LightMap expected = anew.light();
-    painter.set_ambient(0.0);
-    painter.set_map(std::nullopt);
-    EXPECT_EQ(painter.light().radiance.values, expected.radiance.values);
+    anew.paint(setup);
+    EXPECT_EQ(painter.light().radiance.values, anew.light().radiance.values);
   }
 }
 
-TEST(LightPainter, SurroundingsAreSeenThroughAMonitorsWindow) {
+TEST(LightPainter, EnvironmentsAreSeenThroughAMonitorsWindow) {
   Rng rng{7};
-  const LightMap surroundings = test::random_light(rng, {64, 32, Parameterisation::lat_long});
+  const LightMap environment = test::random_light(rng, {64, 32, Parameterisation::lat_long});
   const MonitorPlacement placement{.width_mm = 520.0, .height_mm = 320.0, .distance_mm = 400.0};
   const auto projector = std::make_shared<const EnvironmentProjector>(monitor, std::span(&placement, 1));
+  LightSetup setup(monitor);
   LightPainter painter(monitor);
-  painter.set_surroundings(surroundings, projector);
+  setup.set_environment(std::make_shared<const PreparedEnvironment>(environment), projector);
   for (const double turns : {0.0, 0.25, 0.0}) {
-    painter.set_turns(turns);
-    const EnvironmentLight expected = projector->project(surroundings, {.yaw = 360.0 * turns});
+    setup.set_turns(turns);
+    painter.paint(setup);
+    const EnvironmentLight expected = projector->project(environment, {.yaw = 360.0 * turns});
     EXPECT_EQ(painter.light().radiance.values, expected.light.radiance.values) << turns;
     EXPECT_EQ(painter.share().energy, expected.share.energy) << turns;
   }
   EXPECT_LT(painter.share().energy, 0.3);
-  painter.set_map(std::nullopt);
-  EXPECT_FALSE(painter.can_turn());
+  setup.set_map(std::nullopt);
+  painter.paint(setup);
+  EXPECT_FALSE(setup.can_turn());
   EXPECT_EQ(painter.share().energy, 1.0);
 }
 
 TEST(LightPainter, TurnsItsMapAndFindsItsLamps) {
   Rng rng{9};
+  LightSetup setup(sphere);
   LightPainter painter(sphere);
   const LightMap map = test::random_light(rng, sphere);
-  painter.set_map(map);
-  painter.set_turns(1.25);
-  EXPECT_NEAR(painter.turns(), 0.25, 1e-12);
+  setup.set_map(map);
+  setup.set_turns(1.25);
+  EXPECT_NEAR(setup.turns(), 0.25, 1e-12);
+  painter.paint(setup);
   EXPECT_EQ(painter.light().radiance.values, rotated(map, 0.25).radiance.values);
-  painter.set_turns(0.0);
+  setup.set_turns(0.0);
+  painter.paint(setup);
   EXPECT_EQ(painter.light().radiance.values, map.radiance.values);
   Lamp low, high;
   low.x = 0.3;
   high.x = 0.32;
-  painter.add(low);
-  painter.add(high);
-  EXPECT_EQ(painter.lamp_at(0.31, 0.5), 1U);
-  painter.remove(1);
-  EXPECT_EQ(painter.lamp_at(0.31, 0.5), 0U);
-  EXPECT_FALSE(painter.lamp_at(0.9, 0.5));
-  EXPECT_THROW(painter.set_map(test::random_light(rng, monitor)), std::exception);
+  setup.add(low);
+  setup.add(high);
+  EXPECT_EQ(setup.lamp_at(0.31, 0.5), 1U);
+  setup.remove(1);
+  EXPECT_EQ(setup.lamp_at(0.31, 0.5), 0U);
+  EXPECT_FALSE(setup.lamp_at(0.9, 0.5));
+  EXPECT_THROW(setup.set_map(test::random_light(rng, monitor)), std::exception);
+}
+
+// A map that was turned for a setup which was given up before it was painted leaves nothing behind.
+TEST(LightPainter, ForgetsMapsThatWereTurnedInVain) {
+  Rng rng{10};
+  LightSetup setup(sphere), other(sphere);
+  LightPainter painter(sphere);
+  setup.set_map(test::random_light(rng, sphere));
+  other = setup;
+  other.set_turns(0.5);
+  painter.paint(setup);
+  const std::vector<float> expected = painter.light().radiance.values;
+  painter.turn_map(other);
+  Lamp lamp;
+  setup.add(lamp);
+  painter.paint(setup);
+  setup.remove_all();
+  painter.paint(setup);
+  EXPECT_EQ(painter.light().radiance.values, expected);
 }
 
 }  // namespace

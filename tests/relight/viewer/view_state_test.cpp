@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "core/errors.h"
@@ -41,7 +42,10 @@ class ViewStateTest : public testing::Test {
     for (std::size_t p = 0; p < expected.pixel_count(); ++p)
       for (std::size_t c = 0; c < 3; ++c) ASSERT_EQ(state_.picture()[4 * p + c], levels[3 * p + c]);
   }
-  void expect_painted_light() { expect_relit(state_.painter().light()); }
+  void expect_painted_light() {
+    state_.refresh();
+    expect_relit(state_.light());
+  }
 
   Rng rng_{1};
   const ReflectanceField field_ = make_field();
@@ -52,7 +56,7 @@ TEST_F(ViewStateTest, StartsLitAndExposed) {
   const auto first = state_.refresh();
   EXPECT_TRUE(first.picture && first.light);
   expect_painted_light();
-  EXPECT_EQ(state_.painter().lamps().size(), 2U);
+  EXPECT_EQ(state_.setup().lamps().size(), 2U);
   const auto white = std::ranges::count_if(state_.picture(), [](std::uint8_t level) { return level == 255; });
   EXPECT_GT(white, 600);        // each pixel's alpha, and some of it
   EXPECT_LT(white, 600 + 200);  // but not much
@@ -61,18 +65,18 @@ TEST_F(ViewStateTest, StartsLitAndExposed) {
 }
 
 TEST_F(ViewStateTest, FollowsTheLight) {
-  Lamp lamp = state_.painter().lamps()[0];
+  Lamp lamp = state_.setup().lamps()[0];
   for (int i = 0; i < 40; ++i) {
     lamp.x = rng_.uniform();
     lamp.y = rng_.uniform();
-    state_.painter().change(0, lamp);
+    state_.setup().change(0, lamp);
     const auto done = state_.refresh();
     EXPECT_TRUE(done.picture && done.light);
     expect_painted_light();
   }
-  state_.painter().set_map(test::random_light(rng_, domain));
+  state_.setup().set_map(test::random_light(rng_, domain));
   expect_painted_light();
-  state_.painter().set_turns(0.3);
+  state_.setup().set_turns(0.3);
   expect_painted_light();
   state_.reset_lamps();
   expect_painted_light();
@@ -94,9 +98,9 @@ TEST_F(ViewStateTest, ProbeIsAColumnOfTheTransfer) {
       state_.probe(box);
       expect_relit(alone(box));
     }
-    Lamp lamp = state_.painter().lamps()[1];
+    Lamp lamp = state_.setup().lamps()[1];
     lamp.x = rng_.uniform();
-    state_.painter().change(1, lamp);  // meanwhile
+    state_.setup().change(1, lamp);  // meanwhile
     state_.refresh();
     state_.probe(std::nullopt);
     expect_painted_light();
@@ -114,6 +118,7 @@ TEST_F(ViewStateTest, ProbeKeepsThePicturesExposure) {
   state_.probe(Box{8, 9, 10, 11});
   EXPECT_EQ(state_.tone_in_use().exposure, during);
   state_.probe(std::nullopt);
+  state_.refresh();
   EXPECT_EQ(state_.tone_in_use().exposure, before);
 }
 
@@ -129,7 +134,7 @@ TEST_F(ViewStateTest, PickedPixelShowsItsKernels) {
     for (const PixelKernel& kernel : kernels)
       for (int y = kernel.support.y0; y < kernel.support.y1; ++y)
         for (int x = kernel.support.x0; x < kernel.support.x1; ++x)
-          sum += kernel.weight[c] * state_.painter().light().radiance.at(x, y, static_cast<int>(c));
+          sum += kernel.weight[c] * state_.light().radiance.at(x, y, static_cast<int>(c));
     EXPECT_NEAR(sum, state_.radiance().at(7, 5, static_cast<int>(c)), 1e-4 * (1.0 + sum));
   }
   state_.pick(PixelPosition{30, 5});
@@ -149,7 +154,7 @@ TEST_F(ViewStateTest, ShowsErrorsAndFalseColours) {
   for (const std::size_t pixel : {0U, 100U, 300U, 599U})
     for (int c = 0; c < 3; ++c) EXPECT_NEAR(state_.picture()[4 * pixel + c], expected(pixel, c), 2);
   // The light does not change this picture.
-  state_.painter().set_ambient(0.5);
+  state_.setup().set_ambient(0.5);
   EXPECT_FALSE(state_.refresh().picture);
   state_.show(Shown::false_colour);
   EXPECT_TRUE(state_.refresh().picture);
@@ -158,6 +163,76 @@ TEST_F(ViewStateTest, ShowsErrorsAndFalseColours) {
   EXPECT_THROW(ViewState{ReflectanceField{}}, InputError);
   for (const Shown shown : all_shown) EXPECT_EQ(shown_from_name(name_of(shown)), shown);
   EXPECT_THROW(shown_from_name("ghost"), InputError);
+}
+
+/// Under an environment that takes long to project onto its light map: 400 thousand texels.
+class ViewStateUnderAnEnvironment : public testing::Test {
+ protected:
+  static constexpr LightDomain cube{256, 6 * 256, Parameterisation::cube};
+  static constexpr std::chrono::milliseconds frame{5};
+
+  ViewStateUnderAnEnvironment() {
+    state_.setup().remove_all();
+    state_.setup().set_ambient(0.0);
+    state_.setup().set_environment(std::make_shared<const PreparedEnvironment>(environment_), projector_);
+    state_.refresh();
+  }
+  LightMap light_at(double turns) {
+    LightPainter painter(cube);
+    LightSetup setup = state_.setup();
+    setup.set_turns(turns);
+    painter.paint(setup);
+    return painter.light();
+  }
+
+  Rng rng_{4};
+  const LightMap environment_ = test::random_light(rng_, {128, 64, Parameterisation::lat_long});
+  std::shared_ptr<const EnvironmentProjector> projector_ =
+      std::make_shared<const EnvironmentProjector>(cube, std::span<const MonitorPlacement>());
+  const ReflectanceField field_ = test::random_field(rng_, 8, 6, cube, 40, 5);
+  ViewState state_{ReflectanceField(field_)};
+};
+
+// Each frame waits no longer than it said, shows the picture before meanwhile, and a drag of many frames
+// costs few projections: what is made next is what is wanted then. The last one is what stays.
+TEST_F(ViewStateUnderAnEnvironment, FramesGoOnAndTheNewestTurnWins) {
+  const Image before = state_.radiance();
+  const std::size_t relit_before = state_.relit();
+  constexpr int moves = 60;
+  std::vector<double> waits_ms;
+  for (int i = 1; i <= moves; ++i) {
+    state_.setup().set_turns(0.4 * i / moves);
+    const auto start = std::chrono::steady_clock::now();
+    state_.refresh(frame);
+    waits_ms.push_back(
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
+    if (i == 1 && state_.relit() == relit_before) {
+      EXPECT_EQ(state_.radiance().values, before.values);
+    }
+  }
+  // The median: on a machine that does other things single frames wait for a processor.
+  std::ranges::nth_element(waits_ms, waits_ms.begin() + moves / 2);
+  constexpr double longest_wait_ms = 50.0;
+  EXPECT_LT(waits_ms[moves / 2], longest_wait_ms);
+  state_.refresh();
+  EXPECT_TRUE(state_.is_current());
+  EXPECT_LE(state_.relit() - relit_before, static_cast<std::size_t>(moves));
+  EXPECT_EQ(state_.light().radiance.values, light_at(0.4).radiance.values);
+}
+
+TEST_F(ViewStateUnderAnEnvironment, ClosingDoesNotWaitForTheProjection) {
+  state_.setup().set_turns(0.1);
+  state_.refresh(std::chrono::milliseconds(0));
+  EXPECT_FALSE(state_.is_current());
+}  // the job is cancelled; a test that hangs here has failed
+
+TEST_F(ViewStateUnderAnEnvironment, ExposureFollowsThePictureThatIsMade) {
+  state_.expose_picture();
+  const double before = state_.tone().exposure;
+  state_.setup().set_map_gain(8.0);
+  state_.expose_picture();  // of a picture that is not there yet
+  state_.refresh();
+  EXPECT_NEAR(state_.tone().exposure, before / 8.0, 1e-3 * before);
 }
 
 }  // namespace

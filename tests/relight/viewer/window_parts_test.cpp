@@ -2,14 +2,23 @@
 // What the viewer's window is made of, without the window.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <tbb/parallel_for.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
 
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/interrupt.h"
+#include "relight/viewer/background_job.h"
 #include "relight/viewer/canvas.h"
 #include "relight/viewer/fit_light.h"
 #include "relight/viewer/frame_times.h"
 #include "relight/viewer/input.h"
+#include "relight/viewer/recent_files.h"
 #include "relight/viewer/script.h"
+#include "relight/viewer/window_state.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -92,7 +101,8 @@ TEST(FrameStatistics, AreMeans) {
   EXPECT_DOUBLE_EQ(statistics.per_second, 50.0);
   EXPECT_DOUBLE_EQ(statistics.mean.relight_ms, 8.0);
   EXPECT_DOUBLE_EQ(statistics.mean.tone_ms, 2.0);
-  EXPECT_THAT(text_of(statistics), HasSubstr("2 frames, 50.0 a second"));
+  EXPECT_DOUBLE_EQ(statistics.longest_ms, 30.0);
+  EXPECT_THAT(text_of(statistics), HasSubstr("2 frames, 50.0 per second"));
 }
 
 TEST(Script, ReadsCommands) {
@@ -138,6 +148,111 @@ TEST(Script, IsReadBeforeItIsPlayed) {
   write_text_atomically(folder / "bad", "pick 1 2\njump\n");
   EXPECT_THROW(ScriptSource((folder / "bad").string()), InputError);
   EXPECT_THROW(ScriptSource((folder / "missing").string()), DeviceError);
+}
+
+TEST(BackgroundJob, GivesResultsAndErrors) {
+  BackgroundJob<int> sum([] { return 2 + 3; });
+  sum.wait();
+  EXPECT_TRUE(sum.wait_for(std::chrono::microseconds(0)));
+  EXPECT_EQ(sum.take(), 5);
+  BackgroundJob<int> failing([]() -> int { throw InputError("no such map"); });
+  EXPECT_THROW(failing.take(), InputError);
+}
+
+// Parallel loops within it end early, and nobody takes what they left behind.
+TEST(BackgroundJob, EndsSoonOnceCancelled) {
+  std::atomic<int> begun{0};
+  BackgroundJob<int> job([&] {
+    tbb::parallel_for(0, 1000, [&](int) {
+      throw_if_interrupted();
+      ++begun;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    });
+    throw_if_interrupted();
+    return 1;
+  });
+  while (begun == 0) std::this_thread::yield();
+  EXPECT_FALSE(job.wait_for(std::chrono::microseconds(0)));
+  job.cancel();
+  EXPECT_THROW(job.take(), Interrupted);
+  EXPECT_LT(begun, 500);
+  EXPECT_NO_THROW(throw_if_interrupted());  // here nothing was cancelled
+}
+
+TEST(BackgroundJob, WorkThatMustBeCompleteIsNotCutShort) {
+  std::atomic<int> done{0};
+  std::atomic<bool> is_begun{false};
+  BackgroundJob<int> job([&] {
+    run_uncancelled([&] {
+      tbb::parallel_for(0, 40, [&](int) {
+        is_begun = true;
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+        throw_if_interrupted();
+        ++done;
+      });
+    });
+    return 1;
+  });
+  while (!is_begun) std::this_thread::yield();
+  job.cancel();
+  EXPECT_THROW(job.take(), Interrupted);
+  EXPECT_EQ(done, 40);
+}
+
+TEST(RecentFiles, ComeLastFirstAndOnce) {
+  const test::TemporaryFolder folder;
+  const auto list = folder / "state" / "recent";
+  RecentFiles recent(list);
+  EXPECT_TRUE(recent.files().empty());
+  for (const char* name : {"/a/one.exr", "/a/two.exr", "/a/../a/one.exr"}) recent.add(name);
+  using Files = std::vector<std::filesystem::path>;
+  EXPECT_EQ(recent.files(), (Files{"/a/one.exr", "/a/two.exr"}));
+  RecentFiles other(list);
+  EXPECT_EQ(other.files(), recent.files());
+  other.add("/b.exr");
+  recent.add("/c.exr");  // does not lose the other window's
+  EXPECT_EQ(recent.files(), (Files{"/c.exr", "/b.exr", "/a/one.exr", "/a/two.exr"}));
+  for (int i = 0; i < 40; ++i) recent.add("/many/" + std::to_string(i));
+  EXPECT_EQ(recent.files().size(), RecentFiles::max_files);
+  EXPECT_EQ(RecentFiles(list).files().front(), "/many/39");
+}
+
+TEST(RecentFiles, SurviveDamage) {
+  const test::TemporaryFolder folder;
+  const auto list = folder / "recent";
+  write_text_atomically(
+      list, "/good.exr\nrelative.exr\n\n/bad\x1b[31m.exr\n/" + std::string(5000, 'x') + "\n/last");
+  EXPECT_EQ(RecentFiles(list).files(), (std::vector<std::filesystem::path>{"/good.exr", "/last"}));
+  write_text_atomically(list, std::string(1 << 20, '\0'));
+  EXPECT_TRUE(RecentFiles(list).files().empty());
+  write_text_atomically(list, "");
+  EXPECT_TRUE(RecentFiles(list).files().empty());
+  std::filesystem::remove(list);
+  std::filesystem::create_directory(list);  // nothing can be written there
+  RecentFiles recent(list);
+  recent.add("/a.exr");
+  EXPECT_EQ(recent.files().size(), 1U);
+  recent.add("/two\nlines.exr");
+  EXPECT_EQ(recent.files().size(), 1U);
+  RecentFiles forgetful{std::filesystem::path()};
+  forgetful.add("/a.exr");
+  EXPECT_EQ(forgetful.files().size(), 1U);
+}
+
+TEST(FileDialog, ListsWhatCanBeOpened) {
+  const test::TemporaryFolder folder;
+  std::filesystem::create_directory(folder / "maps");
+  for (const char* name : {"sky.exr", "a.rfield", "notes.txt", ".hidden.exr", "maps/b.hdr"})
+    write_text_atomically(folder / name, "");
+  using Files = std::vector<std::filesystem::path>;
+  FileDialog dialog(FileDialog::Purpose::open, folder.path());
+  EXPECT_EQ(dialog.folders, Files{folder / "maps"});
+  EXPECT_EQ(dialog.files, (Files{folder / "a.rfield", folder / "sky.exr"}));
+  dialog.go_to(folder / "maps/");
+  EXPECT_EQ(dialog.folder, folder / "maps");
+  EXPECT_EQ(dialog.files, Files{folder / "maps/b.hdr"});
+  dialog.go_to(folder / "none");
+  EXPECT_TRUE(dialog.files.empty() && dialog.folders.empty());
 }
 
 }  // namespace
