@@ -11,7 +11,7 @@ namespace refield {
 
 namespace {
 
-constexpr int repeats = 4;
+constexpr int shots_per_pattern = 4;
 constexpr double beyond_chance = 5.0;  // standard deviations
 
 /// White where `inside` says so, of places from (0, 0) to (1, 1).
@@ -104,7 +104,7 @@ Superposition measure_superposition(CalibrationBench& bench, const CameraCalibra
   Progress progress("testing superposition", 2 * patterns.size() + 2);
   const auto shoot = [&](const Inside& inside) {
     bench.show(pattern(bench.display(), inside));
-    Photograph shot = photograph(bench, camera, exposures, repeats);
+    Photograph shot = photograph(bench, camera, exposures, shots_per_pattern);
     progress.advance();
     return shot;
   };

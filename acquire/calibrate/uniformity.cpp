@@ -11,13 +11,13 @@ namespace refield {
 
 namespace {
 
-constexpr int repeats = 8;
+constexpr int frames_per_mean = 8;
 
 Photograph above_black(CalibrationBench& bench, const CameraCalibration& camera,
                        const std::vector<Seconds>& exposures, const DriveImage& image,
                        const Photograph& black) {
   bench.show(image);
-  Photograph shot = photograph(bench, camera, exposures, repeats);
+  Photograph shot = photograph(bench, camera, exposures, frames_per_mean);
   for (std::size_t i = 0; i < shot.radiance.values.size(); ++i) {
     shot.radiance.values[i] -= black.radiance.values[i];
     shot.sigma.values[i] = std::hypot(shot.sigma.values[i], black.sigma.values[i]);
@@ -28,7 +28,7 @@ Photograph above_black(CalibrationBench& bench, const CameraCalibration& camera,
 Photograph black_frame(CalibrationBench& bench, const CameraCalibration& camera,
                        const std::vector<Seconds>& exposures) {
   bench.show(0);
-  return photograph(bench, camera, exposures, repeats);
+  return photograph(bench, camera, exposures, frames_per_mean);
 }
 
 double least_of(const RelativeMap& map) {
