@@ -419,7 +419,7 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
       double of_row[3] = {0.0, 0.0, 0.0};
       const float* angles = solid_angles_of(first_row + y);
       for (int x = 0; x < domain.width; ++x, out += 3) {
-        double light[3];
+        double light[3] = {};
         const double angle = is_lat_long ? angles[0] : angles[x];
         const float* constant = rows.texel(x, light);
         if (constant && window_shares_.empty()) {
