@@ -144,8 +144,14 @@ TEST_F(CaptureSessionTest, KeysThatNobodyReadsAreRefused) {
   EXPECT_THAT(refusal("format", "maks = 'mask.png'"),
               AllOf(HasSubstr("line 1"), HasSubstr("'maks'"), HasSubstr("did you mean 'mask'?")));
   EXPECT_THAT(refusal("format", "ambiant = 'a.exr'"), HasSubstr("'ambient'"));
-  EXPECT_THAT(refusal("format", "mask = 7"), AllOf(HasSubstr("'mask'"), HasSubstr("text in quotes")));
-  EXPECT_THAT(refusal("format", "mask = \"m\\u0000.png\""), HasSubstr("'mask'"));
+  const auto refusal_of_mask = [&](const std::string& value) {
+    std::string text = good;
+    const std::size_t at = text.find("mask = ");
+    write_manifest(text.replace(at, text.find('\n', at) - at, "mask = " + value));
+    return test::message_of([&] { read_capture_session(folder_.path()); });
+  };
+  EXPECT_THAT(refusal_of_mask("7"), AllOf(HasSubstr("'mask'"), HasSubstr("text in quotes")));
+  EXPECT_THAT(refusal_of_mask("\"m\\u0000.png\""), AllOf(HasSubstr("'mask'"), HasSubstr("text in quotes")));
   EXPECT_THAT(refusal("[light]", "[lights]"), HasSubstr("did you mean 'light'?"));
   const auto in_table = [&](const std::string& table, const std::string& added) {
     std::string text = good;
