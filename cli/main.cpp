@@ -95,6 +95,7 @@ bool lacks_threads(const std::exception& error) {
   ::_exit(status);
 }
 
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose own start must come first
 /// Without allocating memory.
 [[noreturn]] void end_for_lack_of_resources() {
   const ssize_t written = ::write(STDERR_FILENO, no_resources, std::strlen(no_resources));
@@ -117,7 +118,6 @@ bool lacks_threads(const std::exception& error) {
   std::abort();
 }
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose own start must come first
 /// Runs before the shared libraries' constructors, one of which (log4cplus, which OpenImageIO needs) starts
 /// threads. OpenBLAS, where it is the system's BLAS, would start one for each core, and nothing here uses it.
 void prepare_for_libraries() {
