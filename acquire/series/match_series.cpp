@@ -129,8 +129,7 @@ void bring_clocks_together(const MatchRequest& request, const std::vector<Series
   }
   Progress progress("measuring brightness", observed.size() + probes.size());
   const auto scene = brightness_of(observed, false, progress);
-  const auto light =
-      brightness_of(probes, request.parameterisation == Parameterisation::lat_long, progress);
+  const auto light = brightness_of(probes, request.parameterisation == Parameterisation::lat_long, progress);
   summary.estimate = estimate_clocks(scene, light, request.largest_offset_seconds, !request.drift_ppm);
   summary.clocks = summary.estimate->relation;
   if (request.drift_ppm) summary.clocks.drift = 1e-6 * *request.drift_ppm;

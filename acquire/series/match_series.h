@@ -13,10 +13,11 @@ namespace refield {
 
 /// Two series of photographs by cameras whose clocks know nothing of each other: the scene, and the light.
 struct MatchRequest {
-  std::string observed;          ///< pattern or folder of the scene's photographs (OpenEXR)
-  std::string probes;  ///< pattern or folder of light maps, as probe_light() writes them or as they were shown
+  std::string observed;  ///< pattern or folder of the scene's photographs (OpenEXR)
+  std::string
+      probes;  ///< pattern or folder of light maps, as probe_light() writes them or as they were shown
   Parameterisation parameterisation = Parameterisation::lat_long;  ///< of the light maps
-  std::filesystem::path folder;  ///< of the session to make
+  std::filesystem::path folder;                                    ///< of the session to make
   std::optional<double> offset_seconds =
       0.0;  ///< the observed camera's clock is ahead by this; nullopt: told from brightness
   std::optional<double> drift_ppm = 0.0;    ///< and gains this; nullopt: told, too

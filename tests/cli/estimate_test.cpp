@@ -276,7 +276,7 @@ TEST_F(EstimateVerb, LimitsOfTheSystemEndItWithAMessage) {
                                           "--observed", folder_ / "observed/t_*.exr",
                                           "--kernels",  "4",
                                           "-o",         output_};
-  fs::permissions(folder_.path(), fs::perms::all);  // also for whom root becomes below
+  fs::permissions(folder_.path(), fs::perms::all);    // also for whom root becomes below
   const auto ended_well = testing::AnyOf(0, 2, 127);  // 127: the loader itself lacked memory
   for (const rlim_t mebibytes : {460, 480, 500, 540})
     EXPECT_THAT(status_under_limit(RLIMIT_AS, mebibytes << 20, words), ended_well) << mebibytes << " MiB";
