@@ -146,13 +146,13 @@ std::string read_text(const fs::path& path) {
   std::FILE* file = std::fopen(path.c_str(), "rbe");
   if (!file) throw DeviceError(path.string(), errno, "cannot open");
   // A regular file ends; what comes from a pipe or a device need not.
-  constexpr std::size_t most_of_a_stream = std::size_t{64} << 20;
+  constexpr std::size_t max_stream_bytes = std::size_t{64} << 20;
   const bool ends = fs::is_regular_file(path);
   std::string text;
   char buffer[1 << 16];
   while (const std::size_t got = std::fread(buffer, 1, sizeof buffer, file)) {
     text.append(buffer, got);
-    if (ends || text.size() <= most_of_a_stream) continue;
+    if (ends || text.size() <= max_stream_bytes) continue;
     std::fclose(file);
     throw FormatError(path, "is no regular file and goes on after 64 MiB; give a file");
   }
