@@ -67,13 +67,14 @@ RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision w
 Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision)
     : domain_(basis.domain),
       smooth_(basis),
+      precision_(precision),
       double_sums_(precision == RelightPrecision::fine ||
                    std::int64_t{basis.domain.width} * basis.domain.height > most_fixed_point_texels),
       image_(width, height, 3) {}
 
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
     : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
-  if (precision_for(field, precision) == RelightPrecision::fast)
+  if (precision_ == RelightPrecision::fast)
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(field));
   else
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint16_t>(field));
@@ -82,7 +83,7 @@ Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
 
 Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
     : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
-  if (precision_for(field, precision) == RelightPrecision::fast)
+  if (precision_ == RelightPrecision::fast)
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(std::move(field)));
   else
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint16_t>(std::move(field)));

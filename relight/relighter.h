@@ -77,7 +77,8 @@ class Relighter {
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
   std::vector<SmallBox> summed_boxes_;  // the common ones, then each tile's own
   std::vector<std::uint32_t>
-      own_start_;  // [tiles], first of each tile's in summed_boxes_ after the common ones
+      own_start_;               // [tiles], first of each tile's in summed_boxes_ after the common ones
+  RelightPrecision precision_;  // of the weights
   bool double_sums_ = false;
   FixedPointTable table_;
   SummedAreaTable exact_table_;
