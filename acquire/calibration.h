@@ -80,8 +80,8 @@ Image emitted_above_black(const DriveImage& drive, const MonitorCalibration& mon
 /// A whole image at one drive level.
 DriveImage uniform_drive(int width, int height, std::uint8_t level);
 
-/// All calibrations that are known as a TOML file, see docs/capture-session-format.md. The text holds every
-/// digit.
+/// All calibrations that are known as a TOML file, see docs/reference/capture-session-format.md. The text
+/// holds every digit.
 void write_calibration(const std::filesystem::path& path, const CameraCalibration& camera,
                        const std::optional<MonitorCalibration>& monitor,
                        const std::optional<TimingCalibration>& timing = std::nullopt);

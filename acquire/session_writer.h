@@ -20,9 +20,9 @@ void check_session_folder(const std::filesystem::path& folder, IfExists if_exist
 /// plan.toml of a capture that was begun in `folder`; nullopt when there is none.
 std::optional<std::string> stored_plan(const std::filesystem::path& folder);
 
-/// The capture session folder while it grows, see docs/capture-session-format.md. At every moment the disk
-/// says which steps are finished: files land by rename, then the journal names them. plan.toml comes first
-/// and says what the capture is to become; session.toml comes last and says that it is complete.
+/// The capture session folder while it grows, see docs/reference/capture-session-format.md. At every moment
+/// the disk says which steps are finished: files land by rename, then the journal names them. plan.toml comes
+/// first and says what the capture is to become; session.toml comes last and says that it is complete.
 class SessionWriter {
  public:
   /// Opens `folder` for a capture that `plan` (text of plan.toml) describes in full, made of `steps`.

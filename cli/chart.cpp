@@ -113,7 +113,7 @@ void add_chart(CLI::App& app, const Common& common, Action& action) {
       "  refield chart session --truth truth -o chart\n"
       "  refield chart --light 'light/train_*.exr' --observed 'observed/train_*.exr'\n"
       "                --test-light 'light/test_*.exr' --test-observed 'observed/test_*.exr' -o chart\n"
-      "Writes chart.csv, chart.json and four pictures. docs/chart.md says what each method is.");
+      "Writes chart.csv, chart.json and four pictures. docs/method/chart.md says what each method is.");
   verb->add_option("session", arguments->session, "Capture session folder with held-out frames");
   verb->add_option("--light", arguments->light, "Light maps to estimate from: pattern in quotes, or folder");
   verb->add_option("--observed", arguments->observed, "Their photographs");

@@ -74,7 +74,7 @@ void add_hdr(CLI::App& app, const Common& common, Action& action) {
       "Radiance 1 fills the range of the images in one second. Exposures that contradict one another are "
       "refused; "
       "where\n"
-      "they contradict the assumed response, it is estimated from them (docs/import.md).\n\n"
+      "they contradict the assumed response, it is estimated from them (docs/guide/import.md).\n\n"
       "Examples:\n"
       "  refield hdr a.tif b.tif c.tif -o view.exr --exposures 0.01,0.04,0.16\n"
       "  refield hdr 'IMG_*.jpg' -o view.exr                    sRGB files with EXIF exposure times\n"

@@ -197,7 +197,7 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       "  refield simulate recipe.toml -o huge --width 1024 --height 768 --light-width 800 --light-height 600 "
       "--half");
   verb->add_option("recipe", arguments->recipe,
-                   "The data set's description (TOML); see docs/synthetic-scenes.md");
+                   "The data set's description (TOML); see docs/reference/synthetic-scenes.md");
   verb->add_option("-o,--output", arguments->folder, "Folder to make");
   const char* size = "Size";
   verb->add_option("--width", arguments->width, "Camera pixels across, in place of the recipe's")

@@ -39,13 +39,14 @@ void add_view(CLI::App& app, const Common&, Action& action) {
                          "Relight a scene by hand, or move objects and lamps about in it, in a window\n\n"
                          "  refield view scene.rfield --light sky.exr\n"
                          "  refield view datasets_synthetic/dynamic/room.toml");
-  verb->add_option("scene", options->shown,
-                   "Reflectance field (.rfield), or a scene that moves (.toml, docs/dynamic.md)")
+  verb->add_option(
+          "scene", options->shown,
+          "Reflectance field (.rfield), or a scene that moves (.toml, docs/reference/mesh-scenes.md)")
       ->required();
   verb->add_option("--light", options->light, "Light map to begin with (EXR, HDR: linear; PNG, JPEG: sRGB)");
   verb->add_option("--size", options->size, "Of the window, WIDTHxHEIGHT (default 1440x900)");
   verb->add_option("--script", options->script,
-                   "Drive the viewer by a file of commands, '-' for standard input (docs/viewer.md)");
+                   "Drive the viewer by a file of commands, '-' for standard input (docs/guide/viewer.md)");
   verb->footer(
       "Fields: drag lamps over the light map and see the scene follow; click a pixel to see where its light "
       "comes "

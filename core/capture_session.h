@@ -33,8 +33,8 @@ struct CaptureFrame {
 };
 
 /// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and
-/// its manifest (session.toml) are described in docs/capture-session-format.md. It stands in core because
-/// stages meet in it.
+/// its manifest (session.toml) are described in docs/reference/capture-session-format.md. It stands in core
+/// because stages meet in it.
 struct CaptureSession {
   std::filesystem::path folder;  ///< empty for a capture given by globs
   LightDomain light;

@@ -10,7 +10,7 @@
 namespace refield {
 
 /// Some rows of a reflectance field, estimated on their own. The file is a field's with three attributes more
-/// (docs/reflectance-field-format.md); only merge_field_parts() and `refield info` read it.
+/// (docs/reference/reflectance-field-format.md); only merge_field_parts() and `refield info` read it.
 struct FieldPart {
   ReflectanceField field;  ///< of the rows alone: height is rows.count()
   RowRange rows;           ///< of the whole picture

@@ -58,7 +58,7 @@ class CrossValidationLattice {
 /// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
 /// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
 /// images; the prediction is the mean of the two squares, which measurements on two captures bear out
-/// (docs/progressive.md). Runs on all cores; the result does not depend on their number.
+/// (docs/method/progressive.md). Runs on all cores; the result does not depend on their number.
 void predict_errors(ReflectanceField& field);
 
 }  // namespace refield

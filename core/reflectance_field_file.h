@@ -9,7 +9,7 @@
 namespace refield {
 
 /// The version of the file format that this program writes; fields that were packed have one of their own.
-/// docs/reflectance-field-format.md describes both.
+/// docs/reference/reflectance-field-format.md describes both.
 inline constexpr int reflectance_field_version = 2;
 inline constexpr int packed_field_version = 3;
 

@@ -10,8 +10,8 @@
 
 namespace refield {
 
-/// `refined`: a smooth part and few rectangles, as many as the data bear (docs/estimation.md): most accurate.
-/// `paper`: Matusik et al. 2004 as published: even splits, every candidate split re-solved by NNLS.
+/// `refined`: a smooth part and few rectangles, as many as the data bear (docs/method/estimation.md): most
+/// accurate. `paper`: Matusik et al. 2004 as published: even splits, every candidate split re-solved by NNLS.
 /// `fast`: the paper's splits scored by projected gain, without spatial correction.
 enum class EstimateMode { refined, paper, fast };
 

@@ -170,7 +170,7 @@ ObjectDescription read_object(Section section, const std::vector<MaterialDescrip
 }  // namespace
 
 Recipe read_recipe(const fs::path& path) {
-  const ConfigFile file(path, "recipe", "docs/synthetic-scenes.md");
+  const ConfigFile file(path, "recipe", "docs/reference/synthetic-scenes.md");
   file.check_names({"seed", "camera", "monitor", "ambient", "material", "object", "lights", "sensor",
                     "exposures", "reference"});
 

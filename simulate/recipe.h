@@ -47,7 +47,7 @@ struct Recipe {
 };
 
 /// Reads and checks a recipe. Throws InputError naming the file, line, key, value and remedy; a key that is
-/// not known is an error. docs/synthetic-scenes.md lists all keys.
+/// not known is an error. docs/reference/synthetic-scenes.md lists all keys.
 Recipe read_recipe(const std::filesystem::path& path);
 
 }  // namespace refield

@@ -463,8 +463,7 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
           "8-bit files with one exposure per view are taken to have the sRGB curve, which one exposure "
           "cannot "
           "confirm; a camera's contrast curve makes errors of 20 % and more. Photograph brackets, or give "
-          "the "
-          "camera's curve with --response (docs/import.md)");
+          "the camera's curve with --response (docs/guide/import.md)");
     return notes;
   }
   std::size_t worst = 0;

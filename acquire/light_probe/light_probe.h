@@ -47,9 +47,9 @@ struct ProbeSummary {
   std::size_t kept() const;
 };
 
-/// Turns photographs of a mirror ball into lat-long light maps, see docs/light-probe.md. Maps are written one
-/// by one, each atomically; maps of discarded photographs are not written. Throws InputError, FormatError or
-/// DeviceError.
+/// Turns photographs of a mirror ball into lat-long light maps, see docs/guide/light-probe.md. Maps are
+/// written one by one, each atomically; maps of discarded photographs are not written. Throws InputError,
+/// FormatError or DeviceError.
 ProbeSummary probe_light(const ProbeRequest& request);
 
 }  // namespace refield

@@ -33,8 +33,8 @@ struct SeenLight {
   Mask clipped;  ///< non-zero: rests on samples that were clipped, so the radiance is a lower bound
 };
 
-/// The lat-long light map that a photograph of a mirror ball shows, see docs/light-probe.md. `turn` is the
-/// camera's: without one its optical axis is the middle of the light map, and +Y is up in the image. Each
+/// The lat-long light map that a photograph of a mirror ball shows, see docs/guide/light-probe.md. `turn` is
+/// the camera's: without one its optical axis is the middle of the light map, and +Y is up in the image. Each
 /// texel is the mean radiance over its solid angle, by samples no further apart than a third of a pixel, so
 /// that small bright sources keep their energy; each sample is divided by the mirror's reflectance at its
 /// angle of incidence. `hidden`, empty or as large as the photograph, is non-zero where nothing may be taken

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // From an environment map in memory to the picture on the screen: projection, relighting, shading and tone
 // mapping. The field is made here: clustered environment lights over a mesh of 73 000 vertices, shown at
-// 1024×768, with as many clusters and weights as docs/prt-clusters.md states for a scanned figure. Beside the
-// time stand the error of the linear picture against the exact projection (relative RMSE) and `limit_ms`, the
-// time that reading the field and writing the picture take on this machine. The captured field's benchmarks
-// are in relight_bench.cpp.
+// 1024×768, with as many clusters and weights as docs/method/prt-clusters.md states for a scanned figure.
+// Beside the time stand the error of the linear picture against the exact projection (relative RMSE) and
+// `limit_ms`, the time that reading the field and writing the picture take on this machine. The captured
+// field's benchmarks are in relight_bench.cpp.
 //
 // REFIELD_FIELD=f.rfield measures a precomputed field instead, REFIELD_ENV=map.exr with a map of your own.
 #include <benchmark/benchmark.h>

@@ -9,7 +9,7 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
       "Photograph a scene under many lights: HDR, ambient light subtracted, into a capture session.\n\n"
       "Killed or interrupted at any moment, a capture goes on by the same command with --resume, and the "
       "session ends\n"
-      "in the same bytes. docs/capture-session-format.md describes the folder.");
+      "in the same bytes. docs/reference/capture-session-format.md describes the folder.");
   group->require_subcommand(1);
   add_acquire_devices(*group, common, action);
   add_acquire_init(*group, common, action);

@@ -172,11 +172,11 @@ void print(const ordered_json& devices) {
 }  // namespace
 
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action) {
-  CLI::App* verb =
-      group.add_subcommand("devices",
-                           "List cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) with "
-                           "modes, the desktop's displays for windows, and GPIO chips,\n"
-                           "under the names that a session file uses (docs/devices.md). Changes nothing.");
+  CLI::App* verb = group.add_subcommand(
+      "devices",
+      "List cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) with "
+      "modes, the desktop's displays for windows, and GPIO chips,\n"
+      "under the names that a session file uses (docs/reference/devices.md). Changes nothing.");
   verb->callback([&common, &action] {
     action = [&common] {
       const ordered_json devices = {{"cameras", cameras()},

@@ -18,8 +18,8 @@ namespace fs = std::filesystem;
 
 // Keys without a comment sign must be there or are worth a look; the others are at their defaults.
 constexpr const char* before_camera =
-    R"(# What 'refield acquire run' photographs, and with which devices (docs/devices.md). Paths are relative to
-# this file. Lines that begin with "# key =" show a key's default or, where it has none, an example.
+    R"(# What 'refield acquire run' photographs, and with which devices (docs/reference/devices.md). Paths are
+# relative to this file. Lines that begin with "# key =" show a key's default or, where it has none, an example.
 
 [session]
 output = "session"                # folder to make
@@ -61,7 +61,7 @@ constexpr const char* after_camera =
 width = 160                       # size of the light maps, texels; each is shown as a square of whole pixels
 height = 90
 # width_mm = 520                  # where the screen stands as seen from the scene, for relighting by environment
-# height_mm = 320                 # maps (docs/relighting.md); default: not known
+# height_mm = 320                 # maps (docs/guide/relighting.md); default: not known
 # distance_mm = 600               # millimetres from the scene's middle to the screen's plane
 # yaw_degrees = 0                 # direction of the screen from the scene: 0 is where the camera looks
 # pitch_degrees = 0
@@ -138,7 +138,7 @@ void add_acquire_init(CLI::App& group, const Common& /*common*/, Action& action)
       "init",
       "Write a session file with all keys, their units and defaults, to edit: it names the devices for "
       "'refield acquire\n"
-      "calibrate' and 'refield acquire run'. A capture by hand (docs/capture.md) needs none.\n\n"
+      "calibrate' and 'refield acquire run'. A capture by hand (docs/guide/capture.md) needs none.\n\n"
       "Example:\n"
       "  refield acquire init session.toml");
   verb->add_option("file", *file, "Session file to write (.toml)")->capture_default_str();

@@ -139,7 +139,7 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
       "Turn photographs of a mirror ball into lat-long light maps (the paper's outdoor rig).\n"
       "A map looks as the surroundings do from the ball's place, the direction in which the camera looks in "
       "its\n"
-      "middle; docs/light-probe.md has a picture. Photographs are linear (.exr), as 'refield hdr' and "
+      "middle; docs/guide/light-probe.md has a picture. Photographs are linear (.exr), as 'refield hdr' and "
       "'refield\n"
       "acquire import' write them.\n\n"
       "Examples:\n"

@@ -143,8 +143,8 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
   CLI::App* verb = group.add_subcommand(
       "run",
       "Photograph a scene under many lights with a real camera and monitor, as a session file says.\n"
-      "docs/devices.md describes the file; 'refield acquire devices' lists what it may name. A frame is "
-      "taken for "
+      "docs/reference/devices.md describes the file; 'refield acquire devices' lists what it may name. A "
+      "frame is taken for "
       "a light\n"
       "only when its time stamp says that it was exposed after the monitor had changed.\n\n"
       "Unplugged, killed or out of disk space, the same command with --resume goes on.\n\n"

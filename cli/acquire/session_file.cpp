@@ -164,7 +164,7 @@ void read_session(ConfigSection section, const fs::path& folder, SessionFile& se
 }  // namespace
 
 SessionFile read_session_file(const fs::path& path) {
-  const ConfigFile file(path, "session file", "docs/devices.md");
+  const ConfigFile file(path, "session file", "docs/reference/devices.md");
   file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
   SessionFile session;
   session.path = path;

@@ -24,7 +24,7 @@ struct SessionLights {
   double white_percentile = 99.0;  ///< of the panorama's brightness: shown as the monitor's white
 };
 
-/// A session file: everything that `refield acquire run` needs to know, see docs/devices.md.
+/// A session file: everything that `refield acquire run` needs to know, see docs/reference/devices.md.
 struct SessionFile {
   std::filesystem::path path;
   std::filesystem::path output;

@@ -217,7 +217,7 @@ void add_acquire_show(CLI::App& group, const Common& /*common*/, Action& action)
       "times.tsv beside the patterns, by the computer's local time: 'refield acquire match' pairs "
       "photographs "
       "with it\n"
-      "where the series has gaps. docs/capture.md leads through a capture by hand.\n\n"
+      "where the series has gaps. docs/guide/capture.md leads through a capture by hand.\n\n"
       "Examples:\n"
       "  refield acquire show patterns --every 5s\n"
       "  refield acquire show patterns                   by hand: a key for each\n"

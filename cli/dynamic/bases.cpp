@@ -175,7 +175,7 @@ void add_simulate_dynamic_bases(CLI::App& app, const Common&, Action& action) {
       "Compare bases for light on surfaces, and how many terms a glossy BRDF takes\n\n"
       "The experiments behind dynamic scenes: light of lamps on a floor and a figure in 1 to 64 harmonics, "
       "wavelets, cosines or principal components; the condition of the matrix that weights are found with; "
-      "Phong's BRDF of exponents 4 to 128 in 1 to 256 terms. See docs/dynamic-bases.md.\n"
+      "Phong's BRDF of exponents 4 to 128 in 1 to 256 terms. See docs/method/dynamic-bases.md.\n"
       "  refield simulate dynamic-bases -o bases\n"
       "  refield simulate dynamic-bases --mesh bunny.obj -o bases");
   verb->add_option("-o,--output", arguments->folder,

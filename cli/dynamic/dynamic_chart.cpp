@@ -193,7 +193,7 @@ void add_simulate_dynamic_chart(CLI::App& app, const Common&, Action& action) {
       "by "
       "occlusion fields, and the paper's way, against traced paths.\n"
       "  refield simulate dynamic-chart datasets_synthetic/dynamic/hare.toml -o chart");
-  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
+  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/mesh-scenes.md)")->required();
   verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv and dynamic.svg")->required();
   verb->add_option("--time", arguments->time, "At which errors are looked at, seconds")
       ->check(non_negative_number())

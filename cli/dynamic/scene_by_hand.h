@@ -6,8 +6,8 @@
 
 namespace refield::cli {
 
-/// A description of a moving scene (TOML, docs/dynamic.md) with all that is computed ahead, for the viewer.
-/// Throws what read_dynamic_scene() throws, and Interrupted.
+/// A description of a moving scene (TOML, docs/reference/mesh-scenes.md) with all that is computed ahead, for
+/// the viewer. Throws what read_dynamic_scene() throws, and Interrupted.
 MovingScene read_moving_scene(const std::filesystem::path& path);
 
 }  // namespace refield::cli

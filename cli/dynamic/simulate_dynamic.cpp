@@ -331,8 +331,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       "  refield simulate dynamic scene.toml --measure --reference 1024\n\n"
       "What is precomputed is kept in ~/.cache/refield for the next run; REFIELD_CACHE=off in the "
       "environment\n"
-      "switches that off. docs/dynamic.md describes scenes and methods.");
-  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/dynamic.md)")->required();
+      "switches that off. docs/reference/mesh-scenes.md describes scenes, docs/method/dynamic.md the "
+      "method.");
+  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/mesh-scenes.md)")->required();
   verb->add_option("-o,--output", arguments->output,
                    "Film (.mp4), one picture (.png, .exr; see --time), or a folder of pictures");
   verb->add_option("--time", arguments->time, "Of the one picture and of --reference, seconds")

@@ -191,9 +191,9 @@ void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
                          "  refield view hare.rfield\n"
                          "  refield simulate prt scene.toml --image -o glossy.rfield\n"
                          "  refield simulate prt bunny.ply --method sh --order 5 -o bunny.rfield\n\n"
-                         "docs/prt.md compares the methods.");
+                         "docs/method/prt.md compares the methods.");
   verb->add_option("scene", arguments->scene,
-                   "Scene (TOML, docs/prt-scenes.md) or mesh (OBJ, PLY, OFF, glTF)")
+                   "Scene (TOML, docs/reference/mesh-scenes.md) or mesh (OBJ, PLY, OFF, glTF)")
       ->required();
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
   verb->add_option("--method", arguments->method,

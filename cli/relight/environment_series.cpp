@@ -48,7 +48,7 @@ Projection projection_of(const RelightOptions& options, const ReflectanceField& 
     throw InputError(options.field.string() +
                      ": does not say where the monitor stood, and environments need that; give the screen's "
                      "width x height @ distance from the scene in mm by --monitor 520x320@600,yaw=90 (see "
-                     "docs/relighting.md)");
+                     "docs/guide/relighting.md)");
   if (!has_window && !options.monitors.empty())
     throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
                      " light map, seen from everywhere; leave --monitor out");

@@ -151,7 +151,7 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
                 "reference for the default, which sums along the texels' edges")
       ->group(group);
   verb.add_option("--area-lights", options.area_lights,
-                  "Light a mesh by lamps that move around it (TOML, docs/harmonics.md)")
+                  "Light a mesh by lamps that move around it (TOML, docs/reference/mesh-scenes.md)")
       ->group(group);
   const auto bar =
       verb.add_option(
@@ -194,7 +194,7 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
       "  refield relight scene.rfield --day --yaw 90 --frames 240 -o day.mp4\n"
       "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n"
       "  refield relight bunny.rfield --env sky.exr --turntable --frames 120 -o around.mp4\n\n"
-      "docs/relighting.md draws the directions.");
+      "docs/guide/relighting.md draws the directions.");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   add_light_options(*verb, *options);
   add_camera_options(*verb, options->camera);

@@ -7,7 +7,7 @@
 
 namespace refield {
 
-/// One line of a script that drives the viewer; docs/viewer.md describes the language.
+/// One line of a script that drives the viewer; docs/guide/viewer.md describes the language.
 struct ScriptCommand {
   enum class Verb {
     load,    ///< text: file

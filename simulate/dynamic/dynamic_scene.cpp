@@ -130,7 +130,7 @@ std::vector<Pose> DynamicScene::poses(double time) const {
 }
 
 DynamicScene read_dynamic_scene(const fs::path& path) {
-  const ConfigFile file(path, "dynamic scene", "docs/dynamic.md");
+  const ConfigFile file(path, "dynamic scene", "docs/reference/mesh-scenes.md");
   file.check_names({"camera", "object", "light"});
   DynamicScene scene;
   std::size_t triangles = 0;

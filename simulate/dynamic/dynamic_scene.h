@@ -51,7 +51,8 @@ struct DynamicScene {
   std::vector<Pose> poses(double time) const;
 };
 
-/// Reads a scene's description (TOML, docs/dynamic.md). Throws InputError or FormatError, naming the file.
+/// Reads a scene's description (TOML, docs/reference/mesh-scenes.md). Throws InputError or FormatError,
+/// naming the file.
 DynamicScene read_dynamic_scene(const std::filesystem::path& path);
 
 /// All objects in place, joined into one mesh, object after object.

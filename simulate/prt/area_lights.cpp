@@ -78,7 +78,7 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
 }
 
 AreaLights read_area_lights(const std::filesystem::path& path) {
-  const ConfigFile file(path, "lights", "docs/harmonics.md");
+  const ConfigFile file(path, "lights", "docs/reference/mesh-scenes.md");
   file.check_names({"light"});
   AreaLights lights;
   for (ConfigSection& section : file.sections("light"))

@@ -41,7 +41,8 @@ struct AreaLights {
 /// does.
 AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder);
 
-/// Reads a description (TOML, docs/harmonics.md). Throws InputError or what read_mesh_file() does.
+/// Reads a description (TOML, docs/reference/mesh-scenes.md). Throws InputError or what read_mesh_file()
+/// does.
 AreaLights read_area_lights(const std::filesystem::path& path);
 
 }  // namespace refield::prt

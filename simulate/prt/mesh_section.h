@@ -16,8 +16,8 @@ Eigen::Vector3f read_vector(ConfigSection& section, const char* key, const Eigen
                             double low = -farthest, double high = farthest);
 float read_number(ConfigSection& section, const char* key, float standard, double low, double high);
 
-/// A mesh that a table describes by file or shape, and its place (docs/prt-scenes.md). Files are relative to
-/// `folder`. Throws InputError and what read_mesh_file() does.
+/// A mesh that a table describes by file or shape, and its place (docs/reference/mesh-scenes.md). Files are
+/// relative to `folder`. Throws InputError and what read_mesh_file() does.
 Mesh read_mesh(ConfigSection& section, const std::filesystem::path& folder);
 
 /// [camera] of a scene. Throws InputError.

@@ -40,7 +40,7 @@ void append(const Mesh& mesh, const Material& material, Scene& scene) {
 }
 
 Scene read_description(const fs::path& path) {
-  const ConfigFile file(path, "scene", "docs/prt-scenes.md");
+  const ConfigFile file(path, "scene", "docs/reference/mesh-scenes.md");
   file.check_names({"camera", "mesh"});
   std::vector<ConfigSection> meshes = file.sections("mesh");
   constexpr std::size_t most_meshes = 65535;  // materials are numbered in 16 bits

@@ -33,8 +33,8 @@ struct Scene {
   }
 };
 
-/// Reads a scene's description (TOML, docs/prt.md) and the meshes that it names, relative to it; or, of a
-/// mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
+/// Reads a scene's description (TOML, docs/reference/mesh-scenes.md) and the meshes that it names, relative
+/// to it; or, of a mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
 Scene read_scene(const std::filesystem::path& path);
 
 /// [vertices], linear RGB: colours times their material's diffuse reflectance.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How near the merge of bracketed exposures comes to the best that any method could do, and to two others.
-// The table of docs/hdr.md is printed by these tests.
+// The table of docs/guide/hdr.md is printed by these tests.
 #include <gtest/gtest.h>
 
 #include <cmath>

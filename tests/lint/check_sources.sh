@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Rules that no compiler checks: a licence line on every source, and the stages' rule of who may include whom.
+# Rules that no compiler checks: a licence line on every source, which folders may include which, links of documents.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 status=0
@@ -34,5 +34,7 @@ found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' |
   xargs -r grep -nE '#include <(embree|opencv|hdf5|H5|OpenImageIO|OpenEXR|toml|linux|libdrm|gpiod|xf86drm)' || true)
 [[ -z $found ]] || complain "third-party headers belong in .cpp files:
 $found"
+
+tests/lint/check_links.py || status=1
 
 exit $status

@@ -69,7 +69,7 @@ radius = 0.1
 )";
 
 /// What the surroundings look like from the middle of the scene towards a point, texel by texel: axes and
-/// formulas of docs/relighting.md and docs/conventions.md, written out.
+/// formulas of docs/guide/relighting.md and docs/reference/conventions.md, written out.
 class Surroundings {
  public:
   Surroundings(const Image& map, double yaw_degrees, const CameraInScene& camera)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How many harmonics light needs, and what windows do to those it does not have. With REFIELD_FIGURES=folder
 // in the environment the figures go to folder/harmonics.csv, of which draw_harmonics.py makes the chart of
-// docs/harmonics.md.
+// docs/method/harmonics.md.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
