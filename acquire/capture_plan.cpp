@@ -4,11 +4,11 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <set>
 #include <sstream>
 
 #include "acquire/capture.h"
+#include "acquire/journal.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/interrupt.h"
@@ -21,14 +21,8 @@ namespace {
 constexpr const char* format_name = "refield capture plan";
 constexpr int format_version = 1;
 
-std::string hex(std::uint32_t value) {
-  char text[9];
-  std::snprintf(text, sizeof text, "%08x", value);
-  return text;
-}
-
 std::string checksum_of(const std::filesystem::path& file) {
-  return hex(inspect_file(file.parent_path(), file.filename().string()).crc32);
+  return crc32_text(inspect_file(file.parent_path(), file.filename().string()).crc32);
 }
 
 template <class T>
@@ -146,7 +140,7 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
       {"rig", request.rig},
       {"camera", toml::table{{"name", camera.name}, {"width", camera.width}, {"height", camera.height}}},
       {"display", toml::table{{"name", display.name}, {"width", display.width}, {"height", display.height}}},
-      {"calibration", toml::table{{"crc32", hex(checksum_of(request.camera, request.monitor))}}},
+      {"calibration", toml::table{{"crc32", crc32_text(checksum_of(request.camera, request.monitor))}}},
       {"exposures", how},
       {"mask", mask},
       {"files",

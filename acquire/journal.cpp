@@ -21,12 +21,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::string hex(std::uint32_t value) {
-  char text[9];
-  std::snprintf(text, sizeof text, "%08x", value);
-  return text;
-}
-
 template <class T>
 std::optional<T> parse(std::string_view text, int base) {
   T value{};
@@ -39,8 +33,8 @@ std::optional<T> parse(std::string_view text, int base) {
 std::string line_of(const JournalEntry& entry) {
   std::string line = entry.step;
   for (const JournalFile& file : entry.files)
-    line += "\t" + file.path + "\t" + std::to_string(file.bytes) + "\t" + hex(file.crc32);
-  return line + "\t" + hex(crc32_of(line)) + "\n";
+    line += "\t" + file.path + "\t" + std::to_string(file.bytes) + "\t" + crc32_text(file.crc32);
+  return line + "\t" + crc32_text(crc32_of(line)) + "\n";
 }
 
 std::optional<JournalEntry> entry_of(std::string_view line) {
@@ -66,6 +60,12 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
 }
 
 }  // namespace
+
+std::string crc32_text(std::uint32_t value) {
+  char text[9];
+  std::snprintf(text, sizeof text, "%08x", value);
+  return text;
+}
 
 std::uint32_t crc32_of(std::string_view bytes, std::uint32_t before) {
   return static_cast<std::uint32_t>(

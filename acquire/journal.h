@@ -26,6 +26,9 @@ struct JournalEntry {
 /// CRC-32 as in zlib, PNG and Python's zlib.crc32.
 std::uint32_t crc32_of(std::string_view bytes, std::uint32_t before = 0);
 
+/// A checksum in eight hexadecimal digits, as files of a session state it.
+std::string crc32_text(std::uint32_t value);
+
 /// Size and checksum of folder/path as it is on disk. Throws DeviceError when it cannot be read.
 JournalFile inspect_file(const std::filesystem::path& folder, const std::string& path);
 

@@ -41,7 +41,8 @@ Seconds rounded_down(Seconds time, const ExposurePlanOptions& options, const Cam
   return std::clamp(time, camera.shortest_exposure, camera.longest_exposure);
 }
 
-double quantile(std::vector<float>& values, double q) {
+/// A value that was measured, not one between two: it names a pixel's radiance. Reorders `values`.
+double value_at_quantile(std::vector<float>& values, double q) {
   const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
   std::ranges::nth_element(values, values.begin() + rank);
   return values[rank];
@@ -63,9 +64,9 @@ SceneRange meter_range(const CameraDescription& camera, const CameraCalibration&
   }
   std::vector<float> radiance = merge_exposures(frames, calibration).radiance.values;
   SceneRange range;
-  range.bright = quantile(radiance, 0.999);
+  range.bright = value_at_quantile(radiance, 0.999);
   // Places that are black even under white have no noise worth asking for.
-  range.dark = typical_light * std::max<double>(quantile(radiance, 0.05), range.bright * 1e-4);
+  range.dark = typical_light * std::max<double>(value_at_quantile(radiance, 0.05), range.bright * 1e-4);
   return range;
 }
 

@@ -18,6 +18,11 @@ struct MonotonicClock {
 };
 using TimePoint = MonotonicClock::time_point;
 
+/// Wall time since `start`.
+inline double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
 constexpr double radians_from_degrees(double degrees) {
   return degrees * std::numbers::pi / 180.0;
 }

@@ -10,6 +10,7 @@
 #include "core/errors.h"
 #include "core/image_io.h"
 #include "core/interrupt.h"
+#include "core/units.h"
 #include "estimate/estimate_band.h"
 
 namespace refield {
@@ -24,10 +25,6 @@ constexpr int sampled_rows = 16;  ///< rows of a band: the side of a tile, and o
 constexpr double seconds_a_band = 0.5;
 
 using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 /// Sums of `step` × `step` texels.
 LightMap coarsened(const LightMap& light, int step) {

@@ -49,9 +49,7 @@ std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& light
 }
 
 std::string checksum_text(const fs::path& file) {
-  char text[9];
-  std::snprintf(text, sizeof text, "%08x", inspect_file(fs::path(), file.string()).crc32);
-  return text;
+  return crc32_text(inspect_file(fs::path(), file.string()).crc32);
 }
 
 }  // namespace refield::cli

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/interrupt.h"
+#include "core/units.h"
 
 namespace refield::chart {
 
@@ -14,10 +15,6 @@ namespace {
 constexpr int timed_frames = 9;
 
 using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 /// Median over a few frames, after one that warms caches.
 double relight_ms(const peers::Model& model, const ChartData& data) {

@@ -23,6 +23,7 @@
 #include "core/json_text.h"
 #include "core/output_lock.h"
 #include "core/progress.h"
+#include "core/units.h"
 #include "relight/video.h"
 
 namespace refield::cli {
@@ -47,10 +48,6 @@ struct DynamicArguments {
   int reference = 0, traced = 0;
   bool measure = false, no_occlusion = false, factored_direct = false;
 };
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 void check_output(const fs::path& path) {
   const std::string extension = path.extension();
