@@ -17,13 +17,13 @@ namespace {
 
 /// Pixels are visited in tiles of this side: neighbours walk nearly the same tree, so the columns stay in
 /// cache.
-constexpr int tile_side_px = 16;
+constexpr int fit_tile_px = 16;
 
 std::vector<PixelTile> tiles_of(int width, RowRange rows) {
   std::vector<PixelTile> tiles;
-  for (int y = rows.first; y < rows.last; y += tile_side_px)
-    for (int x = 0; x < width; x += tile_side_px)
-      tiles.push_back({x, y, std::min(x + tile_side_px, width), std::min(y + tile_side_px, rows.last)});
+  for (int y = rows.first; y < rows.last; y += fit_tile_px)
+    for (int x = 0; x < width; x += fit_tile_px)
+      tiles.push_back({x, y, std::min(x + fit_tile_px, width), std::min(y + fit_tile_px, rows.last)});
   return tiles;
 }
 

@@ -12,7 +12,7 @@ namespace refield {
 
 namespace {
 /// Rectangles that keep less than this part of their squared norm beside the chosen ones say nothing new.
-constexpr float dependence_tolerance = 1e-5f;
+constexpr float metric_tolerance = 1e-5f;
 /// The pursuit ends after this many rectangles in a row that the criterion does not reward: a shape may take
 /// several rectangles before it pays.
 constexpr int patience = 6;
@@ -57,7 +57,7 @@ KernelSelector::Metric& KernelSelector::metric(int smooth_class) {
       std::copy_n(column, stride, left_.data());
       weigh(left_.data(), smooth_class, c);
       dots(left_.data(), &column, 1, stride, &metric.norm2[c][d]);
-      metric.least_norm2[c][d] = dependence_tolerance * metric.norm2[c][d];
+      metric.least_norm2[c][d] = metric_tolerance * metric.norm2[c][d];
     }
   }
   metric.has_row.assign(size, 0);
