@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Looks for the words of tests/lint/words.tsv, and for lines of Markdown over 110 columns.
 
-tests/lint/check_words.py [PATH...]    README.md, CONTRIBUTING.md, docs/ and the given files and folders
+tests/lint/check_words.py [PATH...]    all Markdown files, and the given files and folders
 
 In Markdown, code blocks and `code` are not looked at, so that names of files, commands and options stay as they are.
 In sources a line that ends in "words: exempt" is not looked at.
@@ -58,7 +58,7 @@ def main():
     words = read_words()
     names = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--deduplicate", "--",
-         "README.md", "CONTRIBUTING.md", "docs/*.md", *sys.argv[1:]],
+         "*.md", *sys.argv[1:]],
         cwd=root, check=True, capture_output=True, text=True).stdout.split("\n")
     failed = False
     for name in filter(None, names):
