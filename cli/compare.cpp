@@ -38,7 +38,7 @@ struct CompareOptions {
 
 void print_prediction(const std::vector<HeldOutError>& errors) {
   if (errors.empty() || !errors.front().prediction) return;
-  std::printf("\n%-16s %16s %22s %10s\n", "predicted error", "rank correlation", "predicted/true, median",
+  std::printf("\n%-16s %16s %22s %10s\n", "predicted error", "rank correlation", "median predicted/true",
               "median");
   for (const HeldOutError& error : errors)
     std::printf("%-16s %16.3f %22.3f %10.4f\n", error.kind.empty() ? "all" : error.kind.c_str(),
@@ -51,7 +51,7 @@ void require_comparable(const Photograph& photograph, const fs::path& path, cons
   Image counted = photograph.radiance;
   for (std::size_t p = 0; p < mask.size() && p < counted.pixel_count(); ++p)
     if (!mask[p]) std::fill_n(counted.values.begin() + 3 * p, 3, 0.0f);
-  require_finite(counted, path.string(), true, "repair that pixel, or leave it out by --mask");
+  require_finite(counted, path.string(), true, "repair that pixel or exclude it with --mask");
 }
 
 Photograph read_for_comparison(const fs::path& path) {
@@ -62,10 +62,11 @@ Photograph read_for_comparison(const fs::path& path) {
 }
 
 void compare_images(const CompareOptions& options, const Common& common) {
-  if (!options.truth.empty()) throw InputError("--truth goes with a field and a session, not with images");
+  if (!options.truth.empty())
+    throw InputError("--truth requires a field and a session; remove it when comparing images");
   if (options.capture.by_pairs() || options.capture.hold_out != 0)
     throw InputError(
-        "--light, --observed and --hold-out go with a field (.rfield); give images as 'refield compare "
+        "--light, --observed and --hold-out require a field (.rfield); compare images with 'refield compare "
         "PREDICTED OBSERVED'");
   std::optional<OutputLock> lock;
   if (!options.error_map.empty())
@@ -86,7 +87,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
     if (!predicted.radiance.same_shape(observed.radiance))
       throw InputError(predicted_path.string() + ": is " + shape_text(predicted.radiance) + ", " +
                        observed_path.string() + " is " + shape_text(observed.radiance) +
-                       "; compare images of one size");
+                       "; the images must have the same size");
     require_comparable(predicted, predicted_path, mask);
     require_comparable(observed, observed_path, mask);
     series.add(predicted.radiance, observed.radiance, observed.sigma);
@@ -109,7 +110,8 @@ void compare_images(const CompareOptions& options, const Common& common) {
 
 void compare_field(const CompareOptions& options, const Common& common) {
   if (!options.error_map.empty())
-    throw InputError("-o goes with images: compare relit images to get an error map");
+    throw InputError(
+        "--output requires images; relight the field and compare the relit images to get an error map");
   CaptureSession session = open_capture(options.capture);
   if (session.folder.empty()) check_image_sizes(session);
   if (options.truth.empty()) remove_drift(session);
@@ -133,43 +135,44 @@ void compare_field(const CompareOptions& options, const Common& common) {
 
 void add_compare(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<CompareOptions>();
-  CLI::App* verb = app.add_subcommand("compare",
-                                      "Measure how far predicted images are from observed ones: relative "
-                                      "RMSE sqrt(Σ(p − o)² / Σo²) over everything, "
-                                      "its median and 90th percentile over pixels, and the PSNR of the\n"
-                                      "pictures as a screen shows them (99th percentile white, sRGB)");
-  verb->footer(
+  CLI::App* verb = app.add_subcommand(
+      "compare",
+      "Measure the error of predicted images against observed images.\n"
+      "\n"
+      "Prints the relative RMSE sqrt(Σ(p − o)² / Σo²) over all samples, its median and 90th percentile over "
+      "the pixels, and the PSNR of the tone-mapped images (99th percentile white, sRGB). A field is compared "
+      "with the photographs that it was not estimated from. --json adds the error of each image.\n"
+      "\n"
       "Examples:\n"
       "  refield compare predicted.exr photograph.exr\n"
       "  refield compare 'out/*.exr' 'observed/*.exr' -o error.exr\n"
       "  refield compare scene.rfield session\n"
-      "  refield compare scene.rfield --light 'light/*.exr' --observed 'observed/*.exr'\n"
-      "Of pairs, those that the field was not estimated from are compared. --json adds each image's errors.");
-  verb->add_option(
-          "predicted", options->predicted,
-          "Image, quoted pattern or folder; or a field (.rfield), to be compared with a session's held-out "
-          "frames")
+      "  refield compare scene.rfield --light 'light/*.exr' --observed 'observed/*.exr'");
+  verb->add_option("predicted", options->predicted,
+                   "Predicted images (file, quoted pattern or folder), or a field (.rfield) to compare with "
+                   "the held-out photographs of a session")
       ->required();
-  verb->add_option(
-      "reference", options->capture.session,
-      "Image, quoted pattern or folder, paired by what the wildcards stand for or by name; or a session");
+  verb->add_option("reference", options->capture.session,
+                   "Observed images (file, quoted pattern or folder), paired by the text that the wildcards "
+                   "match or by name; or a session folder");
   add_capture_options(*verb, options->capture,
-                      "Compare every N-th pair, as the field was estimated with\n"
-                      "(default: the pairs that the field was not estimated from)");
+                      "Compare every N-th pair, as in the estimation with --hold-out N (default: the pairs "
+                      "that the field was not estimated from)");
   verb->add_option("--truth", options->truth,
-                   "Field whose noise-free images replace the session's photographs");
+                   "Field (.rfield) whose noise-free images replace the photographs of the session");
   verb->add_option("--noise-scale", options->noise_scale,
-                   "Noise of held-out photographs that do not carry it (sigma), in units of the training "
-                   "images';\nenters the check of a field's predicted error")
+                   "Noise of held-out photographs without a stored standard deviation (sigma), relative to "
+                   "the noise of the training images; used to check the predicted error of a field")
       ->capture_default_str();
-  verb->add_option("-o,--output", options->error_map, "Write each pixel's relative RMSE (.exr)");
+  verb->add_option("-o,--output", options->error_map,
+                   "Image to write with the relative RMSE of each pixel (.exr)");
   verb->callback([options, &common, &action] {
     action = [options, &common] {
       if (fs::path(options->predicted).extension() == ".rfield")
         compare_field(*options, common);
       else if (options->capture.session.empty() && !options->capture.by_pairs())
-        throw InputError("give the images to compare " + options->predicted +
-                         " with, as 'refield compare PREDICTED OBSERVED'");
+        throw InputError("no observed images are given; compare " + options->predicted +
+                         " with images as 'refield compare PREDICTED OBSERVED', or with a session");
       else
         compare_images(*options, common);
     };

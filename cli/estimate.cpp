@@ -53,7 +53,8 @@ RowRange rows_from_text(const std::string& text, const CaptureSession& session) 
     if (digits.size() > 9 || digits.find_first_not_of("0123456789") != std::string::npos ||
         (digits.empty() && of_equal_bands))
       throw InputError("--rows " + text +
-                       ": give A:B for rows A to B - 1, counted from 0, or I/N for the I-th of N bands");
+                       ": is not a range of rows; give A:B for rows A to B - 1, counted from 0, or I/N for "
+                       "the I-th of N bands");
     return digits.empty() ? if_empty : std::stoi(digits);
   };
   const int first = number(mark == std::string::npos ? "no mark" : text.substr(0, mark), 0);
@@ -61,8 +62,8 @@ RowRange rows_from_text(const std::string& text, const CaptureSession& session) 
   if (!of_equal_bands) return {first, second};
   if (first < 1 || first > second || second > height)
     throw InputError("--rows " + text +
-                     ": there is no such band; give I/N with I from 1 to N, and N up to the " +
-                     std::to_string(height) + " rows of the picture");
+                     ": the band does not exist; give I/N with I from 1 to N, and N at most the " +
+                     std::to_string(height) + " rows of the image");
   const auto edge = [&](int band) {
     return static_cast<int>(static_cast<std::int64_t>(height) * band / second);
   };
@@ -154,10 +155,10 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
     return;
   }
   const EstimatePlan& plan = foresight.plan;
-  std::printf("%d images can be estimated from; nothing was written\n", plan.images);
+  std::printf("%d images are usable; nothing was written\n", plan.images);
   std::printf("rows %d to %d in %d bands of %d\n", plan.rows.first, plan.rows.last - 1, plan.bands,
               plan.band_rows);
-  std::printf("memory: %.2f GiB of the %.1f allowed\n", plan.memory_bytes / gib, arguments.memory_gib);
+  std::printf("memory: %.2f GiB of the %.1f GiB allowed\n", plan.memory_bytes / gib, arguments.memory_gib);
   std::printf(
       "time on %d threads: about %.0f s (check of frames %.1f, lights %.1f, photographs %.1f, fit %.1f; from "
       "%d "
@@ -168,12 +169,11 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
 
 void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
   char text[160];
-  std::snprintf(
-      text, sizeof text,
-      "estimate: %d images, rows %d to %d, %d bands of %d, %d threads, foresees %.1f GiB of the %.1f "
-      "allowed",
-      plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
-      plan.memory_bytes / gib, arguments.memory_gib);
+  std::snprintf(text, sizeof text,
+                "estimate: %d images, rows %d to %d, %d bands of %d, %d threads, needs %.1f GiB of the %.1f "
+                "GiB allowed",
+                plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
+                plan.memory_bytes / gib, arguments.memory_gib);
   log_line(text);
 }
 
@@ -200,7 +200,7 @@ void run(EstimateArguments arguments, const Common& common) {
   const CaptureSession session = open_input(arguments);
   if (!arguments.rows.empty()) arguments.options.rows = rows_from_text(arguments.rows, session);
   if (arguments.dry_run) return dry_run(arguments, session, common);
-  if (arguments.output.empty()) throw InputError("--output is missing; give -o NAME.rfield");
+  if (arguments.output.empty()) throw InputError("--output is missing; add -o NAME.rfield");
   const CaptureOptions& capture = arguments.capture;
   const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
                         ".rfield");
@@ -216,23 +216,25 @@ void run(EstimateArguments arguments, const Common& common) {
     std::printf("%s\n", json_text(log, 2).c_str());
     return;
   }
-  std::printf("%s: %.1f kernels a pixel, training error %.4f (median), %.1f s, %.2f GiB\n",
+  std::printf("%s: %.1f kernels per pixel, training error %.4f (median), %.1f s, %.2f GiB\n",
               arguments.output.c_str(), summary.mean_kernels, summary.median_training_error, summary.seconds,
               summary.peak_memory_bytes / gib);
   if (summary.median_predicted_error)
-    std::printf("predicted error on new photographs %.4f (median), of it their noise %.4f\n",
+    std::printf("predicted error on new photographs %.4f (median), of which photograph noise %.4f\n",
                 *summary.median_predicted_error, *summary.median_photograph_noise);
   if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
       curve.known())
     std::printf("%s\n", curve.advice().c_str());
   if (!summary.frames.left_out.empty())
-    std::printf("left out, since they do not fit the others: %s\n",
+    std::printf("left out because they do not fit the other photographs: %s\n",
                 names_of(summary.frames.left_out).c_str());
   if (!held_out.empty()) {
-    std::printf("error on the images held out by --hold-out %d:\n", arguments.capture.hold_out);
+    std::printf("error on the images excluded by --hold-out %d:\n", arguments.capture.hold_out);
     print_errors(held_out);
   } else if (arguments.capture.hold_out != 0) {
-    std::printf("rows alone are not compared: after 'refield merge', 'refield compare' tells the error\n");
+    std::printf(
+        "a shard is not compared with photographs; after 'refield merge', 'refield compare' prints the "
+        "error\n");
   }
 }
 
@@ -240,65 +242,64 @@ void run(EstimateArguments arguments, const Common& common) {
 
 void add_estimate(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<EstimateArguments>();
-  CLI::App* verb =
-      app.add_subcommand("estimate", "Estimate a reflectance field from photographs under known light");
-  verb->footer(
+  CLI::App* verb = app.add_subcommand(
+      "estimate",
+      "Estimate a reflectance field from photographs under known illumination.\n"
+      "\n"
+      "The input is a capture session, or light maps and photographs (scene-linear OpenEXR) that are paired "
+      "by the text that the wildcards match. An interrupted estimation continues with --resume; finished "
+      "rows are kept in OUTPUT.partial. OUTPUT.log.json records the settings and results.\n"
+      "\n"
       "Examples:\n"
       "  refield estimate session -o scene.rfield\n"
-      "  refield estimate --light 'light/*.exr' --observed 'observed/*.exr' --hold-out 10 -o scene.rfield\n"
-      "Light maps and photographs pair up by what the wildcards stand for. Both are scene-linear OpenEXR.\n"
-      "An interrupted estimation goes on with --resume; finished rows wait in OUTPUT.partial.\n"
-      "Exit status: 0 done; 2 input or an option was refused; 130 stopped by Ctrl-C or SIGTERM, go on with "
-      "--resume;\n"
-      "1 a defect. OUTPUT.log.json says what was done; lines on standard error carry the time where that is "
-      "no "
-      "terminal.");
+      "  refield estimate --light 'light/*.exr' --observed 'observed/*.exr' --hold-out 10 -o scene.rfield");
   verb->add_option("session", arguments->capture.session,
-                   "Capture session folder, as refield acquire or simulate makes it");
-  add_capture_options(
-      *verb, arguments->capture,
-      "Hold out every N-th image (10: every tenth) from the estimate, and print the error of its\n"
-      "prediction afterwards");
+                   "Capture session folder, as written by 'refield acquire' or 'refield simulate'");
+  add_capture_options(*verb, arguments->capture,
+                      "Exclude every N-th image from the estimation, and print the prediction error on these "
+                      "images afterwards (default: 0, none)");
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
-  verb->add_option(
-          "--mode", arguments->mode,
-          "refined: a smooth part and few rectangles; paper: as published in 2004; fast: its splits, quickly")
+  verb->add_option("--mode", arguments->mode,
+                   "Estimation mode: refined (smooth hat functions plus a few boxes), paper (the method "
+                   "published in 2004) or fast (even splits as in paper mode, with a faster search)")
       ->capture_default_str();
-  verb->add_option(
-      "--monitor", arguments->monitors,
-      "Where the monitor stood, as 520x320@600,yaw=90 (mm, degrees), kept in the field for relighting by\n"
-      "environment maps; in place of what the session says. Once for each window of stacked light maps");
+  verb->add_option("--monitor", arguments->monitors,
+                   "Placement of the monitor, such as 520x320@600,yaw=90 (mm, degrees), stored in the field "
+                   "for relighting by environment maps; replaces the placement in the session. Repeat the "
+                   "option for each window of stacked light maps");
   verb->add_option("--kernels", arguments->options.kernels,
-                   "Most kernels a pixel may have; 0: as many as the data bear")
+                   "Maximum number of kernels per pixel; 0: as many as the data support")
       ->capture_default_str();
   verb->add_option("--spatial-passes", arguments->options.spatial_passes,
-                   "Paper mode: sweeps in which pixels try their neighbours' kernels")
+                   "Number of passes in which each pixel tries the kernels of its neighbours (paper mode)")
       ->capture_default_str();
   verb->add_option("--clip", arguments->options.clip_level,
-                   "Leave out samples of at least this radiance (clipped by the camera)");
+                   "Radiance from which samples are ignored as clipped by the camera (default: none)");
   verb->add_flag("--keep-drift", arguments->options.keep_drift,
-                 "Leave brightness as it is where repeated reference frames show that it drifted");
-  verb->add_flag(
-      "--keep-outliers", arguments->options.keep_outliers,
-      "Estimate from photographs that do not fit the others, too (a flicker, another light, someone\n"
-      "who walked by); without it they are found, named and left out");
-  verb->add_option("--memory", arguments->memory_gib, "Limit in GiB; rows are worked on in bands that fit")
+                 "Do not correct the brightness drift that repeated reference frames show");
+  verb->add_flag("--keep-outliers", arguments->options.keep_outliers,
+                 "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
+                 "default they are detected, listed and left out");
+  verb->add_option("--memory", arguments->memory_gib,
+                   "Memory limit in GiB; the image is processed in bands of rows that fit")
       ->capture_default_str();
   verb->add_option("--threads", arguments->options.threads,
-                   "0: all cores; the result is the same for any number")
+                   "Number of threads; 0: all cores. The result does not depend on it")
       ->capture_default_str();
-  verb->add_option(
-      "--refine", arguments->options.refine,
-      "Field (.rfield) of the same capture, made from fewer of its images: take in the new ones\n"
-      "choosing among the rectangles that it has, which saves most of the search");
+  verb->add_option("--refine", arguments->options.refine,
+                   "Field (.rfield) of the same capture, estimated from fewer of its images. Kernels are "
+                   "chosen among those of this field, which saves most of the search");
   verb->add_option("--rows", arguments->rows,
-                   "Estimate some rows only, into a part for 'refield merge': A:B for rows A to B - 1,\n"
+                   "Rows to estimate, written as a shard for 'refield merge': A:B for rows A to B - 1, "
                    "counted from 0, or I/N for the I-th of N equal bands");
-  verb->add_flag("!--no-predicted-error", arguments->options.predict_errors,
-                 "Do not predict each pixel's error on new photographs: a sixth less time");
-  verb->add_flag("--dry-run", arguments->dry_run,
-                 "Check all input and print images, bands, memory and time foreseen; writes nothing");
-  verb->add_flag("--resume", arguments->resume, "Take over the finished rows of an interrupted estimation");
+  verb->add_flag(
+      "!--no-predicted-error", arguments->options.predict_errors,
+      "Do not predict the error of each pixel on new photographs; saves about one sixth of the time");
+  verb->add_flag(
+      "--dry-run", arguments->dry_run,
+      "Check all input and print the number of images, bands, memory and estimated time; write nothing");
+  verb->add_flag("--resume", arguments->resume,
+                 "Continue an interrupted estimation and keep its finished rows");
   verb->callback(
       [arguments, &common, &action] { action = [arguments, &common] { run(*arguments, common); }; });
 }

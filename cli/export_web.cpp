@@ -46,7 +46,8 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,
               report::bytes_text(static_cast<double>(report.bytes)).c_str());
   std::printf(
-      "rounding, under white light and four bars: relative RMSE %.2g, at most %d of 255 once tone-mapped\n",
+      "rounding error under white light and four bars: relative RMSE %.2g, at most %d of 255 levels after "
+      "tone mapping\n",
       report.relative_rmse, report.largest_difference);
 }
 
@@ -54,12 +55,18 @@ void export_web(const ExportWebOptions& options, const Common& common) {
 
 void add_export_web(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<ExportWebOptions>();
-  CLI::App* verb = app.add_subcommand(
-      "export-web",
-      "Write a page that relights a field in any browser (WebGL 2), from disk or a static server");
+  CLI::App* verb =
+      app.add_subcommand("export-web",
+                         "Export a reflectance field as a web page for interactive relighting.\n"
+                         "\n"
+                         "The page runs in any browser with WebGL 2, from disk or from a static web server.\n"
+                         "\n"
+                         "Example:\n"
+                         "  refield export-web scene.rfield -o page");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
-  verb->add_option("-o,--output", options->output, "Folder for the page; open its index.html")->required();
-  verb->add_option("--title", options->title, "Heading of the page; default: the field's name");
+  verb->add_option("-o,--output", options->output, "Folder for the page; open its index.html in a browser")
+      ->required();
+  verb->add_option("--title", options->title, "Heading of the page (default: the name of the field)");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { export_web(*options, common); }; });
 }

@@ -69,29 +69,29 @@ void add_hdr(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<HdrOptions>();
   CLI::App* verb = app.add_subcommand(
       "hdr",
-      "Merge bracketed exposures of one view into a photograph of linear radiance (.exr) with the standard\n"
-      "deviation of every sample (channels sigma.R, sigma.G, sigma.B; infinite where all exposures clip).\n"
-      "Radiance 1 fills the range of the images in one second. Exposures that contradict one another are "
-      "refused; "
-      "where\n"
-      "they contradict the assumed response, it is estimated from them (docs/guide/import.md).\n\n"
+      "Merge bracketed exposures of one view into a linear HDR photograph.\n"
+      "\n"
+      "The output (.exr) holds linear radiance and the standard deviation of each sample (channels sigma.R, "
+      "sigma.G, sigma.B; infinite where all exposures are clipped). Radiance 1 fills the range of the images "
+      "in one second. Exposures that contradict each other are rejected; if they contradict the assumed "
+      "response curve, the curve is estimated from them (docs/guide/import.md).\n"
+      "\n"
       "Examples:\n"
       "  refield hdr a.tif b.tif c.tif -o view.exr --exposures 0.01,0.04,0.16\n"
-      "  refield hdr 'IMG_*.jpg' -o view.exr                    sRGB files with EXIF exposure times\n"
+      "  refield hdr 'IMG_*.jpg' -o view.exr                # sRGB files with EXIF exposure times\n"
       "  refield hdr 'session/raw/train_000_*.png' -o f.exr --exposures 0.01,0.04 \\\n"
-      "      --response session/calibration.toml                raw frames that 'refield acquire --keep-raw' "
-      "kept");
-  verb->add_option(
-          "images", options->images,
-          "PNG, TIFF, JPEG (8 or 16 bits) or EXR; files or quoted patterns, all of one size and kind")
+      "      --response session/calibration.toml            # raw frames kept by 'refield acquire'");
+  verb->add_option("images", options->images,
+                   "Images of one view, all of one size and file type: PNG, TIFF, JPEG (8 or 16 bits) or "
+                   "EXR; files or quoted patterns")
       ->required();
-  verb->add_option("-o,--output", options->output, "Photograph to write (.exr)")->required();
+  verb->add_option("-o,--output", options->output, "HDR photograph to write (.exr)")->required();
   verb->add_option("--exposures", options->exposures,
-                   "Exposure times in seconds, separated by commas, in the order of the images\n"
-                   "(default: as the files' metadata state them)")
+                   "Exposure times in seconds, separated by commas, in the order of the images (default: "
+                   "from the metadata of the files)")
       ->delimiter(',');
   add_bracket_camera(*verb, options->camera);
-  verb->add_flag("--half", options->half, "Half-float output");
+  verb->add_flag("--half", options->half, "Write 16-bit half-float values (default: 32-bit)");
   verb->callback([options, &common, &action] { action = [options, &common] { hdr(*options, common); }; });
 }
 

@@ -291,9 +291,13 @@ void print_text(const ordered_json& value, int indent) {
 
 void add_info(CLI::App& app, const Common& common, Action& action) {
   const auto path = std::make_shared<fs::path>();
-  CLI::App* verb =
-      app.add_subcommand("info", "Say what is in a reflectance field, a capture session or an image");
-  verb->add_option("file", *path, "Field (.rfield), session folder or image")->required();
+  CLI::App* verb = app.add_subcommand("info",
+                                      "Print a summary of a reflectance field, capture session or image.\n"
+                                      "\n"
+                                      "Examples:\n"
+                                      "  refield info scene.rfield\n"
+                                      "  refield info session --json");
+  verb->add_option("file", *path, "Reflectance field (.rfield), session folder or image")->required();
   verb->callback([path, &common, &action] {
     action = [path, &common] {
       const ordered_json info = describe_path(*path);

@@ -13,7 +13,9 @@
 #include <cstring>
 #include <exception>
 #include <filesystem>
+#include <memory>
 #include <new>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -47,9 +49,9 @@ void prepare_process() {
   files.rlim_cur = std::min(files.rlim_max, least_files);
   ::setrlimit(RLIMIT_NOFILE, &files);
   if (files.rlim_cur < least_files)
-    throw refield::InputError("too few open files are allowed: " + std::to_string(files.rlim_cur) +
-                              " of the " + std::to_string(least_files) +
-                              " that refield needs; raise the limit (ulimit -n), then run again");
+    throw refield::InputError("the limit on open files is " + std::to_string(files.rlim_cur) +
+                              ", but refield needs " + std::to_string(least_files) +
+                              "; raise it (ulimit -n) and run again");
 }
 
 /// Exit status 2 when something that was printed did not arrive.
@@ -132,29 +134,104 @@ void prepare_for_libraries() {
 [[gnu::section(".preinit_array"), gnu::used]] void (*const before_libraries)() = prepare_for_libraries;
 #endif
 
+/// Columns that `text` takes in a terminal: its bytes without the continuation bytes of UTF-8.
+std::size_t columns_of(std::string_view text) {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(text, [](char c) { return (static_cast<unsigned char>(c) & 0xc0u) != 0x80u; }));
+}
+
+/// Consecutive lines of `text` form a paragraph, which is broken at spaces into lines of at most `width`
+/// columns. Lines that begin with a space (examples, tables) and empty lines stay as they are.
+std::string wrapped(const std::string& text, std::size_t width) {
+  std::string result;
+  std::size_t columns = 0;  // of the last line, while it can take more words
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.empty() || line.front() == ' ') {
+      if (columns > 0) result += '\n';
+      result += line + '\n';
+      columns = 0;
+      continue;
+    }
+    std::istringstream words(line);
+    for (std::string word; words >> word;) {
+      const std::size_t word_columns = columns_of(word);
+      const bool fits = columns + 1 + word_columns <= width;
+      if (columns > 0) result += fits ? ' ' : '\n';
+      columns = columns > 0 && fits ? columns + 1 + word_columns : word_columns;
+      result += word;
+    }
+  }
+  while (result.ends_with('\n')) result.pop_back();
+  return result;
+}
+
+/// Help of at most 100 columns, in which a list of verbs shows the first line of each description only.
+class HelpFormatter : public CLI::Formatter {
+ public:
+  std::string make_description(const CLI::App* app) const override {
+    const std::string text = wrapped(app->get_description(), width);
+    return text.empty() ? text : text + "\n\n";
+  }
+
+  std::string make_footer(const CLI::App* app) const override {
+    const std::string text = wrapped(app->get_footer(), width);
+    return text.empty() ? text : text + "\n";
+  }
+
+  std::string make_subcommand(const CLI::App* verb) const override {
+    constexpr std::size_t name_columns = 14;
+    std::string line = "  " + verb->get_name();
+    line.resize(std::max(line.size() + 2, name_columns), ' ');
+    const std::string text = verb->get_description();
+    return line + text.substr(0, text.find('\n')) + '\n';
+  }
+
+  /// The default value follows the description instead of the option's type.
+  std::string make_option_opts(const CLI::Option* option) const override {
+    std::string text = CLI::Formatter::make_option_opts(option);
+    const std::string value = option->get_default_str();
+    if (value.empty()) return text;
+    if (const auto place = text.find("=" + value); place != std::string::npos)
+      text.erase(place, value.size() + 1);
+    return text;
+  }
+
+  std::string make_option_desc(const CLI::Option* option) const override {
+    std::string text = option->get_description();
+    const std::string value = option->get_default_str();
+    if (!value.empty() && text.find("(default:") == std::string::npos) text += " (default: " + value + ")";
+    return wrapped(text, width - get_column_width());
+  }
+
+ private:
+  static constexpr std::size_t width = 100;
+};
+
 int run(int argc, char** argv) {
   CLI::App app(
-      "refield measures how a scene turns light into pixels, keeps that as a reflectance field, and relights "
-      "the scene.\n"
-      "\nThe path of the data:\n"
-      "  refield simulate RECIPE.toml -o truth                        a synthetic scene with its exact "
-      "transport\n"
-      "  refield acquire virtual RECIPE.toml --truth truth -o session photograph it under a hundred or so "
-      "lights\n"
-      "  refield estimate session -o scene.rfield                     estimate the reflectance field\n"
-      "  refield relight scene.rfield --light new.exr -o new-image.exr\n"
-      "  refield view scene.rfield                                    relight it by hand, in a window\n");
+      "refield estimates the reflectance field of a scene and renders the scene under new illumination.\n"
+      "\n"
+      "Typical sequence:\n"
+      "  refield simulate RECIPE.toml -o truth                           create a synthetic scene\n"
+      "  refield acquire virtual RECIPE.toml --truth truth -o session    photograph it under many lights\n"
+      "  refield estimate session -o scene.rfield                        estimate the reflectance field\n"
+      "  refield relight scene.rfield --light new.exr -o image.exr       render it under a new light\n"
+      "  refield view scene.rfield                                       relight it interactively");
   app.name("refield");
+  app.formatter(std::make_shared<HelpFormatter>());
   app.footer(
-      "Exit status: 0 done; 2 the input, an option or the system refused, see the message; 130 stopped by "
-      "Ctrl-C or\n"
-      "SIGTERM, what is finished is kept; 1 a defect of this program; 128 + N ended by signal N.");
+      "'refield VERB --help' explains a verb and its options.\n"
+      "\n"
+      "Exit status: 0 success; 2 invalid input or option, or a system error (see the message); 130 "
+      "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error; 128 + N terminated by "
+      "signal N.");
   app.require_subcommand(1);
   app.set_version_flag("--version", "refield " REFIELD_VERSION);
   app.fallthrough();
   refield::cli::Common common;
-  app.add_flag("--json", common.json, "Print figures as JSON on standard output");
-  app.add_flag("--quiet", common.quiet, "No progress on standard error");
+  app.add_flag("--json", common.json, "Print the results as JSON on standard output");
+  app.add_flag("--quiet", common.quiet, "Do not print progress on standard error");
   refield::cli::Action action;
   refield::cli::add_simulate(app, common, action);
   refield::cli::add_acquire(app, common, action);
@@ -192,9 +269,8 @@ int run_and_report(int argc, char** argv) {
     std::fprintf(stderr, "refield: %s\n", error.what());
     return status_bad_input;
   } catch (const refield::Interrupted&) {
-    std::fprintf(stderr,
-                 "refield: stopped; what is finished is kept: acquire, estimate and chart go on from there "
-                 "with --resume\n");
+    std::fprintf(
+        stderr, "refield: interrupted; finished work is kept; acquire and estimate continue with --resume\n");
     return status_interrupted;
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "refield: out of memory; %s\n", memory_remedy);

@@ -41,7 +41,7 @@ void merge(const MergeArguments& arguments, const Common& common) {
   if (common.json)
     std::printf("%s\n", json_text(figures, 2).c_str());
   else
-    std::printf("%s: %d×%d pixels from %zu parts, %.1f s\n", arguments.output.c_str(), field.width,
+    std::printf("%s: %d×%d pixels from %zu shards, %.1f s\n", arguments.output.c_str(), field.width,
                 field.height, arguments.parts.size(), seconds);
 }
 
@@ -50,13 +50,17 @@ void merge(const MergeArguments& arguments, const Common& common) {
 void add_merge(CLI::App& app, const Common& common, Action& action) {
   const auto arguments = std::make_shared<MergeArguments>();
   CLI::App* verb = app.add_subcommand(
-      "merge", "Join the parts that 'refield estimate --rows' made into one reflectance field");
-  verb->footer(
-      "Example, four jobs that may run at once and anywhere:\n"
+      "merge",
+      "Merge shards of a field estimated with --rows into one reflectance field.\n"
+      "\n"
+      "The result equals the field of a single run over all rows, byte for byte. The shards may be estimated "
+      "at the same time and on different machines.\n"
+      "\n"
+      "Example:\n"
       "  for i in 1 2 3 4; do refield estimate session --rows $i/4 -o part$i.rfield; done\n"
-      "  refield merge part*.rfield -o whole.rfield\n"
-      "The result is the same, byte for byte, as that of one run over all rows.");
-  verb->add_option("parts", arguments->parts, "Parts of one field, in any order; every row exactly once")
+      "  refield merge part*.rfield -o whole.rfield");
+  verb->add_option("parts", arguments->parts,
+                   "Shards of one field, in any order; together they must contain every row exactly once")
       ->required();
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
   verb->callback(

@@ -24,7 +24,8 @@ std::array<int, 2> parse_pixel(const std::string& text) {
     const auto y = std::from_chars(x.ptr + 1, end, pixel[1]);
     if (y.ec == std::errc{} && y.ptr == end) return pixel;
   }
-  throw InputError("--pixel " + text + ": is no position; give column and row, for example --pixel 80,60");
+  throw InputError("--pixel " + text +
+                   ": is not a pixel position; give column and row, for example --pixel 80,60");
 }
 
 }  // namespace
@@ -37,23 +38,33 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
   };
   const auto options = std::make_shared<Options>();
   report::ReportRequest& request = options->request;
-  CLI::App* verb =
-      app.add_subcommand("report", "One page with pictures: how well fields relight a captured scene");
-  verb->add_option("session", options->capture.session, "Capture session whose held-out frames are the test");
-  verb->add_option("--field", request.fields, "Reflectance field estimated from it; several to compare them")
+  CLI::App* verb = app.add_subcommand(
+      "report",
+      "Write an HTML report on the relighting quality of reflectance fields.\n"
+      "\n"
+      "The page shows errors, images, kernels and timings on the held-out photographs of a session.\n"
+      "\n"
+      "Example:\n"
+      "  refield report session --field scene.rfield -o report.html");
+  verb->add_option("session", options->capture.session,
+                   "Capture session folder whose held-out photographs are predicted");
+  verb->add_option("--field", request.fields,
+                   "Reflectance field estimated from the session; give several to compare them")
       ->required();
   verb->add_option(
       "--truth", request.truth,
-      "Folder of the simulation behind a virtual capture: errors are then also taken against exact images");
+      "Folder of the simulation that a virtual capture was made from; adds errors against noise-free images");
   add_capture_options(*verb, options->capture,
-                      "Test on every N-th pair, as the field was estimated with\n"
-                      "(default: the pairs that the first field was not estimated from)");
-  verb->add_option("--pixel", options->pixels,
-                   "Column,row of a pixel whose kernels to show; several; default: chosen by kind");
+                      "Predict every N-th pair, as in the estimation with --hold-out N (default: the pairs "
+                      "that the first field was not estimated from)");
+  verb->add_option(
+      "--pixel", options->pixels,
+      "Column,row of a pixel whose kernels are shown; may be repeated (default: one pixel per pixel class)");
   verb->add_option("--study-pixels", request.study_pixels,
-                   "Most pixels to estimate again for error against the number of images")
+                   "Maximum number of pixels that are estimated again to measure the error against the "
+                   "number of images")
       ->capture_default_str();
-  verb->add_option("-o,--output", request.output, "The page (.html)")->required();
+  verb->add_option("-o,--output", request.output, "HTML page to write (.html)")->required();
   verb->callback([options, &common, &action] {
     action = [options, &common] {
       for (const std::string& pixel : options->pixels) options->request.pixels.push_back(parse_pixel(pixel));

@@ -68,16 +68,16 @@ void write_record(const fs::path& folder, nlohmann::json provenance, bool comple
 // An unfinished simulation may be replaced, a finished one with --force, anything else never.
 void require_replaceable(const fs::path& folder, bool force) {
   if (fs::exists(folder) && !fs::is_directory(folder))
-    throw InputError(folder.string() + ": is a file; give the name of a folder to make");
+    throw InputError(folder.string() + ": is a file; give the name of a folder");
   if (!fs::exists(folder) || fs::is_empty(folder)) return;
   if (!fs::exists(folder / record_name))
     throw InputError(folder.string() +
-                     ": is not empty and was not made by 'refield simulate'; give another folder");
+                     ": is not empty and was not created by 'refield simulate'; give another folder");
   const auto record = nlohmann::json::parse(read_text(folder / record_name), nullptr, false);
   const bool unfinished = record.is_object() && record.contains("complete") && record["complete"] == false;
   if (!unfinished && !force)
     throw InputError(folder.string() +
-                     ": holds a simulation already; give another folder, or --force to replace it");
+                     ": already contains a simulation; give another folder, or --force to replace it");
 }
 
 /// Whether a file is named as those of lights are: train_007.exr, test_natural_012.exr.
@@ -124,13 +124,14 @@ void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
   }
   std::printf("%s: %d photographs of %d×%d pixels\n", folder.c_str(), summary.lights, summary.width,
               summary.height);
-  std::printf("transport: %.0f boxes a pixel", summary.entries_per_pixel);
+  std::printf("transport: %.0f boxes per pixel", summary.entries_per_pixel);
   if (summary.transport_bytes > 0)
     std::printf(", %.0f MB in %s\n", static_cast<double>(summary.transport_bytes) / 1e6, transport_file_name);
   else
-    std::printf(", not kept\n");
+    std::printf(", not stored\n");
   std::printf(
-      "time: light maps %.1f s, tracing %.1f s (%.1f million rays a second, %.0f a pixel), writing %.1f s\n",
+      "time: light maps %.1f s, tracing %.1f s (%.1f million rays per second, %.0f per pixel), writing %.1f "
+      "s\n",
       summary.light_seconds, summary.trace_seconds, rays_per_second / 1e6,
       static_cast<double>(summary.rays) / pixels, summary.write_seconds);
 }
@@ -150,9 +151,10 @@ void simulate(const Arguments& arguments, const Common& common) {
   plan = plan_simulate(recipe, options);
   if (!common.quiet) {
     if (large && !options.keep_transport && !arguments.no_transport)
-      std::fprintf(stderr, "The transport would take about %.1f GB and is not kept; --transport keeps it.\n",
+      std::fprintf(stderr,
+                   "The transport would take about %.1f GB and is not stored; --transport stores it.\n",
                    static_cast<double>(plan_simulate(recipe, {}).transport_bytes) / 1e9);
-    std::fprintf(stderr, "Needs about %.0f MB of memory and %.0f MB of disk.\n",
+    std::fprintf(stderr, "The simulation needs about %.0f MB of memory and %.0f MB of disk space.\n",
                  static_cast<double>(plan.memory_bytes) / 1e6, static_cast<double>(plan.disk_bytes) / 1e6);
   }
   const nlohmann::json provenance{{"program", "refield " REFIELD_VERSION},
@@ -183,47 +185,68 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand(
       "simulate",
-      "Make a synthetic data set: a ray traced scene, lights, and exact photographs; 'prt': precompute "
-      "meshes\n\n"
-      "Traces how the monitor's light reaches every pixel of the recipe's scene, once, and from that makes "
-      "the photograph\n"
-      "under each light. The folder becomes a capture session: illumination/, observed/, session.toml. "
-      "Beside it lie\n"
-      "  transport.rfield   the exact light transport: 'refield relight' gives the truth for any light\n"
-      "  ambient.exr        what the camera sees of the room light, for 'refield acquire'\n"
-      "  kinds.png          what each pixel shows: diffuse, glossy, refraction, hard shadow, mixed\n\n"
+      "Create a synthetic data set with exact light transport by ray tracing.\n"
+      "\n"
+      "Traces the light transport from the monitor to every pixel of the recipe's scene once, and computes "
+      "the photograph under each light map from it. The folder becomes a capture session (illumination/, "
+      "observed/, session.toml) with these additional files:\n"
+      "  transport.rfield   exact light transport: 'refield relight' renders the true image under any light\n"
+      "  ambient.exr        image of the scene under the room light, for 'refield acquire'\n"
+      "  kinds.png          pixel classes: diffuse, glossy, refraction, hard shadow, mixed\n"
+      "\n"
+      "Examples:\n"
       "  refield simulate datasets_synthetic/tabletop/recipe.toml -o truth\n"
       "  refield simulate recipe.toml -o quick --width 64 --height 48 --train 60 --noise 0.005\n"
-      "  refield simulate recipe.toml -o huge --width 1024 --height 768 --light-width 800 --light-height 600 "
-      "--half");
+      "  refield simulate recipe.toml -o large --width 1024 --height 768 --light-width 800 \\\n"
+      "      --light-height 600 --half");
   verb->add_option("recipe", arguments->recipe,
-                   "The data set's description (TOML); see docs/reference/synthetic-scenes.md");
-  verb->add_option("-o,--output", arguments->folder, "Folder to make");
+                   "Description of the data set (.toml, docs/reference/synthetic-scenes.md)");
+  verb->add_option("-o,--output", arguments->folder, "Folder to create");
   const char* size = "Size";
-  verb->add_option("--width", arguments->width, "Camera pixels across, in place of the recipe's")
+  verb->add_option("--width", arguments->width,
+                   "Width of the photographs in pixels (default: from the recipe)")
       ->group(size);
-  verb->add_option("--height", arguments->height, "Camera pixels down")->group(size);
-  verb->add_option("--light-width", arguments->light_width, "Monitor texels across")->group(size);
-  verb->add_option("--light-height", arguments->light_height, "Monitor texels down")->group(size);
+  verb->add_option("--height", arguments->height,
+                   "Height of the photographs in pixels (default: from the recipe)")
+      ->group(size);
+  verb->add_option("--light-width", arguments->light_width,
+                   "Width of the light maps in texels (default: from the recipe)")
+      ->group(size);
+  verb->add_option("--light-height", arguments->light_height,
+                   "Height of the light maps in texels (default: from the recipe)")
+      ->group(size);
   const char* lights = "Lights";
-  verb->add_option("--train", arguments->train, "Natural lights to estimate from")->group(lights);
-  verb->add_option("--natural", arguments->natural, "Held-out natural lights")->group(lights);
-  verb->add_option("--bars", arguments->bars, "Held-out white bars")->group(lights);
-  verb->add_option("--squares", arguments->squares, "Held-out white squares")->group(lights);
-  verb->add_option("--seed", arguments->seed, "Another seed gives other lights and other sampling noise")
+  verb->add_option("--train", arguments->train,
+                   "Number of natural light maps for estimation (default: from the recipe)")
+      ->group(lights);
+  verb->add_option("--natural", arguments->natural,
+                   "Number of held-out natural light maps (default: from the recipe)")
+      ->group(lights);
+  verb->add_option("--bars", arguments->bars,
+                   "Number of held-out light maps with a white bar (default: from the recipe)")
+      ->group(lights);
+  verb->add_option("--squares", arguments->squares,
+                   "Number of held-out light maps with a white square (default: from the recipe)")
+      ->group(lights);
+  verb->add_option("--seed", arguments->seed,
+                   "Seed of the light maps and of the sampling noise (default: from the recipe)")
       ->group(lights);
   const char* result = "Result";
   verb->add_option("--quality", arguments->quality,
-                   "Of tracing: 1 quick, 2 balanced, 3 careful (default 2; 1 where the transport is too "
-                   "large to keep)")
+                   "Quality of ray tracing: 1 fast, 2 balanced, 3 high (default: 2; 1 if the transport is "
+                   "too large to be stored)")
       ->group(result);
-  verb->add_option("--noise", arguments->noise, "Relative Gaussian noise on the photographs, such as 0.005")
+  verb->add_option(
+          "--noise", arguments->noise,
+          "Relative standard deviation of Gaussian noise on the photographs, such as 0.005 (default: 0)")
       ->group(result);
-  verb->add_flag("--half", arguments->half, "Write 16-bit images: half the disk space, precision 0.05 %")
+  verb->add_flag("--half", arguments->half,
+                 "Write 16-bit half-float images: half the disk space, relative rounding error 0.05 %")
       ->group(result);
-  auto* without =
-      verb->add_flag("--no-transport", arguments->no_transport, "Leave transport.rfield out")->group(result);
-  verb->add_flag("--transport", arguments->transport, "Write transport.rfield even where it is large")
+  auto* without = verb->add_flag("--no-transport", arguments->no_transport, "Do not write transport.rfield")
+                      ->group(result);
+  verb->add_flag("--transport", arguments->transport,
+                 "Write transport.rfield even if it is larger than 2 GiB")
       ->group(result)
       ->excludes(without);
   verb->add_flag("--force", arguments->force, "Replace an earlier simulation in the folder")->group(result);

@@ -20,8 +20,8 @@ struct ViewOptions {
 void view(const ViewOptions& options) {
   const bool moves = options.shown.extension() == ".toml";
   if (moves && !options.light.empty())
-    throw InputError("--light " + options.light + ": a moving scene has its lamps in " +
-                     options.shown.string() + "; maps are for fields (.rfield)");
+    throw InputError("--light " + options.light + ": a dynamic scene defines its area lights in " +
+                     options.shown.string() + "; light maps are supported for fields (.rfield) only");
   if (moves)
     return run_scene_viewer(
         options.shown.filename().string(), [&] { return read_moving_scene(options.shown); }, options.window);
@@ -34,25 +34,29 @@ void view(const ViewOptions& options) {
 
 void add_view(CLI::App& app, const Common&, Action& action) {
   const auto options = std::make_shared<ViewOptions>();
-  CLI::App* verb =
-      app.add_subcommand("view",
-                         "Relight a scene by hand, or move objects and lamps about in it, in a window\n\n"
-                         "  refield view scene.rfield --light sky.exr\n"
-                         "  refield view datasets_synthetic/dynamic/room.toml");
-  verb->add_option(
-          "scene", options->shown,
-          "Reflectance field (.rfield), or a scene that moves (.toml, docs/reference/mesh-scenes.md)")
+  CLI::App* verb = app.add_subcommand(
+      "view",
+      "Relight a field or a dynamic scene in an interactive viewer.\n"
+      "\n"
+      "Fields: drag area lights over the light map to relight the scene; click a pixel to see which light "
+      "reaches it; hold the right mouse button on the light map to see the contribution of that region. Drop "
+      "light maps and fields onto the window to open them.\n"
+      "\n"
+      "Dynamic scenes: drag objects and area lights; Space plays the motion of the scene.\n"
+      "\n"
+      "F1 lists all keys.\n"
+      "\n"
+      "Examples:\n"
+      "  refield view scene.rfield --light sky.exr\n"
+      "  refield view datasets_synthetic/dynamic/room.toml");
+  verb->add_option("scene", options->shown,
+                   "Reflectance field (.rfield) or dynamic scene (.toml, docs/reference/mesh-scenes.md)")
       ->required();
-  verb->add_option("--light", options->light, "Light map to begin with (EXR, HDR: linear; PNG, JPEG: sRGB)");
-  verb->add_option("--size", options->size, "Of the window, WIDTHxHEIGHT (default 1440x900)");
+  verb->add_option("--light", options->light,
+                   "Initial light map (EXR, HDR: linear; PNG, JPEG: sRGB; default: white)");
+  verb->add_option("--size", options->size, "Size of the window in pixels, WIDTHxHEIGHT (default: 1440x900)");
   verb->add_option("--script", options->script,
-                   "Drive the viewer by a file of commands, '-' for standard input (docs/guide/viewer.md)");
-  verb->footer(
-      "Fields: drag lamps over the light map and see the scene follow; click a pixel to see where its light "
-      "comes "
-      "from; hold\nthe right button on the light map to see what that part alone lights. Drop light maps and "
-      "fields onto the window.\nMoving scenes: drag objects and lamps; Space plays the scene's own "
-      "motion.\nF1 shows all keys.");
+                   "File of viewer commands to run, '-' for standard input (docs/guide/viewer.md)");
   verb->callback([options, &action] {
     action = [options] {
       WindowOptions& window = options->window;

@@ -22,18 +22,20 @@ Eigen::Vector3f vector_of(const std::vector<float>& numbers) {
 
 void add_camera_options(CLI::App& verb, CameraOptions& options) {
   const char* group =
-      "Camera (fields over a mesh; default: as the scene has it, else all of the mesh from in front)";
+      "Camera (mesh fields only; default: the camera of the scene, else a front view of the whole mesh)";
   const auto add_point = [&](const char* name, std::vector<float>& point, const char* what) {
     verb.add_option(name, point, what)->delimiter(',')->expected(3)->type_name("X,Y,Z")->group(group);
   };
-  add_point("--camera-position", options.position, "In the scene's axes: +X right, +Y up, +Z ahead");
-  add_point("--camera-target", options.target, "What is in the middle of the picture");
-  verb.add_option("--fov", options.fov, "Vertical field of view, degrees")->group(group);
-  verb.add_option("--size", options.size, "Of the picture in pixels")
+  add_point("--camera-position", options.position,
+            "Position of the camera in scene coordinates (+X right, +Y up, +Z forward)");
+  add_point("--camera-target", options.target,
+            "Point in scene coordinates that is in the centre of the image");
+  verb.add_option("--fov", options.fov, "Vertical field of view in degrees")->group(group);
+  verb.add_option("--size", options.size, "Size of the image in pixels")
       ->type_name("WIDTHxHEIGHT")
       ->group(group);
   verb.add_flag("--turntable", options.turntable,
-                "Go a full circle around the target over --frames, under one light or one that moves")
+                "Move the camera on a full circle around the target over --frames images")
       ->group(group);
 }
 
@@ -41,10 +43,9 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
                                       const std::filesystem::path& path, int frames) {
   if (field.mesh.empty()) {
     if (are_given(options))
-      throw InputError(
-          path.string() +
-          ": was photographed by a camera that stood still, and has no mesh to be seen from "
-          "elsewhere; leave --camera-position, --camera-target, --fov, --size and --turntable out");
+      throw InputError(path.string() +
+                       ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
+                       "--camera-position, --camera-target, --fov, --size and --turntable");
     return {};
   }
   PinholeCamera camera = standard_camera(field);

@@ -46,12 +46,12 @@ Projection projection_of(const RelightOptions& options, const ReflectanceField& 
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
   if (has_window && monitors.empty())
     throw InputError(options.field.string() +
-                     ": does not say where the monitor stood, and environments need that; give the screen's "
-                     "width x height @ distance from the scene in mm by --monitor 520x320@600,yaw=90 (see "
-                     "docs/guide/relighting.md)");
+                     ": does not contain the placement of the monitor, which environment maps require; give "
+                     "width x height @ distance from the scene in mm, such as --monitor 520x320@600,yaw=90 "
+                     "(see docs/guide/relighting.md)");
   if (!has_window && !options.monitors.empty())
     throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
-                     " light map, seen from everywhere; leave --monitor out");
+                     " light map that covers all directions; remove --monitor");
   check_placements(monitors, domain, options.monitors.empty() ? options.field.string() : "--monitor");
   return {std::make_shared<const EnvironmentProjector>(domain, monitors),
           has_window ? std::make_shared<SeenShares>() : nullptr, options.exact,
@@ -90,7 +90,8 @@ void add_day(const RelightOptions& options, const Projection& project, LightSeri
 /// Light adds up, so maps are put onto the light map once, and their lights mixed.
 void add_fade(const RelightOptions& options, const Projection& project, LightSeries& series) {
   const auto files = expand_globs(options.environments);
-  if (files.size() < 2) throw InputError("--fade goes from map to map; give at least two by --env");
+  if (files.size() < 2)
+    throw InputError("--fade requires at least two environment maps; give them with --env");
   const auto lights = std::make_shared<std::vector<LightMap>>();
   for (const fs::path& file : files)
     lights->push_back(

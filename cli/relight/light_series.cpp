@@ -22,10 +22,10 @@ void require_light_size(const fs::path& light, const LightDomain& domain) {
   const ImageHeader header = read_image_header(light);
   if (header.width != domain.width || header.height != domain.height)
     throw InputError(light.string() + ": is " + std::to_string(header.width) + "×" +
-                     std::to_string(header.height) + " texels, the field expects a " +
+                     std::to_string(header.height) + " texels, but the field requires a " +
                      std::string(name_of(domain.parameterisation)) + " light map of " +
                      std::to_string(domain.width) + "×" + std::to_string(domain.height) +
-                     "; resample it to that size, or give it by --env if it shows the surroundings");
+                     "; resample it to that size, or give it with --env if it is an environment map");
 }
 
 LightSeries series_of_lights(const RelightOptions& options, const LightDomain& domain) {
@@ -62,8 +62,8 @@ LightSeries series_of_bar(const RelightOptions& options, const LightDomain& doma
 
 LightSeries series_of_area_lights(const RelightOptions& options, const ReflectanceField& field) {
   if (field.mesh.empty() || field.basis.domain.parameterisation != Parameterisation::cube)
-    throw InputError("--area-lights stand around a mesh; " + options.field.string() +
-                     " shows a picture: give it a map by --light or --env");
+    throw InputError("--area-lights requires a mesh field; " + options.field.string() +
+                     " is an image field: use --light or --env");
   const auto lamps = std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights));
   const Eigen::Vector3f middle = prt::middle(field.mesh);
   const double last = std::max(1, options.frames - 1), duration = lamps->duration();
@@ -79,7 +79,7 @@ LightSeries series_of_area_lights(const RelightOptions& options, const Reflectan
 /// One light for all frames of a sequence in which the camera alone moves.
 void hold_still(LightSeries& series, int frames) {
   if (series.lights.size() != 1)
-    throw InputError("--turntable goes around under one light, or one that moves; give one map");
+    throw InputError("--turntable requires exactly one light map or one light sequence; give one map");
   const auto light = std::make_shared<const SceneLight>(series.lights[0].make());
   const auto source = series.lights[0].source;
   series.lights.clear();
@@ -94,21 +94,20 @@ void check(const RelightOptions& options) {
                     (options.area_lights.empty() ? 0 : 1);
   if (kinds != 1)
     throw InputError(
-        "nothing or too much to relight with; give one of --light, --env, --day, --bar and --area-lights");
+        "exactly one kind of light is required; give one of --light, --env, --day, --bar and --area-lights");
   const bool is_motion = options.bar > 0.0 || options.rotate || options.fade || options.day ||
                          options.camera.turntable || !options.area_lights.empty();
   if (is_motion != (options.frames > 0))
     throw InputError(
-        "--frames goes with --bar, --rotate, --fade, --day, --area-lights or --turntable; give the "
-        "sequence's number of "
-        "frames");
+        "--frames is required by, and only valid with, --bar, --rotate, --fade, --day, --area-lights or "
+        "--turntable; give the number of images in the sequence");
   const bool is_environment = !options.environments.empty() || options.day;
   if (!is_environment && (!options.turn.is_none() || !options.monitors.empty() || options.exact))
     throw InputError(
-        "--yaw, --pitch, --roll, --monitor and --exact are about environments; give --env or --day, or leave "
-        "them out");
+        "--yaw, --pitch, --roll, --monitor and --exact require an environment; give --env or --day, or "
+        "remove them");
   if (options.fade && (options.environments.empty() || options.rotate))
-    throw InputError("--fade goes from one --env to the next, without --rotate");
+    throw InputError("--fade requires --env and excludes --rotate");
 }
 
 }  // namespace
@@ -121,7 +120,8 @@ std::string frame_name(const char* what, int frame) {
 
 fs::path only_file(const std::vector<std::string>& patterns, const char* option) {
   const auto files = expand_globs(patterns);
-  if (files.size() != 1) throw InputError(std::string("--rotate turns one map; give exactly one ") + option);
+  if (files.size() != 1)
+    throw InputError(std::string("--rotate requires exactly one map; give one ") + option);
   return files[0];
 }
 

@@ -43,8 +43,7 @@ void require_folder_name(const fs::path& output) {
   if (fs::is_directory(output) || std::ranges::find(extensions, extension) == extensions.end()) return;
   throw InputError(
       output.string() +
-      ": is named like one file, and several images need a folder or a video (.mp4); give another "
-      "output");
+      ": has the name of a single image, but several images are written; give a folder or a video (.mp4)");
 }
 
 std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries& series) {
@@ -56,13 +55,12 @@ std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries
     const fs::path output = single ? options.output : options.output / (light.name + "." + options.format);
     require_not_an_input(output, {options.field, light.source.value_or(fs::path())});
     if (!outputs.insert(output).second)
-      throw InputError(light.source->string() + ": another light of that name goes to " + output.string() +
-                       " too; rename one or relight them into different folders");
+      throw InputError(light.source->string() + ": another light of the same name is also written to " +
+                       output.string() + "; rename one of them or use different output folders");
     jobs.push_back({light.make, output});
   }
   if (fs::is_regular_file(options.output) && jobs.front().output != options.output)
-    throw InputError(options.output.string() +
-                     ": is a file, and several images need a folder; give another output");
+    throw InputError(options.output.string() + ": is a file, but several images are written; give a folder");
   return jobs;
 }
 
@@ -126,57 +124,60 @@ void relight(const RelightOptions& options, const Common& common) {
 
 void add_light_options(CLI::App& verb, RelightOptions& options) {
   const char* group = "Light";
-  verb.add_option(
-          "--light", options.lights,
-          "Light map of the field's own size (EXR: linear; PNG, JPEG: sRGB). Several, a quoted pattern or a "
-          "folder: the output is a folder")
+  verb.add_option("--light", options.lights,
+                  "Light map with the size of the field's light map (EXR: linear; PNG, JPEG: sRGB). For "
+                  "several maps, a quoted pattern or a folder, the output is a folder")
       ->group(group);
   verb.add_option(
           "--env", options.environments,
-          "Environment map of any size, lat-long (twice as wide as high) or cube (six faces above one "
-          "another). A field taken before a monitor is lit by what the monitor's window shows of it. "
-          "Several, a quoted pattern or a folder: the output is a folder")
+          "Environment map of any size, lat-long (twice as wide as high) or cube (six faces, stacked "
+          "vertically). A field captured in front of a monitor is lit by the part of the environment inside "
+          "the monitor's window. For several maps, a quoted pattern or a folder, the output is a folder")
       ->group(group);
-  verb.add_option("--yaw", options.turn.yaw, "Turn the environment to the right, degrees")->group(group);
-  verb.add_option("--pitch", options.turn.pitch, "Turn it down, in front of the camera")->group(group);
-  verb.add_option("--roll", options.turn.roll, "Roll it, what is right of the scene goes up")->group(group);
+  verb.add_option("--yaw", options.turn.yaw,
+                  "Rotation of the environment to the right, in degrees (default: 0)")
+      ->group(group);
+  verb.add_option("--pitch", options.turn.pitch,
+                  "Downward rotation of the environment in front of the camera, in degrees (default: 0)")
+      ->group(group);
   verb.add_option(
-          "--monitor", options.monitors,
-          "Where the monitor stood, if the field does not say so or is wrong: width x height @ distance "
-          "in mm, then what is not zero of yaw, pitch, roll in degrees, x, y in mm, as "
-          "520x320@600,yaw=90. Once for each window of stacked light maps")
+          "--roll", options.turn.roll,
+          "Rotation of the environment about the viewing direction, right side up, in degrees (default: 0)")
+      ->group(group);
+  verb.add_option("--monitor", options.monitors,
+                  "Placement of the monitor, if it is missing or wrong in the field: WIDTHxHEIGHT@DISTANCE "
+                  "in mm, then yaw, pitch, roll in degrees and x, y in mm where not zero, such as "
+                  "520x320@600,yaw=90. Repeat the option for each window of stacked light maps")
       ->group(group);
   verb.add_flag("--exact", options.exact,
-                "Project environment maps by clipping every texel against the map's texels: slow, the "
-                "reference for the default, which sums along the texels' edges")
+                "Project environment maps by exact clipping of texels: slow, the reference for the default, "
+                "which integrates along texel edges")
       ->group(group);
   verb.add_option("--area-lights", options.area_lights,
-                  "Light a mesh by lamps that move around it (TOML, docs/reference/mesh-scenes.md)")
+                  "Area lights that move around a mesh (.toml, docs/reference/mesh-scenes.md)")
       ->group(group);
-  const auto bar =
-      verb.add_option(
-              "--bar", options.bar,
-              "Light the scene by a white vertical bar that slides from left to right; its width as a "
-              "fraction of the light map's (the paper: 0.125)")
-          ->check(CLI::Range(1e-6, 1.0))
-          ->group(group);
+  const auto bar = verb.add_option("--bar", options.bar,
+                                   "Width of a white vertical bar that moves from left to right, as a "
+                                   "fraction of the width of the light map (0.125 in the paper)")
+                       ->check(CLI::Range(1e-6, 1.0))
+                       ->group(group);
   verb.add_flag("--rotate", options.rotate,
-                "Turn the environment, or one lat-long light map, a full circle about the vertical axis")
+                "Rotate the environment, or one lat-long light map, by 360 degrees about the vertical axis")
       ->excludes(bar)
       ->group(group);
-  verb.add_flag("--fade", options.fade, "Fade from each --env to the next, as from dawn to dusk")
-      ->group(group);
+  verb.add_flag("--fade", options.fade, "Fade from each --env map to the next")->group(group);
   verb.add_flag("--day", options.day,
-                "Light the scene by a clear sky from sunrise to sunset; south is what the camera looks at, "
-                "before --yaw")
+                "Light the scene by a clear sky from sunrise to sunset; without --yaw the camera looks south")
       ->group(group);
-  verb.add_option("--latitude", options.sky.latitude_degrees, "Of the day's place: how high the sun climbs")
+  verb.add_option("--latitude", options.sky.latitude_degrees,
+                  "Latitude in degrees for --day, which determines the elevation of the sun")
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--turbidity", options.sky.turbidity, "Of the day's air, 1.7 (clear) to 10 (haze)")
+  verb.add_option("--turbidity", options.sky.turbidity,
+                  "Atmospheric turbidity for --day, from 1.7 (clear) to 10 (haze)")
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--frames", options.frames, "Images in the sequence")
+  verb.add_option("--frames", options.frames, "Number of images in the sequence")
       ->check(CLI::Range(1, 1'000'000))
       ->group(group);
 }
@@ -187,26 +188,30 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<RelightOptions>();
   CLI::App* verb = app.add_subcommand(
       "relight",
-      "Show a captured scene under new light\n\n"
+      "Render images or videos of a reflectance field under new illumination.\n"
+      "\n"
+      "docs/guide/relighting.md shows the directions of yaw, pitch and roll.\n"
+      "\n"
+      "Examples:\n"
       "  refield relight scene.rfield --light map.exr -o out.exr\n"
       "  refield relight scene.rfield --env sky.exr --yaw 90 -o out.png\n"
-      "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o turning.mp4\n"
+      "  refield relight scene.rfield --env sky.exr --rotate --frames 120 -o rotation.mp4\n"
       "  refield relight scene.rfield --day --yaw 90 --frames 240 -o day.mp4\n"
       "  refield relight scene.rfield --bar 0.125 --frames 60 -o bar\n"
-      "  refield relight bunny.rfield --env sky.exr --turntable --frames 120 -o around.mp4\n\n"
-      "docs/guide/relighting.md draws the directions.");
+      "  refield relight bunny.rfield --env sky.exr --turntable --frames 120 -o turntable.mp4");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   add_light_options(*verb, *options);
   add_camera_options(*verb, options->camera);
   const char* output = "Output";
   verb->add_option("-o,--output", options->output,
-                   "Image (.exr, .png), a folder for several, or a video of them (.mp4; needs ffmpeg)")
+                   "Image (.exr, .png), folder for several images, or video (.mp4, requires ffmpeg)")
       ->required()
       ->group(output);
-  verb->add_option("--format", options->format, "Of images in a folder: exr (default) or png")
+  verb->add_option("--format", options->format,
+                   "File format of images in a folder: exr or png (default: exr)")
       ->check(CLI::IsMember({"exr", "png"}))
       ->group(output);
-  verb->add_option("--fps", options->video.frames_per_second, "Frames a second of a video")
+  verb->add_option("--fps", options->video.frames_per_second, "Frame rate of a video in frames per second")
       ->capture_default_str()
       ->group(output);
   add_exposure_option(*verb, options->video.exposure)->group(output);

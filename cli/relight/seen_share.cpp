@@ -15,18 +15,18 @@ void SeenShares::add(const std::string& light, const EnvironmentShare& share) {
 void SeenShares::print() const {
   constexpr std::size_t most_lines = 12;
   if (entries_.empty()) return;
-  std::printf("The monitor is seen in %.1f %% of all directions; light from elsewhere is left out.\n",
+  std::printf("The monitor covers %.1f %% of all directions; light from other directions is ignored.\n",
               100.0 * entries_.front().share.sphere);
   if (entries_.size() <= most_lines) {
     for (const Entry& entry : entries_)
-      std::printf("%s: of the map's light, %.1f %% comes from there\n", entry.light.c_str(),
+      std::printf("%s: %.1f %% of the map's light comes from these directions\n", entry.light.c_str(),
                   100.0 * entry.share.energy);
     return;
   }
   const auto energy = [](const Entry& entry) { return entry.share.energy; };
   const auto [least, most] = std::ranges::minmax_element(entries_, {}, energy);
-  std::printf("Of the maps' light, %.1f %% (%s) to %.1f %% (%s) comes from there\n", 100.0 * energy(*least),
-              least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
+  std::printf("%.1f %% (%s) to %.1f %% (%s) of the maps' light comes from these directions\n",
+              100.0 * energy(*least), least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
 }
 
 nlohmann::ordered_json SeenShares::json() const {

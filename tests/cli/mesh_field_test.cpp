@@ -120,7 +120,7 @@ TEST_F(MeshFieldVerbs, PhotographsHaveNoOtherCamera) {
   const std::string photographed = folder_ / "photographed.rfield";
   write_reflectance_field(photographed, test::random_field(rng, 12, 9, field_.basis.domain, 40, 6));
   EXPECT_THAT(run_refield({"relight", photographed, "--light", light_path_, "--fov", "40", "-o", output_}),
-              RefusedNaming("photographed.rfield", "leave --camera-position"));
+              RefusedNaming("photographed.rfield", "remove --camera-position"));
 }
 
 TEST_F(MeshFieldVerbs, VerbsThatNeedPixelsSaySo) {
