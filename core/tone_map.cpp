@@ -105,9 +105,11 @@ LevelTable::LevelTable(const ToneMapping& mapping)
     : LevelTable([&mapping](float radiance) { return tone_mapped(radiance, mapping); }) {}
 
 std::uint8_t LevelTable::operator()(float value) const {
-  if (!(value > 0.0f)) return level_at_start_of_cell_[0];
-  int level = level_at_start_of_cell_[std::bit_cast<std::uint32_t>(value) >> cell_shift];
-  while (value >= least_value_of_[level + 1]) ++level;
+  const float shown = value > 0.0f ? value : 0.0f;  // of NaN, 0
+  int level = level_at_start_of_cell_[std::bit_cast<std::uint32_t>(shown) >> cell_shift];
+  // Cells hold a step or none, and which of the two cannot be predicted: added, not branched on.
+  level += static_cast<int>(shown >= least_value_of_[level + 1]);
+  while (shown >= least_value_of_[level + 1]) ++level;
   return static_cast<std::uint8_t>(level);
 }
 
