@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <memory>
 #include <numbers>
 #include <numeric>
@@ -280,6 +281,7 @@ class CornerLine {
   /// Number of the environment's texel that holds a corner and the great circles to its neighbours in the
   /// same texel; −1 for none.
   std::int32_t inside(std::size_t i) const { return inside_[i]; }
+  const std::vector<std::int32_t>& inside() const { return inside_; }
 
   const MapPoint& point(std::size_t i) {
     if (has_point_[i] == 0) {
@@ -291,14 +293,15 @@ class CornerLine {
     return points_[i];
   }
 
-  /// From corner `i` to the next.
-  const PathSums& edge(std::size_t i) {
-    if (has_sums_[i] == 0) {
-      has_sums_[i] = 1;
-      sums_[i] = along(environment_, point(i), point(i + 1));
-    }
-    return sums_[i];
+  /// Asks for the sums from corner `i` to the next.
+  void add_edge(std::size_t i, PathBatch& batch) {
+    if (has_sums_[i] != 0) return;
+    has_sums_[i] = 1;
+    const MapPoint &from = point(i), &to = point(i + 1);
+    batch.add(from.direction, from.texel, to.direction, to.texel, sums_[i]);
   }
+  /// Them, when the batch is flushed.
+  const PathSums& edge(std::size_t i) const { return sums_[i]; }
 
  private:
   const PreparedEnvironment& environment_;
@@ -320,7 +323,10 @@ class TexelRows {
         row_(first_row),
         edges_(static_cast<std::size_t>(grid.edges_per_texel())),
         above_(std::make_unique<CornerLine>(environment, grid)),
-        below_(std::make_unique<CornerLine>(environment, grid)) {
+        below_(std::make_unique<CornerLine>(environment, grid)),
+        batch_(environment),
+        mixed_(static_cast<std::size_t>(grid.columns())),
+        sides_(mixed_.size() + 1) {
     below_->set(first_row);
   }
 
@@ -328,26 +334,33 @@ class TexelRows {
   void advance() {
     std::swap(above_, below_);
     below_->set(++row_);
-    has_right_ = false;
+    find_mixed();
+    bool has_left = false;
+    for (std::size_t x = 0; x < mixed_.size(); ++x) {
+      if (mixed_[x] == 0) {
+        has_left = false;
+        continue;
+      }
+      if (!has_left) add_side(x);
+      add_side(x + 1);
+      has_left = true;
+      for (std::size_t i = x * edges_; i < (x + 1) * edges_; ++i) {
+        above_->add_edge(i, batch_);
+        below_->add_edge(i, batch_);
+      }
+    }
+    batch_.flush();
   }
 
-  /// Of the row's texel `x`, columns in order: its radiance where it is the same all over it, else nullptr
-  /// and the integral in `light`.
-  const float* texel(int x, double light[3]) {
-    const std::size_t first = static_cast<std::size_t>(x) * edges_, last = first + edges_;
-    const std::int32_t source = above_->inside(first);
-    bool inside = source >= 0;
-    for (std::size_t i = first; i <= last && inside; ++i)
-      inside = above_->inside(i) == source && below_->inside(i) == source;
-    if (inside) {
-      has_right_ = false;
-      return environment_.map().radiance.values.data() + std::ptrdiff_t{3} * source;
-    }
-    PathSums around = has_right_ ? right_ : along(environment_, above_->point(first), below_->point(first));
-    right_ = along(environment_, above_->point(last), below_->point(last));
-    has_right_ = true;
-    around -= right_;
-    for (std::size_t i = first; i < last; ++i) {
+  /// Of the row's texel `x`: its radiance where it is the same all over it, else nullptr and the integral in
+  /// `light`.
+  const float* texel(int x, double light[3]) const {
+    const auto at = static_cast<std::size_t>(x);
+    if (mixed_[at] == 0)
+      return environment_.map().radiance.values.data() + std::ptrdiff_t{3} * above_->inside(at * edges_);
+    PathSums around = sides_[at];
+    around -= sides_[at + 1];
+    for (std::size_t i = at * edges_; i < (at + 1) * edges_; ++i) {
       around += below_->edge(i);
       around -= above_->edge(i);
     }
@@ -356,12 +369,38 @@ class TexelRows {
   }
 
  private:
+  /// Which texels of the row do not lie inside one of the environment.
+  void find_mixed() {
+    const std::int32_t *above = above_->inside().data(), *below = below_->inside().data();
+    const std::size_t count = mixed_.size(), edges = edges_;
+    std::int32_t* mixed = mixed_.data();
+    if (edges == 1) {  // in vectors
+      for (std::size_t x = 0; x < count; ++x)
+        mixed[x] = ((above[x] ^ above[x + 1]) | (above[x] ^ below[x]) | (above[x] ^ below[x + 1])) |
+                   (above[x] & std::numeric_limits<std::int32_t>::min());
+      return;
+    }
+    for (std::size_t x = 0; x < count; ++x) {
+      const std::int32_t source = above[x * edges];
+      mixed[x] = source & std::numeric_limits<std::int32_t>::min();
+      for (std::size_t i = x * edges; i <= (x + 1) * edges; ++i)
+        mixed[x] |= (above[i] ^ source) | (below[i] ^ source);
+    }
+  }
+
+  /// Asks for the sums down the left edge of texel `x`.
+  void add_side(std::size_t x) {
+    const MapPoint &from = above_->point(x * edges_), &to = below_->point(x * edges_);
+    batch_.add(from.direction, from.texel, to.direction, to.texel, sides_[x]);
+  }
+
   const PreparedEnvironment& environment_;
   int row_;
   std::size_t edges_;
   std::unique_ptr<CornerLine> above_, below_;
-  PathSums right_;  // down the right edge of the texel before, where has_right_
-  bool has_right_ = false;
+  PathBatch batch_;
+  std::vector<std::int32_t> mixed_;  // 0: no
+  std::vector<PathSums> sides_;      // down the edges beside mixed texels
 };
 
 }  // namespace
@@ -537,6 +576,7 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
   std::vector<PathSums> up_to(stops_.size());  // along each line, from its first stop
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, lines_.size(), 8), [&](const auto& range) {
     throw_if_interrupted();
+    PathBatch batch(environment);
     for (std::size_t number = range.begin(); number != range.end(); ++number) {
       const Line& line = lines_[number];
       const Eigen::Matrix3d axes = environment_from_scene * cube_face_axes(line.face).transpose();
@@ -550,11 +590,14 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
       MapPoint before = point(line.first, {});
       for (std::size_t stop = line.first + 1; stop < line.last; ++stop) {
         const MapPoint next = point(stop, before.texel);
-        up_to[stop] = up_to[stop - 1];
-        up_to[stop] += along(environment, before, next);
+        batch.add(before.direction, before.texel, next.direction, next.texel, up_to[stop]);
         before = next;
       }
     }
+    batch.flush();
+    for (std::size_t number = range.begin(); number != range.end(); ++number)
+      for (std::size_t stop = lines_[number].first + 1; stop < lines_[number].last; ++stop)
+        up_to[stop] += up_to[stop - 1];
   });
   std::vector<double> sums(boxes_ * 3, 0.0);
   for (const Piece& piece : pieces_) {

@@ -218,21 +218,24 @@ void PreparedEnvironment::add_piece(const PathPoint& from, const PathPoint& to, 
   const double dot = 1.0 + along + a.y() * b.y(), height = a.y() + b.y();
   const double triangle = 2.0 * angle(across, dot + std::abs(height));
   const double above = height >= 0.0 ? triangle : 2.0 * azimuth - triangle;
-  const auto width = static_cast<std::size_t>(map_->radiance.width);
-  const auto place = [&](int y) {
-    return (static_cast<std::size_t>(y) * width + static_cast<std::size_t>(column)) * 3;
-  };
-  const int block = row / block_rows_;
-  const double* north = prefix_.data() + place(block);
-  const float* texel = map_->radiance.values.data() + place(row);
+  add_measured(azimuth, above, row * map_->radiance.width + column, row, sums);
+}
+
+void PreparedEnvironment::add_measured(double azimuth, double above, std::int32_t texel, int row,
+                                       PathSums& sums) const {
+  const std::ptrdiff_t row_values = std::ptrdiff_t{3} * map_->radiance.width;
+  const int block = row / block_rows_, rows_below_block = row - block * block_rows_;
+  const float* radiance = map_->radiance.values.data() + std::ptrdiff_t{3} * texel;
+  const double* north =
+      prefix_.data() + std::ptrdiff_t{3} * texel - (row - block) * row_values;  // of the block's first row
   const double down = 1.0 - sines_[static_cast<std::size_t>(row)];
-  for (std::size_t c = 0; c < 3; ++c)
-    sums.light[c] += (north[c] - down * texel[c]) * azimuth + above * texel[c];
-  for (int y = block * block_rows_; y < row; ++y) {
-    const float* between = map_->radiance.values.data() + place(y);
+  const double beside = above - down * azimuth;
+  for (std::ptrdiff_t c = 0; c < 3; ++c) sums.light[c] += north[c] * azimuth + beside * radiance[c];
+  for (int y = row - rows_below_block; y < row; ++y) {
+    const float* between = radiance - (row - y) * row_values;
     const double ring =
         (sines_[static_cast<std::size_t>(y)] - sines_[static_cast<std::size_t>(y) + 1]) * azimuth;
-    for (std::size_t c = 0; c < 3; ++c) sums.light[c] += ring * between[c];
+    for (std::ptrdiff_t c = 0; c < 3; ++c) sums.light[c] += ring * between[c];
   }
   sums.azimuth += azimuth;
 }
@@ -288,6 +291,85 @@ PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, 
   }
   add_piece(from, point(b), at_b.column, at_b.row, sums);
   return sums;
+}
+
+void PathBatch::add(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b, const SourceTexel& at_b,
+                    PathSums& sums) {
+  if (count_ + max_pieces_of_path > PathPieceEnds::capacity) flush();
+  sums = {};
+  if (!add_short(a, at_a, b, at_b, sums)) sums = environment_.along(a, at_a, b, at_b);
+}
+
+bool PathBatch::add_short(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
+                          const SourceTexel& at_b, PathSums& sums) {
+  constexpr double max_squared_length = 1e-4;
+  constexpr double max_tangent = 0.06;  // of the azimuth, see measure_pieces()
+  const int width = environment_.map_->radiance.width;
+  int columns = at_b.column - at_a.column;
+  if (columns == width - 1) columns = -1;
+  if (columns == 1 - width) columns = 1;
+  const int rows = at_b.row - at_a.row;
+  const Vector3d chord = b - a;
+  const double squared = chord.squaredNorm();
+  if (std::abs(columns) > 1 || std::abs(rows) > 1 || squared > max_squared_length ||
+      std::abs(a.z() * chord.x() - a.x() * chord.z()) >= max_tangent * (a.x() * b.x() + a.z() * b.z()))
+    return false;
+  double at_column = 2.0, at_row = 2.0;  // where along the chord it crosses edges; 2: nowhere
+  if (rows != 0) {
+    // On the chord's great circle, with t from 0 to 1 and to squared²/128, sin(latitude) is
+    // a.y + t chord.y + bend t (1 − t). It is monotonic where the bend is small beside the slope.
+    const double sine = environment_.sines_[static_cast<std::size_t>(std::max(at_a.row, at_b.row))];
+    const double bend = 0.5 * sine * squared, slope = chord.y() + bend, below = sine - a.y();
+    if (std::abs(slope) < 8.0 * std::abs(bend)) return false;
+    const double root = std::sqrt(std::max(0.0, slope * slope - 4.0 * bend * below));
+    at_row = std::clamp(2.0 * below / (slope + std::copysign(root, slope)), 0.0, 1.0);
+  } else if (!environment_.stays_inside(at_a, std::min(a.y(), b.y()), std::max(a.y(), b.y()),
+                                        1.0 - 0.126 * squared)) {  // less than √(1 − squared ∕ 4)
+    return false;
+  }
+  if (columns != 0) {
+    const int edge = columns > 0 ? at_a.column + 1 : at_a.column;
+    const double of_a = environment_.right_of(edge, a), of_b = environment_.right_of(edge, b);
+    if (of_a == of_b) return false;
+    at_column = std::clamp(of_a / (of_a - of_b), 0.0, 1.0);
+  }
+  const auto at = [&](double t) -> Vector3d {
+    const double shorter = squared * t * (1.0 - t);  // of the squared length, than 1
+    return (a + t * chord) * (1.0 + shorter * (0.5 + 0.375 * shorter));
+  };
+  if (rows == 0 && columns == 0) {
+    add_piece(a, b, at_a.column, at_a.row, sums);
+    return true;
+  }
+  const bool column_first = at_column < at_row;
+  const Vector3d first = at(column_first ? at_column : at_row);
+  add_piece(a, first, at_a.column, at_a.row, sums);
+  if (rows == 0 || columns == 0) {
+    add_piece(first, b, at_b.column, at_b.row, sums);
+    return true;
+  }
+  const Vector3d second = at(column_first ? at_row : at_column);
+  add_piece(first, second, column_first ? at_b.column : at_a.column, column_first ? at_a.row : at_b.row,
+            sums);
+  add_piece(second, b, at_b.column, at_b.row, sums);
+  return true;
+}
+
+void PathBatch::add_piece(const Vector3d& a, const Vector3d& b, int column, int row, PathSums& sums) {
+  ends_.ax[count_] = a.x();
+  ends_.ay[count_] = a.y();
+  ends_.az[count_] = a.z();
+  ends_.bx[count_] = b.x();
+  ends_.by[count_] = b.y();
+  ends_.bz[count_] = b.z();
+  places_[count_++] = {row * environment_.map_->radiance.width + column, row, &sums};
+}
+
+void PathBatch::flush() {
+  measure_pieces(ends_, count_, azimuth_, above_);
+  for (std::size_t i = 0; i < count_; ++i)
+    environment_.add_measured(azimuth_[i], above_[i], places_[i].texel, places_[i].row, *places_[i].sums);
+  count_ = 0;
 }
 
 void PreparedEnvironment::enclosed(const PathSums& around, double light[3]) const {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/light_map.h"
+#include "relight/path_vectors.h"
 
 namespace refield {
 
@@ -110,6 +111,8 @@ class PreparedEnvironment {
   }
 
  private:
+  friend class PathBatch;
+
   /// Whether great circles between points of a texel whose sines of latitude lie between `least` and `most`
   /// stay in the texel; `shrink` as for bounds_of().
   bool stays_inside(const SourceTexel& texel, double least, double most, double shrink) const {
@@ -125,6 +128,8 @@ class PreparedEnvironment {
     Eigen::Vector2d level;
   };
   void add_piece(const PathPoint& from, const PathPoint& to, int column, int row, PathSums& sums) const;
+  /// Adds the sums along a piece in one texel: its azimuth and ∫ (1 − sin(latitude)) dφ.
+  void add_measured(double azimuth, double above, std::int32_t texel, int row, PathSums& sums) const;
   /// Sine of the azimuth from the left edge of `column` to a direction, times the cosine of its latitude.
   double right_of(int column, const Eigen::Vector3d& direction) const {
     const Eigen::Vector2d& edge = edges_[static_cast<std::size_t>(column)];
@@ -137,6 +142,38 @@ class PreparedEnvironment {
   std::vector<Eigen::Vector2d> edges_;  // [width + 1], (x, z) of directions on the left edges of columns
   int block_rows_ = 1;                  // rows that share an entry of prefix_
   std::vector<double> prefix_;  // [blocks × width × 3], radiance over sin(latitude) north of a block
+};
+
+/// PreparedEnvironment::along() for many paths at a time. Short ones that cross few texels, nearly all of a
+/// fine light map, are computed in vectors; the rest one by one. Sums do not depend on the batch's other
+/// paths. One for each thread.
+class PathBatch {
+ public:
+  /// `environment` must outlive the batch.
+  explicit PathBatch(const PreparedEnvironment& environment) : environment_(environment) {}
+
+  /// As along(). `sums` is set when the next flush() returns, and must stay where it is until then.
+  void add(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
+           const SourceTexel& at_b, PathSums& sums);
+  void flush();
+
+ private:
+  static constexpr std::size_t max_pieces_of_path = 3;
+
+  bool add_short(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
+                 const SourceTexel& at_b, PathSums& sums);
+  void add_piece(const Eigen::Vector3d& a, const Eigen::Vector3d& b, int column, int row, PathSums& sums);
+
+  struct Place {
+    std::int32_t texel, row;
+    PathSums* sums;
+  };
+  const PreparedEnvironment& environment_;
+  std::size_t count_ = 0;
+  PathPieceEnds ends_;
+  alignas(64) double azimuth_[PathPieceEnds::capacity];
+  alignas(64) double above_[PathPieceEnds::capacity];
+  Place places_[PathPieceEnds::capacity];
 };
 
 }  // namespace refield
