@@ -192,18 +192,26 @@ void integrate(const PreparedEnvironment& environment, const Eigen::Matrix3d& en
 class CornerGrid {
  public:
   CornerGrid(const SphereGrid& grid, const SpherePatch& patch, const Eigen::Matrix3d& environment_from_scene)
-      : patch_(patch),
-        domain_(grid.domain()),
-        columns_(patch.column_edges->data()),
-        rows_(patch.row_edges->data()),
-        axes_(environment_from_scene) {
-    if (domain_.parameterisation == Parameterisation::lat_long) {
+      : patch_(patch), domain_(grid.domain()), axes_(environment_from_scene) {
+    if (is_lat_long()) {
       edges_per_texel_ = lat_long_edges(domain_.width);
       set_chord(std::max(pi / domain_.height, 2.0 * pi / (edges_per_texel_ * domain_.width)));
-      return;
+    } else {
+      axes_ *= patch.axes.transpose();
+      const auto& columns = *patch.column_edges;
+      const auto& rows = *patch.row_edges;
+      set_chord(std::max(columns[1][0] - columns[0][0], rows[0][0] - rows[1][0]));
     }
-    axes_ *= patch.axes.transpose();
-    set_chord(std::max(columns_[1][0] - columns_[0][0], rows_[0][0] - rows_[1][0]));
+    for (auto& across : across_) across.resize(corners() + DirectionLine::max_lanes);
+    for (std::size_t i = 0; i < corners(); ++i) {
+      Eigen::Vector3d direction;
+      if (is_lat_long())
+        direction = axes_ * lat_long_direction(static_cast<double>(i) / edges_per_texel_,
+                                               0.5 * domain_.height, domain_.width, domain_.height);
+      else
+        direction = (*patch_.column_edges)[i][0] * axes_.col(0);
+      for (int axis = 0; axis < 3; ++axis) across_[axis][i] = direction[axis];
+    }
   }
 
   /// Great circles that stand for a parallel of latitude along one texel: that many edges.
@@ -216,12 +224,22 @@ class CornerGrid {
   int columns() const { return is_lat_long() ? domain_.width : patch_.columns(); }
   int rows() const { return is_lat_long() ? domain_.height : patch_.rows(); }
 
-  Eigen::Vector3d corner(int column, int row) const {
-    if (is_lat_long())
-      return axes_ * lat_long_direction(static_cast<double>(column) / edges_per_texel_, row, domain_.width,
-                                        domain_.height);
-    const double u = columns_[column][0], v = rows_[row][0];
-    return u * axes_.col(0) + (v * axes_.col(1) + axes_.col(2));
+  /// Of a row's upper edge.
+  std::size_t corners() const { return static_cast<std::size_t>(columns() * edges_per_texel_) + 1; }
+
+  /// The directions of these corners.
+  DirectionLine line(int row) const {
+    double scale = 1.0;
+    Eigen::Vector3d offset;
+    if (is_lat_long()) {
+      const double from_pole = pi * row / domain_.height;
+      scale = std::sin(from_pole);
+      offset = std::cos(from_pole) * axes_.col(1);
+    } else {
+      offset = (*patch_.row_edges)[row][0] * axes_.col(1) + axes_.col(2);
+    }
+    return {
+        across_[0].data(), across_[1].data(), across_[2].data(), scale, {offset[0], offset[1], offset[2]}};
   }
 
  private:
@@ -232,8 +250,8 @@ class CornerGrid {
 
   const SpherePatch& patch_;
   LightDomain domain_;
-  const Eigen::Vector2d *columns_, *rows_;  // edges of a plane patch
   Eigen::Matrix3d axes_;
+  std::array<std::vector<double>, 3> across_;
   int edges_per_texel_ = 1;
   double shrink_ = 0.0;
 };
@@ -254,27 +272,29 @@ class CornerLine {
   CornerLine(const PreparedEnvironment& environment, const CornerGrid& grid)
       : environment_(environment),
         grid_(grid),
-        count_(static_cast<std::size_t>(grid.columns() * grid.edges_per_texel()) + 1),
-        inside_(count_),
+        count_(grid.corners()),
+        inside_(count_ + DirectionLine::max_lanes),
         points_(count_),
         sums_(count_),
         has_point_(count_),
         has_sums_(count_) {}
 
   void set(int row) {
-    row_ = row;
+    line_ = grid_.line(row);
     std::ranges::fill(has_point_, std::uint8_t{0});
     std::ranges::fill(has_sums_, std::uint8_t{0});
-    TexelBounds bounds = environment_.bounds_of(first_, grid_.shrink());
-    for (std::size_t i = 0; i < count_; ++i) {
-      const Eigen::Vector3d direction = grid_.corner(static_cast<int>(i), row);
-      if (!bounds.hold(direction)) {
-        points_[i] = map_point(environment_, direction, bounds.texel);
-        has_point_[i] = 1;
-        bounds = environment_.bounds_of(points_[i].texel, grid_.shrink());
-      }
-      inside_[i] = bounds.hold_great_circles(direction) ? bounds.number : ~bounds.number;
-      if (i == 0) first_ = bounds.texel;
+    SourceTexel texel = first_;
+    TexelBounds bounds = environment_.bounds_of(texel, grid_.shrink());
+    std::size_t i = count_inside(line_, 0, count_, bounds, inside_.data());
+    while (i < count_) {
+      points_[i] = map_point(environment_, direction(i), texel);
+      has_point_[i] = 1;
+      texel = points_[i].texel;
+      if (i == 0) first_ = texel;
+      bounds = environment_.bounds_of(texel, grid_.shrink());
+      const std::size_t inside = count_inside(line_, i, count_, bounds, inside_.data());
+      if (inside == 0) inside_[i] = ~bounds.number;  // beside the edge it lies on, by rounding
+      i += std::max(inside, std::size_t{1});
     }
   }
 
@@ -287,8 +307,7 @@ class CornerLine {
     if (has_point_[i] == 0) {
       has_point_[i] = 1;
       const int number = inside_[i] < 0 ? ~inside_[i] : inside_[i], width = environment_.map().radiance.width;
-      points_[i] =
-          map_point(environment_, grid_.corner(static_cast<int>(i), row_), {number % width, number / width});
+      points_[i] = map_point(environment_, direction(i), {number % width, number / width});
     }
     return points_[i];
   }
@@ -304,10 +323,16 @@ class CornerLine {
   const PathSums& edge(std::size_t i) const { return sums_[i]; }
 
  private:
+  Eigen::Vector3d direction(std::size_t i) const {
+    return {line_.scale * line_.across_x[i] + line_.offset[0],
+            line_.scale * line_.across_y[i] + line_.offset[1],
+            line_.scale * line_.across_z[i] + line_.offset[2]};
+  }
+
   const PreparedEnvironment& environment_;
   const CornerGrid& grid_;
   std::size_t count_;
-  int row_ = 0;
+  DirectionLine line_{};
   SourceTexel first_;  // of the first corner
   std::vector<std::int32_t> inside_;
   std::vector<MapPoint> points_;
@@ -352,6 +377,10 @@ class TexelRows {
     batch_.flush();
   }
 
+  /// Whether texel `x` has the same radiance all over it, and so has the one before; then both have the same.
+  bool continues(int x) const {
+    return x > 0 && mixed_[static_cast<std::size_t>(x)] == 0 && mixed_[static_cast<std::size_t>(x) - 1] == 0;
+  }
   /// Of the row's texel `x`: its radiance where it is the same all over it, else nullptr and the integral in
   /// `light`.
   const float* texel(int x, double light[3]) const {
@@ -459,13 +488,16 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
       const float* angles = solid_angles_of(first_row + y);
       for (int x = 0; x < domain.width; ++x, out += 3) {
         double light[3] = {};
-        const double angle = is_lat_long ? angles[0] : angles[x];
+        double angle = is_lat_long ? angles[0] : angles[x];
         const float* constant = rows.texel(x, light);
         if (constant && window_shares_.empty()) {
-          for (int c = 0; c < 3; ++c) {
-            out[c] = constant[c];
-            of_row[c] += angle * constant[c];
+          std::copy_n(constant, 3, out);
+          for (; x + 1 < domain.width && rows.continues(x + 1); ++x) {
+            out += 3;
+            std::copy_n(constant, 3, out);
+            angle += is_lat_long ? angles[0] : angles[x + 1];
           }
+          for (int c = 0; c < 3; ++c) of_row[c] += angle * constant[c];
           continue;
         }
         if (constant)
@@ -485,8 +517,9 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
             ++shared;
           }
         }
+        const double reciprocal = 1.0 / angle;
         for (int c = 0; c < 3; ++c) {
-          out[c] = static_cast<float>(light[c] / angle);
+          out[c] = static_cast<float>(light[c] * reciprocal);
           of_row[c] += light[c];
         }
       }

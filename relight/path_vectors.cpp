@@ -45,6 +45,39 @@ void measure_pieces_vectorised(const PathPieceEnds& ends, std::size_t count, dou
   }
 }
 
+std::size_t count_inside_vectorised(const DirectionLine& line, std::size_t first, std::size_t last,
+                                    const TexelBounds& bounds, std::int32_t* HWY_RESTRICT inside) {
+  const hn::CappedTag<double, DirectionLine::max_lanes> d;
+  const hn::Rebind<std::int32_t, decltype(d)> narrow;
+  const auto scale = hn::Set(d, line.scale);
+  const auto coordinate = [&](const double* across, std::size_t i, int axis) {
+    return hn::MulAdd(scale, hn::LoadU(d, across + i), hn::Set(d, line.offset[axis]));
+  };
+  const auto sure = hn::Set(d, bounds.number), unsure = hn::Set(d, ~bounds.number);
+  for (std::size_t i = first; i < last; i += hn::Lanes(d)) {
+    const auto x = coordinate(line.across_x, i, 0), y = coordinate(line.across_y, i, 1),
+               z = coordinate(line.across_z, i, 2);
+    const auto length = hn::MulAdd(x, x, hn::MulAdd(y, y, hn::Mul(z, z)));
+    const auto height = hn::Mul(y, hn::Abs(y));
+    const auto within = [&](double north, double south) {
+      return hn::And(hn::Le(height, hn::Mul(hn::Set(d, north), length)),
+                     hn::Ge(height, hn::Mul(hn::Set(d, south), length)));
+    };
+    const auto right_of_left =
+        hn::MulSub(hn::Set(d, bounds.left_z), x, hn::Mul(hn::Set(d, bounds.left_x), z));
+    const auto right_of_right =
+        hn::MulSub(hn::Set(d, bounds.right_z), x, hn::Mul(hn::Set(d, bounds.right_x), z));
+    const auto holds =
+        hn::And(within(bounds.north, bounds.south),
+                hn::And(hn::Ge(right_of_left, hn::Zero(d)), hn::Lt(right_of_right, hn::Zero(d))));
+    const auto safe = within(bounds.safe_north, bounds.safe_south);
+    hn::StoreU(hn::DemoteTo(narrow, hn::IfThenElse(safe, sure, unsure)), narrow, inside + i);
+    const std::intptr_t leaves = hn::FindFirstTrue(d, hn::Not(holds));
+    if (leaves >= 0) return HWY_MIN(i + static_cast<std::size_t>(leaves), last) - first;
+  }
+  return last - first;
+}
+
 }  // namespace refield::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -52,9 +85,15 @@ HWY_AFTER_NAMESPACE();
 namespace refield {
 
 HWY_EXPORT(measure_pieces_vectorised);
+HWY_EXPORT(count_inside_vectorised);
 
 void measure_pieces(const PathPieceEnds& ends, std::size_t count, double* azimuth, double* above) {
   HWY_DYNAMIC_DISPATCH(measure_pieces_vectorised)(ends, count, azimuth, above);
+}
+
+std::size_t count_inside(const DirectionLine& line, std::size_t first, std::size_t last,
+                         const TexelBounds& bounds, std::int32_t* inside) {
+  return HWY_DYNAMIC_DISPATCH(count_inside_vectorised)(line, first, last, bounds, inside);
 }
 
 }  // namespace refield

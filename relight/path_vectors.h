@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstddef>
+#include <cstdint>
 
 namespace refield {
 
@@ -16,5 +17,28 @@ struct PathPieceEnds {
 /// tangent of a piece's azimuth is below 0.06, both are right to rounding.
 /// `azimuth`, `above` [capacity], aligned to 64 bytes: numbers behind the last piece are overwritten.
 void measure_pieces(const PathPieceEnds& ends, std::size_t count, double* azimuth, double* above);
+
+/// The bounds of an environment map's texel, for directions of any length.
+struct TexelBounds {
+  std::int32_t number = 0;          ///< row · width + column
+  double north = 0.0, south = 0.0;  ///< signed squares of the sines of latitude
+  double left_x = 0.0, left_z = 0.0, right_x = 0.0, right_z = 0.0;  ///< of directions on the edges
+  double safe_north = 0.0, safe_south = 0.0;  ///< between, great circles to other such directions stay inside
+};
+
+/// Directions scale · across[i] + offset for successive i, one coordinate after another.
+struct DirectionLine {
+  const double *across_x, *across_y, *across_z;  ///< max_lanes numbers more may be read behind the last
+  double scale;
+  double offset[3];
+
+  static constexpr std::size_t max_lanes = 8;
+};
+
+/// Finds how many directions from `first` to `last` − 1 lie in a texel before one that does not. `inside`
+/// [last + DirectionLine::max_lanes] gets the texel's number for them, its complement where great circles to
+/// others in the texel may leave it; behind them, numbers are overwritten.
+std::size_t count_inside(const DirectionLine& line, std::size_t first, std::size_t last,
+                         const TexelBounds& bounds, std::int32_t* inside);
 
 }  // namespace refield

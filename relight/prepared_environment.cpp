@@ -23,10 +23,9 @@ using std::numbers::pi;
 
 /// Below, a texel's columns are so wide that two neighbours cannot be told by the sign of their azimuth.
 constexpr int min_columns = 16;
-/// Up to here every row has its prefix sums.
-constexpr std::size_t max_full_prefix_texels = std::size_t{1} << 21;
-constexpr int rows_of_large_block = 8;
-constexpr double pole_distance = 1e-12;
+/// Prefix sums are kept for so many texels: for each row of small maps, every 2nd, 4th or 8th of large ones.
+constexpr std::size_t max_prefix_texels = std::size_t{1} << 21;
+constexpr int max_block_rows = 8;
 
 /// atan2(y, x), by its series where that is good to rounding.
 double angle(double y, double x) {
@@ -145,7 +144,9 @@ void PreparedEnvironment::prepare_lat_long() {
     edges_.emplace_back(-std::sin(azimuth), -std::cos(azimuth));
   }
   const bool keeps_prefix = width >= min_columns;
-  block_rows_ = radiance.pixel_count() > max_full_prefix_texels ? rows_of_large_block : 1;
+  while (block_rows_ < max_block_rows &&
+         radiance.pixel_count() > max_prefix_texels * static_cast<std::size_t>(block_rows_))
+    block_rows_ *= 2;
   const auto blocks = static_cast<std::size_t>((height + block_rows_ - 1) / block_rows_);
   const auto values = static_cast<std::size_t>(width) * 3;
   if (keeps_prefix) prefix_.resize(blocks * values);
@@ -165,11 +166,6 @@ void PreparedEnvironment::prepare_lat_long() {
     }
   });
   for (std::size_t i = 0; i < values; ++i) total_[i % 3] += 2.0 * pi / width * sums[i];
-}
-
-void PreparedEnvironment::leave_pole(Vector3d& direction) {
-  if (direction.x() * direction.x() + direction.z() * direction.z() < pole_distance * pole_distance)
-    direction.x() = pole_distance;
 }
 
 SourceTexel PreparedEnvironment::texel_at(const Vector3d& direction, const SourceTexel& near) const {

@@ -18,27 +18,6 @@ struct SourceTexel {
   bool operator==(const SourceTexel&) const = default;
 };
 
-/// The bounds of an environment map's texel, for directions of any length.
-struct TexelBounds {
-  SourceTexel texel;
-  std::int32_t number = 0;          ///< row · width + column
-  double north = 0.0, south = 0.0;  ///< signed squares of the sines of latitude
-  Eigen::Vector2d left, right;      ///< (x, z) of directions on the edges
-  double safe_north = 0.0, safe_south = 0.0;
-
-  bool hold(const Eigen::Vector3d& direction) const {
-    const double length = direction.squaredNorm(), height = direction.y() * std::abs(direction.y());
-    return height <= north * length && height >= south * length &&
-           left[1] * direction.x() - left[0] * direction.z() >= 0.0 &&
-           right[1] * direction.x() - right[0] * direction.z() < 0.0;
-  }
-  /// Whether, besides, the great circles to other such directions stay in the texel.
-  bool hold_great_circles(const Eigen::Vector3d& direction) const {
-    const double length = direction.squaredNorm(), height = direction.y() * std::abs(direction.y());
-    return height <= safe_north * length && height >= safe_south * length;
-  }
-};
-
 /// Sums along a path on the sphere, with φ the azimuth that grows with the columns of lat-long maps:
 /// ∫ Q dφ of each channel, Q(φ, y) the integral of the radiance over sin(latitude) from y to the north pole,
 /// and ∫ dφ.
@@ -81,7 +60,11 @@ class PreparedEnvironment {
   bool has_path_sums() const { return !prefix_.empty(); }
 
   /// Moves a unit direction that lies at a pole, where it has no azimuth, by 1e-12.
-  static void leave_pole(Eigen::Vector3d& direction);
+  static void leave_pole(Eigen::Vector3d& direction) {
+    constexpr double distance = 1e-12;
+    if (direction.x() * direction.x() + direction.z() * direction.z() < distance * distance)
+      direction.x() = distance;
+  }
 
   /// The texel of a unit direction; `near` only tells where to look first.
   SourceTexel texel_at(const Eigen::Vector3d& direction, const SourceTexel& near) const;
@@ -99,12 +82,14 @@ class PreparedEnvironment {
   TexelBounds bounds_of(const SourceTexel& texel, double shrink) const {
     const auto row = static_cast<std::size_t>(texel.row), column = static_cast<std::size_t>(texel.column);
     const double north = sines_[row], south = sines_[row + 1], squared = shrink * shrink;
-    TexelBounds bounds{texel,
-                       texel.row * map_->radiance.width + texel.column,
-                       north * std::abs(north),
-                       south * std::abs(south),
-                       edges_[column],
-                       edges_[column + 1]};
+    TexelBounds bounds;
+    bounds.number = texel.row * map_->radiance.width + texel.column;
+    bounds.north = north * std::abs(north);
+    bounds.south = south * std::abs(south);
+    bounds.left_x = edges_[column].x();
+    bounds.left_z = edges_[column].y();
+    bounds.right_x = edges_[column + 1].x();
+    bounds.right_z = edges_[column + 1].y();
     bounds.safe_north = north > 0.0 ? squared * bounds.north : bounds.north;
     bounds.safe_south = south < 0.0 ? squared * bounds.south : bounds.south;
     return bounds;
