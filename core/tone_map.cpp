@@ -10,6 +10,7 @@
 #include <string>
 
 #include "core/errors.h"
+#include "core/tone_vectors.h"
 
 namespace refield {
 
@@ -98,19 +99,23 @@ LevelTable::LevelTable(const std::function<std::uint8_t(float)>& level)
     const auto start = std::bit_cast<float>(static_cast<std::uint32_t>(cell) << cell_shift);
     while (start >= least_value_of_[at + 1]) ++at;
     level_at_start_of_cell_[cell] = static_cast<std::uint8_t>(at);
+    if (cell > 0) steps_ = std::max(steps_, at - level_at_start_of_cell_[cell - 1]);
   }
+  level_at_start_of_cell_.resize(level_at_start_of_cell_.size() + 3);  // see LevelCells
 }
 
 LevelTable::LevelTable(const ToneMapping& mapping)
     : LevelTable([&mapping](float radiance) { return tone_mapped(radiance, mapping); }) {}
 
 std::uint8_t LevelTable::operator()(float value) const {
-  const float shown = value > 0.0f ? value : 0.0f;  // of NaN, 0
-  int level = level_at_start_of_cell_[std::bit_cast<std::uint32_t>(shown) >> cell_shift];
-  // Cells hold a step or none, and which of the two cannot be predicted: added, not branched on.
-  level += static_cast<int>(shown >= least_value_of_[level + 1]);
-  while (shown >= least_value_of_[level + 1]) ++level;
+  if (!(value > 0.0f)) return level_at_start_of_cell_[0];
+  int level = level_at_start_of_cell_[std::bit_cast<std::uint32_t>(value) >> cell_shift];
+  while (value >= least_value_of_[level + 1]) ++level;
   return static_cast<std::uint8_t>(level);
+}
+
+LevelCells LevelTable::cells() const {
+  return {level_at_start_of_cell_.data(), least_value_of_.data(), cell_shift, steps_};
 }
 
 std::vector<std::uint8_t> tone_mapped(const Image& image, const ToneMapping& mapping) {
@@ -127,10 +132,8 @@ void tone_map_rgba(const Image& image, const LevelTable& table, std::span<std::u
     throw InputError("an image of " + shape_text(image) + " does not fill " + std::to_string(rgba.size()) +
                      " bytes of RGBA; it needs 3 channels and 4 bytes a pixel");
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, image.pixel_count(), 8192), [&](const auto& range) {
-    for (std::size_t p = range.begin(); p != range.end(); ++p) {
-      for (std::size_t c = 0; c < 3; ++c) rgba[4 * p + c] = table(image.values[3 * p + c]);
-      rgba[4 * p + 3] = 255;
-    }
+    tone_map_pixels(table.cells(), image.values.data() + 3 * range.begin(), range.size(),
+                    rgba.data() + 4 * range.begin());
   });
 }
 

@@ -43,6 +43,8 @@ float srgb_from_linear(float linear);
 /// The level, 0 to 255, that a non-negative value is shown as. Negative values and NaN become 0.
 std::uint8_t tone_mapped(float radiance, const ToneMapping& mapping);
 
+struct LevelCells;
+
 /// A rounded, never falling function from floats to levels, looked up instead of computed: exact, and a
 /// hundred times as fast as a power. The function is evaluated some eight thousand times to make the table.
 class LevelTable {
@@ -53,11 +55,14 @@ class LevelTable {
 
   /// As the function gives; 0 for negative values and NaN.
   std::uint8_t operator()(float value) const;
+  /// The table's contents, while it lives; for the vectors of tone_map_rgba().
+  LevelCells cells() const;
 
  private:
   // A cell is the values that share exponent and upper 7 bits of the mantissa.
   std::vector<std::uint8_t> level_at_start_of_cell_;
   std::array<float, 257> least_value_of_;  // NaN where no value reaches the level
+  int steps_ = 0;                          // at most that many levels begin within one cell
 };
 
 /// A whole image, same shape. On all cores.

@@ -78,6 +78,28 @@ TEST(ToneMap, ImagesAreMappedValueByValue) {
   EXPECT_THROW(tone_map_rgba(image, LevelTable(mapping), rgba), InputError);
 }
 
+// Values beside every step, on both sides, and those that are no light; a curve with several levels per cell.
+TEST(ToneMap, PixelsInVectorsAreAsValueByValue) {
+  const auto threshold = [](float value) {
+    return static_cast<std::uint8_t>(value < 1.0f ? 0 : value < 1.001f ? 3 : value < 1.002f ? 90 : 255);
+  };
+  const ToneMapping mapping{3.0, ToneOperator::filmic};
+  for (const LevelTable& table : {LevelTable(mapping), LevelTable(threshold)}) {
+    std::vector<float> values{0.0f, -0.0f, -1.0f, -infinity, infinity, not_a_number, -not_a_number, 1e-38f};
+    for (float value = 1e-6f; value < 40.0f; value *= 1.0005f) {
+      values.push_back(value);
+      if (table(value) != table(std::nextafter(value, 0.0f))) values.push_back(std::nextafter(value, 0.0f));
+    }
+    values.resize(values.size() / 3 * 3);
+    Image image(static_cast<int>(values.size() / 3), 1, 3);
+    image.values = values;
+    std::vector<std::uint8_t> rgba(image.pixel_count() * 4);
+    tone_map_rgba(image, table, rgba);
+    for (std::size_t i = 0; i < values.size(); ++i)
+      ASSERT_EQ(rgba[i / 3 * 4 + i % 3], table(values[i])) << values[i];
+  }
+}
+
 TEST(ToneMap, WhiteIsThe99thPercentile) {
   Image image(100, 100, 3, 0.5f);
   for (int x = 0; x < 50; ++x) image.at(x, 0, 1) = 1000.0f;  // half a percent: lamps in the picture
