@@ -449,6 +449,72 @@ TEST(Environment, BoxesOfACubeHoldTheEnergyOfTheirTexels) {
   }
 }
 
+// Paths of all lengths, anywhere and beside poles, the equator and corners of texels.
+TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
+  constexpr double rounding = 1e-11;  // sums are up to 6
+  Rng rng(27);
+  for (const int width : {16, 200, 2400}) {  // the last without prefix sums of all rows
+    const PreparedEnvironment environment(test::random_light(rng, lat_long(width)));
+    constexpr std::size_t count = 20000;
+    struct Path {
+      Eigen::Vector3d a, b;
+      SourceTexel at_a, at_b;
+    };
+    std::vector<Path> paths;
+    std::vector<PathSums> sums(count);
+    PathBatch batch(environment);
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto place = [&](int limit) {
+        const double anywhere = rng.uniform(0.0, limit);
+        return rng.below(3) == 0 ? std::round(anywhere) : anywhere;
+      };
+      const double row = rng.below(8) == 0 ? rng.uniform(0.0, 1e-2) : place(width / 2);
+      Path path;
+      path.a = lat_long_direction(place(width), row, width, width / 2);
+      const double length = std::exp(rng.uniform(-14.0, -4.0));
+      path.b = path.a;
+      for (double& coordinate : path.b) coordinate += length * rng.uniform(-1, 1);
+      for (Eigen::Vector3d* end : {&path.a, &path.b}) {
+        end->normalize();
+        PreparedEnvironment::leave_pole(*end);
+      }
+      path.at_a = environment.texel_at(path.a, {});
+      path.at_b = environment.texel_at(path.b, path.at_a);
+      batch.add(path.a, path.at_a, path.b, path.at_b, sums[i]);
+      paths.push_back(path);
+    }
+    batch.flush();
+    for (std::size_t i = 0; i < count; ++i) {
+      const PathSums alone = environment.along(paths[i].a, paths[i].at_a, paths[i].b, paths[i].at_b);
+      ASSERT_NEAR(sums[i].azimuth, alone.azimuth, rounding) << width << " " << i;
+      for (int c = 0; c < 3; ++c)
+        ASSERT_NEAR(sums[i].light[c], alone.light[c], rounding) << width << " " << paths[i].a.transpose();
+    }
+  }
+}
+
+// Texels so small that nearly all of their edges are short.
+TEST(Environment, FineWindowsAgreeWithClipping) {
+  // The exact way's great circles lie up to 1.3e-7 beside parallels of latitude: 1.2e-4 of a texel's width.
+  constexpr double of_contrast = 2e-4;
+  constexpr float sun = 1e5f, max_sky = 1.0f;
+  Rng rng(28);
+  const LightDomain target = window(60, 40);
+  for (const Turn& turn : {Turn{0, 90, 0}, random_turn(rng)}) {
+    const std::vector monitor{MonitorPlacement{40, 30, 600, turn}};
+    const EnvironmentProjector projector(target, monitor);
+    LightMap map = test::random_light(rng, lat_long(400));
+    const Eigen::Vector2d at = lat_long_position(monitor[0].direction(0.4, 0.7).normalized(), 400, 200);
+    for (int c = 0; c < 3; ++c) map.radiance.at(static_cast<int>(at.x()), static_cast<int>(at.y()), c) = sun;
+    const LightMap fast = projector.project(PreparedEnvironment(map), {}).light,
+                   exact = projector.project_exactly(map, {}).light;
+    for (std::size_t i = 0; i < fast.radiance.values.size(); ++i) {
+      const float value = exact.radiance.values[i];
+      ASSERT_NEAR(fast.radiance.values[i], value, of_contrast * (value > max_sky ? sun : max_sky)) << i;
+    }
+  }
+}
+
 TEST(Environment, ThreadsDoNotChangeTheLight) {
   Rng rng(24);
   const LightMap map = test::random_light(rng, lat_long(128));
