@@ -136,7 +136,7 @@ std::string NoisePlan::sentence() const {
                 "%zu exposure%s cover%s the scene's range of 1:%.0f with noise of at most %.1f %%%s",
                 exposures.size(), exposures.size() == 1 ? "" : "s", exposures.size() == 1 ? "s" : "",
                 range.bright / range.dark, 100.0 * worst_noise,
-                reached ? "" : ", more than asked for: take more frames an exposure");
+                reached ? "" : ", above the limit: take more frames per exposure");
   return text;
 }
 

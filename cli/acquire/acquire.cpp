@@ -6,10 +6,11 @@ namespace refield::cli {
 void add_acquire(CLI::App& app, const Common& common, Action& action) {
   CLI::App* group = app.add_subcommand(
       "acquire",
-      "Photograph a scene under many lights: HDR, ambient light subtracted, into a capture session.\n\n"
-      "Killed or interrupted at any moment, a capture goes on by the same command with --resume, and the "
-      "session ends\n"
-      "in the same bytes. docs/reference/capture-session-format.md describes the folder.");
+      "Photograph a scene under many light patterns as a capture session.\n"
+      "\n"
+      "Photographs are HDR images with the ambient light subtracted. An interrupted capture continues with "
+      "the same command and --resume; the resulting session is identical, byte for byte. "
+      "docs/reference/capture-session-format.md describes the folder.");
   group->require_subcommand(1);
   add_acquire_devices(*group, common, action);
   add_acquire_init(*group, common, action);

@@ -110,26 +110,27 @@ ordered_json figures_of(const RigMeasurements& rig) {
 
 void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
   std::printf("%s: %s\n", given.output.c_str(), given.page.c_str());
-  std::printf("display: light changes %.1f ms after a flip and stands still %.1f ms after it\n",
+  std::printf("display: light changes %.1f ms after a page flip and is stable after %.1f ms\n",
               1e3 * rig.timing.display_latency.count(),
               1e3 * (rig.timing.display_latency + rig.timing.display_settling).count());
   if (rig.timing.control_latency_frames == 0)
-    std::printf("camera: a new exposure or gain acts on the next frame that begins\n");
+    std::printf("camera: a new exposure or gain takes effect with the next frame\n");
   else
-    std::printf("camera: a new exposure or gain acts on the frame after the next %d\n",
+    std::printf("camera: a new exposure or gain takes effect after %d more frames\n",
                 rig.timing.control_latency_frames);
   if (rig.timing.exposure_unit.count() > 0.0)
     std::printf("exposures: whole multiples of %.4g ms\n", 1e3 * rig.timing.exposure_unit.count());
   else
-    std::printf("exposures: any, the light does not pulse\n");
+    std::printf("exposures: any, the light does not flicker\n");
   std::printf("camera: black %.2f DN, saturation %.0f DN, %s\n", rig.camera.black_level_dn,
-              rig.camera.saturation_dn, rig.response.is_linear ? "linear" : "bent (a table was written)");
-  std::printf("camera: %.3g electrons a DN, read noise %.3g electrons, %.4g electrons at saturation\n",
+              rig.camera.saturation_dn,
+              rig.response.is_linear ? "linear" : "nonlinear (a table was written)");
+  std::printf("camera: %.3g electrons per DN, read noise %.3g electrons, %.4g electrons at saturation\n",
               rig.camera.electrons_per_dn, rig.camera.read_noise_electrons, rig.noise.full_well_electrons);
   if (rig.flat_field)
-    std::printf("lens: the darkest corner gets %.1f %% of the light\n", 100.0 * rig.flat_field->least);
+    std::printf("lens: the darkest corner receives %.1f %% of the light\n", 100.0 * rig.flat_field->least);
   if (rig.screen)
-    std::printf("screen: its darkest place has %.1f %% of the light\n", 100.0 * rig.screen->least);
+    std::printf("screen: the darkest region emits %.1f %% of the light\n", 100.0 * rig.screen->least);
   std::printf("superposition: largest error %.2f %%\n", 100.0 * rig.superposition.largest_error());
   for (const std::string& warning : rig.warnings) std::printf("warning: %s\n", warning.c_str());
 }
@@ -137,7 +138,7 @@ void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
 void refuse_existing(const CalibrateVerbOptions& given) {
   for (const fs::path& path : {given.output, given.page})
     if (fs::exists(path) && !given.force)
-      throw InputError(path.string() + ": exists; give --force to replace it, or another name");
+      throw InputError(path.string() + ": already exists; give --force to replace it, or another name");
 }
 
 RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options, bool gain_given) {
@@ -175,10 +176,11 @@ std::vector<BracketSamples> brackets_of(const CalibrateVerbOptions& given) {
           paths.front().string() +
           ": RAW and float files are proportional to light and need no curve; import them as they are");
     if (bracket.bits != brackets.front().bits)
-      throw InputError(paths.front().string() + ": has other bits than the files before; give one kind");
+      throw InputError(paths.front().string() +
+                       ": has a different bit depth from earlier files; give files of one kind");
     if (bracket.seconds.size() < 2)
       throw InputError(paths.front().string() +
-                       ": is one exposure alone; photograph each view with two or more exposure times");
+                       ": is a single exposure; photograph each view with two or more exposure times");
     require_brighter_with_time(bracket, {});
     progress.advance();
   }
@@ -193,9 +195,9 @@ double spread_under(const std::vector<BracketSamples>& brackets, const BracketCa
 }
 
 void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common& common) {
-  if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
+  if (given.output.empty()) throw InputError("--output is missing; give the calibration file to write");
   if (fs::exists(given.output) && !given.force)
-    throw InputError(given.output.string() + ": exists; give --force to replace it, or another name");
+    throw InputError(given.output.string() + ": already exists; give --force to replace it, or another name");
   const OutputLock lock(given.output, {given.photographs.begin(), given.photographs.end()});
   const auto brackets = brackets_of(given);
   const ResponseEstimate estimate = estimate_response(brackets);
@@ -220,9 +222,10 @@ void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common&
   }
   std::printf("%s: response estimated from %zu samples of %zu brackets\n", given.output.c_str(),
               estimate.places, brackets.size());
-  std::printf("exposures disagree by %.1f %% under it, by %.1f %% under %s\n", 100.0 * estimated,
+  std::printf("exposures disagree by %.1f %% with this response, by %.1f %% with %s\n", 100.0 * estimated,
               100.0 * assumed, brackets.front().bits == 8 ? "sRGB" : "a linear response");
-  std::printf("noise figures are not measured; the defaults of 'refield acquire import' are in the file\n");
+  std::printf(
+      "noise is not measured; the file contains the default noise values of 'refield acquire import'\n");
 }
 
 void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
@@ -234,10 +237,10 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   if (!given.session.empty()) session = read_session_file(given.session);
   if (session.has_value() != given.recipe.empty())
     throw InputError(
-        "give a session file, which names the devices ('refield acquire init' writes one), --virtual with a "
+        "no devices are given; give a session file ('refield acquire init' writes one), --virtual with a "
         "recipe, or --from-photographs");
   if (given.output.empty() && session) given.output = session->calibration;
-  if (given.output.empty()) throw InputError("-o: no calibration file to write is given");
+  if (given.output.empty()) throw InputError("--output is missing; give the calibration file to write");
   if (given.page.empty()) given.page = fs::path(given.output).replace_extension(".html");
   refuse_existing(given);
   const std::vector<fs::path> inputs = {given.session, given.recipe};
@@ -252,14 +255,13 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   else
     print(measured, given);
   if (!measured.superposition.holds())
-    throw InputError(
-        "display '" + measured.display_description.name +
-        "': light does not add up, I(A) + I(B) − I(black) "
-        "differs from I(A+B) by up to " +
-        std::to_string(100.0 * measured.superposition.largest_error()) +
-        " %: it dims itself. Turn off dynamic contrast, local dimming, power saving and automatic "
-        "brightness, then calibrate again. " +
-        given.page.string() + " shows more");
+    throw InputError("display '" + measured.display_description.name +
+                     "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
+                     std::to_string(100.0 * measured.superposition.largest_error()) +
+                     " %, because the display dims itself. Turn off dynamic contrast, local dimming, power "
+                     "saving and automatic "
+                     "brightness, then calibrate again. " +
+                     given.page.string() + " shows details");
 }
 
 }  // namespace
@@ -268,80 +270,71 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
   const auto options = std::make_shared<CalibrateVerbOptions>();
   CLI::App* verb = group.add_subcommand(
       "calibrate",
-      "Measure camera and display with the camera itself: display latency and settling, control latency, "
-      "banding,\n"
-      "response and black level, noise, tone curves, and whether light adds up. Writes a calibration file "
-      "for\n"
-      "'refield acquire' and a page (.html) that shows and explains each figure. Ends with exit status 2 "
-      "when light\n"
-      "does not add up (the display dims itself): no capture could be trusted then.\n\n"
-      "Nothing in view may move or change but by the display; the room must be dark. docs/guide/capture.md "
-      "leads through "
-      "it.\n\n"
+      "Measure the camera and the monitor and write a calibration file.\n"
+      "\n"
+      "Measures display latency and settling, control latency, banding, response and black level, noise, "
+      "tone curves and additivity of light with the camera itself. Writes a calibration file for 'refield "
+      "acquire' and a page (.html) that shows and explains each result. The exit status is 2 if light is not "
+      "additive (the display dims itself), since captures would be wrong.\n"
+      "\n"
+      "Only the display may change in the view of the camera; the room must be dark. docs/guide/capture.md "
+      "describes the procedure.\n"
+      "\n"
       "Examples:\n"
-      "  refield acquire calibrate session.toml                          devices that the session file "
-      "names; writes\n"
-      "                                                                  the calibration file that it names, "
-      "too\n"
+      "  refield acquire calibrate session.toml                          # devices of a session file\n"
       "  refield acquire calibrate --virtual recipe.toml --truth truth -o calibration.toml\n"
-      "  refield acquire calibrate --from-photographs brackets -o camera.toml\n"
-      "                                                                  only the response of a camera that "
-      "is "
-      "not driven\n"
-      "                                                                  from here, from bracketed JPEG "
-      "files\n"
-      "  refield acquire calibrate … --target card -o lens.toml          vignetting: plain white card, out "
-      "of focus\n"
-      "  refield acquire calibrate … --target screen --flat-field lens.toml -o rig.toml\n"
-      "                                                                  uniformity: the camera sees the "
-      "whole display");
-  CLI::Option* session = verb->add_option("session", options->session,
-                                          "Session file (.toml) of 'refield acquire run', for its devices");
-  verb->add_option("--virtual", options->recipe, "Instead: recipe (.toml) of a virtual rig")
+      "  refield acquire calibrate --from-photographs brackets -o camera.toml   # response curve only\n"
+      "  refield acquire calibrate … --target card -o lens.toml          # vignetting: blurred white card\n"
+      "  refield acquire calibrate … --target screen --flat-field lens.toml -o rig.toml   # uniformity");
+  CLI::Option* session = verb->add_option(
+      "session", options->session, "Session file (.toml) of 'refield acquire run' that names the devices");
+  verb->add_option("--virtual", options->recipe,
+                   "Recipe (.toml) of a simulated camera and monitor, instead of a session file")
       ->excludes(session);
   CLI::Option* photographs =
       verb->add_option(
               "--from-photographs", options->photographs,
-              "Instead: bracketed photographs of still views (folders, files or quoted patterns), from\n"
-              "which the camera's response curve is estimated, for 'refield acquire import --response'")
+              "Bracketed photographs of static views (folders, files or quoted patterns) from which only the "
+              "response curve of the camera is estimated, for 'refield acquire import --response'")
           ->excludes(session);
   verb->add_option("--pattern", options->pattern,
-                   "With --from-photographs: file names, as for 'refield acquire import'")
+                   "Pattern of the file names of --from-photographs, as for 'refield acquire import'")
       ->needs(photographs);
-  verb->add_option("--count", options->count, "With --from-photographs: so many files make a bracket")
+  verb->add_option("--count", options->count, "Number of files per bracket of --from-photographs")
       ->check(CLI::PositiveNumber)
       ->needs(photographs);
-  verb->add_option(
-          "--exposures", options->exposures,
-          "With --from-photographs: exposure times of a bracket's files in seconds, separated by commas\n"
-          "(default: as the files' metadata state them)")
+  verb->add_option("--exposures", options->exposures,
+                   "Exposure times of the files of a bracket of --from-photographs in seconds, separated by "
+                   "commas (default: from the metadata of the files)")
       ->delimiter(',')
       ->needs(photographs);
-  verb->add_option(
-      "--truth", options->truth,
-      "With --virtual: folder that 'refield simulate' made from the recipe (default: traced first)");
+  verb->add_option("--truth", options->truth,
+                   "Folder that 'refield simulate' created from the recipe of --virtual (default: the scene "
+                   "is traced first)");
   verb->add_option("-o,--output", options->output,
-                   "Calibration file to write (.toml; default: the one that the session file names)");
-  verb->add_option("--page", options->page, "Page to write (default: the same name, .html)");
-  verb->add_option(
-          "--target", options->target,
-          "What the camera looks at: scene (anything), card (plain and evenly lit: measures vignetting), or\n"
-          "screen (the whole display: measures its uniformity)")
+                   "Calibration file to write (.toml; default: the file named in the session file)");
+  verb->add_option("--page", options->page,
+                   "HTML page to write (default: the name of the calibration file with .html)");
+  verb->add_option("--target", options->target,
+                   "Object in the view of the camera: scene (any), card (plain and evenly lit, measures "
+                   "vignetting) or screen (the whole display, measures its uniformity)")
       ->check(CLI::IsMember({"scene", "card", "screen"}))
       ->capture_default_str();
   verb->add_option("--flat-field", options->flat_field,
-                   "Calibration file whose flat field (vignetting) to keep");
-  verb->add_option("--uniformity", options->uniformity,
-                   "Calibration file whose uniformity of the screen to keep");
-  verb->add_option("--patience", options->patience, "Seconds after which the display has surely settled")
+                   "Calibration file whose flat field (vignetting) is copied");
+  verb->add_option("--uniformity", options->uniformity, "Calibration file whose screen uniformity is copied");
+  verb->add_option("--patience", options->patience,
+                   "Time in seconds after which the display has certainly settled")
       ->capture_default_str();
-  verb->add_option("--gain", options->gain, "Of the camera, for all measurements (session file, else 1)");
-  verb->add_option("--tolerance", options->tolerance, "Of superposition, relative")->capture_default_str();
-  verb->add_option("--levels-apart", options->step, "Of the tone curves: 1, 3, 5, 15, 17, 51 or 85")
+  verb->add_option("--gain", options->gain,
+                   "Gain of the camera for all measurements (default: from the session file, else 1)");
+  verb->add_option("--tolerance", options->tolerance, "Maximum relative error of additivity")
       ->capture_default_str();
-  verb->add_flag("--trigger", options->trigger,
-                 "With --virtual: start each exposure through the trigger line");
-  verb->add_flag("--force", options->force, "Replace the output files");
+  verb->add_option("--levels-apart", options->step,
+                   "Step between the measured levels of the tone curves: 1, 3, 5, 15, 17, 51 or 85")
+      ->capture_default_str();
+  verb->add_flag("--trigger", options->trigger, "Start each exposure with the trigger line, with --virtual");
+  verb->add_flag("--force", options->force, "Replace existing output files");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { acquire_calibrate(*options, common); }; });
 }

@@ -44,17 +44,18 @@ ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) 
 
 void print(const UntilError& until, const CaptureSummary& summary) {
   if (until.last().images == 0) return;
-  std::printf("predicted error %.2f %% after %d images, asked were %.2f %%: ", 100.0 * until.last().predicted,
+  std::printf("predicted error %.2f %% after %d images, target %.2f %%: ", 100.0 * until.last().predicted,
               until.last().images, 100.0 * until.asked());
   if (until.reached())
-    std::printf("reached, %zu lights left out\n", summary.left_out);
+    std::printf("reached, %zu lights skipped\n", summary.left_out);
   else if (until.last().noise > until.asked())
-    std::printf("cannot be reached, the photographs' own noise is %.2f %%; take more frames an exposure\n",
-                100.0 * until.last().noise);
+    std::printf(
+        "not reachable because the noise of the photographs is %.2f %%; take more frames per exposure\n",
+        100.0 * until.last().noise);
   else if (const int needed = until.images_for(); needed > 0)
-    std::printf("not reached, about %d images would do\n", needed);
+    std::printf("not reached, about %d images are needed\n", needed);
   else
-    std::printf("not reached, and more images of this kind would hardly reach it\n");
+    std::printf("not reached, and more images of this kind would hardly reduce the error\n");
 }
 
 void print(const CaptureSummary& summary, const fs::path& session) {
@@ -64,7 +65,7 @@ void print(const CaptureSummary& summary, const fs::path& session) {
   }
   std::printf("%s: %zu photographs", session.c_str(), summary.lights);
   if (summary.found_done > 0) std::printf(", %zu steps from an earlier run", summary.found_done);
-  if (summary.found_damaged > 0) std::printf(", %zu damaged ones repeated", summary.found_damaged);
+  if (summary.found_damaged > 0) std::printf(", %zu damaged files repeated", summary.found_damaged);
   std::printf("\nexposures:");
   for (std::size_t i = 0; i < summary.exposures.size(); ++i)
     std::printf(" %.4g s (useful for %.1f %% of the samples)%s", summary.exposures[i].count(),
@@ -72,15 +73,15 @@ void print(const CaptureSummary& summary, const fs::path& session) {
   if (!summary.exposure_note.empty()) std::printf("%s\n", summary.exposure_note.c_str());
   std::printf("clipped in every exposure: %.3f %% of the samples\n", 100.0 * summary.clipped_fraction);
   std::printf(
-      "discarded frames: %llu began before the pattern stood still, %llu before the last change of exposure "
-      "or "
-      "gain; lost: %llu\n",
+      "discarded frames: %llu started before the pattern was stable, %llu before the last change of exposure "
+      "or gain; lost frames: %llu\n",
       static_cast<unsigned long long>(summary.discarded.early),
       static_cast<unsigned long long>(summary.discarded.stale),
       static_cast<unsigned long long>(summary.discarded.lost));
   if (summary.out_of_range_lights > 0)
-    std::printf("%zu lights are brighter in places than the monitor; what it emitted is on record\n",
-                summary.out_of_range_lights);
+    std::printf(
+        "%zu light maps exceed the brightness of the monitor in places; the emitted radiance is stored\n",
+        summary.out_of_range_lights);
   for (const std::string& sentence : wasted_exposures(summary.exposures, summary.useful_fraction))
     std::printf("note: %s\n", sentence.c_str());
 }

@@ -107,7 +107,7 @@ std::string word(const ordered_json& value) {
 void print_format(const ordered_json& format) {
   std::printf("    %-5s %-28s ", word(format["format"]).c_str(), word(format["description"]).c_str());
   if (!format["supported"].get<bool>())
-    std::printf("not read by refield");
+    std::printf("not supported by refield");
   else
     std::printf("%s, %d bits, %s", word(format["layout"]).c_str(), format["bits"].get<int>(),
                 format["raw"].get<bool>() ? "raw" : "processed by the camera");
@@ -131,19 +131,18 @@ void print_control(const ordered_json& control) {
 
 void print(const ordered_json& devices) {
   if (devices["cameras"].empty())
-    std::printf("No camera. Is it plugged in, may you open /dev/video* (group video)?\n");
-  for (const auto& camera : devices["cameras"]) {
     std::printf(
-        "Camera %s: %s at %s, driver %s\n  formats; without one in the session file the raw one of most bits "
-        "is taken:\n",
-        word(camera["node"]).c_str(), word(camera["card"]).c_str(), word(camera["bus"]).c_str(),
-        word(camera["driver"]).c_str());
+        "No camera was found. Check that it is connected and that you may open /dev/video* (group video).\n");
+  for (const auto& camera : devices["cameras"]) {
+    std::printf("Camera %s: %s at %s, driver %s\n  formats (default: the raw format with the most bits):\n",
+                word(camera["node"]).c_str(), word(camera["card"]).c_str(), word(camera["bus"]).c_str(),
+                word(camera["driver"]).c_str());
     for (const auto& format : camera["formats"]) print_format(format);
     std::printf("  controls:\n");
     for (const auto& control : camera["controls"]) print_control(control);
   }
   if (devices["monitors"].empty())
-    std::printf("No display connector. May you open /dev/dri/card* (group video)?\n");
+    std::printf("No display connector was found. Check that you may open /dev/dri/card* (group video).\n");
   for (const auto& monitor : devices["monitors"]) {
     std::printf("Monitor %s of %s, driver %s: %s\n", word(monitor["connector"]).c_str(),
                 word(monitor["card"]).c_str(), word(monitor["driver"]).c_str(),
@@ -158,10 +157,10 @@ void print(const ordered_json& devices) {
     if (const double hz = display["refresh_hz"].get<double>(); hz > 0.0)
       std::printf(" at %.4g Hz\n", hz);
     else
-      std::printf(", refresh rate not known\n");
+      std::printf(", unknown refresh rate\n");
   }
-  if (devices["window_displays"].empty()) std::printf("No desktop to open a window on.\n");
-  if (devices["gpio_chips"].empty()) std::printf("No GPIO chip.\n");
+  if (devices["window_displays"].empty()) std::printf("No desktop display was found.\n");
+  if (devices["gpio_chips"].empty()) std::printf("No GPIO chip was found.\n");
   for (const auto& chip : devices["gpio_chips"]) {
     std::printf("GPIO %s: %s, %d lines\n", word(chip["chip"]).c_str(), word(chip["label"]).c_str(),
                 chip["lines"].get<int>());
@@ -172,11 +171,13 @@ void print(const ordered_json& devices) {
 }  // namespace
 
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action) {
-  CLI::App* verb = group.add_subcommand(
-      "devices",
-      "List cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) with "
-      "modes, the desktop's displays for windows, and GPIO chips,\n"
-      "under the names that a session file uses (docs/reference/devices.md). Changes nothing.");
+  CLI::App* verb =
+      group.add_subcommand("devices",
+                           "List cameras, monitors, displays and GPIO chips with their modes.\n"
+                           "\n"
+                           "Prints cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) "
+                           "with modes, the displays of the desktop and GPIO chips, with the names that "
+                           "session files use (docs/reference/devices.md). Changes nothing.");
   verb->callback([&common, &action] {
     action = [&common] {
       const ordered_json devices = {{"cameras", cameras()},

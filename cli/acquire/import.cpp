@@ -74,8 +74,8 @@ ordered_json figures_of(const ImportSummary& summary) {
 
 void print(const ImportSummary& summary, const fs::path& folder) {
   std::printf("%s: %zu photographs", folder.c_str(), summary.photographs);
-  if (summary.found_done > 0) std::printf(", %zu steps of an earlier run taken over", summary.found_done);
-  std::printf("; %zu state when they were taken\n", summary.timed);
+  if (summary.found_done > 0) std::printf(", %zu steps reused from an earlier run", summary.found_done);
+  std::printf("; %zu have a time stamp\n", summary.timed);
   for (const std::string& note : summary.notes) std::printf("note: %s\n", note.c_str());
   if (summary.useful_fraction.empty()) return;
   std::printf("exposures:");
@@ -108,68 +108,71 @@ void run_import(const ImportOptions& options, const Common& common) {
 void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<ImportOptions>();
   ImportRequest& request = options->request;
-  CLI::App* verb = group.add_subcommand(
-      "import",
-      "Merge bracketed photographs of other tools: with --lights into a capture session for 'refield "
-      "estimate',\n"
-      "without into a folder of HDR photographs (.exr) with their times, for 'acquire probe' and 'acquire "
-      "match'.\n"
-      "TIFF, PNG, JPEG, EXR and cameras' RAW files; exposure times from EXIF. docs/guide/import.md explains "
-      "the rules.\n\n"
-      "Which files make a bracket: --pattern by name, --count so many at a time, else a time that comes "
-      "again\n"
-      "begins the next bracket. Which light belongs to it: its name (with --pattern), else the order of "
-      "names.\n\n"
-      "Examples:\n"
-      "  refield acquire import shots --lights lights --pattern '{light}_e*.tif' --response calibration.toml "
-      "-o session\n"
-      "  refield acquire import shots --lights shown --lights-hold drive --count 4 --ambient 'dark/*.tif' "
-      "\\\n"
-      "      --response calibration.toml -o session\n"
-      "  refield acquire import shots --lights patterns --ambient-first -o session     shown by 'acquire "
-      "show'\n"
-      "  refield acquire import roof -o roof-hdr                                       cameras' RAW files\n");
-  verb->add_option("photographs", options->photographs, "Photographs: folders, files or quoted patterns")
+  CLI::App* verb =
+      group.add_subcommand("import",
+                           "Import bracketed photographs taken with other software.\n"
+                           "\n"
+                           "With --lights, writes a capture session for 'refield estimate'; without it, a "
+                           "folder of HDR photographs (.exr) with their times, for 'refield acquire probe' "
+                           "and 'refield acquire match'. Reads TIFF, PNG, JPEG, EXR and camera RAW files, "
+                           "with exposure times from EXIF. docs/guide/import.md explains the rules.\n"
+                           "\n"
+                           "Files are grouped into brackets by name (--pattern), by number (--count) or "
+                           "otherwise by exposure time: a repeated exposure time starts the next bracket. "
+                           "Brackets are assigned to lights by name (with --pattern) or by order.\n"
+                           "\n"
+                           "Examples:\n"
+                           "  refield acquire import shots --lights lights --pattern '{light}_e*.tif' \\\n"
+                           "      --response calibration.toml -o session\n"
+                           "  refield acquire import shots --lights shown --lights-hold drive --count 4 \\\n"
+                           "      --ambient 'dark/*.tif' --response calibration.toml -o session\n"
+                           "  refield acquire import shots --lights patterns --ambient-first -o session\n"
+                           "  refield acquire import roof -o roof-hdr");
+  verb->add_option("photographs", options->photographs,
+                   "Photographs to import: folders, files or quoted patterns")
       ->required();
-  verb->add_option("-o,--output", request.folder, "Session folder, or folder for photographs")->required();
-  verb->add_option(
-      "--pattern", request.rule.pattern,
-      "Of file names: {light} stands for the view's name, * and ? for anything, as in '{light}_e*.tif'");
-  verb->add_option("--count", request.rule.count, "So many files, in the order of names, make a bracket")
+  verb->add_option("-o,--output", request.folder, "Session folder, or folder for the HDR photographs")
+      ->required();
+  verb->add_option("--pattern", request.rule.pattern,
+                   "Pattern of the file names: {light} matches the name of the view, * and ? match any text, "
+                   "as in '{light}_e*.tif'");
+  verb->add_option("--count", request.rule.count, "Number of files per bracket, in the order of their names")
       ->check(positive_number());
-  verb->add_option(
-          "--exposures", options->exposures,
-          "Exposure times of a bracket's files in seconds, separated by commas, in the order of names\n"
-          "(default: as the files' metadata state them)")
+  verb->add_option("--exposures", options->exposures,
+                   "Exposure times of the files of a bracket in seconds, separated by commas, in the order "
+                   "of their names (default: from the metadata of the files)")
       ->delimiter(',');
   verb->add_option("--lights", options->lights, "Light maps that were shown: folder or quoted pattern");
-  verb->add_option("--lights-by", options->lights_by, "Which light belongs to a bracket: name or order")
+  verb->add_option("--lights-by", options->lights_by,
+                   "How brackets are assigned to lights: name or order (default: name with --pattern, "
+                   "otherwise order)")
       ->check(CLI::IsMember({"name", "order"}));
-  verb->add_option(
-          "--lights-hold", options->lights_hold,
-          "What the files of lights hold: radiance (linear, above the monitor's black; PNG is decoded from\n"
-          "sRGB) or drive (8-bit levels as sent to the monitor)")
+  verb->add_option("--lights-hold", options->lights_hold,
+                   "Content of the light maps: radiance (linear, above the black level of the monitor; PNG "
+                   "files are decoded from sRGB) or drive (8-bit levels as sent to the monitor)")
       ->check(CLI::IsMember({"radiance", "drive"}))
       ->capture_default_str();
-  verb->add_option(
-      "--monitor-calibration", request.monitor,
-      "calibration.toml with the monitor's tone curve, for drive levels (default: that of --response)");
+  verb->add_option("--monitor-calibration", request.monitor,
+                   "Calibration file (.toml) with the tone curve of the monitor, for drive levels (default: "
+                   "the file of --response)");
   verb->add_option("--parameterisation", options->parameterisation,
-                   "Of the light maps: monitor, lat_long or cube")
+                   "Parameterisation of the light maps: monitor, lat_long or cube")
       ->capture_default_str();
   verb->add_option(
       "--ambient", options->ambient,
-      "Photographs of the ambient light, one bracket: folder or quoted pattern; subtracted from all");
-  verb->add_flag("--ambient-first", request.ambient_first,
-                 "The first bracket is the ambient light, as 'refield acquire show' begins with black");
-  verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
-  verb->add_option(
-          "--test-every", request.test_every,
-          "Hold out every so many frames for validation, beside those whose light is named test… (0: none)")
+      "Photographs of the ambient light, one bracket, subtracted from all others: folder or quoted pattern");
+  verb->add_flag(
+      "--ambient-first", request.ambient_first,
+      "Use the first bracket as the ambient light, since 'refield acquire show' starts with black");
+  verb->add_option("--mask", options->mask, "Mask image, white where the scene is (default: all pixels)");
+  verb->add_option("--test-every", request.test_every,
+                   "Hold out every N-th frame for validation, in addition to frames whose light is named "
+                   "test…; 0: none")
       ->check(non_negative_number())
       ->capture_default_str();
   add_bracket_camera(*verb, request.camera);
-  verb->add_flag("--half", options->half, "Half-float photographs: half the size, rounding of 0.05 %");
+  verb->add_flag("--half", options->half,
+                 "Write 16-bit half-float photographs: half the size, relative rounding error 0.05 %");
   add_if_exists(*verb, request.if_exists, "what is");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { run_import(*options, common); }; });

@@ -18,86 +18,86 @@ namespace fs = std::filesystem;
 
 // Keys without a comment sign must be there or are worth a look; the others are at their defaults.
 constexpr const char* before_camera =
-    R"(# What 'refield acquire run' photographs, and with which devices (docs/reference/devices.md). Paths are
-# relative to this file. Lines that begin with "# key =" show a key's default or, where it has none, an example.
+    R"(# Settings of 'refield acquire run': devices, light maps and exposures (docs/reference/devices.md). Paths are
+# relative to this file. Lines that start with "# key =" show the default of a key or, if it has none, an example.
 
 [session]
-output = "session"                # folder to make
+output = "session"                # folder to create
 calibration = "calibration.toml"  # 'refield acquire calibrate' writes it, 'refield acquire run' reads it
-# reference_every = 20            # lights between two frames of one reference light, by which drift is measured; 0: none
-# reference_light = "white.exr"   # that light; default: the white one, else the first
-# mask = "mask.png"               # painted mask, white where the scene is; default: all pixels
-# auto_mask = false               # true: mask the pixels that respond to the monitor's white
-# background = "empty.exr"        # with auto_mask: photograph without the objects; what differs is the scene
-# order = "given"                 # of the lights to estimate from: given, random or useful (most informative first)
-# until_error = "2%"              # stop when the predicted error falls to this; default: photograph all lights
-# keep_raw = false                # true: keep each exposure as a 16-bit PNG
-# half = false                    # true: half-float photographs, half the size, rounding of 0.05 %
-# preview = "last.png"            # the last photograph, replaced by each; default: none
+# reference_every = 20            # lights between two frames of the reference light (measures drift); 0: none
+# reference_light = "white.exr"   # reference light; default: the white light map, else the first
+# mask = "mask.png"               # mask image, white where the scene is; default: all pixels
+# auto_mask = false               # true: mask the pixels that respond to a white monitor
+# background = "empty.exr"        # with auto_mask: photograph without the objects; the scene is what differs
+# order = "given"                 # order of the training lights: given, random or useful (most informative first)
+# until_error = "2%"              # stop at this predicted error; default: photograph all lights
+# keep_raw = false                # true: store each exposure as a 16-bit PNG
+# half = false                    # true: half-float photographs, half the size, relative rounding error 0.05 %
+# preview = "last.png"            # preview image, replaced after each photograph; default: none
 
 [camera]
 )";
 
 constexpr const char* after_camera =
-    R"(# format = "RGGB"                 # default: raw before processed, more bits first
-# width = 1920                    # pixels; default: the format's largest
+    R"(# format = "RGGB"                 # default: the raw format with the most bits
+# width = 1920                    # pixels; default: largest size of the format
 # height = 1080
-# rate = 30                       # frames per second; default: the camera's
-# window = [200, 100, 1280, 800]  # part of the frame to keep, pixels: left, top, width, height; default: all
-# unit_gain = 100                 # value of the gain control that stands for gain 1; default: the control is left alone
+# rate = 30                       # frames per second; default: set by the camera
+# window = [200, 100, 1280, 800]  # region of the frame in pixels: left, top, width, height; default: all
+# unit_gain = 100                 # value of the gain control for gain 1; default: the control is not changed
 # fixed_exposure = 0.01           # seconds, for a camera without an exposure control
 # replug_patience = 30            # seconds to wait for an unplugged camera
 
-[controls]                        # of the camera, by the names that 'refield acquire devices' prints
+[controls]                        # camera controls, with the names that 'refield acquire devices' prints
 # white_balance_temperature = 5000
 # focus_absolute = 30
 
 [monitor]
-# connector = "HDMI-A-1"          # default: the first one with a monitor
-# card = "/dev/dri/card0"         # default: the first one that has the connector
-# mode = "1920x1080@60"           # default: the monitor's preferred one
-# window = false                  # true: a full-screen window in a desktop instead of a connector
-# display = 0                     # with window: which display of the desktop
+# connector = "HDMI-A-1"          # default: the first connector with a monitor
+# card = "/dev/dri/card0"         # default: the first card with the connector
+# mode = "1920x1080@60"           # default: preferred mode of the monitor
+# window = false                  # true: full-screen window on a desktop instead of a connector
+# display = 0                     # with window: number of the desktop display
 width = 160                       # size of the light maps, texels; each is shown as a square of whole pixels
 height = 90
-# width_mm = 520                  # where the screen stands as seen from the scene, for relighting by environment
-# height_mm = 320                 # maps (docs/guide/relighting.md); default: not known
-# distance_mm = 600               # millimetres from the scene's middle to the screen's plane
-# yaw_degrees = 0                 # direction of the screen from the scene: 0 is where the camera looks
+# width_mm = 520                  # size of the screen, for relighting by environment maps
+# height_mm = 320                 # (docs/guide/relighting.md); default: unknown
+# distance_mm = 600               # distance from the centre of the scene to the plane of the screen
+# yaw_degrees = 0                 # direction of the screen from the scene: 0 is the viewing direction of the camera
 # pitch_degrees = 0
 # roll_degrees = 0
-# offset_x_mm = 0                 # of the screen's middle from the point straight ahead
+# offset_x_mm = 0                 # offset of the screen's centre from the point straight ahead
 # offset_y_mm = 0
 
-# [trigger]                       # where the camera waits for one
-# chip = "gpiochip0"              # or its label
+# [trigger]                       # for a camera with an external trigger
+# chip = "gpiochip0"              # name or label of the GPIO chip
 # line = 17
 # active_low = false
-# pulse_ms = 1                    # milliseconds
-# timeout = 2                     # seconds
-# ready_line = 4                  # lines that the camera drives: ready for a trigger, exposing; default: none
+# pulse_ms = 1                    # length of the trigger pulse in milliseconds
+# timeout = 2                     # seconds to wait for a frame
+# ready_line = 4                  # output lines of the camera: ready for a trigger, exposing; default: none
 # ready_active_low = false
 # strobe_line = 5
 # strobe_active_low = false
-# lamp_line = 6                   # switched on for the capture; default: none
+# lamp_line = 6                   # line that switches the light on during the capture; default: none
 # lamp_active_low = false
 
 [lights]
-images = "lights/train_*.exr"     # light maps to estimate from: 'refield acquire lights --starter -o lights'
-test_images = "lights/test_*.exr" # photographed as well, but held out: they measure the error
-# session = "other"               # the lights of another session, with their roles
-# panorama = "room.exr"           # lat-long map, of which the monitor shows views
-# rotations = 60                  # views of the panorama
-# fov_degrees = 90                # vertical, of a view
-# white_percentile = 99           # of the panorama's brightness: shown as the monitor's white
+images = "lights/train_*.exr"     # training light maps: 'refield acquire lights --starter -o lights'
+test_images = "lights/test_*.exr" # held-out light maps, which measure the error
+# session = "other"               # use the lights of another session, with their roles
+# panorama = "room.exr"           # lat-long environment map; the monitor shows views of it
+# rotations = 60                  # number of views of the panorama
+# fov_degrees = 90                # vertical field of view of a view, degrees
+# white_percentile = 99           # percentile of the panorama's brightness that is shown as white
 
 [exposures]
-# seconds = [0.005, 0.02, 0.08]   # default: metered under white, 'count' of them, each 'ratio' times the one before
+# seconds = [0.005, 0.02, 0.08]   # default: metered under white, with 'count' and 'ratio'
 # count = 4
 # ratio = 4
-# noise = "2%"                    # instead: as few exposures as keep the noise of a sample below this
-# frames = 1                      # per exposure, averaged
-# ambient_frames = 4              # the same for the ambient photograph
+# noise = "2%"                    # alternative: the smallest number of exposures with noise per sample below this
+# frames = 1                      # number of averaged frames per exposure
+# ambient_frames = 4              # number of averaged frames per exposure of the ambient photograph
 # gain = 1
 )";
 
@@ -112,7 +112,7 @@ std::string camera_line() {
   line += "\"";
   line.resize(std::max<std::size_t>(line.size() + 1, 34), ' ');
   return line +
-         (device.empty() ? "# replace it: 'refield acquire devices' lists names"
+         (device.empty() ? "# replace this name: 'refield acquire devices' lists names"
                          : "# found on this machine") +
          "; also /dev/video0 or a bus\n";
 }
@@ -120,7 +120,7 @@ std::string camera_line() {
 void init(const fs::path& file) {
   std::error_code error;
   if (fs::exists(fs::symlink_status(file, error)))
-    throw InputError(file.string() + ": exists; name another file, or remove it");
+    throw InputError(file.string() + ": already exists; give another name or remove the file");
   write_text_atomically(file, before_camera + camera_line() + after_camera);
   std::printf(
       "%s: edit [camera] and [monitor], then\n"
@@ -136,9 +136,11 @@ void add_acquire_init(CLI::App& group, const Common& /*common*/, Action& action)
   const auto file = std::make_shared<fs::path>("session.toml");
   CLI::App* verb = group.add_subcommand(
       "init",
-      "Write a session file with all keys, their units and defaults, to edit: it names the devices for "
-      "'refield acquire\n"
-      "calibrate' and 'refield acquire run'. A capture by hand (docs/guide/capture.md) needs none.\n\n"
+      "Write a session file with all keys, units and default values.\n"
+      "\n"
+      "The session file names the devices for 'refield acquire calibrate' and 'refield acquire run'; edit it "
+      "before use. A manual capture (docs/guide/capture.md) does not need one.\n"
+      "\n"
       "Example:\n"
       "  refield acquire init session.toml");
   verb->add_option("file", *file, "Session file to write (.toml)")->capture_default_str();

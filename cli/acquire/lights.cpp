@@ -44,7 +44,7 @@ std::pair<int, int> size_of(const std::string& text) {
   if (std::sscanf(text.c_str(), "%dx%d%n", &width, &height, &end) != 2 ||
       text[static_cast<std::size_t>(end)] != '\0' || width < 1 || height < 1 || width > 16384 ||
       height > 16384)
-    throw InputError("--size: '" + text + "' is no size; give texels as WIDTHxHEIGHT, such as 800x600");
+    throw InputError("--size: '" + text + "' is not a size; give texels as WIDTHxHEIGHT, such as 800x600");
   return {width, height};
 }
 
@@ -67,12 +67,12 @@ class PatternWriter {
     for (const double step : steps_)
       if (!(step > 0.0 && step <= 1.0))
         throw InputError("--steps: " + std::to_string(step) +
-                         " is no part of the full brightness; give more than 0, at most 1");
+                         " is not a valid brightness factor; give values above 0 and up to 1");
     for (const std::string& name : names)
       for (const double step : steps_)
         for (const fs::path& file : {exr_of(name, step), png_of(name, step)})
           if (!options.force && !file.empty() && fs::exists(file))
-            throw InputError(file.string() + ": is there already; --force replaces it");
+            throw InputError(file.string() + ": already exists; give --force to replace it");
           else
             require_not_an_input(file, inputs);
     create_folders(options.output);
@@ -123,10 +123,10 @@ void report(const LightsOptions& options, std::size_t count, int width, int heig
   }
   std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);
   if (!options.starter)
-    std::printf("; %.2f %% of the samples were brighter than white and cut off", 100.0 * clipped);
+    std::printf("; %.2f %% of the samples were brighter than white and were clipped", 100.0 * clipped);
   std::printf("\n");
   if (!options.png.empty())
-    std::printf("%s: the same as 8-bit sRGB images, to be shown with 'refield acquire show %s'\n",
+    std::printf("%s: the same patterns as 8-bit sRGB images; show them with 'refield acquire show %s'\n",
                 options.png.c_str(), options.png.c_str());
 }
 
@@ -150,8 +150,9 @@ void make_lights_of(const LightsOptions& options, const Common& common) {
     return;
   }
   if (options.images.empty())
-    throw InputError("name images to make lights of, or give --starter for a set of patterns");
-  if (options.size.empty()) throw InputError("--size: give the lights' size in texels, such as 800x600");
+    throw InputError("no source images are given; give images, or --starter for a set of patterns");
+  if (options.size.empty())
+    throw InputError("--size is missing; give the size of the patterns in texels, such as 800x600");
   const auto [width, height] = size_of(options.size);
   const auto images = expand_globs(options.images);
   std::vector<std::string> names;
@@ -178,38 +179,40 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<LightsOptions>();
   CLI::App* verb = group.add_subcommand(
       "lights",
-      "Make light patterns for a monitor: from images of any size, or a starter set of 180 generated ones.\n"
-      "Each texel becomes the mean of the linear radiance over its area of the image, so that light is "
-      "neither lost\n"
-      "nor made. PNG and JPEG are decoded from sRGB; 1 is white, what is brighter is cut off.\n"
-      "The starter set: 150 natural patterns (train_…) and, held out (test_…), 15 natural ones, 8 bars, 6 "
-      "squares and\n"
-      "white. Always the same ones.\n\n"
-      "With --png each pattern is also written as an 8-bit sRGB image to be shown on a monitor; the OpenEXR "
-      "file then\n"
-      "holds the linear radiance of exactly those 8-bit levels: level L stands for peak × sRGB⁻¹(L / "
-      "255).\n\n"
+      "Create light patterns for a monitor.\n"
+      "\n"
+      "Patterns are resampled from images of any size, or a starter set of 180 generated patterns. Each "
+      "texel is the mean linear radiance over its area of the image. PNG and JPEG files are decoded from "
+      "sRGB; 1 is white, higher values are clipped. The starter set is always the same: 150 natural patterns "
+      "for training (train_…) and, held out (test_…), 15 natural patterns, 8 bars, 6 squares and white.\n"
+      "\n"
+      "With --png, each pattern is also written as an 8-bit sRGB image for a monitor. The OpenEXR file then "
+      "contains the linear radiance of these 8-bit levels: level L has the radiance peak × sRGB⁻¹(L / 255).\n"
+      "\n"
       "Examples:\n"
       "  refield acquire lights --starter -o lights --png patterns\n"
       "  refield acquire lights photos --size 800x600 -o lights\n"
       "  refield acquire lights 'kitchen*.jpg' --size 1920x1080 --steps 1,0.25 -o lights");
   CLI::Option* images =
-      verb->add_option("images", options->images, "Images: files, folders or quoted patterns");
-  verb->add_flag("--starter", options->starter, "Instead of images: the starter set of 180 patterns")
+      verb->add_option("images", options->images, "Source images: files, folders or quoted patterns");
+  verb->add_flag("--starter", options->starter,
+                 "Create the starter set of 180 patterns instead of resampling images")
       ->excludes(images);
-  verb->add_option(
-      "--size", options->size,
-      "Of the patterns in texels, WIDTHxHEIGHT (starter set: 160x90, which fills 16:9 monitors)");
+  verb->add_option("--size", options->size,
+                   "Size of the patterns in texels, WIDTHxHEIGHT (default for the starter set: 160x90, for "
+                   "16:9 monitors)");
   verb->add_option("-o,--output", options->output, "Folder for the light maps (.exr)")->required();
-  verb->add_option("--png", options->png, "Also write each pattern as an 8-bit sRGB PNG into this folder");
+  verb->add_option("--png", options->png, "Folder for the same patterns as 8-bit sRGB PNG files");
   verb->add_flag("--stretch", options->stretch,
-                 "Show all of each image, stretched; default: its middle part with the lights' proportions");
-  verb->add_option("--peak", options->peak, "Radiance that white stands for: the monitor's, above its black")
+                 "Stretch each image to the size of the patterns; by default its central part with the same "
+                 "aspect ratio is used");
+  verb->add_option("--peak", options->peak, "Radiance of white: that of the monitor, above its black level")
       ->capture_default_str();
-  verb->add_option("--steps", options->steps,
-                   "Brightness steps, parts of the full one, separated by commas: each image at each of them")
+  verb->add_option(
+          "--steps", options->steps,
+          "Brightness factors, separated by commas; each image is written once per factor (default: 1)")
       ->delimiter(',');
-  verb->add_flag("--force", options->force, "Replace lights of the same names");
+  verb->add_flag("--force", options->force, "Replace existing light maps of the same names");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { make_lights_of(*options, common); }; });
 }

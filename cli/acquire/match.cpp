@@ -37,7 +37,7 @@ std::optional<double> number_or_auto(const std::string& text, const char* option
   char* end = nullptr;
   const double number = std::strtod(text.c_str(), &end);
   if (end == text.c_str() || *end != '\0' || !std::isfinite(number))
-    throw InputError(std::string(option) + ": '" + text + "' is neither a number nor auto");
+    throw InputError(std::string(option) + ": '" + text + "' is not valid; give a number or auto");
   return number;
 }
 
@@ -69,9 +69,8 @@ ordered_json figures_of(const MatchSummary& summary) {
 void print(const MatchSummary& summary, const fs::path& folder) {
   if (summary.estimate)
     std::printf(
-        "clocks, from brightness: the scene's camera is ahead by %.2f s and gains %.1f ppm (correlation "
-        "%.3f, at "
-        "another offset at most %.3f)\n",
+        "clocks, estimated from brightness: the scene camera is %.2f s ahead and gains %.1f ppm (correlation "
+        "%.3f; second-best offset %.3f)\n",
         summary.clocks.offset_seconds, 1e6 * summary.clocks.drift, summary.estimate->correlation,
         summary.estimate->runner_up);
   for (const auto& [what, files] :
@@ -113,19 +112,19 @@ void add_acquire_match(CLI::App& group, const Common& common, Action& action) {
   MatchRequest& request = options->request;
   CLI::App* verb = group.add_subcommand(
       "match",
-      "Pair photographs of a scene with light maps by time, into a capture session (the paper's outdoor rig: "
-      "two\n"
-      "cameras, each with a clock of its own).\n"
-      "Times come from times.tsv in the folder, else from the files' metadata, else from their names\n"
-      "(IMG_20040621_123005, 2004-06-21T12.30.05). Each photograph gets the light nearest in time; what "
-      "stays\n"
-      "without a partner is named, and so is what 'acquire probe' discarded.\n\n"
+      "Pair scene photographs with light maps by capture time.\n"
+      "\n"
+      "Writes a capture session from the photographs of two cameras with separate clocks (the outdoor setup "
+      "of the paper). Times are read from times.tsv in the folder, else from the metadata of the files, else "
+      "from their names (IMG_20040621_123005, 2004-06-21T12.30.05). Each photograph is paired with the light "
+      "map closest in time. Files without a partner are listed, as are files that 'refield acquire probe' "
+      "discarded.\n"
+      "\n"
       "Examples:\n"
       "  refield acquire match --observed city --lights sky -o session --tolerance 20\n"
       "  refield acquire match --observed city --lights sky -o session --offset auto --drift auto\n"
-      "  refield acquire match --observed hdr --lights patterns --parameterisation monitor --offset auto -o "
-      "session\n"
-      "                                                  patterns that 'refield acquire show' logged");
+      "  refield acquire match --observed hdr --lights patterns --parameterisation monitor \\\n"
+      "      --offset auto -o session");
   verb->add_option("--observed", request.observed,
                    "Photographs of the scene (.exr): folder or quoted pattern")
       ->required();
@@ -133,30 +132,29 @@ void add_acquire_match(CLI::App& group, const Common& common, Action& action) {
                    "Light maps (.exr, or .png as shown on a monitor): folder or quoted pattern")
       ->required();
   verb->add_option("--parameterisation", options->parameterisation,
-                   "Of the light maps: lat_long, monitor or cube")
+                   "Parameterisation of the light maps: lat_long, monitor or cube")
       ->capture_default_str();
-  verb->add_option("-o,--output", request.folder, "Session folder to make")->required();
+  verb->add_option("-o,--output", request.folder, "Session folder to create")->required();
+  verb->add_option("--offset", options->offset,
+                   "Offset in seconds of the scene camera's clock relative to the clock of the light maps; "
+                   "auto: estimated from the brightness of both series")
+      ->capture_default_str();
   verb->add_option(
-          "--offset", options->offset,
-          "Seconds by which the scene camera's clock is ahead of the other; auto: from how the brightness\n"
-          "of both series goes up and down together")
-      ->capture_default_str();
-  verb->add_option("--drift", options->drift,
-                   "Parts per million by which it gains on the other; auto: with --offset auto, told as well")
+          "--drift", options->drift,
+          "Drift of the scene camera's clock in parts per million; auto: estimated, requires --offset auto")
       ->capture_default_str();
   verb->add_option("--largest-offset", request.largest_offset_seconds,
-                   "With --offset auto: seconds to look within")
+                   "Largest offset in seconds that --offset auto searches")
       ->check(positive_number())
       ->capture_default_str();
-  verb->add_option(
-          "--tolerance", options->tolerance,
-          "Most seconds between a photograph and its light (default: half the lights' usual interval)")
+  verb->add_option("--tolerance", options->tolerance,
+                   "Maximum time in seconds between a photograph and its light map (default: half the median "
+                   "interval of the light maps)")
       ->check(non_negative_number());
-  verb->add_option("--test-every", request.test_every,
-                   "Hold out every so many pairs for validation (0: none)")
+  verb->add_option("--test-every", request.test_every, "Hold out every N-th pair for validation; 0: none")
       ->check(non_negative_number())
       ->capture_default_str();
-  verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
+  verb->add_option("--mask", options->mask, "Mask image, white where the scene is (default: all pixels)");
   add_if_exists(*verb, request.if_exists, "a session");
   verb->callback([options, &common, &action] { action = [options, &common] { match(*options, common); }; });
 }

@@ -61,7 +61,7 @@ ProbeSide side_of(const SideOptions& text, const ProbeOptionsText& options) {
 ProbeRequest request_of(const ProbeOptionsText& options) {
   if (!options.focal_px && !options.field_of_view && !options.distance)
     throw InputError(
-        "how near the camera is decides what the ball shows: give --distance and --diameter, --focal-px or "
+        "the distance of the camera is required; give --distance and --diameter, --focal-px or "
         "--field-of-view");
   ProbeRequest request = options.request;
   request.sides.push_back(side_of(options.first, options));
@@ -70,8 +70,8 @@ ProbeRequest request_of(const ProbeOptionsText& options) {
   const auto density = channel_numbers(options.density, "--neutral-density");
   for (int c = 0; c < 3; ++c) {
     if (!(density[c] >= 0.0 && density[c] <= 12.0))
-      throw InputError("--neutral-density: an optical density of " + std::to_string(density[c]) +
-                       "; give 0 to 12 (3.0 for a filter of 1:1000)");
+      throw InputError("--neutral-density: the optical density " + std::to_string(density[c]) +
+                       " is out of range; give 0 to 12 (3.0 for a filter of 1:1000)");
     request.unwrap.gain[c] = std::pow(10.0, density[c]);
   }
   return request;
@@ -99,8 +99,8 @@ void print(const ProbeSummary& summary, const fs::path& folder) {
     if (!p.verdict.discarded.empty())
       std::printf("discarded: %s: %s\n", p.photograph.c_str(), p.verdict.discarded.c_str());
   std::printf(
-      "%s: %zu light maps of %d×%d from %zu photographs; %.1f %% of the sphere filled from its "
-      "surroundings\n",
+      "%s: %zu light maps of %d×%d from %zu photographs; %.1f %% of the sphere was filled from its "
+      "neighbourhood\n",
       folder.c_str(), summary.kept(), summary.width, summary.width / 2, summary.photographs.size(),
       100.0 * summary.photographs.front().verdict.unseen_fraction);
 }
@@ -117,15 +117,19 @@ void probe(const ProbeOptionsText& options, const Common& common) {
   else
     print(summary, request.folder);
   if (summary.kept() == 0)
-    throw InputError("no photograph was kept; the reasons stand in " +
+    throw InputError("all photographs were discarded; the reasons are in " +
                      (request.folder / "probe.toml").string());
 }
 
 void add_turn(CLI::App& verb, const std::string& prefix, Turn& turn, const std::string& whose) {
-  verb.add_option("--" + prefix + "yaw", turn.yaw,
-                  "Degrees by which " + whose + " is turned to the right of the map's middle (+Z)");
-  verb.add_option("--" + prefix + "pitch", turn.pitch, "Degrees by which it looks down");
-  verb.add_option("--" + prefix + "roll", turn.roll, "Degrees about its axis; what was right turns up");
+  verb.add_option(
+      "--" + prefix + "yaw", turn.yaw,
+      "Rotation of " + whose + " to the right of the centre of the map (+Z), in degrees (default: 0)");
+  verb.add_option("--" + prefix + "pitch", turn.pitch,
+                  "Downward rotation of " + whose + ", in degrees (default: 0)");
+  verb.add_option(
+      "--" + prefix + "roll", turn.roll,
+      "Rotation of " + whose + " about its viewing direction, right side up, in degrees (default: 0)");
 }
 
 }  // namespace
@@ -136,74 +140,89 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
   request.unwrap.width = 0;
   CLI::App* verb = group.add_subcommand(
       "probe",
-      "Turn photographs of a mirror ball into lat-long light maps (the paper's outdoor rig).\n"
-      "A map looks as the surroundings do from the ball's place, the direction in which the camera looks in "
-      "its\n"
-      "middle; docs/guide/light-probe.md has a picture. Photographs are linear (.exr), as 'refield hdr' and "
-      "'refield\n"
-      "acquire import' write them.\n\n"
+      "Convert photographs of a mirror ball into lat-long environment maps.\n"
+      "\n"
+      "A map shows the environment as seen from the position of the ball, with the viewing direction of the "
+      "camera in its centre (the outdoor setup of the paper; docs/guide/light-probe.md has a figure). "
+      "Photographs are linear (.exr), as written by 'refield hdr' and 'refield acquire import'.\n"
+      "\n"
       "Examples:\n"
       "  refield acquire probe ball.exr -o sky --distance 1500 --diameter 100\n"
       "  refield acquire probe 'roof/*.exr' -o sky --focal-px 5200 --ball 1980.5,1312,540 --pitch 35 \\\n"
       "      --hide tripod.png --neutral-density 3.0\n"
       "  refield acquire probe east.exr --join north.exr --join-yaw 90 -o sky --distance 20 --diameter 2");
   verb->add_option("photographs", options->first.photographs,
-                   "Photographs: files, folders or quoted patterns")
+                   "Photographs of the ball: files, folders or quoted patterns")
       ->required();
-  verb->add_option("-o,--output", request.folder, "Folder for the light maps, times.tsv and probe.toml")
+  verb->add_option("-o,--output", request.folder, "Folder for the environment maps, times.tsv and probe.toml")
       ->required();
-  CLI::Option* focal = verb->add_option("--focal-px", options->focal_px, "Focal length in pixels");
+  CLI::Option* focal =
+      verb->add_option("--focal-px", options->focal_px, "Focal length of the camera in pixels");
   CLI::Option* view =
-      verb->add_option("--field-of-view", options->field_of_view, "Or: degrees across the photograph's width")
+      verb->add_option("--field-of-view", options->field_of_view,
+                       "Horizontal field of view of the camera in degrees, instead of --focal-px")
           ->excludes(focal);
-  CLI::Option* distance =
-      verb->add_option("--distance", options->distance, "Or: from the camera's lens to the ball's centre")
-          ->excludes(focal)
-          ->excludes(view);
+  CLI::Option* distance = verb->add_option("--distance", options->distance,
+                                           "Distance from the lens to the centre of the ball in any unit, "
+                                           "with --diameter, instead of --focal-px")
+                              ->excludes(focal)
+                              ->excludes(view);
   CLI::Option* diameter =
-      verb->add_option("--diameter", options->diameter, "Of the ball, in the unit of --distance")
+      verb->add_option("--diameter", options->diameter, "Diameter of the ball, in the unit of --distance")
           ->needs(distance)
           ->check(positive_number());
   distance->needs(diameter);
-  verb->add_option(
-      "--ball", options->first.ball,
-      "Where the ball is: X,Y,R in pixels, the top left corner being 0,0 (default: it is found)");
-  verb->add_option("--ball-mask", options->first.ball_mask, "Or its painted mask, white on black");
-  verb->add_flag("--ball-moves", request.ball_moves,
-                 "Find the ball in each photograph; default: one place serves all, the rig stands still");
-  verb->add_option(
-      "--hide", options->first.hide,
-      "Painted mask of what is no light: white over tripod, stand, photographer; filled from around");
+  verb->add_option("--ball", options->first.ball,
+                   "Centre and radius of the ball in the photograph: X,Y,R in pixels from the top left "
+                   "corner (default: detected)");
+  verb->add_option("--ball-mask", options->first.ball_mask,
+                   "Mask image of the ball, white on black, instead of --ball");
+  verb->add_flag(
+      "--ball-moves", request.ball_moves,
+      "Detect the ball in each photograph; by default one position is used for all, for a fixed setup");
+  verb->add_option("--hide", options->first.hide,
+                   "Mask image, white over objects that are not part of the environment (tripod, stand, "
+                   "photographer); these regions are filled from their neighbourhood");
   add_turn(*verb, "", options->first.turn, "the camera");
   verb->add_option("--reflectance", options->reflectance,
-                   "Of the mirror: chrome, silver, perfect, or measured at normal incidence: R or R,G,B")
+                   "Reflectance of the ball: chrome, silver, perfect, or the measured value at normal "
+                   "incidence, R or R,G,B")
       ->capture_default_str();
   verb->add_option("--neutral-density", options->density,
-                   "Optical density of all filters together, D or R,G,B: light is multiplied by 10^D")
+                   "Total optical density of all filters, D or R,G,B; radiance is multiplied by 10^D")
       ->capture_default_str();
-  verb->add_option("--camera-region", request.unwrap.camera_region_degrees,
-                   "Degrees around the camera's own image that are filled from around")
+  verb->add_option(
+          "--camera-region", request.unwrap.camera_region_degrees,
+          "Angle in degrees around the reflection of the camera that is filled from its neighbourhood")
       ->capture_default_str();
-  verb->add_option("--rim", request.unwrap.rim_px, "Pixels within the ball's outline that are not used")
+  verb->add_option("--rim", request.unwrap.rim_px,
+                   "Width in pixels of the ignored border inside the outline of the ball")
       ->capture_default_str();
   verb->add_option("--width", request.unwrap.width,
-                   "Of the light maps, texels; their height is half of it (default: what the ball resolves)");
+                   "Width of the environment maps in texels; the height is half of it (default: the "
+                   "resolution of the ball image)");
   verb->add_option("--saturation", request.saturation,
-                   "Photographs that do not state their noise: clipped from this value on");
+                   "Value from which samples are clipped, for photographs without a noise estimate");
   verb->add_option("--most-sun", request.limits.most_sun,
-                   "Discard a map when more than this fraction of its light comes from one spot of 3 degrees")
+                   "Discard a map if more than this fraction of its light comes from one spot of 3 degrees")
       ->capture_default_str();
   verb->add_option("--most-clipped", request.limits.most_clipped,
-                   "Discard a map when more than this fraction of the sphere was clipped")
+                   "Discard a map if more than this fraction of the sphere was clipped")
       ->capture_default_str();
   CLI::Option* second = verb->add_option(
       "--join", options->second.photographs,
-      "Photographs from a second side, one for each: they show what is behind the ball for the first");
-  verb->add_option("--join-ball", options->second.ball, "As --ball, for these")->needs(second);
-  verb->add_option("--join-ball-mask", options->second.ball_mask, "As --ball-mask")->needs(second);
-  verb->add_option("--join-hide", options->second.hide, "As --hide")->needs(second);
-  add_turn(*verb, "join-", options->second.turn, "the camera of the second side");
-  verb->add_flag("--force", request.replace, "Replace the light maps of an earlier run");
+      "Photographs from a second direction, one per photograph; they fill the directions behind the ball");
+  verb->add_option("--join-ball", options->second.ball,
+                   "Centre and radius of the ball in the photographs of --join, as for --ball")
+      ->needs(second);
+  verb->add_option("--join-ball-mask", options->second.ball_mask,
+                   "Mask image of the ball in the photographs of --join, as for --ball-mask")
+      ->needs(second);
+  verb->add_option("--join-hide", options->second.hide,
+                   "Mask image of hidden objects in the photographs of --join, as for --hide")
+      ->needs(second);
+  add_turn(*verb, "join-", options->second.turn, "the camera of --join");
+  verb->add_flag("--force", request.replace, "Replace the environment maps of an earlier run");
   verb->callback([options, &common, &action] { action = [options, &common] { probe(*options, common); }; });
 }
 

@@ -97,7 +97,7 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
 /// at the file again shows the capture as it goes on.
 std::function<void(const Photograph&)> preview_into(const fs::path& file) {
   if (file.extension() != ".png")
-    throw InputError(file.string() + ": the preview is a PNG; let its name end in .png");
+    throw InputError(file.string() + ": the preview must be a PNG file; give a name that ends in .png");
   return [file](const Photograph& photograph) {
     write_png(file, photograph.radiance, {exposure_to_white(photograph.radiance)});
   };
@@ -119,8 +119,8 @@ void run_session(const RunOptions& options, const Common& common) {
   if (!session.preview.empty()) request.on_photograph = preview_into(session.preview);
   if (!request.timing)
     tell(session.calibration.string() +
-         ": has no [timing]; the monitor's latency is taken to be zero. 'refield acquire calibrate' measures "
-         "it");
+         ": has no [timing] section, so the latency of the monitor is assumed to be zero; 'refield acquire "
+         "calibrate' measures it");
   std::optional<UntilError> until;
   if (!session.until_error.empty()) {
     constexpr int fewest_images = 30, check_every = 10;
@@ -130,9 +130,10 @@ void run_session(const RunOptions& options, const Common& common) {
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger());
   const V4l2CameraTroubles& troubles = rig.camera().troubles();
   if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
-    tell("the camera had " + std::to_string(troubles.damaged) + " damaged frames, " +
-         std::to_string(troubles.restarts) + " restarts of its stream and was plugged in again " +
-         std::to_string(troubles.replugs) + " times; nothing of it is in the session");
+    tell("the camera delivered " + std::to_string(troubles.damaged) +
+         " damaged frames, restarted its stream " + std::to_string(troubles.restarts) +
+         " times and was reconnected " + std::to_string(troubles.replugs) +
+         " times; the affected frames were discarded");
   report_capture(summary, session.output, until ? &*until : nullptr, common);
 }
 
@@ -142,12 +143,15 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<RunOptions>();
   CLI::App* verb = group.add_subcommand(
       "run",
-      "Photograph a scene under many lights with a real camera and monitor, as a session file says.\n"
-      "docs/reference/devices.md describes the file; 'refield acquire devices' lists what it may name. A "
-      "frame is taken for "
-      "a light\n"
-      "only when its time stamp says that it was exposed after the monitor had changed.\n\n"
-      "Unplugged, killed or out of disk space, the same command with --resume goes on.\n\n"
+      "Capture a session with a real camera and monitor.\n"
+      "\n"
+      "The session file names the devices, light maps and exposures (docs/reference/devices.md); 'refield "
+      "acquire devices' lists the available devices. A frame is used for a light map only if its time stamp "
+      "shows that it was exposed after the monitor had changed.\n"
+      "\n"
+      "After a disconnected device, an interruption or a full disk, the same command with --resume "
+      "continues.\n"
+      "\n"
       "Example:\n"
       "  refield acquire run session.toml");
   verb->add_option("session", options->file, "Session file (.toml)")->required();

@@ -45,7 +45,7 @@ Seconds duration_of(const std::string& text, const char* option) {
   const std::string unit(end);
   const double scale = unit.empty() || unit == "s" ? 1.0 : unit == "ms" ? 1e-3 : unit == "min" ? 60.0 : 0.0;
   if (end == text.c_str() || scale == 0.0 || !(number >= 0.0 && number * scale <= 86400.0))
-    throw InputError(std::string(option) + ": '" + text + "' is no duration; give one such as 5s or 1min");
+    throw InputError(std::string(option) + ": '" + text + "' is not a duration; give one such as 5s or 1min");
   return Seconds(number * scale);
 }
 
@@ -86,12 +86,12 @@ class Slides {
         files_(std::move(files)),
         log_(options.log.empty() ? files_.front().parent_path() / times_file_name : options.log) {
     if (!options.every.empty() && every_.count() < 0.2)
-      throw InputError("--every: " + options.every + " is too short to be photographed; give 0.2s or more");
+      throw InputError("--every: " + options.every + " is too short for a photograph; give 0.2s or more");
     if (!options.from.empty()) {
       const auto start =
           std::ranges::find(files_, options.from, [](const fs::path& file) { return file.stem().string(); });
       if (start == files_.end())
-        throw InputError("--from: no pattern is named '" + options.from + "'; the first is '" +
+        throw InputError("--from: there is no pattern '" + options.from + "'; the first is '" +
                          files_.front().stem().string() + "'");
       place_ = static_cast<std::size_t>(start - files_.begin());
       times_ = read_times(log_.parent_path());
@@ -103,13 +103,13 @@ class Slides {
       const ImageHeader header = read_image_header(file);
       if (header.width != width_ || header.height != height_)
         throw InputError(file.string() + ": is " + std::to_string(header.width) + "×" +
-                         std::to_string(header.height) + ", the patterns before are " +
+                         std::to_string(header.height) + ", but earlier patterns are " +
                          std::to_string(width_) + "×" + std::to_string(height_) +
-                         "; show patterns of one size");
+                         "; all patterns must have the same size");
     }
     if (log_.filename() != times_file_name)
       throw InputError("--log: " + log_.string() + " must be named " + times_file_name +
-                       ", under which 'refield acquire match' looks for it");
+                       ", the name that 'refield acquire match' reads");
     monitor_ = std::make_unique<WindowMonitor>(WindowMonitorOptions{options.display, width_, height_});
   }
 
@@ -123,7 +123,8 @@ class Slides {
     std::printf("keys in the window: space or → next, ← back, P pause, Esc stop\n");
     show_black();
     if (every_.count() > 0.0 && start_in_.count() > 0.0) {
-      std::printf("black; it begins in %.0f s: start the camera's interval timer then\n", start_in_.count());
+      std::printf("black; the first pattern follows in %.0f s: start the interval timer of the camera then\n",
+                  start_in_.count());
       std::fflush(stdout);
       if (!hold(start_in_)) return;
     }
@@ -144,7 +145,7 @@ class Slides {
     }
     show_black();
     if (place_ < files_.size())
-      std::printf("stopped at %s; --from %s goes on with it\n", files_[place_].stem().c_str(),
+      std::printf("stopped at %s; continue with --from %s\n", files_[place_].stem().c_str(),
                   files_[place_].stem().c_str());
   }
 
@@ -171,7 +172,7 @@ class Slides {
         if (key == WindowKey::pause && time.count() > 0.0) {
           paused = !paused;
           end = Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
-          std::printf(paused ? "paused; P goes on\n" : "goes on\n");
+          std::printf(paused ? "paused; press P to continue\n" : "continued\n");
           std::fflush(stdout);
           continue;
         }
@@ -197,7 +198,7 @@ void show(const ShowOptions& options) {
   Slides slides(options, expand_globs(options.patterns));
   slides.run();
   if (slides.shown() > 0)
-    std::printf("%s: when each of %zu patterns was shown\n", slides.log().c_str(), slides.shown());
+    std::printf("%s: display times of %zu patterns\n", slides.log().c_str(), slides.shown());
 }
 
 }  // namespace
@@ -206,32 +207,33 @@ void add_acquire_show(CLI::App& group, const Common& /*common*/, Action& action)
   const auto options = std::make_shared<ShowOptions>();
   CLI::App* verb = group.add_subcommand(
       "show",
-      "Show patterns full screen, one after the other, for a camera that this program does not drive (a DSLR "
-      "with an\n"
-      "interval timer, or you at the shutter). Black comes first, to photograph the ambient light, and "
-      "last.\n"
-      "Levels are sent as sRGB images hold them; each texel is a square of whole pixels, never "
-      "interpolated.\n\n"
-      "Keys in the window: space or right next, left back, P pause, Esc stop. When each pattern was up is "
-      "logged in\n"
-      "times.tsv beside the patterns, by the computer's local time: 'refield acquire match' pairs "
-      "photographs "
-      "with it\n"
-      "where the series has gaps. docs/guide/capture.md leads through a capture by hand.\n\n"
+      "Show light patterns full screen for a separately operated camera.\n"
+      "\n"
+      "The camera may be a DSLR with an interval timer or operated by hand. Black is shown first, to "
+      "photograph the ambient light, and last. Levels are sent as stored in sRGB images; each texel is a "
+      "square of whole pixels without interpolation.\n"
+      "\n"
+      "Keys in the window: Space or Right next, Left back, P pause, Esc stop. The display time of each "
+      "pattern is logged in times.tsv next to the patterns, in local time; 'refield acquire match' uses it "
+      "to pair photographs with patterns if the series has gaps. docs/guide/capture.md describes a manual "
+      "capture.\n"
+      "\n"
       "Examples:\n"
       "  refield acquire show patterns --every 5s\n"
-      "  refield acquire show patterns                   by hand: a key for each\n"
+      "  refield acquire show patterns                   # press a key for each pattern\n"
       "  refield acquire show patterns --every 5s --from train_097");
-  verb->add_option("patterns", options->patterns, "Patterns: folders, files or quoted patterns")->required();
+  verb->add_option("patterns", options->patterns, "Patterns to show: folders, files or quoted patterns")
+      ->required();
   verb->add_option("--every", options->every,
-                   "Time that each pattern is up, such as 5s (default: until a key is pressed)");
-  verb->add_option("--start-in", options->start_in, "With --every: time on black before it begins")
+                   "Display time of each pattern, such as 5s (default: until a key is pressed)");
+  verb->add_option("--start-in", options->start_in, "Time on black before the first pattern, with --every")
       ->capture_default_str();
   verb->add_option("--display", options->display,
-                   "Display of the desktop, as 'refield acquire devices' numbers them")
+                   "Number of the desktop display, as listed by 'refield acquire devices'")
       ->capture_default_str();
-  verb->add_option("--from", options->from, "Name of the pattern to begin with, to go on with a series");
-  verb->add_option("--log", options->log, "Where to log the times (default: times.tsv beside the patterns)");
+  verb->add_option("--from", options->from, "Name of the first pattern to show, to continue a series");
+  verb->add_option("--log", options->log,
+                   "File for the display times (default: times.tsv next to the patterns)");
   verb->callback([options, &action] { action = [options] { show(*options); }; });
 }
 

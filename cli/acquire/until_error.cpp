@@ -51,7 +51,7 @@ UntilError::UntilError(double error, int fewest_images, int check_every)
     : error_(error), fewest_images_(fewest_images), check_every_(check_every), follower_(EstimateOptions()) {
   if (fewest_images < 10)
     throw InputError("--min-images is " + std::to_string(fewest_images) +
-                     "; give 10 or more: fewer say little about an error");
+                     "; give 10 or more, since the prediction needs that many images");
   if (check_every < 1)
     throw InputError("--check-every is " + std::to_string(check_every) + "; give 1 or more");
 }
@@ -72,9 +72,9 @@ bool UntilError::is_enough(const CaptureFrame& frame) {
   reached_ = last_.predicted <= error_;
   char text[160];
   const int needed = reached_ ? 0 : follower_.images_for(error_);
-  std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (asked: %.2f %%)%s", images,
-                100.0 * last_.predicted, 100.0 * error_,
-                needed > 0 ? (", about " + std::to_string(needed) + " would do").c_str() : "");
+  std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (target: %.2f %%)%s",
+                images, 100.0 * last_.predicted, 100.0 * error_,
+                needed > 0 ? (", about " + std::to_string(needed) + " photographs are needed").c_str() : "");
   log_line(text);
   return reached_;
 }

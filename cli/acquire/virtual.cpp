@@ -24,7 +24,7 @@ void require_scene(const VirtualOptions& options) {
   const std::string remedy =
       "make it with 'refield simulate " + options.recipe.string() + " -o TRUTH' and give --truth TRUTH";
   if (options.truth.empty() && options.lights.empty())
-    throw InputError("--truth: neither the scene's light transport nor lights are given; " + remedy);
+    throw InputError("neither --truth nor --lights is given; " + remedy);
   if (!options.truth.empty() && !fs::is_regular_file(options.truth / transport_file_name))
     throw InputError((options.truth / transport_file_name).string() +
                      ": the scene's light transport is missing; " + remedy);
@@ -67,70 +67,83 @@ void add_acquire_virtual(CLI::App& group, const Common& common, Action& action) 
   const auto options = std::make_shared<VirtualOptions>();
   CLI::App* verb =
       group.add_subcommand("virtual",
-                           "Photograph a synthetic scene by a virtual camera and monitor, which the recipe "
-                           "describes; --truth holds "
-                           "the\n"
-                           "light transport that 'refield simulate RECIPE.toml -o TRUTH' traced.\n\n"
+                           "Capture a session of a synthetic scene with a simulated camera.\n"
+                           "\n"
+                           "The recipe describes the camera and the monitor; --truth contains the light "
+                           "transport that 'refield simulate RECIPE.toml -o TRUTH' traced.\n"
+                           "\n"
                            "Example:\n"
                            "  refield acquire virtual recipe.toml --truth truth -o session --auto-mask");
-  verb->add_option("recipe", options->recipe, "Recipe (.toml) of the rig: [sensor], [monitor], [exposures]")
+  verb->add_option("recipe", options->recipe,
+                   "Recipe (.toml) with the sections [sensor], [monitor] and [exposures]")
       ->required();
   verb->add_option("--truth", options->truth,
-                   "Folder that 'refield simulate' made from the recipe.\n"
-                   "Without it the scene is traced first, and --lights says what to show");
-  verb->add_option("-o,--output", options->session, "Session folder to make")->required();
-  verb->add_option(
-      "--lights", options->lights,
-      "Light maps to show, a quoted pattern or folder: linear radiance above the monitor's black.\n"
-      "Default: the lights of the truth, with their roles and kinds");
+                   "Folder that 'refield simulate' created from the recipe; without it the scene is traced "
+                   "first and --lights is required");
+  verb->add_option("-o,--output", options->session, "Session folder to create")->required();
+  verb->add_option("--lights", options->lights,
+                   "Light maps to show, a quoted pattern or a folder: linear radiance above the black level "
+                   "of the monitor (default: the light maps of --truth, with their roles and kinds)");
   verb->add_option("--calibration", options->calibration,
-                   "What 'refield acquire calibrate --virtual' measured; default: what the recipe says");
-  CLI::Option* times = verb->add_option("--exposures", options->exposures,
-                                        "Exposure times in seconds, growing, separated by commas")
-                           ->delimiter(',');
-  verb->add_option("--exposure-count", options->exposure_count, "Exposures of a photograph (recipe, else 4)")
+                   "Calibration file of 'refield acquire calibrate --virtual' (default: the values of the "
+                   "recipe, without error)");
+  CLI::Option* times =
+      verb->add_option(
+              "--exposures", options->exposures,
+              "Exposure times in seconds, increasing, separated by commas (default: metered under white)")
+          ->delimiter(',');
+  verb->add_option("--exposure-count", options->exposure_count,
+                   "Number of exposures per photograph (default: from the recipe, else 4)")
       ->excludes(times);
-  verb->add_option("--exposure-ratio", options->exposure_ratio, "Of each to the one before (recipe, else 4)")
+  verb->add_option("--exposure-ratio", options->exposure_ratio,
+                   "Ratio of consecutive exposure times (default: from the recipe, else 4)")
       ->excludes(times);
+  verb->add_option("--noise", options->noise,
+                   "Meter the scene and take the smallest number of exposures that keeps the noise per "
+                   "sample below this fraction of its radiance, such as 2%")
+      ->excludes(times);
+  verb->add_option("--frames", options->frames,
+                   "Number of averaged frames per exposure (default: from the recipe, else 1)");
   verb->add_option(
-          "--noise", options->noise,
-          "Instead: meter the scene and take as few exposures as keep the noise of a sample below this "
-          "share of\nits radiance, such as 2%")
-      ->excludes(times);
-  verb->add_option("--frames", options->frames, "Frames taken with each exposure (recipe, else 1)");
-  verb->add_option("--ambient-frames", options->ambient_frames,
-                   "The same for the ambient photograph, whose noise enters all others")
+          "--ambient-frames", options->ambient_frames,
+          "Number of averaged frames per exposure of the ambient photograph, whose noise affects all others")
       ->capture_default_str();
-  CLI::Option* mask = verb->add_option("--mask", options->mask, "Painted mask, white where the scene is");
+  CLI::Option* mask =
+      verb->add_option("--mask", options->mask, "Mask image, white where the scene is (default: all pixels)");
   CLI::Option* automatic =
-      verb->add_flag("--auto-mask", options->auto_mask, "Mask the pixels that respond to the monitor's white")
+      verb->add_flag("--auto-mask", options->auto_mask, "Mask the pixels that respond to a white monitor")
           ->excludes(mask);
   verb->add_option("--background", options->background,
-                   "With --auto-mask: photograph (.exr) under white without the objects; mask what differs")
+                   "Photograph (.exr) under white without the objects, with --auto-mask; pixels that differ "
+                   "from it belong to the scene")
       ->needs(automatic);
   verb->add_option("--order", options->order,
-                   "Of the training lights: given, random, or useful: the next is the one that tells most "
-                   "beside\nthose before it, so that a capture cut short has the best lights")
+                   "Order of the training lights: given, random, or useful (most informative first, for "
+                   "captures that may end early)")
       ->capture_default_str();
   CLI::Option* until = verb->add_option(
       "--until-error", options->until_error,
-      "Stop taking training photographs when the error predicted for the middle pixel on new photographs\n"
-      "falls to this, such as 2%: a sample of pixels is estimated as the capture goes on");
-  verb->add_option("--min-images", options->min_images, "With --until-error: look from so many images on")
+      "Stop taking training photographs when the predicted median error on new photographs falls to this "
+      "value, such as 2%; a sample of the pixels is estimated during the capture");
+  verb->add_option("--min-images", options->min_images,
+                   "Number of images before the first error prediction of --until-error")
       ->capture_default_str()
       ->needs(until);
-  verb->add_option("--check-every", options->check_every, "With --until-error: look again after so many")
+  verb->add_option("--check-every", options->check_every,
+                   "Number of images between two error predictions of --until-error")
       ->capture_default_str()
       ->needs(until);
-  verb->add_option("--reference-every", options->reference_every,
-                   "Take a frame of a reference light first, last and after every N lights, from which\n"
-                   "estimation tells the drift of monitor and camera (recipe, else 0: none)");
+  verb->add_option(
+      "--reference-every", options->reference_every,
+      "Number of lights between two frames of the reference light, from which 'refield estimate' measures "
+      "the drift of monitor and camera; 0: none (default: from the recipe, else 0)");
   verb->add_option("--reference-light", options->reference_light,
-                   "That light (default: the white one among the lights, else the first)");
-  verb->add_option("--seed", options->seed, "Of the virtual camera's noise (default: the recipe's)");
-  verb->add_flag("--trigger", options->trigger, "Start each exposure through the trigger line");
-  verb->add_flag("--keep-raw", options->keep_raw, "Keep every exposure as a 16-bit PNG in raw/");
-  verb->add_flag("--half", options->half, "Half-float photographs: half the size, rounding of 0.05 %");
+                   "Reference light map (default: the white light map, else the first)");
+  verb->add_option("--seed", options->seed, "Seed of the simulated camera noise (default: from the recipe)");
+  verb->add_flag("--trigger", options->trigger, "Start each exposure with the trigger line");
+  verb->add_flag("--keep-raw", options->keep_raw, "Store every exposure as a 16-bit PNG in raw/");
+  verb->add_flag("--half", options->half,
+                 "Write 16-bit half-float photographs: half the size, relative rounding error 0.05 %");
   add_if_exists(*verb, options->if_exists, "a capture");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { acquire_virtual(*options, common); }; });

@@ -152,7 +152,7 @@ TEST(NoisePlan, SaysWhenTheWellIsTooSmall) {
   // 14 500 electrons have 0.8 % of noise by themselves.
   const NoisePlan plan = fewest_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 1);
   EXPECT_FALSE(plan.reached);
-  EXPECT_NE(plan.sentence().find("more frames an exposure"), std::string::npos) << plan.sentence();
+  EXPECT_NE(plan.sentence().find("more frames per exposure"), std::string::npos) << plan.sentence();
   EXPECT_TRUE(fewest_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 8).reached);
 }
 

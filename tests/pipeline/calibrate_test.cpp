@@ -85,7 +85,7 @@ TEST_F(CalibrateProgram, ACaptureWithTheMeasuredCalibrationAgreesWithOneThatKnow
 TEST_F(CalibrateProgram, ADisplayThatDimsItselfEndsWithStatusTwoAndAPageThatSaysSo) {
   make_rig("dimming = 0.05");
   EXPECT_EQ(calibrate({"--json"}), 2);
-  EXPECT_THAT(log(), HasSubstr("light does not add up"));
+  EXPECT_THAT(log(), HasSubstr("light is not additive"));
   EXPECT_THAT(log(), HasSubstr("\"superposition_holds\": false"));
   EXPECT_THAT(read_text(folder_ / "rig.html"), HasSubstr("Superposition: broken"));
   EXPECT_TRUE(std::filesystem::exists(folder_ / "rig.toml"));
