@@ -53,7 +53,8 @@ void check_output(const fs::path& path) {
   const std::string extension = path.extension();
   if (!path.empty() && !extension.empty() && extension != ".png" && extension != ".exr" &&
       extension != ".mp4")
-    throw InputError(path.string() + ": pictures are written as .exr or .png, films as .mp4");
+    throw InputError(path.string() +
+                     ": is not a supported file type; images are written as .exr or .png, videos as .mp4");
 }
 
 int frame_count(const PreparedScene& scene, const DynamicArguments& arguments) {
@@ -178,7 +179,7 @@ ordered_json error_rows(PreparedScene& scene, const DynamicArguments& arguments)
 
 void print(const ordered_json& figures) {
   for (const auto& object : figures["objects"])
-    std::printf("%-12s %6d vertices, %3d terms (error %.3f), %3d modes, %2d + %2d kept, %.2f MB\n",
+    std::printf("%-12s %6d vertices, %3d terms (error %.3f), %3d modes, rank %2d + %2d, %.2f MB\n",
                 object["name"].get<std::string>().c_str(), object["vertices"].get<int>(),
                 object["terms"].get<int>(), object["term_error"].get<double>(), object["modes"].get<int>(),
                 object["leaving"].get<int>(), object["returning"].get<int>(),
@@ -190,15 +191,15 @@ void print(const ordered_json& figures) {
     const auto& times = figures["times"];
     const double frame = times["frame_ms"].get<double>();
     std::printf(
-        "%.1f frames/s: %.2f ms = direct %.2f + place %.2f + bounces %.2f + shade %.2f; picture %.2f ms "
-        "more\n",
+        "%.1f frames/s: %.2f ms = direct %.2f + place %.2f + bounces %.2f + shade %.2f; rasterisation %.2f "
+        "ms\n",
         1e3 / frame, frame, times["direct_ms"].get<double>(), times["place_ms"].get<double>(),
         times["bounces_ms"].get<double>(), times["shade_ms"].get<double>(),
         times["picture_ms"].get<double>());
   }
   if (figures.contains("errors"))
     for (const auto& row : figures["errors"])
-      std::printf("%-8s error %.4f of it, %.4f of all light; share of all light %.4f\n",
+      std::printf("%-8s relative error %.4f, %.4f of all light; fraction of all light %.4f\n",
                   row["what"].get<std::string>().c_str(), row["relative"].get<double>(),
                   row["of_all"].get<double>(), row["share"].get<double>());
 }
@@ -214,7 +215,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   check_output(arguments.output);
   if (arguments.traced > 0 && arguments.output.extension() != ".png" &&
       arguments.output.extension() != ".exr")
-    throw InputError("--traced: makes one picture; give it to -o as .exr or .png");
+    throw InputError("--traced renders a single image; give an output file .exr or .png");
   std::optional<OutputLock> lock;
   if (!arguments.output.empty()) lock.emplace(arguments.output, std::vector<fs::path>{arguments.scene});
   const auto start = std::chrono::steady_clock::now();
@@ -248,40 +249,44 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
 }
 
 void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
-  const char* group = "Computed ahead";
+  const char* group = "Precomputation";
   dynamic::TransportOptions& options = arguments.transport;
-  verb.add_option("--functions", options.functions, "N: patterns of light that an object shines in")
+  verb.add_option("--functions", options.functions,
+                  "Number of outgoing-radiance basis functions per object (N)")
       ->check(CLI::Range(1, 256))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--terms", options.factors.largest,
-                  "K: terms of a material at most; 0: as many as --term-error takes")
+                  "Maximum number of BRDF factorisation terms (K); 0: as many as --term-error requires")
       ->check(CLI::Range(0, 256))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--term-error", options.factors.error, "What may be left out of a material, relative")
+  verb.add_option("--term-error", options.factors.error, "Maximum relative error of the BRDF factorisation")
       ->check(CLI::Range(1e-6, 1.0))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--order", options.order, "n: light that arrives is told by n² harmonics")
+  verb.add_option("--order", options.order,
+                  "Order n of the incident light, represented by n² spherical-harmonic coefficients")
       ->check(CLI::Range(2, 8))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--modes", arguments.modes,
-                  "joint: one weight a pattern tells all terms; separate: N for each term, as in the paper")
+                  "Basis weights: joint (one weight per basis function for all BRDF terms) or separate (N "
+                  "weights per term, as in the paper)")
       ->check(CLI::IsMember({"joint", "separate"}))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--compression", options.compression,
-                  "Relative error that compression of what is computed ahead may leave; 0: none")
+                  "Maximum relative error of the compression of the precomputed data; 0: no compression")
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--rings", options.rings, "How fine the spheres around objects are divided")
+  verb.add_option("--rings", options.rings,
+                  "Angular resolution of the spherical sample points around objects (rings per sphere)")
       ->check(CLI::Range(1, 64))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--shells", options.shells, "How many spheres there are")
+  verb.add_option("--shells", options.shells, "Number of spheres of sample points around each object")
       ->check(CLI::Range(2, 64))
       ->capture_default_str()
       ->group(group);
@@ -289,30 +294,31 @@ void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
 
 void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
   const char* group = "Each frame";
-  verb.add_option("--lamp-points", arguments.frame.lamp_points, "Points that stand for the lamps")
+  verb.add_option("--lamp-points", arguments.frame.lamp_points,
+                  "Number of light samples over all area lights")
       ->check(CLI::Range(1, 65536))
       ->capture_default_str()
       ->group(group);
-  verb.add_option(
-          "--direct", arguments.direct,
-          "Shadows from lamps by rays, or by the objects' occlusion fields: their edges, or products of "
-          "harmonics as in the paper")
+  verb.add_option("--direct", arguments.direct,
+                  "Shadows of area lights: rays, or the occlusion fields of the objects by their edges "
+                  "(fields) or by products of spherical harmonics as in the paper")
       ->check(CLI::IsMember(direct_ways))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--bounces", arguments.frame.bounces, "Bounces of light at most")
+  verb.add_option("--bounces", arguments.frame.bounces, "Maximum number of indirect bounces")
       ->check(CLI::Range(0, 64))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--until", arguments.frame.until,
-                  "Bounces end with one that brings less than this share of the direct light")
+                  "Stop after a bounce that adds less than this fraction of the direct light")
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str()
       ->group(group);
-  verb.add_flag("--no-occlusion", arguments.no_occlusion, "Light that bounced goes through third objects")
+  verb.add_flag("--no-occlusion", arguments.no_occlusion,
+                "Ignore occlusion of indirect light by third objects")
       ->group(group);
   verb.add_flag("--factored-direct", arguments.factored_direct,
-                "Light from lamps goes to the eye by the K terms, too, as in the paper")
+                "Also use the K-term BRDF factorisation for direct light, as in the paper")
       ->group(group);
 }
 
@@ -322,27 +328,32 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<DynamicArguments>();
   CLI::App* verb = app.add_subcommand(
       "dynamic",
-      "Moving objects and lamps, with light that bounces between them, diffuse and glossy, in real time\n\n"
+      "Render a scene with moving objects and area lights in real time.\n"
+      "\n"
+      "Includes diffuse and glossy interreflection between the objects. Precomputed data are stored in "
+      "~/.cache/refield for later runs; set REFIELD_CACHE=off in the environment to disable this. "
+      "docs/reference/mesh-scenes.md describes the scene format, docs/method/dynamic.md the method.\n"
+      "\n"
+      "Examples:\n"
       "  refield simulate dynamic datasets_synthetic/dynamic/hare.toml -o hare.mp4\n"
       "  refield simulate dynamic scene.toml --time 1.5 -o picture.png\n"
-      "  refield simulate dynamic scene.toml --measure --reference 1024\n\n"
-      "What is precomputed is kept in ~/.cache/refield for the next run; REFIELD_CACHE=off in the "
-      "environment\n"
-      "switches that off. docs/reference/mesh-scenes.md describes scenes, docs/method/dynamic.md the "
-      "method.");
-  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/mesh-scenes.md)")->required();
+      "  refield simulate dynamic scene.toml --measure --reference 1024");
+  verb->add_option("scene", arguments->scene, "Scene (.toml, docs/reference/mesh-scenes.md)")->required();
   verb->add_option("-o,--output", arguments->output,
-                   "Film (.mp4), one picture (.png, .exr; see --time), or a folder of pictures");
-  verb->add_option("--time", arguments->time, "Of the one picture and of --reference, seconds")
+                   "Video (.mp4), one image (.png, .exr; see --time), or a folder of images");
+  verb->add_option("--time", arguments->time,
+                   "Time in seconds of the single image and of --reference (default: 0)")
       ->check(non_negative_number());
-  verb->add_option("--fps", arguments->video.frames_per_second, "Frames a second")->capture_default_str();
+  verb->add_option("--fps", arguments->video.frames_per_second, "Frame rate in frames per second")
+      ->capture_default_str();
   add_exposure_option(*verb, arguments->video.exposure);
-  verb->add_flag("--measure", arguments->measure, "Measure the time of a frame, by part");
-  verb->add_option("--traced", arguments->traced,
-                   "Make the one picture by so many traced paths a vertex, to see beside what it should be")
+  verb->add_flag("--measure", arguments->measure, "Measure the computation time of a frame by stage");
+  verb->add_option(
+          "--traced", arguments->traced,
+          "Render the single image by path tracing with this number of paths per vertex, as a reference")
       ->check(CLI::Range(1, 1 << 20));
   verb->add_option("--reference", arguments->reference,
-                   "Trace so many paths at each of 500 vertices and tell the error, by bounce")
+                   "Trace this number of paths at each of 500 vertices and print the error by bounce")
       ->check(CLI::Range(1, 1 << 24));
   add_transport_options(*verb, *arguments);
   add_frame_options(*verb, *arguments);

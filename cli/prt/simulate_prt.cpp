@@ -77,7 +77,7 @@ ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, 
 void simulate_prt(const PrtArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   if (arguments.image && arguments.method == "sh")
-    throw InputError("--image goes with --method clusters; harmonics are for vertices seen from anywhere");
+    throw InputError("--image requires --method clusters; spherical harmonics support meshes only");
   const OutputLock lock(arguments.output, {arguments.scene}, ".rfield");
   prt::Scene scene = prt::read_scene(arguments.scene);
   prt::sort_vertices(scene);
@@ -112,68 +112,71 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   std::printf("%s: %zu vertices, %.1f MB, in %.1f s\n", arguments.output.c_str(), scene.mesh.positions.size(),
               static_cast<double>(fs::file_size(arguments.output)) / 1e6, seconds);
   if (figures.contains("clusters"))
-    std::printf("%llu squares of light, %.0f a vertex\n",
+    std::printf("%llu light clusters, %.0f per vertex\n",
                 static_cast<unsigned long long>(figures["clusters"].get<std::uint64_t>()),
                 figures["entries"].get<double>() / static_cast<double>(scene.mesh.positions.size()));
   if (arguments.measure)
-    std::printf("relighting %.2f ms, two lamps moved %.2f ms\n", figures["relight_ms"].get<double>(),
-                figures["two_lamps_ms"].get<double>());
+    std::printf("relighting: %.2f ms; update after two area lights moved: %.2f ms\n",
+                figures["relight_ms"].get<double>(), figures["two_lamps_ms"].get<double>());
 }
 
 void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
   const char* group = "Clustered environment lights (--method clusters)";
   prt::ClusterOptions& options = arguments.clusters;
-  verb.add_option("--resolution", options.resolution, "R: light comes from cube maps of R×R texels a face")
+  verb.add_option("--resolution", options.resolution,
+                  "Width in texels of each face of the environment cube map (R)")
       ->capture_default_str()
       ->check(CLI::Range(1, 4096))
       ->group(group);
-  verb.add_option(
-          "--epsilon", arguments.epsilon,
-          "What is let pass when lights are taken for one; smaller is more exact and larger. Default: 1e-4 "
-          "(group) or 4e-5 (solid-angle) of white, 5e-5 as in the paper (all)")
+  verb.add_option("--epsilon", arguments.epsilon,
+                  "Clustering error threshold ε; smaller values give smaller errors and larger fields "
+                  "(default: 1e-4 for group, 4e-5 for solid-angle, 5e-5 as in the paper for all)")
       ->check(positive_number())
       ->group(group);
-  verb.add_option(
-          "--similarity", arguments.similarity,
-          "Who decides which lights are alike: 'group', 16 neighbouring vertices each for themselves, "
-          "or all vertices together, by what a square of light can bring ('solid-angle') or, as in the "
-          "paper, by its transfer alone ('all', equation 11)")
+  verb.add_option("--similarity", arguments.similarity,
+                  "Cluster similarity criterion: group (per group of 16 neighbouring vertices), solid-angle "
+                  "(all vertices together, transfer weighted by solid angle) or all (all vertices together "
+                  "by transfer alone, equation 11 of the paper)")
       ->check(CLI::IsMember({"group", "solid-angle", "all"}))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--samples", options.samples, "Lights tried along a square's side")
+  verb.add_option("--samples", options.samples, "Number of light samples along each side of a light cluster")
       ->capture_default_str()
       ->check(CLI::Range(2, 16))
       ->group(group);
-  verb.add_flag(
-          "--image", arguments.image,
-          "Relight the picture of the scene's camera, with any material, in place of a diffuse mesh that "
-          "is seen from anywhere")
+  verb.add_flag("--image", arguments.image,
+                "Precompute the image of the scene's camera, with any material, instead of a diffuse mesh "
+                "for arbitrary views")
       ->group(group);
 }
 
 void add_harmonic_options(CLI::App& verb, PrtArguments& arguments) {
   const char* group = "Spherical harmonics (--method sh)";
   prt::HarmonicOptions& options = arguments.harmonics;
-  verb.add_option("--order", options.order, "n: n² harmonics; more for sharper light and shadow")
+  verb.add_option("--order", options.order,
+                  "Order n of the spherical harmonics (n² coefficients); higher orders give sharper light "
+                  "and shadows")
       ->capture_default_str()
       ->check(CLI::Range(2, 8))
       ->group(group);
-  verb.add_option("--directions", options.directions, "Rays a vertex")
+  verb.add_option("--directions", options.directions, "Number of rays per vertex")
       ->capture_default_str()
       ->check(CLI::Range(16, 1 << 20))
       ->group(group);
   verb.add_option("--until", options.until,
-                  "Interreflection ends with a pass that brings less than this share of the first; 1: none")
+                  "Stop interreflection after a pass that adds less than this fraction of the first pass; 1: "
+                  "no interreflection")
       ->capture_default_str()
       ->check(positive_number())
       ->group(group);
   verb.add_option("--radius", options.radius,
-                  "Of the sphere that lights stand on, for light that falls off with distance; 0: far away")
+                  "Radius in scene units of the sphere on which the lights are, for light that decreases "
+                  "with distance; 0: distant light")
       ->capture_default_str()
       ->check(non_negative_number())
       ->group(group);
-  verb.add_option("--window", arguments.window, "Damps the ringing of sharp lights: none, hann, lanczos")
+  verb.add_option("--window", arguments.window,
+                  "Window function against ringing under sharp lights: none, hann or lanczos")
       ->capture_default_str()
       ->check(CLI::IsMember({"none", "hann", "lanczos"}))
       ->group(group);
@@ -185,25 +188,29 @@ void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<PrtArguments>();
   CLI::App* verb =
       app.add_subcommand("prt",
-                         "Precompute how meshes turn light into shading, for relighting in real time\n\n"
+                         "Precompute radiance transfer of a mesh scene for real-time relighting.\n"
+                         "\n"
+                         "docs/method/prt.md compares the methods.\n"
+                         "\n"
+                         "Examples:\n"
                          "  refield simulate prt datasets_synthetic/prt/hare.toml -o hare.rfield\n"
                          "  refield relight hare.rfield --env sky.exr -o hare.png\n"
                          "  refield view hare.rfield\n"
                          "  refield simulate prt scene.toml --image -o glossy.rfield\n"
-                         "  refield simulate prt bunny.ply --method sh --order 5 -o bunny.rfield\n\n"
-                         "docs/method/prt.md compares the methods.");
+                         "  refield simulate prt bunny.ply --method sh --order 5 -o bunny.rfield");
   verb->add_option("scene", arguments->scene,
-                   "Scene (TOML, docs/reference/mesh-scenes.md) or mesh (OBJ, PLY, OFF, glTF)")
+                   "Scene (.toml, docs/reference/mesh-scenes.md) or mesh (OBJ, PLY, OFF, glTF)")
       ->required();
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
   verb->add_option("--method", arguments->method,
-                   "clusters: all frequencies of light; sh: soft light alone, and the smallest field")
+                   "Representation of the illumination: clusters (clustered environment lights, all "
+                   "frequencies) or sh (spherical harmonics, low frequencies only, the smallest field)")
       ->check(CLI::IsMember({"clusters", "sh"}))
       ->capture_default_str();
-  verb->add_option("--bits", arguments->bits, "Of a weight: 8 (4e-4 of error) or 16")
+  verb->add_option("--bits", arguments->bits, "Bits per weight: 8 (relative error 4e-4) or 16")
       ->check(CLI::IsMember({8, 16}))
       ->capture_default_str();
-  verb->add_flag("--measure", arguments->measure, "Measure how fast the field is relit, too");
+  verb->add_flag("--measure", arguments->measure, "Also measure the time of relighting");
   add_cluster_options(*verb, *arguments);
   add_harmonic_options(*verb, *arguments);
   verb->callback(
