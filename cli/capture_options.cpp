@@ -8,25 +8,26 @@
 namespace refield::cli {
 
 void add_capture_options(CLI::App& verb, CaptureOptions& options, const std::string& held_out) {
-  verb.add_option("--light", options.light,
-                  "Light maps of another capture, instead of a session: pattern in quotes, or folder");
+  verb.add_option("--light", options.light, "Light maps, instead of a session: quoted pattern or folder");
   verb.add_option("--observed", options.observed,
-                  "Photographs of another capture: pattern in quotes, or folder. Light maps and photographs\n"
-                  "pair up by what the wildcards stand for, else by name");
+                  "Photographs, instead of a session: quoted pattern or folder; paired with the light maps "
+                  "by the text that the wildcards match, else by name");
   verb.add_option("--parameterisation", options.parameterisation,
-                  "Of the light maps given by --light: monitor, lat_long or cube")
+                  "Parameterisation of the light maps of --light: monitor, lat_long or cube")
       ->capture_default_str();
   verb.add_option("--mask", options.mask,
-                  "Image that is bright where the scene is; other pixels do not count");
+                  "Mask image, bright where the scene is; other pixels are ignored (default: the mask of the "
+                  "session, else all pixels)");
   verb.add_option("--hold-out", options.hold_out, held_out)->type_name("N");
 }
 
 CaptureSession open_capture(const CaptureOptions& options) {
   if (options.by_pairs() == !options.session.empty())
-    throw InputError("give either a SESSION folder, or both --light and --observed");
+    throw InputError("no input, or two inputs; give either a SESSION folder, or both --light and --observed");
   if (options.by_pairs() && (options.light.empty() || options.observed.empty()))
     throw InputError(
-        "--light and --observed go together: one pattern for the light maps, one for the photographs");
+        "--light and --observed require each other; give a pattern for the light maps and one for the "
+        "photographs");
   CaptureSession session = options.by_pairs()
                                ? pair_by_globs(options.light, options.observed,
                                                parameterisation_from_name(options.parameterisation))

@@ -48,14 +48,14 @@ void print_errors(const std::vector<HeldOutError>& errors) {
   const auto label = [](const HeldOutError& error) {
     return error.kind.empty() ? "all" : error.kind.c_str();
   };
-  std::printf("%-16s %6s %14s %12s %12s %18s\n", "", "images", "relative RMSE", "median pixel",
-              "90 % of them", "tone-mapped PSNR");
+  std::printf("%-16s %6s %14s %12s %12s %18s\n", "", "images", "relative RMSE", "median pixel", "90th pct.",
+              "tone-mapped PSNR");
   for (const HeldOutError& error : errors)
     std::printf("%-16s %6zu %14.4f %12.4f %12.4f %15.2f dB\n", label(error), error.images,
                 error.relative_rmse, error.median, error.percentile_90, error.tone_mapped_psnr_db);
   if (std::ranges::none_of(errors, [](const HeldOutError& error) { return error.per_image.size() > 1; }))
     return;
-  std::printf("\n%-16s %6s %14s %12s %12s\n", "image by image", "", "median image", "mean", "largest");
+  std::printf("\n%-16s %6s %14s %12s %12s\n", "per image", "", "median image", "mean", "largest");
   for (const HeldOutError& error : errors) {
     if (error.per_image.size() < 2) continue;
     const ErrorSpread spread = spread_of(error.per_image);

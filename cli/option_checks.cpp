@@ -60,9 +60,9 @@ CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure
           [&exposure](const std::string& text) {
             exposure = text == "auto" ? std::nullopt : finite_number(text);
           },
-          "Factor on the radiance in PNG and MP4 files (default: auto, the 99th percentile of the brightest "
-          "channel becomes white, over the pixels that receive light; one factor for all frames of a "
-          "sequence)")
+          "Exposure factor applied to the radiance in PNG and MP4 files (default: auto, so that the 99th "
+          "percentile of the brightest channel over the illuminated pixels becomes white; one factor for all "
+          "frames of a sequence)")
       ->check([](const std::string& text) {
         const auto value = finite_number(text);
         return text == "auto" || (value && *value > 0.0)
@@ -75,7 +75,7 @@ CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure
 void print_exposures(std::span<const std::string> files, std::span<const double> exposures) {
   constexpr std::size_t max_lines = 12;
   if (exposures.size() == 1) {
-    std::printf("exposure %.3g (--exposure %.3g repeats it)\n", exposures[0], exposures[0]);
+    std::printf("exposure %.3g (reproduce with --exposure %.3g)\n", exposures[0], exposures[0]);
   } else if (exposures.size() <= max_lines) {
     for (std::size_t i = 0; i < exposures.size(); ++i)
       std::printf("%s: exposure %.3g\n", files[i].c_str(), exposures[i]);
@@ -89,11 +89,10 @@ void print_exposures(std::span<const std::string> files, std::span<const double>
 
 void warn_of_clipping(double clipped_share) {
   if (clipped_share > 0.5)
-    std::fprintf(
-        stderr,
-        "refield: warning: at this --exposure %.0f %% of the pixels that show light are clipped; leave "
-        "--exposure out to have it chosen\n",
-        100.0 * clipped_share);
+    std::fprintf(stderr,
+                 "refield: warning: with this --exposure, %.0f %% of the illuminated pixels are clipped; "
+                 "remove --exposure to select it automatically\n",
+                 100.0 * clipped_share);
 }
 
 }  // namespace refield::cli

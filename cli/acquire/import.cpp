@@ -173,7 +173,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
   add_bracket_camera(*verb, request.camera);
   verb->add_flag("--half", options->half,
                  "Write 16-bit half-float photographs: half the size, relative rounding error 0.05 %");
-  add_if_exists(*verb, request.if_exists, "what is");
+  add_if_exists(*verb, request.if_exists, "existing files");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { run_import(*options, common); }; });
 }

@@ -34,17 +34,17 @@ std::vector<CaptureLight> panorama_lights(const SessionLights& wanted, int width
   Image panorama = read_image(wanted.panorama);
   if (panorama.channels != 3 || panorama.width != 2 * panorama.height)
     throw InputError(wanted.panorama.string() + ": is " + shape_text(panorama) +
-                     "; a lat-long panorama is twice as wide as high, with three channels");
+                     "; a lat-long panorama must be twice as wide as high, with three channels");
   const float bright = percentile_of(panorama, wanted.white_percentile);
   if (!(bright > 0.0f))
-    throw InputError(wanted.panorama.string() + ": is black up to " +
-                     std::to_string(wanted.white_percentile) + " %; raise white_percentile");
+    throw InputError(wanted.panorama.string() + ": is black up to the percentile " +
+                     std::to_string(wanted.white_percentile) + "; increase white_percentile");
   for (float& value : panorama.values) value = std::clamp(value * white / bright, 0.0f, white);
   create_folders(folder);
   const double half_height = std::tan(radians_from_degrees(wanted.fov_degrees) / 2.0);
   const double horizontal_fov = degrees_from_radians(2.0 * std::atan(half_height * width / height));
   std::vector<CaptureLight> lights;
-  Progress progress("turning the panorama", static_cast<std::size_t>(wanted.rotations));
+  Progress progress("rotating the panorama", static_cast<std::size_t>(wanted.rotations));
   for (int i = 0; i < wanted.rotations; ++i) {
     throw_if_interrupted();
     char name[32];

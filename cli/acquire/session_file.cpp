@@ -84,11 +84,11 @@ void read_monitor(ConfigSection section, SessionFile& session) {
     for (const char* key : {"card", "connector", "mode"})
       if (section.has(key))
         section.fail(key,
-                     "a window is shown by the desktop in the mode that this has; name a display, or take "
-                     "'window' out");
+                     "is not valid with window = true, since the desktop sets the mode; give 'display', or "
+                     "remove 'window'");
     session.window = WindowMonitorOptions{display, monitor.width, monitor.height};
   } else if (section.has("display")) {
-    section.fail("display", "is one of the desktop's, for window = true; without a window name a connector");
+    section.fail("display", "requires window = true; without a window, give a connector");
   }
   section.finish();
 }
@@ -129,7 +129,7 @@ void read_lights(ConfigSection section, const fs::path& folder, SessionLights& l
   section.number("white_percentile", lights.white_percentile, 1.0, 100.0);
   if (lights.session.empty() && lights.images.empty() && lights.panorama.empty())
     section.fail("images",
-                 "nothing is to be shown; give images (a folder or a pattern), a session or a panorama");
+                 "no light maps are given; give images (a folder or a pattern), a session or a panorama");
   section.finish();
 }
 

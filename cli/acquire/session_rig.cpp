@@ -16,10 +16,9 @@ std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
   if (!session.window) return std::make_unique<DrmMonitor>(session.monitor);
   auto window = std::make_unique<WindowMonitor>(*session.window);
   if (!window->waits_for_blanking())
-    tell(
-        window->describe().name +
-        ": does not wait for the vertical blanking, as a remote or virtual display; its stamps may be early, "
-        "and 'refield acquire calibrate' must have measured its latency");
+    tell(window->describe().name +
+         ": does not wait for vertical blanking (a remote or virtual display); its time stamps may be too "
+         "early, so the calibration file must contain the latency measured by 'refield acquire calibrate'");
   return window;
 }
 

@@ -40,7 +40,7 @@ INSTANTIATE_TEST_SUITE_P(
                       Mistake{"WindowWithConnector", "window = true\nconnector = \"HDMI-A-1\"", some_lights,
                               "session.toml:8: [monitor] connector"},
                       Mistake{"DisplayWithoutWindow", "display = 1", some_lights, "window = true"},
-                      Mistake{"NoLights", "width = 32", "rotations = 4", "nothing is to be shown"},
+                      Mistake{"NoLights", "width = 32", "rotations = 4", "no light maps are given"},
                       // A sound file: the camera is the first thing that is missing.
                       Mistake{"NoCamera", "window = true", some_lights, "no such camera"}),
     [](const auto& mistake) { return std::string(mistake.param.name); });
