@@ -60,7 +60,7 @@ const char* name_of(MaskSource::Kind kind) {
 }  // namespace
 
 void CaptureRequest::check(const CameraDescription& described, const IlluminatorDescription& display) const {
-  if (lights.empty()) throw InputError("there is no light to capture under; give light maps");
+  if (lights.empty()) throw InputError("there are no light maps; give at least one");
   std::set<std::string> names = {"ambient", "mask"};
   Progress progress("checking lights", lights.size());
   for (const CaptureLight& light : lights) {
@@ -164,7 +164,7 @@ std::vector<Seconds> exposures_of_plan(const std::string& plan, const std::files
     throw FormatError(
         path, "line " + std::to_string(error.source().begin.line) + ": " + std::string(error.description()));
   }
-  throw FormatError(path, "lacks exposures.seconds; start anew with --force");
+  throw FormatError(path, "lacks exposures.seconds; start again with --force");
 }
 
 }  // namespace refield

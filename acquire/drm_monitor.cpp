@@ -81,7 +81,7 @@ TimePoint DrmMonitor::show(const DriveImage& image) {
       image.levels.size() != std::size_t{3} * state.width * state.height)
     throw InputError(state.connector.name + ": a pattern of " + std::to_string(image.width) + "×" +
                      std::to_string(image.height) + " does not fit the " + std::to_string(state.width) + "×" +
-                     std::to_string(state.height) + " texels that were agreed on");
+                     std::to_string(state.height) + " texels of the configured light maps");
   state.device.require_monitor();
   state.draw(image, state.buffers[state.back]);
   const TimePoint flipped = state.device.flip(state.buffers[state.back]);

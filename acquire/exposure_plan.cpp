@@ -122,7 +122,7 @@ std::vector<std::string> wasted_exposures(const std::vector<Seconds>& exposures,
   for (std::size_t i = 0; i < exposures.size(); ++i)
     if (useful[i] < negligible)
       sentences.push_back("the exposure of " + text(exposures[i]) +
-                          " adds nothing that the others do not know; a plan without it would be faster");
+                          " adds no information to the others; a capture without it would be faster");
   return sentences;
 }
 

@@ -68,9 +68,9 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
   }
   if (counts_.stale - stale_before == most_stale_frames)
     throw DeviceError(description_.name, EIO,
-                      "does not take on an exposure of " + std::to_string(exposure.count()) + " s at gain " +
+                      "does not apply an exposure of " + std::to_string(exposure.count()) + " s at gain " +
                           std::to_string(gain) +
-                          "; turn off automatic exposure, or plan exposures that it can do");
+                          "; turn off automatic exposure, or plan exposures that it supports");
   throw DeviceError(
       description_.name, EIO,
       "reports only exposures from before the pattern was shown; check that camera and display stamp "

@@ -53,7 +53,7 @@ struct OpenLine {
     const char* user = gpiod_line_update(line) == 0 ? gpiod_line_consumer(line) : nullptr;
     errno = error;
     fail(address, error == EBUSY && user
-                      ? std::string("is used by ") + user + "; end that, or use another line"
+                      ? std::string("is used by ") + user + "; stop that program, or use another line"
                       : "cannot be taken");
   }
 };

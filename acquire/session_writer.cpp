@@ -67,7 +67,7 @@ void require_same_plan(const fs::path& path, const std::string& stored, const st
     std::getline(new_lines, now);
   } while (before == now && old_lines && new_lines);
   throw InputError(path.string() + ": the capture was begun with other inputs or options ('" + before +
-                   "', now '" + now + "'); resume with the same ones, or start anew with --force");
+                   "', now '" + now + "'); resume with the same ones, or start again with --force");
 }
 
 }  // namespace
@@ -80,7 +80,7 @@ void check_session_folder(const fs::path& folder, IfExists if_exists) {
   if (if_exists != IfExists::refuse) return;
   const bool complete = fs::exists(folder / session_manifest_name);
   throw InputError(folder.string() + ": already holds " + (complete ? "a complete" : "an incomplete") +
-                   " capture; --resume goes on with it, --force replaces it");
+                   " capture; --resume continues it, --force replaces it");
 }
 
 std::optional<std::string> stored_plan(const fs::path& folder) {

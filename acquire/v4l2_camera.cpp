@@ -225,8 +225,8 @@ struct V4l2Camera::State {
     if (filled.stamp <= last_stamp) return std::nullopt;  // handed over twice
     if (filled.is_damaged || !open->stream.has_signal()) {
       ++troubles.damaged;
-      tell(identity.node.string() + (filled.is_damaged ? ": a frame came damaged and is left out"
-                                                       : ": no signal arrives; a frame is left out"));
+      tell(identity.node.string() +
+           (filled.is_damaged ? ": a damaged frame was discarded" : ": no signal; a frame was discarded"));
       return std::nullopt;
     }
     last_stamp = filled.stamp;

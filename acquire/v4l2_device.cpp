@@ -30,7 +30,8 @@ int number_of(const fs::path& node) {
 }
 
 std::string list_of(const std::vector<V4l2Identity>& cameras) {
-  if (cameras.empty()) return "there is no camera; is it plugged in, may you read /dev/video* (group video)?";
+  if (cameras.empty())
+    return "no camera was found; check that it is connected and that you may read /dev/video* (group video)";
   std::string text = "there are";
   for (const V4l2Identity& camera : cameras)
     text += " " + camera.node.string() + " (" + camera.card + ", " + camera.bus + ")";
@@ -123,8 +124,9 @@ V4l2Identity find_v4l2_camera(const std::string& text) {
     const V4l2Device device(node);  // says why it cannot be opened
     throw InputError(text + ": is no camera that streams by memory mapping; " + list_of(cameras));
   }
-  throw InputError("camera '" + text + "': " +
-                   (found.empty() ? "none is called so" : "several are called so") + "; " + list_of(cameras));
+  throw InputError("camera '" + text +
+                   "': " + (found.empty() ? "no device has this name" : "several devices have this name") +
+                   "; " + list_of(cameras));
 }
 
 }  // namespace refield

@@ -71,7 +71,7 @@ void V4l2Settings::switch_off_automatic_modes(const std::map<std::string, std::i
     v4l2_control setting{mode.id, static_cast<__s32>(mode.off)};
     device_.try_call(VIDIOC_S_CTRL, &setting);
     v4l2_control now{mode.id, 0};
-    device_.call(VIDIOC_G_CTRL, &now, "does not tell its control " + control->name);
+    device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control->name);
     if (now.value == mode.off) continue;
     const std::string sentence = std::string("keeps choosing its ") + mode.what + " by itself (control " +
                                  control->name + " stays at " + std::to_string(now.value) + ")";
@@ -103,7 +103,7 @@ std::int64_t V4l2Settings::set(const V4l2ControlInfo& control, std::int64_t valu
   v4l2_control setting{control.id, static_cast<__s32>(value)};
   device_.call(VIDIOC_S_CTRL, &setting, "refuses control " + control.name + " = " + std::to_string(value));
   v4l2_control now{control.id, 0};
-  device_.call(VIDIOC_G_CTRL, &now, "does not tell its control " + control.name);
+  device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control.name);
   return now.value;
 }
 

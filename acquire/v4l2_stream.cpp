@@ -75,7 +75,7 @@ V4l2Stream::~V4l2Stream() {
 void V4l2Stream::choose_format(const V4l2StreamRequest& request) {
   v4l2_format format{};
   format.type = capture_type;
-  device_.call(VIDIOC_G_FMT, &format, "does not tell its format");
+  device_.call(VIDIOC_G_FMT, &format, "does not report its format");
   v4l2_pix_format& pixels = format.fmt.pix;
   if (request.fourcc != 0) pixels.pixelformat = request.fourcc;
   if (request.width > 0) pixels.width = static_cast<__u32>(request.width);

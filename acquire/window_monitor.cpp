@@ -106,7 +106,7 @@ struct WindowMonitor::State {
                        std::to_string(screen_width) + "×" + std::to_string(screen_height) + " pixels");
     texture.reset(
         SDL_CreateTexture(renderer.get(), SDL_PIXELFORMAT_RGB24, SDL_TEXTUREACCESS_STREAMING, width, height));
-    if (!texture) fail("cannot make the picture");
+    if (!texture) fail("cannot create the image");
     SDL_SetTextureBlendMode(texture.get(), SDL_BLENDMODE_NONE);
     SDL_SetTextureScaleMode(texture.get(), SDL_ScaleModeNearest);
   }
@@ -208,7 +208,7 @@ TimePoint WindowMonitor::show(const DriveImage& image) {
       image.levels.size() != std::size_t{3} * state.width * state.height)
     throw InputError(state.display.name + ": a pattern of " + std::to_string(image.width) + "×" +
                      std::to_string(image.height) + " does not fit the " + std::to_string(state.width) + "×" +
-                     std::to_string(state.height) + " texels that were agreed on");
+                     std::to_string(state.height) + " texels of the configured light maps");
   state.handle_events();
   // Twice: the first swap may only queue the picture behind the one on screen; the second returns once that
   // has given way.

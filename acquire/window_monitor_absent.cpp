@@ -12,7 +12,7 @@ namespace {
 [[noreturn]] void fail() {
   throw DeviceError(
       "window monitor", ENOSYS,
-      "this program was built without SDL2; install libsdl2-dev and build it anew, or use a KMS monitor");
+      "this program was built without SDL2; install libsdl2-dev and build it again, or use a KMS monitor");
 }
 
 }  // namespace

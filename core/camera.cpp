@@ -52,7 +52,9 @@ void PinholeCamera::check() const {
   const Eigen::Vector3f ahead = target - position;
   const float sine = up.cross(ahead).norm();
   if (!ahead.allFinite() || !up.allFinite() || !(sine > 1e-6f * up.norm() * ahead.norm()))
-    throw InputError("the camera looks along its up direction or nowhere; give another target or up");
+    throw InputError(
+        "the viewing direction of the camera is zero or parallel to its up direction; give another target or "
+        "up vector");
 }
 
 }  // namespace refield

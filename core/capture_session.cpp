@@ -73,7 +73,7 @@ T required(const toml::table& table, const char* key, const fs::path& manifest) 
   if (const auto value = value_of<T>(table, key)) return *value;
   const toml::node* node = table.get(key);
   throw FormatError(manifest, line_of(node ? *node : table) + "has no valid '" + std::string(key) + "'" +
-                                  (std::is_same_v<T, std::string> ? "; give a text in quotes" : ""));
+                                  (std::is_same_v<T, std::string> ? "; give a string in quotes" : ""));
 }
 
 void require_exists(const fs::path& path, const fs::path& manifest) {
@@ -103,7 +103,7 @@ std::vector<MonitorPlacement> monitors_of(const toml::table& light, const LightD
   const toml::node* given = light.get("monitor");
   if (!given) return monitors;
   if (!given->is_array_of_tables())
-    throw FormatError(manifest, "light.monitor is no list of tables; write [[light.monitor]]");
+    throw FormatError(manifest, "light.monitor is not an array of tables; write [[light.monitor]]");
   for (const toml::node& node : *given->as_array()) {
     const toml::table& table = *node.as_table();
     check_keys(table, "[[light.monitor]] ",
@@ -133,7 +133,7 @@ using FilesByKey = std::map<std::string, fs::path>;
 void add_file(FilesByKey& files, const std::string& key, const fs::path& path) {
   if (const auto [other, added] = files.emplace(key, path); !added)
     throw InputError(path.string() + ": has the name '" + key + "' in common with " + other->second.string() +
-                     ", so pairs are not clear; rename one or leave it out");
+                     ", so the pairing is ambiguous; rename or remove one of them");
 }
 
 FilesByKey by_wildcard(const std::vector<GlobMatch>& matches) {
@@ -219,7 +219,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
   if (!fs::is_regular_file(manifest))
     throw InputError(
         folder.string() + ": is not a capture session (no " + session_manifest_name +
-        "); give a folder that 'refield acquire' or 'refield simulate' made, or use --light and --observed");
+        "); give a folder written by 'refield acquire' or 'refield simulate', or use --light and --observed");
   toml::table table;
   try {
     table = toml::parse(read_text(manifest), manifest.string());
@@ -252,7 +252,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
   std::set<std::string> names;
   for (const auto& node : *frames) {
     const toml::table* entry = node.as_table();
-    if (!entry) throw FormatError(manifest, "a [[frame]] is no table");
+    if (!entry) throw FormatError(manifest, "a [[frame]] is not a table");
     check_keys(*entry, "[[frame]] ", {"name", "role", "kind", "illumination", "observed", "order"}, manifest);
     CaptureFrame frame;
     frame.name = required<std::string>(*entry, "name", manifest);
@@ -264,7 +264,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
     if (const toml::node* order = entry->get("order")) {
       const auto number = order->value<double>();
       if (!number || !std::isfinite(*number))
-        throw FormatError(manifest, "frame '" + frame.name + "': order is no finite number");
+        throw FormatError(manifest, "frame '" + frame.name + "': order is not a finite number");
       frame.order = *number;
     }
     if (!names.insert(frame.name).second)
@@ -298,7 +298,7 @@ std::vector<std::pair<fs::path, fs::path>> pair_files(const std::string& first_g
     for (const auto& [key, path] : from)
       if (!to.contains(key))
         throw InputError(path.string() + ": has no " + missing + " '" + key + "' among " + glob +
-                         "; add the missing image or take this one out of the series");
+                         "; add the missing image or remove this one from the series");
   };
   require_partner(first, second, second_kind, second_glob);
   require_partner(second, first, first_kind, first_glob);

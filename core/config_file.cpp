@@ -62,7 +62,7 @@ std::size_t edit_distance(const std::string& a, const std::string& b) {
 }  // namespace
 
 std::string unknown_name_text(const std::string& name, const std::vector<std::string>& known) {
-  std::string text = "is not known here", names;
+  std::string text = "is not a known key", names;
   constexpr std::size_t max_length = 100;  // of a name that may be misspelt
   const auto distance = [&](const std::string& other) { return edit_distance(name, other); };
   if (!known.empty() && name.size() <= max_length) {
@@ -116,7 +116,7 @@ void ConfigSection::text(const std::string& key, std::string& value) {
   known_.insert(key);
   if (!has(key)) return;
   const auto read = table_of(table_).get(key)->value_exact<std::string>();
-  if (!read || read->empty()) fail(key, "give a text in quotes");
+  if (!read || read->empty()) fail(key, "give a string in quotes");
   value = *read;
 }
 
@@ -235,7 +235,7 @@ ConfigFile::ConfigFile(fs::path path, std::string what, std::string manual)
     content_->root = toml::parse(read_text(path_), path_.string());
   } catch (const toml::parse_error& error) {
     throw InputError(path_.string() + ":" + std::to_string(error.source().begin.line) +
-                     ": is no valid TOML: " + std::string(error.description()));
+                     ": is not valid TOML: " + std::string(error.description()));
   }
 }
 

@@ -73,9 +73,8 @@ void require_same_light(const CaptureFrame& first, const CaptureFrame& other, Pa
   if (first.illumination == other.illumination) return;
   if (read_light_map(first.illumination, domain).radiance.values !=
       read_light_map(other.illumination, domain).radiance.values)
-    throw InputError(other.illumination.string() +
-                     ": reference frames must show one light again and again; " +
-                     first.illumination.string() + " is another; give one of them another role");
+    throw InputError(other.illumination.string() + ": all reference frames must show the same light; " +
+                     first.illumination.string() + " differs; change the role of one of them");
 }
 
 /// [frames][pixels × 3] of a lattice of pixels inside the mask; NaN where not measured.

@@ -9,7 +9,7 @@ namespace refield {
 namespace {
 std::string remedy(int error_number) {
   if (error_number == ENOSPC || error_number == EDQUOT) return "; free some space there, then run again";
-  if (error_number == EACCES || error_number == EROFS) return "; choose a place that you may write to";
+  if (error_number == EACCES || error_number == EROFS) return "; choose a folder with write permission";
   if (error_number == EMFILE || error_number == ENFILE)
     return "; raise the limit of open files (ulimit -n), then run again";
   if (error_number == EFBIG) return "; raise the limit of the size of files (ulimit -f), then run again";

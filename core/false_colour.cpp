@@ -43,7 +43,7 @@ LevelTable stop_levels(double low, double high) {
 void false_colour_rgba(const Image& image, const LevelTable& levels, std::span<std::uint8_t> rgba) {
   if ((image.channels != 1 && image.channels != 3) || rgba.size() != 4 * image.pixel_count())
     throw InputError("an image of " + shape_text(image) + " does not fill " + std::to_string(rgba.size()) +
-                     " bytes of RGBA; it needs 1 or 3 channels and 4 bytes a pixel");
+                     " bytes of RGBA; it needs 1 or 3 channels and 4 bytes per pixel");
   std::array<std::array<std::uint8_t, 4>, 256> colours;
   for (int level = 0; level < 256; ++level) {
     const EncodedColour colour = false_colour(level / 255.0);

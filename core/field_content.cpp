@@ -149,18 +149,18 @@ std::string fault_of_statistics(const ReflectanceField& field) {
   if (!field.training_error.empty() && field.training_error.size() != pixels)
     return "statistics/training_error does not fit the image size";
   if (std::ranges::any_of(field.training_error, is_no_error))
-    return "statistics/training_error holds what is no error";
+    return "statistics/training_error contains an invalid error";
   if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
     return "statistics/error_evidence does not fit the image size";
   if (std::ranges::any_of(field.learning_curve, [&](const LearningPoint& point) {
         return !(point.share > 0.0f) || is_no_error(point.error);
       }))
-    return "statistics/learning_curve holds what is no error";
+    return "statistics/learning_curve contains an invalid error";
   for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
     if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
       return "statistics/predicted_error or photograph_noise does not fit the image size";
     if (std::ranges::any_of(*map, is_no_error))
-      return "statistics/predicted_error or photograph_noise holds what is no error";
+      return "statistics/predicted_error or photograph_noise contains an invalid error";
   }
   return "";
 }
@@ -179,7 +179,7 @@ std::string fault_of_rows(const ReflectanceField& field) {
   if (transfer.weight.size() != transfer.column.size() * 3)
     return "transfer/weight does not fit transfer/column";
   if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
-    return "transfer/column names a kernel that is not there";
+    return "transfer/column refers to a kernel that does not exist";
   if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
     return "transfer/weight holds a weight that is not finite";
   return "";
@@ -187,9 +187,10 @@ std::string fault_of_rows(const ReflectanceField& field) {
 
 void require_readable(const std::string& fault, const fs::path& destination) {
   if (!fault.empty())
-    throw SolverError(destination.string() + ": is not written, for it could not be read again (" + fault +
-                      "); the photographs or light maps may hold values too large or too small to compute "
-                      "with: scale them, then run again");
+    throw SolverError(destination.string() + ": was not written, because it could not be read again (" +
+                      fault +
+                      "); the photographs or light maps may hold values too large or too small for the "
+                      "computation; scale them and run again");
 }
 
 void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field) {
@@ -229,18 +230,18 @@ FieldFile open_field(const fs::path& path) {
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
   if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
     throw FormatError(path,
-                      "is not a reflectance field (no HDF5 file); give a file that 'refield estimate' wrote");
+                      "is not a reflectance field (no HDF5 file); give a file written by 'refield estimate'");
   auto outline = read_hdf5_outline(path, data_set_names);
   if (!outline)
     throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
   FieldFile file{{std::move(*outline), path}, false, 0};
   if (const auto& refused = file.values.outline.refused; !refused.empty())
     throw FormatError(path, "data set '" + refused.begin()->first + "' is " + refused.begin()->second +
-                                "; a field must lie whole and uncompressed in its own file: make it again");
+                                "; a field must be complete and uncompressed in one file; create it again");
   const std::string format = file.values.outline.texts.contains("format") ? file.values.text("format") : "";
   if (format != field_format_name && format != part_format_name)
     throw FormatError(
-        path, "is an HDF5 file but not a reflectance field; give a file that 'refield estimate' wrote");
+        path, "is an HDF5 file but not a reflectance field; give a file written by 'refield estimate'");
   file.part = format == part_format_name;
   file.version = file.values.number("version");
   if (file.version != reflectance_field_version && (file.version != packed_field_version || file.part))

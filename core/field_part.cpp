@@ -31,13 +31,14 @@ void require_same_job(const Outline& one, const Outline& other) {
   const std::string names = other.path.string() + " and " + one.path.string() + ": ";
   if (a.width != b.width || one.part.image_height != other.part.image_height ||
       a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats || a.monitors != b.monitors)
-    throw InputError(
-        names + "are parts of pictures or lights of different sizes or places; merge parts of one capture");
+    throw InputError(names +
+                     "are shards of captures with different image sizes, light maps or monitor placements; "
+                     "merge shards of one capture");
   if (one.part.job != other.part.job || a.provenance != b.provenance)
     throw InputError(
         names +
         "were estimated from different captures, with different options or by different versions "
-        "('refield info' shows both); estimate the odd one again");
+        "('refield info' shows both); estimate the differing shard again");
 }
 
 /// Rows must follow one another from the first to the last.
@@ -57,7 +58,7 @@ void require_whole(const std::vector<Outline>& parts) {
                      : "between " + parts[i - 1].path.string() + " and " + parts[i].path.string());
     if (rows.first < next)
       throw InputError(parts[i - 1].path.string() + " and " + parts[i].path.string() + ": both hold " +
-                       rows_text(rows.first, std::min(next, rows.last)) + "; leave one of them out");
+                       rows_text(rows.first, std::min(next, rows.last)) + "; remove one of them");
     next = rows.last;
   }
   if (next < height) missing(next, height, "after " + parts.back().path.string());
@@ -105,7 +106,7 @@ class Joiner {
 }  // namespace
 
 ReflectanceField merge_field_parts(std::span<const fs::path> paths) {
-  if (paths.empty()) throw InputError("no parts of a field are given");
+  if (paths.empty()) throw InputError("no shards of a field are given");
   std::vector<Outline> parts;
   for (const fs::path& path : paths) parts.push_back({path, read_field_part_outline(path)});
   for (const Outline& part : parts) require_same_job(parts.front(), part);

@@ -154,7 +154,7 @@ std::string read_text(const fs::path& path) {
     text.append(buffer, got);
     if (ends || text.size() <= max_stream_bytes) continue;
     std::fclose(file);
-    throw FormatError(path, "is no regular file and goes on after 64 MiB; give a file");
+    throw FormatError(path, "is not a regular file and is longer than 64 MiB; give a regular file");
   }
   const bool failed = std::ferror(file) != 0;
   const int error_number = errno;

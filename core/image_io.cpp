@@ -50,7 +50,7 @@ std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
     return input;
   }
   const auto format = image_format(path);
-  if (!format) fail("it is none of EXR, HDR, PNG, JPEG, TIFF and PFM");
+  if (!format) fail("the format must be EXR, HDR, PNG, JPEG, TIFF or PFM");
   check_image_header(path, *format);
   auto input = OIIO::ImageInput::create(name_of(*format));
   OIIO::ImageSpec spec, config;
@@ -406,8 +406,8 @@ class NegativeTexels {
     throw InputError(path_.string() + ": texel (" + std::to_string(worst_ % image_.width) + ", " +
                      std::to_string(worst_ / image_.width) + ") is " + lowest_text() + ", and " +
                      percent(share_of_texels(texels_)) +
-                     " of the texels are negative, more than lossy compression leaves; light cannot be "
-                     "negative: export the light map again");
+                     " of the texels are negative, more than lossy compression explains; radiance must not "
+                     "be negative: export the light map again");
   }
 
   void report() const {
@@ -420,8 +420,8 @@ class NegativeTexels {
       return log_line("more light maps have negative texels; they are treated in the same way");
     log_line(path_.string() + ": " + percent(share_of_texels(texels_)) +
              " of its texels are negative (lowest " + lowest_text() +
-             "), as lossy compression leaves them; they become zero and the light around them is dimmed, so "
-             "that the mean radiance stays (zero alone would add " +
+             "), as caused by lossy compression; they are set to zero and their neighbours are reduced to "
+             "preserve the mean radiance (setting them to zero alone would add " +
              percent(share_of_light()) + ")");
   }
 

@@ -56,17 +56,16 @@ std::string LearningCurve::advice() const {
   const double twice = error_at(2.0);
   char text[192];
   if (twice <= (1.0 - worthwhile) * now)
-    std::snprintf(
-        text, sizeof text,
-        "more images would help: twice as many would take the middle pixel's error from about %.2f %% "
-        "to %.2f %%",
-        100.0 * now, 100.0 * twice);
+    std::snprintf(text, sizeof text,
+                  "more images would help: twice as many would reduce the median pixel error from about %.2f "
+                  "%% to %.2f %%",
+                  100.0 * now, 100.0 * twice);
   else
-    std::snprintf(
-        text, sizeof text,
-        "more images would hardly help: twice as many would leave the middle pixel's error at about "
-        "%.2f %% (now %.2f %%)%s",
-        100.0 * twice, 100.0 * now, floor_ > 0.5 * now * now ? "; most of it is the photographs' noise" : "");
+    std::snprintf(text, sizeof text,
+                  "more images would hardly help: with twice as many, the median pixel error would be about "
+                  "%.2f %% (now %.2f %%)%s",
+                  100.0 * twice, 100.0 * now,
+                  floor_ > 0.5 * now * now ? "; most of it is photograph noise" : "");
   return text;
 }
 

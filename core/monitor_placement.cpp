@@ -18,8 +18,8 @@ constexpr double longest_mm = 1e6;
 [[noreturn]] void fail(const std::string& text) {
   throw InputError(
       "--monitor " + text +
-      ": give width x height @ distance of the screen in mm, as 520x320@600, and where it is not "
-      "straight ahead of the camera ',yaw=90' (to its right) or pitch, roll in degrees, x, y in mm");
+      ": give width x height @ distance of the screen in mm, such as 520x320@600, and if it is not straight "
+      "ahead of the camera, ',yaw=90' (to the right), pitch, roll in degrees and x, y in mm");
 }
 
 /// Takes a number off the front of `rest`, and the mark behind it.
@@ -64,7 +64,7 @@ void check_placements(std::span<const MonitorPlacement> monitors, const LightDom
   if (monitors.empty()) return;
   if (domain.parameterisation != Parameterisation::monitor)
     throw InputError(name + ": places a monitor, but its light is a " +
-                     std::string(name_of(domain.parameterisation)) + " map; leave the monitor out");
+                     std::string(name_of(domain.parameterisation)) + " map; remove the monitor");
   const auto count = static_cast<int>(monitors.size());
   if (domain.height % count != 0)
     throw InputError(name + ": has " + std::to_string(count) + " monitor placements, and light maps " +

@@ -145,7 +145,7 @@ OutputLock::OutputLock(const fs::path& given, const std::vector<fs::path>& input
   if (given.empty()) throw InputError("the output has no name; give one");
   if (!extension.empty() && given.extension() != extension)
     throw InputError(given.string() + ": the output is a file of the kind " + extension +
-                     "; let its name end in " + extension);
+                     "; give a name that ends in " + extension);
   require_not_an_input(given, inputs);
   // Throws for names that the system refuses, before hours of work rather than after them.
   const bool is_folder = fs::is_directory(given);

@@ -25,7 +25,7 @@ fs::path names_path(fs::path png) {
 std::vector<std::pair<int, std::string>> read_names(const fs::path& path) {
   const auto json = nlohmann::ordered_json::parse(read_text(path), nullptr, false);
   const std::string form = "write an object such as {\"50\": \"diffuse\", \"100\": \"glossy\"}";
-  if (!json.is_object()) throw FormatError(path, "is no JSON object; " + form);
+  if (!json.is_object()) throw FormatError(path, "is not a JSON object; " + form);
   std::vector<std::pair<int, std::string>> names;
   for (const auto& [key, value] : json.items()) {
     int level = -1;
@@ -50,7 +50,7 @@ Mask PixelKinds::mask_of(std::size_t kind, const Mask& mask) const {
 void write_pixel_kinds(const fs::path& png, const PixelKinds& kinds) {
   if (kinds.names.size() * level_of_a_label > 255)
     throw InputError(png.string() + ": " + std::to_string(kinds.names.size()) +
-                     " kinds of pixel do not fit; give five at most");
+                     " pixel classes are too many; give at most five");
   Image image(kinds.width, kinds.height, 1);
   for (std::size_t p = 0; p < kinds.labels.size(); ++p)
     image.values[p] = linear_from_srgb(static_cast<float>(kinds.labels[p] * level_of_a_label) / 255.0f);

@@ -34,7 +34,7 @@ std::vector<Triple> read_triples(const Hdf5Values& values, const char* name) {
   const std::vector<Number> numbers = values.dataset<Number>(name, 3);
   if constexpr (std::is_same_v<Number, float>)
     if (!std::ranges::all_of(numbers, [](float number) { return std::isfinite(number); }))
-      values.fail(std::string(name) + " holds what is no number");
+      values.fail(std::string(name) + " contains a value that is not a number");
   std::vector<Triple> triples(numbers.size() / 3);
   for (std::size_t i = 0; i < numbers.size(); ++i) triples[i / 3][i % 3] = numbers[i];
   return triples;
@@ -54,7 +54,7 @@ PinholeCamera read_camera(const Hdf5Values& values) {
   const auto n = values.dataset<float>("mesh/camera", numbers_of_a_camera);
   if (n.size() != numbers_of_a_camera || !(n[10] >= 1 && n[10] <= most_pixels) ||
       !(n[11] >= 1 && n[11] <= most_pixels))
-    values.fail("mesh/camera is no camera");
+    values.fail("mesh/camera is not a valid camera");
   const PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
                              static_cast<int>(n[10]), static_cast<int>(n[11])};
   try {
@@ -76,7 +76,7 @@ void read_mesh(const Hdf5Values& values, ReflectanceField& field) {
     values.fail("mesh/positions, normals and colours do not fit each other");
   for (const auto& triangle : mesh.triangles)
     if (std::ranges::any_of(triangle, [&](std::uint32_t vertex) { return vertex >= vertices; }))
-      values.fail("mesh/triangles names a vertex that is not there");
+      values.fail("mesh/triangles refers to a vertex that does not exist");
   if (values.has_number(outgoing_name)) field.outgoing_order = values.number(outgoing_name);
   if (field.outgoing_order < 0 || field.outgoing_order > largest_harmonics_order)
     values.fail("has an impossible order of outgoing harmonics");
@@ -108,7 +108,8 @@ void read_precomputed(const Hdf5Values& values, ReflectanceField& field) {
   LightBasis& basis = field.basis;
   if (values.outline.texts.contains(measure_name)) {
     if (values.text(measure_name) != solid_angle_name)
-      values.fail("measures light by '" + values.text(measure_name) + "', which this program does not know");
+      values.fail("measures light by '" + values.text(measure_name) +
+                  "', which this version does not support");
     basis.measure = Measure::solid_angle;
     if (basis.domain != cube_domain(basis.domain.width))
       values.fail("measures light by solid angle, but not over a cube map");

@@ -58,7 +58,7 @@ FieldPart read_part(const fs::path& path, bool with_content) {
   const Hdf5Values& values = file.values;
   if (!file.part)
     throw InputError(path.string() +
-                     ": is a whole field, not a part of one; give files that 'refield estimate --rows' made");
+                     ": is a complete field, not a shard; give files written by 'refield estimate --rows'");
   FieldPart part;
   part.field = read_outline(values);
   part.image_height = part.field.height;
@@ -78,7 +78,7 @@ FieldFile open_whole_field(const fs::path& path) {
   throw InputError(path.string() + ": holds rows " + std::to_string(values.number("first_row")) + " to " +
                    std::to_string(values.number("last_row") - 1) + " of a field of " +
                    std::to_string(values.number("height")) +
-                   " rows; join all parts with 'refield merge PARTS -o WHOLE.rfield' and give that");
+                   " rows; merge all shards with 'refield merge SHARDS -o WHOLE.rfield' and give the result");
 }
 
 ReflectanceField read_rows(const FieldFile& file) {
@@ -102,8 +102,8 @@ ReflectanceField read_image_field(const fs::path& path) {
   ReflectanceField field = read_reflectance_field(path);
   if (!field.mesh.empty())
     throw InputError(path.string() +
-                     ": is a field over a mesh, and this needs one of a camera's pixels; show it by "
-                     "'refield relight' or 'refield view'");
+                     ": is a mesh field, but an image field is required; use 'refield relight' or 'refield "
+                     "view' for mesh fields");
   return field;
 }
 

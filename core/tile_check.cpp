@@ -24,7 +24,7 @@ class TileCheck {
 
   const char* fault() const {
     if (!lengths_agree()) return "arrays whose lengths do not agree";
-    if (!kernels_exist()) return "a kernel that is not there or lies outside the light map";
+    if (!kernels_exist()) return "a kernel that does not exist or is outside the light map";
     if (!records_agree()) return "dense weights whose numbers do not agree";
     if (!pixels_exist()) return "a weight of a pixel outside the picture";
     if (!scales_are_numbers()) return "a scale that is not finite";

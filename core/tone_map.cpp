@@ -130,7 +130,7 @@ std::vector<std::uint8_t> tone_mapped(const Image& image, const ToneMapping& map
 void tone_map_rgba(const Image& image, const LevelTable& table, std::span<std::uint8_t> rgba) {
   if (image.channels != 3 || rgba.size() != 4 * image.pixel_count())
     throw InputError("an image of " + shape_text(image) + " does not fill " + std::to_string(rgba.size()) +
-                     " bytes of RGBA; it needs 3 channels and 4 bytes a pixel");
+                     " bytes of RGBA; it needs 3 channels and 4 bytes per pixel");
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, image.pixel_count(), 8192), [&](const auto& range) {
     tone_map_pixels(table.cells(), image.values.data() + 3 * range.begin(), range.size(),
                     rgba.data() + 4 * range.begin());

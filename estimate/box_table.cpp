@@ -34,14 +34,12 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
     char text[160];
     std::snprintf(
         text, sizeof text,
-        ": texel (%d, %d) of the light map has a radiance of %.4g, more than any light; repair it or "
-        "leave the image out",
+        ": texel (%d, %d) of the light map has an impossible radiance of %.4g; repair it or remove the image",
         texel % domain.width, texel / domain.width, static_cast<double>(*beyond));
     throw InputError(name + text);
   }
   if (std::ranges::all_of(values, [](float v) { return v == 0.0f; }))
-    throw InputError(name +
-                     ": the light map is black everywhere and says nothing about the scene; leave it out");
+    throw InputError(name + ": the light map is black everywhere and contains no information; remove it");
 }
 
 BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
@@ -135,8 +133,8 @@ void BoxTable::choose_unit() {
   if (largest >= least && largest <= most) return;
   if (!(largest > too_dim))
     throw InputError(
-        "the texels of each light map add up to less than 1e-20, too little to compute with; scale all light "
-        "maps by the same factor");
+        "the texels of each light map add up to less than 1e-20, too little for the computation; scale all "
+        "light maps by the same factor");
   unit_ = std::exp2(std::ilogb(largest));
   const double factor = 1.0 / unit_;
   for (double& sum : hat_sums_) sum *= factor;

@@ -54,11 +54,12 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
   if (images < 2)
     throw InputError(name_of(job.session) + ": holds " +
                      (images == 0 ? "no training image" : "one training image only") +
-                     "; a reflectance field needs many lights, about 100 for 25 kernels a pixel");
+                     "; a reflectance field needs many lights, about 100 for 25 kernels per pixel");
   if (options.kernels > images)
     throw InputError(name_of(job.session) + ": " + std::to_string(images) +
                      " training images cannot determine " + std::to_string(options.kernels) +
-                     " kernels a pixel; add images or give --kernels " + std::to_string(images) + " or less");
+                     " kernels per pixel; add images or give --kernels " + std::to_string(images) +
+                     " or less");
 }
 
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
@@ -74,15 +75,16 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   check_image_sizes(job.session);
   const LightDomain& light = job.session.light;
   if (light.parameterisation == Parameterisation::cube && light != cube_domain(light.width))
-    throw InputError(job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
-                     std::to_string(light.height) +
-                     ", which is no cube map (six square faces one below the other, R×6R); give such maps or "
-                     "the right --parameterisation");
+    throw InputError(
+        job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
+        std::to_string(light.height) +
+        ", which is not a cube map (six square faces stacked vertically, R×6R); give such maps or "
+        "the right --parameterisation");
   check_placements(job.session.monitors, job.session.light, "the capture");
   job.rows = options.rows.value_or(RowRange{0, job.session.height});
   if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
     throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +
-                     " are no rows of a picture of " + std::to_string(job.session.height) +
+                     " are not rows of an image of " + std::to_string(job.session.height) +
                      "; rows count from 0, and the last one named is not included");
   if (session.mask) {
     job.mask = read_mask(*session.mask, job.session.width, job.session.height);

@@ -17,10 +17,11 @@ void log_drift(const Drift& drift) {
   char text[160];
   std::snprintf(text, sizeof text, "drift: brightness changed by up to %.2f %% over %zu reference frames: %s",
                 100.0 * drift.largest, drift.points.size(),
-                drift.significant ? "divided out" : "no more than they can tell, left as it is");
+                drift.significant ? "divided out" : "below the measurement uncertainty, not corrected");
   log_line(text);
   for (const DriftPoint& point : drift.points)
-    if (!point.used) log_line("drift: " + point.frame + " breaks the curve of the others and is not used");
+    if (!point.used)
+      log_line("drift: " + point.frame + " does not fit the curve of the others and is ignored");
 }
 
 /// The fit squares products of samples and sums of light in single precision, which further off are infinite
@@ -30,10 +31,11 @@ void require_usual_brightness(const EstimateJob& job) {
   const double typical = std::sqrt(job.mean_square);
   if (typical == 0.0 || (typical >= least && typical <= most)) return;
   char text[160];
-  std::snprintf(text, sizeof text,
-                ": the photographs' samples are about %.1e, too %s to compute with; scale all photographs by "
-                "the same factor to values around 1",
-                typical, typical < least ? "small" : "large");
+  std::snprintf(
+      text, sizeof text,
+      ": the photographs' samples are about %.1e, too %s for the computation; scale all photographs by "
+      "the same factor to values around 1",
+      typical, typical < least ? "small" : "large");
   throw InputError(job.frames.front().observed.parent_path().string() + text);
 }
 
@@ -59,7 +61,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
   for (const LeftOutFrame& frame : report.left_out) log_line(frame.name + " is left out: " + frame.why);
   if (!report.doubtful.empty())
     log_line(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
-             " photographs do not fit the others, too many to leave out; look at the capture. The first: " +
+             " photographs do not fit the others, too many to leave out; check the capture. The first: " +
              report.doubtful.front().name + ": " + report.doubtful.front().why);
   if (report.left_out.empty()) return report;
   std::vector<int> images;

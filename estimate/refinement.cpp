@@ -21,9 +21,9 @@ std::set<std::string> frames_of(const ReflectanceField& field, const std::filesy
     for (const auto& name : provenance["frames"])
       if (name.is_string()) names.insert(name.get<std::string>());
   if (names.empty())
-    throw InputError(path.string() +
-                     ": does not say which images it was estimated from; refine a field that 'refield "
-                     "estimate' wrote");
+    throw InputError(
+        path.string() +
+        ": does not contain the names of its training images; refine a field written by 'refield estimate'");
   return names;
 }
 
@@ -53,11 +53,11 @@ Refinement::Refinement(const std::filesystem::path& path, const CaptureSession& 
   if (!missing.empty())
     throw InputError(path.string() + ": was estimated from frame '" + *missing.begin() + "'" +
                      (missing.size() > 1 ? " and " + std::to_string(missing.size() - 1) + " more" : "") +
-                     " that the capture does not hold; refine with all old images beside the new ones");
+                     " that is missing in the capture; refine with all old images and the new ones");
   use_frames(frames);
   if (std::ranges::count(is_new_, 1) == 0)
     throw InputError(path.string() + ": was estimated from all " + std::to_string(frames.size()) +
-                     " training images already; there is nothing to take in");
+                     " training images already; there are no new images");
 }
 
 void Refinement::use_frames(std::span<const CaptureFrame> frames) {

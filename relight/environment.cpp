@@ -93,8 +93,8 @@ LightMap read_environment(const std::filesystem::path& path) {
   if (const auto kind = environment_kind(header.width, header.height)) return read_light_map(path, *kind);
   throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
                    std::to_string(header.height) +
-                   ", which is no environment: give a lat-long map (twice as wide as high) or a cube (six "
-                   "square faces above one another, +X −X +Y −Y +Z −Z)");
+                   ", which is not an environment map: give a lat-long map (twice as wide as high) or a cube "
+                   "map (six square faces stacked vertically, +X −X +Y −Y +Z −Z)");
 }
 
 std::vector<SeenPart> EnvironmentProjector::parts_of(const SphericalPolygon& texel,
@@ -109,7 +109,7 @@ std::vector<SeenPart> EnvironmentProjector::parts_of(const SphericalPolygon& tex
 std::optional<LightMap> EnvironmentProjector::as_it_stands(const LightMap& environment,
                                                            const Turn& turn) const {
   if (environment.parameterisation == Parameterisation::monitor)
-    throw InputError("a monitor's light map is no environment; give a lat-long map or a cube");
+    throw InputError("the light map of a monitor is not an environment map; give a lat-long or cube map");
   if (environment.domain() != target()) return std::nullopt;
   if (turn.is_none()) return environment;
   if (target().parameterisation == Parameterisation::lat_long && Turn{0.0, turn.pitch, turn.roll}.is_none())

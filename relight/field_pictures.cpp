@@ -32,8 +32,7 @@ FieldPictures::FieldPictures(const ReflectanceField& field, std::vector<PinholeC
     box_projector_ = std::make_shared<const BoxProjector>(field.basis.domain.width, boxes);
   }
   if (field.mesh.empty()) {
-    if (!cameras_.empty())
-      throw InputError("the field is a photograph's, seen from where its camera stood; leave cameras out");
+    if (!cameras_.empty()) throw InputError("the field belongs to a fixed camera; do not give cameras");
     return;
   }
   if (cameras_.empty()) cameras_.push_back(standard_camera(field));

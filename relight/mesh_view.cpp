@@ -90,7 +90,7 @@ MeshView::MeshView(const ReflectanceField& field, const PinholeCamera& camera, i
 
 MeshView::MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples)
     : camera_(camera), mesh_(&mesh) {
-  if (mesh.empty()) throw InputError("there is no mesh to be seen from elsewhere");
+  if (mesh.empty()) throw InputError("the field has no mesh, so the view cannot change");
   gather_shares(mesh, samples);
 }
 

@@ -132,7 +132,7 @@ double PackCost::worst_error() const {
 }
 
 PackResult pack_field(const ReflectanceField& field, double error) {
-  if (!(error > 0.0)) throw InputError("the error asked for must be above 0, for example 1e-3");
+  if (!(error > 0.0)) throw InputError("the maximum error must be above 0, for example 1e-3");
   Search search(field, error);
   for (const int bits : {8, 16})
     if (auto result = search.with_bits(bits)) {
@@ -149,7 +149,7 @@ PackResult pack_field(const ReflectanceField& field, double error) {
   char least[32];
   std::snprintf(least, sizeof least, "%.1e", search.least_error());
   throw InputError(std::string("weights of 16 bits leave an error of ") + least +
-                   " already; ask for more than that");
+                   " already; allow a larger error");
 }
 
 PackedField pack_rows(FieldRows rows, int bits) {

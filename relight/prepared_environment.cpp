@@ -121,14 +121,14 @@ PreparedEnvironment::PreparedEnvironment(LightMap map)
 PreparedEnvironment::PreparedEnvironment(std::shared_ptr<const LightMap> map) : map_(std::move(map)) {
   const Image& radiance = map_->radiance;
   if (map_->parameterisation == Parameterisation::monitor || radiance.channels != 3 || radiance.empty())
-    throw InputError("a monitor's light map is no environment; give a lat-long map or a cube");
+    throw InputError("the light map of a monitor is not an environment map; give a lat-long or cube map");
   if (map_->parameterisation == Parameterisation::lat_long) {
     prepare_lat_long();
     return;
   }
   const int side = radiance.width;
   if (radiance.height != cube_faces * side)
-    throw InputError("a cube map is six square faces above one another, not " + shape_text(radiance));
+    throw InputError("a cube map has six square faces stacked vertically, not " + shape_text(radiance));
   const std::vector<float> angles = cube_solid_angles(side);
   for (std::size_t i = 0; i < radiance.values.size(); ++i)
     total_[i % 3] += double{angles[i / 3 % angles.size()]} * radiance.values[i];

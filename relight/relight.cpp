@@ -82,7 +82,7 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   for (const RelightJob& job : jobs) {
     if (job.output.extension() != ".exr" && !is_png(job))
       throw InputError(job.output.string() +
-                       ": images are written as .exr or .png; give the output such a name");
+                       ": images are written as .exr or .png; give an output with one of these extensions");
     lights.push_back(job.light);
   }
   const auto pngs = static_cast<std::size_t>(std::ranges::count_if(jobs, is_png));

@@ -70,7 +70,7 @@ void SphereGrid::add_strips() {
 
 void SphereGrid::add_faces() {
   if (domain_.height != 6 * domain_.width)
-    throw InputError("a cube map is six square faces above one another, not " +
+    throw InputError("a cube map has six square faces stacked vertically, not " +
                      std::to_string(domain_.width) + "×" + std::to_string(domain_.height) + " texels");
   for (int face = 0; face < 6; ++face)
     patches_.push_back({cube_face_axes(face), even_edges(-1.0, 1.0, domain_.width),

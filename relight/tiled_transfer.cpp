@@ -43,7 +43,7 @@ typename TiledTransfer<Weight>::Band lay_out_band(const ReflectanceField& field,
   std::size_t size = 0;
   for (const auto& bytes : tiles) size += bytes.size();
   if (size > std::numeric_limits<std::uint32_t>::max())
-    throw InputError("the field holds too many weights a pixel to be shown in real time");
+    throw InputError("the field holds too many weights per pixel for real-time display");
   band.memory.reserve(size);
   band.start.push_back(0);
   for (auto& bytes : tiles) {

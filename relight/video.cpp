@@ -74,7 +74,7 @@ pid_t start(std::vector<std::string> arguments, int input, int messages) {
     throw DeviceError(
         "ffmpeg", error,
         "is needed for video and is not installed; install it (Debian: apt-get install ffmpeg), "
-        "or give a folder as output: the images land there");
+        "or give a folder as output for single images");
   if (error != 0) throw DeviceError("ffmpeg", error, "cannot be started");
   return process;
 }
@@ -83,7 +83,8 @@ pid_t start(std::vector<std::string> arguments, int input, int messages) {
 
 void VideoOptions::check() const {
   if (!(frames_per_second >= 0.1 && frames_per_second <= 1000.0))
-    throw InputError("--fps is " + std::to_string(frames_per_second) + "; give 0.1 to 1000 frames a second");
+    throw InputError("--fps is " + std::to_string(frames_per_second) +
+                     "; give 0.1 to 1000 frames per second");
   if (exposure && !(*exposure > 0.0 && std::isfinite(*exposure)))
     throw InputError("--exposure is " + std::to_string(*exposure) + "; give a number above zero");
 }
@@ -93,7 +94,7 @@ VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int heigh
   // A socket pair rather than a pipe: writing to an ffmpeg that has gone away is an error then, no signal.
   int ends[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
-    throw DeviceError("ffmpeg", errno, "cannot make a pipe");
+    throw DeviceError("ffmpeg", errno, "cannot create a pipe");
   pipe_ = ends[0];
   messages_ = ::memfd_create("ffmpeg messages", MFD_CLOEXEC);
   try {

@@ -50,16 +50,14 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
   };
   const CameraResponse& response = rig.response;
   warn(!response.saturation_seen,
-       sentence(
-           "No sample reached saturation; %.0f DN, full scale, is taken for it. If the sensor saturates "
-           "below, "
-           "bright spots will be wrong without a sign: calibrate again with a longer exposure or more light.",
-           response.saturation_dn));
-  warn(
-      rig.black.clipped > 0.01,
-      sentence("%.0f %% of the samples are 0 in the dark: the camera cuts off noise below zero, so that dark "
-               "places come out too bright. Raise its black level (often called brightness or offset).",
-               100.0 * rig.black.clipped));
+       sentence("No sample reached saturation, so full scale, %.0f DN, is used. If the sensor saturates "
+                "below it, bright regions will be wrong without a warning: calibrate again with a longer "
+                "exposure or more light.",
+                response.saturation_dn));
+  warn(rig.black.clipped > 0.01,
+       sentence("%.0f %% of the samples are 0 in the dark: the camera clips noise below zero, so dark "
+                "regions are too bright. Raise its black level (often called brightness or offset).",
+                100.0 * rig.black.clipped));
   warn(response.darkest_share > 0.05,
        sentence(
            "The response is measured from %.0f %% of the range on and interpolated below: shorter exposures "
@@ -73,17 +71,15 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
                                                   : "the camera smooths or compresses; choose a raw format"));
   if (!rig.banding.ripples.empty()) {
     const Ripple& ripple = rig.banding.ripples.front();
-    warn(true,
-         sentence("The display's light pulses at %.1f Hz by %.1f %%: expose in whole multiples of %.4g s, or "
-                  "brightness varies from frame to frame (with a rolling shutter: bands). Capture does so by "
-                  "itself.",
-                  ripple.hz, 100.0 * ripple.depth, rig.timing.exposure_unit.count()));
+    warn(true, sentence("The display flickers at %.1f Hz by %.1f %%: use exposure times that are whole "
+                        "multiples of %.4g s, or brightness varies between frames (bands with a rolling "
+                        "shutter). The capture does this automatically.",
+                        ripple.hz, 100.0 * ripple.depth, rig.timing.exposure_unit.count()));
   }
   warn(rig.banding.noise > 0.01,
-       sentence(
-           "Brightness varies by %.1f %% from frame to frame without a period: daylight, another lamp, or a "
-           "camera that adjusts itself.",
-           100.0 * rig.banding.noise));
+       sentence("Brightness varies by %.1f %% from frame to frame without a period: daylight, another light "
+                "source, or automatic camera settings.",
+                100.0 * rig.banding.noise));
   const double misfit = std::max(rig.display_timing.rise.residual, rig.display_timing.fall.residual);
   warn(misfit > 0.05,
        sentence("The display's change of light does not follow a ramp (%.0f %% off, RMS); settling is "
@@ -91,8 +87,9 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
                 100.0 * misfit));
   for (double fall : rig.tone_curve.falls)
     warn(fall > 0.01,
-         sentence("A higher drive level gave less light, by %.1f %% of white; it was smoothed over.",
-                  100.0 * fall));
+         sentence(
+             "A higher drive level gave less light, by %.1f %% of white; the tone curve was smoothed there.",
+             100.0 * fall));
   return warnings;
 }
 

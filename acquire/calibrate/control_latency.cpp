@@ -27,8 +27,8 @@ std::vector<double> levels_after(CalibrationBench& bench, const Metering& meteri
   }
   if (static_cast<int>(levels.size()) < frames_watched)
     throw DeviceError(bench.camera().name, EIO,
-                      "sends only frames that began before its settings were changed; check that its time "
-                      "stamps are of the monotonic clock");
+                      "sends only frames that started before its settings changed; check that its time "
+                      "stamps use the monotonic clock");
   return levels;
 }
 

@@ -71,8 +71,8 @@ Metering meter(CalibrationBench& bench, Seconds wanted) {
         "camera '" + bench.camera().name + "': the display's light changes the image by " +
         percent_text(most / full) + " of full scale at an exposure of " +
         std::to_string(result.exposure.count()) + " s, at least " + percent_text(least_response) +
-        " are needed: the scene is too dark, or the room too bright beside the display. Check the "
-        "lens cap and the aim, open the aperture, raise the display's brightness or the camera's "
+        " are needed: the scene is too dark, or the room is too bright compared with the display. Check the "
+        "lens cap and the framing, open the aperture, raise the display's brightness or the camera's "
         "gain, darken the room");
   for (std::size_t s = 0; s < response.size(); ++s)
     if (response[s] > 0.2 * most) result.lit.push_back(static_cast<std::uint32_t>(s));

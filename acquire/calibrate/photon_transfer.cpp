@@ -140,8 +140,8 @@ PhotonTransfer measure_photon_transfer(CalibrationBench& bench, const Metering& 
     throw InputError("camera '" + bench.camera().name + "': noise does not grow with light (variance " +
                      std::to_string(dark.variance) + " DN² in the dark, at most " +
                      std::to_string(brightest) +
-                     " DN² in the light), so its photon transfer says nothing. Frames that were denoised, "
-                     "sharpened or compressed behave so: choose a raw format and turn denoising off");
+                     " DN² in the light), so photon transfer cannot be measured. Denoised, sharpened or "
+                     "compressed frames have this effect: choose a raw format and turn denoising off");
   // The dark frames' ambient light has noise, too.
   const double read = std::max(0.0, dark.variance - slope * dark.signal);
   const double gain = bench.gain();

@@ -91,11 +91,10 @@ UniformityMap measure_flat_field(CalibrationBench& bench, const CameraCalibratio
   result.texture = std::sqrt(std::max(0.0, squares - noise));
   constexpr double plain = 0.03;
   if (result.texture > plain)
-    throw InputError(
-        "the flat field cannot be measured: what the camera sees varies by " +
-        std::to_string(100.0 * result.texture) +
-        " % beside any smooth falloff, at most 3 % is plain; let plain white card fill the frame, "
-        "out of focus, or leave this measurement out");
+    throw InputError("the flat field cannot be measured: the image varies by " +
+                     std::to_string(100.0 * result.texture) +
+                     " % in addition to a smooth falloff, and at most 3 % is allowed; fill the frame with a "
+                     "plain white card, out of focus, or skip this measurement");
   return result;
 }
 
@@ -127,7 +126,7 @@ UniformityMap measure_screen_uniformity(CalibrationBench& bench, const CameraCal
       if (count < fewest)
         throw InputError("the screen's uniformity cannot be measured: a white square in column " +
                          std::to_string(i + 1) + " and row " + std::to_string(j + 1) +
-                         " of 8 × 6 is not seen; let the camera look at the whole display");
+                         " of 8 × 6 is not visible; point the camera at the whole display");
       places.at(i, j, 0) = static_cast<float>(sum / count);
       progress.advance();
     }

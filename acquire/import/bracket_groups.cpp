@@ -19,7 +19,7 @@ std::regex expression_of(const std::string& pattern) {
   const auto at = pattern.find(name);
   if (at == std::string::npos || pattern.find(name, at + 1) != std::string::npos)
     throw InputError("--pattern '" + pattern +
-                     "': must hold {light} once, where the name of the view stands");
+                     "': must contain {light} exactly once, at the position of the view's name");
   std::string expression;
   for (std::size_t i = 0; i < pattern.size(); ++i) {
     if (i == at) {
@@ -45,7 +45,7 @@ std::vector<BracketGroup> by_pattern(const std::vector<fs::path>& files, const s
     const std::string name = file.filename().string(), stem = file.stem().string();
     if (!std::regex_match(name, match, expression) && !std::regex_match(stem, match, expression))
       throw InputError(file.string() + ": does not match --pattern '" + pattern +
-                       "'; correct the pattern, or take the file out of the folder");
+                       "'; correct the pattern, or remove the file from the folder");
     const std::string light = match[1].str();
     const auto group = std::ranges::find(groups, light, &BracketGroup::name);
     if (group == groups.end())
@@ -75,10 +75,9 @@ std::vector<BracketGroup> by_exposure(const std::vector<fs::path>& files,
   std::vector<double> seen;
   for (std::size_t i = 0; i < files.size(); ++i) {
     if (!exposures[i])
-      throw InputError(
-          files[i].string() +
-          ": does not state its exposure time, so brackets cannot be told; give --count or --pattern, and "
-          "--exposures");
+      throw InputError(files[i].string() +
+                       ": does not contain its exposure time, so brackets cannot be detected; give --count "
+                       "or --pattern, and --exposures");
     const double seconds = exposures[i]->count();
     constexpr double same = 0.02;  // metadata round
     const bool repeats =

@@ -46,7 +46,8 @@ std::optional<PixelLayout> layout_of(const std::string& name) {
   if (name == "bayer") return PixelLayout::bayer_rggb;
   const auto found = std::ranges::find(layout_names, name);
   if (found == layout_names.end())
-    throw InputError("--layout: '" + name + "' is not known; give grey, or a Bayer order such as bayer_rggb");
+    throw InputError("--layout: '" + name +
+                     "' is not a known layout; give grey, or a Bayer order such as bayer_rggb");
   return static_cast<PixelLayout>(found - layout_names.begin());
 }
 

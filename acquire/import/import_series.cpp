@@ -138,7 +138,7 @@ void import_photographs(const ImportRequest& request, const std::vector<Imported
     if (request.if_exists == IfExists::refuse)
       throw InputError(
           request.folder.string() +
-          ": already holds imported photographs; --resume goes on with them, --force replaces them");
+          ": already contains imported photographs; --resume continues the import, --force replaces them");
     if (request.if_exists == IfExists::resume && read_text(plan_path) != plan)
       throw InputError(
           plan_path.string() +

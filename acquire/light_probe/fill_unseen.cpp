@@ -72,7 +72,7 @@ void fill_unseen(SeenLight& light) {
   if (border.empty()) {
     if (unseen_fraction(light.weight) > 0.0)
       throw InputError(
-          "the photograph shows nothing of the surroundings; check the ball's place and the masks");
+          "the photograph shows no part of the environment; check the position of the ball and the masks");
     return;
   }
   tbb::parallel_for(tbb::blocked_range<int>(0, height), [&](const tbb::blocked_range<int>& rows) {

@@ -227,7 +227,8 @@ OutlineFit find_ball(const Image& photograph, const ProbeOptics& optics) {
   }
   if (!best || best->support < least_support)
     throw InputError(
-        "no clear ball was found; give its circle with --ball X,Y,R, or a painted mask with --ball-mask");
+        "no ball was found with certainty; give its circle with --ball X,Y,R, or a mask image with "
+        "--ball-mask");
   return *best;
 }
 

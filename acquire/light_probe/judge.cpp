@@ -86,10 +86,9 @@ void require_usable(const MirrorBall& ball, int width, int height, const std::st
     beyond = std::max({beyond, -p.x(), -p.y(), p.x() - width, p.y() - height});
   }
   if (beyond > 0.5)
-    throw InputError(
-        name + ": the ball reaches " + std::to_string(static_cast<int>(std::ceil(beyond))) +
-        " pixels beyond the photograph, so that part of the surroundings is missing; frame all of it, "
-        "or check --ball");
+    throw InputError(name + ": the ball reaches " + std::to_string(static_cast<int>(std::ceil(beyond))) +
+                     " pixels beyond the photograph, so part of the environment is missing; photograph the "
+                     "whole ball, or check --ball");
   if (ball.radius_px() < least_radius_px)
     throw InputError(name + ": the ball has a radius of " +
                      std::to_string(static_cast<int>(ball.radius_px())) +

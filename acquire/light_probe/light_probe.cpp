@@ -131,8 +131,8 @@ class Side {
     constexpr double sure_support = 0.9, sure_px = 0.6;
     if (middle.support < sure_support || middle.rms_px > sure_px)
       notes.emplace_back(
-          "the outline is not clear all around, so the ball's place may be off by a pixel or more: "
-          "check it in the photograph, and give --ball or --ball-mask if need be");
+          "the outline is not clear on all sides, so the position of the ball may be wrong by a pixel or "
+          "more: check it in the photograph, and give --ball or --ball-mask if necessary");
     for (const OutlineFit& fit : fits)
       if ((fit.ball.centre_px() - centre).norm() > 2.0) {
         notes.emplace_back(
@@ -171,7 +171,7 @@ void check(const ProbeRequest& request) {
   if (fs::exists(request.folder) && !fs::is_empty(request.folder)) {
     if (!fs::exists(request.folder / report_name))
       throw InputError(request.folder.string() +
-                       ": holds files that are no light maps of this kind; name a new folder");
+                       ": contains other files than environment maps of this verb; give a new folder");
     if (!request.replace)
       throw InputError(request.folder.string() + ": already holds light maps; --force replaces them");
   }

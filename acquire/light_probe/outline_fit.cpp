@@ -122,7 +122,7 @@ std::vector<Eigen::Vector2d> border_points(const Mask& mask, int width, int heig
 void ProbeOptics::check() const {
   if (focal_px.has_value() == distance_radii.has_value())
     throw InputError(
-        "how near the camera is decides what the ball shows: give either the focal length or the distance "
+        "the distance of the camera is required: give either the focal length or the distance "
         "from the camera to the ball");
   if (focal_px && !(*focal_px > 0.0 && std::isfinite(*focal_px)))
     throw InputError("the focal length is " + std::to_string(*focal_px) +
@@ -176,7 +176,7 @@ MirrorBall ball_from_circle(const ImageCircle& circle, const ProbeOptics& optics
 MirrorBall ball_from_mask(const Mask& mask, int width, int height, const ProbeOptics& optics) {
   const auto points = border_points(mask, width, height);
   if (points.size() < least_points)
-    throw InputError("the ball's mask has no border; paint the ball white on black, all of it");
+    throw InputError("the mask of the ball has no border; paint the whole ball white on black");
   const OutlineFit fit = fit_outline(points, optics, fit_circle(points));
   constexpr double least_support = 0.6;
   if (fit.support < least_support)

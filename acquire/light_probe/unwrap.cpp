@@ -175,7 +175,7 @@ SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Tur
   options.check();
   if (photograph.radiance.channels != 3) throw InputError("a light probe needs a photograph of 3 channels");
   if (!hidden.empty() && hidden.size() != photograph.radiance.pixel_count())
-    throw InputError("the mask of what to hide differs in size from the photograph");
+    throw InputError("the mask of hidden objects differs in size from the photograph");
   SeenLight seen = nothing_seen(options.width);
   const Unwrapper unwrapper(photograph, ball, turn, hidden, options);
   tbb::parallel_for(tbb::blocked_range<int>(0, options.width / 2, 4),

@@ -111,10 +111,10 @@ double median_interval(std::span<const ClockSeconds> times) {
 
 ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<const TimedBrightness> second,
                               double largest_offset_seconds, bool with_drift) {
-  const std::string remedy = "; tell the clocks' offset with --offset";
+  const std::string remedy = "; give the offset of the clocks with --offset";
   if (first.size() < least_common || second.size() < least_common)
     throw InputError("series of " + std::to_string(first.size()) + " and " + std::to_string(second.size()) +
-                     " photographs are too short to tell their clocks' offset from brightness" + remedy);
+                     " photographs are too short to estimate the clock offset from brightness" + remedy);
   if (!(largest_offset_seconds > 0.0))
     throw InputError("the largest offset to try must be above zero seconds");
   const Signal a(first), b(second);
@@ -135,12 +135,12 @@ ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<
     if (std::abs(i - peak) > another) best.runner_up = std::max(best.runner_up, found[i + tries]);
   refine(a, b, with_drift, step, best);
   if (best.correlation < least_correlation)
-    throw InputError("the brightness of the two series does not go together (highest correlation " +
+    throw InputError("the brightness of the two series is not correlated (highest correlation " +
                      std::to_string(best.correlation) + " within ±" + std::to_string(largest_offset_seconds) +
                      " s); widen --largest-offset, or" + remedy.substr(1));
   if (best.runner_up > ambiguous * best.correlation)
     throw InputError(
-        "the brightness of the two series goes together at several offsets alike (correlations " +
+        "the brightness of the two series matches equally well at several offsets (correlations " +
         std::to_string(best.correlation) + " and " + std::to_string(best.runner_up) + ")" + remedy);
   return best;
 }

@@ -74,7 +74,7 @@ std::vector<SeriesFile> read_series(const std::string& pattern) {
     }
     if (!time)
       throw InputError(match.path.string() +
-                       ": when it was taken stands neither in its metadata nor in its name; list it in " +
+                       ": has no capture time in its metadata or its name; list it in " +
                        (folder / times_file_name).string() + " as NAME<tab>2004-06-21T12:30:05");
     file.time = *time;
     series.push_back(file);
@@ -123,7 +123,7 @@ void bring_clocks_together(const MatchRequest& request, const std::vector<Series
   if (request.offset_seconds) {
     if (!request.drift_ppm)
       throw InputError(
-          "the clocks' drift can be told only together with their offset; leave the offset to be told, too");
+          "the clock drift can be estimated only together with the offset; give --offset auto as well");
     summary.clocks = {*request.offset_seconds, 1e-6 * *request.drift_ppm, probes.front().time};
     return;
   }

@@ -87,7 +87,7 @@ ImageCountStudy study_image_count(const ReportInput& input, std::size_t most_pix
   }
 
   study.series = ways_to_estimate(input);
-  Progress progress("error against images", study.series.size() * counts.size());
+  Progress progress("error by number of images", study.series.size() * counts.size());
   for (StudySeries& series : study.series)
     for (const int count : counts) {
       throw_if_interrupted();

@@ -45,7 +45,7 @@ void require_fit(const ReflectanceField& field, const fs::path& path, const Capt
 
 FieldEntry load_field(const fs::path& path, const CaptureSession& session) {
   if (!fs::exists(path))
-    throw InputError(path.string() + ": there is no such field; make it with 'refield estimate " +
+    throw InputError(path.string() + ": the field does not exist; create it with 'refield estimate " +
                      (session.folder.empty() ? "--light … --observed …" : session.folder.string()) + " -o " +
                      path.string() + "'");
   FieldEntry entry;
@@ -114,7 +114,7 @@ void load_truth(ReportInput& input, const fs::path& scratch) {
   const fs::path path = input.truth_folder / "transport.rfield";
   if (!fs::is_directory(input.truth_folder))
     throw InputError(input.truth_folder.string() +
-                     ": is no folder; give the one that 'refield simulate' wrote, or leave --truth out");
+                     ": is not a folder; give a folder written by 'refield simulate', or remove --truth");
   if (fs::exists(path) && fs::file_size(path) <= largest_transport_bytes) {
     input.transport = read_image_field(path);
     require_fit(*input.transport, path, input.session);

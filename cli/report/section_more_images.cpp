@@ -22,9 +22,9 @@ double middle_noise(const ReflectanceField& field) {
 
 std::string more_images_html(const ReportInput& input) {
   LineChart chart;
-  chart.title = "Error of the middle pixel against images";
+  chart.title = "Median pixel error against number of images";
   chart.x_label = "images, in units of the training images";
-  chart.y_label = "relative RMSE on unseen images";
+  chart.y_label = "relative RMSE on new images";
   chart.x_ticks = {0.25, 0.5, 1.0, 2.0};
   std::string advice;
   for (std::size_t f = 0; f < input.fields.size(); ++f) {

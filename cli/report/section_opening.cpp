@@ -75,8 +75,8 @@ std::string opening_html(const ReportInput& input, const std::vector<FieldFigure
     }
   }
   const double pixels = static_cast<double>(entry.field.width) * entry.field.height;
-  tiles += tile(fixed(entry.statistics.mean_stored, 1), "kernels a pixel");
-  tiles += tile(significant(static_cast<double>(entry.file_bytes) / pixels, 3), "bytes a pixel on disk");
+  tiles += tile(fixed(entry.statistics.mean_stored, 1), "kernels per pixel");
+  tiles += tile(significant(static_cast<double>(entry.file_bytes) / pixels, 3), "bytes per pixel on disk");
   tiles += tile(duration_text(figures.front().relight_seconds), "to relight a frame");
   return "<header><p class=\"kicker\">Reflectance field report</p><h1>" +
          escaped(session_name(input.session)) + "</h1>\n" + first_impression(input) +

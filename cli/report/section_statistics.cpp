@@ -150,7 +150,7 @@ std::string maps(const ReportInput& input) {
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
     const FieldEntry& entry = input.fields[f];
     html += "<div class=\"grid maps\" style=\"--columns:" + std::to_string(1 + errors[f].size()) + "\">" +
-            map_figure(kernel_count_map(entry.field), most, input.mask, entry.label + ": kernels a pixel",
+            map_figure(kernel_count_map(entry.field), most, input.mask, entry.label + ": kernels per pixel",
                        fixed(most, 0));
     for (const ErrorMap& error : errors[f])
       html += map_figure(error.map, error_high, input.mask, entry.label + ": " + error.title,

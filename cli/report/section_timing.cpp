@@ -26,7 +26,7 @@ std::string timing_html(const ReportInput& input, const std::vector<FieldFigures
       row("relight", input.fields[f].path.string(), duration_text(figures[f].relight_seconds) + " a frame",
           bytes_text(static_cast<double>(input.fields[f].field.transfer.entries()) * 16.0), "all",
           "measured for this page: " + fixed(1.0 / figures[f].relight_seconds, 0) +
-              " frames a second; memory: the field");
+              " frames per second; memory: the field");
   if (rows.empty()) return "";
   return section_html("Time and memory",
                       "<div class=\"wide\"><table><thead><tr><th>Stage</th><th>Made</th><th "

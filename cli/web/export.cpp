@@ -75,7 +75,7 @@ void require_page_folder(const fs::path& folder) {
   };
   const auto refuse = [](const fs::path& path) {
     throw InputError(path.string() +
-                     ": is there already and is no file of an exported page; give an empty or new folder");
+                     ": already exists and is not part of an exported page; give an empty or new folder");
   };
   const bool exported = starts_with(folder / "data.js", "refield.describe(");
   for (const auto& entry : fs::directory_iterator(folder)) {

@@ -70,7 +70,8 @@ void tell_share(App& app) {
   if (!app.tells_share || !app.state->is_current()) return;
   app.tells_share = false;
   char text[120];
-  std::snprintf(text, sizeof text, ": %.1f %% of its light comes from where the monitor is; turn it for more",
+  std::snprintf(text, sizeof text,
+                ": %.1f %% of its light comes from the directions of the monitor; rotate it for more",
                 100.0 * app.state->share().energy);
   say(app, app.light_name + text);
 }

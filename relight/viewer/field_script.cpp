@@ -55,7 +55,7 @@ void perform(App& app, const ScriptCommand& command) {
     case Verb::save_light:
       return save_light(app, command.text);
     default:
-      throw InputError("this command is for moving scenes; here a field is shown");
+      throw InputError("this command requires a dynamic scene, but a field is shown");
   }
 }
 

@@ -225,7 +225,8 @@ Texture::~Texture() {
 }
 
 void Texture::update(int width, int height, std::span<const std::uint8_t> rgba) {
-  if (rgba.size() != std::size_t{4} * width * height) throw InputError("a texture takes four bytes a pixel");
+  if (rgba.size() != std::size_t{4} * width * height)
+    throw InputError("a texture takes four bytes per pixel");
   if (name_ == 0) {
     glGenTextures(1, &name_);
     glBindTexture(GL_TEXTURE_2D, name_);

@@ -81,7 +81,7 @@ void draw_title(const App& app, const Area& area) {
   const Point corner{area.x + 12.0, area.y + 12.0};
   if (state.probed()) {
     char text[120];
-    std::snprintf(text, sizeof text, "What texels %d, %d + %d×%d light", state.probed()->x0,
+    std::snprintf(text, sizeof text, "Contribution of texels %d, %d + %d×%d", state.probed()->x0,
                   state.probed()->y0, state.probed()->width(), state.probed()->height());
     draw_plate(corner, text, accent_colour);
     return;
@@ -96,7 +96,7 @@ void draw_title(const App& app, const Area& area) {
       draw_plate(corner, "Predicted relative error on new photographs", text_colour);
       return;
     case Shown::photograph_noise:
-      draw_plate(corner, "Of it, the photographs' own noise", text_colour);
+      draw_plate(corner, "Part caused by photograph noise", text_colour);
       return;
     case Shown::training_error:
       draw_plate(corner, "Relative error on the training photographs", text_colour);

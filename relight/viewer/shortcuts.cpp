@@ -72,7 +72,8 @@ std::vector<Shortcut<App>> make_shortcuts() {
        [](App& a) { add_lamp_and_select(a, Lamp::Shape::bar); }},
       {{lamps, "N", GLFW_KEY_N, false, "add a spot"},
        [](App& a) { add_lamp_and_select(a, Lamp::Shape::spot); }},
-      {{lamps, "Tab", GLFW_KEY_TAB, false, "select the next lamp"}, [](App& a) { select_lamp_beside(a, 1); }},
+      {{lamps, "Tab", GLFW_KEY_TAB, false, "select the next area light"},
+       [](App& a) { select_lamp_beside(a, 1); }},
       {{lamps, "Left", GLFW_KEY_LEFT, false, "move it left"},
        [](App& a) { move_selected(a, -lamp_step, 0.0); }},
       {{lamps, "Right", GLFW_KEY_RIGHT, false, "move it right"},
@@ -88,14 +89,14 @@ std::vector<Shortcut<App>> make_shortcuts() {
       {{lamps, "Delete", GLFW_KEY_DELETE, false, "remove it"}, remove_selected},
       {{light, ".", GLFW_KEY_PERIOD, false, "turn by 5°"}, [](App& a) { turn_light(a, turn_step_degrees); }},
       {{light, ",", GLFW_KEY_COMMA, false, "turn back"}, [](App& a) { turn_light(a, -turn_step_degrees); }},
-      {{light, "Space", GLFW_KEY_SPACE, false, "light in motion, or at rest"},
+      {{light, "Space", GLFW_KEY_SPACE, false, "start or stop the light motion"},
        [](App& a) { a.is_playing = !a.is_playing; }},
-      {{light, "P", GLFW_KEY_P, false, "probe: what does a part light?"},
+      {{light, "P", GLFW_KEY_P, false, "probe: contribution of a region"},
        [](App& a) {
          a.probes = !a.probes;
          if (!a.probes) a.state->probe(std::nullopt);
        }},
-      {{light, "K", GLFW_KEY_K, false, "kernels over the map, or not"},
+      {{light, "K", GLFW_KEY_K, false, "show or hide kernels"},
        [](App& a) { a.shows_kernels = !a.shows_kernels; }},
       {{picture, "1", GLFW_KEY_1, false, "the relit scene"}, [](App& a) { show(a, Shown::picture); }},
       {{picture, "2", GLFW_KEY_2, false, "false colour"}, [](App& a) { show(a, Shown::false_colour); }},

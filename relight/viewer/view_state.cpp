@@ -157,7 +157,7 @@ bool ViewState::has(Shown shown) const {
 
 void ViewState::show(Shown shown) {
   if (!has(shown))
-    throw InputError("the field holds no map of that error; fields that 'refield estimate' made do");
+    throw InputError("the field contains no map of this error; fields written by 'refield estimate' do");
   shown_ = shown;
   is_picture_old_ = true;
   error_range_ = 0.0;

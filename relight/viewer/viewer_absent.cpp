@@ -17,8 +17,8 @@ namespace {
 [[noreturn]] void refuse() {
   throw DeviceError(
       "viewer", ENOSYS,
-      "this program was built without a window; install libglfw3-dev, libimgui-dev and libgl-dev "
-      "and build it anew, or relight into files with 'refield relight' and 'refield simulate dynamic'");
+      "this program was built without a window; install libglfw3-dev, libimgui-dev and libgl-dev and build "
+      "it again, or write files with 'refield relight' and 'refield simulate dynamic'");
 }
 
 }  // namespace

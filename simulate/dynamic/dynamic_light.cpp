@@ -36,9 +36,9 @@ double energy_of(std::span<const TermLight> light) {
 }  // namespace
 
 void FrameOptions::check() const {
-  if (lamp_points < 1 || lamp_points > 65536) throw InputError("points of lamps: give 1 to 65536");
+  if (lamp_points < 1 || lamp_points > 65536) throw InputError("number of light samples: give 1 to 65536");
   if (bounces < 0 || bounces > 64) throw InputError("bounces: give 0 to 64");
-  if (!(until >= 0.0 && until < 1.0)) throw InputError("until: give a share, 0 to below 1");
+  if (!(until >= 0.0 && until < 1.0)) throw InputError("until: give a fraction from 0 to below 1");
 }
 
 DynamicLight::DynamicLight(const DynamicScene& scene, std::span<const prt::MeshRays> rays,

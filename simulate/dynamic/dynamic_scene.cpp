@@ -37,7 +37,8 @@ Brdf read_brdf(ConfigSection& section, const fs::path& folder) {
   brdf.roughness = prt::read_number(section, "roughness", 1.0f, 0.01, 1.0);
   const bool shines = (brdf.specular > 0.0f).any();
   if (shines != (brdf.lobe != Lobe::none))
-    section.fail("specular", "it needs one of `exponent` (Phong), `roughness` (GGX), and they need it");
+    section.fail("specular",
+                 "requires one of `exponent` (Phong) and `roughness` (GGX), which in turn require it");
   if (brdf.lobe == Lobe::phong && (brdf.diffuse + brdf.specular > 1.0f).any())
     section.fail("specular", "with `diffuse` it must not add up to more than 1");
   return brdf;
@@ -50,17 +51,17 @@ Motion read_motion(ConfigSection& section, const Eigen::Vector3f& middle) {
     for (std::size_t i = 0; i < rows.size(); ++i)
       if (rows[i][0] < 0.0 || (i > 0 && rows[i][0] <= rows[i - 1][0]))
         section.fail(key, "times must ascend from 0 or later");
-    if (rows.empty()) section.fail(key, "give at least one stop");
+    if (rows.empty()) section.fail(key, "give at least one keyframe");
   };
   if (section.has("path")) {
-    const auto rows = section.rows("path", 4, "give stops [seconds, x, y, z] of the middle");
+    const auto rows = section.rows("path", 4, "give keyframes [seconds, x, y, z] of the centre");
     ascending("path", rows);
     motion.path.clear();
     for (const auto& stop : rows)
       motion.path.push_back({stop[0], Eigen::Vector3d(stop[1], stop[2], stop[3]).cast<float>()});
   }
   if (section.has("turns")) {
-    const auto rows = section.rows("turns", 4, "give stops [seconds, yaw, pitch, roll] in degrees");
+    const auto rows = section.rows("turns", 4, "give keyframes [seconds, yaw, pitch, roll] in degrees");
     ascending("turns", rows);
     for (const auto& stop : rows)
       motion.turns.push_back({stop[0], {.yaw = stop[1], .pitch = stop[2], .roll = stop[3]}});

@@ -139,7 +139,7 @@ RadialTerm functions_of(const FourierOrders& orders, const Candidate& candidate)
 void FactorOptions::check() const {
   if (largest < 0 || largest > most_terms)
     throw InputError("number of BRDF terms " + std::to_string(largest) + ": give one from 1 to " +
-                     std::to_string(most_terms) + ", or 0 for as many as the error takes");
+                     std::to_string(most_terms) + ", or 0 for as many as the error bound requires");
   if (!(error >= 0.0 && error < 1.0))
     throw InputError("error of the BRDF's terms " + std::to_string(error) +
                      ": give a share from 0 to less than 1");

@@ -169,7 +169,7 @@ void trace_vertices(const Mesh& mesh, const prt::MeshRays& rays, const Transport
   const auto vertices = static_cast<Index>(mesh.positions.size());
   transport.receiving = Eigen::MatrixXf::Zero(count, vertices * terms);
   Eigen::MatrixXf returning = Eigen::MatrixXf::Zero(shine.columns(), vertices * terms);
-  Progress progress("light that objects receive", mesh.positions.size());
+  Progress progress("incident light of objects", mesh.positions.size());
   tbb::parallel_for(Index{0}, vertices, [&](Index v) {
     throw_if_interrupted();
     const Eigen::Vector3f& normal = mesh.normals[static_cast<std::size_t>(v)];

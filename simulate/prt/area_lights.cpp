@@ -14,7 +14,7 @@ namespace {
 constexpr double brightest = 1e6;
 
 std::vector<AreaLight::Stop> read_path(ConfigSection& section) {
-  const char* remedy = "give stops [seconds, x, y, z], times ascending from 0 or later";
+  const char* remedy = "give keyframes [seconds, x, y, z] with ascending times from 0 or later";
   std::vector<AreaLight::Stop> path;
   for (const auto& stop : section.rows("path", 4, remedy)) {
     if (stop[0] < 0.0 || (!path.empty() && stop[0] <= path.back().time)) section.fail("path", remedy);
@@ -60,7 +60,7 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
   AreaLight light;
   section.require("radiance");
   if (section.has("path") == section.has("position"))
-    section.fail("path", "give either `position` or, of a light that moves, `path`");
+    section.fail("path", "give either `position` or, for a moving light, `path`");
   if (section.has("path"))
     light.path = read_path(section);
   else

@@ -30,7 +30,7 @@ class Surroundings {
  public:
   Surroundings(const MeshRays& rays, std::span<const Gatherer> points) : rows_(points.size()) {
     const std::vector<Eigen::Vector3d> around = hammersley_sphere(gather_rays);
-    Progress progress("looking for bounced light", points.size());
+    Progress progress("gathering indirect light", points.size());
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t p) {
       if (interrupted()) return;  // thrown away
       if (!points[p].normal.isZero())

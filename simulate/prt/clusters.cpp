@@ -31,11 +31,11 @@ void check(const ClusterOptions& options) {
   require(options.resolution >= 1 && options.resolution <= largest_cube_resolution,
           "resolution " + std::to_string(options.resolution) +
               " of the cube's faces is out of range; give 1 to " + std::to_string(largest_cube_resolution));
-  require(
-      options.samples >= 2 && options.samples <= 16,
-      "samples " + std::to_string(options.samples) + " along a square's side is out of range; give 2 to 16");
+  require(options.samples >= 2 && options.samples <= 16,
+          "samples " + std::to_string(options.samples) +
+              " along the side of a light cluster is out of range; give 2 to 16");
   require(options.epsilon >= 0.0,
-          "epsilon " + std::to_string(options.epsilon) + " is no threshold; give 0 or more");
+          "epsilon " + std::to_string(options.epsilon) + " is not a valid threshold; give 0 or more");
   require(options.pixel_samples >= 1 && options.pixel_samples <= 8,
           "samples " + std::to_string(options.pixel_samples) +
               " along a pixel's side is out of range; give 1 to 8");

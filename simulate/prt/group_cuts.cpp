@@ -152,7 +152,7 @@ std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const Clus
   const std::size_t groups = transfer.groups();
   std::vector<GroupWeights> weights(groups);
   std::vector<std::uint64_t> rays(groups), lights(groups);
-  Progress progress("cutting the light for each group", groups);
+  Progress progress("clustering lights per vertex group", groups);
   tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
     if (interrupted()) return;  // thrown away
     GroupCut cut(transfer, g, options);

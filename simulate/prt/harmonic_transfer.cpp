@@ -123,7 +123,7 @@ void HarmonicOptions::check() const {
   require(radius >= 0.0 && std::isfinite(radius), "radius " + std::to_string(radius),
           "give a length in units of the scene, or 0 for distant light");
   require(map_resolution >= 4 && map_resolution <= 4096, "map_resolution " + std::to_string(map_resolution),
-          "give 4 to 4096 texels a face");
+          "give 4 to 4096 texels per face");
 }
 
 std::span<const float> HarmonicTransfer::row(std::size_t vertex, int output, int channel) const {

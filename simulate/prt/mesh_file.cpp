@@ -123,13 +123,13 @@ Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding) {
   Mesh mesh = in_light_axes(file, coding.value_or(usual_colour_coding(path)));
   if (mesh.triangles.empty())
     throw FormatError(path, file.triangles.empty()
-                                ? "holds no triangles; a point cloud must be made a surface first"
+                                ? "contains no triangles; convert a point cloud to a surface first"
                                 : "holds " + std::to_string(file.triangles.size()) +
                                       " triangles, none with an area; repair the mesh");
   const std::size_t left_out = file.triangles.size() - mesh.triangles.size();
   if (left_out > 0)
     log_line(path.string() + ": " + std::to_string(left_out) + " of " +
-             std::to_string(file.triangles.size()) + " triangles have no area and are left out");
+             std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
   compute_normals(mesh);
   return mesh;
 }

@@ -138,7 +138,7 @@ void append_part(const aiMesh& part, bool normals, bool colours, ImportedMesh& m
     for (std::size_t i = 0; i < 3; ++i) {
       if (face.mIndices[i] >= part.mNumVertices)
         throw MeshFault("a triangle names vertex " + std::to_string(face.mIndices[i]) + " of " +
-                        std::to_string(part.mNumVertices) + "; write the file anew");
+                        std::to_string(part.mNumVertices) + "; export the file again");
       triangle[i] = first + face.mIndices[i];
     }
     mesh.triangles.push_back(triangle);
@@ -156,7 +156,7 @@ std::string kind_of_fault(const std::string& error) {
                                    {"ndex", "an index is out of range"},
                                    {"JSON", "its JSON is damaged"},
                                    {"open", "a file that it refers to cannot be opened"},
-                                   {"No suitable reader", "its content is not what its name promises"}})
+                                   {"No suitable reader", "its content does not match its file extension"}})
     if (speaks_of(word)) return kind;
   return "its content breaks the format";
 }
@@ -174,7 +174,8 @@ ImportedMesh run_library(const fs::path& path) {
   if (!refused.empty())
     throw MeshFault("it refers to " + refused + "; put all that belongs to the mesh into one folder");
   if (scene == nullptr) throw MeshFault(kind_of_fault(importer.GetErrorString()));
-  if (wrong_index) throw MeshFault("a triangle names a vertex that is not there; write the file anew");
+  if (wrong_index)
+    throw MeshFault("a triangle refers to a vertex that does not exist; export the file again");
   const std::span parts(scene->mMeshes, scene->mNumMeshes);
   const bool normals = std::ranges::all_of(parts, [](const aiMesh* part) { return part->HasNormals(); });
   const bool colours =
@@ -230,7 +231,7 @@ void require_valid(const ImportedMesh& mesh, const fs::path& path) {
     for (const std::uint32_t vertex : triangle)
       if (vertex >= mesh.positions.size())
         throw FormatError(path, "a triangle names vertex " + std::to_string(vertex) + " of " +
-                                    std::to_string(mesh.positions.size()) + "; write the file anew");
+                                    std::to_string(mesh.positions.size()) + "; export the file again");
 }
 
 }  // namespace
@@ -254,8 +255,8 @@ ImportedMesh import_mesh(const fs::path& path) {
   const auto answer = run_isolated([&] { return answer_of_library(path); }, library_limits(bytes));
   if (!answer)
     throw FormatError(path,
-                      "the mesh library did not survive this file, or asked for more memory or time than a "
-                      "file of its size justifies; repair or simplify the mesh");
+                      "the mesh library failed on this file or exceeded the limits on memory and time; "
+                      "repair or simplify the mesh");
   if (answer->starts_with('E')) throw FormatError(path, "no readable mesh: " + answer->substr(1));
   std::string_view rest(*answer);
   rest.remove_prefix(1);
@@ -264,7 +265,7 @@ ImportedMesh import_mesh(const fs::path& path) {
                         take(rest, mesh.triangles);
   const auto fits = [&](std::size_t count) { return count == 0 || count == mesh.positions.size(); };
   if (!complete || !fits(mesh.normals.size()) || !fits(mesh.colours.size()))
-    throw FormatError(path, "the mesh library read it wrongly; repair the mesh");
+    throw FormatError(path, "the mesh library returned inconsistent data; repair the mesh");
   require_valid(mesh, path);
   return mesh;
 }

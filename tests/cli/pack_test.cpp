@@ -75,7 +75,7 @@ TEST(PackVerb, RefusesWhatItCannotDo) {
   const std::string field = folder / "f.rfield", packed = folder / "p.rfield";
   EXPECT_THAT(run_refield({"pack", field, "-o", field}), RefusedNaming("f.rfield", "another output"));
   EXPECT_THAT(run_refield({"pack", field, "-o", packed, "--error", "1e-9"}),
-              RefusedNaming("16 bits", "ask for more"));
+              RefusedNaming("16 bits", "allow a larger error"));
   EXPECT_FALSE(std::filesystem::exists(packed));
   ASSERT_THAT(run_refield({"pack", field, "-o", packed}), Succeeded());
   EXPECT_THAT(run_refield({"pack", packed, "-o", folder / "q.rfield"}),

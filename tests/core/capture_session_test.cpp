@@ -150,8 +150,8 @@ TEST_F(CaptureSessionTest, KeysThatNobodyReadsAreRefused) {
     write_manifest(text.replace(at, text.find('\n', at) - at, "mask = " + value));
     return test::message_of([&] { read_capture_session(folder_.path()); });
   };
-  EXPECT_THAT(refusal_of_mask("7"), AllOf(HasSubstr("'mask'"), HasSubstr("text in quotes")));
-  EXPECT_THAT(refusal_of_mask("\"m\\u0000.png\""), AllOf(HasSubstr("'mask'"), HasSubstr("text in quotes")));
+  EXPECT_THAT(refusal_of_mask("7"), AllOf(HasSubstr("'mask'"), HasSubstr("string in quotes")));
+  EXPECT_THAT(refusal_of_mask("\"m\\u0000.png\""), AllOf(HasSubstr("'mask'"), HasSubstr("string in quotes")));
   EXPECT_THAT(refusal("[light]", "[lights]"), HasSubstr("did you mean 'light'?"));
   const auto in_table = [&](const std::string& table, const std::string& added) {
     std::string text = good;

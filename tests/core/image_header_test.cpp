@@ -116,7 +116,7 @@ TEST_F(HostileImage, IsToldByItsContentNotItsName) {
   EXPECT_EQ(error_of(small_exr(), "photograph.jpg"), "no error");
   // A TGA has no signature: OpenImageIO would have found it by trying.
   EXPECT_THAT(error_of(std::string("\0\0\x02\0\0\0\0\0\0\0\0\0\x10\0\x10\0\x18\0", 18), "a.exr"),
-              HasSubstr("none of EXR, HDR, PNG, JPEG, TIFF and PFM"));
+              HasSubstr("the format must be EXR, HDR, PNG, JPEG, TIFF or PFM"));
 }
 
 }  // namespace

@@ -30,7 +30,7 @@ TEST(LearningCurve, SaysWhetherMoreImagesHelp) {
   EXPECT_THAT(LearningCurve(points_of(0.001, 2e-4, 1.0), 0.001).advice(), HasSubstr("would help: twice"));
   const std::string noisy = LearningCurve(points_of(0.02, 1e-5, 1.0), 0.02).advice();
   EXPECT_THAT(noisy, HasSubstr("hardly help"));
-  EXPECT_THAT(noisy, HasSubstr("photographs' noise"));
+  EXPECT_THAT(noisy, HasSubstr("photograph noise"));
 }
 
 TEST(LearningCurve, NeverRisesWithMoreImages) {

@@ -225,7 +225,7 @@ TEST(ReflectanceFieldFile, RefusesImpossibleContent) {
       },
       "outside the light map");
   expect_refused([&] { set_first_values<std::uint32_t>(path, "transfer/column", H5T_NATIVE_UINT32, {60}); },
-                 "a kernel that is not there");
+                 "a kernel that does not exist");
   expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {INFINITY}); },
                  "weight");
   expect_refused([&] { set_first_values<float>(path, "transfer/weight", H5T_NATIVE_FLOAT, {NAN}); },

@@ -107,12 +107,13 @@ TEST_F(Refine, RefusesWhatDoesNotBelongTogether) {
 
   CaptureSession same = session_;
   same.frames.resize(36);
-  EXPECT_THAT(message_of(same, refining()), HasSubstr("nothing to take in"));
+  EXPECT_THAT(message_of(same, refining()), HasSubstr("there are no new images"));
 
   ReflectanceField other = read_reflectance_field(old_path_);
   other.provenance = "{}";
   write_reflectance_field(old_path_, other);
-  EXPECT_THAT(message_of(session_, refining()), HasSubstr("does not say which images"));
+  EXPECT_THAT(message_of(session_, refining()),
+              HasSubstr("does not contain the names of its training images"));
 
   other.basis.domain.parameterisation = Parameterisation::lat_long;
   write_reflectance_field(old_path_, other);

@@ -167,7 +167,7 @@ TEST_F(ViewField, SurroundingsTurnBehindTheMonitorsWindow) {
       << output_;
   const auto place = places();
   ASSERT_EQ(place.size(), 2U) << output_;
-  EXPECT_THAT(output_, HasSubstr("of its light comes from where the monitor is"));
+  EXPECT_THAT(output_, HasSubstr("of its light comes from the directions of the monitor"));
   const EnvironmentProjector projector(monitor, std::span(&placement, 1));
   expect_shown("straight.png", place[0], projector.project(map, {}).light);
   expect_shown("turned.png", place[1], projector.project(map, {.yaw = 40.0}).light);

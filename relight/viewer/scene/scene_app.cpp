@@ -77,14 +77,14 @@ std::vector<Shortcut<SceneApp>> make_scene_shortcuts() {
       {{things, "PageDown", GLFW_KEY_PAGE_DOWN, false, "down"}, [](App& a) { nudge(a, -V::UnitY()); }},
       {{things, ".", GLFW_KEY_PERIOD, false, "turn by 5°"}, [](App& a) { turn(a, turn_step); }},
       {{things, ",", GLFW_KEY_COMMA, false, "turn back"}, [](App& a) { turn(a, -turn_step); }},
-      {{things, "]", GLFW_KEY_RIGHT_BRACKET, false, "a lamp brighter by ⅓ stop"},
+      {{things, "]", GLFW_KEY_RIGHT_BRACKET, false, "area light brighter by ⅓ stop"},
        [](App& a) { brighten(a, third_stop); }},
       {{things, "[", GLFW_KEY_LEFT_BRACKET, false, "dimmer"}, [](App& a) { brighten(a, -third_stop); }},
       {{things, "Delete", GLFW_KEY_DELETE, false, "reset object"},
        [](App& a) { change_handling(a, [](Handling& handling) { handling = {}; }); }},
-      {{motion, "Space", GLFW_KEY_SPACE, false, "the scene's own motion, or rest"},
+      {{motion, "Space", GLFW_KEY_SPACE, false, "start or stop the scene motion"},
        [](App& a) { a.is_playing = !a.is_playing; }},
-      {{motion, "R", GLFW_KEY_R, false, "start over: all back, time 0"},
+      {{motion, "R", GLFW_KEY_R, false, "reset all objects and the time"},
        [](App& a) { a.state.start_over(); }},
       {{motion, "B", GLFW_KEY_B, false, "one bounce more"},
        [](App& a) { a.state.set_bounces(a.state.bounces() + 1); }},
@@ -165,7 +165,7 @@ void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
     case Verb::save:
       return save_scene_picture(app, command.text);
     default:
-      throw InputError("this command is for fields; here a moving scene is shown");
+      throw InputError("this command requires a field, but a dynamic scene is shown");
   }
 }
 
@@ -195,7 +195,7 @@ ScriptStage scene_stage(SceneApp& app) {
   return {.window_point =
               [&app](ScriptCommand::Target target, double x, double y) {
                 if (target != ScriptCommand::Target::picture)
-                  throw InputError("a moving scene has no light map; positions are the image's");
+                  throw InputError("a dynamic scene has no light map; give positions in the image");
                 return app.picture.window_from_image({x, y});
               },
           .key = [](const std::string& name) { return key_named(keys_of(scene_shortcuts()), name); },

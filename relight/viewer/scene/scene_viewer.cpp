@@ -22,7 +22,7 @@ FrameTime draw_scene(SceneApp& app, Texture& picture) {
 
 void handle_in_scene(SceneApp& app, const InputEvent& event) {
   if (std::holds_alternative<FilesDropped>(event))
-    complain(app, "Files cannot be dropped onto a moving scene; open them by 'refield view'");
+    complain(app, "Files cannot be dropped onto a dynamic scene; open them with 'refield view'");
   if (const auto* key = std::get_if<KeyChanged>(&event)) handle_key(scene_shortcuts(), app, *key);
 }
 

@@ -142,7 +142,7 @@ class DarkDisplay : public Illuminator {
 TEST(CalibrateFailure, DisplayIsOff) {
   VirtualRig rig = known_rig(View::scene, {}, {});
   DarkDisplay display(rig.illuminator());
-  EXPECT_THAT(refusal(rig.camera(), display), HasSubstr("the scene is too dark, or the room too bright"));
+  EXPECT_THAT(refusal(rig.camera(), display), HasSubstr("the scene is too dark, or the room is too bright"));
 }
 
 }  // namespace

@@ -39,7 +39,7 @@ TEST(BracketGroups, ByPattern) {
   }
   EXPECT_THAT(refusal(files, Times(4), {"{light}_x*", 0}),
               HasSubstr("train_1_e0.tif: does not match --pattern"));
-  EXPECT_THAT(refusal(files, Times(4), {"train_*", 0}), HasSubstr("{light} once"));
+  EXPECT_THAT(refusal(files, Times(4), {"train_*", 0}), HasSubstr("{light} exactly once"));
   EXPECT_THAT(refusal(files, Times(4), {"{light}.(tif", 0}),
               HasSubstr("does not match"));  // no regular expression
   EXPECT_THAT(refusal({"a_e0.tif", "a_e1.tif", "b_e0.tif"}, Times(3), {"{light}_e*", 0}),

@@ -76,9 +76,9 @@ TEST(AreaLights, RefuseWhatCannotBe) {
   EXPECT_THAT(refuse("position = [0, 0, 0]"), testing::HasSubstr("radiance"));
   EXPECT_THAT(refuse("position = [0, 0, 0]\nradiance = [-1, 1, 1]"), testing::HasSubstr("radiance"));
   EXPECT_THAT(refuse("radiance = [1, 1, 1]\npath = [[1, 0, 0, 0], [1, 1, 0, 0]]"),
-              testing::HasSubstr("times ascending"));
+              testing::HasSubstr("ascending times"));
   EXPECT_THAT(refuse("radiance = [1, 1, 1]\npath = [[1, 0, 0]]"), testing::HasSubstr("[seconds, x, y, z]"));
-  EXPECT_THAT(refuse("radiance = [1, 1, 1]\npath = []"), testing::HasSubstr("give stops"));
+  EXPECT_THAT(refuse("radiance = [1, 1, 1]\npath = []"), testing::HasSubstr("give keyframes"));
   EXPECT_THAT(refuse("radiance = [1, 1, 1]\nposition = [0, 0, 0]\ncolour = 3"), testing::HasSubstr("colour"));
 }
 
