@@ -129,7 +129,7 @@ TEST_F(ReportPage, PageStandsAlone) {
 TEST_F(ReportPage, EqualInputsGiveEqualPagesButForTimes) {
   const auto without_times = [&] {
     write_report(request_);
-    const std::regex times("[0-9.]+ (ms|s|frames a second)");
+    const std::regex times("[0-9.]+ (ms|s|frames per second)");
     return std::regex_replace(std::regex_replace(read_text(page_), times, "T"), std::regex("T a frame"), "T");
   };
   const std::string first = without_times();

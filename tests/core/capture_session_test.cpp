@@ -160,7 +160,7 @@ TEST_F(CaptureSessionTest, KeysThatNobodyReadsAreRefused) {
     return test::message_of([&] { read_capture_session(folder_.path()); });
   };
   EXPECT_THAT(in_table("[camera]", "hight = 4"), AllOf(HasSubstr("[camera] 'hight'"), HasSubstr("'height'")));
-  EXPECT_THAT(in_table("[light]", "gamma = 2.2"), HasSubstr("[light] 'gamma' is not known here; known are"));
+  EXPECT_THAT(in_table("[light]", "gamma = 2.2"), HasSubstr("[light] 'gamma' is not a known key; known are"));
   EXPECT_THAT(in_table("[[frame]]", "weight = 2"), HasSubstr("[[frame]] 'weight'"));
   EXPECT_THAT(in_table("[[frame]]", "orders = 2"), HasSubstr("did you mean 'order'?"));
 }

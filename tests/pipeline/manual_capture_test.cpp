@@ -147,7 +147,7 @@ TEST_F(ManualCapture, TheStarterSetIsWhatItsImagesShow) {
     EXPECT_GT(*std::ranges::max_element(light.values), 0.5f);
   }
   ASSERT_EQ(run({"acquire", "lights", "--starter", "-o", at("lights")}), 2);
-  EXPECT_THAT(log(), HasSubstr("train_000.exr: is there already"));
+  EXPECT_THAT(log(), HasSubstr("train_000.exr: already exists"));
 }
 
 TEST_F(ManualCapture, ImportedByOrderTheCamerasCurveIsEstimated) {
