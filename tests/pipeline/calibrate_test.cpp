@@ -52,7 +52,7 @@ class CalibrateProgram : public testing::Test {
 TEST_F(CalibrateProgram, ACaptureWithTheMeasuredCalibrationAgreesWithOneThatKnowsTheTruth) {
   make_rig("");
   ASSERT_EQ(calibrate(), 0) << log();
-  EXPECT_THAT(log(), HasSubstr("acts on the frame after the next 2"));
+  EXPECT_THAT(log(), HasSubstr("takes effect after 2 more frames"));
   EXPECT_THAT(log(), HasSubstr("whole multiples of 4.167 ms"));
   EXPECT_THAT(read_text(folder_ / "rig.html"), HasSubstr("Superposition: holds"));
   EXPECT_EQ(calibrate(), 2) << "files that exist are kept";

@@ -52,7 +52,7 @@ TEST_F(UntilError, StopsWhenReachedAndKeepsHeldOutFrames) {
   ASSERT_EQ(acquire("easy", {"--until-error", "50%", "--min-images", "12"}), 0) << log();
   EXPECT_EQ(names_of("easy", FrameRole::train).size(), 12u);
   EXPECT_EQ(names_of("easy", FrameRole::test).size(), 5u);
-  EXPECT_THAT(log(), HasSubstr("reached, 28 lights left out"));
+  EXPECT_THAT(log(), HasSubstr("reached, 28 lights skipped"));
   // Complete: the same command again has nothing to do.
   ASSERT_EQ(acquire("easy", {"--until-error", "50%", "--min-images", "12", "--resume"}), 0) << log();
   EXPECT_THAT(log(), HasSubstr("already complete"));
