@@ -31,19 +31,18 @@ std::string opening(const RigMeasurements& rig) {
   std::string html =
       "<p class=\"kicker\">Calibration</p><h1>" + escaped(camera.name) + " and " + escaped(display.name) +
       "</h1><p>" +
-      (holds ? "Light adds up: sessions that are captured with this calibration can be trusted as far "
-               "as the figures below say."
-             : "<strong>Light does not add up (superposition, below). Do not capture with these "
-               "devices as they are set: no relighting made from it would be right.</strong>") +
+      (holds ? "Light is additive: sessions captured with this calibration are valid within the errors below."
+             : "<strong>Light is not additive (see Superposition). Do not capture with these device "
+               "settings: relighting would be wrong.</strong>") +
       "</p>";
   html += "<div class=\"tiles\">" +
           tile(milliseconds(rig.timing.display_latency + rig.timing.display_settling),
-               "from a flip until the light stands still") +
+               "from a page flip until the light is stable") +
           tile(counted(static_cast<std::uint64_t>(rig.timing.control_latency_frames), "frame"),
-               "until the camera's settings act") +
+               "until camera settings take effect") +
           tile(rig.timing.exposure_unit.count() > 0.0 ? milliseconds(rig.timing.exposure_unit) : "any",
-               "whole multiples to expose for, against banding") +
-          tile(significant(rig.camera.electrons_per_dn, 3), "electrons a DN, at gain 1") +
+               "step of exposure times without banding") +
+          tile(significant(rig.camera.electrons_per_dn, 3), "electrons per DN, at gain 1") +
           tile(significant(rig.camera.read_noise_electrons, 3), "electrons of read noise") +
           tile(percent(rig.superposition.largest_error()), "largest error of superposition") + "</div>";
   if (rig.warnings.empty()) return html + "<p class=\"note\">No warnings.</p>";
@@ -54,24 +53,21 @@ std::string opening(const RigMeasurements& rig) {
 
 std::string timing(const RigMeasurements& rig) {
   const DisplayTiming& display = rig.display_timing;
-  return section_html("When light and settings change",
-                      "<div class=\"split\"><div>" + change_plot(display) +
-                          "<p>Each point is a frame taken across a change of the "
-                          "display: how much of the new light it holds, by the middle of its exposure. Light "
-                          "starts to change " +
-                          milliseconds(display.latency) + " after the flip's time stamp and stands still " +
-                          milliseconds(display.latency + display.settling) +
-                          " after it (up: " + milliseconds(display.rise.settling) +
-                          " of change, down: " + milliseconds(display.fall.settling) +
-                          "). Capture takes a frame for a pattern only if its exposure began later than "
-                          "that; nothing is slept "
-                          "for.</p></div><div>" +
-                          step_plot(rig.control_latency) + "<p>The exposure was made " +
-                          significant(rig.control_latency.expected_ratio, 2) + " times as long at frame 0. " +
-                          counted(static_cast<std::uint64_t>(rig.control_latency.frames), "frame") +
-                          " still came with the old one, and capture leaves out as many after every change, "
-                          "whatever the driver says "
-                          "of them.</p></div></div>");
+  return section_html(
+      "Timing of light and settings",
+      "<div class=\"split\"><div>" + change_plot(display) +
+          "<p>Each point is a frame during a change of the display: the fraction of the new light against "
+          "the centre of its exposure. Light starts to change " +
+          milliseconds(display.latency) + " after the time stamp of the page flip and is stable " +
+          milliseconds(display.latency + display.settling) + " after it (up: " +
+          milliseconds(display.rise.settling) + " of change, down: " + milliseconds(display.fall.settling) +
+          "). The capture uses a frame for a pattern only if its exposure started later; no fixed delay is "
+          "needed.</p></div><div>" +
+          step_plot(rig.control_latency) + "<p>The exposure was set to " +
+          significant(rig.control_latency.expected_ratio, 2) + " times the previous time at frame 0. " +
+          counted(static_cast<std::uint64_t>(rig.control_latency.frames), "frame") +
+          " still had the old exposure; the capture discards as many frames after every change, whatever the "
+          "driver reports.</p></div></div>");
 }
 
 std::string banding(const RigMeasurements& rig) {
@@ -79,20 +75,18 @@ std::string banding(const RigMeasurements& rig) {
   std::string words;
   if (measured.ripples.empty())
     words =
-        "Brightness per second does not depend on the exposure: no pulsing of the light between 20 Hz and 2 "
-        "kHz is "
-        "seen, so any exposure will do. The remaining deviation, " +
+        "Brightness per second does not depend on the exposure time: no flicker between 20 Hz and 2 kHz was "
+        "detected, so any exposure time is valid. The remaining deviation, " +
         percent(measured.noise) +
         " RMS from frame to frame, has no period: slow drift of the light, or noise.";
   else
-    words = "The light pulses at " + significant(measured.ripples.front().hz, 5) + " Hz by " +
+    words = "The light flickers at " + significant(measured.ripples.front().hz, 5) + " Hz by " +
             percent(measured.ripples.front().depth) +
-            ". An exposure that is no whole number of periods catches more or less of it; capture rounds "
-            "exposures to "
-            "multiples of " +
+            ". Exposures that are not a whole number of periods vary in brightness; the capture rounds "
+            "exposure times to multiples of " +
             milliseconds(measured.exposure_unit) +
-            ". A pulsing that remains when you turn the "
-            "display's brightness to its highest is the room's lamps: switch them off.";
+            ". Flicker that remains at the highest brightness of the display comes from the room light: "
+            "switch it off.";
   if (measured.refresh_period.count() > 0.0)
     words += " The display refreshes every " + milliseconds(measured.refresh_period) + " (" +
              significant(1.0 / measured.refresh_period.count(), 4) + " Hz).";
@@ -103,28 +97,26 @@ std::string banding(const RigMeasurements& rig) {
 std::string camera(const RigMeasurements& rig) {
   const CameraResponse& response = rig.response;
   const std::string words =
-      "Without light the camera gives " + significant(rig.black.dn, 4) + " DN; samples from " +
+      "Without light the camera returns " + significant(rig.black.dn, 4) + " DN; samples from " +
       fixed(response.saturation_dn, 0) + " DN on may be clipped" +
-      (response.saturation_seen ? "" : " (full scale: no sample was seen to saturate)") +
-      ". In between its samples are " +
+      (response.saturation_seen ? "" : " (full scale: no sample was saturated)") +
+      ". Between them, samples are " +
       (response.is_linear ? "proportional to light."
-                          : "bent; the table in the calibration file straightens them.") +
-      " Points scatter by " + percent(response.residual) +
-      " of the range. A curve with steps or a scatter of more than 1 % tells of a camera that adjusts "
-      "itself.";
+                          : "nonlinear; the table in the calibration file linearises them.") +
+      " Points deviate by " + percent(response.residual) +
+      " of the range. A curve with steps, or a deviation of more than 1 %, indicates automatic camera "
+      "settings.";
   const PhotonTransfer& noise = rig.noise;
   const std::string noise_words =
-      "Photons come by chance, so the variance of a sample grows in proportion to light: the slope says that "
-      "a DN stands "
-      "for " +
-      significant(noise.electrons_per_dn, 3) + " electrons (at gain 1), the start that reading adds " +
-      significant(noise.read_noise_electrons, 3) + " electrons of noise. The sensor holds " +
+      "Photon noise has a variance proportional to light: from the slope, one DN corresponds to " +
+      significant(noise.electrons_per_dn, 3) +
+      " electrons (at gain 1); from the intercept, the read noise is " +
+      significant(noise.read_noise_electrons, 3) + " electrons. The sensor has " +
       significant(noise.full_well_electrons, 3) +
-      " electrons at saturation: a single sample can be right to " +
+      " electrons at saturation: the lowest relative noise of a single sample is " +
       percent(1.0 / std::sqrt(std::max(1.0, noise.full_well_electrons))) +
-      " at best. Points that bend down at the bright end mean a camera that denoises, points that bend up a "
-      "light that "
-      "flickers.";
+      ". Points below the line at the bright end indicate denoising in the camera, points above it a "
+      "flickering light.";
   return section_html("The camera", "<div class=\"split\"><div>" + response_plot(response) + "<p>" +
                                         escaped(words) + "</p></div><div>" + noise_plot(noise, response) +
                                         "<p>" + escaped(noise_words) + "</p></div></div>");
@@ -134,11 +126,11 @@ std::string display(const RigMeasurements& rig) {
   return section_html(
       "The display's tone curves",
       "<div class=\"split\"><div>" + tone_plot(rig.tone_curve) +
-          "</div><p>Light of each channel by drive level, above black, white being 1: points were "
-          "measured, lines go into the calibration file. Patterns are driven through their inverse, so "
-          "that the light shown is the light asked for. A curve that flattens before level 255 means "
-          "that contrast is set too high; one that stays dark for many levels, brightness too "
-          "low.</p></div>");
+          "</div><p>Radiance of each channel against drive level, above black, relative to white: points are "
+          "measured, lines are written to the calibration file. Patterns are converted with the inverse "
+          "curves, so that the display shows the requested radiance. A curve that is flat before level 255 "
+          "indicates a contrast setting that is too high; one that is dark for many levels, a brightness "
+          "setting that is too low.</p></div>");
 }
 
 std::string superposition(const RigMeasurements& rig) {
@@ -150,13 +142,14 @@ std::string superposition(const RigMeasurements& rig) {
              " %</td><td class=\"num\">" + fixed(100.0 * pair.uncertainty, 3) + " %</td><td class=\"num\">" +
              fixed(100.0 * pair.worst_block, 3) + " %</td></tr>";
   table += "</tbody></table>";
-  return section_html("Superposition: " + std::string(rig.superposition.holds() ? "holds" : "broken"),
-                      "<p>I(A) + I(B) − I(black) must equal I(A+B); everything rests on it. An error above " +
-                          percent(rig.superposition.tolerance) +
-                          " is a display that dims itself: turn off dynamic contrast, local dimming, power "
-                          "saving, automatic brightness "
-                          "and, on OLED, lower the brightness until the power limit no longer acts.</p>" +
-                          table);
+  return section_html(
+      "Superposition: " + std::string(rig.superposition.holds() ? "holds" : "broken"),
+      "<p>I(A) + I(B) − I(black) must equal I(A+B), since relighting assumes it. An error above " +
+          percent(rig.superposition.tolerance) +
+          " indicates a display that dims itself: turn off dynamic contrast, local dimming, power saving and "
+          "automatic brightness; on OLED displays, reduce the brightness until the power limit is not "
+          "reached.</p>" +
+          table);
 }
 
 std::string map_html(const std::string& heading, const UniformityMap& measured, const std::string& words) {
@@ -176,15 +169,13 @@ std::string calibration_page(const RigMeasurements& rig) {
   if (rig.flat_field)
     body += map_html(
         "Vignetting", *rig.flat_field,
-        "Share of the light that arrives at each place of the frame. Photographs are divided by it. It "
-        "should be smooth and round about the middle: a slope from one side to the other is a card that is "
-        "lit unevenly.");
+        "Relative light at each position of the frame. Photographs are divided by it. It should be smooth "
+        "and symmetric about the centre: a slope from one side to the other indicates an unevenly lit card.");
   if (rig.screen)
-    body += map_html(
-        "Uniformity of the screen", *rig.screen,
-        "Brightness of each place of the screen as the camera sees it from where it stands. The light on "
-        "record in a session is multiplied by it. LCDs also darken when seen at an angle: place the camera "
-        "for this measurement where the scene stands.");
+    body += map_html("Uniformity of the screen", *rig.screen,
+                     "Relative brightness of each position of the screen, seen from the camera. The light "
+                     "maps of a session are multiplied by it. LCDs also darken at oblique angles: place the "
+                     "camera at the position of the scene for this measurement.");
   return page_html("Calibration of " + rig.camera_description.name, body, "refield acquire calibrate");
 }
 

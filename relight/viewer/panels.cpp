@@ -17,12 +17,11 @@ namespace {
 constexpr double gap = 8.0, status_height = 30.0;
 
 constexpr const char* mouse_help =
-    "Picture: click a pixel to see its kernels over the light map; wheel zooms, right button pans. Scenes "
-    "over "
-    "a mesh: drag turns them, wheel comes nearer, right button or Shift and drag pans.\n"
-    "Light map: drag lamps, wheel sizes them; drag beside them to turn the map; hold the right button to see "
-    "what that part alone lights, wheel sizes the part.\n"
-    "Open light maps and fields by the button, or drop them onto the window.";
+    "Image: click a pixel to see its kernels over the light map; the mouse wheel zooms, the right button "
+    "pans. Mesh fields: drag to rotate, wheel to zoom, right button or Shift and drag to pan.\n"
+    "Light map: drag area lights, the wheel changes their size; drag elsewhere to rotate the map; hold the "
+    "right button to see the contribution of a region, the wheel changes its size.\n"
+    "Open light maps and fields with the button, or drop them onto the window.";
 
 std::string name_text(const App& app) {
   const ReflectanceField& field = app.state->field();

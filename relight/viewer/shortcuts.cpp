@@ -66,7 +66,7 @@ void fit(App& app) {
 }
 
 std::vector<Shortcut<App>> make_shortcuts() {
-  const std::string lamps = "Lamps", light = "Light map", picture = "Picture", rest = "Everything";
+  const std::string lamps = "Area lights", light = "Light map", picture = "Image", rest = "General";
   return {
       {{lamps, "B", GLFW_KEY_B, false, "add a bar"},
        [](App& a) { add_lamp_and_select(a, Lamp::Shape::bar); }},
@@ -118,7 +118,7 @@ std::vector<Shortcut<App>> make_shortcuts() {
       {{rest, "S", GLFW_KEY_S, false, "screenshot, view-0001.png"},
        [](App& a) { a.wants_screenshot = true; }},
       {{rest, "W", GLFW_KEY_W, false, "save as relit-0001.exr and .png"}, save_pictures},
-      {{rest, "R", GLFW_KEY_R, false, "reset the lamps"},
+      {{rest, "R", GLFW_KEY_R, false, "reset the area lights"},
        [](App& a) {
          a.selected.reset();
          a.state->reset_lamps();

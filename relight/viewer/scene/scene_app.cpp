@@ -64,8 +64,8 @@ void let_go(SceneApp& app) {
 std::vector<Shortcut<SceneApp>> make_scene_shortcuts() {
   using App = SceneApp;
   using V = Eigen::Vector3f;
-  const std::string things = "Objects and lamps", motion = "Motion and light", picture = "Picture",
-                    rest = "Everything";
+  const std::string things = "Objects and area lights", motion = "Motion and light", picture = "Image",
+                    rest = "General";
   return {
       {{things, "Tab", GLFW_KEY_TAB, false, "select the next"},
        [](App& a) { a.selected = a.selected ? (*a.selected + 1) % a.state.scene().things.size() : 0; }},
@@ -146,7 +146,7 @@ void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
       return change_handling(app, [&](Handling& handling) { handling.turn_degrees = n[0]; });
     case Verb::gain:
       if (!state.scene().things[selected_thing(app)].is_lamp)
-        throw InputError(state.scene().things[*app.selected].name + " is no lamp");
+        throw InputError(state.scene().things[*app.selected].name + " is not an area light");
       return change_handling(app, [&](Handling& handling) { handling.gain = std::exp2(n[0]); });
     case Verb::time:
       return state.set_time(n[0]);

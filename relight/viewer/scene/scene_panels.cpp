@@ -22,8 +22,8 @@ namespace {
 constexpr double margin = 8.0, status = 30.0, side = 380.0;
 
 constexpr const char* scene_mouse_help =
-    "Drag what moves, and lamps, over the floor; with Shift up and down. Other things first by a click. Drag "
-    "beside them to turn the scene, wheel comes nearer, right button pans.";
+    "Drag moving objects and area lights over the floor; with Shift, up and down. Select other objects with "
+    "a click first. Drag elsewhere to rotate the scene, wheel to zoom, right button to pan.";
 
 Point pointer() {
   return {ImGui::GetIO().MousePos.x, ImGui::GetIO().MousePos.y};
