@@ -240,7 +240,6 @@ int run(int argc, char** argv) {
   refield::cli::add_merge(app, common, action);
   refield::cli::add_relight(app, common, action);
   refield::cli::add_compare(app, common, action);
-  refield::cli::add_chart(app, common, action);
   refield::cli::add_export_web(app, common, action);
   refield::cli::add_pack(app, common, action);
   refield::cli::add_info(app, common, action);

@@ -60,10 +60,6 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
   verb->add_option(
       "--pixel", options->pixels,
       "Column,row of a pixel whose kernels are shown; may be repeated (default: one pixel per pixel class)");
-  verb->add_option("--study-pixels", request.study_pixels,
-                   "Maximum number of pixels that are estimated again to measure the error against the "
-                   "number of images")
-      ->capture_default_str();
   verb->add_option("-o,--output", request.output, "HTML page to write (.html)")->required();
   verb->callback([options, &common, &action] {
     action = [options, &common] {

@@ -252,9 +252,6 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
   verb->add_flag("--force", arguments->force, "Replace an earlier simulation in the folder")->group(result);
   add_simulate_prt(*verb, common, action);
   add_simulate_dynamic(*verb, common, action);
-  add_simulate_dynamic_chart(*verb, common, action);
-  add_simulate_prt_chart(*verb, common, action);
-  add_simulate_dynamic_bases(*verb, common, action);
   verb->callback([verb, arguments, &common, &action] {
     if (!verb->get_subcommands().empty()) return;
     if (arguments->recipe.empty()) throw CLI::RequiredError("recipe");

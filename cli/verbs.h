@@ -17,9 +17,6 @@ using Action = std::function<void()>;
 // One file a verb. Each adds its subcommand and, when that is named, sets `action`.
 void add_simulate(CLI::App& app, const Common& common, Action& action);
 void add_simulate_prt(CLI::App& app, const Common& common, Action& action);  // `refield simulate prt`
-void add_simulate_prt_chart(CLI::App& app, const Common& common, Action& action);
-void add_simulate_dynamic_bases(CLI::App& app, const Common& common, Action& action);
-void add_simulate_dynamic_chart(CLI::App& app, const Common& common, Action& action);
 void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action);
 void add_acquire(CLI::App& app, const Common& common, Action& action);
 void add_hdr(CLI::App& app, const Common& common, Action& action);
@@ -27,7 +24,6 @@ void add_estimate(CLI::App& app, const Common& common, Action& action);
 void add_merge(CLI::App& app, const Common& common, Action& action);
 void add_relight(CLI::App& app, const Common& common, Action& action);
 void add_compare(CLI::App& app, const Common& common, Action& action);
-void add_chart(CLI::App& app, const Common& common, Action& action);
 void add_export_web(CLI::App& app, const Common& common, Action& action);
 void add_pack(CLI::App& app, const Common& common, Action& action);
 void add_info(CLI::App& app, const Common& common, Action& action);

@@ -63,22 +63,10 @@ Json field_json(const FieldEntry& entry, const FieldFigures& figures) {
   return json;
 }
 
-Json study_json(const ImageCountStudy& study) {
-  Json list = Json::array();
-  for (const StudySeries& series : study.series) {
-    Json points = Json::array();
-    for (const StudyPoint& point : series.points)
-      points.push_back(
-          {{"images", point.images}, {"kernels", point.kernels}, {"errors", kinds_json(point.errors)}});
-    list.push_back({{"options", options_json(series.options)}, {"points", points}});
-  }
-  return {{"window", {study.window.x0, study.window.y0, study.window.x1, study.window.y1}}, {"series", list}};
-}
-
 }  // namespace
 
 Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
-                  const ImageCountStudy& study, const std::vector<ChosenPixel>& pixels) {
+                  const std::vector<ChosenPixel>& pixels) {
   const CaptureSession& session = input.session;
   Json json;
   json["session"] = {{"folder", text_of(session)},
@@ -91,7 +79,6 @@ Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& fig
   json["fields"] = Json::array();
   for (std::size_t f = 0; f < figures.size(); ++f)
     json["fields"].push_back(field_json(input.fields[f], figures[f]));
-  json["image_count"] = study_json(study);
   json["pixels"] = Json::array();
   for (const ChosenPixel& pixel : pixels)
     json["pixels"].push_back({{"x", pixel.x}, {"y", pixel.y}, {"kind", pixel.kind}});

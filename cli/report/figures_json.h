@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "cli/report/evaluation.h"
-#include "cli/report/image_count_study.h"
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
 
@@ -13,6 +12,6 @@ namespace refield::report {
 /// The page's figures for machines. Errors are relative RMSE, fractions; numbers that are not finite become
 /// null.
 nlohmann::ordered_json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
-                                    const ImageCountStudy& study, const std::vector<ChosenPixel>& pixels);
+                                    const std::vector<ChosenPixel>& pixels);
 
 }  // namespace refield::report

@@ -39,7 +39,7 @@ section { background: var(--panel); border: 1px solid var(--line); border-radius
 .tile b { display: block; font-size: 25px; line-height: 1.2; font-weight: 650; font-variant-numeric: tabular-nums; }
 .tile span { color: var(--soft); font-size: 13px; }
 .split { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(440px, 100%), 1fr)); gap: 22px 28px; align-items: start; }
-.split > * { min-width: 0; } .located { grid-template-columns: minmax(0, 1fr) minmax(0, 260px); margin-bottom: 14px; }
+.split > * { min-width: 0; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: 6px 12px 6px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
@@ -54,7 +54,6 @@ img { display: block; width: 100%; height: auto; border-radius: 3px; background:
 .grid { display: grid; grid-template-columns: repeat(var(--columns), minmax(0, 1fr)); gap: 8px; align-items: start; }
 .grid.maps { margin-top: 18px; gap: 14px; align-items: start; }
 .row { margin: 16px 0 22px; } .row-title { margin: 0 0 6px; max-width: none; } .row-title b { text-transform: capitalize; }
-.series-name { margin: 10px 0 3px; font-size: 13px; }
 .colour-bar { display: inline-flex; gap: 6px; align-items: center; white-space: nowrap; }
 .colour-bar i { width: 110px; height: 9px; border-radius: 2px; }
 .kernels td { padding: 3px; border: 0; min-width: 74px; } .kernels th { padding: 3px 6px 3px 0; border: 0; text-align: center; vertical-align: middle; }
@@ -77,8 +76,7 @@ img.kernel { image-rendering: pixelated; border-radius: 0; outline: 1px solid va
 .legend { display: flex; flex-wrap: wrap; gap: 4px 18px; font-size: 13px; margin: 4px 0 0 30px; }
 .key { white-space: nowrap; } .key i { display: inline-block; width: 18px; height: 0; margin-right: 7px; vertical-align: 4px; border-top: 3px solid var(--colour); } .key.dashed i { border-top-style: dashed; }
 footer { color: var(--soft); font-size: 13px; } footer p { max-width: none; }
-@media (max-width: 720px) { .hero { grid-template-columns: 1fr; } .grid { grid-template-columns: repeat(2, minmax(0, 1fr)); }
-  .located { grid-template-columns: 1fr; } }
+@media (max-width: 720px) { .hero { grid-template-columns: 1fr; } .grid { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
 @page { margin: 13mm; }
 @media print {
   :root { color-scheme: light; --ground: #fff; --panel: #fff; --ink: #000; --soft: #444; --line: #bbb; --accent: #0f5fae;
@@ -88,7 +86,7 @@ footer { color: var(--soft); font-size: 13px; } footer p { max-width: none; }
   section { border: 0; padding: 0; } .wide { overflow: visible; } .kernels td { min-width: 0; }
   .split { grid-template-columns: 1fr 1fr; } .tiles { grid-template-columns: repeat(5, 1fr); } .tile { padding: 6px 10px; }
   .tile b { font-size: 15pt; }
-  .row, .chart-box, .split, figure, tr { break-inside: avoid; } h2, h3, .row-title, .series-name { break-after: avoid; }
+  .row, .chart-box, .split, figure, tr { break-inside: avoid; } h2, h3, .row-title { break-after: avoid; }
 }
 )css";
 

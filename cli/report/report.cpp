@@ -37,14 +37,12 @@ nlohmann::ordered_json write_report(const ReportRequest& request) {
   if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask);
   const auto logs = find_run_logs(input);
   const auto figures = evaluate(input);
-  const ImageCountStudy study = study_image_count(input, request.study_pixels, scratch.path());
   const KernelStudy kernels = study_kernels(input, pixels);
   const std::string body = opening_html(input, figures) + summary_html(input, figures) +
-                           pictures_html(input) + image_count_html(input, study) + more_images_html(input) +
-                           kernels_html(input, kernels) + statistics_html(input) +
-                           timing_html(input, figures, logs);
+                           pictures_html(input) + more_images_html(input) + kernels_html(input, kernels) +
+                           statistics_html(input) + timing_html(input, figures, logs);
   write_text_atomically(request.output, page_html("Reflectance field report", body));
-  return figures_json(input, figures, study, pixels);
+  return figures_json(input, figures, pixels);
 }
 
 }  // namespace refield::report

@@ -16,7 +16,6 @@ struct ReportRequest {
   std::vector<std::filesystem::path> fields;  ///< at least one
   std::filesystem::path truth;                ///< a simulated session's folder; empty: none
   std::vector<std::array<int, 2>> pixels;  ///< (x, y) whose kernels are shown; empty: chosen by the program
-  std::size_t study_pixels = 3072;         ///< at most so many are estimated again for error against images
   std::filesystem::path output;
 };
 

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "cli/report/evaluation.h"
-#include "cli/report/image_count_study.h"
 #include "cli/report/input.h"
 #include "cli/report/pixel_kernels.h"
 #include "cli/report/run_log.h"
@@ -20,9 +19,8 @@ std::string opening_html(const ReportInput& input, const std::vector<FieldFigure
 std::string summary_html(const ReportInput& input, const std::vector<FieldFigures>& figures);
 /// Light, photograph, prediction and error for held-out lights (Matusik et al. 2004, figures 1 and 6).
 std::string pictures_html(const ReportInput& input);
-/// Error against the number of images (figure 7).
-std::string image_count_html(const ReportInput& input, const ImageCountStudy& study);
-/// Error against images as the fields measured it on their training images, and whether more would help.
+/// Error against the number of images (figure 7) as the fields measured it on their training images, and
+/// whether more would help.
 std::string more_images_html(const ReportInput& input);
 /// Kernels of chosen pixels while they are subdivided (figure 8).
 std::string kernels_html(const ReportInput& input, const KernelStudy& study);

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
-#include <span>
 #include <vector>
 
 #include "core/mesh.h"
 #include "simulate/dynamic/brdf_factors.h"
-#include "simulate/dynamic/parameterisation.h"
 #include "simulate/prt/mesh_rays.h"
 
 namespace refield::dynamic {
@@ -55,17 +53,5 @@ struct PrincipalOptions {
 /// seed. Holds vertices × lights × terms × 8 bytes. Throws InputError for options out of range, Interrupted.
 SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
                              int functions, const PrincipalOptions& options = {});
-
-enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
-
-/// Functions over the surface' own parameters (section 5.1; parameterisation.h), the coarsest first:
-///  - spherical_harmonics: by index, at the vertex' place on the unit sphere; at most 256. A plane is laid
-///    around the sphere.
-///  - haar_wavelets: over (u, v): the mean, then level by level all horizontal, vertical, diagonal details
-///  - cosines: cos πku cos πlv by ascending k² + l²
-/// [vertices × functions], for vertices at surface_places(). Throws InputError for other numbers of functions
-/// than 1 … 256.
-Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> places, int functions);
-SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options = {});
 
 }  // namespace refield::dynamic

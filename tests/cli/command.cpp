@@ -19,11 +19,11 @@ void PrintTo(const CommandResult& result, std::ostream* stream) {
   *stream << "status " << result.status << ", standard error: " << result.err;
 }
 
-CommandResult run_refield(const std::vector<std::string>& arguments) {
+CommandResult run_program(const std::string& program, const std::vector<std::string>& arguments) {
   const TemporaryFolder folder;
   const std::string out = folder / "out";
   const std::string err = folder / "err";
-  std::vector<std::string> words = {REFIELD_PROGRAM};
+  std::vector<std::string> words = {program};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());
@@ -33,12 +33,16 @@ CommandResult run_refield(const std::vector<std::string>& arguments) {
   posix_spawn_file_actions_addopen(&actions, 1, out.c_str(), O_WRONLY | O_CREAT, 0600);
   posix_spawn_file_actions_addopen(&actions, 2, err.c_str(), O_WRONLY | O_CREAT, 0600);
   pid_t child = 0;
-  const int failed = posix_spawn(&child, REFIELD_PROGRAM, &actions, nullptr, argv.data(), environ);
+  const int failed = posix_spawn(&child, program.c_str(), &actions, nullptr, argv.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
-  if (failed != 0) throw std::runtime_error("cannot start " REFIELD_PROGRAM);
+  if (failed != 0) throw std::runtime_error("cannot start " + program);
   int status = 0;
   waitpid(child, &status, 0);
   return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_text(out), read_text(err)};
+}
+
+CommandResult run_refield(const std::vector<std::string>& arguments) {
+  return run_program(REFIELD_PROGRAM, arguments);
 }
 
 }  // namespace refield::test

@@ -16,7 +16,10 @@ struct CommandResult {
 /// For GoogleTest's messages.
 void PrintTo(const CommandResult& result, std::ostream* stream);
 
-/// Runs the built `refield` with the given arguments and waits for it.
+/// Runs a program with the given arguments and waits for it.
+CommandResult run_program(const std::string& program, const std::vector<std::string>& arguments);
+
+/// The same with the built `refield`.
 CommandResult run_refield(const std::vector<std::string>& arguments);
 
 }  // namespace refield::test

@@ -122,19 +122,6 @@ TEST_F(SimulateDynamicVerb, ThePictureIsLikeTheTracedOne) {
               RefusedNaming("--traced", ".exr"));
 }
 
-TEST_F(SimulateDynamicVerb, ChartsItsSettingsAgainstThePapers) {
-  const std::string path = scene(std::string(ball) + rest), chart = folder_ / "chart";
-  ASSERT_THAT(run_refield({"simulate", "dynamic-chart", path, "-o", chart, "--paths", "16"}), Succeeded());
-  std::ifstream csv(std::filesystem::path(chart) / "dynamic.csv");
-  std::string head, row;
-  std::getline(csv, head);
-  EXPECT_NE(head.find("bounced of all"), std::string::npos);
-  int rows = 0;
-  while (std::getline(csv, row)) ++rows;
-  EXPECT_GE(rows, 40);
-  EXPECT_GT(std::filesystem::file_size(std::filesystem::path(chart) / "dynamic.svg"), 2000u);
-}
-
 TEST_F(SimulateDynamicVerb, EqualInputsGiveEqualPictures) {
   ASSERT_THAT(run_refield(command({"-o", folder_ / "a.exr"})), Succeeded());
   ASSERT_THAT(run_refield(command({"-o", folder_ / "b.exr"})), Succeeded());

@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -47,25 +46,6 @@ TEST(PackVerb, MakesASmallFieldThatGoesWhereverAFieldGoes) {
   EXPECT_EQ(info["kind"], "packed reflectance field");
   EXPECT_EQ(info["transfer"]["weight_bits"], figures["weight_bits"]);
   EXPECT_EQ(info["provenance"]["pack"]["pruned"], figures["pruned"]);
-}
-
-TEST(PackVerb, ChartsSizeAgainstError) {
-  const test::TemporaryFolder folder;
-  Rng rng(1);
-  write_reflectance_field(folder / "f.rfield", test::random_field(rng, 64, 48, {32, 24}, 300, 25));
-  const auto result = run_refield({"pack", folder / "f.rfield", "--chart", folder / "chart", "--json"});
-  ASSERT_THAT(result, Succeeded());
-  const json series = json::parse(result.out);
-  ASSERT_EQ(series.size(), 7u);
-  for (const json& figures : series) EXPECT_LE(figures["error"], figures["error_asked"]);
-  EXPECT_LT(series.front()["bytes"], series.back()["bytes"]);
-  std::ifstream table(folder / "chart/pack.csv");
-  std::vector<std::string> lines;
-  for (std::string line; std::getline(table, line);) lines.push_back(line);
-  ASSERT_EQ(lines.size(), 8u);
-  EXPECT_EQ(lines[0], "asked,megabytes,weight_bits,pruned,white,texels,bar,square,smooth");
-  EXPECT_TRUE(std::filesystem::exists(folder / "chart/pack.svg"));
-  EXPECT_FALSE(std::filesystem::exists(folder / "chart/packing.rfield"));
 }
 
 TEST(PackVerb, RefusesWhatItCannotDo) {

@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <string>
 
 #include "core/image_io.h"
@@ -105,75 +104,6 @@ TEST(SimulatePrtVerbErrors, NameTheRemedy) {
   EXPECT_THAT(
       run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh", "--image"}),
       RefusedNaming("--image", "--method clusters"));
-}
-
-std::string chart_scene(const test::TemporaryFolder& folder) {
-  const std::string path = folder / "scene.toml";
-  std::ofstream(path) << "[[mesh]]\nshape = 'hare'\nresolution = 5\non_ground = true\n"
-                         "[[mesh]]\nshape = 'plane'\nresolution = 12\nsize = 3.0\n";
-  return path;
-}
-
-/// The last column of each row of a chart: the error under the last map.
-std::vector<double> last_errors(const std::string& path) {
-  std::ifstream csv(path);
-  std::string line;
-  std::getline(csv, line);
-  EXPECT_EQ(line,
-            "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_lamps_ms,"
-            "median_error,sky");
-  std::vector<double> errors;
-  while (std::getline(csv, line)) errors.push_back(std::stod(line.substr(line.rfind(',') + 1)));
-  return errors;
-}
-
-TEST(PrtChartVerb, ComparesMethodsWithTheExactSum) {
-  const test::TemporaryFolder folder;
-  ASSERT_THAT(run_refield({"simulate", "prt-chart", chart_scene(folder), environment(folder), "-o",
-                           folder / "chart", "--resolution", "16", "--vertices", "64"}),
-              Succeeded());
-  EXPECT_TRUE(std::filesystem::exists((folder / "chart/prt.svg").string()));
-  const std::vector<double> errors = last_errors(folder / "chart/prt.csv");
-  EXPECT_EQ(errors.size(), 28u);
-  EXPECT_LT(*std::ranges::min_element(errors), 0.02);
-}
-
-TEST(PrtChartVerb, ComparesFieldsThatAreThere) {
-  const test::TemporaryFolder folder;
-  const std::string scene = chart_scene(folder), coarse = folder / "coarse.rfield",
-                    fine = folder / "fine.rfield";
-  const auto compute = [&](const std::string& field, const char* epsilon) {
-    return run_refield(
-        {"simulate", "prt", scene, "-o", field, "--resolution", "16", "--epsilon", epsilon, "--json"});
-  };
-  ASSERT_THAT(compute(coarse, "0.02"), Succeeded());
-  ASSERT_THAT(compute(fine, "1e-4"), Succeeded());
-  std::vector<std::string> command = {"simulate",   "prt-chart",      scene,      "--sky", "0.3",
-                                      "-o",         folder / "chart", "--fields", coarse,  fine,
-                                      "--pictures", "--resolution",   "16"};
-  ASSERT_THAT(run_refield(command), Succeeded());
-  const std::vector<double> errors = last_errors(folder / "chart/prt.csv");
-  ASSERT_EQ(errors.size(), 2u);
-  EXPECT_LT(errors[1], 0.01);
-  EXPECT_LT(errors[1], 0.3 * errors[0]);
-
-  // The exact picture and two more, their differences below: none of the first, most of the second.
-  const Image sheet = read_image(folder / "chart/pictures.png");
-  const auto difference_of = [&](int column) {
-    const int width = sheet.width / 3;
-    double sum = 0.0;
-    for (int y = sheet.height / 2; y < sheet.height; ++y)
-      for (int x = column * width; x < (column + 1) * width; ++x) sum += sheet.at(x, y, 0);
-    return sum;
-  };
-  EXPECT_EQ(difference_of(0), 0.0);
-  EXPECT_GT(difference_of(1), 2.0 * difference_of(2));
-  EXPECT_GT(difference_of(2), 0.0);
-
-  command.back() = "32";
-  EXPECT_THAT(run_refield(command), RefusedNaming("coarse.rfield", "--resolution 16"));
-  command[2] = small_scene;
-  EXPECT_THAT(run_refield(command), RefusedNaming("coarse.rfield", "this scene"));
 }
 
 }  // namespace

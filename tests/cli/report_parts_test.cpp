@@ -12,7 +12,6 @@
 #include "cli/report/pixel_choice.h"
 #include "cli/report/pixel_kernels.h"
 #include "cli/report/run_log.h"
-#include "cli/report/study_window.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -135,42 +134,12 @@ TEST(ReportPixels, DensityIsTheRowOfTheTransfer) {
   }
 }
 
-TEST(ReportWindow, WholePictureWhereItIsSmallEnough) {
-  Rng rng(4);
-  const ReflectanceField field = test::random_field(rng, 8, 6, domain, 20, 6);
-  EXPECT_EQ(typical_window(field, {}, 48), (Box{0, 0, 8, 6}));
-}
-
-TEST(ReportWindow, ResemblesTheWhole) {
-  // Four fifths of the picture are diffuse, one fifth is a mirror, far from the centre: a window of the same
-  // mixture must reach over the border between them.
-  ReflectanceField field = one_box_field(50, 40, [](int x, int) {
-    return x >= 40 ? Box{4, 4, 5, 5} : Box{0, 0, 16, 12};
-  });
-  const Box window = typical_window(field, {}, 500);
-  EXPECT_EQ(window.width(), 25);
-  EXPECT_EQ(window.height(), 20);
-  EXPECT_TRUE(window.inside(50, 40));
-  const int mirror = std::max(0, window.x1 - 40);
-  EXPECT_GE(mirror, 3);
-  EXPECT_LE(mirror, 6);
-}
-
 // These took up to half a minute for a large field.
-TEST(ReportWindow, TheChoiceOfPixelsAndWindowEndsOnAnInterruption) {
+TEST(ReportPixels, TheChoiceEndsOnAnInterruption) {
   Rng rng(5);
   const ReflectanceField field = test::random_field(rng, 40, 30, {16, 12}, 60, 5);
   EXPECT_TRUE(test::heeds_interruption([&] { kernel_spreads(field); }));
   EXPECT_TRUE(test::heeds_interruption([&] { choose_pixels(field, {}); }));
-  EXPECT_TRUE(test::heeds_interruption([&] { typical_window(field, {}, 100); }));
-}
-
-TEST(ReportWindow, CroppedFieldRelightsTheCroppedImage) {
-  Rng rng(5);
-  const ReflectanceField field = test::random_field(rng, 8, 6, domain, 20, 6);
-  const LightMap light = test::random_light(rng, domain);
-  const Box window{2, 1, 7, 5};
-  EXPECT_EQ(cropped(field, window).relight(light).values, cropped(field.relight(light), window).values);
 }
 
 TEST(ReportEvaluation, KindsInReadingOrderAndFramesSpread) {

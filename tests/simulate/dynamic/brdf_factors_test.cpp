@@ -8,7 +8,6 @@
 #include <numbers>
 
 #include "core/errors.h"
-#include "simulate/dynamic/lamp_error.h"
 #include "tests/simulate/dynamic/hemisphere.h"
 #include "tests/support/singular_values.h"
 
@@ -104,20 +103,6 @@ TEST(BrdfFactors, HaveTheErrorThatTheyState) {
           << factors.terms() << " terms of an exponent of " << brdf.exponent;
       EXPECT_TRUE(factors.error() <= error || factors.terms() + 1 >= FactorOptions::most_terms);
     }
-}
-
-/// Iwasaki et al., figure 10: a sphere under a lamp.
-TEST(BrdfFactors, ByFourTermsServeLowExponentsAloneAndMoreTermsMendHighOnes) {
-  constexpr double radius = 0.6;
-  for (const float exponent : {4.0f, 8.0f, 16.0f, 64.0f, 128.0f}) {
-    const Brdf brdf = phong(exponent, 0.5f);
-    const double error_of_four = lamp_error(brdf, factor(brdf, {.largest = 4}), radius);
-    EXPECT_GT(error_of_four, exponent <= 16.0f ? 0.05 : 0.34) << exponent;
-    EXPECT_LT(error_of_four, exponent <= 16.0f ? 0.23 : 1.0) << exponent;
-    const BrdfFactors enough = factor(brdf, {.error = 0.1});
-    EXPECT_LT(enough.terms(), 2.1 * exponent + 2.0);  // as the lobe's solid angle falls
-    EXPECT_LT(lamp_error(brdf, enough, radius), 0.04) << exponent;
-  }
 }
 
 TEST(BrdfFactors, DoNotDependOnTheTurnOfTheFrame) {

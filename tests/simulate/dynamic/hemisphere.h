@@ -5,13 +5,18 @@
 #include <vector>
 
 #include "simulate/dynamic/brdf.h"
-#include "simulate/dynamic/lamp_error.h"
 
 namespace refield::dynamic::test {
 
 /// `count` unit directions, evenly over the upper hemisphere, 2π ∕ count steradians each (golden angle).
 inline std::vector<Eigen::Vector3f> hemisphere(int count) {
-  return disc_of_directions(Eigen::Vector3f::UnitZ(), std::numbers::pi / 2, count);
+  std::vector<Eigen::Vector3f> directions;
+  for (int i = 0; i < count; ++i) {
+    const double z = 1.0 - (i + 0.5) / count, across = std::sqrt(1.0 - z * z);
+    const double turn = 2.0 * std::numbers::pi * (2.0 - std::numbers::phi) * i;
+    directions.push_back(Eigen::Vector3d(across * std::cos(turn), across * std::sin(turn), z).cast<float>());
+  }
+  return directions;
 }
 
 /// A measured table of a BRDF given by formula.

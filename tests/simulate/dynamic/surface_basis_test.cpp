@@ -17,7 +17,6 @@ namespace refield::dynamic {
 namespace {
 
 constexpr auto infinite = std::numeric_limits<double>::infinity();
-constexpr std::array kinds{BasisKind::spherical_harmonics, BasisKind::haar_wavelets, BasisKind::cosines};
 
 BrdfFactors matte() {
   return factor({.diffuse = {1, 1, 1}}, {});
@@ -38,31 +37,6 @@ double error_of(const SurfaceBasis& basis, const Eigen::VectorXf& areas, const E
 
 Eigen::MatrixXf gram(const SurfaceBasis& basis, const Eigen::VectorXf& areas) {
   return basis.functions.transpose() * areas.asDiagonal() * basis.functions;
-}
-
-TEST(SurfaceBasis, IsOrthonormalAndExactOnWhatItSpans) {
-  const Mesh hare = prt::hare_mesh(10), plane = prt::plane_mesh(20);
-  for (const Mesh& mesh : {hare, plane})
-    for (const BasisKind kind : kinds) {
-      const Eigen::VectorXf areas = vertex_areas(mesh);
-      const SurfaceBasis basis = fixed_basis(kind, mesh, 16);
-      EXPECT_TRUE(gram(basis, areas).isIdentity(1e-4f));
-      EXPECT_LT(
-          error_of(basis, areas, basis.functions * Eigen::VectorXf::LinSpaced(basis.functions.cols(), -1, 2)),
-          1e-5);
-      // The functions asked for are among what it spans, whatever became of them.
-      const SurfaceBasis asked = fixed_basis(kind, mesh, 9, {.weights = Weights::inverse});
-      EXPECT_LT(error_of(basis, areas, asked.functions), 1e-4);
-    }
-}
-
-TEST(SurfaceBasis, OfAnEvenPlaneNeedsNoChange) {
-  const SurfaceBasis cosines =
-      fixed_basis(BasisKind::cosines, prt::plane_mesh(64), 16, {.weights = Weights::inverse});
-  EXPECT_LT(cosines.condition, 6.0);  // cosines are twice as long where they vary along both sides
-  const SurfaceBasis harmonics =
-      fixed_basis(BasisKind::spherical_harmonics, prt::sphere_mesh(16), 16, {.weights = Weights::inverse});
-  EXPECT_LT(harmonics.condition, 1.3);
 }
 
 TEST(SurfaceBasis, DropsWhatItHasTwice) {
@@ -98,17 +72,6 @@ TEST(SurfaceBasis, WeightsByTheInverseFailWhereTheMatrixIsBadAndOrthonormalOnesD
   EXPECT_GT(bad.condition, 1e10);
   EXPECT_GT(error_of(bad, areas, light), 1.0) << "more functions should have made it worse";
   EXPECT_LT(error_of(surface_basis(monomials(9), areas, {}), areas, light), 1e-3);
-}
-
-TEST(SurfaceBasis, MeetsMeshesTooCoarseForItsFunctions) {
-  const Mesh coarse = prt::sphere_mesh(2);  // 42 vertices
-  for (const BasisKind kind : kinds) {
-    const SurfaceBasis basis = fixed_basis(kind, coarse, 64);
-    EXPECT_LE(basis.functions.cols(), 42);
-    EXPECT_TRUE(basis.functions.allFinite() && basis.to_weights.allFinite());
-    EXPECT_LT(basis.to_weights.norm(), 10.0f);
-    EXPECT_EQ(basis.condition, infinite);
-  }
 }
 
 TEST(PrincipalBasis, IsThatOfAFullDecomposition) {

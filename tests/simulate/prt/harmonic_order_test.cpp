@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How many harmonics light needs, and what windows do to those it does not have. With REFIELD_FIGURES=folder
-// in the environment the figures go to folder/harmonics.csv, of which draw_harmonics.py makes the chart of
+// in the environment the figures go to folder/harmonics.csv, which bench/studies/draw.py draws for
 // docs/method/harmonics.md.
 #include <gtest/gtest.h>
 

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <span>
+
+#include "bench/studies/dynamic/parameterisation.h"
+#include "simulate/dynamic/surface_basis.h"
+
+namespace refield::dynamic {
+
+enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
+
+/// Functions over the surface' own parameters (section 5.1; parameterisation.h), the coarsest first:
+///  - spherical_harmonics: by index, at the vertex' place on the unit sphere; at most 256. A plane is laid
+///    around the sphere.
+///  - haar_wavelets: over (u, v): the mean, then level by level all horizontal, vertical, diagonal details
+///  - cosines: cos πku cos πlv by ascending k² + l²
+/// [vertices × functions], for vertices at surface_places(). Throws InputError for other numbers of functions
+/// than 1 … 256.
+Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> places, int functions);
+SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options = {});
+
+}  // namespace refield::dynamic

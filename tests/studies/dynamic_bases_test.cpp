@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bases for light on surfaces, and BRDFs in terms.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <limits>
+
+#include "bench/studies/dynamic/factor_study.h"
+#include "bench/studies/dynamic/fixed_basis.h"
+#include "bench/studies/dynamic/lamp_error.h"
+#include "simulate/dynamic/point_lights.h"
+#include "simulate/prt/mesh_shapes.h"
+
+namespace refield::dynamic {
+namespace {
+
+constexpr auto infinite = std::numeric_limits<double>::infinity();
+constexpr std::array kinds{BasisKind::spherical_harmonics, BasisKind::haar_wavelets, BasisKind::cosines};
+
+/// Relative, over an area-weighted surface.
+double error_of(const SurfaceBasis& basis, const Eigen::VectorXf& areas, const Eigen::MatrixXf& light) {
+  const Eigen::MatrixXf left = light - basis.functions * (basis.to_weights * light);
+  const Eigen::VectorXf root = areas.cwiseSqrt();
+  return (root.asDiagonal() * left).norm() / (root.asDiagonal() * light).norm();
+}
+
+Eigen::MatrixXf gram(const SurfaceBasis& basis, const Eigen::VectorXf& areas) {
+  return basis.functions.transpose() * areas.asDiagonal() * basis.functions;
+}
+
+TEST(FixedBasis, IsOrthonormalAndExactOnWhatItSpans) {
+  const Mesh hare = prt::hare_mesh(10), plane = prt::plane_mesh(20);
+  for (const Mesh& mesh : {hare, plane})
+    for (const BasisKind kind : kinds) {
+      const Eigen::VectorXf areas = vertex_areas(mesh);
+      const SurfaceBasis basis = fixed_basis(kind, mesh, 16);
+      EXPECT_TRUE(gram(basis, areas).isIdentity(1e-4f));
+      EXPECT_LT(
+          error_of(basis, areas, basis.functions * Eigen::VectorXf::LinSpaced(basis.functions.cols(), -1, 2)),
+          1e-5);
+      // The functions asked for are among what it spans, whatever became of them.
+      const SurfaceBasis asked = fixed_basis(kind, mesh, 9, {.weights = Weights::inverse});
+      EXPECT_LT(error_of(basis, areas, asked.functions), 1e-4);
+    }
+}
+
+TEST(FixedBasis, OfAnEvenPlaneNeedsNoChange) {
+  const SurfaceBasis cosines =
+      fixed_basis(BasisKind::cosines, prt::plane_mesh(64), 16, {.weights = Weights::inverse});
+  EXPECT_LT(cosines.condition, 6.0);  // cosines are twice as long where they vary along both sides
+  const SurfaceBasis harmonics =
+      fixed_basis(BasisKind::spherical_harmonics, prt::sphere_mesh(16), 16, {.weights = Weights::inverse});
+  EXPECT_LT(harmonics.condition, 1.3);
+}
+
+TEST(FixedBasis, MeetsMeshesTooCoarseForItsFunctions) {
+  const Mesh coarse = prt::sphere_mesh(2);  // 42 vertices
+  for (const BasisKind kind : kinds) {
+    const SurfaceBasis basis = fixed_basis(kind, coarse, 64);
+    EXPECT_LE(basis.functions.cols(), 42);
+    EXPECT_TRUE(basis.functions.allFinite() && basis.to_weights.allFinite());
+    EXPECT_LT(basis.to_weights.norm(), 10.0f);
+    EXPECT_EQ(basis.condition, infinite);
+  }
+}
+
+/// Iwasaki et al., figure 10: a sphere under a lamp.
+TEST(LampError, OfFactorsByFourTermsServeLowExponentsAloneAndMoreTermsMendHighOnes) {
+  constexpr double radius = 0.6;
+  for (const float exponent : {4.0f, 8.0f, 16.0f, 64.0f, 128.0f}) {
+    const Brdf brdf = dynamic_chart::half_glossy(exponent);
+    const double error_of_four = lamp_error(brdf, factor(brdf, {.largest = 4}), radius);
+    EXPECT_GT(error_of_four, exponent <= 16.0f ? 0.05 : 0.34) << exponent;
+    EXPECT_LT(error_of_four, exponent <= 16.0f ? 0.23 : 1.0) << exponent;
+    const BrdfFactors enough = factor(brdf, {.error = 0.1});
+    EXPECT_LT(enough.terms(), 2.1 * exponent + 2.0);  // as the lobe's solid angle falls
+    EXPECT_LT(lamp_error(brdf, enough, radius), 0.04) << exponent;
+  }
+}
+
+}  // namespace
+}  // namespace refield::dynamic
