@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Rules that no compiler checks: a licence line on every source, which folders may include which, links of documents.
+# Rules that no compiler checks: a licence line on every source, who includes whom, links and words of documents.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 status=0
@@ -36,5 +36,6 @@ found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' |
 $found"
 
 tests/lint/check_links.py || status=1
+tests/lint/check_words.py || status=1
 
 exit $status
