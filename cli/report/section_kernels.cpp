@@ -59,17 +59,16 @@ std::string panel(const Image& density, const std::string& alt) {
 std::string kernels_html(const ReportInput& input, const KernelStudy& study) {
   if (study.pixels.empty()) return "";
   const bool has_exact = study.pixels.front().exact.has_value();
-  std::string html =
-      "<div class=\"split\"><div>" + marked_photograph(input, study) +
-      "</div><div><p>Each pixel sees the light through kernels, rectangles of the light map with a weight "
-      "each. "
-      "Estimation begins with one rectangle and splits it where that explains the images best. The panels "
-      "show the light map of the marked pixels after a number of subdivisions (before spatial correction), "
-      "then as “" +
-      escaped(input.fields.front().label) + "” holds it";
-  html += has_exact ? ", and the scene’s exact answer" : "";
+  std::string html = "<div class=\"split\"><div>" + marked_photograph(input, study) +
+                     "</div><div><p>The reflectance of a pixel is a sum of kernels: rectangles of the light "
+                     "map, each with a weight. The estimation starts with one rectangle and splits it where "
+                     "this reduces the error most. The panels show the weights over the light map for the "
+                     "marked pixels after a number of splits (before spatial correction), in the field “" +
+                     escaped(input.fields.front().label) + "”";
+  html += has_exact ? ", and in the exact light transport of the scene" : "";
   html +=
-      ". Grey is the weight: white the highest of the panel, black none.</p><table class=\"facts letters\">";
+      ". Grey levels show the weight: white is the highest weight of the panel, black is zero.</p><table "
+      "class=\"facts letters\">";
   for (std::size_t i = 0; i < study.pixels.size(); ++i) {
     const ChosenPixel& pixel = study.pixels[i].pixel;
     html += "<tr><th>" + letter(i) + "</th><td>" + escaped(pixel.kind) + " <small>(" +
@@ -94,13 +93,14 @@ std::string kernels_html(const ReportInput& input, const KernelStudy& study) {
     if (kernels.exact) html += panel(*kernels.exact, name + "exact");
     html += "</tr>";
   }
-  html += "</tbody></table></div><p class=\"note\">Up to " + std::to_string(study.kernels) +
-          " kernels, mode " + std::string(name_of(input.fields.front().options.mode)) +
-          ". Pixels are told apart by how far their kernels’ energy spreads, not by knowledge of the scene.";
-  if (any_done) html += " “–”: no further split was worth it.";
+  html +=
+      "</tbody></table></div><p class=\"note\">Up to " + std::to_string(study.kernels) + " kernels, mode " +
+      std::string(name_of(input.fields.front().options.mode)) +
+      ". Pixel classes are determined from the spread of the kernel energy, not from the scene description.";
+  if (any_done) html += " “–”: no further split reduced the error.";
   if (input.session.light.width > max_kernel_width)
-    html += " A point of a panel shows the highest weight of the texels that it covers.";
-  return section_html("What a pixel sees", html + "</p>");
+    html += " Each point of a panel shows the highest weight of the texels that it covers.";
+  return section_html("Kernels of selected pixels", html + "</p>");
 }
 
 }  // namespace refield::report

@@ -23,7 +23,7 @@ double middle_noise(const ReflectanceField& field) {
 std::string more_images_html(const ReportInput& input) {
   LineChart chart;
   chart.title = "Median pixel error against number of images";
-  chart.x_label = "images, in units of the training images";
+  chart.x_label = "number of images relative to the training images";
   chart.y_label = "relative RMSE on new images";
   chart.x_ticks = {0.25, 0.5, 1.0, 2.0};
   std::string advice;
@@ -32,7 +32,7 @@ std::string more_images_html(const ReportInput& input) {
     const LearningCurve curve(entry.field.learning_curve, middle_noise(entry.field));
     if (!curve.known()) continue;
     Series measured{entry.label + ": measured", static_cast<int>(f), false, {}};
-    Series foreseen{entry.label + ": foreseen", static_cast<int>(f), true, {}};
+    Series foreseen{entry.label + ": extrapolated", static_cast<int>(f), true, {}};
     for (const LearningPoint& point : entry.field.learning_curve)
       measured.points.push_back({point.share, point.error});
     for (const double share : {0.8, 1.0, 1.25, 1.5, 1.75, 2.0})
@@ -43,11 +43,10 @@ std::string more_images_html(const ReportInput& input) {
   }
   if (chart.series.empty()) return "";
   return section_html(
-      "When more images would help",
-      "<div class=\"split\"><div><p>On a sparse lattice of pixels the field was also estimated from a "
-      "quarter, "
-      "a half and four fifths of the training images, and each estimate predicted the images that it had not "
-      "seen. The curve goes on from there, down to the photographs’ own noise and no further.</p>" +
+      "Error against the number of images",
+      "<div class=\"split\"><div><p>On a sparse grid of pixels, the field was also estimated from 25 %, 50 % "
+      "and 80 % of the training images, and each estimate was tested on the remaining images. The curve "
+      "extrapolates these errors, down to the photograph noise as the lower limit.</p>" +
           advice + "</div><div class=\"chart-box\">" + line_chart_svg(chart) + legend_html(chart.series) +
           "</div></div>");
 }

@@ -43,7 +43,7 @@ std::string first_impression(const ReportInput& input) {
   return "<div class=\"hero\">" +
          figure(light.radiance, display_exposure(light.radiance, {}), "Light",
                 "on the display, never used in estimation") +
-         figure(observed, exposure, "Photograph", "of the scene under that light") +
+         figure(observed, exposure, "Photograph", "of the scene under this light") +
          figure(input.fields.front().field.relight(light), exposure, "Prediction",
                 "by " + input.fields.front().label + ", same exposure") +
          "</div>";

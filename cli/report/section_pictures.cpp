@@ -73,13 +73,11 @@ std::string pictures_html(const ReportInput& input) {
     std::ranges::copy(spread_frames(input.session, kind, pictures_of(kind)), std::back_inserter(frames));
   if (frames.empty()) return "";
   std::string html =
-      "<p>What the scene looks like under light that estimation never saw: natural pictures, and the harder "
-      "test, a bar or a "
-      "square of white on black. Frames are taken evenly from the held-out series. Within a row the "
-      "photograph and all "
-      "predictions have one exposure; errors (root mean square of the three channels, against the " +
+      "<p>The scene under held-out light: natural images, and the more difficult white bars and squares on "
+      "black. Frames are selected evenly from the held-out series. In each row, the photograph and all "
+      "predictions have the same exposure; errors (root mean square of the three channels, against the " +
       input.reference_name() +
-      ") have one colour scale. “White” is the radiance that the exposure shows as white.</p>";
+      ") have the same colour scale. “White” is the radiance that is displayed as white.</p>";
   Progress progress("pictures", frames.size());
   for (const CaptureFrame& frame : frames) {
     throw_if_interrupted();

@@ -50,8 +50,8 @@ std::string energy_table(const ReportInput& input) {
 std::string histogram(const ReportInput& input) {
   BarChart chart;
   chart.title = "Kernels a pixel";
-  chart.x_label = "kernels stored for a pixel";
-  chart.y_label = "share of pixels";
+  chart.x_label = "stored kernels per pixel";
+  chart.y_label = "fraction of pixels";
   std::size_t longest = 0;
   for (const FieldEntry& entry : input.fields) longest = std::max(longest, entry.statistics.histogram.size());
   for (std::size_t count = 1; count < longest; ++count) chart.groups.push_back(std::to_string(count));
@@ -79,7 +79,7 @@ std::string predicted_histogram(const ReportInput& input) {
   BarChart chart;
   chart.title = "Predicted error of pixels";
   chart.x_label = "relative RMSE predicted for new photographs, upper end, %";
-  chart.y_label = "share of pixels";
+  chart.y_label = "fraction of pixels";
   for (int i = 1; i <= steps; ++i)
     chart.groups.push_back(i == steps ? "more" : significant(100.0 * high * i / steps, 2));
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
@@ -163,12 +163,11 @@ std::string maps(const ReportInput& input) {
 }  // namespace
 
 std::string statistics_html(const ReportInput& input) {
-  return section_html("Kernels that matter",
-                      "<p>Of all kernels that pixels could have, the share with any weight, and the fewest "
-                      "that together hold 99\u00a0% and 95\u00a0% of "
-                      "the scene’s energy (weight × area). Reflective and refractive scenes need fewer. "
-                      "Beside them, table 1 of Matusik, "
-                      "Loper and Pfister (2004).</p><div class=\"split\"><div>" +
+  return section_html("Kernel statistics",
+                      "<p>The fraction of the allowed kernels with a nonzero weight, and the smallest "
+                      "fractions that contain 99\u00a0% and 95\u00a0% of the energy of the scene (weight × "
+                      "area). Reflective and refractive scenes need fewer kernels. For comparison: table 1 "
+                      "of Matusik, Loper and Pfister (2004).</p><div class=\"split\"><div>" +
                           energy_table(input) + "</div>" + histogram(input) + predicted_histogram(input) +
                           "</div>" + maps(input));
 }

@@ -45,17 +45,17 @@ std::string session_table(const ReportInput& input) {
   html += row("Training images", frames_text(session, FrameRole::train));
   html += row("Held-out images", frames_text(session, FrameRole::test));
   html += row("Ambient image", session.ambient ? "taken, subtracted" : "none");
-  html += row("Mask", session.mask ? "yes: only its pixels count" : "none: all pixels count");
+  html += row("Mask", session.mask ? "yes: pixels outside are ignored" : "none: all pixels are used");
   if (input.truth) html += row("Exact reference", input.truth_note);
   return html + "</table>";
 }
 
 std::string field_table(const ReportInput& input) {
   std::string html =
-      "<div class=\"wide\"><table><thead><tr><th>Field</th><th>Mode</th><th class=\"num\">Kernels a pixel, "
-      "at most</th>"
-      "<th class=\"num\">stored, mean</th><th class=\"num\">Distinct boxes</th><th class=\"num\">File</th>"
-      "<th class=\"num\">Bytes a pixel</th></tr></thead><tbody>";
+      "<div class=\"wide\"><table><thead><tr><th>Field</th><th>Mode</th><th class=\"num\">Kernels per pixel, "
+      "maximum</th>"
+      "<th class=\"num\">Stored, mean</th><th class=\"num\">Distinct boxes</th><th class=\"num\">File</th>"
+      "<th class=\"num\">Bytes per pixel</th></tr></thead><tbody>";
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
     const FieldEntry& entry = input.fields[f];
     const double pixels = static_cast<double>(entry.field.width) * entry.field.height;
@@ -65,7 +65,7 @@ std::string field_table(const ReportInput& input) {
             "</td><td class=\"num\">" +
             (!entry.options_recorded     ? "–"
              : entry.options.kernels > 0 ? std::to_string(entry.options.kernels)
-                                         : std::string("by the data")) +
+                                         : std::string("automatic")) +
             "</td><td class=\"num\">" + fixed(entry.statistics.mean_stored, 1) + "</td><td class=\"num\">" +
             std::to_string(entry.statistics.distinct_boxes) + "</td><td class=\"num\">" +
             bytes_text(static_cast<double>(entry.file_bytes)) + "</td><td class=\"num\">" +
@@ -113,9 +113,9 @@ std::string image_spread(const ReportInput& input, const std::vector<FieldFigure
               escaped(error.per_image[spread.worst].name) + "</code></td></tr>";
     }
   if (list.empty()) return "";
-  return "<h3>Image by image</h3><div class=\"wide\"><table><thead><tr><th>Field</th><th>Light</th>"
+  return "<h3>Errors per image</h3><div class=\"wide\"><table><thead><tr><th>Field</th><th>Light</th>"
          "<th class=\"num\">Images</th><th class=\"num\">Median</th><th class=\"num\">Mean</th>"
-         "<th class=\"num\">Largest</th><th>in image</th></tr></thead><tbody>" +
+         "<th class=\"num\">Largest</th><th>Image</th></tr></thead><tbody>" +
          list + "</tbody></table></div>";
 }
 
@@ -147,23 +147,19 @@ std::string summary_html(const ReportInput& input, const std::vector<FieldFigure
   if (evaluated) html += error_chart(input, figures);
   html += "</div>" + field_table(input);
   if (!evaluated)
-    return section_html(
-        "Summary", html +
-                       "<p class=\"note\">The session holds no image out (role “test”), so there is nothing "
-                       "to measure predictions by.</p>");
+    return section_html("Summary", html +
+                                       "<p class=\"note\">The session has no held-out images (role “test”), "
+                                       "so the error of predictions cannot be measured.</p>");
   html += "<h3>Error on held-out light</h3>" + error_table(input, figures);
   html +=
       "<p class=\"note\">Relative RMSE, √(Σ(predicted − reference)² ∕ Σ reference²), over all images of a "
-      "kind, pixels and "
-      "channels; below it, the median and the 90th percentile of the same measure taken pixel by pixel. "
-      "In dB, the PSNR of the pictures as a screen shows them, 99th percentile white. “Photographs” "
-      "carry the camera’s noise, which no prediction can know";
+      "kind, pixels and channels; below it, the median and the 90th percentile of the same measure per "
+      "pixel, and the PSNR of the tone-mapped images in dB (99th percentile white). “Photographs” contain "
+      "camera noise, which cannot be predicted";
   html += input.truth ? "; “exact images” are " + escaped(input.truth_note) + "." : ".";
   for (const std::string& kind : kinds_of(input.session))
     if (kind == "black")
-      html +=
-          " Under black light next to nothing is left to compare with: that figure measures noise, not the "
-          "field.";
+      html += " Under black light the reference is almost zero: this error measures noise, not the field.";
   return section_html("Summary", html + "</p>" + image_spread(input, figures));
 }
 

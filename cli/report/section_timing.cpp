@@ -23,21 +23,20 @@ std::string timing_html(const ReportInput& input, const std::vector<FieldFigures
   }
   for (std::size_t f = 0; f < figures.size(); ++f)
     if (figures[f].relight_seconds > 0.0)
-      row("relight", input.fields[f].path.string(), duration_text(figures[f].relight_seconds) + " a frame",
+      row("relight", input.fields[f].path.string(), duration_text(figures[f].relight_seconds) + " per frame",
           bytes_text(static_cast<double>(input.fields[f].field.transfer.entries()) * 16.0), "all",
           "measured for this page: " + fixed(1.0 / figures[f].relight_seconds, 0) +
               " frames per second; memory: the field");
   if (rows.empty()) return "";
-  return section_html("Time and memory",
-                      "<div class=\"wide\"><table><thead><tr><th>Stage</th><th>Made</th><th "
-                      "class=\"num\">Time</th><th class=\"num\">Peak "
-                      "memory</th><th class=\"num\">Threads</th><th>Details</th></tr></thead><tbody>" +
-                          rows +
-                          "</tbody></table></div><p class=\"note\">As the stages logged their last run. For "
-                          "scale: the 2004 paper states two "
-                          "hours for a field of 1024 × 768 pixels from 180 images, and half a frame a second "
-                          "for relighting, on a PC "
-                          "of its time.</p>");
+  return section_html(
+      "Time and memory",
+      "<div class=\"wide\"><table><thead><tr><th>Stage</th><th>Made</th><th "
+      "class=\"num\">Time</th><th class=\"num\">Peak "
+      "memory</th><th class=\"num\">Threads</th><th>Details</th></tr></thead><tbody>" +
+          rows +
+          "</tbody></table></div><p class=\"note\">From the logs of the last run of each stage. For "
+          "comparison: the 2004 paper reports two hours for a field of 1024 × 768 pixels from 180 images, "
+          "and 0.5 frames per second for relighting, on a PC of that time.</p>");
 }
 
 }  // namespace refield::report

@@ -106,7 +106,7 @@ TEST_F(ReportPage, PageStandsAlone) {
   EXPECT_TRUE(page.starts_with("<!DOCTYPE html>"));
   EXPECT_TRUE(page.ends_with("</html>\n"));
   for (const char* heading :
-       {"Summary", "Under new light", "What a pixel sees", "Kernels that matter", "Time and memory"})
+       {"Summary", "Under new light", "Kernels of selected pixels", "Kernel statistics", "Time and memory"})
     EXPECT_NE(page.find("<h2>" + std::string(heading)), std::string::npos) << heading;
   EXPECT_NE(page.find("a &lt;field&gt;"), std::string::npos);
   EXPECT_EQ(page.find("a <field>"), std::string::npos) << "names are escaped";
@@ -123,7 +123,8 @@ TEST_F(ReportPage, EqualInputsGiveEqualPagesButForTimes) {
   const auto without_times = [&] {
     write_report(request_);
     const std::regex times("[0-9.]+ (ms|s|frames per second)");
-    return std::regex_replace(std::regex_replace(read_text(page_), times, "T"), std::regex("T a frame"), "T");
+    return std::regex_replace(std::regex_replace(read_text(page_), times, "T"), std::regex("T per frame"),
+                              "T");
   };
   const std::string first = without_times();
   EXPECT_EQ(first, without_times());
@@ -143,7 +144,7 @@ TEST_F(ReportPage, SessionWithoutHeldOutFramesStillGetsAPage) {
   request_.session = session_;
   const auto figures = write_report(request_);
   EXPECT_TRUE(figures.at("fields").at(0).at("errors").empty());
-  EXPECT_NE(read_text(page_).find("holds no image out"), std::string::npos);
+  EXPECT_NE(read_text(page_).find("has no held-out images"), std::string::npos);
 }
 
 TEST_F(ReportPage, RefusesWhatDoesNotFitAndLeavesTheOldPage) {
@@ -185,7 +186,7 @@ TEST_F(ReportPage, PairsOfImagesInsteadOfASession) {
   ASSERT_EQ(all.at("per_image").size(), 5u);
   EXPECT_EQ(all.at("per_image").at(0).at("name"), "bar_0_light");
   const std::string page = read_text(page_);
-  for (const char* word : {"Image pairs", "Image by image", "5 held-out images"})
+  for (const char* word : {"Image pairs", "Errors per image", "5 held-out images"})
     EXPECT_NE(page.find(word), std::string::npos) << word;
 }
 
