@@ -43,13 +43,12 @@ void add_to_provenance(std::string& provenance, const ordered_json& figures) {
 
 void print(const fs::path& output, const ordered_json& figures) {
   const double before = figures["bytes_before"], after = figures["bytes"];
-  std::printf("%s: %.1f MB of %.1f MB, one in %.2f\n", output.c_str(), after * 1e-6, before * 1e-6,
-              before / after);
-  std::printf("weights of %d bits, %.1f %% of %.0f left out for their little energy\n",
-              figures["weight_bits"].get<int>(),
+  std::printf("%s: %.1f MB instead of %.1f MB, compression ratio %.2f\n", output.c_str(), after * 1e-6,
+              before * 1e-6, before / after);
+  std::printf("weights of %d bits; %.1f %% of %.0f weights removed\n", figures["weight_bits"].get<int>(),
               100.0 * figures["pruned"].get<double>() / std::max(1.0, figures["weights"].get<double>()),
               figures["weights"].get<double>());
-  std::printf("error against the full field (relative RMSE), asked %.1e:\n",
+  std::printf("error against the full field (relative RMSE), maximum %.1e:\n",
               figures["error_asked"].get<double>());
   for (const auto& [kind, error] : figures["error_by_kind_of_light"].items())
     std::printf("  %-8s %.2e\n", kind.c_str(), error.get<double>());
@@ -58,7 +57,8 @@ void print(const fs::path& output, const ordered_json& figures) {
 ReflectanceField full_field(const fs::path& path) {
   auto either = read_either_field(path);
   if (std::holds_alternative<PackedField>(either))
-    throw InputError(path.string() + ": is packed already, and errors would add up; give the full field");
+    throw InputError(path.string() +
+                     ": is already packed, and the errors would accumulate; give the full field");
   return std::get<ReflectanceField>(std::move(either));
 }
 
@@ -80,19 +80,21 @@ void pack(const PackOptions& options, const Common& common) {
 
 void add_pack(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<PackOptions>();
-  CLI::App* verb =
-      app.add_subcommand("pack", "Make a reflectance field smaller, to an error that you ask for");
-  verb->footer(
-      "Weights become whole numbers of 8 or 16 bits, kernels that neighbouring pixels share are named once\n"
-      "for all of them, and kernels that carry little of the picture's energy are left out. The packed "
-      "field\n"
-      "goes wherever a field goes. The error is that of relit pictures under five kinds of light: white,\n"
-      "scattered texels, bars, small squares, smooth; each stays below what is asked.\n"
-      "Example: refield pack scene.rfield -o small.rfield --error 1e-3");
+  CLI::App* verb = app.add_subcommand(
+      "pack",
+      "Compress a reflectance field to a given maximum error.\n"
+      "\n"
+      "Weights are quantised to 8 or 16 bits, kernels shared by neighbouring pixels are stored once, and "
+      "kernels with little energy are removed. A packed field can be used like any other field. The error is "
+      "the relative RMSE of relit images against the full field under five kinds of light (white, single "
+      "texels, bars, small squares, smooth); each of them stays below the given maximum.\n"
+      "\n"
+      "Example:\n"
+      "  refield pack scene.rfield -o small.rfield --error 1e-3");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   verb->add_option("-o,--output", options->output, "Packed field to write (.rfield)")->required();
   verb->add_option("--error", options->error,
-                   "Largest relative RMSE of relit pictures against the full field; 2e-5 and more can be had")
+                   "Maximum relative RMSE of relit images against the full field, 2e-5 or more")
       ->check(positive_number())
       ->capture_default_str();
   verb->callback([options, &common, &action] { action = [options, &common] { pack(*options, common); }; });
