@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "acquire/demosaic.h"
 #include "acquire/response_line.h"
@@ -25,6 +26,21 @@ struct Sample {
   float floor_variance;
 };
 
+/// For each exposure the longest of those that get clearly less light relative to their clipping level; the
+/// exposure itself where there is none. Of a still scene, what is clipped there is clipped here too.
+std::vector<std::size_t> shorter_exposures(std::span<const float> per_radiance,
+                                           std::span<const ClipLevel> clip) {
+  constexpr double clearly = 1.5;  // beyond noise: repeated frames of one exposure are left alone
+  const auto level = [&](std::size_t i) { return double{per_radiance[i]} / clip[i].electrons; };
+  std::vector<std::size_t> shorter(per_radiance.size());
+  for (std::size_t i = 0; i < shorter.size(); ++i) {
+    shorter[i] = i;
+    for (std::size_t j = 0; j < shorter.size(); ++j)
+      if (clearly * level(j) <= level(i) && (shorter[i] == i || level(j) > level(shorter[i]))) shorter[i] = j;
+  }
+  return shorter;
+}
+
 /// Merges row by row. `clip` [exposures]. `decode(i, y, electrons, floor)` fills one row of one exposure.
 template <class Decode>
 Photograph merge_rows(int width, int height, int channels, std::span<const float> per_radiance,
@@ -34,10 +50,21 @@ Photograph merge_rows(int width, int height, int channels, std::span<const float
   const std::size_t row_size = static_cast<std::size_t>(width) * channels;
   std::vector<std::uint32_t> useful(exposures * height);
   std::vector<std::uint32_t> clipped(height);
+  const auto shorter = shorter_exposures(per_radiance, clip);
+  std::vector<std::size_t> by_light(exposures);  // the least first
+  std::iota(by_light.begin(), by_light.end(), std::size_t{0});
+  std::ranges::stable_sort(by_light, {}, [&](std::size_t i) { return per_radiance[i] / clip[i].electrons; });
   tbb::parallel_for(tbb::blocked_range<int>(0, height, 8), [&](const tbb::blocked_range<int>& rows) {
     ResponseLines lines(exposures, row_size);
     for (int y = rows.begin(); y < rows.end(); ++y) {
       for (std::size_t i = 0; i < exposures; ++i) decode(i, y, lines.electrons(i), lines.floor(i));
+      // JPEG's ringing leaves levels below clipping among clipped ones: they would pass for samples.
+      for (const std::size_t i : by_light) {
+        if (shorter[i] == i) continue;
+        const float* before = lines.floor(shorter[i]);
+        float* floor = lines.floor(i);
+        for (std::size_t x = 0; x < row_size; ++x) floor[x] = before[x] == infinity ? infinity : floor[x];
+      }
       lines.fit(per_radiance, clip, merged.radiance.row(y), merged.sigma.row(y),
                 std::span(useful).subspan(exposures * y, exposures), clipped[y]);
     }

@@ -18,6 +18,9 @@ struct MergeOptions {
 
 /// For cameras whose saturation was not measured.
 inline constexpr MergeOptions with_unmeasured_saturation{0.01};
+/// For 8-bit files of theirs: clipped samples next to edges are 246 and more in JPEG files of quality 90
+/// to 97.
+inline constexpr MergeOptions with_compressed_samples{0.04};
 
 /// What each exposure was good for.
 struct MergeStatistics {
@@ -35,7 +38,8 @@ struct MergeStatistics {
 /// of the variance (shot, read and quantisation noise) that the line itself *predicts*: weights from the
 /// observed samples would favour those that came out low and bias the result. The prediction starts from Σ
 /// electrons / Σ exposure, which is unbiased. Clipped samples are left out, except where noise alone may have
-/// clipped them (ResponseLines). Where all are clipped, sigma is
+/// clipped them (ResponseLines); a sample that is clipped in an exposure counts as clipped in those at least
+/// half as long again. Where all are clipped, sigma is
 /// +infinity and the radiance a lower bound, the clipping level of the shortest exposure. Radiance may be
 /// negative near black; it is kept, so that averages stay true. Bayer samples are merged before they are
 /// interpolated, grey ones are repeated in all channels.

@@ -202,8 +202,10 @@ Photograph merge_bracket(Bracket& bracket, const BracketCamera& given, MergeStat
   }
   const CameraCalibration calibration = bracket_calibration(camera, bracket.files[0].bits);
   const bool measured = fs::is_regular_file(camera.response);
-  Photograph merged = merge_exposures(frames, calibration,
-                                      measured ? MergeOptions{} : with_unmeasured_saturation, statistics);
+  const MergeOptions unmeasured =
+      calibration.bits == 8 && !camera.saturation ? with_compressed_samples : with_unmeasured_saturation;
+  Photograph merged =
+      merge_exposures(frames, calibration, measured ? MergeOptions{} : unmeasured, statistics);
   divide(merged, calibration.flat_field);
   return merged;
 }

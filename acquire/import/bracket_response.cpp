@@ -442,6 +442,23 @@ ExposureAgreement worst_agreement(std::span<const BracketSamples> brackets, cons
   return result;
 }
 
+std::string factor_text(const BracketSamples& bracket, const ExposureAgreement& agreement) {
+  const double stated = bracket.seconds[agreement.longer] / bracket.seconds[agreement.shorter];
+  return bracket.paths[agreement.longer].string() + ": was exposed " + digits(stated) + " times as long as " +
+         bracket.paths[agreement.shorter].filename().string() + " by the stated times, but is " +
+         digits(stated * agreement.factor) + " times as bright";
+}
+
+/// Whether a contrast curve may explain the factor: where it acts as a power of the light, as in the middle
+/// of its range, exposures differ by one factor. Only several ratios of times tell it from a wrong time.
+bool is_contrast(const BracketSamples& bracket, const ExposureAgreement& agreement) {
+  // Picture styles have powers up to 1.3; a bracketing step taken for another is 1/2, 2/3, 3/2 or 2.
+  constexpr double lowest_power = 0.75, highest_power = 1.4;
+  const double stated = bracket.seconds[agreement.longer] / bracket.seconds[agreement.shorter];
+  const double power = 1.0 + std::log(agreement.factor) / std::log(stated);
+  return bracket.seconds.size() >= 3 && power > lowest_power && power < highest_power;
+}
+
 std::string name_of_response(const BracketCamera& camera, int bits) {
   if (!camera.response.empty()) return "'" + camera.response + "'";
   return bits == 8 ? "the sRGB curve" : "a linear response";
@@ -468,21 +485,19 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
   }
   std::size_t worst = 0;
   const ExposureAgreement before = worst_agreement(brackets, camera, worst);
-  const double off = std::abs(before.factor - 1.0);
-  if (before.spread <= tolerated_spread) {
-    if (off > tolerated_factor) {
-      const BracketSamples& bracket = brackets[worst];
-      const double stated = bracket.seconds[before.longer] / bracket.seconds[before.shorter];
-      notes.push_back(bracket.paths[before.longer].string() + ": was exposed " + digits(stated) +
-                      " times as long as " + bracket.paths[before.shorter].filename().string() +
-                      " by the stated times, but is " + digits(stated * before.factor) +
-                      " times as bright; check --exposures, ISO speed and aperture");
-    }
+  const bool bends = before.spread > tolerated_spread;
+  const bool off = std::abs(before.factor - 1.0) > tolerated_factor;
+  if (!bends && !off) return notes;
+  const std::string off_by = off ? factor_text(brackets[worst], before) : std::string();
+  const bool may_be_a_curve = assumed && !camera.black;
+  if (!bends && !(may_be_a_curve && is_contrast(brackets[worst], before))) {
+    notes.push_back(off_by + "; check --exposures, ISO speed and aperture");
     return notes;
   }
-  const std::string wrong =
-      "the exposures contradict " + name_of_response(camera, first.bits) + " by " + percent(before.spread);
-  if (!assumed || camera.black) {
+  const std::string wrong = bends ? "the exposures contradict " + name_of_response(camera, first.bits) +
+                                        " by " + percent(before.spread)
+                                  : off_by;
+  if (!may_be_a_curve) {
     notes.push_back(wrong +
                     (first.bits == 0 || first.is_sensor
                          ? "; check exposure times, black level, movement and flicker"
@@ -494,10 +509,14 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
   try {
     estimated.curve = estimate_response(brackets).linear_from_dn;
   } catch (const InputError& error) {
-    notes.push_back(wrong + ", and " + error.what());
+    notes.push_back(wrong + ", as if by a contrast curve of the camera's, and " + error.what());
     return notes;
   }
   const ExposureAgreement after = worst_agreement(brackets, estimated, worst);
+  if (!bends && std::abs(after.factor - 1.0) > tolerated_factor) {
+    notes.push_back(off_by + "; check --exposures, ISO speed and aperture");
+    return notes;
+  }
   if (after.spread > tolerated_spread) {
     notes.push_back(wrong + ", and no response curve brings them nearer than " + percent(after.spread) +
                     "; check exposure times, automatic white balance, local contrast, movement and flicker");

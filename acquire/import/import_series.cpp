@@ -185,15 +185,7 @@ void check(const ImportRequest& request) {
 /// Checks the camera's response against some brackets, spread over the series, and settles it.
 void settle_camera(const std::vector<ImportedView>& views, ImportRequest& request, ImportSummary& summary) {
   constexpr std::size_t enough = 5;
-  const std::size_t count = std::min(views.size(), enough);
-  std::vector<BracketSamples> brackets;
-  Progress progress("checking the response", count);
-  for (std::size_t i = 0; i < count; ++i) {
-    throw_if_interrupted();
-    brackets.push_back(samples_of(
-        read_bracket(views[i * views.size() / count].bracket.paths, request.camera, request.exposures)));
-    progress.advance();
-  }
+  const auto brackets = sample_series(views, request, enough);
   if (std::ranges::any_of(brackets, [&](const auto& other) { return other.bits != brackets[0].bits; }))
     return;  // the merge will name the file
   summary.notes = settle_response(brackets, request.camera);

@@ -103,6 +103,20 @@ std::vector<ImportedView> views_of(ImportRequest& request) {
   return views;
 }
 
+std::vector<BracketSamples> sample_series(const std::vector<ImportedView>& views,
+                                          const ImportRequest& request, std::size_t max_brackets) {
+  const std::size_t count = std::min(views.size(), max_brackets);
+  std::vector<BracketSamples> brackets;
+  Progress progress("checking the response", count);
+  for (std::size_t i = 0; i < count; ++i) {
+    throw_if_interrupted();
+    brackets.push_back(samples_of(
+        read_bracket(views[i * views.size() / count].bracket.paths, request.camera, request.exposures)));
+    progress.advance();
+  }
+  return brackets;
+}
+
 FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place) {
   if (name.starts_with("test")) return FrameRole::test;
   if (name.starts_with("reference")) return FrameRole::reference;

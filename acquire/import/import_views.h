@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "acquire/import/bracket_response.h"
 #include "acquire/import/import_series.h"
 #include "acquire/series/capture_time.h"
 #include "core/capture_session.h"
@@ -22,6 +23,11 @@ struct ImportedView {
 /// the first bracket becomes the request's ambient one. Throws InputError naming the file when brackets and
 /// lights do not belong together or two views would have one name.
 std::vector<ImportedView> views_of(ImportRequest& request);
+
+/// Samples of at most `max_brackets` of the views' brackets, evenly spread over the series, with progress.
+/// Throws as read_bracket(), Interrupted.
+std::vector<BracketSamples> sample_series(const std::vector<ImportedView>& views,
+                                          const ImportRequest& request, std::size_t max_brackets);
 
 /// Role of the frame `name`, the `place`th of the session.
 FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place);

@@ -18,10 +18,8 @@
 #include "cli/acquire/virtual_request.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
-#include "core/progress.h"
 #include "simulate/virtual_rig.h"
 
 namespace refield::cli {
@@ -161,28 +159,20 @@ std::vector<BracketSamples> brackets_of(const CalibrateVerbOptions& given) {
   request.photographs = expand_globs(given.photographs);
   request.rule = {given.pattern, given.count};
   for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
-  const auto views = views_of(request);
   constexpr std::size_t enough = 20;
-  const std::size_t count = std::min(views.size(), enough);
-  std::vector<BracketSamples> brackets;
-  Progress progress("reading photographs", count);
-  for (std::size_t i = 0; i < count; ++i) {
-    throw_if_interrupted();
-    const auto& paths = views[i * views.size() / count].bracket.paths;
-    brackets.push_back(samples_of(read_bracket(paths, {}, request.exposures)));
-    const BracketSamples& bracket = brackets.back();
+  const auto brackets = sample_series(views_of(request), request, enough);
+  for (const BracketSamples& bracket : brackets) {
+    const std::string first = bracket.paths.front().string();
     if (bracket.is_sensor || bracket.bits == 0)
       throw InputError(
-          paths.front().string() +
+          first +
           ": RAW and float files are proportional to light and need no curve; import them as they are");
     if (bracket.bits != brackets.front().bits)
-      throw InputError(paths.front().string() +
-                       ": has a different bit depth from earlier files; give files of one kind");
+      throw InputError(first + ": has a different bit depth from earlier files; give files of one kind");
     if (bracket.seconds.size() < 2)
-      throw InputError(paths.front().string() +
+      throw InputError(first +
                        ": is a single exposure; photograph each view with two or more exposure times");
     require_brighter_with_time(bracket, {});
-    progress.advance();
   }
   return brackets;
 }
@@ -207,8 +197,8 @@ void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common&
   const double estimated = spread_under(brackets, camera);
   CameraCalibration calibration = bracket_calibration(camera, brackets.front().bits);
   // Saturation was not measured; cameras bend samples below full scale.
-  calibration.saturation_dn =
-      std::floor((1.0 - with_unmeasured_saturation.clip_margin) * calibration.saturation_dn);
+  const MergeOptions& margin = calibration.bits == 8 ? with_compressed_samples : with_unmeasured_saturation;
+  calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
   write_calibration(given.output, calibration, std::nullopt);
   if (common.json) {
     std::printf("%s\n", json_text(ordered_json{{"brackets", brackets.size()},

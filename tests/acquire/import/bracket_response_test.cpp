@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 #include "core/errors.h"
@@ -28,6 +29,11 @@ double srgb(double light) {
 double contrast(double light) {
   const double x = srgb(light);
   return x + 0.12 * std::sin(2.0 * M_PI * (x - 0.5)) * 4.0 * x * (1.0 - x);
+}
+
+/// A picture style that acts as a power of the light: all exposures differ by one factor.
+double steep(double light) {
+  return std::pow(srgb(light), 1.25);
 }
 
 constexpr int width = 240, height = 160;
@@ -115,6 +121,24 @@ TEST(BracketResponse, AContrastCurveIsNoticedAndEstimated) {
   EXPECT_LT(after, 1.3 * error_of(fresh, BracketCamera{}, srgb) + 0.005);
 }
 
+TEST(BracketResponse, ACurveThatActsAsAPowerIsEstimated) {
+  BracketCamera camera;
+  const auto notes = settle_response(brackets(steep), camera);
+  ASSERT_EQ(notes.size(), 1U);
+  EXPECT_THAT(notes[0], AllOf(HasSubstr("times as bright"), HasSubstr("estimated from 3 brackets")));
+  const Image fresh = scene(9);
+  EXPECT_GT(error_of(fresh, BracketCamera{}, steep), 0.10);
+  EXPECT_LT(error_of(fresh, camera, steep), 0.02);
+}
+
+TEST(BracketResponse, ClippedSamplesBesideEdgesAreNoMeasurement) {
+  // Levels of a clipped highlight in a JPEG file: its compression moves some below 255.
+  Bracket bracket = bracket_of(scene(1), times, srgb);
+  const std::array<std::uint16_t, 3> ringing = {247, 255, 236};
+  for (std::size_t i = 0; i < 3; ++i) bracket.files[i].frame.samples[600] = ringing[i];
+  EXPECT_TRUE(std::isinf(merge_bracket(bracket, {}).sigma.values[600]));
+}
+
 TEST(BracketResponse, NoiseOfCompressionDoesNotBendTheCurve) {
   constexpr double noise = 4.0;
   std::vector<BracketSamples> noisy;
@@ -182,6 +206,17 @@ TEST(BracketResponse, AWrongRatioOfTimesIsNoted) {
   const auto notes = settle_response(std::vector{samples_of(bracket)}, camera);
   ASSERT_EQ(notes.size(), 1U);
   EXPECT_THAT(notes[0], AllOf(HasSubstr("was exposed 2 times as long"), HasSubstr("times as bright")));
+}
+
+TEST(BracketResponse, AWrongStepOfBracketingIsNotTakenForACurve) {
+  Bracket bracket = bracket_of(scene(1), times, srgb);
+  for (std::size_t i = 0; i < 3; ++i)
+    bracket.exposures[i] = Seconds(std::pow(2.0, static_cast<double>(i)) / 60.0);
+  BracketCamera camera;
+  const auto notes = settle_response(std::vector{samples_of(bracket)}, camera);
+  ASSERT_EQ(notes.size(), 1U);
+  EXPECT_THAT(notes[0], HasSubstr("check --exposures"));
+  EXPECT_TRUE(camera.curve.empty());
 }
 
 TEST(BracketResponse, OneExposureOfEightBitsIsWarnedOf) {
