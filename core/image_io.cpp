@@ -488,10 +488,13 @@ LightMap read_light_map(const fs::path& path, Parameterisation parameterisation)
 }
 
 void write_exr(const fs::path& path, const Image& image, Precision precision) {
-  if (image.channels != 1 && image.channels != 3)
-    throw InputError("an EXR of 1 or 3 channels can be written");
-  const std::vector<std::string> names =
-      image.channels == 1 ? std::vector<std::string>{"Y"} : std::vector<std::string>{"R", "G", "B"};
+  std::vector<std::string> names = {"R", "G", "B", "A"};
+  if (image.channels == 1)
+    names = {"Y"};
+  else if (image.channels == 3)
+    names.pop_back();
+  else if (image.channels != 4)
+    throw InputError("an EXR of 1, 3 or 4 channels can be written");
   write_channels(path, image.width, image.height, names, image.values.data(), precision);
 }
 
@@ -514,6 +517,7 @@ std::vector<std::uint8_t> encode_png(const ScreenImage& image) {
   OIIO::Filesystem::IOVecOutput sink(file);
   auto output = OIIO::ImageOutput::create("png");
   OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
+  spec.attribute("oiio:UnassociatedAlpha", 1);  // else levels are multiplied or divided by alpha
   if (!output || !output->set_ioproxy(&sink) || !output->open("memory.png", spec) ||
       !output->write_image(OIIO::TypeDesc::UINT8, image.levels.data()) || !output->close())
     throw InputError("cannot encode a PNG: " + (output ? output->geterror() : OIIO::geterror()));

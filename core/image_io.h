@@ -43,7 +43,8 @@ Photograph read_photograph(const std::filesystem::path& path);
 /// warning; the channels' means stay. Throws InputError on NaN, Inf, many negative values, naming the texel.
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation);
 
-/// Writes a one- or three-channel EXR (ZIP), atomically. Throws DeviceError where the disk refuses.
+/// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically. Throws DeviceError where the disk
+/// refuses.
 void write_exr(const std::filesystem::path& path, const Image& image,
                Precision precision = Precision::single);
 void write_photograph(const std::filesystem::path& path, const Photograph& photograph,

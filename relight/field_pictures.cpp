@@ -85,6 +85,11 @@ Image FieldPictures::picture(const SceneLight& light, std::size_t frame) const {
   return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);
 }
 
+std::vector<float> FieldPictures::coverage(std::size_t frame) const {
+  if (cameras_.empty()) return {};
+  return view_ ? view_->coverage() : MeshView(field_->mesh, cameras_[frame % cameras_.size()]).coverage();
+}
+
 std::vector<PinholeCamera> turntable(const PinholeCamera& start, int frames) {
   std::vector<PinholeCamera> cameras(static_cast<std::size_t>(frames), start);
   for (int i = 0; i < frames; ++i) {

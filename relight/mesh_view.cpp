@@ -100,8 +100,12 @@ void MeshView::gather_shares(const Mesh& mesh, int samples) {
   const std::size_t of_pixel = seen.size() / pixels;
   const auto at = [&](std::size_t pixel) { return std::span(seen).subspan(pixel * of_pixel, of_pixel); };
   first_.assign(pixels + 1, 0);
+  hits_.resize(pixels);
+  samples_ = static_cast<int>(of_pixel);
   tbb::parallel_for(std::size_t{0}, pixels, [&](std::size_t pixel) {
     first_[pixel + 1] = static_cast<std::uint32_t>(shares_of(mesh, at(pixel)).count());
+    hits_[pixel] = static_cast<std::uint8_t>(std::ranges::count_if(
+        at(pixel), [](const SeenPoint& point) { return point.triangle != SeenPoint::nothing; }));
   });
   for (std::size_t pixel = 0; pixel < pixels; ++pixel) first_[pixel + 1] += first_[pixel];
   shares_.resize(first_.back());
@@ -157,6 +161,14 @@ Image MeshView::show(std::span<const Eigen::Array3f> radiance) const {
     Eigen::Map<Eigen::Array3f>(picture.values.data() + 3 * pixel) = sum;
   });
   return picture;
+}
+
+std::vector<float> MeshView::coverage() const {
+  std::vector<float> shares(hits_.size());
+  std::ranges::transform(hits_, shares.begin(), [&](std::uint8_t hits) {
+    return static_cast<float>(hits) / static_cast<float>(samples_);
+  });
+  return shares;
 }
 
 std::optional<std::uint32_t> MeshView::vertex_at(int x, int y) const {

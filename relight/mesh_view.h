@@ -41,6 +41,9 @@ class MeshView {
   /// The same of radiance [vertices] towards the camera, colours included.
   Image show(std::span<const Eigen::Array3f> radiance) const;
 
+  /// [pixels]: the share of each pixel's lines of sight that meet the mesh, from whichever side.
+  std::vector<float> coverage() const;
+
   /// The vertex that has the largest share in a pixel; none where no mesh is.
   std::optional<std::uint32_t> vertex_at(int x, int y) const;
 
@@ -58,6 +61,8 @@ class MeshView {
   const Mesh* mesh_;
   std::vector<std::uint32_t> first_;  // [pixels + 1], in shares_
   std::vector<Share> shares_;
+  std::vector<std::uint8_t> hits_;  // [pixels], lines of sight that meet the mesh
+  int samples_ = 0;
   std::size_t outputs_a_vertex_ = 1;
   std::vector<float> harmonics_;  // [vertices × outputs]; empty where vertices shine alike in all directions
 };

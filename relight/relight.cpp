@@ -7,7 +7,9 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
+#include <span>
 #include <string>
+#include <utility>
 
 #include "core/auto_exposure.h"
 #include "core/errors.h"
@@ -29,6 +31,35 @@ bool is_png(const RelightJob& job) {
 const Image& radiance_of(const SceneLight& light) {
   const auto* map = std::get_if<LightMap>(&light);
   return map ? map->radiance : std::get<TurnedEnvironment>(light).environment->map().radiance;
+}
+
+/// A picture divided by its coverage [pixels], the radiance of the covered part; zero where there is none.
+Image unpremultiplied(Image image, std::span<const float> coverage) {
+  for (std::size_t p = 0; p < coverage.size(); ++p)
+    for (std::size_t c = 0; c < 3; ++c)
+      if (coverage[p] > 0.0f) image.values[3 * p + c] /= coverage[p];
+  return image;
+}
+
+/// EXR prescribes premultiplied alpha, PNG alpha that is not.
+void write_with_alpha(const std::filesystem::path& path, const Image& image,
+                      std::span<const float> coverage) {
+  Image rgba(image.width, image.height, 4);
+  for (std::size_t p = 0; p < coverage.size(); ++p) {
+    std::copy_n(&image.values[3 * p], 3, &rgba.values[4 * p]);
+    rgba.values[4 * p + 3] = coverage[p];
+  }
+  write_exr(path, rgba);
+}
+void write_with_alpha(const std::filesystem::path& path, const Image& straight, const ToneMapping& mapping,
+                      std::span<const float> coverage) {
+  const auto levels = tone_mapped(straight, mapping);
+  ScreenImage rgba{straight.width, straight.height, 4, std::vector<std::uint8_t>(4 * coverage.size())};
+  for (std::size_t p = 0; p < coverage.size(); ++p) {
+    std::copy_n(&levels[3 * p], 3, &rgba.levels[4 * p]);
+    rgba.levels[4 * p + 3] = static_cast<std::uint8_t>(std::lround(255.0f * coverage[p]));
+  }
+  write_png(path, rgba);
 }
 
 }  // namespace
@@ -97,19 +128,26 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   // too. Memory stays at one image a core.
   tbb::parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
     throw_if_interrupted();
-    const Image image = pictures.take(i);
+    Image image = pictures.take(i);
+    const std::vector<float> coverage = field.coverage(i);
     if (is_png(jobs[i])) {
+      const Image shown = unpremultiplied(std::move(image), coverage);
       if (shared) {
         factors[i] = *shared;
       } else {
         ExposureMeter meter;
-        meter.add(image);
+        meter.add(shown);
         factors[i] = meter.exposure();
       }
-      if (exposure.factor) clipped[i] = clipped_share(image, factors[i]);
-      write_png(jobs[i].output, image, {factors[i]});
-    } else {
+      if (exposure.factor) clipped[i] = clipped_share(shown, factors[i]);
+      if (coverage.empty())
+        write_png(jobs[i].output, shown, {factors[i]});
+      else
+        write_with_alpha(jobs[i].output, shown, {factors[i]}, coverage);
+    } else if (coverage.empty()) {
       write_exr(jobs[i].output, image);
+    } else {
+      write_with_alpha(jobs[i].output, image, coverage);
     }
     progress.advance();
   });

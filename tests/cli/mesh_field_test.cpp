@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the verbs do with fields over a mesh.
+#include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -55,6 +56,33 @@ TEST_F(MeshFieldVerbs, RelightShowsTheMeshFromInFront) {
   double sum = 0.0;
   for (const float value : shown.values) sum += value;
   EXPECT_GT(sum, 0.0);
+}
+
+TEST_F(MeshFieldVerbs, RelightWritesCoverageAsAlpha) {
+  const std::string png = folder_ / "out.png";
+  const std::vector<std::string> camera = {
+      "--camera-position", "0,0,-3", "--camera-target", "0,0,0", "--size", "64x48"};
+  for (const std::string& output : {output_, png}) {
+    std::vector<std::string> arguments = {"--light", light_path_, "-o", output, "--exposure", "1"};
+    arguments.insert(arguments.end(), camera.begin(), camera.end());
+    ASSERT_THAT(relight(arguments), Succeeded());
+    const auto input = OIIO::ImageInput::open(output);
+    const OIIO::ImageSpec& spec = input->spec();
+    ASSERT_EQ(spec.nchannels, 4) << output;
+    EXPECT_EQ(spec.alpha_channel, 3);
+    std::vector<float> values(std::size_t{64} * 48 * 4);
+    ASSERT_TRUE(input->read_image(0, 0, 0, 4, OIIO::TypeDesc::FLOAT, values.data()));
+    EXPECT_EQ(values[3], 0.0f) << "a corner shows the background";
+    EXPECT_EQ(values[(24 * 64 + 32) * 4 + 3], 1.0f) << "the middle shows the mesh";
+    const auto partly = [&](std::size_t p) { return values[4 * p + 3] > 0.0f && values[4 * p + 3] < 1.0f; };
+    std::size_t edges = 0;
+    for (std::size_t p = 0; p < values.size() / 4; ++p) edges += partly(p) ? 1 : 0;
+    EXPECT_GT(edges, 20u);
+  }
+  // Both say the same radiance over black; PNG rounds it.
+  const Image exact = read_image(output_), rounded = read_image(png);
+  for (std::size_t i = 0; i < exact.values.size(); ++i)
+    EXPECT_NEAR(std::min(exact.values[i], 1.0f), rounded.values[i], 0.02f) << i;
 }
 
 TEST_F(MeshFieldVerbs, RelightTakesACamera) {

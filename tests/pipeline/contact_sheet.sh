@@ -49,7 +49,7 @@ for field in demo calibrated clusters harmonics glossy; do
     name=$(basename "${map%.*}")
     picture=$folder/$field-$name.png
     "$refield" --quiet relight "$folder/$field.rfield" --env "$map" "${turn[@]}" -o "$picture" >/dev/null
-    read -r black white < <(oiiotool "$picture" --maxchan --colorcount:eps=0.001 0:1 | awk '{print $1}' | xargs)
+    read -r black white < <(oiiotool "$picture" --ch R,G,B --maxchan --colorcount:eps=0.001 0:1 | awk '{print $1}' | xargs)
     read -r pixels mean < <(oiiotool --stats -v "$picture" | awk '
       / x .*channel/ {pixels = $3 * $5} /Stats Avg/ {mean = ($3 + $4 + $5) / 765} END {print pixels, mean}')
     awk -v f="$field" -v m="$name" -v b="$black" -v w="$white" -v p="$pixels" -v mean="$mean" 'BEGIN {
