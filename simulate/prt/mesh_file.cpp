@@ -130,6 +130,12 @@ Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding) {
   if (left_out > 0)
     log_line(path.string() + ": " + std::to_string(left_out) + " of " +
              std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
+  if (file.ignored_materials > 0)
+    log_line(path.string() + ": its " +
+             (file.ignored_materials == 1 ? std::string("material is")
+                                          : std::to_string(file.ignored_materials) + " materials are") +
+             " not read; give 'diffuse', 'specular' and 'exponent' in a scene file "
+             "(docs/reference/mesh-scenes.md)");
   compute_normals(mesh);
   return mesh;
 }

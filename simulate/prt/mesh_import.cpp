@@ -3,6 +3,7 @@
 
 #include <assimp/DefaultIOSystem.h>
 #include <assimp/importerdesc.h>
+#include <assimp/material.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <assimp/DefaultLogger.hpp>
@@ -14,6 +15,7 @@
 #include <cerrno>
 #include <cstring>
 #include <new>
+#include <set>
 #include <span>
 #include <sstream>
 #include <stdexcept>
@@ -161,6 +163,26 @@ std::string kind_of_fault(const std::string& error) {
   return "its content breaks the format";
 }
 
+/// Whether a material says more than the one that the library makes up for parts without.
+bool is_of_the_file(const aiMaterial& material) {
+  for (int type = aiTextureType_NONE + 1; type <= AI_TEXTURE_TYPE_MAX; ++type)
+    if (material.GetTextureCount(static_cast<aiTextureType>(type)) > 0) return true;
+  aiColor4D colour;
+  if (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS &&
+      (colour.r != 1.0f || colour.g != 1.0f || colour.b != 1.0f))
+    return true;
+  aiString name;
+  return material.Get(AI_MATKEY_NAME, name) == AI_SUCCESS && name.length > 0 &&
+         std::string_view(name.C_Str()) != AI_DEFAULT_MATERIAL_NAME;
+}
+
+std::uint64_t materials_of(const aiScene& scene) {
+  std::set<unsigned> used;
+  for (const aiMesh* part : std::span(scene.mMeshes, scene.mNumMeshes)) used.insert(part->mMaterialIndex);
+  return static_cast<std::uint64_t>(std::ranges::count_if(
+      used, [&](unsigned i) { return i < scene.mNumMaterials && is_of_the_file(*scene.mMaterials[i]); }));
+}
+
 ImportedMesh run_library(const fs::path& path) {
   bool wrong_index = false;
   // Owned and deleted by the logger, which lasts to the end of the process.
@@ -182,6 +204,7 @@ ImportedMesh run_library(const fs::path& path) {
       std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasVertexColors(0); });
   ImportedMesh mesh;
   for (const aiMesh* part : parts) append_part(*part, normals, colours, mesh);
+  mesh.ignored_materials = materials_of(*scene);
   return mesh;
 }
 
@@ -194,6 +217,7 @@ std::string answer_of_library(const fs::path& path) {
     append(answer, mesh.normals);
     append(answer, mesh.colours);
     append(answer, mesh.triangles);
+    append(answer, std::vector{mesh.ignored_materials});
     return answer;
   } catch (const std::bad_alloc&) {
     throw;
@@ -261,11 +285,13 @@ ImportedMesh import_mesh(const fs::path& path) {
   std::string_view rest(*answer);
   rest.remove_prefix(1);
   ImportedMesh mesh;
+  std::vector<std::uint64_t> materials;
   const bool complete = take(rest, mesh.positions) && take(rest, mesh.normals) && take(rest, mesh.colours) &&
-                        take(rest, mesh.triangles);
+                        take(rest, mesh.triangles) && take(rest, materials) && materials.size() == 1;
   const auto fits = [&](std::size_t count) { return count == 0 || count == mesh.positions.size(); };
   if (!complete || !fits(mesh.normals.size()) || !fits(mesh.colours.size()))
     throw FormatError(path, "the mesh library returned inconsistent data; repair the mesh");
+  mesh.ignored_materials = materials.front();
   require_valid(mesh, path);
   return mesh;
 }

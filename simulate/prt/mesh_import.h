@@ -16,6 +16,7 @@ struct ImportedMesh {
   std::vector<Eigen::Vector3f> normals;                 ///< [vertices] or, where the file has none, empty
   std::vector<Eigen::Array3f> colours;                  ///< [vertices] as the file encodes them, or empty
   std::vector<std::array<std::uint32_t, 3>> triangles;  ///< indices in range
+  std::uint64_t ignored_materials = 0;                  ///< that the parts use: none is read
 };
 
 /// How a file's vertex colours are encoded.
