@@ -3,14 +3,19 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
 
 #include "cli/report/html.h"
 #include "cli/verbs.h"
 #include "cli/web/export.h"
 #include "core/errors.h"
+#include "core/files.h"
 #include "core/json_text.h"
+#include "core/monitor_placement.h"
 #include "core/output_lock.h"
 #include "core/reflectance_field_file.h"
+#include "relight/environment.h"
 
 namespace refield::cli {
 
@@ -22,15 +27,49 @@ struct ExportWebOptions {
   fs::path field;
   fs::path output;
   std::string title;
+  std::vector<std::string> environments;
+  std::string monitor;
 };
+
+/// Maps of all directions in the form that a page takes: of the field's own kind as the field sees them, for
+/// a monitor's window as panoramas.
+std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const ReflectanceField& field) {
+  constexpr int max_columns = 1024;  // finer than the texels of most windows
+  LightDomain domain = field.basis.domain;
+  const bool has_window = domain.parameterisation == Parameterisation::monitor;
+  if (has_window && field.monitors.size() != 1)
+    throw InputError(
+        options.field.string() +
+        ": does not say where the monitor stood, or names several places, and environment maps need "
+        "one; give the screen's width x height @ distance from the scene in mm by --monitor "
+        "520x320@600,yaw=90");
+  std::vector<web::PageMap> maps;
+  for (const fs::path& file : expand_globs(options.environments)) {
+    LightMap map = read_environment(file);
+    const bool panorama = map.parameterisation == Parameterisation::lat_long;
+    if (has_window) {
+      const int columns = panorama ? std::min(map.radiance.width, max_columns) : max_columns;
+      domain = {columns, columns / 2, Parameterisation::lat_long};
+    }
+    if (map.domain() != domain) map = EnvironmentProjector(domain, {}).project(map, {}).light;
+    maps.push_back({file.stem().string(), std::move(map.radiance)});
+  }
+  return maps;
+}
 
 void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
   const OutputLock lock(options.output, {});
-  const ReflectanceField field = read_image_field(options.field);
+  ReflectanceField field = read_image_field(options.field);
+  if (!options.monitor.empty()) {
+    field.monitors = placements_from_texts({options.monitor});
+    check_placements(field.monitors, field.basis.domain, "--monitor");
+  }
   const std::string title = options.title.empty() ? options.field.stem().string() : options.title;
-  const web::ExportReport report = web::export_page(field, title, options.output);
+  const web::ExportReport report =
+      web::export_page(field, title, options.output,
+                       options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field));
   if (common.json) {
     std::printf("%s\n",
                 json_text(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
@@ -62,10 +101,19 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
                          "The page runs in any browser with WebGL 2, from disk or from a static web server.\n"
                          "\n"
                          "Example:\n"
-                         "  refield export-web scene.rfield -o page");
+                         "  refield export-web scene.rfield -o page\n"
+                         "  refield export-web scene.rfield --env sky.exr -o page");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   verb->add_option("-o,--output", options->output, "Folder for the page; open its index.html in a browser")
       ->required();
+  verb->add_option(
+      "--env", options->environments,
+      "Environment maps that the page offers, in any format that 'refield relight' reads (lat-long or "
+      "cube).\n"
+      "If the field was captured with a monitor, they are shown through the window of the monitor");
+  verb->add_option("--monitor", options->monitor,
+                   "Placement of the monitor if the field does not contain it, for example\n"
+                   "520x320@600,yaw=90 (see 'refield relight --help')");
   verb->add_option("--title", options->title, "Heading of the page (default: the name of the field)");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { export_web(*options, common); }; });

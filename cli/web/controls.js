@@ -29,6 +29,10 @@ const controls = (() => {
       viewer.changed();
     });
     on('map-file', 'change', (event) => { if (event.target.files.length > 0) viewer.load(event.target.files[0]); });
+    const maps = Viewer.element('maps');
+    viewer.field.maps.forEach(({name}, index) => maps.add(new Option(name, index)));
+    maps.closest('.row').classList.toggle('off', viewer.field.maps.length === 0);
+    on('maps', 'change', () => { if (maps.value !== '') viewer.loadIncluded(Number(maps.value)); });
     on('reset', 'click', () => viewer.reset());
     on('play', 'click', () => {
       viewer.state.playing = !viewer.state.playing;

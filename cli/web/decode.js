@@ -59,7 +59,8 @@ const refield = (() => {
   async function loadField(onProgress) {
     await loadScript('data.js');
     const arrays = description.arrays;
-    const total = Object.values(arrays).reduce((sum, array) => sum + array.parts.length, 0);
+    const loaded = ['kernels', 'weights', 'boxes', 'counts'];
+    const total = loaded.reduce((sum, name) => sum + arrays[name].parts.length, 0);
     let done = 0;
     const onPart = () => onProgress(++done / total);
     const field = {...description, exponentOffset: description.exponent_offset};
@@ -68,8 +69,21 @@ const refield = (() => {
     return field;
   }
 
+  function valueOfHalf(bits) {
+    const exponent = (bits >> 10) & 31, mantissa = bits & 1023;
+    return exponent === 0 ? mantissa * 2 ** -24 : (1 + mantissa / 1024) * 2 ** (exponent - 15);
+  }
+
+  /// One of the maps that the page brings along: {width, height, values}, linear RGB.
+  async function loadMap(index) {
+    const {width, height, scale, array} = description.maps[index];
+    const bits = await loadArray(description.arrays[array], () => {});
+    return {width, height, values: Float32Array.from(bits, (half) => scale * valueOfHalf(half))};
+  }
+
   return {
     loadField,
+    loadMap,
     describe: (given) => { description = given; },
     receive: (base64) => { received = base64; },
   };

@@ -3,6 +3,7 @@
 
 #include <zlib.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -169,6 +170,37 @@ void measure(const ReflectanceField& full, const ReflectanceField& shown, Export
   report.relative_rmse = reference > 0.0 ? std::sqrt(squares / reference) : 0.0;
 }
 
+/// Where the one window of a monitor is seen: the direction of its top left corner, and what its width and
+/// its height add to that. Null where the page must not show panoramas through it.
+nlohmann::ordered_json window_of(const ReflectanceField& field) {
+  if (field.basis.domain.parameterisation != Parameterisation::monitor || field.monitors.size() != 1)
+    return nullptr;
+  const MonitorPlacement& monitor = field.monitors.front();
+  const Eigen::Vector3d corner = monitor.direction(0.0, 0.0);
+  nlohmann::ordered_json window;
+  for (const Eigen::Vector3d& vector : {corner, Eigen::Vector3d(monitor.direction(1.0, 0.0) - corner),
+                                        Eigen::Vector3d(monitor.direction(0.0, 1.0) - corner)})
+    window.push_back({vector.x(), vector.y(), vector.z()});
+  return window;
+}
+
+/// Adds a map as half floats, brightest sample 65504, and describes it.
+nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWriter& data) {
+  const float peak = std::max(*std::ranges::max_element(map.radiance.values), 1e-30f);
+  const float scale = peak / 65504.0f;
+  std::vector<std::uint16_t> halves(map.radiance.values.size());
+  std::ranges::transform(map.radiance.values, halves.begin(), [&](float value) {
+    return Eigen::numext::bit_cast<std::uint16_t>(Eigen::half(value / scale));
+  });
+  const std::string array = "map" + std::to_string(number);
+  data.add(array.c_str(), halves);
+  return {{"name", map.name},
+          {"width", map.radiance.width},
+          {"height", map.radiance.height},
+          {"scale", scale},
+          {"array", array}};
+}
+
 nlohmann::ordered_json description(const PackedField& packed, const std::string& title, double exposure) {
   const LightBasis& basis = packed.basis;
   return {{"title", title},
@@ -185,7 +217,8 @@ nlohmann::ordered_json description(const PackedField& packed, const std::string&
 
 }  // namespace
 
-ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder) {
+ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,
+                         const std::vector<PageMap>& maps) {
   require_page_folder(folder);
   const PackedField packed = pack(field);
   ExportReport report;
@@ -198,6 +231,9 @@ ExportReport export_page(const ReflectanceField& field, const std::string& title
   data.add("weights", packed.weights);
   data.add("boxes", corners_of(packed.basis.boxes));
   auto described = description(packed, title, report.exposure);
+  described["light"]["window"] = window_of(field);
+  described["maps"] = nlohmann::ordered_json::array();
+  for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data));
   described["arrays"] = data.arrays();
   page.write("data.js", "refield.describe(" + json_text(described) + ");\n");
   for (const PageFile& file : page_files()) page.write(file.name, file.content);

@@ -77,6 +77,31 @@ const light = (() => {
     return result;
   }
 
+  /// A lat-long map, turned to the right, as a monitor's window shows it from the middle of the scene. `window`:
+  /// the direction of its top left corner, and what its width and its height add to it. Each texel is the mean
+  /// of samples about half a texel of the map apart.
+  function throughWindow(map, window, width, height, degrees) {
+    const result = black(width, height), [corner, across, down] = window;
+    const length = Math.hypot(...corner.map((v, i) => v + across[i] / 2 + down[i] / 2));
+    const texel = Math.max(Math.hypot(...across) / width, Math.hypot(...down) / height) / length;
+    const samples = Math.min(Math.max(Math.ceil(2 * texel / (2 * Math.PI / map.width)), 2), 8);
+    for (let y = 0; y < height; ++y)
+      for (let x = 0; x < width; ++x) {
+        const to = (y * width + x) * 3;
+        for (let s = 0; s < samples * samples; ++s) {
+          const u = (x + (s % samples + 0.5) / samples) / width, v = (y + (Math.floor(s / samples) + 0.5) / samples) / height;
+          const [right, up, ahead] = corner.map((c, i) => c + u * across[i] + v * down[i]);
+          const turns = 0.5 + Math.atan2(right, ahead) / (2 * Math.PI) - degrees / 360;
+          const column = Math.min(Math.floor((turns - Math.floor(turns)) * map.width), map.width - 1);
+          const latitude = Math.atan2(up, Math.hypot(right, ahead));
+          const row = Math.min(Math.floor((0.5 - latitude / Math.PI) * map.height), map.height - 1);
+          const from = (row * map.width + column) * 3;
+          for (let c = 0; c < 3; ++c) result.values[to + c] += map.values[from + c] / (samples * samples);
+        }
+      }
+    return result;
+  }
+
   /// Sums of a light over each kernel of a field (Crow 1984), in double as the program does: the sum over a small box is a
   /// small difference of large numbers.
   class Projector {
@@ -146,5 +171,5 @@ const light = (() => {
   }
   Projector.width = 2048;
 
-  return {black, addBar, addLamp, rotated, resampled, Projector};
+  return {black, addBar, addLamp, rotated, resampled, throughWindow, Projector};
 })();

@@ -29,7 +29,7 @@ class Viewer {
 
   reset() {
     this.state = {kind: 'bar', x: 0.5, y: 0.5, size: 0.2, colour: [1, 1, 1], stops: 0, degrees: 0, playing: false};
-    this.map = null;
+    this.map = this.panorama = null;
     this.picked = null;
     Viewer.element('colour').value = '#ffffff';
     this.changed();
@@ -38,6 +38,7 @@ class Viewer {
   /// The light of the current state.
   composed() {
     const {width, height} = this.field.light, {kind, x, y, size, colour, degrees} = this.state;
+    if (kind === 'map' && this.panorama) return light.throughWindow(this.panorama, this.field.light.window, width, height, degrees);
     if (kind === 'map' && this.map) return degrees === 0 || !this.latLong ? this.map : light.rotated(this.map, degrees / 360);
     const map = light.black(width, height);
     if (kind === 'lamp') light.addLamp(map, x * width, y * height, size * height / 2, colour, this.latLong);
@@ -136,9 +137,9 @@ class Viewer {
     document.querySelector(`input[name=kind][value=${state.kind}]`).checked = true;
     document.querySelector('input[value=map]').disabled = !this.map;
     const isMap = state.kind === 'map';
-    for (const [id, on] of [['size', !isMap], ['colour', !isMap], ['rotation', isMap && this.latLong]])
+    for (const [id, on] of [['size', !isMap], ['colour', !isMap], ['rotation', isMap && this.turns()]])
       Viewer.element(id).closest('.row').classList.toggle('off', !on);
-    show('light-caption', !isMap ? 'Drag the light.' : this.latLong ? 'Drag to turn the map.' : 'The loaded map.');
+    show('light-caption', !isMap ? 'Drag the light.' : this.turns() ? 'Drag to turn the map.' : 'The loaded map.');
     this.showPicked();
   }
 
@@ -168,21 +169,41 @@ class Viewer {
     this.changed(false);
   }
 
+  /// Whether the map can be turned: one of all directions.
+  turns() {
+    return this.latLong || this.panorama !== null;
+  }
+
   async load(file) {
     try {
-      const {width, height} = this.field.light;
-      this.map = light.resampled(await mapFile.read(file), width, height);
-      Object.assign(this.state, {kind: 'map', degrees: 0});
-      this.changed();
+      this.show(await mapFile.read(file));
     } catch (error) {
       Viewer.fail(error);
     }
   }
 
+  /// One of the maps that the page brings along.
+  async loadIncluded(index) {
+    try {
+      this.show(await refield.loadMap(index));
+    } catch (error) {
+      Viewer.fail(error);
+    }
+  }
+
+  /// A monitor whose place is known shows a map twice as wide as high as a window onto it.
+  show(map) {
+    const {width, height, window} = this.field.light;
+    this.panorama = window && map.width === 2 * map.height && (map.width !== width || map.height !== height) ? map : null;
+    this.map = this.panorama ?? light.resampled(map, width, height);
+    Object.assign(this.state, {kind: 'map', degrees: 0});
+    this.changed();
+  }
+
   move(dx, dy) {
     const {state} = this, wrapped = (v) => v - Math.floor(v), clamped = (v) => Math.min(Math.max(v, 0), 1);
     if (state.kind === 'map') {
-      if (this.latLong) state.degrees = wrapped(state.degrees / 360 + dx) * 360;
+      if (this.turns()) state.degrees = wrapped(state.degrees / 360 + dx) * 360;
     } else {
       state.x = this.latLong ? wrapped(state.x + dx) : clamped(state.x + dx);
       state.y = clamped(state.y + dy);

@@ -18,6 +18,7 @@ from pictures import read_png, write_hdr, write_pfm, write_png
 from webdriver import Browser
 
 SKIPPED = 77
+MEAN_OF_SAMPLING = 1.5  # of 255: the page samples a panorama, the program integrates it
 LARGEST_DIFFERENCE = 1  # of 255: what the asked accuracy is, and the rounding of two roundings
 
 
@@ -144,6 +145,24 @@ class Check:
         self.relight(path, image, self.browser.run("return viewer.exposure()"))
         self.expect_equal("HDR map dropped, read by the program itself", pixels, read_png(image)[2])
 
+    def shows_an_environment(self):
+        """A panorama that the page brings along, against the program's own projection."""
+        if self.browser.run("return viewer.field.maps.length") == 0:
+            return
+        self.browser.run("const maps = document.getElementById('maps'); maps.value = '0'; maps.dispatchEvent(new Event('change'));"
+                         "return new Promise((done) => { const wait = () => viewer.map === null || viewer.state.kind !== 'map'"
+                         " ? setTimeout(wait, 20) : done(); wait(); });")
+        for degrees in (0, 90):
+            self.browser.run(f"viewer.state.degrees = {degrees}; viewer.changed();")
+            pixels = self.compare(f"environment turned by {degrees}°")
+            image = os.path.join(self.folder, "environment.png")
+            subprocess.run([self.refield, "relight", self.field, "--env", self.environment, "--yaw", str(degrees), "-o", image,
+                            "--exposure", repr(self.browser.run("return viewer.exposure()"))], check=True, stdout=subprocess.DEVNULL)
+            expected = read_png(image)[2]
+            mean = sum(abs(a - b) for a, b in zip(pixels, expected)) / len(expected)
+            self.expect(mean < MEAN_OF_SAMPLING and sum(expected) / len(expected) > 1,
+                        f"environment turned by {degrees}°: {mean:.2f} of 255 from 'refield relight --env' in the mean")
+
     def turns_the_map(self):
         if self.browser.run("return viewer.latLong"):
             self.browser.drag("#light", [(0.3, 0.5), (0.55, 0.5)])
@@ -193,12 +212,16 @@ def main():
         return SKIPPED
     page = os.path.join(folder, "page")
     os.makedirs(folder, exist_ok=True)
-    subprocess.run([refield, "export-web", field, "-o", page], check=True)
+    environment = os.path.join(folder, "sky.hdr")
+    write_hdr(environment, 128, 64, bytes(v for y in range(64) for x in range(128)
+              for v in (2 * x, 255 - 3 * y, 90 + (x * 7 + y * 5) % 130, 134 if (x, y) == (90, 25) else 128)))
+    subprocess.run([refield, "export-web", field, "-o", page, "--env", environment], check=True)
     browser = Browser(os.path.join(folder, "profile"))
     try:
         check = Check(refield, field, folder, browser)
+        check.environment = environment
         browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(page, "index.html"))})
-        for step in (check.loads, check.drags_the_bar, check.drags_a_lamp, check.exposes, check.loads_a_map, check.takes_a_dropped_map, check.turns_the_map,
+        for step in (check.loads, check.drags_the_bar, check.drags_a_lamp, check.exposes, check.loads_a_map, check.takes_a_dropped_map, check.turns_the_map, check.shows_an_environment,
                      check.picks_a_pixel, check.prints_times):
             step()
         if len(sys.argv) > 4:

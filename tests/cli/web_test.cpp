@@ -10,6 +10,7 @@
 
 #include "cli/web/packed_field.h"
 #include "core/files.h"
+#include "core/image_io.h"
 #include "core/reflectance_field_file.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/interruption.h"
@@ -35,6 +36,8 @@ ReflectanceField sample_field(Parameterisation parameterisation) {
   Rng rng(7);
   ReflectanceField field = test::random_field(rng, 60, 45, {64, 32, parameterisation}, 80, 20);
   field.basis.hats = {5, 4};
+  if (parameterisation == Parameterisation::monitor)
+    field.monitors = {{.width_mm = 800.0, .height_mm = 400.0, .distance_mm = 500.0, .turn = {.yaw = 40.0}}};
   for (float& weight : field.transfer.weight) weight *= weight * 0.001f;
   return field;
 }
@@ -117,6 +120,29 @@ TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
     EXPECT_THAT(page, HasSubstr(name));
     EXPECT_TRUE(fs::exists(folder / "page" / name)) << name;
   }
+}
+
+TEST(ExportWeb, BringsEnvironmentsAlongAsRelightReadsThem) {
+  const test::TemporaryFolder folder;
+  const std::string field_path = folder / "f.rfield", sky = folder / "sky.exr", cube = folder / "cube.exr";
+  ReflectanceField field = sample_field(Parameterisation::monitor);
+  write_reflectance_field(field_path, field);
+  write_exr(sky, Image(32, 16, 3, 0.5f));
+  write_exr(cube, Image(8, 48, 3, 0.25f));
+  ASSERT_THAT(run_refield({"export-web", field_path, "--env", sky, cube, "-o", folder / "page"}),
+              Succeeded());
+  const std::string data = read_text(folder / "page" / "data.js");
+  const auto begin = data.find('{');
+  const auto maps = nlohmann::json::parse(data.substr(begin, data.rfind('}') + 1 - begin))["maps"];
+  ASSERT_EQ(maps.size(), 2u);
+  EXPECT_EQ(maps[0]["name"], "sky");
+  EXPECT_EQ(maps[0]["width"], 32);
+  EXPECT_EQ(maps[1]["width"], 2 * maps[1]["height"].get<int>()) << "a cube becomes a panorama";
+
+  field.monitors.clear();
+  write_reflectance_field(field_path, field);
+  EXPECT_THAT(run_refield({"export-web", field_path, "--env", sky, "-o", folder / "other"}),
+              RefusedNaming("f.rfield", "--monitor 520x320@600"));
 }
 
 TEST(ExportWeb, RefusesAFileAsItsFolder) {
