@@ -220,12 +220,6 @@ int run(int argc, char** argv) {
       "  refield view scene.rfield                                       relight it interactively");
   app.name("refield");
   app.formatter(std::make_shared<HelpFormatter>());
-  app.footer(
-      "'refield VERB --help' explains a verb and its options.\n"
-      "\n"
-      "Exit status: 0 success; 2 invalid input or option, or a system error (see the message); 130 "
-      "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error; 128 + N terminated by "
-      "signal N.");
   app.require_subcommand(1);
   app.set_version_flag("--version", "refield " REFIELD_VERSION);
   app.fallthrough();
@@ -245,6 +239,13 @@ int run(int argc, char** argv) {
   refield::cli::add_info(app, common, action);
   refield::cli::add_report(app, common, action);
   refield::cli::add_view(app, common, action);
+  // After the verbs, which would inherit it.
+  app.footer(
+      "'refield VERB --help' explains a verb and its options. Every verb accepts --json and --quiet.\n"
+      "\n"
+      "Exit status: 0 success; 2 invalid input or option, or a system error (see the message); 130 "
+      "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error; 128 + N terminated by "
+      "signal N.");
   refield::cli::require_finite_numbers(app);
   try {
     app.parse(argc, argv);

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "core/capture_session.h"
 #include "core/image_io.h"
@@ -114,6 +116,51 @@ TEST(Program, EveryVerbHasHelp) {
     EXPECT_EQ(help.status, 0) << verb << ": " << help.err;
     EXPECT_GT(help.out.size(), 100u) << verb;
   }
+}
+
+/// Lines of at most 100 columns: bytes without the continuation bytes of UTF-8.
+void expect_narrow_lines(const std::string& help, const std::string& command) {
+  std::istringstream lines(help);
+  for (std::string line; std::getline(lines, line);) {
+    const auto columns =
+        std::ranges::count_if(line, [](char c) { return (static_cast<unsigned char>(c) & 0xc0u) != 0x80u; });
+    EXPECT_LE(columns, 100) << command << ": " << line;
+  }
+}
+
+TEST(Program, HelpFitsOnAScreen) {
+  const std::string overview = run_refield({"--help"}).out;
+  EXPECT_LE(std::ranges::count(overview, '\n'), 40);
+  expect_narrow_lines(overview, "refield");
+  EXPECT_THAT(overview,
+              testing::HasSubstr(
+                  "  estimate    Estimate a reflectance field from photographs under known illumination.\n"));
+  const std::vector<std::vector<std::string>> commands = {{"acquire"},
+                                                          {"acquire", "calibrate"},
+                                                          {"acquire", "import"},
+                                                          {"acquire", "probe"},
+                                                          {"acquire", "virtual"},
+                                                          {"estimate"},
+                                                          {"relight"},
+                                                          {"simulate"},
+                                                          {"simulate", "prt"},
+                                                          {"simulate", "dynamic"}};
+  for (std::vector<std::string> command : commands) {
+    command.emplace_back("--help");
+    const std::string help = run_refield(command).out;
+    EXPECT_GT(help.size(), 100u) << command.front();
+    expect_narrow_lines(help, command.front());
+  }
+  // One sentence about each of its verbs, and no more.
+  EXPECT_THAT(run_refield({"acquire", "--help"}).out,
+              testing::AllOf(testing::HasSubstr("Create light patterns for a monitor.\n"),
+                             testing::Not(testing::HasSubstr("refield acquire lights --starter"))));
+}
+
+TEST(Program, DefaultsFollowTheDescription) {
+  const std::string help = run_refield({"estimate", "--help"}).out;
+  EXPECT_THAT(help, testing::HasSubstr("(default: 4)")) << "of --memory";
+  EXPECT_THAT(help, testing::Not(testing::HasSubstr("FLOAT=")));
 }
 
 TEST(Program, WrongUseEndsWithStatusTwo) {
