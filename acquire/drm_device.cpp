@@ -42,7 +42,8 @@ DrmDevice::DrmDevice(const DrmConnectorInfo& connector, std::size_t mode)
   if (descriptor_ < 0) fail(errno, "cannot be opened");
   try {
     if (!drmIsMaster(descriptor_) && drmSetMaster(descriptor_) != 0)
-      fail(EBUSY, "another program, such as a desktop, holds the display; use a text console, or the window");
+      fail(EBUSY,
+           "another program, such as a desktop, uses the display; use a text console, or window = true");
     std::uint64_t monotonic = 0;
     if (drmGetCap(descriptor_, DRM_CAP_TIMESTAMP_MONOTONIC, &monotonic) != 0 || monotonic != 1)
       fail(ENOTSUP, "does not stamp flips with the monotonic clock; frames cannot be paired with patterns");
@@ -151,7 +152,8 @@ TimePoint DrmDevice::flip(const DrmBuffer& buffer) {
     if (::poll(&waiting, 1, poll_ms) > 0 && drmHandleEvent(descriptor_, &context) != 0)
       fail(errno, "gives no events");
   }
-  if (!flipped_) fail(ETIMEDOUT, "did not confirm a flip within 2 s; is the monitor asleep?");
+  if (!flipped_)
+    fail(ETIMEDOUT, "did not confirm a page flip within 2 s; check that the monitor is not in standby");
   return *flipped_;
 }
 

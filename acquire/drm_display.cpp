@@ -85,7 +85,7 @@ std::vector<DrmConnectorInfo> find_drm_connectors() {
 
 DrmConnectorInfo find_drm_connector(const std::string& card, const std::string& name) {
   const auto connectors = find_drm_connectors();
-  std::string list = connectors.empty() ? " none (may you open /dev/dri/card*? group video)" : "";
+  std::string list = connectors.empty() ? " none (check that you may open /dev/dri/card*, group video)" : "";
   for (const DrmConnectorInfo& connector : connectors) {
     const bool is_meant =
         (card.empty() || connector.card == card) && (name.empty() || connector.name == name);
@@ -97,7 +97,7 @@ DrmConnectorInfo find_drm_connector(const std::string& card, const std::string& 
     return connector;
   }
   throw InputError("monitor '" + (card.empty() ? "" : card + " ") + name +
-                   "': there is none such; connectors:" + list);
+                   "': the connector does not exist; connectors:" + list);
 }
 
 std::size_t find_drm_mode(const DrmConnectorInfo& connector, const std::string& text) {

@@ -26,9 +26,9 @@ using Chip = std::unique_ptr<gpiod_chip, CloseChip>;
   const int error = errno;
   std::string remedy;
   if (error == ENODEV || error == ENOENT || error == ENXIO)
-    remedy = "; the chip is gone or was never there: 'refield acquire devices' lists chips";
+    remedy = "; the chip does not exist: 'refield acquire devices' lists chips";
   else if (error == EACCES || error == EPERM)
-    remedy = "; you may not use the chip: become a member of its group or run as root";
+    remedy = "; permission denied: become a member of the chip's group or run as root";
   throw DeviceError(address.text(), error, what + remedy);
 }
 

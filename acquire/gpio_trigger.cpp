@@ -64,7 +64,8 @@ TimePoint GpioTrigger::fire() {
   if (const auto begun = strobe_->wait_for_active(options_.timeout)) return *begun;
   throw DeviceError(options_.strobe->text(), ETIMEDOUT,
                     "no strobe within " + std::to_string(options_.timeout.count()) +
-                        " s of the trigger; is the camera in its trigger mode, are both wires connected?");
+                        " s of the trigger; check that the camera is in its trigger mode and that both wires "
+                        "are connected");
 }
 
 }  // namespace refield

@@ -65,7 +65,7 @@ std::vector<std::uint16_t> decode_jpeg_frame(std::span<const std::uint8_t> jpeg,
   std::vector<std::uint8_t> bytes(std::size_t{3} * width * height);
   const bool complete = decode(decoder, jpeg, width, height, bytes.data());
   jpeg_destroy_decompress(&decoder);
-  if (!complete) throw DeviceError(device, EIO, std::string("sent a torn MJPEG frame: ") + errors.message);
+  if (!complete) throw DeviceError(device, EIO, std::string("sent a damaged MJPEG frame: ") + errors.message);
   return {bytes.begin(), bytes.end()};
 }
 

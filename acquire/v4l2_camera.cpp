@@ -127,7 +127,7 @@ struct V4l2Camera::State {
   void require_open() const {
     if (!open)
       throw DeviceError(identity.card + " (" + identity.bus + ")", ENODEV,
-                        "was unplugged and did not come back; plug it in again and resume");
+                        "was disconnected; connect it again and resume");
   }
 
   CameraDescription describe() const {
@@ -262,7 +262,7 @@ struct V4l2Camera::State {
     if (options.replug_patience.count() <= 0.0) throw DeviceError(gone);
     open.reset();  // or the node stays taken, and the camera comes back under another number
     tell(identity.card + " (" + identity.bus + "): was unplugged; waiting " +
-         std::to_string(std::lround(options.replug_patience.count())) + " s for it to come back");
+         std::to_string(std::lround(options.replug_patience.count())) + " s for it to be connected again");
     const auto deadline = std::chrono::steady_clock::now() + options.replug_patience;
     while (std::chrono::steady_clock::now() < deadline) {
       throw_if_interrupted();
@@ -277,7 +277,7 @@ struct V4l2Camera::State {
         }
         ++troubles.replugs;
         unsettled = frames_after_replug;
-        tell(identity.card + ": is back as " + identity.node.string());
+        tell(identity.card + ": is connected again as " + identity.node.string());
         return;
       }
     }

@@ -74,9 +74,9 @@ void V4l2Device::fail(int error_number, const std::string& what) const {
   if (error_number == ENODEV || error_number == ENXIO)
     remedy = "; the camera was unplugged: plug it in again and resume";
   else if (error_number == EBUSY)
-    remedy = "; another program uses the camera: end it";
+    remedy = "; another program uses the camera: close it";
   else if (error_number == EACCES || error_number == EPERM)
-    remedy = "; become a member of the group video";
+    remedy = "; permission denied: become a member of the group video";
   else if (error_number == ENOLINK || error_number == ENOLCK)
     remedy = "; no signal arrives at the input: check cable and source";
   else if (error_number == ENOENT)

@@ -134,7 +134,7 @@ void check_window(const FrameWindow& window, const V4l2Format& format, int width
                      std::to_string(height) + " pixels; it is left, top, width, height");
   const bool paired = is_bayer(format.layout) || format.packing == yuyv;
   if (paired && (window.x % 2 || window.y % 2 || window.width % 2 || window.height % 2))
-    throw InputError(text + ": colours lie in pairs of pixels; give even numbers");
+    throw InputError(text + ": pixels share colours in pairs; give even numbers");
 }
 
 }  // namespace
@@ -146,7 +146,7 @@ bool V4l2Format::is_raw() const {
 std::uint32_t fourcc_from_text(const std::string& text) {
   if (text.empty() || text.size() > 4)
     throw InputError("pixel format '" + text +
-                     "': give its code of up to four characters, such as RGGB or Y16");
+                     "': give its code of at most four characters, such as RGGB or Y16");
   std::string padded = text;
   padded.resize(4, ' ');
   return v4l2_fourcc(padded[0], padded[1], padded[2], padded[3]);
@@ -180,8 +180,8 @@ Samples unpack_v4l2(std::span<const std::uint8_t> data, const V4l2Format& format
   const std::size_t needed = bytes_per_line * (height - 1) + line_bytes(format, width);
   if (decoded.empty() && (bytes_per_line < line_bytes(format, width) || data.size() < needed))
     throw DeviceError(device, EIO,
-                      "gave " + std::to_string(data.size()) + " bytes where a frame has " +
-                          std::to_string(needed) + "; the frame is torn");
+                      "gave " + std::to_string(data.size()) + " bytes instead of " + std::to_string(needed) +
+                          "; the frame is damaged");
   const std::size_t channels = format.layout == rgb ? 3 : 1;
   Samples samples(channels * window.width * window.height);
   std::uint16_t* out = samples.data();

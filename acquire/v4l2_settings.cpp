@@ -78,8 +78,8 @@ void V4l2Settings::switch_off_automatic_modes(const std::map<std::string, std::i
     if (mode.spoils_captures)
       throw DeviceError(device_.node().string(), EINVAL,
                         sentence +
-                            "; photographs could not be compared: use another camera, or give the "
-                            "control a value in the session file if you know better");
+                            "; photographs would not be comparable: use another camera, or set the control "
+                            "in the session file");
     warnings_.push_back(device_.node().string() + ": " + sentence);
   }
 }

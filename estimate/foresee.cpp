@@ -148,7 +148,7 @@ Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions&
   double reading = 0.0;
   double rows_read = 0.0;
   const auto bands = bands_to_sample(foresight.plan.rows);
-  Progress progress("fit a sample", bands.size());
+  Progress progress("fitting sample pixels", bands.size());
   for (const RowRange& rows : bands) {
     const RowRange held = rows_needed(rows, job.session.height, options);
     const auto before = Clock::now();

@@ -657,7 +657,7 @@ EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environme
   const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
   EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};
   std::vector<double> covered(domain.height), energy(domain.height);
-  Progress progress("resample the map", static_cast<std::uint64_t>(domain.height));
+  Progress progress("resampling the map", static_cast<std::uint64_t>(domain.height));
   tbb::parallel_for(0, domain.height, [&](int y) {
     throw_if_interrupted();
     OverlapFinder finder(source);

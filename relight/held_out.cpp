@@ -147,7 +147,7 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   const bool predicts = !field.predicted_error.empty();
   if (truth) noise_scale = 0.0;
   std::vector<KindSums> kinds;
-  Progress progress("compare held-out frames", frames.size());
+  Progress progress("comparing held-out frames", frames.size());
   for (const CaptureFrame& frame : frames) {
     throw_if_interrupted();
     auto kind = std::ranges::find(kinds, frame.kind, &KindSums::kind);

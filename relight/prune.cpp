@@ -189,7 +189,7 @@ void Pruning::measure(const std::vector<ProbeLights>& probes) {
   constexpr std::size_t stretch = 4096;
   const ErrorSums none(field_.transfer, ranking, light, probes.size());
   std::vector<ErrorSums> sums((pixels + stretch - 1) / stretch, none);
-  Progress progress("weigh kernels", sums.size());
+  Progress progress("computing kernel weights", sums.size());
   tbb::parallel_for(std::size_t{0}, sums.size(), [&](std::size_t i) {
     throw_if_interrupted();
     for (std::size_t p = i * stretch; p < std::min((i + 1) * stretch, pixels); ++p) sums[i].add_pixel(p);

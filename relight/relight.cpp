@@ -87,7 +87,7 @@ double MeteredPictures::sequence_exposure() {
   const std::size_t count = std::min(lights_.size(), max_metered);
   std::vector<Image> pictures(count);
   const auto place = [&](std::size_t k) { return (2 * k + 1) * lights_.size() / (2 * count); };
-  Progress progress("choose the exposure", count);
+  Progress progress("choosing the exposure", count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
     pictures[k] = make(place(k));
     progress.advance();

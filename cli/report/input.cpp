@@ -98,7 +98,7 @@ CaptureSession truth_by_transport(const CaptureSession& session, const Reflectan
   truth.frames = session.frames_of(FrameRole::test);
   const fs::path folder = scratch / "truth";
   create_folders(folder);
-  Progress progress("exact images", truth.frames.size());
+  Progress progress("computing exact images", truth.frames.size());
   for (std::size_t i = 0; i < truth.frames.size(); ++i) {
     throw_if_interrupted();
     CaptureFrame& frame = truth.frames[i];

@@ -40,7 +40,7 @@ KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixe
   EstimateOptions options = input.fields.front().options;
   // As many kernels as the last panel needs, whatever cap the field was made with.
   study.kernels = options.kernels = study.subdivisions.back() + 1;
-  Progress progress("kernels of chosen pixels", pixels.size());
+  Progress progress("computing kernels of selected pixels", pixels.size());
   for (const ChosenPixel& pixel : pixels) {
     throw_if_interrupted();
     PixelKernels kernels{pixel, {}, {}, {}};

@@ -107,7 +107,7 @@ BouncedLight::BouncedLight(const Scene& scene, const MeshRays& rays, std::span<c
   const std::vector<Gatherer> vertices = gatherers_of(scene, rays);
   const VertexLight reflectance = diffuse_reflectance(scene);
   const Surroundings of_vertices(rays, vertices), of_points(rays, points);
-  Progress progress("bouncing light", cells);
+  Progress progress("computing indirect light", cells);
   tbb::parallel_for(std::size_t{0}, cells, [&](std::size_t cell) {
     if (interrupted()) return;  // thrown away
     constexpr int side = cells_of_side * directions_of_side;

@@ -68,7 +68,7 @@ TEST(DrmMonitor, OneProgramAtATime) {
     DrmMonitor second(vkms());
     ADD_FAILURE() << "two programs held the display";
   } catch (const DeviceError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("holds the display"));
+    EXPECT_THAT(error.what(), HasSubstr("uses the display"));
   }
 }
 
