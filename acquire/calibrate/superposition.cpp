@@ -97,7 +97,7 @@ Superposition measure_superposition(CalibrationBench& bench, const CameraCalibra
       {"upper and lower half", [](double, double v) { return v < 0.5; }},
       {"squares of a chequerboard",
        [](double u, double v) { return (static_cast<int>(8 * u) + static_cast<int>(6 * v)) % 2 == 0; }},
-      {"small square and its surroundings",
+      {"small square and the rest of the screen",
        [](double u, double v) { return std::abs(u - 0.5) < 0.125 && std::abs(v - 0.5) < 0.125; }}};
   Superposition result;
   result.tolerance = tolerance;

@@ -39,8 +39,8 @@ Series change_series(const std::string& name, int colour, const std::vector<Chan
 std::string change_plot(const DisplayTiming& timing) {
   const Seconds end = timing.latency + timing.settling;
   const Seconds shown = 3.0 * end;
-  LineChart chart =
-      chart_of("Change of light after a flip", "ms after the flip's time stamp", "share of the new light");
+  LineChart chart = chart_of("Change of light after a page flip", "time since the page flip, ms",
+                             "fraction of the new light");
   chart.series = {change_series("up", 0, timing.rising, shown),
                   change_series("down", 1, timing.falling, shown),
                   {"fit for instants",
@@ -56,7 +56,7 @@ std::string change_plot(const DisplayTiming& timing) {
 
 std::string step_plot(const ControlLatency& latency) {
   LineChart chart =
-      chart_of("Brightness after a change of exposure", "frames begun since", "mean of lit samples, DN");
+      chart_of("Brightness after a change of exposure", "frames since the change", "mean of lit samples, DN");
   chart.y_numbers = Numbers::plain;
   Series series{"frames", 0, false, {}};
   for (std::size_t i = 0; i < std::min<std::size_t>(latency.level_dn.size(), 16); ++i)
@@ -67,7 +67,7 @@ std::string step_plot(const ControlLatency& latency) {
 
 std::string banding_plot(const Banding& banding) {
   LineChart chart =
-      chart_of("Brightness per second of exposure", "exposure, ms", "relative to its smooth course");
+      chart_of("Brightness per second of exposure", "exposure, ms", "relative to a smooth curve");
   Series series{"frames", 0, false, {}, Marks::points};
   double largest = 0.005;
   for (const auto& [exposure, deviation] : banding.deviation) {
@@ -80,7 +80,7 @@ std::string banding_plot(const Banding& banding) {
 }
 
 std::string response_plot(const CameraResponse& response) {
-  LineChart chart = chart_of("Response", "raw sample, DN", "light, share of saturation");
+  LineChart chart = chart_of("Response", "raw sample, DN", "light, fraction of saturation");
   Series measured{"measured", 0, false, response.points, Marks::points};
   Series table{"table", 1, false, {}, Marks::line};
   const double black = response.black_level_dn;
@@ -104,7 +104,7 @@ std::string noise_plot(const PhotonTransfer& noise, const CameraResponse& respon
   const double slope = range / noise.full_well_electrons;
   const double dark = std::pow(noise.read_noise_electrons * slope, 2);
   chart.series = {{"measured", 0, false, noise.points, Marks::points},
-                  {"read noise² + signal / (electrons a DN)",
+                  {"read noise² + signal / (electrons per DN)",
                    1,
                    false,
                    {{0.0, dark}, {top, dark + slope * top}},
@@ -113,7 +113,7 @@ std::string noise_plot(const PhotonTransfer& noise, const CameraResponse& respon
 }
 
 std::string tone_plot(const ToneCurve& curve) {
-  LineChart chart = chart_of("Light by drive level", "drive level", "light, share of white");
+  LineChart chart = chart_of("Tone curves", "drive level", "radiance relative to white");
   const std::array<std::pair<const char*, int>, 3> channels = {{{"red", 1}, {"green", 2}, {"blue", 0}}};
   for (int c = 0; c < 3; ++c) {
     Series line{channels[c].first, channels[c].second, false, {}, Marks::line};

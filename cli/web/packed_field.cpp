@@ -66,7 +66,7 @@ PackedField pack(const ReflectanceField& field) {
   if (domain.width > most || domain.height > most)
     throw InputError("the light map of " + std::to_string(domain.width) + "×" +
                      std::to_string(domain.height) +
-                     " is too large for a page; at most 65535 texels a side can be shown");
+                     " is too large for a page; at most 65535 texels per side are supported");
   if (std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; }))
     throw InputError(
         "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
