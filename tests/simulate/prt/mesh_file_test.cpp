@@ -16,7 +16,7 @@
 namespace refield::prt {
 namespace {
 
-using test::message_of;
+using refield::test::message_of;
 using ::testing::HasSubstr;
 
 // A tetrahedron with outward faces, right-handed.
@@ -51,7 +51,7 @@ class MeshFiles : public ::testing::Test {
   std::string error_of(const std::string& name, const std::string& text) const {
     return message_of<FormatError>([&] { read(name, text); });
   }
-  test::TemporaryFolder folder_;
+  refield::test::TemporaryFolder folder_;
 };
 
 TEST_F(MeshFiles, AllFormatsGiveTheSameMeshInLightAxes) {
@@ -172,7 +172,7 @@ TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {
 
 // A mesh from elsewhere must not make the program read the user's other files, show them or wait for a pipe.
 TEST_F(MeshFiles, ReferencesStayInTheFolder) {
-  const test::TemporaryFolder elsewhere;
+  const refield::test::TemporaryFolder elsewhere;
   const std::string secret = "root:x:0:0:secret";
   write_text_atomically(elsewhere / "secret.mtl", secret + "\nnewmtl " + secret + "\n");
   const std::string outside = std::filesystem::relative(elsewhere / "secret.mtl", folder_.path()).string();

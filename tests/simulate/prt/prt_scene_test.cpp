@@ -19,7 +19,7 @@
 namespace refield::prt {
 namespace {
 
-using test::message_of;
+using refield::test::message_of;
 using ::testing::HasSubstr;
 
 double area(const Mesh& mesh) {
@@ -63,7 +63,7 @@ class Scenes : public ::testing::Test {
   std::string error_of(const std::string& text) const {
     return message_of([&] { read(text); });
   }
-  test::TemporaryFolder folder_;
+  refield::test::TemporaryFolder folder_;
 };
 
 TEST(Shapes, AreClosedAndFaceOutwards) {
