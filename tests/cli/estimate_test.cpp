@@ -12,8 +12,8 @@
 #include "core/image_io.h"
 #include "core/reflectance_field_file.h"
 #include "tests/cli/matchers.h"
-#include "tests/support/random_data.h"
 #include "tests/support/small_disk.h"
+#include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {
@@ -24,19 +24,18 @@ using test::RefusedNaming;
 using test::run_refield;
 using test::Succeeded;
 
-constexpr int images = 12;
-constexpr LightDomain domain{8, 6, Parameterisation::monitor};
+constexpr int images = test::SmallCapture::images;
+constexpr LightDomain domain = test::SmallCapture::domain;
 
 class EstimateVerb : public testing::Test {
  protected:
   EstimateVerb() {
-    const ReflectanceField truth = test::random_field(rng_, 6, 5, domain, 10, 3);
+    const test::SmallCapture capture(1);
     create_folders(folder_ / "light");
     create_folders(folder_ / "observed");
     for (int i = 0; i < images; ++i) {
-      const LightMap light = test::random_light(rng_, domain);
-      write_exr(light_file(i), light.radiance);
-      write_exr(photograph_file(i), truth.relight(light));
+      write_exr(light_file(i), capture.lights[i].radiance);
+      write_exr(photograph_file(i), capture.truth.relight(capture.lights[i]));
     }
     std::ofstream(output_) << "old";
   }
@@ -66,7 +65,6 @@ class EstimateVerb : public testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  Rng rng_{1};
   const std::string output_ = folder_ / "f.rfield";
 };
 

@@ -114,7 +114,7 @@ TEST(Program, EveryVerbHasHelp) {
     EXPECT_THAT(overview.out, testing::HasSubstr(verb));
     const auto help = run_refield({verb, "--help"});
     EXPECT_EQ(help.status, 0) << verb << ": " << help.err;
-    EXPECT_GT(help.out.size(), 100u) << verb;
+    EXPECT_THAT(help.out, testing::HasSubstr(std::string("Usage: refield ") + verb));
   }
 }
 

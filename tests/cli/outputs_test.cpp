@@ -28,9 +28,6 @@ using test::run_refield;
 using test::Succeeded;
 using testing::HasSubstr;
 
-constexpr LightDomain domain{8, 6, Parameterisation::monitor};
-constexpr int images = 12;
-
 /// Runs a script of the shell, in which "refield" is the program.
 test::CommandResult run_shell(const fs::path& folder, const std::string& script) {
   const std::string out = folder / "shell.out", err = folder / "shell.err";
@@ -51,11 +48,9 @@ test::CommandResult run_shell(const fs::path& folder, const std::string& script)
 class Outputs : public testing::Test {
  protected:
   Outputs() {
-    const ReflectanceField truth = test::random_field(rng_, 6, 5, domain, 10, 3);
-    std::vector<LightMap> lights;
-    for (int i = 0; i < images; ++i) lights.push_back(test::random_light(rng_, domain));
-    test::write_capture(session_, truth, lights);
-    write_reflectance_field(field_, truth);
+    const test::SmallCapture capture(1);
+    test::write_capture(session_, capture.truth, capture.lights);
+    write_reflectance_field(field_, capture.truth);
   }
 
   /// The command must be refused with `cause`, and the file must stay as it is.
@@ -66,7 +61,6 @@ class Outputs : public testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  Rng rng_{1};
   const std::string session_ = folder_ / "session";
   const std::string field_ = folder_ / "f.rfield";
 };
@@ -155,7 +149,8 @@ TEST_F(Outputs, TooFewOpenFilesAreNoDamage) {
 }
 
 TEST_F(Outputs, AFileThatGrowsTooLarge) {
-  write_reflectance_field(field_, test::random_field(rng_, 60, 50, domain, 40, 12));
+  Rng rng(1);
+  write_reflectance_field(field_, test::random_field(rng, 60, 50, test::SmallCapture::domain, 40, 12));
   const auto result =
       run_shell(folder_.path(), "ulimit -f 8; refield pack f.rfield -o p.rfield --error 2e-5");
   EXPECT_THAT(result, RefusedNaming("p.rfield", "ulimit -f"));

@@ -8,6 +8,7 @@
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/rng.h"
+#include "tests/support/random_data.h"
 
 namespace refield::test {
 
@@ -73,6 +74,12 @@ CaptureSession write_capture(const std::filesystem::path& folder, const Reflecta
   }
   write_session_manifest(session);
   return session;
+}
+
+SmallCapture::SmallCapture(std::uint64_t seed) {
+  Rng rng(seed);
+  truth = random_field(rng, 6, 5, domain, 10, 3);
+  for (int i = 0; i < images; ++i) lights.push_back(random_light(rng, domain));
 }
 
 }  // namespace refield::test

@@ -19,4 +19,15 @@ ReflectanceField field_of_boxes(int width, int height, LightDomain light, const 
 CaptureSession write_capture(const std::filesystem::path& folder, const ReflectanceField& field,
                              const std::vector<LightMap>& lights, double noise = 0.0);
 
+/// The smallest capture that can be estimated: 12 random light maps of 8×6 texels over a scene of ten random
+/// boxes, seen by 6×5 pixels.
+struct SmallCapture {
+  static constexpr LightDomain domain{8, 6, Parameterisation::monitor};
+  static constexpr int images = 12;
+  explicit SmallCapture(std::uint64_t seed);
+
+  ReflectanceField truth;
+  std::vector<LightMap> lights;
+};
+
 }  // namespace refield::test

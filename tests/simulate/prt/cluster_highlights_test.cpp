@@ -52,15 +52,13 @@ GlossyError glossy_error(Similarity similarity, double epsilon) {
   return error;
 }
 
-TEST(ClusterHighlights, OfLightsMissHighlightsOfFewPixelsAmongManyDiffuseOnesAndCutsOfGroupsDoNot) {
-  constexpr double good_diffuse = 0.06;     // both are as good on diffuse pixels
-  constexpr double missed_highlight = 0.3;  // with the norm over all pixels
-  constexpr double good_highlight = 0.1;    // with cuts of groups
+TEST(ClusterHighlights, OfFewPixelsAmongManyDiffuseOnesAreKeptByCutsOfGroupsWithFewerEntries) {
+  constexpr double good_diffuse = 0.06;   // both are as good on diffuse pixels
+  constexpr double good_highlight = 0.1;  // the norm over all pixels is only printed: about 0.4
   const GlossyError all = glossy_error(Similarity::all_outputs, 1e-3);
   const GlossyError groups = glossy_error(Similarity::group, 4e-3);
   EXPECT_LT(all.diffuse, good_diffuse);
   EXPECT_LT(groups.diffuse, good_diffuse);
-  EXPECT_GT(all.glossy, missed_highlight);
   EXPECT_LT(groups.glossy, good_highlight);
   EXPECT_LT(groups.entries, all.entries);
 }
