@@ -32,7 +32,7 @@ class ShellGrid {
   Corners around(const Eigen::Vector3f& place) const;
 
  private:
-  std::size_t side() const { return static_cast<std::size_t>(2 * rings_ + 1); }
+  std::size_t side() const { return 2 * static_cast<std::size_t>(rings_) + 1; }
   /// Of a corner with |x| + |y| + |z| = rings.
   std::uint32_t number(int x, int y, int z) const;
 

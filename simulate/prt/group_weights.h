@@ -18,13 +18,13 @@ struct GroupWeights {
 
   /// `values` ≥ 0, as many for each square.
   void append(std::uint32_t name, std::span<const float> values) {
-    constexpr float largest = 255.0f;
+    constexpr float largest = 255.0f, half = 0.5f;
     const float top = *std::ranges::max_element(values);
     if (top <= 0.0f) return;
     square.push_back(name);
     scale.push_back(top / largest);
     for (const float value : values)
-      weight.push_back(static_cast<std::uint8_t>(value / top * largest + 0.5f));
+      weight.push_back(static_cast<std::uint8_t>(value / top * largest + half));
   }
 };
 

@@ -16,7 +16,7 @@ inline Image picture_grid(const std::vector<Image>& pictures, int columns) {
     const int left = static_cast<int>(p) % columns * width, top = static_cast<int>(p) / columns * height;
     for (int y = 0; y < height; ++y)
       std::ranges::copy(pictures[p].row(y),
-                        grid.row(top + y).subspan(static_cast<std::size_t>(3 * left)).begin());
+                        grid.row(top + y).subspan(3 * static_cast<std::size_t>(left)).begin());
   }
   return grid;
 }
