@@ -24,8 +24,24 @@ plt.rcParams.update({
     "svg.fonttype": "none", "svg.hashsalt": "refield", "font.family": "sans-serif", "font.size": 8, "axes.titlesize": 9,
     "axes.grid": True, "grid.color": "#e4e6e9", "axes.axisbelow": True, "legend.fontsize": 7, "lines.markersize": 4,
 })
+COLOURS = [plt.get_cmap("tab20")(k) for k in (*range(0, 20, 2), *range(1, 20, 2))]
 MARKERS = "osD^vP*Xph"
-style_of = {}  # label → number of its colour and marker, the same in all panels of a figure
+style_of = {}  # label → number of its colour and marker in all panels of a figure
+
+
+class Numbers(matplotlib.ticker.LogFormatter):
+    """Numbers at powers of ten, and between them where an axis spans less than one and a half decades."""
+
+    def __init__(self):
+        super().__init__(minor_thresholds=(1.5, 0.7))
+
+    def _num_to_string(self, x, vmin, vmax):
+        return f"{x:g}"
+
+
+def style(label):
+    k = style_of.setdefault(label, len(style_of))
+    return {"label": label, "color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)], "linewidth": 1}
 
 
 def read_rows(path):
@@ -64,9 +80,7 @@ def draw_panel(axes, tracks, title, x_label, y_label, front=False):
         label: [p for p in points if all(math.isfinite(v) and v > 0 for v in p)] for label, points in tracks.items()
     }
     for label, points in visible.items():
-        k = style_of.setdefault(label, len(style_of))
-        axes.plot(*zip(*sorted(points)) if points else ([], []), label=label, color=f"C{k % 10}",
-                  marker=MARKERS[(k + k // 10) % len(MARKERS)], linewidth=1)
+        axes.plot(*zip(*sorted(points)) if points else ([], []), **style(label))
     if front:
         corners = pareto_front([p for points in visible.values() for p in points])
         if corners:
@@ -76,13 +90,12 @@ def draw_panel(axes, tracks, title, x_label, y_label, front=False):
         return
     axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        # Numbers between powers of ten where an axis spans less than one and a half decades.
-        axis.set_minor_formatter(matplotlib.ticker.LogFormatter(minor_thresholds=(1.5, 0.7)))
+        axis.set_major_formatter(Numbers())
+        axis.set_minor_formatter(Numbers())
 
 
 def make_figure(path, panels, columns, title=""):
-    """Panels are functions of axes. One legend for all panels, beside them; panels with other labels have their own."""
+    """Panels are functions of axes. One legend for all panels is beside them."""
     columns = min(columns, len(panels))
     rows = math.ceil(len(panels) / columns)
     style_of.clear()
@@ -92,12 +105,10 @@ def make_figure(path, panels, columns, title=""):
         panel(axes)
     for axes in grid.flat[len(panels):]:
         axes.remove()
-    legends = [axes.get_legend_handles_labels() for axes in grid.flat[:len(panels)]]
-    if all(labels == legends[0][1] for _, labels in legends):
-        figure.legend(*legends[0], loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    else:
-        for axes in grid.flat[:len(panels)]:
-            axes.legend()
+    entries = {}
+    for axes in grid.flat[:len(panels)]:
+        entries.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels())})
+    figure.legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.0, 1.0))
     if title:
         figure.suptitle(title)
     figure.savefig(path, bbox_inches="tight", metadata={"Date": None})
@@ -207,11 +218,10 @@ def draw_stability(rows, output):
 
         def draw(axes):
             places = range(len(some))
-            for k, (column, label) in enumerate((("error", "refield"), ("ridge", "ridge regression"), ("constant", "constant"))):
-                axes.plot(places, [number(row[column]) or math.nan for row in some], marker=MARKERS[k], linewidth=0.7,
-                          label=label)
+            for column, label in (("error", "refield"), ("ridge", "ridge regression"), ("constant", "constant")):
+                axes.plot(places, [number(row[column]) or math.nan for row in some], **style(label))
             axes.hlines([number(row["undisturbed"]) or math.nan for row in some], [p - 0.4 for p in places],
-                        [p + 0.4 for p in places], color="C0", linestyle="--", linewidth=1,
+                        [p + 0.4 for p in places], color=COLOURS[0], linestyle="--", linewidth=1,
                         label="refield, undisturbed capture")
             axes.set(title=condition, ylabel="relative RMSE, held-out lights", yscale="log")
             axes.set_xticks(places, [row["setting"] for row in some], rotation=20, ha="right", fontsize=6)
@@ -225,9 +235,8 @@ def draw_harmonics(rows, output):
     degrees = sorted({float(row["degrees"]) for row in rows})
 
     def draw(axes, label, some, column, **settings):
-        for k, (name, points) in enumerate(group(some, label, lambda row: int(row["order"]),
-                                                 lambda row: number(row[column])).items()):
-            axes.plot(*zip(*sorted(points)), marker=MARKERS[k], linewidth=1, label=name)
+        for name, points in group(some, label, lambda row: int(row["order"]), lambda row: number(row[column])).items():
+            axes.plot(*zip(*sorted(points)), **style(name))
         axes.set(xlabel="order", **settings)
 
     def errors(axes):
