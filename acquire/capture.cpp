@@ -10,8 +10,7 @@
 #include "acquire/scene_mask.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -103,9 +102,9 @@ class CaptureRun {
     session_.finish_step("mask", files);
   }
 
-  void take_photograph(const CaptureLight& light) {
+  void take_photograph(const CaptureLight& light, const RunContext& run) {
     if (session_.is_done(light.name)) return;
-    const LightMap wanted = read_light_map(light.wanted, Parameterisation::monitor);
+    const LightMap wanted = read_light_map(light.wanted, Parameterisation::monitor, run);
     std::size_t too_bright = 0;
     const DriveImage pattern = drive_levels(wanted.radiance, request_.monitor, &too_bright);
     out_of_range_lights_ += too_bright > 0;
@@ -130,16 +129,16 @@ class CaptureRun {
   }
   std::size_t place_of(const CaptureLight& light) const { return &light - request_.lights.data(); }
 
-  void take_all(Progress& progress) {
+  void take_all(Progress& progress, const RunContext& run) {
     bool enough = false;
     for (const CaptureLight& light : request_.lights) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       const bool counts = light.role == FrameRole::train && request_.is_enough;
       if (counts && (enough || session_.is_left_out(light.name))) {
         if (!session_.is_done(light.name)) session_.leave_out(light.name);
       } else {
         if (request_.before_light) request_.before_light(place_of(light));
-        take_photograph(light);
+        take_photograph(light, run);
         if (counts) enough = request_.is_enough(frame_of(light));
       }
       progress.advance();
@@ -232,29 +231,29 @@ class CaptureRun {
 }  // namespace
 
 CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminator& illuminator,
-                       Trigger* trigger) {
+                       Trigger* trigger, const RunContext& run) {
   const auto start = std::chrono::steady_clock::now();
   const CameraDescription described = camera.describe();
   const IlluminatorDescription display = illuminator.describe();
   check_session_folder(request.folder, request.if_exists);
-  request.check(described, display);
+  request.check(described, display, run);
   FramePairing pairing(camera, illuminator, trigger, request.timing);
   std::string exposure_note;
   const auto exposures =
       settable_exposures(choose_exposures(request, described, display, pairing, exposure_note), described);
   SessionWriter session(request.folder, capture_plan_text(request, exposures, described, display),
                         steps_of(request), request.if_exists);
-  CaptureRun run(request, described, display, exposures, pairing, session);
+  CaptureRun captured(request, described, display, exposures, pairing, session);
 
   if (!session.is_complete()) {
-    require_free_space(request.folder, run.bytes_needed());
+    require_free_space(request.folder, captured.bytes_needed());
     if (request.keep_raw) create_folders(request.folder / "raw");
     write_calibration(request.folder / "calibration.toml", request.camera, request.monitor, request.timing);
-    run.take_ambient();
-    run.make_mask();
-    Progress progress("capturing", request.lights.size());
-    run.take_all(progress);
-    run.finish();
+    captured.take_ambient();
+    captured.make_mask();
+    Progress progress(run, "capturing", request.lights.size());
+    captured.take_all(progress, run);
+    captured.finish();
   }
 
   CaptureSummary summary;
@@ -264,7 +263,7 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
   summary.found_done = session.found_done();
   summary.found_damaged = session.found_damaged();
   summary.discarded = pairing.counts();
-  run.report(summary);
+  captured.report(summary);
   summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return summary;
 }

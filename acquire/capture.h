@@ -16,6 +16,7 @@
 #include "acquire/trigger.h"
 #include "core/capture_session.h"
 #include "core/image_io.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -71,7 +72,8 @@ struct CaptureRequest {
   }
 
   /// Throws InputError naming the option and the remedy.
-  void check(const CameraDescription& camera, const IlluminatorDescription& display) const;
+  void check(const CameraDescription& camera, const IlluminatorDescription& display,
+             const RunContext& run = {}) const;
 };
 
 struct CaptureSummary {
@@ -93,7 +95,7 @@ struct CaptureSummary {
 /// between photographs when asked to (throws Interrupted); whatever ends it, the folder can be resumed.
 /// Throws InputError, FormatError or DeviceError. `trigger` may be null.
 CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminator& illuminator,
-                       Trigger* trigger);
+                       Trigger* trigger, const RunContext& run = {});
 
 /// Text of plan.toml: everything that decides the capture's content, with a checksum of every input file.
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,

@@ -11,8 +11,7 @@
 #include "acquire/journal.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -59,12 +58,13 @@ const char* name_of(MaskSource::Kind kind) {
 
 }  // namespace
 
-void CaptureRequest::check(const CameraDescription& described, const IlluminatorDescription& display) const {
+void CaptureRequest::check(const CameraDescription& described, const IlluminatorDescription& display,
+                           const RunContext& run) const {
   if (lights.empty()) throw InputError("there are no light maps; give at least one");
   std::set<std::string> names = {"ambient", "mask"};
-  Progress progress("checking lights", lights.size());
+  Progress progress(run, "checking lights", lights.size());
   for (const CaptureLight& light : lights) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     if (light.name.empty() || light.name.front() == '.' ||
         light.name.find_first_of("/\t\n\r") != std::string::npos)
       throw InputError(light.wanted.string() + ": '" + light.name + "' cannot name a frame; rename the file");
@@ -73,7 +73,7 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
                        "'; rename one");
     // Read whole, so that a damaged or impossible light is found before the first photograph, not in the
     // middle.
-    const Image wanted = read_light_map(light.wanted, Parameterisation::monitor).radiance;
+    const Image wanted = read_light_map(light.wanted, Parameterisation::monitor, run).radiance;
     if (wanted.width != display.width || wanted.height != display.height)
       throw InputError(light.wanted.string() + ": is " + std::to_string(wanted.width) + "×" +
                        std::to_string(wanted.height) + " texels, the monitor shows " +

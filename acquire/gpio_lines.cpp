@@ -8,7 +8,7 @@
 #include <filesystem>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -87,6 +87,7 @@ void GpioOutput::set(bool active) {
 
 struct GpioInput::State : OpenLine {
   using OpenLine::OpenLine;
+  RunContext run;
 
   /// True when an event waits to be read.
   bool wait(Seconds timeout) const {
@@ -102,7 +103,9 @@ struct GpioInput::State : OpenLine {
   }
 };
 
-GpioInput::GpioInput(const GpioLineAddress& address) : state_(std::make_unique<State>(address)) {
+GpioInput::GpioInput(const GpioLineAddress& address, RunContext run)
+    : state_(std::make_unique<State>(address)) {
+  state_->run = std::move(run);
   if (gpiod_line_request_both_edges_events_flags(state_->line, consumer, state_->flags()) != 0)
     state_->refused();
 }
@@ -122,7 +125,7 @@ void GpioInput::forget_changes() {
 std::optional<TimePoint> GpioInput::wait_for_active(Seconds timeout) {
   const auto deadline = std::chrono::steady_clock::now() + timeout;
   while (true) {
-    throw_if_interrupted();
+    state_->run.throw_if_stopped();
     const Seconds left = deadline - std::chrono::steady_clock::now();
     if (!state_->wait(std::min(left, look_for_stop))) {
       is_active();  // a chip that is gone gives no events, but says so here

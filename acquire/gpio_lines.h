@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/run_context.h"
 #include "core/units.h"
 
 namespace refield {
@@ -39,8 +40,8 @@ class GpioOutput {
 /// A line that something else drives, watched for its changes.
 class GpioInput {
  public:
-  /// Throws as GpioOutput does.
-  explicit GpioInput(const GpioLineAddress& address);
+  /// Throws as GpioOutput does. `run` stops waiting.
+  explicit GpioInput(const GpioLineAddress& address, RunContext run = {});
   ~GpioInput();
   GpioInput(GpioInput&&) noexcept;
 

@@ -11,8 +11,8 @@ namespace refield {
 namespace {
 
 template <class Line>
-std::optional<Line> opened(const std::optional<GpioLineAddress>& address) {
-  return address ? std::optional<Line>(std::in_place, *address) : std::nullopt;
+std::optional<Line> opened(const std::optional<GpioLineAddress>& address, const auto&... more) {
+  return address ? std::optional<Line>(std::in_place, *address, more...) : std::nullopt;
 }
 
 GpioTriggerOptions checked(const GpioTriggerOptions& options) {
@@ -31,11 +31,11 @@ void GpioTriggerOptions::check() const {
                      " s lies outside 0 to 3600 s");
 }
 
-GpioTrigger::GpioTrigger(const GpioTriggerOptions& options)
+GpioTrigger::GpioTrigger(const GpioTriggerOptions& options, const RunContext& run)
     : options_(checked(options)),
       trigger_(options.trigger),
-      ready_(opened<GpioInput>(options.ready)),
-      strobe_(opened<GpioInput>(options.strobe)),
+      ready_(opened<GpioInput>(options.ready, run)),
+      strobe_(opened<GpioInput>(options.strobe, run)),
       lamp_(opened<GpioOutput>(options.lamp)) {
   if (lamp_) lamp_->set(true);
 }

@@ -24,7 +24,8 @@ struct GpioTriggerOptions {
 /// instant just before the pulse. Throws DeviceError when ready or strobe stay away, or the chip is gone.
 class GpioTrigger final : public Trigger {
  public:
-  explicit GpioTrigger(const GpioTriggerOptions& options);
+  /// `run` stops waiting.
+  explicit GpioTrigger(const GpioTriggerOptions& options, const RunContext& run = {});
   TimePoint fire() override;
 
  private:

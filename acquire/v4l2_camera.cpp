@@ -10,7 +10,7 @@
 #include "acquire/v4l2_settings.h"
 #include "acquire/v4l2_stream.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -48,17 +48,20 @@ struct OpenCamera {
   V4l2Settings settings;
   V4l2Stream stream;
 
-  OpenCamera(const V4l2Identity& identity, const V4l2CameraOptions& options)
+  OpenCamera(const V4l2Identity& identity, const V4l2CameraOptions& options, const RunContext& run)
       : device(identity.node),
         settings(device, options.controls),
-        stream(device, {options.format.empty() ? best_format(device) : fourcc_from_text(options.format),
-                        options.width, options.height, options.rate}) {}
+        stream(device,
+               {options.format.empty() ? best_format(device) : fourcc_from_text(options.format),
+                options.width, options.height, options.rate},
+               run) {}
 };
 
 }  // namespace
 
 struct V4l2Camera::State {
   V4l2CameraOptions options;
+  RunContext run;
   V4l2Identity identity;
   std::unique_ptr<OpenCamera> open;
   V4l2Format format{};
@@ -77,8 +80,8 @@ struct V4l2Camera::State {
   std::uint64_t sequence = 0;
   TimePoint last_stamp{};
 
-  explicit State(V4l2CameraOptions wanted)
-      : options(std::move(wanted)), identity(find_v4l2_camera(options.device)) {
+  State(V4l2CameraOptions wanted, RunContext context)
+      : options(std::move(wanted)), run(std::move(context)), identity(find_v4l2_camera(options.device)) {
     reopen();
     const std::string name = identity.node.string();
     const std::uint32_t fourcc = open->stream.format().fourcc;
@@ -102,9 +105,7 @@ struct V4l2Camera::State {
            " frames are processed by the camera (tone curve, colours); its response must be calibrated");
   }
 
-  void tell(const std::string& sentence) const {
-    if (options.notice) options.notice(sentence);
-  }
+  void tell(const std::string& sentence) const { run.note(sentence); }
 
   Seconds interval() const {
     const Seconds stated = open->stream.format().frame_interval;
@@ -114,7 +115,7 @@ struct V4l2Camera::State {
   /// Opens the camera with all settings, frames in flight forgotten.
   void reopen() {
     open.reset();  // the node must be free first
-    open = std::make_unique<OpenCamera>(identity, options);
+    open = std::make_unique<OpenCamera>(identity, options, run);
     frames_start_anew();
     if (asked) make_settings(asked->first, asked->second);
   }
@@ -265,7 +266,7 @@ struct V4l2Camera::State {
          std::to_string(std::lround(options.replug_patience.count())) + " s for it to be connected again");
     const auto deadline = std::chrono::steady_clock::now() + options.replug_patience;
     while (std::chrono::steady_clock::now() < deadline) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       std::this_thread::sleep_for(look_again);
       for (const V4l2Identity& camera : find_v4l2_cameras()) {
         if (camera.bus != identity.bus || camera.card != identity.card) continue;
@@ -285,7 +286,8 @@ struct V4l2Camera::State {
   }
 };
 
-V4l2Camera::V4l2Camera(V4l2CameraOptions options) : state_(std::make_unique<State>(std::move(options))) {}
+V4l2Camera::V4l2Camera(V4l2CameraOptions options, RunContext run)
+    : state_(std::make_unique<State>(std::move(options), std::move(run))) {}
 V4l2Camera::~V4l2Camera() = default;
 
 CameraDescription V4l2Camera::describe() const {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
-#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -10,6 +9,7 @@
 
 #include "acquire/camera.h"
 #include "acquire/v4l2_formats.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -26,8 +26,6 @@ struct V4l2CameraOptions {
   double unit_gain = 0.0;
   Seconds fixed_exposure{0};    ///< of a camera without an exposure control
   Seconds replug_patience{30};  ///< how long an unplugged camera is waited for
-  /// Told of what a person should know: frames with errors, an unplugged camera. May be null.
-  std::function<void(const std::string&)> notice = nullptr;
 };
 
 /// What went wrong on the way and was mended; frames in it are lost, never wrong.
@@ -45,8 +43,9 @@ struct V4l2CameraTroubles {
 /// twice and the first frames after a start are left out.
 class V4l2Camera final : public Camera {
  public:
-  /// Throws InputError for options that the camera cannot do, DeviceError when it refuses.
-  explicit V4l2Camera(V4l2CameraOptions options);
+  /// Throws InputError for options that the camera cannot do, DeviceError when it refuses. `run` receives
+  /// notes about damaged frames and an unplugged camera, and stops waiting.
+  explicit V4l2Camera(V4l2CameraOptions options, RunContext run = {});
   ~V4l2Camera() override;
 
   CameraDescription describe() const override;

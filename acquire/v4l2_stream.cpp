@@ -11,7 +11,7 @@
 
 #include "acquire/v4l2_formats.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -54,7 +54,8 @@ Seconds interval_of_timings(const V4l2Device& device) {
 
 }  // namespace
 
-V4l2Stream::V4l2Stream(const V4l2Device& device, const V4l2StreamRequest& request) : device_(device) {
+V4l2Stream::V4l2Stream(const V4l2Device& device, const V4l2StreamRequest& request, RunContext run)
+    : device_(device), run_(std::move(run)) {
   choose_format(request);
   choose_rate(request.rate);
   try {
@@ -166,7 +167,7 @@ void V4l2Stream::restart() {
 bool V4l2Stream::wait_until_filled(Seconds timeout) const {
   const auto deadline = std::chrono::steady_clock::now() + timeout;
   while (true) {
-    throw_if_interrupted();
+    run_.throw_if_stopped();
     const auto left =
         std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
     if (left.count() <= 0) return false;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "acquire/v4l2_device.h"
+#include "core/run_context.h"
 #include "core/units.h"
 
 namespace refield {
@@ -48,7 +49,7 @@ class V4l2Stream {
  public:
   /// Sets format and rate and starts. Throws InputError when the driver chose another format or size than was
   /// asked for, DeviceError when it refuses.
-  V4l2Stream(const V4l2Device& device, const V4l2StreamRequest& request);
+  V4l2Stream(const V4l2Device& device, const V4l2StreamRequest& request, RunContext run = {});
   ~V4l2Stream();
   V4l2Stream(const V4l2Stream&) = delete;
   V4l2Stream& operator=(const V4l2Stream&) = delete;
@@ -73,6 +74,7 @@ class V4l2Stream {
   bool wait_until_filled(Seconds timeout) const;
 
   const V4l2Device& device_;
+  RunContext run_;
   V4l2StreamFormat format_;
   std::vector<std::span<std::uint8_t>> buffers_;
 };

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/capture_options.h"
 
+#include "cli/run_context.h"
 #include "core/errors.h"
-#include "core/progress.h"
 #include "relight/held_out.h"
 
 namespace refield::cli {
@@ -39,7 +39,8 @@ CaptureSession open_capture(const CaptureOptions& options) {
 
 void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session) {
   if (options.hold_out != 0) return;
-  if (const std::string warning = mark_held_out(session, field); !warning.empty()) log_line(warning);
+  if (const std::string warning = mark_held_out(session, field); !warning.empty())
+    run_context().note(warning);
 }
 
 }  // namespace refield::cli

@@ -8,16 +8,15 @@
 
 #include "cli/capture_options.h"
 #include "cli/held_out_figures.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/capture_session.h"
 #include "core/drift.h"
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
 #include "core/metrics.h"
 #include "core/output_lock.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "relight/held_out.h"
 
@@ -79,9 +78,9 @@ void compare_images(const CompareOptions& options, const Common& common) {
   const Mask mask = mask_file.empty() ? Mask{} : read_mask(mask_file, first.width, first.height);
   SeriesError series(mask);
   HeldOutError error;
-  Progress progress("compare", pairs.size());
+  Progress progress(run_context(), "compare", pairs.size());
   for (const auto& [predicted_path, observed_path] : pairs) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     const Photograph predicted = read_for_comparison(predicted_path);
     const Photograph observed = read_for_comparison(observed_path);
     if (!predicted.radiance.same_shape(observed.radiance))
@@ -114,15 +113,15 @@ void compare_field(const CompareOptions& options, const Common& common) {
         "--output requires images; relight the field and compare the relit images to get an error map");
   CaptureSession session = open_capture(options.capture);
   if (session.folder.empty()) check_image_sizes(session);
-  if (options.truth.empty()) remove_drift(session);
-  const ReflectanceField field = read_image_field(options.predicted);
+  if (options.truth.empty()) remove_drift(session, run_context());
+  const ReflectanceField field = read_image_field(options.predicted, run_context());
   find_held_out(options.capture, field, session);
   std::optional<ReflectanceField> truth;
-  if (!options.truth.empty()) truth = read_image_field(options.truth);
+  if (!options.truth.empty()) truth = read_image_field(options.truth, run_context());
   if (!(options.noise_scale >= 0.0))
     throw InputError("--noise-scale is " + std::to_string(options.noise_scale) + "; give 0 or more");
-  const auto errors =
-      held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test, options.noise_scale);
+  const auto errors = held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test,
+                                      options.noise_scale, run_context());
   if (common.json) {
     std::printf("%s\n", json_text(ordered_json{{"held_out", held_out_figures(errors)}}, 2).c_str());
     return;

@@ -8,6 +8,7 @@
 
 #include "cli/capture_options.h"
 #include "cli/held_out_figures.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/drift.h"
 #include "core/errors.h"
@@ -15,7 +16,6 @@
 #include "core/image_io.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "estimate/foresee.h"
 
@@ -141,7 +141,7 @@ nlohmann::ordered_json log_of(const EstimateArguments& arguments, const Estimate
 }
 
 void dry_run(const EstimateArguments& arguments, const CaptureSession& session, const Common& common) {
-  const Foresight foresight = foresee_estimate(session, arguments.options);
+  const Foresight foresight = foresee_estimate(session, arguments.options, run_context());
   auto figures = plan_figures(arguments, foresight.plan);
   figures.update({{"foreseen_seconds", foresight.seconds()},
                   {"foreseen_seconds_lights", foresight.lights_seconds},
@@ -174,7 +174,7 @@ void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
                 "GiB allowed",
                 plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
                 plan.memory_bytes / gib, arguments.memory_gib);
-  log_line(text);
+  run_context().note(text);
 }
 
 std::string names_of(const std::vector<LeftOutFrame>& frames) {
@@ -187,8 +187,9 @@ std::string names_of(const std::vector<LeftOutFrame>& frames) {
 std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, CaptureSession session) {
   if (arguments.capture.hold_out == 0 || arguments.options.rows) return {};
   if (session.folder.empty()) check_image_sizes(session);
-  if (!arguments.options.keep_drift) remove_drift(session);
-  return held_out_errors(read_image_field(arguments.output), session);
+  if (!arguments.options.keep_drift) remove_drift(session, run_context());
+  return held_out_errors(read_image_field(arguments.output, run_context()), session, nullptr, FrameRole::test,
+                         1.0, run_context());
 }
 
 void run(EstimateArguments arguments, const Common& common) {
@@ -204,9 +205,9 @@ void run(EstimateArguments arguments, const Common& common) {
   const CaptureOptions& capture = arguments.capture;
   const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
                         ".rfield");
-  announce(arguments, plan_estimate(session, arguments.options));
+  announce(arguments, plan_estimate(session, arguments.options, run_context()));
   const EstimateSummary summary =
-      estimate_to_file(session, arguments.options, arguments.output, arguments.resume);
+      estimate_to_file(session, arguments.options, arguments.output, arguments.resume, run_context());
   auto log = log_of(arguments, summary);
   const auto held_out = held_out_of(arguments, session);
   if (!held_out.empty())

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/report/html.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "cli/web/export.h"
 #include "core/errors.h"
@@ -45,7 +46,7 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
         "520x320@600,yaw=90");
   std::vector<web::PageMap> maps;
   for (const fs::path& file : expand_globs(options.environments)) {
-    LightMap map = read_environment(file);
+    LightMap map = read_environment(file, run_context());
     const bool panorama = map.parameterisation == Parameterisation::lat_long;
     if (has_window) {
       const int columns = panorama ? std::min(map.radiance.width, max_columns) : max_columns;
@@ -61,15 +62,15 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
   const OutputLock lock(options.output, {});
-  ReflectanceField field = read_image_field(options.field);
+  ReflectanceField field = read_image_field(options.field, run_context());
   if (!options.monitor.empty()) {
     field.monitors = placements_from_texts({options.monitor});
     check_placements(field.monitors, field.basis.domain, "--monitor");
   }
   const std::string title = options.title.empty() ? options.field.stem().string() : options.title;
-  const web::ExportReport report =
-      web::export_page(field, title, options.output,
-                       options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field));
+  const web::ExportReport report = web::export_page(
+      field, title, options.output,
+      options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field), run_context());
   if (common.json) {
     std::printf("%s\n",
                 json_text(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},

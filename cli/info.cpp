@@ -10,6 +10,7 @@
 #include <utility>
 #include <variant>
 
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
@@ -151,7 +152,7 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
 }
 
 ordered_json describe_whole_field(const fs::path& path) {
-  auto either = read_either_field(path);
+  auto either = read_either_field(path, run_context());
   if (const auto* field = std::get_if<ReflectanceField>(&either)) {
     if (!is_precomputed(*field)) return describe_field(path, *field);
     return describe_precomputed(path, *field);
@@ -167,7 +168,7 @@ ordered_json describe_whole_field(const fs::path& path) {
 }
 
 ordered_json describe_part(const fs::path& path) {
-  const FieldPart part = read_field_part(path);
+  const FieldPart part = read_field_part(path, run_context());
   ordered_json info = describe_field(path, part.field);
   info["kind"] = "part of a reflectance field";
   info["rows"] = {part.rows.first, part.rows.last};
@@ -234,7 +235,7 @@ ordered_json describe_image(const fs::path& path) {
 ordered_json describe_path(const fs::path& path) {
   if (fs::is_directory(path)) return describe_session(path);
   if (path.extension() == ".rfield")
-    return is_field_part(path) ? describe_part(path) : describe_whole_field(path);
+    return is_field_part(path, run_context()) ? describe_part(path) : describe_whole_field(path);
   return describe_image(path);
 }
 

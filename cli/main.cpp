@@ -21,10 +21,9 @@
 #include <system_error>
 
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 
 namespace {
 
@@ -255,7 +254,7 @@ int run(int argc, char** argv) {
   for (const CLI::App* verb : app.get_subcommands())
     if (verb->get_option_no_throw("--memory") != nullptr)
       memory_remedy = "give --memory a smaller limit or work on smaller images";
-  if (common.quiet) refield::Progress::silence();
+  if (common.quiet) refield::silence_progress();
   refield::install_interrupt_handler();
   action();
   return 0;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cli/report/run_log.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/field_part.h"
@@ -29,7 +30,7 @@ struct MergeArguments {
 void merge(const MergeArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   const OutputLock lock(arguments.output, arguments.parts, ".rfield");
-  const ReflectanceField field = merge_field_parts(arguments.parts);
+  const ReflectanceField field = merge_field_parts(arguments.parts, run_context());
   write_reflectance_field(arguments.output, field);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const nlohmann::ordered_json figures = {{"parts", arguments.parts.size()},

@@ -5,8 +5,10 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
+#include "core/files.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
 #include "core/packed_field_file.h"
@@ -55,7 +57,7 @@ void print(const fs::path& output, const ordered_json& figures) {
 }
 
 ReflectanceField full_field(const fs::path& path) {
-  auto either = read_either_field(path);
+  auto either = read_either_field(path, run_context());
   if (std::holds_alternative<PackedField>(either))
     throw InputError(path.string() +
                      ": is already packed, and the errors would accumulate; give the full field");
@@ -64,7 +66,7 @@ ReflectanceField full_field(const fs::path& path) {
 
 void pack(const PackOptions& options, const Common& common) {
   const OutputLock lock(options.output, {options.field}, ".rfield");
-  PackResult packed = pack_field(full_field(options.field), options.error);
+  PackResult packed = pack_field(full_field(options.field), options.error, run_context());
   ordered_json figures = figures_of(packed.cost, options.error);
   add_to_provenance(packed.field.outline.provenance, figures);
   write_packed_field(options.output, packed.field);

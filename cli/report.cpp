@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/report.h"
+#include "cli/run_context.h"
 
 #include <charconv>
 #include <cstdio>
@@ -71,7 +72,7 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
       const OutputLock lock(options->request.output, inputs, ".html");
       options->request.session = open_capture(options->capture);
       options->request.find_held_out = options->capture.hold_out == 0;
-      auto figures = report::write_report(options->request);
+      auto figures = report::write_report(options->request, run_context());
       const std::string path = options->request.output.string();
       if (common.json) {
         figures["report"] = path;

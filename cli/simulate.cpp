@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/simulate.h"
+#include "cli/run_context.h"
 
 #include <cstdio>
 #include <memory>
@@ -168,7 +169,7 @@ void simulate(const Arguments& arguments, const Common& common) {
   create_folders(arguments.folder);
   write_record(arguments.folder, provenance, false);
   remove_earlier(arguments.folder);
-  const SimulateSummary summary = simulate_session(recipe, options, arguments.folder);
+  const SimulateSummary summary = simulate_session(recipe, options, arguments.folder, run_context());
   write_record(arguments.folder, provenance, true);
   report::write_run_log(arguments.folder, "simulate",
                         summary.light_seconds + summary.trace_seconds + summary.write_seconds,

@@ -3,6 +3,7 @@
 
 #include "cli/dynamic/scene_by_hand.h"
 #include "cli/picture_size.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "relight/viewer/viewer.h"
@@ -24,10 +25,11 @@ void view(const ViewOptions& options) {
                      options.shown.string() + "; light maps are supported for fields (.rfield) only");
   if (moves)
     return run_scene_viewer(
-        options.shown.filename().string(), [&] { return read_moving_scene(options.shown); }, options.window);
+        options.shown.filename().string(), [&] { return read_moving_scene(options.shown); }, options.window,
+        run_context());
   const auto light =
       options.light.empty() ? std::nullopt : std::optional<std::filesystem::path>(options.light);
-  run_viewer(options.shown, light, options.window);
+  run_viewer(options.shown, light, options.window, run_context());
 }
 
 }  // namespace

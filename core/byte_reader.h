@@ -30,7 +30,7 @@ class ByteReader {
 
  private:
   std::string until(char end, std::size_t longest);
-  const std::filesystem::path& path_;
+  std::filesystem::path path_;
   std::ifstream file_;
   std::uint64_t size_;
 };

@@ -148,8 +148,19 @@ FilesByKey by_stem(const std::vector<GlobMatch>& matches) {
   return files;
 }
 
-void check_size(const fs::path& path, int& width, int& height, const fs::path*& first) {
-  const ImageHeader header = read_image_header(path);
+void check_size(const fs::path& path, const ImageView* view, int& width, int& height,
+                const fs::path*& first) {
+  struct Size {
+    int width, height;
+  } header{};
+  if (view) {
+    header = {view->width, view->height};
+    if (view->channels != 3)
+      throw InputError(path.string() + ": has " + std::to_string(view->channels) + " channels, not 3");
+  } else {
+    const ImageHeader read = read_image_header(path);
+    header = {read.width, read.height};
+  }
   if (width == 0) {
     width = header.width;
     height = header.height;
@@ -321,12 +332,24 @@ void check_image_sizes(CaptureSession& session) {
   const fs::path* first_light = nullptr;
   const fs::path* first_photograph = nullptr;
   for (const CaptureFrame& frame : session.frames) {
-    check_size(frame.illumination, session.light.width, session.light.height, first_light);
-    check_size(frame.observed, session.width, session.height, first_photograph);
+    const auto* views = frame.views ? &*frame.views : nullptr;
+    check_size(frame.illumination, views ? &views->light : nullptr, session.light.width, session.light.height,
+               first_light);
+    check_size(frame.observed, views ? &views->photograph : nullptr, session.width, session.height,
+               first_photograph);
+    if (views && !views->sigma.empty())
+      check_size(frame.observed.string() + " (sigma)", &views->sigma, session.width, session.height,
+                 first_photograph);
   }
 }
 
 namespace {
+
+Photograph copied(const CaptureFrame::Views& views, int first, int last) {
+  Photograph photograph{copied_rows(views.photograph, first, last), {}};
+  if (!views.sigma.empty()) photograph.sigma = copied_rows(views.sigma, first, last);
+  return photograph;
+}
 
 Photograph divided(Photograph photograph, const std::array<float, 3>& gain) {
   if (gain == std::array<float, 3>{1.0f, 1.0f, 1.0f}) return photograph;
@@ -337,11 +360,21 @@ Photograph divided(Photograph photograph, const std::array<float, 3>& gain) {
 
 }  // namespace
 
+LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
+                           const RunContext& run) {
+  if (!frame.views) return read_light_map(frame.illumination, parameterisation, run);
+  LightMap light{copied_rows(frame.views->light, 0, frame.views->light.height), parameterisation};
+  require_finite(light.radiance, frame.illumination.string(), false, "repair that texel in the light map");
+  return light;
+}
+
 Photograph read_observed(const CaptureFrame& frame) {
+  if (frame.views) return divided(copied(*frame.views, 0, frame.views->photograph.height), frame.gain);
   return divided(read_photograph(frame.observed), frame.gain);
 }
 
 Photograph read_observed_rows(const CaptureFrame& frame, int first, int last) {
+  if (frame.views) return divided(copied(*frame.views, first, last), frame.gain);
   return divided(read_photograph_rows(frame.observed, first, last), frame.gain);
 }
 

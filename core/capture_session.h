@@ -30,6 +30,12 @@ struct CaptureFrame {
   double order = 0.0;
   /// By which read_observed() divides each channel; remove_drift() sets it.
   std::array<float, 3> gain = {1.0f, 1.0f, 1.0f};
+  /// Images in memory, read in place of the files, whose paths are names for messages then. Without `sigma`
+  /// the photograph's noise is not known.
+  struct Views {
+    ImageView light, photograph, sigma;
+  };
+  std::optional<Views> views = std::nullopt;
 };
 
 /// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and
@@ -73,6 +79,10 @@ CaptureSession pair_by_globs(const std::string& light_glob, const std::string& o
 /// Checks that the headers of all images fit together, filling in sizes where the session does not state
 /// them. Throws InputError naming the first image whose size differs.
 void check_image_sizes(CaptureSession& session);
+
+/// Reads a frame's light map. Throws what read_light_map() throws.
+LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
+                           const RunContext& run);
 
 /// Reads a frame's photograph, or its rows [first, last), and divides radiance and sigma by the frame's gain.
 Photograph read_observed(const CaptureFrame& frame);

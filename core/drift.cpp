@@ -7,7 +7,7 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -69,23 +69,24 @@ double median_of(std::vector<double> values) {
   return *middle;
 }
 
-void require_same_light(const CaptureFrame& first, const CaptureFrame& other, Parameterisation domain) {
+void require_same_light(const CaptureFrame& first, const CaptureFrame& other, Parameterisation domain,
+                        const RunContext& run) {
   if (first.illumination == other.illumination) return;
-  if (read_light_map(first.illumination, domain).radiance.values !=
-      read_light_map(other.illumination, domain).radiance.values)
+  if (read_illumination(first, domain, run).radiance.values !=
+      read_illumination(other, domain, run).radiance.values)
     throw InputError(other.illumination.string() + ": all reference frames must show the same light; " +
                      first.illumination.string() + " differs; change the role of one of them");
 }
 
 /// [frames][pixels × 3] of a lattice of pixels inside the mask; NaN where not measured.
 std::vector<std::vector<float>> read_references(const std::vector<CaptureFrame>& frames,
-                                                const CaptureSession& session) {
+                                                const CaptureSession& session, const RunContext& run) {
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
   const std::size_t pixels = static_cast<std::size_t>(session.width) * session.height;
   const std::size_t step = std::max<std::size_t>(1, pixels / most_pixels) | 1;  // odd: no column is favoured
   std::vector<std::vector<float>> samples;
   for (const CaptureFrame& frame : frames) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const Photograph photograph = read_photograph(frame.observed);
     if (photograph.radiance.width != session.width || photograph.radiance.height != session.height)
       throw InputError(frame.observed.string() + ": is " + shape_text(photograph.radiance) +
@@ -208,16 +209,16 @@ std::array<float, 3> Drift::gain_at(double order) const {
   return gain;
 }
 
-Drift measure_drift(const CaptureSession& session) {
+Drift measure_drift(const CaptureSession& session, const RunContext& run) {
   Drift drift;
   auto frames = session.frames_of(FrameRole::reference);
   if (frames.size() < 2) return drift;
   std::ranges::stable_sort(frames, {}, &CaptureFrame::order);
   for (const CaptureFrame& frame : frames) {
-    require_same_light(frames.front(), frame, session.light.parameterisation);
+    require_same_light(frames.front(), frame, session.light.parameterisation, run);
     drift.points.push_back({frame.name, frame.order});
   }
-  const auto samples = read_references(frames, session);
+  const auto samples = read_references(frames, session, run);
   for (int c = 0; c < 3; ++c) fit_channel(samples, c, drift.points);
   set_broken_aside(drift.points);
   const auto first = std::ranges::find(drift.points, true, &DriftPoint::used)->gain;
@@ -233,8 +234,8 @@ Drift measure_drift(const CaptureSession& session) {
   return drift;
 }
 
-Drift remove_drift(CaptureSession& session) {
-  Drift drift = measure_drift(session);
+Drift remove_drift(CaptureSession& session, const RunContext& run) {
+  Drift drift = measure_drift(session, run);
   if (drift.points.empty()) return drift;
   for (CaptureFrame& frame : session.frames)
     frame.gain = drift.significant ? drift.gain_at(frame.order) : std::array<float, 3>{1.0f, 1.0f, 1.0f};

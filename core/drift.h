@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/capture_session.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -31,11 +32,11 @@ struct Drift {
 /// the mask that every reference frame measured, of its ratio to the median reference. Bright pixels weigh
 /// more. A frame that one of its neighbours' line alone misses (a flicker while it was taken) is not used.
 /// Throws InputError when reference frames show different lights.
-Drift measure_drift(const CaptureSession& session);
+Drift measure_drift(const CaptureSession& session, const RunContext& run = {});
 
 /// Sets the gain of every frame of the session to what measure_drift() found, where that is significant; else
 /// leaves them at one. Changes nothing where there are fewer than two reference frames. Readers of
 /// photographs divide by it (read_observed()).
-Drift remove_drift(CaptureSession& session);
+Drift remove_drift(CaptureSession& session, const RunContext& run = {});
 
 }  // namespace refield

@@ -224,14 +224,14 @@ std::uint64_t outline_bytes(const ReflectanceField& field) {
          (field.predicted_error.size() + field.photograph_noise.size()) * sizeof(float);
 }
 
-FieldFile open_field(const fs::path& path) {
+FieldFile open_field(const fs::path& path, const RunContext& run) {
   static_assert(std::endian::native == std::endian::little, "values are taken from the file as they stand");
   std::error_code error;
   if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
   if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
     throw FormatError(path,
                       "is not a reflectance field (no HDF5 file); give a file written by 'refield estimate'");
-  auto outline = read_hdf5_outline(path, data_set_names);
+  auto outline = read_hdf5_outline(path, data_set_names, run);
   if (!outline)
     throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
   FieldFile file{{std::move(*outline), path}, false, 0};

@@ -7,6 +7,7 @@
 #include "core/hdf5_values.h"
 #include "core/hdf5_writer.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 /// What the files of whole, packed and partial fields have in common.
 namespace refield {
@@ -32,7 +33,7 @@ struct FieldFile {
   int version = 0;
 };
 /// Throws FormatError where it is no such file, or of a version that this program does not know.
-FieldFile open_field(const std::filesystem::path& path);
+FieldFile open_field(const std::filesystem::path& path, const RunContext& run);
 
 /// Sizes, light and provenance: what a reader needs before it asks for the numbers.
 ReflectanceField read_outline(const Hdf5Values& values);

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -105,17 +105,17 @@ class Joiner {
 
 }  // namespace
 
-ReflectanceField merge_field_parts(std::span<const fs::path> paths) {
+ReflectanceField merge_field_parts(std::span<const fs::path> paths, const RunContext& run) {
   if (paths.empty()) throw InputError("no shards of a field are given");
   std::vector<Outline> parts;
-  for (const fs::path& path : paths) parts.push_back({path, read_field_part_outline(path)});
+  for (const fs::path& path : paths) parts.push_back({path, read_field_part_outline(path, run)});
   for (const Outline& part : parts) require_same_job(parts.front(), part);
   std::ranges::stable_sort(parts, {}, [](const Outline& outline) { return outline.part.rows.first; });
   require_whole(parts);
   Joiner joiner(parts.front().part);
   for (const Outline& part : parts) {
-    throw_if_interrupted();
-    joiner.append(read_field_part(part.path).field);
+    run.throw_if_stopped();
+    joiner.append(read_field_part(part.path, run).field);
   }
   return joiner.take();
 }

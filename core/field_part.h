@@ -6,6 +6,7 @@
 
 #include "core/reflectance_field.h"
 #include "core/row_range.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -20,20 +21,20 @@ struct FieldPart {
 };
 
 /// Whether a file is a part of a field. False for whole fields and for anything else.
-bool is_field_part(const std::filesystem::path& path);
+bool is_field_part(const std::filesystem::path& path, const RunContext& run = {});
 
 /// Writes a part, atomically. Throws DeviceError where the disk refuses.
 void write_field_part(const std::filesystem::path& path, const FieldPart& part);
 
 /// Reads a part and checks it as read_reflectance_field() does. Throws InputError for a whole field,
 /// FormatError for anything else.
-FieldPart read_field_part(const std::filesystem::path& path);
+FieldPart read_field_part(const std::filesystem::path& path, const RunContext& run = {});
 /// The same without boxes, transfer and statistics.
-FieldPart read_field_part_outline(const std::filesystem::path& path);
+FieldPart read_field_part_outline(const std::filesystem::path& path, const RunContext& run);
 
 /// Joins parts, given in any order, into the field that one run over all rows makes, to the bit. Throws
 /// InputError naming the files where rows are missing or held twice, or where parts come from different
 /// captures, options or versions.
-ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths);
+ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths, const RunContext& run = {});
 
 }  // namespace refield

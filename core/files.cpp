@@ -11,7 +11,6 @@
 #include <optional>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
 
 namespace refield {
 
@@ -190,7 +189,6 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
         matches.push_back({entry.path(), entry.path().stem().string()});
   } else if (fs::is_directory(folder_of(path))) {
     for (const auto& entry : fs::directory_iterator(folder_of(path))) {
-      throw_if_interrupted();
       const std::string name = entry.path().filename().string();
       if (name[0] == '.' && pattern[0] != '.') continue;
       if (auto wildcard = match_wildcards(path.filename().string(), name))

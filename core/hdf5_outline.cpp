@@ -125,8 +125,8 @@ std::string describe(const std::filesystem::path& path, std::span<const char* co
 }  // namespace
 
 std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
-                                             std::span<const char* const> data_sets) {
-  const auto answer = run_isolated([&] { return describe(path, data_sets); });
+                                             std::span<const char* const> data_sets, const RunContext& run) {
+  const auto answer = run_isolated([&] { return describe(path, data_sets); }, {}, run);
   if (!answer) return std::nullopt;
   try {
     const Json described = Json::from_cbor(*answer);

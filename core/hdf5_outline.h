@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/run_context.h"
+
 namespace refield {
 
 /// Where in an HDF5 file a data set's values lie, in one piece.
@@ -34,6 +36,6 @@ struct Hdf5Outline {
 /// elsewhere (soft, external) are not followed; they and data sets that are not stored in one piece in this
 /// very file (chunked, compressed, external, virtual) are refused.
 std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
-                                             std::span<const char* const> data_sets);
+                                             std::span<const char* const> data_sets, const RunContext& run);
 
 }  // namespace refield

@@ -15,7 +15,7 @@ namespace refield {
 /// Throws FormatError.
 struct Hdf5Values {
   Hdf5Outline outline;
-  const std::filesystem::path& path;
+  std::filesystem::path path;
 
   [[noreturn]] void fail(const std::string& what) const;
   bool has(const char* name) const { return outline.data_sets.contains(name); }

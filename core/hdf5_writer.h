@@ -29,7 +29,7 @@ class Hdf5Writer {
 
  private:
   void check(bool ok) const;
-  const std::filesystem::path& destination_;
+  std::filesystem::path destination_;
   std::int64_t file_;
 };
 

@@ -7,6 +7,14 @@
 
 namespace refield {
 
+Image copied_rows(const ImageView& view, int first, int last) {
+  Image copy(view.width, last - first, view.channels);
+  for (int y = first; y < last; ++y)
+    for (int x = 0; x < view.width; ++x)
+      for (int c = 0; c < view.channels; ++c) copy.at(x, y - first, c) = view.at(x, y, c);
+  return copy;
+}
+
 std::string shape_text(const Image& image) {
   return std::to_string(image.width) + "×" + std::to_string(image.height) + "×" +
          std::to_string(image.channels);

@@ -39,6 +39,43 @@ struct Image {
   }
 };
 
+/// A float image that somebody else owns and keeps while the view is used: scene-linear, top row first.
+/// Strides count floats and may be negative (an image stored bottom row first).
+struct ImageView {
+  const float* values = nullptr;  ///< first channel of the top left pixel
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+  std::ptrdiff_t channel_stride = 1;
+  std::ptrdiff_t pixel_stride = 0;
+  std::ptrdiff_t row_stride = 0;
+
+  ImageView() = default;
+  /// Channels interleaved, pixels and rows without gaps.
+  ImageView(const float* first, int width_px, int height_px, int channel_count)
+      : ImageView(first, width_px, height_px, channel_count, 1, channel_count,
+                  static_cast<std::ptrdiff_t>(width_px) * channel_count) {}
+  ImageView(const float* first, int width_px, int height_px, int channel_count, std::ptrdiff_t channel_floats,
+            std::ptrdiff_t pixel_floats, std::ptrdiff_t row_floats)
+      : values(first),
+        width(width_px),
+        height(height_px),
+        channels(channel_count),
+        channel_stride(channel_floats),
+        pixel_stride(pixel_floats),
+        row_stride(row_floats) {}
+  ImageView(const Image& image)  // NOLINT(google-explicit-constructor): wherever a view is taken
+      : ImageView(image.values.data(), image.width, image.height, image.channels) {}
+
+  bool empty() const { return width == 0 || height == 0 || channels == 0; }
+  float at(int x, int y, int c) const {
+    return values[y * row_stride + x * pixel_stride + c * channel_stride];
+  }
+};
+
+/// The rows [first, last) of a view as an image.
+Image copied_rows(const ImageView& view, int first, int last);
+
 /// "640×480×3", for messages.
 std::string shape_text(const Image& image);
 

@@ -22,7 +22,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_header.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -342,10 +342,10 @@ class NegativeTexels {
 
   /// Sets them to zero; the mean of each channel over the solid angle stays as it was. Throws InputError
   /// where they are no artefact of compression.
-  void remove() {
+  void remove(const RunContext& run) {
     count();
     require_few();
-    if (share_of_light() > reported_share) report();
+    if (share_of_light() > reported_share) report(run);
     for (int c = 0; c < 3; ++c) remove(c);
   }
 
@@ -410,15 +410,15 @@ class NegativeTexels {
                      "be negative: export the light map again");
   }
 
-  void report() const {
+  void report(const RunContext& run) const {
     static std::mutex mutex;
     static std::set<fs::path> reported;
     constexpr std::size_t max_reports = 8;
     const std::scoped_lock lock(mutex);
     if (reported.size() > max_reports || !reported.insert(path_).second) return;
     if (reported.size() > max_reports)
-      return log_line("more light maps have negative texels; they are treated in the same way");
-    log_line(path_.string() + ": " + percent(share_of_texels(texels_)) +
+      return run.note("more light maps have negative texels; they are treated in the same way");
+    run.note(path_.string() + ": " + percent(share_of_texels(texels_)) +
              " of its texels are negative (lowest " + lowest_text() +
              "), as caused by lossy compression; they are set to zero and their neighbours are reduced to "
              "preserve the mean radiance (setting them to zero alone would add " +
@@ -478,11 +478,11 @@ class NegativeTexels {
 
 }  // namespace
 
-LightMap read_light_map(const fs::path& path, Parameterisation parameterisation) {
+LightMap read_light_map(const fs::path& path, Parameterisation parameterisation, const RunContext& run) {
   LightMap light{read_image(path), parameterisation};
   require_finite(light.radiance, path.string(), true, "repair that texel in the light map");
   if (std::ranges::any_of(light.radiance.values, [](float value) { return value < 0.0f; }))
-    NegativeTexels(light, path).remove();
+    NegativeTexels(light, path).remove(run);
   for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
   return light;
 }

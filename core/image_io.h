@@ -6,6 +6,7 @@
 
 #include "core/image.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "core/tone_map.h"
 
 namespace refield {
@@ -41,7 +42,8 @@ Photograph read_photograph(const std::filesystem::path& path);
 
 /// Reads a light map: finite, nothing negative. Negative values of lossy compression become zero, with a
 /// warning; the channels' means stay. Throws InputError on NaN, Inf, many negative values, naming the texel.
-LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation);
+LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
+                        const RunContext& run = {});
 
 /// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically. Throws DeviceError where the disk
 /// refuses.

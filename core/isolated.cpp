@@ -12,7 +12,7 @@
 #include <fstream>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -68,14 +68,14 @@ bool write_all(int descriptor, const std::string& text) {
   ::_exit(complete ? 0 : 1);
 }
 
-/// nullopt when there is more than `most` or the user asks to stop.
-std::optional<std::string> read_all(int descriptor, std::size_t most) {
+/// nullopt when there is more than `most` or `run` is stopped.
+std::optional<std::string> read_all(int descriptor, std::size_t most, const RunContext& run) {
   std::string text;
   char buffer[1 << 16];
   for (;;) {
     const ssize_t got = ::read(descriptor, buffer, sizeof buffer);
     if (got < 0 && errno == EINTR) {
-      if (interrupted()) return std::nullopt;
+      if (run.is_stopped()) return std::nullopt;
       continue;
     }
     if (got <= 0) return text;
@@ -87,7 +87,7 @@ std::optional<std::string> read_all(int descriptor, std::size_t most) {
 }  // namespace
 
 std::optional<std::string> run_isolated(const std::function<std::string()>& work,
-                                        const IsolationLimits& limits) {
+                                        const IsolationLimits& limits, const RunContext& run) {
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0)
     throw DeviceError("pipe", errno, "cannot start a process to read a file");
@@ -100,14 +100,14 @@ std::optional<std::string> run_isolated(const std::function<std::string()>& work
     ::close(ends[0]);
     throw DeviceError("process", error_number, "cannot start a process to read a file");
   }
-  auto answer = read_all(ends[0], limits.answer_bytes);
+  auto answer = read_all(ends[0], limits.answer_bytes, run);
   ::close(ends[0]);
   if (!answer) ::kill(child, SIGKILL);
   int status = 0;
   pid_t ended = 0;
   while ((ended = ::waitpid(child, &status, 0)) < 0 && errno == EINTR) {
   }
-  if (!answer) throw_if_interrupted();
+  if (!answer) run.throw_if_stopped();
   if (ended != child || !WIFEXITED(status) || WEXITSTATUS(status) != 0) return std::nullopt;
   return answer;
 }

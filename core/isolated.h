@@ -5,6 +5,8 @@
 #include <optional>
 #include <string>
 
+#include "core/run_context.h"
+
 namespace refield {
 
 /// What work in a process of its own may use. Generous for what reads the structure of a file.
@@ -18,9 +20,9 @@ struct IsolationLimits {
 /// Runs `work` in a child process and returns its answer: for libraries that a hostile file can crash, hang
 /// or make eat memory. nullopt where it did any of that, threw, or answered too long. `work` must not use
 /// threads or leave anything behind. Keeps accidents in, not intruders: the child has the parent's rights.
-/// The child ends with the parent. Throws DeviceError when the system gives no process, Interrupted when the
-/// user asked to stop while the child worked.
+/// The child ends with the parent. Throws DeviceError when the system gives no process, Interrupted when
+/// `run` is stopped while the child worked.
 std::optional<std::string> run_isolated(const std::function<std::string()>& work,
-                                        const IsolationLimits& limits = {});
+                                        const IsolationLimits& limits = {}, const RunContext& run = {});
 
 }  // namespace refield

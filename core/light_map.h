@@ -34,6 +34,18 @@ struct LightMap {
   LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
 };
 
+/// A light map that somebody else owns.
+struct LightMapView {
+  ImageView radiance;  ///< 3 channels
+  Parameterisation parameterisation = Parameterisation::monitor;
+
+  LightMapView() = default;
+  LightMapView(const ImageView& view, Parameterisation how) : radiance(view), parameterisation(how) {}
+  LightMapView(const LightMap& light)  // NOLINT(google-explicit-constructor): wherever a view is taken
+      : radiance(light.radiance), parameterisation(light.parameterisation) {}
+  LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
+};
+
 /// Throws InputError unless the light is of a field's domain.
 void require_domain(const LightMap& light, const LightDomain& domain);
 

@@ -53,8 +53,8 @@ void read_content(const Hdf5Values& values, ReflectanceField& field) {
   read_statistics(values, field);
 }
 
-FieldPart read_part(const fs::path& path, bool with_content) {
-  const FieldFile file = open_field(path);
+FieldPart read_part(const fs::path& path, bool with_content, const RunContext& run) {
+  const FieldFile file = open_field(path, run);
   const Hdf5Values& values = file.values;
   if (!file.part)
     throw InputError(path.string() +
@@ -71,8 +71,8 @@ FieldPart read_part(const fs::path& path, bool with_content) {
   return part;
 }
 
-FieldFile open_whole_field(const fs::path& path) {
-  FieldFile file = open_field(path);
+FieldFile open_whole_field(const fs::path& path, const RunContext& run) {
+  FieldFile file = open_field(path, run);
   if (!file.part) return file;
   const Hdf5Values& values = file.values;
   throw InputError(path.string() + ": holds rows " + std::to_string(values.number("first_row")) + " to " +
@@ -93,13 +93,13 @@ void write_reflectance_field(const fs::path& path, const ReflectanceField& field
   write_field(path, field, nullptr);
 }
 
-ReflectanceField read_reflectance_field(const fs::path& path) {
-  const FieldFile file = open_whole_field(path);
+ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& run) {
+  const FieldFile file = open_whole_field(path, run);
   return file.version == packed_field_version ? expand(read_packed(file.values)) : read_rows(file);
 }
 
-ReflectanceField read_image_field(const fs::path& path) {
-  ReflectanceField field = read_reflectance_field(path);
+ReflectanceField read_image_field(const fs::path& path, const RunContext& run) {
+  ReflectanceField field = read_reflectance_field(path, run);
   if (!field.mesh.empty())
     throw InputError(path.string() +
                      ": is a mesh field, but an image field is required; use 'refield relight' or 'refield "
@@ -107,15 +107,15 @@ ReflectanceField read_image_field(const fs::path& path) {
   return field;
 }
 
-std::variant<ReflectanceField, PackedField> read_either_field(const fs::path& path) {
-  const FieldFile file = open_whole_field(path);
+std::variant<ReflectanceField, PackedField> read_either_field(const fs::path& path, const RunContext& run) {
+  const FieldFile file = open_whole_field(path, run);
   if (file.version == packed_field_version) return read_packed(file.values);
   return read_rows(file);
 }
 
-bool is_field_part(const fs::path& path) {
+bool is_field_part(const fs::path& path, const RunContext& run) {
   try {
-    return open_field(path).part;
+    return open_field(path, run).part;
   } catch (const Error&) {
     return false;
   }
@@ -125,12 +125,12 @@ void write_field_part(const fs::path& path, const FieldPart& part) {
   write_field(path, part.field, &part);
 }
 
-FieldPart read_field_part(const fs::path& path) {
-  return read_part(path, true);
+FieldPart read_field_part(const fs::path& path, const RunContext& run) {
+  return read_part(path, true, run);
 }
 
-FieldPart read_field_part_outline(const fs::path& path) {
-  return read_part(path, false);
+FieldPart read_field_part_outline(const fs::path& path, const RunContext& run) {
+  return read_part(path, false, run);
 }
 
 }  // namespace refield

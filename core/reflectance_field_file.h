@@ -5,6 +5,7 @@
 
 #include "core/packed_field.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -19,12 +20,13 @@ void write_reflectance_field(const std::filesystem::path& path, const Reflectanc
 
 /// Reads a field, packed or not, and checks all of it: shapes, box bounds, entry numbers, finite non-negative
 /// weights. Throws FormatError for another kind of file, another version or damaged content.
-ReflectanceField read_reflectance_field(const std::filesystem::path& path);
+ReflectanceField read_reflectance_field(const std::filesystem::path& path, const RunContext& run = {});
 
 /// The same for who needs pixels of a camera that stood still. Throws InputError for a field over a mesh.
-ReflectanceField read_image_field(const std::filesystem::path& path);
+ReflectanceField read_image_field(const std::filesystem::path& path, const RunContext& run);
 
 /// The same as read_reflectance_field(), but leaves a packed field as it stands in the file.
-std::variant<ReflectanceField, PackedField> read_either_field(const std::filesystem::path& path);
+std::variant<ReflectanceField, PackedField> read_either_field(const std::filesystem::path& path,
+                                                              const RunContext& run = {});
 
 }  // namespace refield

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -24,11 +24,11 @@ BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
 }
 
 std::vector<PixelKernels> BlockModel::fit(std::span<const PixelSamples> samples, int width,
-                                          std::span<const std::vector<Box>> old) {
+                                          std::span<const std::vector<Box>> old, const RunContext& run) {
   if (block_) return block_->fit(samples, width, old);
   std::vector<PixelKernels> kernels(samples.size());
   for (std::size_t p = 0; p < samples.size(); ++p) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     if (samples[p][0] != nullptr) kernels[p] = pixel_->fit(samples[p]);
   }
   return kernels;

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "core/run_context.h"
 #include "estimate/fit_block.h"
 #include "estimate/fit_pixel.h"
 #include "estimate/options.h"
@@ -22,7 +23,7 @@ class BlockModel {
   KernelCache& cache() { return cache_; }
   /// See BlockFitter::fit(); in the paper's modes, pixel by pixel and without `old`.
   std::vector<PixelKernels> fit(std::span<const PixelSamples> samples, int width,
-                                std::span<const std::vector<Box>> old = {});
+                                std::span<const std::vector<Box>> old = {}, const RunContext& run = {});
 
  private:
   SmoothSpace smooth_;

@@ -9,8 +9,7 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "estimate/observations.h"
 #include "estimate/vector_kernels.h"
 
@@ -64,31 +63,32 @@ BoxTable BoxTable::subset(const std::vector<int>& images) const {
   return part;
 }
 
-BoxTable::BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain, HatGrid hats)
-    : BoxTable(domain, static_cast<int>(lights.size()), hats) {
-  Progress progress("light maps", lights.size());
+BoxTable::BoxTable(std::span<const CaptureFrame> frames, LightDomain domain, HatGrid hats,
+                   const RunContext& run)
+    : BoxTable(domain, static_cast<int>(frames.size()), hats) {
+  Progress progress(run, "light maps", frames.size());
   const int groups = (images_ + group_size - 1) / group_size;
   tbb::parallel_for(0, groups, [&](int group) {
     std::vector<LightMap> held;
     const int first = group * group_size;
     for (int j = first; j < std::min(first + group_size, images_); ++j) {
-      throw_if_interrupted();
-      held.push_back(read_light_map(lights[j], domain.parameterisation));
-      require_usable(held.back(), domain, lights[j].string());
+      run.throw_if_stopped();
+      held.push_back(read_illumination(frames[j], domain.parameterisation, run));
+      require_usable(held.back(), domain, frames[j].illumination.string());
       progress.advance();
     }
     fill(held, first);
   });
-  integrate();
+  integrate(run);
 }
 
-BoxTable::BoxTable(std::span<const LightMap> lights, HatGrid hats)
+BoxTable::BoxTable(std::span<const LightMap> lights, HatGrid hats, const RunContext& run)
     : BoxTable(lights.empty() ? throw InputError("no light maps were given") : lights[0].domain(),
                static_cast<int>(lights.size()), hats) {
   for (const LightMap& light : lights) require_usable(light, domain_, "light map");
   for (int first = 0; first < images_; first += group_size)
     fill(lights.subspan(first, std::min(group_size, images_ - first)), first);
-  integrate();
+  integrate(run);
 }
 
 void BoxTable::fill(std::span<const LightMap> lights, int first) {
@@ -105,17 +105,17 @@ void BoxTable::fill(std::span<const LightMap> lights, int first) {
     }
 }
 
-void BoxTable::integrate() {
+void BoxTable::integrate(const RunContext& run) {
   const std::size_t entry = std::size_t{3} * images_;
   const std::size_t row = entry * (domain_.width + 1);
   // Along rows, then down columns; both walk contiguous memory.
   tbb::parallel_for(1, domain_.height + 1, [&](int y) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     double* current = prefix_->data() + row * y + entry;
     for (std::size_t i = 0; i < row - 2 * entry; ++i) current[entry + i] += current[i];
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, row, 4096), [&](const auto& range) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     for (int y = 1; y <= domain_.height; ++y) {
       const double* above = prefix_->data() + row * (y - 1);
       double* current = prefix_->data() + row * y;

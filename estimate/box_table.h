@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <array>
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -9,8 +8,10 @@
 
 #include "core/aligned_memory.h"
 #include "core/box.h"
+#include "core/capture_session.h"
 #include "core/hat_grid.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -22,11 +23,12 @@ void require_usable(const LightMap& light, const LightDomain& domain, const std:
 /// double, as every summed-area table here; 24 bytes × lights a texel.
 class BoxTable {
  public:
-  /// Reads the lights; `hats` are summed along. Throws InputError when one is black everywhere, not finite or
-  /// of another size.
-  BoxTable(std::span<const std::filesystem::path> lights, LightDomain domain, HatGrid hats = {});
+  /// Reads the frames' lights; `hats` are summed along. Throws InputError when one is black everywhere, not
+  /// finite or of another size.
+  BoxTable(std::span<const CaptureFrame> frames, LightDomain domain, HatGrid hats = {},
+           const RunContext& run = {});
   /// For lights in memory.
-  explicit BoxTable(std::span<const LightMap> lights, HatGrid hats = {});
+  explicit BoxTable(std::span<const LightMap> lights, HatGrid hats = {}, const RunContext& run = {});
 
   /// The same table of some of its images; shares its memory.
   BoxTable subset(const std::vector<int>& images) const;
@@ -63,7 +65,7 @@ class BoxTable {
  private:
   BoxTable(LightDomain domain, int images, HatGrid hats);
   void fill(std::span<const LightMap> lights, int first);
-  void integrate();
+  void integrate(const RunContext& run);
   void choose_unit();
   /// Upper before lower, left before right.
   std::array<const double*, 4> corners(const Box& box, int channel) const;

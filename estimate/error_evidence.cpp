@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -82,27 +82,28 @@ ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
   return *found;
 }
 
-std::vector<double> ErrorJudge::cross_validate(std::span<const PixelSamples> block, int width, int folds) {
+std::vector<double> ErrorJudge::cross_validate(std::span<const PixelSamples> block, int width, int folds,
+                                               const RunContext& run) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
-    add_errors_on_unseen(part(fold, folds, false), block, width, squared);
+    add_errors_on_unseen(part(fold, folds, false), block, width, squared, run);
   return squared;
 }
 
 std::vector<double> ErrorJudge::validate_folds_alone(std::span<const PixelSamples> block, int width,
-                                                     int folds) {
+                                                     int folds, const RunContext& run) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
-    add_errors_on_unseen(part(fold, folds, true), block, width, squared);
+    add_errors_on_unseen(part(fold, folds, true), block, width, squared, run);
   for (double& each : squared) each /= std::max(folds - 1, 1);
   return squared;
 }
 
 void ErrorJudge::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
-                                      std::vector<double>& squared) {
-  throw_if_interrupted();
+                                      std::vector<double>& squared, const RunContext& run) {
+  run.throw_if_stopped();
   const std::size_t stride = part.table.stride();
   std::vector<char> is_seen(images_, 0);
   for (const int j : part.seen) is_seen[j] = 1;
@@ -117,7 +118,7 @@ void ErrorJudge::add_errors_on_unseen(Part& part, std::span<const PixelSamples> 
       for (const int j : part.seen) *kept++ = block[p][c][j];
     }
   }
-  const auto fitted = part.model.fit(seen, width);
+  const auto fitted = part.model.fit(seen, width, {}, run);
   part.model.cache().keep_within(part_cache_bytes);
   predicted_.resize(3 * stride_);
   column_.resize(3 * stride_);

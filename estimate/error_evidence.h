@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/predicted_error.h"
+#include "core/run_context.h"
 #include "estimate/block_model.h"
 
 namespace refield {
@@ -27,10 +28,12 @@ class ErrorJudge {
   /// Squared error of each pixel of a block, over images and channels, of k-fold cross-validation: the block
   /// is fitted anew without each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k
   /// folds there are at most as many as images. `block`, `width`: as BlockModel::fit() takes them.
-  std::vector<double> cross_validate(std::span<const PixelSamples> block, int width, int folds = 5);
+  std::vector<double> cross_validate(std::span<const PixelSamples> block, int width, int folds = 5,
+                                     const RunContext& run = {});
   /// The other way round, for fits to few images: each fold alone is fitted and predicts all others. The mean
   /// over the k − 1 predictions of each image, on the same scale.
-  std::vector<double> validate_folds_alone(std::span<const PixelSamples> block, int width, int folds);
+  std::vector<double> validate_folds_alone(std::span<const PixelSamples> block, int width, int folds,
+                                           const RunContext& run);
 
   /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters.
   static constexpr int parts = 5 + 2 + 4;
@@ -47,7 +50,7 @@ class ErrorJudge {
   };
   Part& part(int fold, int folds, bool alone);
   void add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
-                            std::vector<double>& squared);
+                            std::vector<double>& squared, const RunContext& run);
 
   const BoxTable& table_;
   EstimateOptions options_;

@@ -11,8 +11,8 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 #include "core/metrics.h"
+#include "core/run_context.h"
 #include "estimate/estimate_band.h"
 
 namespace refield {
@@ -34,7 +34,7 @@ std::vector<std::array<int, 2>> lattice_of(int width, int height, int most) {
 
 }  // namespace
 
-void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisation) {
+void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisation, const RunContext& run) {
   const Photograph photograph = read_photograph(frame.observed);
   const Image& radiance = photograph.radiance;
   if (lights_.empty()) {
@@ -47,7 +47,7 @@ void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisa
   if (radiance.width != width_ || radiance.height != height_)
     throw InputError(frame.observed.string() + ": is " + shape_text(radiance) + ", those before are " +
                      std::to_string(width_) + "×" + std::to_string(height_) + "; use one camera mode");
-  lights_.push_back(read_light_map(frame.illumination, parameterisation));
+  lights_.push_back(read_illumination(frame, parameterisation, run));
   for (std::size_t i = 0; i < pixels_.size(); ++i)
     for (int c = 0; c < 3; ++c) {
       const float sigma =
@@ -72,9 +72,9 @@ double ErrorFollower::mean_square() const {
   return count > 0 ? sum / static_cast<double>(count) : 0.0;
 }
 
-FollowedError ErrorFollower::predict() {
+FollowedError ErrorFollower::predict(const RunContext& run) {
   if (images() < 2) throw InputError("an error can be predicted from two images or more");
-  const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()));
+  const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()), run);
   EstimateOptions options = options_;
   options.kernels = std::min(options.kernels, images());
   options.mean_square = mean_square();
@@ -82,7 +82,7 @@ FollowedError ErrorFollower::predict() {
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
   constexpr std::size_t block_size = block_side_px * block_side_px;
   tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     auto& own = workers.local();
     if (!own) own = std::make_unique<FitWorker>(table, options);
     KernelCache& cache = own->model.cache();
@@ -95,8 +95,8 @@ FollowedError ErrorFollower::predict() {
         std::ranges::copy(samples_[b * block_size + i][c], values);
         block[i][c] = values;
       }
-    const auto fitted = own->model.fit(block, block_side_px);
-    const auto validated = own->judge.cross_validate(block, block_side_px);
+    const auto fitted = own->model.fit(block, block_side_px, {}, run);
+    const auto validated = own->judge.cross_validate(block, block_side_px, 5, run);
     MaskedSamples masked;
     AlignedFloats residuals(3 * table.stride());
     for (std::size_t i = 0; i < block_size; ++i) {

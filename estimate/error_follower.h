@@ -6,6 +6,7 @@
 #include "core/capture_session.h"
 #include "core/learning_curve.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "estimate/options.h"
 
 namespace refield {
@@ -26,11 +27,11 @@ class ErrorFollower {
       : options_(options), most_pixels_(most_pixels) {}
 
   /// Reads a photograph and its light. Throws InputError when sizes differ from those before.
-  void add(const CaptureFrame& frame, Parameterisation parameterisation);
+  void add(const CaptureFrame& frame, Parameterisation parameterisation, const RunContext& run = {});
   int images() const { return static_cast<int>(lights_.size()); }
 
   /// Needs two images. The result does not depend on the number of threads.
-  FollowedError predict();
+  FollowedError predict(const RunContext& run = {});
 
   /// How many images would reach `error`, extrapolated from the predictions so far; 0: cannot be told, or
   /// more than ten times as many as there are.

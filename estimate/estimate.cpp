@@ -10,8 +10,8 @@
 
 #include "core/errors.h"
 #include "core/field_part.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
+#include "core/run_context.h"
 #include "estimate/checkpoint.h"
 #include "estimate/field_assembler.h"
 
@@ -25,7 +25,7 @@ namespace {
 /// over.
 template <class Find, class Keep>
 int estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
-                   Keep keep) {
+                   Keep keep, const RunContext& run) {
   options.mean_square = job.mean_square;
   const int width = job.session.width;
   const int height = job.session.height;
@@ -41,15 +41,15 @@ int estimate_bands(const EstimateJob& job, EstimateOptions options, const Estima
       pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
     }
   if (!missing.empty())
-    table.emplace(illumination_paths(job.frames), job.session.light,
-                  hats_of(options, job.session.light, static_cast<int>(job.frames.size())));
+    table.emplace(job.frames, job.session.light,
+                  hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
   if (job.refinement) job.refinement->use_frames(job.frames);
-  Progress progress("estimate", pixels);
+  Progress progress(run, "estimate", pixels);
   for (const RowRange& rows : missing) {
     const RowRange held = rows_needed(rows, height, options);
-    const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level);
+    const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
     keep(rows, estimate_band(*table, band, rows, height, job.mask, options, workers, progress,
-                             job.refinement.get()));
+                             job.refinement.get(), run));
   }
   return static_cast<int>(bands.size() - missing.size());
 }
@@ -89,9 +89,10 @@ std::uint64_t peak_memory_bytes() {
 }
 
 /// A whole picture without any kernel tells nothing: says why.
-[[noreturn]] void refuse_empty(const EstimateJob& job, const EstimateOptions& options) {
+[[noreturn]] void refuse_empty(const EstimateJob& job, const EstimateOptions& options,
+                               const RunContext& run) {
   const auto sample =
-      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level);
+      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
   const bool measured =
       std::ranges::any_of(sample.values, [](float value) { return std::isfinite(value) && value != 0.0f; });
   const bool dark = std::ranges::any_of(sample.values, [](float value) { return value == 0.0f; });
@@ -104,19 +105,38 @@ std::uint64_t peak_memory_bytes() {
                 "or expose shorter"));
 }
 
-}  // namespace
-
-EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options) {
-  return plan_job(open_job(session, options), options);
+EstimateOptions with_thread_limit(EstimateOptions options, const RunContext& run) {
+  if (run.max_threads > 0)
+    options.threads = options.threads > 0 ? std::min(options.threads, run.max_threads) : run.max_threads;
+  return options;
 }
 
-EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
-                                 const fs::path& output, bool resume) {
+ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const RunContext& run) {
+  const EstimateOptions options = with_thread_limit(wanted, run);
+  const auto limit = limit_threads(plan_job(job, options).threads);
+  check_frames(job, options, run);
+  FieldAssembler assembler(job, options);
+  estimate_bands(
+      job, options, plan_job(job, options), [](RowRange) { return false; },
+      [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); }, run);
+  return assembler.take();
+}
+
+}  // namespace
+
+EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options,
+                           const RunContext& run) {
+  return plan_job(open_job(session, options, run), options);
+}
+
+EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& wanted,
+                                 const fs::path& output, bool resume, const RunContext& run) {
   const auto start = std::chrono::steady_clock::now();
-  EstimateJob job = open_job(session, options);
+  const EstimateOptions options = with_thread_limit(wanted, run);
+  EstimateJob job = open_job(session, options, run);
   const auto limit = limit_threads(plan_job(job, options).threads);
   EstimateSummary summary;
-  summary.frames = check_frames(job, options);
+  summary.frames = check_frames(job, options, run);
   summary.plan = plan_job(job, options);
   Checkpoint checkpoint(output, describe(job, options));
   if (resume)
@@ -126,7 +146,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   const int width = job.session.width;
   summary.resumed_bands = estimate_bands(
       job, options, summary.plan, [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
-      [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); });
+      [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); }, run);
 
   FieldAssembler assembler(job, options);
   for (const RowRange& rows : bands_of(summary.plan)) {
@@ -141,7 +161,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
   if (!options.rows && is_empty) {
     checkpoint.remove();
-    refuse_empty(job, options);
+    refuse_empty(job, options, run);
   }
   if (options.rows)
     write_field_part(output, part);
@@ -155,25 +175,52 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   return summary;
 }
 
-ReflectanceField estimate_field(const CaptureSession& session, const EstimateOptions& options) {
-  EstimateJob job = open_job(session, options);
-  const auto limit = limit_threads(plan_job(job, options).threads);
-  check_frames(job, options);
-  FieldAssembler assembler(job, options);
-  estimate_bands(
-      job, options, plan_job(job, options), [](RowRange) { return false; },
-      [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); });
-  return assembler.take();
+ReflectanceField estimate_field(const CaptureSession& session, const EstimateOptions& options,
+                                const RunContext& run) {
+  return field_of(open_job(session, options, run), options, run);
+}
+
+ReflectanceField estimate(std::span<const LightMapView> lights, std::span<const ImageView> photographs,
+                          std::span<const ImageView> sigma, const Mask& mask, const EstimateOptions& options,
+                          const RunContext& run) {
+  if (lights.size() != photographs.size() || (!sigma.empty() && sigma.size() != photographs.size()))
+    throw InputError(std::to_string(lights.size()) + " light maps, " + std::to_string(photographs.size()) +
+                     " photographs and " + std::to_string(sigma.size()) +
+                     " arrays of sigma do not belong together; give one light map for each photograph, and "
+                     "one sigma for each or none");
+  CaptureSession session;
+  for (std::size_t j = 0; j < lights.size(); ++j) {
+    const std::string number = std::to_string(j);
+    if (lights[j].parameterisation != lights[0].parameterisation)
+      throw InputError("light map " + number + ": has another parameterisation than light map 0");
+    CaptureFrame& frame = session.frames.emplace_back();
+    frame.name = number;
+    frame.illumination = "light map " + number;
+    frame.observed = "photograph " + number;
+    frame.order = static_cast<double>(j);
+    frame.views = {lights[j].radiance, photographs[j], sigma.empty() ? ImageView() : sigma[j]};
+    session.light.parameterisation = lights[j].parameterisation;
+  }
+  EstimateJob job = open_job(session, options, run);
+  if (!mask.empty()) {
+    if (mask.size() != static_cast<std::size_t>(job.session.width) * job.session.height)
+      throw InputError("the mask has " + std::to_string(mask.size()) + " pixels, the photographs are " +
+                       std::to_string(job.session.width) + "×" + std::to_string(job.session.height));
+    require_any_inside(mask, "the mask");
+    job.mask = mask;
+  }
+  return field_of(std::move(job), options, run);
 }
 
 std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const EstimateOptions& options,
-                                           int x, int y, const std::vector<int>& subdivisions) {
-  const EstimateJob job = open_job(session, options);
+                                           int x, int y, const std::vector<int>& subdivisions,
+                                           const RunContext& run) {
+  const EstimateJob job = open_job(session, options, run);
   if (x < 0 || y < 0 || x >= job.session.width || y >= job.session.height)
     throw InputError("pixel (" + std::to_string(x) + ", " + std::to_string(y) + ") lies outside the " +
                      std::to_string(job.session.width) + "×" + std::to_string(job.session.height) + " image");
-  const BoxTable table(illumination_paths(job.frames), job.session.light);
-  const auto band = read_observations(job.frames, job.session.width, y, y + 1, options.clip_level);
+  const BoxTable table(job.frames, job.session.light, {}, run);
+  const auto band = read_observations(job.frames, job.session.width, y, y + 1, options.clip_level, run);
   const SmoothSpace none(table);
   KernelCache cache(table, none, options.mode);
   std::vector<KernelSnapshot> history;

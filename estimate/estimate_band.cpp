@@ -8,7 +8,7 @@
 #include <functional>
 #include <utility>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "estimate/spatial_correction.h"
 
 namespace refield {
@@ -71,16 +71,16 @@ struct EvidenceGatherer {
   }
 
   /// Cross-validates a block of the lattice.
-  void judge_block(const PixelTile& block, FitWorker& own) const {
+  void judge_block(const PixelTile& block, FitWorker& own, const RunContext& run) const {
     const auto b = samples_of(block, samples, active);
     const int block_width = block.x1 - block.x0;
     const bool learns = lattice.is_for_learning(block.x0, block.y0);
     if (refinement && !learns) return;
-    const auto validated = own.judge.cross_validate(b, block_width);
+    const auto validated = own.judge.cross_validate(b, block_width, 5, run);
     std::vector<double> half, quarter;
     if (!refinement && learns) {
-      half = own.judge.cross_validate(b, block_width, 2);
-      quarter = own.judge.validate_folds_alone(b, block_width, 4);
+      half = own.judge.cross_validate(b, block_width, 2, run);
+      quarter = own.judge.validate_folds_alone(b, block_width, 4, run);
     }
     const int last_row = first_row + static_cast<int>(kernels.size()) / width;
     std::size_t i = 0;
@@ -98,11 +98,11 @@ struct EvidenceGatherer {
       }
   }
 
-  void judge_tile(const PixelTile& tile, FitWorker& own) const {
+  void judge_tile(const PixelTile& tile, FitWorker& own, const RunContext& run) const {
     MaskedSamples masked;
     AlignedFloats before, here;
     for (int y = tile.y0; y < tile.y1; ++y) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       double squared = 0.0;
       bool has_before = residuals_of(tile.x0 - 1, y, own, masked, before, squared);
       double shared_before = 0.0;  // with the pixel before
@@ -144,8 +144,8 @@ RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options
 
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
                                         int height, const Mask& mask, const EstimateOptions& options,
-                                        FitWorkers& workers, Progress& progress,
-                                        const Refinement* refinement) {
+                                        FitWorkers& workers, Progress& progress, const Refinement* refinement,
+                                        const RunContext& run) {
   const int width = band.width();
   const RowRange held{band.first_row(), band.last_row()};
   const auto active = [&](int x, int y) {
@@ -166,7 +166,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   const auto for_each_tile = [&](RowRange rows, const auto& work) {
     const auto tiles = tiles_of(width, rows);
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       work(tiles[i], worker());
     });
   };
@@ -174,14 +174,14 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
   for_each_tile(held, [&](const PixelTile& tile, FitWorker& own) {
     for (int y = tile.y0; y < tile.y1; y += block_side_px)
       for (int x = tile.x0; x < tile.x1; x += block_side_px) {
-        throw_if_interrupted();
+        run.throw_if_stopped();
         const PixelTile block{x, y, std::min(x + block_side_px, tile.x1),
                               std::min(y + block_side_px, tile.y1)};
         std::vector<std::vector<Box>> old;
         for (int by = block.y0; refinement && by < block.y1; ++by)
           for (int bx = block.x0; bx < block.x1; ++bx)
             old.push_back(refinement->boxes(static_cast<std::size_t>(by) * width + bx));
-        auto fitted = own.model.fit(samples_of(block, samples, active), block.x1 - block.x0, old);
+        auto fitted = own.model.fit(samples_of(block, samples, active), block.x1 - block.x0, old, run);
         std::size_t i = 0;
         for (int by = block.y0; by < block.y1; ++by)
           for (int bx = block.x0; bx < block.x1; ++bx) kernels[at(bx, by)] = std::move(fitted[i++]);
@@ -203,7 +203,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
                          active};
     std::vector<PixelKernels> next(kernels.size());
     for_each_tile(rows, [&](const PixelTile& tile, FitWorker& own) {
-      auto corrected = correct_tile(grid, tile, own.model.cache(), own.weights);
+      auto corrected = correct_tile(grid, tile, own.model.cache(), own.weights, run);
       std::size_t i = 0;
       for (int y = tile.y0; y < tile.y1; ++y)
         for (int x = tile.x0; x < tile.x1; ++x) next[at(x, y)] = std::move(corrected[i++]);
@@ -231,7 +231,8 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
     const CrossValidationLattice lattice(width, height);
     const EvidenceGatherer gatherer{table, samples,      active,  result,
                                     width, wanted.first, lattice, refinement != nullptr};
-    for_each_tile(wanted, [&](const PixelTile& tile, FitWorker& own) { gatherer.judge_tile(tile, own); });
+    for_each_tile(wanted,
+                  [&](const PixelTile& tile, FitWorker& own) { gatherer.judge_tile(tile, own, run); });
     std::vector<PixelTile> blocks;
     for (int y = wanted.first / block_side_px * block_side_px; y < wanted.last; y += block_side_px)
       for (int x = 0; x < width; x += block_side_px)
@@ -239,8 +240,8 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
           blocks.push_back(
               {x, y, std::min(x + block_side_px, width), std::min(y + block_side_px, held.last)});
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
-      throw_if_interrupted();
-      gatherer.judge_block(blocks[i], worker());
+      run.throw_if_stopped();
+      gatherer.judge_block(blocks[i], worker(), run);
     });
   }
   if (table.unit() != 1.0) {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "core/metrics.h"
-#include "core/progress.h"
 #include "core/row_range.h"
+#include "core/run_context.h"
 #include "estimate/error_evidence.h"
 #include "estimate/observations.h"
 #include "estimate/refinement.h"
@@ -40,6 +40,6 @@ RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options
 std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
                                         int height, const Mask& mask, const EstimateOptions& options,
                                         FitWorkers& workers, Progress& progress,
-                                        const Refinement* refinement = nullptr);
+                                        const Refinement* refinement = nullptr, const RunContext& run = {});
 
 }  // namespace refield

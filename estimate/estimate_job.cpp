@@ -19,6 +19,7 @@ namespace {
 /// What messages call the capture: its folder or, for one given by patterns, its first photograph's folder.
 std::string name_of(const CaptureSession& session) {
   if (!session.folder.empty() || session.frames.empty()) return session.folder.string();
+  if (session.frames.front().views) return "the capture in memory";
   return session.frames.front().observed.parent_path().string();
 }
 
@@ -62,11 +63,19 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
                      " or less");
 }
 
-EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options) {
+void require_any_inside(const Mask& mask, const std::string& name) {
+  if (std::ranges::none_of(mask, [](unsigned char inside) { return inside != 0; }))
+    throw InputError(
+        name +
+        ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
+        "than one half, or leave the mask out");
+}
+
+EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options, const RunContext& run) {
   options.check();
   EstimateJob job;
   job.session = session;
-  if (!options.keep_drift) job.drift = remove_drift(job.session);
+  if (!options.keep_drift) job.drift = remove_drift(job.session, run);
   job.references = job.session.frames_of(FrameRole::reference);
   job.frames = job.session.frames_of(FrameRole::train);
   for (const CaptureFrame& frame : job.session.frames_of(FrameRole::test)) job.held_out.push_back(frame.name);
@@ -88,14 +97,10 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
                      "; rows count from 0, and the last one named is not included");
   if (session.mask) {
     job.mask = read_mask(*session.mask, job.session.width, job.session.height);
-    if (std::ranges::none_of(job.mask, [](unsigned char inside) { return inside != 0; }))
-      throw InputError(
-          session.mask->string() +
-          ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
-          "than one half, or leave the mask out");
+    require_any_inside(job.mask, session.mask->string());
   }
   if (!options.refine.empty())
-    job.refinement = std::make_shared<Refinement>(options.refine, job.session, job.frames);
+    job.refinement = std::make_shared<Refinement>(options.refine, job.session, job.frames, run);
   return job;
 }
 
@@ -141,12 +146,6 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
                                    {"largest_change", job.drift.largest}};
   for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
   return json_text(provenance);
-}
-
-std::vector<fs::path> illumination_paths(const std::vector<CaptureFrame>& frames) {
-  std::vector<fs::path> paths;
-  for (const CaptureFrame& frame : frames) paths.push_back(frame.illumination);
-  return paths;
 }
 
 }  // namespace refield

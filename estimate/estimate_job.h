@@ -8,6 +8,7 @@
 #include "core/capture_session.h"
 #include "core/drift.h"
 #include "core/metrics.h"
+#include "core/run_context.h"
 #include "estimate/options.h"
 #include "estimate/refinement.h"
 
@@ -32,7 +33,11 @@ struct EstimateJob {
 /// Checks options, the number of training images and the header of every image, reads the mask, and sets the
 /// frames' gain to the drift that reference frames show. Throws
 /// InputError for input that cannot be estimated from.
-EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options);
+EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options,
+                     const RunContext& run = {});
+
+/// Throws InputError, naming `name`, for a mask without any pixel.
+void require_any_inside(const Mask& mask, const std::string& name);
 
 /// Throws InputError when the job has too few frames for the options; open_job() has asked.
 void require_enough_frames(const EstimateJob& job, const EstimateOptions& options);
@@ -47,7 +52,5 @@ std::string job_key(const EstimateJob& job, const EstimateOptions& options);
 
 /// What a field says of its making: JSON without time, host or absolute path.
 std::string provenance_of(const EstimateJob& job, const EstimateOptions& options);
-
-std::vector<std::filesystem::path> illumination_paths(const std::vector<CaptureFrame>& frames);
 
 }  // namespace refield

@@ -9,7 +9,7 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "core/units.h"
 #include "estimate/estimate_band.h"
 
@@ -38,11 +38,11 @@ LightMap coarsened(const LightMap& light, int step) {
   return coarse;
 }
 
-std::vector<LightMap> read_lights(const EstimateJob& job, int step) {
+std::vector<LightMap> read_lights(const EstimateJob& job, int step, const RunContext& run) {
   std::vector<LightMap> lights(job.frames.size());
   tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t j) {
-    throw_if_interrupted();
-    const LightMap light = read_light_map(job.frames[j].illumination, job.session.light.parameterisation);
+    run.throw_if_stopped();
+    const LightMap light = read_illumination(job.frames[j], job.session.light.parameterisation, run);
     require_usable(light, job.session.light, job.frames[j].illumination.string());
     lights[j] = coarsened(light, step);
   });
@@ -92,7 +92,7 @@ struct FitSample {
   double seconds = 0.0;
   int pixels = 0;
 
-  void add(const ObservationBand& band, const RowRange& rows) {
+  void add(const ObservationBand& band, const RowRange& rows, const RunContext& run) {
     const int width = job.session.width;
     const int tiles = (width + sampled_rows - 1) / sampled_rows;
     const int batch = std::min(tiles, 2 * thread_count(options));
@@ -110,8 +110,8 @@ struct FitSample {
         }
       if (count == 0) continue;
       const auto before = Clock::now();
-      Progress within("fit", 1);  // not shown: another is
-      estimate_band(table, band, rows, job.session.height, chosen, options, workers, within);
+      Progress within(run, "fit", 1);  // not shown: another is
+      estimate_band(table, band, rows, job.session.height, chosen, options, workers, within, nullptr, run);
       seconds += seconds_since(before);
       pixels += count;
     }
@@ -120,12 +120,14 @@ struct FitSample {
 
 }  // namespace
 
-Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options) {
-  EstimateJob job = open_job(session, options);
+Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options,
+                           const RunContext& run) {
+  const ThreadLimit most(run);
+  EstimateJob job = open_job(session, options, run);
   const auto limit = limit_threads(plan_job(job, options).threads);
   Foresight foresight;
   const auto begin = Clock::now();
-  foresight.frames = check_frames(job, options);
+  foresight.frames = check_frames(job, options, run);
   foresight.check_seconds = seconds_since(begin);
   foresight.plan = plan_job(job, options);
   const int images = foresight.plan.images;
@@ -136,9 +138,9 @@ Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions&
          most_table_bytes)
     ++step;
   const auto start = Clock::now();
-  const auto lights = read_lights(job, step);
+  const auto lights = read_lights(job, step, run);
   const double read_seconds = seconds_since(start);
-  const BoxTable table(lights, hats_of(options, job.session.light, images));
+  const BoxTable table(lights, hats_of(options, job.session.light, images), run);
   foresight.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
 
   const Work work = work_of(job, options, foresight.plan);
@@ -148,15 +150,15 @@ Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions&
   double reading = 0.0;
   double rows_read = 0.0;
   const auto bands = bands_to_sample(foresight.plan.rows);
-  Progress progress("fitting sample pixels", bands.size());
+  Progress progress(run, "fitting sample pixels", bands.size());
   for (const RowRange& rows : bands) {
     const RowRange held = rows_needed(rows, job.session.height, options);
     const auto before = Clock::now();
     const auto band =
-        read_observations(job.frames, job.session.width, held.first, held.last, options.clip_level);
+        read_observations(job.frames, job.session.width, held.first, held.last, options.clip_level, run);
     reading += seconds_since(before);
     rows_read += held.count();
-    sample.add(band, rows);
+    sample.add(band, rows, run);
     progress.advance();
   }
   foresight.photographs_seconds = reading / rows_read * work.rows;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "core/capture_session.h"
+#include "core/run_context.h"
 #include "estimate/estimate_plan.h"
 #include "estimate/frame_check.h"
 #include "estimate/options.h"
@@ -23,6 +24,7 @@ struct Foresight {
 /// light, the values of the photographs' rows that the sample reads) and measures on this machine what the
 /// work costs: reads all lights, some rows of all photographs, and fits tiles of pixels spread over the
 /// picture for about two seconds. Writes nothing. Throws InputError for input that cannot be estimated from.
-Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options);
+Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options,
+                           const RunContext& run);
 
 }  // namespace refield

@@ -6,22 +6,22 @@
 #include <cstdio>
 
 #include "core/errors.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
 namespace {
 
-void log_drift(const Drift& drift) {
+void log_drift(const Drift& drift, const RunContext& run) {
   if (drift.points.empty()) return;
   char text[160];
   std::snprintf(text, sizeof text, "drift: brightness changed by up to %.2f %% over %zu reference frames: %s",
                 100.0 * drift.largest, drift.points.size(),
                 drift.significant ? "divided out" : "below the measurement uncertainty, not corrected");
-  log_line(text);
+  run.note(text);
   for (const DriftPoint& point : drift.points)
     if (!point.used)
-      log_line("drift: " + point.frame + " does not fit the curve of the others and is ignored");
+      run.note("drift: " + point.frame + " does not fit the curve of the others and is ignored");
 }
 
 /// The fit squares products of samples and sums of light in single precision, which further off are infinite
@@ -41,26 +41,26 @@ void require_usual_brightness(const EstimateJob& job) {
 
 }  // namespace
 
-FrameReport check_frames(EstimateJob& job, const EstimateOptions& options) {
+FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const RunContext& run) {
   FrameReport report;
   report.drift = job.drift;
-  log_drift(job.drift);
+  log_drift(job.drift, run);
   const bool judges = !options.keep_outliers && static_cast<int>(job.frames.size()) >= fewest_frames_to_judge;
   if (!judges && options.mode != EstimateMode::refined) return report;
   const auto sample =
-      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level);
+      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
   job.mean_square = sample.mean_square({});
   require_usual_brightness(job);
   if (!judges) return report;
-  const auto grams = light_grams(illumination_paths(job.frames), job.session.light);
-  const OutlierSearch search = find_outlier_frames(grams, sample);
+  const auto grams = light_grams(job.frames, job.session.light, run);
+  const OutlierSearch search = find_outlier_frames(grams, sample, run);
   report.typical_residual = search.typical_residual;
   auto& list = search.too_many ? report.doubtful : report.left_out;
   for (const OutlierFrame& outlier : search.outliers)
     list.push_back({job.frames[outlier.frame].name, description_of(outlier), outlier});
-  for (const LeftOutFrame& frame : report.left_out) log_line(frame.name + " is left out: " + frame.why);
+  for (const LeftOutFrame& frame : report.left_out) run.note(frame.name + " is left out: " + frame.why);
   if (!report.doubtful.empty())
-    log_line(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
+    run.note(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
              " photographs do not fit the others, too many to leave out; check the capture. The first: " +
              report.doubtful.front().name + ": " + report.doubtful.front().why);
   if (report.left_out.empty()) return report;

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "core/run_context.h"
 #include "estimate/estimate_job.h"
 #include "estimate/outlier_frames.h"
 
@@ -27,6 +28,6 @@ struct FrameReport {
 /// Takes the frames out of a job that do not fit the others (outlier_frames.h) and says so on standard error,
 /// but none with options.keep_outliers or where frames are few. Measures how bright the picture is. What it
 /// finds does not depend on the rows asked for. Throws InputError when too few frames are left.
-FrameReport check_frames(EstimateJob& job, const EstimateOptions& options);
+FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const RunContext& run = {});
 
 }  // namespace refield

@@ -10,7 +10,7 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "estimate/box_table.h"
 
 namespace refield {
@@ -138,14 +138,15 @@ void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& miss
 
 }  // namespace
 
-LightGrams light_grams(std::span<const std::filesystem::path> lights, const LightDomain& domain) {
+LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& domain,
+                       const RunContext& run) {
   const int columns = cells_along(domain.width, most_columns);
   const int rows = cells_along(domain.height, most_rows);
-  std::vector<std::array<Eigen::VectorXd, 3>> features(lights.size());
-  tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t j) {
-    throw_if_interrupted();
-    const LightMap light = read_light_map(lights[j], domain.parameterisation);
-    require_usable(light, domain, lights[j].string());
+  std::vector<std::array<Eigen::VectorXd, 3>> features(frames.size());
+  tbb::parallel_for(std::size_t{0}, frames.size(), [&](std::size_t j) {
+    run.throw_if_stopped();
+    const LightMap light = read_illumination(frames[j], domain.parameterisation, run);
+    require_usable(light, domain, frames[j].illumination.string());
     coarsen(light, columns, rows, features[j]);
   });
   return grams_of(features, columns, rows);
@@ -161,7 +162,7 @@ LightGrams light_grams(std::span<const LightMap> lights) {
 }
 
 LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen::MatrixXf& series,
-                          const std::vector<char>& left_out) {
+                          const std::vector<char>& left_out, const RunContext& run) {
   std::vector<Predictor> ways;
   for (const Eigen::MatrixXd& gram : grams)
     for (const double ridge : ridges) ways.push_back(predictor(gram, ridge, left_out));
@@ -171,7 +172,7 @@ LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen
   result.standardised = Eigen::MatrixXf::Zero(images, series.cols());
   const tbb::blocked_range<Eigen::Index> all(0, series.cols(), series_at_a_time);
   tbb::parallel_for(all, [&](const auto& range) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const Eigen::Index first = range.begin();
     const Eigen::Index count = range.end() - first;
     Eigen::MatrixXf values = series.middleCols(first, count);

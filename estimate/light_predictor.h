@@ -6,7 +6,9 @@
 #include <span>
 #include <vector>
 
+#include "core/capture_session.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -21,7 +23,8 @@ struct LightGrams {
 };
 
 /// Reads the lights. Throws InputError for one that is black, not finite or of another size.
-LightGrams light_grams(std::span<const std::filesystem::path> lights, const LightDomain& domain);
+LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& domain,
+                       const RunContext& run);
 /// For lights in memory.
 LightGrams light_grams(std::span<const LightMap> lights);
 
@@ -35,6 +38,6 @@ struct LeaveOneOut {
                                  ///< series by its median
 };
 LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen::MatrixXf& series,
-                          const std::vector<char>& left_out);
+                          const std::vector<char>& left_out, const RunContext& run = {});
 
 }  // namespace refield

@@ -11,7 +11,7 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "estimate/vector_kernels.h"
 
 namespace refield {
@@ -68,7 +68,7 @@ std::uint64_t ObservationBand::bytes(int width, int rows, int images) {
 }
 
 ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row,
-                                  int last_row, float clip_level) {
+                                  int last_row, float clip_level, const RunContext& run) {
   const int images = static_cast<int>(frames.size());
   ObservationBand band(width, first_row, last_row, images);
   tbb::parallel_for(0, (images + group_size - 1) / group_size, [&](int group) {
@@ -76,7 +76,7 @@ ObservationBand read_observations(std::span<const CaptureFrame> frames, int widt
     const int last = std::min(first + group_size, images);
     std::vector<Image> held;
     for (int j = first; j < last; ++j) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       held.push_back(read_checked_rows(frames[j], width, first_row, last_row, clip_level));
     }
     for (int y = first_row; y < last_row; ++y)

@@ -7,6 +7,7 @@
 #include "core/aligned_memory.h"
 #include "core/capture_session.h"
 #include "core/metrics.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -42,6 +43,6 @@ inline constexpr float largest_radiance = 1e10f;
 /// measured. Throws FormatError for a damaged file and InputError for a radiance that is not finite or beyond
 /// `largest_radiance`, or a sigma that is no standard deviation, naming file, pixel, channel and value.
 ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row,
-                                  int last_row, float clip_level);
+                                  int last_row, float clip_level, const RunContext& run);
 
 }  // namespace refield

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -55,11 +55,12 @@ std::vector<double> excess(const std::vector<float>& statistic, const std::vecto
 /// Residuals of all frames, and what is judged by.
 class Examination {
  public:
-  Examination(const LightGrams& grams, const PixelSample& sample, const std::vector<char>& left_out)
+  Examination(const LightGrams& grams, const PixelSample& sample, const std::vector<char>& left_out,
+              const RunContext& run)
       : sample_(sample) {
     for (int c = 0; c < 3; ++c) {
       const Eigen::Map<const Eigen::MatrixXf> series(sample.series(c, 0), sample.images, sample.pixels);
-      loo_[c] = leave_one_out(grams.of_channel[c], series, left_out);
+      loo_[c] = leave_one_out(grams.of_channel[c], series, left_out, run);
     }
     cells_.resize(sample.cells.size());
     std::vector<float> sizes(sample.pixels);
@@ -234,13 +235,14 @@ std::string description_of(const OutlierFrame& outlier) {
   return text;
 }
 
-OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample) {
+OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample, const RunContext& run) {
   OutlierSearch search;
   if (sample.images < fewest_frames_to_judge || sample.pixels == 0) return search;
-  std::vector<char> left_out = worst_fifth(Examination(grams, sample, std::vector<char>(sample.images, 0)));
+  std::vector<char> left_out =
+      worst_fifth(Examination(grams, sample, std::vector<char>(sample.images, 0), run));
   for (int round = 0;; ++round) {
-    throw_if_interrupted();
-    const Examination found(grams, sample, left_out);
+    run.throw_if_stopped();
+    const Examination found(grams, sample, left_out, run);
     const auto whole = excess(found.whole(), left_out, limit_whole);
     const auto cell = excess(found.worst_cell(), left_out, limit_cell);
     const auto standing = [&](int j) { return std::max(whole[j], cell[j]); };

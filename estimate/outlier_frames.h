@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/run_context.h"
 #include "estimate/light_predictor.h"
 #include "estimate/pixel_sample.h"
 
@@ -45,6 +46,6 @@ struct OutlierSearch {
 /// over all frames (median and MAD of its logarithm). Unusual lights are no outliers: the prediction knows
 /// how sure it can be of each. What is found is left out and the search repeated, so that one bad frame
 /// neither hides nor makes another. Deterministic.
-OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample);
+OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample, const RunContext& run);
 
 }  // namespace refield

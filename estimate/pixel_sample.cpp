@@ -47,7 +47,7 @@ double PixelSample::mean_square(std::span<const int> left_out) const {
 }
 
 PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, int height, const Mask& mask,
-                              float clip_level) {
+                              float clip_level, const RunContext& run) {
   const int cell_height = std::clamp(height / cell_rows, least_cell_side, block);
   const int cell_width = std::max(least_cell_side, width / cell_columns);
   struct Place {
@@ -78,7 +78,7 @@ PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, i
   for (std::size_t b = 0; b < bands.size(); ++b) {
     if (bands[b].empty()) continue;
     const int last = std::min(band_rows[b] + cell_height, height);
-    const auto band = read_observations(frames, width, band_rows[b], last, clip_level);
+    const auto band = read_observations(frames, width, band_rows[b], last, clip_level, run);
     for (const Place& place : bands[b]) {
       for (int c = 0; c < 3; ++c)
         std::copy_n(band.samples(place.x, place.y, c), sample.images, sample.series(c, pixel));

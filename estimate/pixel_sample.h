@@ -6,6 +6,7 @@
 
 #include "core/capture_session.h"
 #include "core/metrics.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -36,6 +37,6 @@ struct PixelSample {
 /// Reads at most 12 × 16 cells of at most 12 pixels, inside the mask. Samples at or above `clip_level` count
 /// as not measured. Reads about 12 blocks of 16 rows of each photograph. Errors as read_observations().
 PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, int height, const Mask& mask,
-                              float clip_level);
+                              float clip_level, const RunContext& run);
 
 }  // namespace refield

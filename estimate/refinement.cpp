@@ -34,8 +34,8 @@ std::string size_text(int width, int height) {
 }  // namespace
 
 Refinement::Refinement(const std::filesystem::path& path, const CaptureSession& session,
-                       std::span<const CaptureFrame> frames)
-    : path_(path), field_(read_reflectance_field(path)) {
+                       std::span<const CaptureFrame> frames, const RunContext& run)
+    : path_(path), field_(read_reflectance_field(path, run)) {
   if (field_.width != session.width || field_.height != session.height)
     throw InputError(path.string() + ": is a field of " + size_text(field_.width, field_.height) +
                      " pixels, the photographs are " + size_text(session.width, session.height) +

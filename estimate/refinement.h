@@ -8,6 +8,7 @@
 
 #include "core/capture_session.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -19,7 +20,7 @@ class Refinement {
   /// light domain differ, when the field does not say what it was made from, when one of its frames is not
   /// among `frames`, or when none of these is new.
   Refinement(const std::filesystem::path& field, const CaptureSession& session,
-             std::span<const CaptureFrame> frames);
+             std::span<const CaptureFrame> frames, const RunContext& run = {});
 
   /// Says which frames the images of a fit are, once some have been left out.
   void use_frames(std::span<const CaptureFrame> frames);

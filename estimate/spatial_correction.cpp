@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -15,7 +15,7 @@ constexpr double clear_gain = 1e-6;
 }  // namespace
 
 std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& tile, KernelCache& cache,
-                                       WeightFitter& fitter) {
+                                       WeightFitter& fitter, const RunContext& run) {
   const PixelTile reach = {std::max(tile.x0 - 1, 0), std::max(tile.y0 - 1, grid.first_row),
                            std::min(tile.x1 + 1, grid.width), std::min(tile.y1 + 1, grid.last_row)};
   const int reach_width = reach.x1 - reach.x0;
@@ -31,7 +31,7 @@ std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& t
   MaskedSamples samples;
   PixelKernels trial;
   for (int y = tile.y0; y < tile.y1; ++y) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     for (int x = tile.x0; x < tile.x1; ++x) {
       corrected.emplace_back();
       if (!grid.active(x, y)) continue;

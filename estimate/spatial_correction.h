@@ -3,6 +3,7 @@
 #include <functional>
 #include <span>
 
+#include "core/run_context.h"
 #include "estimate/refit.h"
 
 namespace refield {
@@ -29,6 +30,6 @@ struct PixelTile {
 /// matter. Returns the new kernels of the tile, row by row; inactive pixels are left empty. The Gram matrices
 /// of a set are shared by all pixels that try it, which makes a sweep a fraction of the tree fit.
 std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& tile, KernelCache& cache,
-                                       WeightFitter& fitter);
+                                       WeightFitter& fitter, const RunContext& run);
 
 }  // namespace refield

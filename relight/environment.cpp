@@ -16,8 +16,7 @@
 #include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "relight/sequence.h"
 
 namespace refield {
@@ -88,9 +87,10 @@ std::optional<Parameterisation> environment_kind(int width, int height) {
   return std::nullopt;
 }
 
-LightMap read_environment(const std::filesystem::path& path) {
+LightMap read_environment(const std::filesystem::path& path, const RunContext& run) {
   const ImageHeader header = read_image_header(path);
-  if (const auto kind = environment_kind(header.width, header.height)) return read_light_map(path, *kind);
+  if (const auto kind = environment_kind(header.width, header.height))
+    return read_light_map(path, *kind, run);
   throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
                    std::to_string(header.height) +
                    ", which is not an environment map: give a lat-long map (twice as wide as high) or a cube "
@@ -117,7 +117,7 @@ std::optional<LightMap> EnvironmentProjector::as_it_stands(const LightMap& envir
   return std::nullopt;
 }
 
-void EnvironmentProjector::find_shared_texels() {
+void EnvironmentProjector::find_shared_texels(const RunContext& run) {
   const LightDomain& domain = target();
   const auto count = static_cast<std::size_t>(domain.width) * static_cast<std::size_t>(domain.height);
   std::vector<float> shares(count, 1.0f);
@@ -130,7 +130,7 @@ void EnvironmentProjector::find_shared_texels() {
   if (!overlap) return;
   for (const SpherePatch& patch : grid_.patches())
     tbb::parallel_for(patch.first_row, patch.first_row + patch.rows(), [&](int y) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       for (int x = 0; x < domain.width; ++x) {
         const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(domain.width) +
                         static_cast<std::size_t>(x);
@@ -435,7 +435,7 @@ class TexelRows {
 }  // namespace
 
 EnvironmentProjector::EnvironmentProjector(const LightDomain& target,
-                                           std::span<const MonitorPlacement> monitors)
+                                           std::span<const MonitorPlacement> monitors, const RunContext& run)
     : grid_(target, monitors) {
   if (target.parameterisation == Parameterisation::lat_long) {
     const int edges = CornerGrid::lat_long_edges(target.width);
@@ -460,17 +460,18 @@ EnvironmentProjector::EnvironmentProjector(const LightDomain& target,
     });
     seen_ += solid_angle(patch->outline());
   }
-  if (grid_.patches().size() > 1 && has_windows) find_shared_texels();
+  if (grid_.patches().size() > 1 && has_windows) find_shared_texels(run);
 }
 
-EnvironmentLight EnvironmentProjector::project(const LightMap& environment, const Turn& turn) const {
+EnvironmentLight EnvironmentProjector::project(const LightMap& environment, const Turn& turn,
+                                               const RunContext& run) const {
   if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
-  return project(PreparedEnvironment(environment), turn);
+  return project(PreparedEnvironment(environment, run), turn, run);
 }
 
-EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& environment,
-                                               const Turn& turn) const {
-  if (!environment.has_path_sums()) return project_exactly(environment.map(), turn);
+EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& environment, const Turn& turn,
+                                               const RunContext& run) const {
+  if (!environment.has_path_sums()) return project_exactly(environment.map(), turn, run);
   if (auto light = as_it_stands(environment.map(), turn)) return {std::move(*light), {}};
   const LightDomain& domain = target();
   const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
@@ -478,7 +479,7 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
   std::vector<double> energy(static_cast<std::size_t>(domain.height), 0.0);
   const bool is_lat_long = domain.parameterisation == Parameterisation::lat_long;
   const auto project_rows = [&](const CornerGrid& grid, int first_row, int begin, int end) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     TexelRows rows(environment, grid, begin);
     auto shared = std::ranges::lower_bound(shared_texels_, first_row + begin, {}, &SharedTexel::y);
     for (int y = begin; y < end; ++y) {
@@ -602,13 +603,14 @@ BoxProjector::BoxProjector(int resolution, std::span<const SmallBox> boxes)
   });
 }
 
-std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const Turn& turn) const {
+std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const Turn& turn,
+                                         const RunContext& run) const {
   if (!environment.has_path_sums())
     throw InputError("this environment is integrated over texels alone; give a lat-long map of 16 columns");
   const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
   std::vector<PathSums> up_to(stops_.size());  // along each line, from its first stop
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, lines_.size(), 8), [&](const auto& range) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     PathBatch batch(environment);
     for (std::size_t number = range.begin(); number != range.end(); ++number) {
       const Line& line = lines_[number];
@@ -650,16 +652,17 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
   return {sums.begin(), sums.end()};
 }
 
-EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const Turn& turn) const {
+EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const Turn& turn,
+                                                       const RunContext& run) const {
   if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
   const LightDomain& domain = grid_.domain();
   const SphereGrid source(environment.domain());
   const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
   EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};
   std::vector<double> covered(domain.height), energy(domain.height);
-  Progress progress("resampling the map", static_cast<std::uint64_t>(domain.height));
+  Progress progress(run, "resampling the map", static_cast<std::uint64_t>(domain.height));
   tbb::parallel_for(0, domain.height, [&](int y) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     OverlapFinder finder(source);
     std::vector<TexelSums> row(domain.width);
     for (const SpherePatch& patch : grid_.patches()) {

@@ -10,6 +10,7 @@
 #include "core/light_basis.h"
 #include "core/light_map.h"
 #include "core/monitor_placement.h"
+#include "core/run_context.h"
 #include "core/transfer_tiles.h"
 #include "core/turn.h"
 #include "relight/prepared_environment.h"
@@ -22,7 +23,7 @@ std::optional<Parameterisation> environment_kind(int width, int height);
 
 /// Reads a map of the whole surroundings: twice as wide as high is lat-long, six times as high as wide a
 /// cube. Throws InputError for other proportions, and what read_light_map() does.
-LightMap read_environment(const std::filesystem::path& path);
+LightMap read_environment(const std::filesystem::path& path, const RunContext& run = {});
 
 /// What of an environment reaches a field's light map. Energy is radiance times solid angle, all channels
 /// together.
@@ -51,7 +52,8 @@ class EnvironmentProjector {
  public:
   /// `monitors`: placements where `target` is a monitor map, see check_placements(). Throws InputError where
   /// they are missing.
-  EnvironmentProjector(const LightDomain& target, std::span<const MonitorPlacement> monitors);
+  EnvironmentProjector(const LightDomain& target, std::span<const MonitorPlacement> monitors,
+                       const RunContext& run = {});
 
   const LightDomain& target() const { return grid_.domain(); }
 
@@ -60,13 +62,15 @@ class EnvironmentProjector {
   /// turned is not touched. Sums along the edges of texels, see PreparedEnvironment; cubes and maps of fewer
   /// than 16 columns go the way of project_exactly(). Runs on all cores; from several threads at a time.
   /// Throws Interrupted.
-  EnvironmentLight project(const PreparedEnvironment& environment, const Turn& turn) const;
+  EnvironmentLight project(const PreparedEnvironment& environment, const Turn& turn,
+                           const RunContext& run = {}) const;
   /// The same for a map that is needed once. Throws InputError for one that is neither lat-long nor cube.
-  EnvironmentLight project(const LightMap& environment, const Turn& turn) const;
+  EnvironmentLight project(const LightMap& environment, const Turn& turn, const RunContext& run = {}) const;
 
   /// The same by clipping each texel of the target against the texels of the environment. Slow: the
   /// reference.
-  EnvironmentLight project_exactly(const LightMap& environment, const Turn& turn) const;
+  EnvironmentLight project_exactly(const LightMap& environment, const Turn& turn,
+                                   const RunContext& run = {}) const;
 
  private:
   /// A texel that other windows see a part of.
@@ -76,7 +80,7 @@ class EnvironmentProjector {
   };
 
   std::vector<SeenPart> parts_of(const SphericalPolygon& texel, const SpherePatch& window) const;
-  void find_shared_texels();
+  void find_shared_texels(const RunContext& run);
   const float* solid_angles_of(
       int y) const;  ///< of a row's texels; the first is all texels' on lat-long maps
   std::optional<LightMap> as_it_stands(const LightMap& environment, const Turn& turn) const;
@@ -102,7 +106,8 @@ class BoxProjector {
 
   /// Radiance times solid angle in each box, [boxes × 3]. Throws InputError for an environment without
   /// PreparedEnvironment::has_path_sums(), Interrupted. Runs on all cores.
-  std::vector<float> project(const PreparedEnvironment& environment, const Turn& turn) const;
+  std::vector<float> project(const PreparedEnvironment& environment, const Turn& turn,
+                             const RunContext& run = {}) const;
 
  private:
   /// Part of one of a face's grid lines.

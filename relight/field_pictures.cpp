@@ -56,13 +56,13 @@ void FieldPictures::lay_out(RelightPrecision precision) {
   if (!boxes.empty()) box_projector_ = std::make_shared<const BoxProjector>(domain.width, boxes);
 }
 
-Image FieldPictures::outputs(const SceneLight& light) const {
+Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) const {
   const auto* map = std::get_if<LightMap>(&light);
   std::vector<float> sums;
   if (!map) {
     if (!box_projector_) throw InputError("this field needs an environment's light map");
     const auto& turned = std::get<TurnedEnvironment>(light);
-    sums = box_projector_->project(*turned.environment, turned.turn);
+    sums = box_projector_->project(*turned.environment, turned.turn, run);
   }
   if (!relighters_) {
     if (map) return field_->relight(*map);
@@ -78,8 +78,8 @@ Image FieldPictures::outputs(const SceneLight& light) const {
   return image;
 }
 
-Image FieldPictures::picture(const SceneLight& light, std::size_t frame) const {
-  Image outputs = this->outputs(light);
+Image FieldPictures::picture(const SceneLight& light, std::size_t frame, const RunContext& run) const {
+  Image outputs = this->outputs(light, run);
   if (cameras_.empty()) return outputs;
   if (view_) return view_->show(outputs);
   return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);

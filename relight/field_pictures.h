@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "relight/environment.h"
 #include "relight/mesh_view.h"
 #include "relight/relighter.h"
@@ -38,14 +39,14 @@ class FieldPictures {
 
   /// Throws InputError when the light does not fit the field, and for an environment where box_sums_suffice()
   /// does not hold.
-  Image picture(const SceneLight& light, std::size_t frame) const;
+  Image picture(const SceneLight& light, std::size_t frame, const RunContext& run = {}) const;
   /// [pixels]: the part of each pixel that the mesh covers, whose radiance the picture holds; empty for a
   /// captured field, which covers all.
   std::vector<float> coverage(std::size_t frame) const;
 
  private:
   struct Relighters;
-  Image outputs(const SceneLight& light) const;
+  Image outputs(const SceneLight& light, const RunContext& run) const;
 
   const ReflectanceField* field_;
   std::vector<PinholeCamera> cameras_;

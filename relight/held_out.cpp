@@ -9,9 +9,8 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 #include "core/metrics.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -132,7 +131,9 @@ std::string mark_held_out(CaptureSession& session, const ReflectanceField& field
 }
 
 std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const CaptureSession& session,
-                                          const ReflectanceField* truth, FrameRole role, double noise_scale) {
+                                          const ReflectanceField* truth, FrameRole role, double noise_scale,
+                                          const RunContext& run) {
+  const ThreadLimit limit(run);
   const auto frames = session.frames_of(role);
   if (frames.empty())
     throw InputError(text_of(session) + ": has no frame of role '" + std::string(name_of(role)) +
@@ -147,13 +148,13 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   const bool predicts = !field.predicted_error.empty();
   if (truth) noise_scale = 0.0;
   std::vector<KindSums> kinds;
-  Progress progress("comparing held-out frames", frames.size());
+  Progress progress(run, "comparing held-out frames", frames.size());
   for (const CaptureFrame& frame : frames) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     auto kind = std::ranges::find(kinds, frame.kind, &KindSums::kind);
     if (kind == kinds.end())
       kind = kinds.insert(kinds.end(), KindSums{frame.kind, SeriesError(mask), {}, true, {}, {}});
-    const LightMap light = read_light_map(frame.illumination, session.light.parameterisation);
+    const LightMap light = read_light_map(frame.illumination, session.light.parameterisation, run);
     const Photograph reference = reference_for(frame, light, truth);
     const Image predicted = field.relight(light);
     kind->error.add(predicted, reference.radiance, reference.sigma);

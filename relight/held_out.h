@@ -8,6 +8,7 @@
 #include "core/capture_session.h"
 #include "core/image_error.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -66,6 +67,7 @@ std::string mark_held_out(CaptureSession& session, const ReflectanceField& field
 /// noise; nothing with `truth`. The check leaves out pixels that are black in all frames.
 std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const CaptureSession& session,
                                           const ReflectanceField* truth = nullptr,
-                                          FrameRole role = FrameRole::test, double noise_scale = 1.0);
+                                          FrameRole role = FrameRole::test, double noise_scale = 1.0,
+                                          const RunContext& run = {});
 
 }  // namespace refield

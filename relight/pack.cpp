@@ -8,9 +8,8 @@
 #include <utility>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
 #include "core/metrics.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "relight/prune.h"
 #include "relight/tiled_transfer.h"
 
@@ -51,21 +50,21 @@ Pictures relight_probes(const ReflectanceField& field, const std::vector<ProbeLi
 /// Looks for the smallest packed field of some error.
 class Search {
  public:
-  Search(const ReflectanceField& field, double error)
+  Search(const ReflectanceField& field, double error, const RunContext& run)
       : field_(field),
         allowed_(error * error),
         probes_(probe_lights(field.basis.domain)),
         full_(relight_probes(field, probes_)),
-        pruning_(field, probes_) {}
+        pruning_(field, probes_, run) {}
 
   /// nullopt where so few bits cannot do; then least_error() says what they can.
-  std::optional<PackResult> with_bits(int bits) {
+  std::optional<PackResult> with_bits(int bits, const RunContext& run) {
     // How much of the error falls to the bits is known when a field has been made.
     std::vector<double> of_bits(probes_.size(), 0.0);
     std::optional<PackResult> best;
     int level = highest_level(of_bits, 0.5), best_level = -1;
     for (int tries = 0; tries < most_tries; ++tries) {
-      PackResult made = make(bits, level);
+      PackResult made = make(bits, level, run);
       const bool within = made.cost.worst_error() * made.cost.worst_error() <= allowed_;
       for (std::size_t kind = 0; kind < of_bits.size(); ++kind)
         of_bits[kind] = std::max(
@@ -100,8 +99,8 @@ class Search {
     return -1;
   }
 
-  PackResult make(int bits, int level) const {
-    throw_if_interrupted();
+  PackResult make(int bits, int level, const RunContext& run) const {
+    run.throw_if_stopped();
     ReflectanceField pruned = pruning_.prune(level);
     PackResult result;
     result.cost.bits = bits;
@@ -109,7 +108,7 @@ class Search {
     result.cost.pruned = result.cost.entries - pruned.transfer.entries();
     result.field = bits == 8 ? packed_with<std::uint8_t>(std::move(pruned))
                              : packed_with<std::uint16_t>(std::move(pruned));
-    throw_if_interrupted();
+    run.throw_if_stopped();
     PackedField copy = result.field;
     const Pictures pictures = relight_probes(expand(std::move(copy)), probes_);
     for (std::size_t kind = 0; kind < probes_.size(); ++kind)
@@ -131,11 +130,12 @@ double PackCost::worst_error() const {
   return std::ranges::max(errors, {}, &KindError::relative_rmse).relative_rmse;
 }
 
-PackResult pack_field(const ReflectanceField& field, double error) {
+PackResult pack_field(const ReflectanceField& field, double error, const RunContext& run) {
+  const ThreadLimit limit(run);
   if (!(error > 0.0)) throw InputError("the maximum error must be above 0, for example 1e-3");
-  Search search(field, error);
+  Search search(field, error, run);
   for (const int bits : {8, 16})
-    if (auto result = search.with_bits(bits)) {
+    if (auto result = search.with_bits(bits, run)) {
       ReflectanceField& outline = result->field.outline;
       outline.training_error = field.training_error;
       outline.predicted_error = field.predicted_error;
@@ -152,12 +152,12 @@ PackResult pack_field(const ReflectanceField& field, double error) {
                    " already; allow a larger error");
 }
 
-PackedField pack_rows(FieldRows rows, int bits) {
+PackedField pack_rows(FieldRows rows, int bits, const RunContext& run) {
   PackedField packed;
   if (bits == 8)
-    packed.tiles = tile_transfer<std::uint8_t>(rows);
+    packed.tiles = tile_transfer<std::uint8_t>(rows, run);
   else
-    packed.tiles = tile_transfer<std::uint16_t>(rows);
+    packed.tiles = tile_transfer<std::uint16_t>(rows, run);
   packed.outline = std::move(rows.outline);
   return packed;
 }

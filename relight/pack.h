@@ -6,6 +6,7 @@
 
 #include "core/field_rows.h"
 #include "core/packed_field.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -32,10 +33,10 @@ struct PackResult {
 /// each kind of probe lights: with weights of 8 bits where that can do, else 16, and without as many weak
 /// kernels (Pruning) as the error then has room for. Equal input gives equal output. Throws InputError where
 /// 16 bits are too few for `error` or the light map is larger than small_box_limit.
-PackResult pack_field(const ReflectanceField& field, double error);
+PackResult pack_field(const ReflectanceField& field, double error, const RunContext& run = {});
 
 /// Packs a field that is never there as a whole, with weights of 8 or 16 bits and all its kernels.
 /// Throws InputError where the light map is larger than small_box_limit, Interrupted.
-PackedField pack_rows(FieldRows rows, int bits);
+PackedField pack_rows(FieldRows rows, int bits, const RunContext& run = {});
 
 }  // namespace refield

@@ -12,7 +12,7 @@
 
 #include "core/cube_map.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -115,15 +115,16 @@ class RowCrossings {
 
 }  // namespace
 
-PreparedEnvironment::PreparedEnvironment(LightMap map)
-    : PreparedEnvironment(std::make_shared<const LightMap>(std::move(map))) {}
+PreparedEnvironment::PreparedEnvironment(LightMap map, const RunContext& run)
+    : PreparedEnvironment(std::make_shared<const LightMap>(std::move(map)), run) {}
 
-PreparedEnvironment::PreparedEnvironment(std::shared_ptr<const LightMap> map) : map_(std::move(map)) {
+PreparedEnvironment::PreparedEnvironment(std::shared_ptr<const LightMap> map, const RunContext& run)
+    : map_(std::move(map)) {
   const Image& radiance = map_->radiance;
   if (map_->parameterisation == Parameterisation::monitor || radiance.channels != 3 || radiance.empty())
     throw InputError("the light map of a monitor is not an environment map; give a lat-long or cube map");
   if (map_->parameterisation == Parameterisation::lat_long) {
-    prepare_lat_long();
+    prepare_lat_long(run);
     return;
   }
   const int side = radiance.width;
@@ -134,7 +135,7 @@ PreparedEnvironment::PreparedEnvironment(std::shared_ptr<const LightMap> map) : 
     total_[i % 3] += double{angles[i / 3 % angles.size()]} * radiance.values[i];
 }
 
-void PreparedEnvironment::prepare_lat_long() {
+void PreparedEnvironment::prepare_lat_long(const RunContext& run) {
   const Image& radiance = map_->radiance;
   const int width = radiance.width, height = radiance.height;
   for (int row = 0; row <= height; ++row) sines_.push_back(std::cos(pi * row / height));
@@ -153,7 +154,7 @@ void PreparedEnvironment::prepare_lat_long() {
   std::vector<double> sums(values, 0.0);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, values, 768), [&](const auto& range) {
     for (int row = 0; row < height; ++row) {
-      if (row % 64 == 0) throw_if_interrupted();
+      if (row % 64 == 0) run.throw_if_stopped();
       if (keeps_prefix && row % block_rows_ == 0)
         std::copy(
             sums.begin() + static_cast<std::ptrdiff_t>(range.begin()),

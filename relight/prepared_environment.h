@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "relight/path_vectors.h"
 
 namespace refield {
@@ -49,8 +50,8 @@ class PreparedEnvironment {
  public:
   /// Takes 24 bytes per texel besides the map, a fraction of that for maps of more than 2 million texels.
   /// Throws InputError for a monitor map, Interrupted.
-  explicit PreparedEnvironment(LightMap map);
-  explicit PreparedEnvironment(std::shared_ptr<const LightMap> map);
+  explicit PreparedEnvironment(LightMap map, const RunContext& run = {});
+  explicit PreparedEnvironment(std::shared_ptr<const LightMap> map, const RunContext& run = {});
 
   const LightMap& map() const { return *map_; }
   /// Radiance times solid angle over the whole map, all channels together.
@@ -105,7 +106,7 @@ class PreparedEnvironment {
                  south = sines_[static_cast<std::size_t>(texel.row) + 1];
     return (north <= 0.0 || most <= north * shrink) && (south >= 0.0 || least >= south * shrink);
   }
-  void prepare_lat_long();
+  void prepare_lat_long(const RunContext& run);
   /// `level`: (x, z) of what tells the azimuth, for which points near a pole are not good enough: the edge of
   /// a column where the point lies on one.
   struct PathPoint {

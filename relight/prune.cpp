@@ -9,8 +9,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -163,7 +162,8 @@ class ErrorSums {
 
 }  // namespace
 
-Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes) : field_(field) {
+Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes, const RunContext& run)
+    : field_(field) {
   has_negative_ = std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; });
   area_.resize(field.basis.size());
   tbb::parallel_for(std::size_t{0}, area_.size(),
@@ -178,10 +178,10 @@ Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& 
     unit_ += strongest * strongest / static_cast<double>(pixels);
   }
   unit_ = unit_ > 0.0 ? std::sqrt(unit_) : 1.0;
-  measure(probes);
+  measure(probes, run);
 }
 
-void Pruning::measure(const std::vector<ProbeLights>& probes) {
+void Pruning::measure(const std::vector<ProbeLights>& probes, const RunContext& run) {
   const ProbeCoefficients light(field_.basis, probes);
   const PixelRanking ranking(field_, area_, unit_, has_negative_);
   // A sum for each stretch of pixels, added up in their order: the result does not depend on the cores.
@@ -189,9 +189,9 @@ void Pruning::measure(const std::vector<ProbeLights>& probes) {
   constexpr std::size_t stretch = 4096;
   const ErrorSums none(field_.transfer, ranking, light, probes.size());
   std::vector<ErrorSums> sums((pixels + stretch - 1) / stretch, none);
-  Progress progress("computing kernel weights", sums.size());
+  Progress progress(run, "computing kernel weights", sums.size());
   tbb::parallel_for(std::size_t{0}, sums.size(), [&](std::size_t i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     for (std::size_t p = i * stretch; p < std::min((i + 1) * stretch, pixels); ++p) sums[i].add_pixel(p);
     progress.advance();
   });

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "relight/probe_lights.h"
 
 namespace refield {
@@ -19,7 +20,7 @@ class Pruning {
   static constexpr int levels = 112;
 
   /// Measures the error of all levels in one pass. `field` must outlive this.
-  Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes);
+  Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes, const RunContext& run = {});
 
   /// Squared relative error under each kind of probe lights.
   const std::vector<double>& squared_errors(int level) const {
@@ -29,7 +30,7 @@ class Pruning {
   ReflectanceField prune(int level) const;
 
  private:
-  void measure(const std::vector<ProbeLights>& probes);
+  void measure(const std::vector<ProbeLights>& probes, const RunContext& run);
 
   const ReflectanceField& field_;
   std::vector<float> area_;                          // [kernels]

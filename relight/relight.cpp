@@ -14,8 +14,7 @@
 #include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -68,10 +67,10 @@ MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSo
                                  std::string name)
     : field_(field), lights_(std::move(lights)), name_(std::move(name)) {}
 
-Image MeteredPictures::make(std::size_t i) const {
-  throw_if_interrupted();
+Image MeteredPictures::make(std::size_t i, const RunContext& run) const {
+  run.throw_if_stopped();
   const SceneLight light = lights_[i]();
-  Image image = field_.picture(light, i);
+  Image image = field_.picture(light, i, run);
   if (!std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) {
     char brightest[32];
     std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(radiance_of(light).values));
@@ -83,13 +82,13 @@ Image MeteredPictures::make(std::size_t i) const {
   return image;
 }
 
-double MeteredPictures::sequence_exposure() {
+double MeteredPictures::sequence_exposure(const RunContext& run) {
   const std::size_t count = std::min(lights_.size(), max_metered);
   std::vector<Image> pictures(count);
   const auto place = [&](std::size_t k) { return (2 * k + 1) * lights_.size() / (2 * count); };
-  Progress progress("choosing the exposure", count);
+  Progress progress(run, "choosing the exposure", count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
-    pictures[k] = make(place(k));
+    pictures[k] = make(place(k), run);
     progress.advance();
   });
   ExposureMeter meter;
@@ -102,13 +101,14 @@ double MeteredPictures::sequence_exposure() {
   return meter.exposure();
 }
 
-Image MeteredPictures::take(std::size_t i) {
+Image MeteredPictures::take(std::size_t i, const RunContext& run) {
   const auto kept = kept_.find(i);  // nobody else looks for picture i, and the map stays as it is
-  return kept == kept_.end() ? make(i) : std::move(kept->second);
+  return kept == kept_.end() ? make(i, run) : std::move(kept->second);
 }
 
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
-                                const ExposureOptions& exposure) {
+                                const ExposureOptions& exposure, const RunContext& run) {
+  const ThreadLimit limit(run);
   std::vector<LightSource> lights;
   for (const RelightJob& job : jobs) {
     if (job.output.extension() != ".exr" && !is_png(job))
@@ -121,14 +121,14 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   MeteredPictures pictures(field, std::move(lights),
                            (jobs.size() == 1 ? first : first.parent_path()).string());
   std::optional<double> shared = exposure.factor;
-  if (!shared && exposure.is_sequence && pngs > 0) shared = pictures.sequence_exposure();
+  if (!shared && exposure.is_sequence && pngs > 0) shared = pictures.sequence_exposure(run);
   std::vector<double> factors(jobs.size()), clipped(jobs.size());
-  Progress progress("relight", jobs.size());
+  Progress progress(run, "relight", jobs.size());
   // One task an image: compressing and writing files takes longer than the product T L, and so it overlaps
   // too. Memory stays at one image a core.
   tbb::parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
-    throw_if_interrupted();
-    Image image = pictures.take(i);
+    run.throw_if_stopped();
+    Image image = pictures.take(i, run);
     const std::vector<float> coverage = field.coverage(i);
     if (is_png(jobs[i])) {
       const Image shown = unpremultiplied(std::move(image), coverage);

@@ -9,6 +9,7 @@
 
 #include "core/image.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "relight/field_pictures.h"
 
 namespace refield {
@@ -43,7 +44,7 @@ struct ExposureReport {
 /// it is complete. Throws InputError for an output that is neither EXR nor PNG (before any work), for a light
 /// that does not fit the field or makes pixels that are not finite, Interrupted between images.
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
-                                const ExposureOptions& exposure = {});
+                                const ExposureOptions& exposure = {}, const RunContext& run = {});
 
 /// The pictures of `lights`, one at a time and from several threads: those that were made to choose a
 /// sequence's exposure are not made again, where they fit into memory.
@@ -53,12 +54,12 @@ class MeteredPictures {
   MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights, std::string name);
 
   /// The exposure of a sequence of these pictures.
-  double sequence_exposure();
+  double sequence_exposure(const RunContext& run);
   /// Picture i. Throws InputError where a pixel is not finite.
-  Image take(std::size_t i);
+  Image take(std::size_t i, const RunContext& run);
 
  private:
-  Image make(std::size_t i) const;
+  Image make(std::size_t i, const RunContext& run) const;
 
   const FieldPictures& field_;
   std::vector<LightSource> lights_;

@@ -10,7 +10,7 @@
 #include <string>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "relight/tile_layout.h"
 
 namespace refield {
@@ -99,7 +99,7 @@ TiledTransfer<Weight> tile_transfer(ReflectanceField&& field) {
 }
 
 template <class Weight>
-TiledTransfer<Weight> tile_transfer(const FieldRows& source) {
+TiledTransfer<Weight> tile_transfer(const FieldRows& source, const RunContext& run) {
   const ReflectanceField& outline = source.outline;
   require_nameable(outline.basis.domain);
   TiledTransfer<Weight> tiled{outline.width, outline.height, {}, {}};
@@ -112,7 +112,7 @@ TiledTransfer<Weight> tile_transfer(const FieldRows& source) {
   tbb::enumerable_thread_specific<TileWorkshop> workshops;
   constexpr int band_rows = TiledTransfer<Weight>::band_rows;
   for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const int rows = std::min(band_rows, tiled.tiles_down() - row);
     const RowRange range{row * tile_side_px, std::min(outline.height, (row + rows) * tile_side_px)};
     band.height = range.count();
@@ -123,8 +123,8 @@ TiledTransfer<Weight> tile_transfer(const FieldRows& source) {
   return tiled;
 }
 
-template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&);
-template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&);
+template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&, const RunContext&);
+template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&, const RunContext&);
 template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
 template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
 template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);

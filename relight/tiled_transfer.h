@@ -4,6 +4,7 @@
 
 #include "core/field_rows.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "core/transfer_tiles.h"
 
 namespace refield {
@@ -20,10 +21,11 @@ TiledTransfer<Weight> tile_transfer(ReflectanceField&& field);
 /// The same for a field that is never there as a whole: all its kernels count as common. Throws Interrupted,
 /// too.
 template <class Weight>
-TiledTransfer<Weight> tile_transfer(const FieldRows& rows);
+TiledTransfer<Weight> tile_transfer(const FieldRows& rows, const RunContext& run);
 
-extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&);
-extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&);
+extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&, const RunContext&);
+extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&,
+                                                                          const RunContext&);
 extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
 extern template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
 extern template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);

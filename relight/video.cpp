@@ -22,8 +22,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -116,11 +115,11 @@ VideoWriter::~VideoWriter() {
   ::close(messages_);
 }
 
-void VideoWriter::add(std::span<const std::uint8_t> frame) {
+void VideoWriter::add(std::span<const std::uint8_t> frame, const RunContext& run) {
   while (!frame.empty()) {
     const ssize_t sent = ::send(pipe_, frame.data(), frame.size(), MSG_NOSIGNAL);
     if (sent < 0 && errno == EINTR) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       continue;
     }
     if (sent < 0) fail();
@@ -155,16 +154,18 @@ void VideoWriter::fail() {
 }
 
 ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
-                                const std::filesystem::path& output, const VideoOptions& options) {
+                                const std::filesystem::path& output, const VideoOptions& options,
+                                const RunContext& run) {
+  const ThreadLimit limit(run);
   options.check();
   MeteredPictures pictures(field, lights, output.string());
   ExposureReport report;
   std::vector<double> clipped(lights.size());
   write_atomically(output, [&](const std::filesystem::path& temporary) {
     VideoWriter video(temporary, field.width(), field.height(), options.frames_per_second);
-    const double exposure = options.exposure ? *options.exposure : pictures.sequence_exposure();
+    const double exposure = options.exposure ? *options.exposure : pictures.sequence_exposure(run);
     report.factors = {exposure};
-    Progress progress("relight", lights.size());
+    Progress progress(run, "relight", lights.size());
     // Tokens are numbers and the frames stay here: when a pipeline is stopped, oneTBB forgets to destroy what
     // its larger tokens hold. The frame of a slot is encoded before the next one of that slot is begun.
     std::vector<std::vector<std::uint8_t>> slots(
@@ -175,14 +176,14 @@ ExposureReport relight_to_video(const FieldPictures& field, const std::vector<Li
       return next++;
     };
     const auto frame = [&](std::size_t i) {
-      throw_if_interrupted();
-      const Image picture = pictures.take(i);
+      run.throw_if_stopped();
+      const Image picture = pictures.take(i, run);
       slots[i % slots.size()] = tone_mapped(picture, {exposure});
       if (options.exposure) clipped[i] = clipped_share(picture, exposure);
       return i;
     };
     const auto encode = [&](std::size_t i) {
-      video.add(slots[i % slots.size()]);
+      video.add(slots[i % slots.size()], run);
       progress.advance();
     };
     constexpr auto in_order = tbb::filter_mode::serial_in_order, together = tbb::filter_mode::parallel;

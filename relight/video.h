@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "core/run_context.h"
 #include "relight/relight.h"
 
 namespace refield {
@@ -31,7 +32,7 @@ class VideoWriter {
   VideoWriter& operator=(const VideoWriter&) = delete;
 
   /// One frame, [height × width × 3] bytes, sRGB. Throws DeviceError with ffmpeg's words when it gave up.
-  void add(std::span<const std::uint8_t> frame);
+  void add(std::span<const std::uint8_t> frame, const RunContext& run = {});
 
   /// Waits until the file is complete. Throws DeviceError with ffmpeg's words when it failed.
   void finish();
@@ -50,6 +51,7 @@ class VideoWriter {
 /// are made at a time; none is kept once it is encoded. The file appears when it is complete. Throws
 /// Interrupted between frames, DeviceError where ffmpeg is missing or fails, and what the lights throw.
 ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
-                                const std::filesystem::path& output, const VideoOptions& options);
+                                const std::filesystem::path& output, const VideoOptions& options,
+                                const RunContext& run = {});
 
 }  // namespace refield

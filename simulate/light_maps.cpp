@@ -8,10 +8,9 @@
 #include <cstdio>
 #include <map>
 
-#include "core/interrupt.h"
 #include "core/metrics.h"
-#include "core/progress.h"
 #include "core/rng.h"
+#include "core/run_context.h"
 #include "simulate/panorama.h"
 
 namespace refield {
@@ -98,7 +97,8 @@ std::vector<LightSpec> list_lights(const LightPlan& plan) {
 }
 
 void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, std::uint64_t seed,
-                 const std::function<void(std::size_t, LightMap&&)>& sink) {
+                 const std::function<void(std::size_t, LightMap&&)>& sink, const RunContext& run) {
+  const ThreadLimit limit(run);
   // Views grouped by panorama: (stream, places). Test panoramas are streams of their own.
   std::map<std::uint64_t, std::vector<std::size_t>> places_of;
   std::map<std::string, int> count_of;
@@ -109,16 +109,16 @@ void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, 
     const std::uint64_t test = spec.role == FrameRole::train ? 0 : 1;
     places_of[2 * static_cast<std::uint64_t>(spec.number / views_of_a_panorama) + test].push_back(place);
   }
-  Progress progress("light maps", list.size());
+  Progress progress(run, "light maps", list.size());
   const std::vector<std::pair<std::uint64_t, std::vector<std::size_t>>> groups(places_of.begin(),
                                                                                places_of.end());
   const int panorama_width = std::min(largest_panorama, panorama_widths_of_a_map * domain.width) / 2 * 2;
   tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const auto& [stream, places] = groups[g];
     const Image panorama = make_panorama(seed, stream, panorama_width);
     for (const std::size_t place : places) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       sink(place, {natural_light(panorama, seed, stream, list[place].number, domain.width, domain.height),
                    domain.parameterisation});
       progress.advance();

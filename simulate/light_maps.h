@@ -7,6 +7,7 @@
 
 #include "core/capture_session.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "simulate/recipe.h"
 
 namespace refield {
@@ -30,6 +31,7 @@ std::vector<LightSpec> list_lights(const LightPlan& plan);
 ///  - bar: white, an eighth of the width, sliding from the left edge to the right.
 ///  - square: white, a sixteenth of the width, at places spread over the map.
 void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, std::uint64_t seed,
-                 const std::function<void(std::size_t place, LightMap&& light)>& sink);
+                 const std::function<void(std::size_t place, LightMap&& light)>& sink,
+                 const RunContext& run = {});
 
 }  // namespace refield

@@ -7,7 +7,7 @@
 #include <array>
 #include <iterator>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "simulate/surface.h"
 
 namespace refield {
@@ -83,12 +83,12 @@ Label label_pixel(const Scene& scene, int x, int y) {
 
 }  // namespace
 
-PixelKinds scene_kinds(const Scene& scene) {
+PixelKinds scene_kinds(const Scene& scene, const RunContext& run) {
   const CameraInScene& camera = scene.description().camera;
   PixelKinds kinds{camera.width, camera.height, {std::begin(kind_names), std::end(kind_names)}, {}};
   kinds.labels.resize(static_cast<std::size_t>(camera.width) * camera.height);
   tbb::parallel_for(0, camera.height, [&](int y) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     for (int x = 0; x < camera.width; ++x)
       kinds.labels[static_cast<std::size_t>(y) * camera.width + x] = label_pixel(scene, x, y);
   });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "core/pixel_kinds.h"
+#include "core/run_context.h"
 #include "simulate/scene.h"
 
 namespace refield {
@@ -13,6 +14,6 @@ namespace refield {
 ///    so that the edge of something lies across its light;
 ///  - mixed: no sort of material reaches three quarters, as on the outlines of things.
 /// Pixels whose rays mostly meet nothing are of no kind.
-PixelKinds scene_kinds(const Scene& scene);
+PixelKinds scene_kinds(const Scene& scene, const RunContext& run = {});
 
 }  // namespace refield

@@ -8,10 +8,9 @@
 
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "core/rng.h"
+#include "core/run_context.h"
 #include "simulate/light_maps.h"
 #include "simulate/monitor_surface.h"
 #include "simulate/scene_kinds.h"
@@ -64,8 +63,9 @@ SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options)
   return plan;
 }
 
-SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options,
-                                 const fs::path& folder) {
+SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options, const fs::path& folder,
+                                 const RunContext& run) {
+  const ThreadLimit limit(run);
   options.check();
   const CameraInScene& camera = recipe.scene.camera;
   const LightHierarchy hierarchy(recipe.scene.monitor.texels);
@@ -89,12 +89,15 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
 
   Stopwatch making_lights;
   LightSums sums(hierarchy, lights.size());
-  make_lights(lights, hierarchy.domain(), recipe.seed, [&](std::size_t place, LightMap&& light) {
-    write_exr(session.frames[place].illumination, light.radiance, options.precision);
-    if (options.precision == Precision::half)  // photographs are of the light that was written
-      light = read_light_map(session.frames[place].illumination, light.parameterisation);
-    sums.set(place, light);
-  });
+  make_lights(
+      lights, hierarchy.domain(), recipe.seed,
+      [&](std::size_t place, LightMap&& light) {
+        write_exr(session.frames[place].illumination, light.radiance, options.precision);
+        if (options.precision == Precision::half)  // photographs are of the light that was written
+          light = read_light_map(session.frames[place].illumination, light.parameterisation, run);
+        sums.set(place, light);
+      },
+      run);
   summary.light_seconds = making_lights.seconds();
 
   Stopwatch tracing;
@@ -103,8 +106,9 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
   Image ambient(camera.width, camera.height, 3);
   std::vector<Image> photographs(lights.size(), Image(camera.width, camera.height, 3));
   std::uint64_t entries = 0;
-  summary.rays =
-      trace_rows(scene, hierarchy, trace_options, [&](int first_row, std::vector<PixelTransport>& pixels) {
+  summary.rays = trace_rows(
+      scene, hierarchy, trace_options,
+      [&](int first_row, std::vector<PixelTransport>& pixels) {
         const std::size_t first = static_cast<std::size_t>(first_row) * camera.width;
         tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pixels.size(), 64), [&](const auto& range) {
           std::vector<float> row(3 * lights.size());
@@ -120,7 +124,8 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
           for (int c = 0; c < 3; ++c) ambient.values[3 * (first + p) + c] = pixels[p].ambient[c];
         }
         if (options.keep_transport) builder.append(pixels);
-      });
+      },
+      run);
   summary.entries_per_pixel = static_cast<double>(entries) / static_cast<double>(ambient.pixel_count());
   summary.trace_seconds = tracing.seconds();
 
@@ -133,10 +138,10 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
     summary.transport_bytes = fs::file_size(folder / transport_file_name);
   }
   write_exr(folder / ambient_file_name, ambient);
-  write_pixel_kinds(folder / kinds_file_name, scene_kinds(scene));
-  Progress progress("writing photographs", lights.size());
+  write_pixel_kinds(folder / kinds_file_name, scene_kinds(scene, run));
+  Progress progress(run, "writing photographs", lights.size());
   tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t l) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     if (options.noise > 0.0) add_noise(photographs[l], options.noise, recipe.seed, l);
     write_exr(session.frames[l].observed, photographs[l], options.precision);
     photographs[l] = Image();
@@ -147,18 +152,23 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
   return summary;
 }
 
-TracedScene trace_scene(const SceneDescription& description, const TraceOptions& options) {
+TracedScene trace_scene(const SceneDescription& description, const TraceOptions& options,
+                        const RunContext& run) {
+  const ThreadLimit limit(run);
   const Scene scene(description);
   const LightHierarchy hierarchy(description.monitor.texels);
   const CameraInScene& camera = description.camera;
   FieldBuilder builder(hierarchy, camera.width, camera.height);
   TracedScene traced;
   traced.ambient = Image(camera.width, camera.height, 3);
-  trace_rows(scene, hierarchy, options, [&](int first_row, std::vector<PixelTransport>& pixels) {
-    builder.append(pixels);
-    float* out = traced.ambient.row(first_row).data();
-    for (const PixelTransport& pixel : pixels) out = std::copy_n(pixel.ambient.data(), 3, out);
-  });
+  trace_rows(
+      scene, hierarchy, options,
+      [&](int first_row, std::vector<PixelTransport>& pixels) {
+        builder.append(pixels);
+        float* out = traced.ambient.row(first_row).data();
+        for (const PixelTransport& pixel : pixels) out = std::copy_n(pixel.ambient.data(), 3, out);
+      },
+      run);
   traced.transport = builder.finish();
   traced.transport.monitors = monitor_placements(description);
   return traced;

@@ -7,6 +7,7 @@
 #include "core/capture_session.h"
 #include "core/image_io.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "simulate/light_transport.h"
 #include "simulate/recipe.h"
 
@@ -50,14 +51,15 @@ SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options)
 /// multiplied with all lights as soon as it is traced, so T need not fit into memory. Throws Interrupted when
 /// asked to stop.
 SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options,
-                                 const std::filesystem::path& folder);
+                                 const std::filesystem::path& folder, const RunContext& run = {});
 
 /// The transport and the ambient image alone, in memory: for tests and small experiments.
 struct TracedScene {
   ReflectanceField transport;
   Image ambient;  ///< [height × width × 3]
 };
-TracedScene trace_scene(const SceneDescription& scene, const TraceOptions& options);
+TracedScene trace_scene(const SceneDescription& scene, const TraceOptions& options,
+                        const RunContext& run = {});
 
 inline constexpr const char* transport_file_name = "transport.rfield";
 inline constexpr const char* ambient_file_name = "ambient.exr";

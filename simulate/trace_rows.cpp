@@ -7,8 +7,7 @@
 #include <algorithm>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -53,23 +52,24 @@ void apply_row(const std::vector<TransportEntry>& entries, const LightSums& sums
 }
 
 std::uint64_t trace_rows(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
-                         const std::function<void(int, std::vector<PixelTransport>&)>& take) {
+                         const std::function<void(int, std::vector<PixelTransport>&)>& take,
+                         const RunContext& run) {
   const int width = scene.description().camera.width, height = scene.description().camera.height;
   const int band = std::max(1, pixels_of_a_band / width);
   tbb::enumerable_thread_specific<TraceScratch> scratch([&] { return TraceScratch(hierarchy); });
-  Progress progress("tracing light", static_cast<std::uint64_t>(width) * height);
+  Progress progress(run, "tracing light", static_cast<std::uint64_t>(width) * height);
   for (int first = 0; first < height; first += band) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const int count = std::min(band, height - first) * width;
     std::vector<PixelTransport> pixels(count);
     tbb::parallel_for(tbb::blocked_range<int>(0, count, pixels_of_a_task), [&](const auto& range) {
-      if (interrupted()) return;  // the band is thrown away
+      if (run.is_stopped()) return;  // the band is thrown away
       TraceScratch& mine = scratch.local();
       for (int p = range.begin(); p != range.end(); ++p)
         pixels[p] = trace_pixel(scene, hierarchy, options, p % width, first + p / width, mine);
       progress.advance(range.size());
     });
-    throw_if_interrupted();
+    run.throw_if_stopped();
     take(first, pixels);
   }
   std::uint64_t rays = 0;

@@ -5,6 +5,7 @@
 
 #include "core/image.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "simulate/light_transport.h"
 
 namespace refield {
@@ -41,7 +42,8 @@ void apply_row(const std::vector<TransportEntry>& entries, const LightSums& sums
 /// row and its pixels, row by row, while nothing else runs. Returns the number of rays. Throws Interrupted
 /// between bands.
 std::uint64_t trace_rows(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
-                         const std::function<void(int first_row, std::vector<PixelTransport>& pixels)>& take);
+                         const std::function<void(int first_row, std::vector<PixelTransport>& pixels)>& take,
+                         const RunContext& run);
 
 /// Collects bands into a reflectance field whose basis holds the boxes that occur.
 class FieldBuilder {

@@ -190,12 +190,13 @@ Seconds common_period(const std::vector<Seconds>& differences) {
   return Seconds(0);
 }
 
-Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn) {
+Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn,
+                        const RunContext& run) {
   Banding result;
   std::vector<Seconds> differences;
   TimePoint last = bench.show_at_once(metering.level);
   for (int i = 0; i < 24; ++i) {
-    if (i % 3 == 0) bench.next_frame(metering.exposure);  // delays of all lengths
+    if (i % 3 == 0) bench.next_frame(metering.exposure, run);  // delays of all lengths
     const TimePoint flip = bench.show_at_once(metering.level);
     differences.push_back(flip - last);
     last = flip;
@@ -208,7 +209,7 @@ Banding measure_banding(CalibrationBench& bench, const Metering& metering, doubl
   for (int i = 0; i < frames_taken; ++i) {
     const double irregular = std::fmod(0.5 + i * std::numbers::phi, 1.0);
     const Seconds exposure = shortest * std::pow(metering.exposure / shortest, irregular);
-    const RawFrame frame = bench.frame(exposure);
+    const RawFrame frame = bench.frame(exposure, run);
     if (!begin) begin = frame.exposure_start;
     result.frames.push_back(
         {Seconds(frame.exposure_start - *begin).count(), frame.exposure.count(),

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "acquire/calibrate/metering.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -35,7 +36,8 @@ struct Banding {
 /// with the start and the length of the exposure (a periodogram by least squares, after Lomb 1976 and Scargle
 /// 1982, whose basis functions are integrals over the exposure). Irregular exposures tell frequencies apart
 /// that frames at a fixed rate confuse.
-Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn);
+Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn,
+                        const RunContext& run);
 
 /// The same once the camera's response is known: depths are then of light, not of DN.
 Banding linearised(Banding banding, double black_dn, const std::vector<float>& linear_from_dn);

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "acquire/exposure_plan.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -40,8 +40,8 @@ void CalibrationBench::show(std::uint8_t grey_level) {
   show(uniform_drive(display_description_.width, display_description_.height, grey_level));
 }
 
-RawFrame CalibrationBench::frame(Seconds exposure) {
-  throw_if_interrupted();
+RawFrame CalibrationBench::frame(Seconds exposure, const RunContext& run) {
+  run.throw_if_stopped();
   return pairing_.value().photograph(exposure, gain_);
 }
 
@@ -56,8 +56,8 @@ TimePoint CalibrationBench::set_exposure(Seconds exposure) {
   return camera_.set_exposure(exposure, gain_);
 }
 
-RawFrame CalibrationBench::next_frame(Seconds exposure) {
-  throw_if_interrupted();
+RawFrame CalibrationBench::next_frame(Seconds exposure, const RunContext& run) {
+  run.throw_if_stopped();
   constexpr Seconds slack{5.0};  // frames on their way may have a longer exposure
   if (trigger_) trigger_->fire();
   return camera_.next_frame(exposure + 4 * camera_description_.frame_interval + slack);
@@ -65,12 +65,12 @@ RawFrame CalibrationBench::next_frame(Seconds exposure) {
 
 SampleMoments sample_moments(CalibrationBench& bench, Seconds exposure, int count,
                              const std::vector<float>* linear, std::span<const std::uint32_t> steadied,
-                             double black) {
+                             double black, const RunContext& run) {
   std::vector<std::vector<float>> frames;
   std::vector<double> level;
   SampleMoments moments;
   for (int i = 0; i < count; ++i) {
-    const RawFrame frame = bench.frame(exposure);
+    const RawFrame frame = bench.frame(exposure, run);
     moments.exposure = frame.exposure;
     std::vector<float>& values = frames.emplace_back(frame.samples.begin(), frame.samples.end());
     if (linear)

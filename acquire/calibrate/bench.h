@@ -10,6 +10,7 @@
 #include "acquire/frame_pairing.h"
 #include "acquire/illuminator.h"
 #include "acquire/trigger.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -30,12 +31,12 @@ class CalibrationBench {
   // Steady light: frames are taken once light and settings have settled, see FramePairing.
   void show(const DriveImage& image);
   void show(std::uint8_t grey_level);
-  RawFrame frame(Seconds exposure);
+  RawFrame frame(Seconds exposure, const RunContext& run = {});
 
   // Changing light, for measuring how it changes: nothing is waited for. show() must follow before frame().
   TimePoint show_at_once(std::uint8_t grey_level);
   TimePoint set_exposure(Seconds exposure);
-  RawFrame next_frame(Seconds exposure);
+  RawFrame next_frame(Seconds exposure, const RunContext& run = {});
 
  private:
   Camera& camera_;
@@ -61,7 +62,8 @@ struct SampleMoments {
 /// all frames: what flickers as a whole is no noise.
 SampleMoments sample_moments(CalibrationBench& bench, Seconds exposure, int count,
                              const std::vector<float>* linear = nullptr,
-                             std::span<const std::uint32_t> steadied = {}, double black = 0.0);
+                             std::span<const std::uint32_t> steadied = {}, double black = 0.0,
+                             const RunContext& run = {});
 
 double mean_over(const RawFrame& frame, std::span<const std::uint32_t> samples);
 double mean_over(const std::vector<float>& values, std::span<const std::uint32_t> samples);

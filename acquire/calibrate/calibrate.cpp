@@ -6,7 +6,7 @@
 #include <cstdio>
 
 #include "core/errors.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -112,7 +112,7 @@ void CalibrateOptions::check() const {
 }
 
 RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* trigger,
-                          const CalibrateOptions& options) {
+                          const CalibrateOptions& options, const RunContext& run) {
   options.check();
   CalibrationBench bench(camera, illuminator, trigger, options.gain, options.patience);
   RigMeasurements rig;
@@ -121,41 +121,42 @@ RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* tri
   rig.target = options.target;
   rig.gain = options.gain;
 
-  log_line("metering; control latency of the camera");
+  run.note("metering; control latency of the camera");
   const Seconds steady_exposure = std::max(Seconds(0.03), bench.camera().frame_interval);
-  const Metering metering = meter(bench, steady_exposure);
-  rig.control_latency = measure_control_latency(bench, metering);
+  const Metering metering = meter(bench, steady_exposure, run);
+  rig.control_latency = measure_control_latency(bench, metering, run);
   bench.use(timing_so_far(rig, options.patience));
-  log_line("black level of the camera; banding");
-  rig.black = measure_black_level(bench);
-  rig.banding = measure_banding(bench, metering, rig.black.dn);
+  run.note("black level of the camera; banding");
+  rig.black = measure_black_level(bench, run);
+  rig.banding = measure_banding(bench, metering, rig.black.dn, run);
   rig.timing = timing_so_far(rig, options.patience);
   const Seconds unit = rig.timing.exposure_unit;
-  log_line("saturation and response of the camera");
-  rig.response = measure_response(bench, rig.black, unit);
+  run.note("saturation and response of the camera");
+  rig.response = measure_response(bench, rig.black, unit, run);
   if (!rig.response.is_linear)
     rig.banding = linearised(rig.banding, rig.black.dn, rig.response.linear_from_dn);
-  log_line("latency and settling of the display");
-  rig.display_timing = measure_display_timing(bench, rig.response, unit);
+  run.note("latency and settling of the display");
+  rig.display_timing = measure_display_timing(bench, rig.response, unit, run);
   rig.timing.display_latency = rig.display_timing.latency;
   rig.timing.display_settling = rig.display_timing.settling;
   bench.use(rig.timing);
-  log_line("noise of the camera");
-  rig.noise = measure_photon_transfer(bench, meter(bench, std::max(steady_exposure, 32.0 * unit)),
-                                      rig.response, unit);
+  run.note("noise of the camera");
+  rig.noise = measure_photon_transfer(bench, meter(bench, std::max(steady_exposure, 32.0 * unit), run),
+                                      rig.response, unit, run);
   rig.camera = camera_of(rig, options.flat_field);
 
-  const auto exposures = bracket_for(bench, options.exposures, unit);
-  rig.superposition = measure_superposition(bench, rig.camera, exposures, options.superposition_tolerance);
-  rig.tone_curve = measure_tone_curve(bench, rig.camera, exposures, options.tone_step);
+  const auto exposures = bracket_for(bench, options.exposures, unit, run);
+  rig.superposition =
+      measure_superposition(bench, rig.camera, exposures, options.superposition_tolerance, run);
+  rig.tone_curve = measure_tone_curve(bench, rig.camera, exposures, options.tone_step, run);
   rig.monitor.radiance_from_level = rig.tone_curve.light_from_level;
   rig.monitor.uniformity = options.uniformity;
   if (options.target == CalibrationTarget::card) {
-    rig.flat_field = measure_flat_field(bench, rig.camera, exposures);
+    rig.flat_field = measure_flat_field(bench, rig.camera, exposures, run);
     rig.camera.flat_field = rig.flat_field->map;
   }
   if (options.target == CalibrationTarget::screen) {
-    rig.screen = measure_screen_uniformity(bench, rig.camera, exposures);
+    rig.screen = measure_screen_uniformity(bench, rig.camera, exposures, run);
     rig.monitor.uniformity = rig.screen->map;
   }
   rig.monitor.check("measured monitor calibration");

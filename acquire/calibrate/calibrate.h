@@ -12,6 +12,7 @@
 #include "acquire/calibrate/superposition.h"
 #include "acquire/calibrate/tone_curve.h"
 #include "acquire/calibrate/uniformity.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -67,6 +68,6 @@ struct RigMeasurements {
 /// DeviceError when a measurement cannot succeed, saying which and why. A broken superposition does not
 /// throw: it is the caller who must refuse, see Superposition::holds().
 RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* trigger,
-                          const CalibrateOptions& options);
+                          const CalibrateOptions& options, const RunContext& run = {});
 
 }  // namespace refield

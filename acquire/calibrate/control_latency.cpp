@@ -18,11 +18,12 @@ constexpr double arrived =
 constexpr double step_ratio = 4.0;
 
 /// Levels of the frames that begin after the exposure was set.
-std::vector<double> levels_after(CalibrationBench& bench, const Metering& metering, Seconds exposure) {
+std::vector<double> levels_after(CalibrationBench& bench, const Metering& metering, Seconds exposure,
+                                 const RunContext& run) {
   std::vector<double> levels;
   const TimePoint made = bench.set_exposure(exposure);
   for (int i = 0; i < 8 * frames_watched && static_cast<int>(levels.size()) < frames_watched; ++i) {
-    const RawFrame frame = bench.next_frame(metering.exposure);
+    const RawFrame frame = bench.next_frame(metering.exposure, run);
     if (frame.exposure_start >= made) levels.push_back(mean_over(frame, metering.lit));
   }
   if (static_cast<int>(levels.size()) < frames_watched)
@@ -49,15 +50,16 @@ int frames_until(const std::vector<double>& levels, double from) {
 
 }  // namespace
 
-ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& metering) {
+ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& metering,
+                                       const RunContext& run) {
   const Seconds longer = metering.exposure;
   const Seconds shorter = std::max(bench.camera().shortest_exposure, longer / step_ratio);
   bench.show(metering.level);
-  bench.frame(shorter);  // waits until the light stands still
-  const auto dark_first = levels_after(bench, metering, shorter);
+  bench.frame(shorter, run);  // waits until the light stands still
+  const auto dark_first = levels_after(bench, metering, shorter, run);
   ControlLatency result;
-  result.level_dn = levels_after(bench, metering, longer);
-  const auto down = levels_after(bench, metering, shorter);
+  result.level_dn = levels_after(bench, metering, longer, run);
+  const auto down = levels_after(bench, metering, shorter, run);
   result.expected_ratio = longer / shorter;
   const double low = end_of(dark_first);
   const double high = end_of(result.level_dn);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "acquire/calibrate/metering.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -16,6 +17,7 @@ struct ControlLatency {
 /// Step response: a steady scene, the exposure changed, frames counted until the image follows. Trusts the
 /// image rather than the exposure that frames state. Throws DeviceError for a camera that ignores its
 /// exposure.
-ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& metering);
+ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& metering,
+                                       const RunContext& run);
 
 }  // namespace refield

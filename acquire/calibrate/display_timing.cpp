@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "core/errors.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -40,13 +40,13 @@ struct Series {
   TimePoint flip;
 };
 
-Series frames_across(CalibrationBench& bench, std::uint8_t level, Seconds exposure) {
+Series frames_across(CalibrationBench& bench, std::uint8_t level, Seconds exposure, const RunContext& run) {
   Series series;
   series.flip = bench.show_at_once(level);
   // From frames that waited in the driver on to the first that begins after the patience is over.
   constexpr int most = 2000;
   for (int i = 0; i < most; ++i) {
-    series.frames.push_back(bench.next_frame(exposure));
+    series.frames.push_back(bench.next_frame(exposure, run));
     if (series.frames.back().exposure_start - series.flip > bench.patience()) return series;
   }
   throw DeviceError(bench.camera().name, EIO,
@@ -93,19 +93,19 @@ LightChange fit_light_change(const std::vector<ChangeFrame>& frames, Seconds lon
 }
 
 DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraResponse& response,
-                                     Seconds exposure_unit) {
-  const Metering metering = meter(bench, std::max(3.0 * bench.camera().frame_interval, Seconds(0.1)));
+                                     Seconds exposure_unit, const RunContext& run) {
+  const Metering metering = meter(bench, std::max(3.0 * bench.camera().frame_interval, Seconds(0.1)), run);
   const auto exposures = exposure_series(bench.camera(), metering.exposure / 24.0, metering.exposure,
                                          flips_each_way, exposure_unit);
   DisplayTiming result;
-  Progress progress("measuring display latency", exposures.size());
+  Progress progress(run, "measuring display latency", exposures.size());
   double noise = 0.0;
   for (Seconds exposure : exposures) {
     bench.show(0);
-    bench.frame(exposure);  // black has settled, and so has the exposure
+    bench.frame(exposure, run);  // black has settled, and so has the exposure
     bench.set_exposure(exposure);
-    const Series rise = frames_across(bench, metering.level, exposure);
-    const Series fall = frames_across(bench, 0, exposure);
+    const Series rise = frames_across(bench, metering.level, exposure, run);
+    const Series fall = frames_across(bench, 0, exposure, run);
     const double light = linear_mean(rise.frames.back(), metering, response);
     const double dark = linear_mean(fall.frames.back(), metering, response);
     if (light - dark < 1.0)

@@ -4,6 +4,7 @@
 
 #include "acquire/calibrate/metering.h"
 #include "acquire/calibrate/response.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -39,6 +40,6 @@ LightChange fit_light_change(const std::vector<ChangeFrame>& frames, Seconds lon
 /// by time stamps alone. Throws DeviceError when the light still changes after the bench's patience, or has
 /// not changed at all.
 DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraResponse& response,
-                                     Seconds exposure_unit);
+                                     Seconds exposure_unit, const RunContext& run);
 
 }  // namespace refield

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "acquire/calibrate/bench.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -17,6 +18,6 @@ struct Metering {
 /// Meters under a grey level chosen so that the exposure is about `wanted` or, where white is too dark for
 /// that, longer. Throws InputError where the scene is too dark or too bright for the camera, or nothing in it
 /// responds to the display; the message says what to change.
-Metering meter(CalibrationBench& bench, Seconds wanted);
+Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run = {});
 
 }  // namespace refield

@@ -60,9 +60,11 @@ double unrounded_variance(double rounded, double phase) {
 }
 
 /// Signal (ambient light alone) and variance under black at the shortest exposure, rounding taken off.
-Bin dark_variance(CalibrationBench& bench, const CameraResponse& response, const Rounding& rounding) {
+Bin dark_variance(CalibrationBench& bench, const CameraResponse& response, const Rounding& rounding,
+                  const RunContext& run) {
   bench.show(0);
-  const SampleMoments dark = sample_moments(bench, bench.camera().shortest_exposure, 2 * noise_frames);
+  const SampleMoments dark =
+      sample_moments(bench, bench.camera().shortest_exposure, 2 * noise_frames, nullptr, {}, 0.0, run);
   const auto count = static_cast<double>(dark.variance.size());
   double mean = 0.0, variance = 0.0, phase = 0.0;
   for (std::size_t s = 0; s < dark.variance.size(); ++s) {
@@ -94,7 +96,8 @@ double slope_through(const Bin& dark, const std::vector<Bin>& curve) {
 }
 
 std::vector<Bin> lit_variances(CalibrationBench& bench, const Metering& metering,
-                               const CameraResponse& response, const Rounding& rounding, Seconds unit) {
+                               const CameraResponse& response, const Rounding& rounding, Seconds unit,
+                               const RunContext& run) {
   const auto& linear = response.linear_from_dn;
   const double top = linear[static_cast<std::size_t>(response.saturation_dn)] - response.black_level_dn;
   std::vector<Bin> sums(bins);
@@ -102,7 +105,7 @@ std::vector<Bin> lit_variances(CalibrationBench& bench, const Metering& metering
   for (Seconds exposure : exposure_series(bench.camera(), metering.exposure / 40.0, 2.0 * metering.exposure,
                                           photon_transfer_exposures, unit)) {
     const SampleMoments moments =
-        sample_moments(bench, exposure, noise_frames, &linear, metering.lit, response.black_level_dn);
+        sample_moments(bench, exposure, noise_frames, &linear, metering.lit, response.black_level_dn, run);
     for (auto s : metering.lit) {
       const double signal = moments.mean[s] - response.black_level_dn;
       if (signal < 0.0 || signal > far_from_clipping * top) continue;
@@ -124,10 +127,11 @@ std::vector<Bin> lit_variances(CalibrationBench& bench, const Metering& metering
 }  // namespace
 
 PhotonTransfer measure_photon_transfer(CalibrationBench& bench, const Metering& metering,
-                                       const CameraResponse& response, Seconds exposure_unit) {
+                                       const CameraResponse& response, Seconds exposure_unit,
+                                       const RunContext& run) {
   const Rounding rounding(response.linear_from_dn);
-  const Bin dark = dark_variance(bench, response, rounding);
-  const std::vector<Bin> curve = lit_variances(bench, metering, response, rounding, exposure_unit);
+  const Bin dark = dark_variance(bench, response, rounding, run);
+  const std::vector<Bin> curve = lit_variances(bench, metering, response, rounding, exposure_unit, run);
   const double slope = slope_through(dark, curve);
   PhotonTransfer result;
   double brightest = 0.0;

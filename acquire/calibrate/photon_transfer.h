@@ -4,6 +4,7 @@
 
 #include "acquire/calibrate/metering.h"
 #include "acquire/calibrate/response.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -24,6 +25,7 @@ struct PhotonTransfer {
 /// `response` used them. Throws InputError where noise does not grow with light, as in frames that were
 /// denoised or compressed.
 PhotonTransfer measure_photon_transfer(CalibrationBench& bench, const Metering& metering,
-                                       const CameraResponse& response, Seconds exposure_unit);
+                                       const CameraResponse& response, Seconds exposure_unit,
+                                       const RunContext& run = {});
 
 }  // namespace refield

@@ -20,13 +20,14 @@ constexpr double largest_residual = 0.02;
 constexpr double margin = 0.01;  // below saturation: a sample that clips now and then averages too low
 
 /// Where samples stand still though the exposure doubles; full scale where none does.
-void find_saturation(CalibrationBench& bench, Seconds exposure, Seconds unit, CameraResponse& response) {
+void find_saturation(CalibrationBench& bench, Seconds exposure, Seconds unit, CameraResponse& response,
+                     const RunContext& run) {
   const double full = (1 << response.bits) - 1;
   response.saturation_dn = full;
   const auto series = exposure_series(bench.camera(), exposure, 2.0 * exposure, 2, unit);
   if (series.size() < 2) return;
-  const auto once = sample_moments(bench, series[0], 2).mean;
-  const RawFrame twice = bench.frame(series[1]);
+  const auto once = sample_moments(bench, series[0], 2, nullptr, {}, 0.0, run).mean;
+  const RawFrame twice = bench.frame(series[1], run);
   std::vector<float> standing;
   for (std::size_t s = 0; s < once.size(); ++s)
     if (once[s] > 0.3 * full && std::abs(twice.samples[s] - once[s]) < 0.002 * full)
@@ -50,10 +51,11 @@ std::vector<std::uint32_t> spread_sources(const Metering& metering, const std::v
 /// Adds what the sources show at a series of exposures under the pattern shown; they are new sources each
 /// time.
 void add_series(CalibrationBench& bench, const Metering& metering, const std::vector<std::uint32_t>& sources,
-                int first, Seconds unit, CameraResponse& response, std::vector<ResponseDatum>& data) {
+                int first, Seconds unit, CameraResponse& response, std::vector<ResponseDatum>& data,
+                const RunContext& run) {
   for (Seconds exposure : exposure_series(bench.camera(), metering.exposure / 40.0, 3.0 * metering.exposure,
                                           response_exposures, unit)) {
-    const SampleMoments moments = sample_moments(bench, exposure, frames_averaged);
+    const SampleMoments moments = sample_moments(bench, exposure, frames_averaged, nullptr, {}, 0.0, run);
     response.exposures.push_back(moments.exposure);
     for (std::size_t i = 0; i < sources.size(); ++i) {
       const double dn = moments.mean[sources[i]];
@@ -84,13 +86,13 @@ void fill_table(const ResponseFit& fit, CameraResponse& response) {
 
 }  // namespace
 
-BlackLevel measure_black_level(CalibrationBench& bench) {
+BlackLevel measure_black_level(CalibrationBench& bench, const RunContext& run) {
   bench.show(0);
   BlackLevel result;
   const Seconds shortest = bench.camera().shortest_exposure;
   double n = 0.0, t = 0.0, tt = 0.0, b = 0.0, tb = 0.0;  // sums for a straight line
   for (Seconds exposure : exposure_series(bench.camera(), shortest, 4.0 * shortest, 3, Seconds(0))) {
-    const SampleMoments moments = sample_moments(bench, exposure, frames_averaged);
+    const SampleMoments moments = sample_moments(bench, exposure, frames_averaged, nullptr, {}, 0.0, run);
     double mean = 0.0, zeros = 0.0;
     for (float dn : moments.mean) {
       mean += dn / static_cast<double>(moments.mean.size());
@@ -109,22 +111,23 @@ BlackLevel measure_black_level(CalibrationBench& bench) {
   return result;
 }
 
-CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black, Seconds exposure_unit) {
+CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black, Seconds exposure_unit,
+                                const RunContext& run) {
   CameraResponse response;
   response.bits = bench.camera().bits;
   response.black_level_dn = black.dn;
-  const Metering metering = meter(bench, std::max(Seconds(0.04), 32.0 * exposure_unit));
+  const Metering metering = meter(bench, std::max(Seconds(0.04), 32.0 * exposure_unit), run);
   bench.show(metering.level);
-  find_saturation(bench, 6.0 * metering.exposure, exposure_unit, response);
-  const auto sources =
-      spread_sources(metering, sample_moments(bench, metering.exposure, frames_averaged).mean);
+  find_saturation(bench, 6.0 * metering.exposure, exposure_unit, response, run);
+  const auto sources = spread_sources(
+      metering, sample_moments(bench, metering.exposure, frames_averaged, nullptr, {}, 0.0, run).mean);
   std::vector<ResponseDatum> data;
   // A second, darker level fills the gaps between exposures that are whole multiples of a period.
   constexpr double darker = 0.88;
   for (const double level : {1.0, darker}) {
     bench.show(static_cast<std::uint8_t>(std::round(level * metering.level)));
     const int first = level < 1.0 ? static_cast<int>(sources.size()) : 0;
-    add_series(bench, metering, sources, first, exposure_unit, response, data);
+    add_series(bench, metering, sources, first, exposure_unit, response, data, run);
   }
   const ResponseFit fit = fit_response(data, response.black_level_dn, response.saturation_dn);
   response.residual = fit.residual;

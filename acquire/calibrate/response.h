@@ -3,6 +3,7 @@
 #include <array>
 
 #include "acquire/calibrate/metering.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -36,7 +37,7 @@ struct BlackLevel {
 
 /// The brightness under black at short exposures, extrapolated to an exposure of zero: neither ambient light
 /// nor dark current count, and no lens cap is needed.
-BlackLevel measure_black_level(CalibrationBench& bench);
+BlackLevel measure_black_level(CalibrationBench& bench, const RunContext& run);
 
 /// What the camera makes of light, measured.
 struct CameraResponse {
@@ -54,6 +55,7 @@ struct CameraResponse {
 
 /// Measures saturation (where samples stand still though the exposure doubles) and response. Exposures are
 /// whole multiples of `exposure_unit`. Throws DeviceError where brightness does not follow exposure.
-CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black, Seconds exposure_unit);
+CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black, Seconds exposure_unit,
+                                const RunContext& run);
 
 }  // namespace refield

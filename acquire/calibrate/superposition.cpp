@@ -5,7 +5,7 @@
 #include <cmath>
 #include <functional>
 
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -90,7 +90,8 @@ double Superposition::largest_error() const {
 }
 
 Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
-                                    const std::vector<Seconds>& exposures, double tolerance) {
+                                    const std::vector<Seconds>& exposures, double tolerance,
+                                    const RunContext& run) {
   using Inside = std::function<bool(double, double)>;
   const std::vector<std::pair<std::string, Inside>> patterns = {
       {"left and right half", [](double u, double) { return u < 0.5; }},
@@ -101,10 +102,10 @@ Superposition measure_superposition(CalibrationBench& bench, const CameraCalibra
        [](double u, double v) { return std::abs(u - 0.5) < 0.125 && std::abs(v - 0.5) < 0.125; }}};
   Superposition result;
   result.tolerance = tolerance;
-  Progress progress("testing superposition", 2 * patterns.size() + 2);
+  Progress progress(run, "testing superposition", 2 * patterns.size() + 2);
   const auto shoot = [&](const Inside& inside) {
     bench.show(pattern(bench.display(), inside));
-    Photograph shot = photograph(bench, camera, exposures, shots_per_pattern);
+    Photograph shot = photograph(bench, camera, exposures, shots_per_pattern, run);
     progress.advance();
     return shot;
   };

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "acquire/calibrate/tone_curve.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -27,6 +28,7 @@ struct Superposition {
 /// Pairs: left and right half, upper and lower, the squares of a chequerboard, a small square and its
 /// surroundings.
 Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
-                                    const std::vector<Seconds>& exposures, double tolerance);
+                                    const std::vector<Seconds>& exposures, double tolerance,
+                                    const RunContext& run = {});
 
 }  // namespace refield

@@ -8,7 +8,7 @@
 #include "acquire/calibrate/monotone_curve.h"
 #include "acquire/hdr_merge.h"
 #include "core/errors.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -37,37 +37,38 @@ double projection(const Photograph& light, const Photograph& full, const Photogr
 
 }  // namespace
 
-std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit) {
-  const Metering metering = meter(bench, Seconds(0));  // under white
+std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
+                                 const RunContext& run) {
+  const Metering metering = meter(bench, Seconds(0), run);  // under white
   constexpr double ratio = 4.0;
   return exposure_series(bench.camera(), metering.exposure, metering.exposure * std::pow(ratio, count - 1),
                          count, exposure_unit);
 }
 
 Photograph photograph(CalibrationBench& bench, const CameraCalibration& camera,
-                      const std::vector<Seconds>& exposures, int repeats) {
+                      const std::vector<Seconds>& exposures, int repeats, const RunContext& run) {
   std::vector<RawFrame> frames;
   for (Seconds exposure : exposures)
-    for (int i = 0; i < repeats; ++i) frames.push_back(bench.frame(exposure));
+    for (int i = 0; i < repeats; ++i) frames.push_back(bench.frame(exposure, run));
   return merge_exposures(frames, camera);
 }
 
 ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& camera,
-                             const std::vector<Seconds>& exposures, int step) {
+                             const std::vector<Seconds>& exposures, int step, const RunContext& run) {
   ToneCurve result;
   constexpr int repeats = 2;
   bench.show(0);
-  const Photograph black = photograph(bench, camera, exposures, 2 * repeats);
-  Progress progress("measuring tone curves", 3 * (255 / step + 1));
+  const Photograph black = photograph(bench, camera, exposures, 2 * repeats, run);
+  Progress progress(run, "measuring tone curves", 3 * (255 / step + 1));
   for (int c = 0; c < 3; ++c) {
     bench.show(one_channel(bench.display(), c, 255));
-    const Photograph full = photograph(bench, camera, exposures, 2 * repeats);
+    const Photograph full = photograph(bench, camera, exposures, 2 * repeats, run);
     std::vector<double> levels = {0.0};
     std::vector<double> light = {0.0};
     for (int level = step; level < 255; level += step) {
       bench.show(one_channel(bench.display(), c, level));
       levels.push_back(level);
-      light.push_back(projection(photograph(bench, camera, exposures, repeats), full, black));
+      light.push_back(projection(photograph(bench, camera, exposures, repeats, run), full, black));
       result.falls[c] = std::max(result.falls[c], light[light.size() - 2] - light.back());
       progress.advance();
     }

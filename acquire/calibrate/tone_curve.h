@@ -3,6 +3,7 @@
 #include <array>
 
 #include "acquire/calibrate/metering.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -20,13 +21,14 @@ struct ToneCurve {
 /// the camera's colour filters does no harm. In between the curve is monotone cubic. `exposures`: growing;
 /// `camera` linearises. Throws DeviceError for a channel whose light does not grow.
 ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& camera,
-                             const std::vector<Seconds>& exposures, int step);
+                             const std::vector<Seconds>& exposures, int step, const RunContext& run);
 
 /// Exposures of photographs of light up to white: the metered one and longer ones, four times apart.
-std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit);
+std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
+                                 const RunContext& run);
 
 /// The pattern shown, photographed with all exposures, each `repeats` times; no flat field is applied.
 Photograph photograph(CalibrationBench& bench, const CameraCalibration& camera,
-                      const std::vector<Seconds>& exposures, int repeats);
+                      const std::vector<Seconds>& exposures, int repeats, const RunContext& run = {});
 
 }  // namespace refield

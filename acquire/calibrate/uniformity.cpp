@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "core/errors.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -15,9 +15,9 @@ constexpr int frames_per_mean = 8;
 
 Photograph above_black(CalibrationBench& bench, const CameraCalibration& camera,
                        const std::vector<Seconds>& exposures, const DriveImage& image,
-                       const Photograph& black) {
+                       const Photograph& black, const RunContext& run) {
   bench.show(image);
-  Photograph shot = photograph(bench, camera, exposures, frames_per_mean);
+  Photograph shot = photograph(bench, camera, exposures, frames_per_mean, run);
   for (std::size_t i = 0; i < shot.radiance.values.size(); ++i) {
     shot.radiance.values[i] -= black.radiance.values[i];
     shot.sigma.values[i] = std::hypot(shot.sigma.values[i], black.sigma.values[i]);
@@ -26,9 +26,9 @@ Photograph above_black(CalibrationBench& bench, const CameraCalibration& camera,
 }
 
 Photograph black_frame(CalibrationBench& bench, const CameraCalibration& camera,
-                       const std::vector<Seconds>& exposures) {
+                       const std::vector<Seconds>& exposures, const RunContext& run) {
   bench.show(0);
-  return photograph(bench, camera, exposures, frames_per_mean);
+  return photograph(bench, camera, exposures, frames_per_mean, run);
 }
 
 double least_of(const RelativeMap& map) {
@@ -61,11 +61,11 @@ void single_channel(const Photograph& shot, Image& value, Image& weight, double&
 }  // namespace
 
 UniformityMap measure_flat_field(CalibrationBench& bench, const CameraCalibration& camera,
-                                 const std::vector<Seconds>& exposures) {
-  const Photograph black = black_frame(bench, camera, exposures);
+                                 const std::vector<Seconds>& exposures, const RunContext& run) {
+  const Photograph black = black_frame(bench, camera, exposures, run);
   const auto& display = bench.display();
   const Photograph white =
-      above_black(bench, camera, exposures, uniform_drive(display.width, display.height, 255), black);
+      above_black(bench, camera, exposures, uniform_drive(display.width, display.height, 255), black, run);
   Image value, weight;
   double noise = 0.0;
   single_channel(white, value, weight, noise);
@@ -99,12 +99,12 @@ UniformityMap measure_flat_field(CalibrationBench& bench, const CameraCalibratio
 }
 
 UniformityMap measure_screen_uniformity(CalibrationBench& bench, const CameraCalibration& camera,
-                                        const std::vector<Seconds>& exposures) {
+                                        const std::vector<Seconds>& exposures, const RunContext& run) {
   constexpr int columns = 8, rows = 6;
   const auto& display = bench.display();
-  const Photograph black = black_frame(bench, camera, exposures);
+  const Photograph black = black_frame(bench, camera, exposures, run);
   Image places(columns, rows, 1);
-  Progress progress("measuring the screen's uniformity", columns * rows);
+  Progress progress(run, "measuring the screen's uniformity", columns * rows);
   for (int j = 0; j < rows; ++j)
     for (int i = 0; i < columns; ++i) {
       DriveImage image = uniform_drive(display.width, display.height, 0);
@@ -112,7 +112,7 @@ UniformityMap measure_screen_uniformity(CalibrationBench& bench, const CameraCal
         for (int x = display.width * i / columns; x < display.width * (i + 1) / columns; ++x)
           std::fill_n(image.levels.begin() + (static_cast<std::ptrdiff_t>(y) * display.width + x) * 3, 3,
                       std::uint8_t{255});
-      Photograph shot = above_black(bench, camera, exposures, image, black);
+      Photograph shot = above_black(bench, camera, exposures, image, black, run);
       divide(shot, camera.flat_field);
       // What is at least half as bright as the brightest lies within the square, its blurred edge left out.
       const double brightest = quantile_of(shot.radiance.values, 1.0);

@@ -12,8 +12,7 @@
 #include "acquire/scene_mask.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -22,9 +21,9 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Light above the monitor's black that a file stands for.
-Image emitted(const ImportRequest& request, const fs::path& file) {
+Image emitted(const ImportRequest& request, const fs::path& file, const RunContext& run) {
   if (request.light_content == LightContent::radiance)
-    return read_light_map(file, request.parameterisation).radiance;
+    return read_light_map(file, request.parameterisation, run).radiance;
   const BracketFile levels = read_bracket_file(file);
   if (levels.bits != 8 || levels.frame.layout != PixelLayout::rgb)
     throw InputError(file.string() + ": drive levels are 8-bit RGB, as PNG holds them; this file has " +
@@ -46,14 +45,14 @@ class SessionImport {
     session_.light.parameterisation = request.parameterisation;
   }
 
-  void run(ImportSummary& summary) {
+  void run(ImportSummary& summary, const RunContext& run) {
     summary.found_done = writer_.found_done();
     if (!writer_.is_complete()) {
       take_ambient();
-      Progress progress("importing", views_.size());
+      Progress progress(run, "importing", views_.size());
       for (std::size_t i = 0; i < views_.size(); ++i) {
-        throw_if_interrupted();
-        take_view(i);
+        run.throw_if_stopped();
+        take_view(i, run);
         progress.advance();
       }
       check_image_sizes(session_);
@@ -85,7 +84,7 @@ class SessionImport {
     writer_.finish_step("ambient", {"ambient.exr"});
   }
 
-  void take_view(std::size_t i) {
+  void take_view(std::size_t i, const RunContext& run) {
     const ImportedView& view = views_[i];
     const std::vector<std::string> files = {"illumination/" + view.name + ".exr",
                                             "observed/" + view.name + ".exr"};
@@ -94,7 +93,7 @@ class SessionImport {
     if (writer_.is_done(view.name)) return;
     Photograph observed = merger_.merge(view.bracket.paths, true);
     if (ambient_) subtract_ambient(observed, *ambient_);
-    write_exr(request_.folder / files[0], emitted(request_, view.light));
+    write_exr(request_.folder / files[0], emitted(request_, view.light, run));
     write_photograph(request_.folder / files[1], observed, request_.precision);
     writer_.finish_step(view.name, files);
   }
@@ -128,7 +127,7 @@ class SessionImport {
 
 /// Photographs alone. Those that are there already are kept on resume: each landed whole.
 void import_photographs(const ImportRequest& request, const std::vector<ImportedView>& views,
-                        ImportSummary& summary) {
+                        ImportSummary& summary, const RunContext& run) {
   const fs::path plan_path = request.folder / "import.toml";
   const std::string plan = plan_of(request, views);
   if (fs::exists(request.folder) && !fs::is_empty(request.folder)) {
@@ -155,9 +154,9 @@ void import_photographs(const ImportRequest& request, const std::vector<Imported
   SeriesMerger merger(request);
   std::optional<Photograph> ambient;
   if (!request.ambient.empty()) ambient = merger.merge(request.ambient, false);
-  Progress progress("merging exposures", views.size());
+  Progress progress(run, "merging exposures", views.size());
   for (const ImportedView& view : views) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     progress.advance();
     const fs::path path = request.folder / (view.name + ".exr");
     if (fs::exists(path)) {
@@ -183,9 +182,10 @@ void check(const ImportRequest& request) {
 }
 
 /// Checks the camera's response against some brackets, spread over the series, and settles it.
-void settle_camera(const std::vector<ImportedView>& views, ImportRequest& request, ImportSummary& summary) {
+void settle_camera(const std::vector<ImportedView>& views, ImportRequest& request, ImportSummary& summary,
+                   const RunContext& run) {
   constexpr std::size_t enough = 5;
-  const auto brackets = sample_series(views, request, enough);
+  const auto brackets = sample_series(views, request, enough, run);
   if (std::ranges::any_of(brackets, [&](const auto& other) { return other.bits != brackets[0].bits; }))
     return;  // the merge will name the file
   summary.notes = settle_response(brackets, request.camera);
@@ -194,22 +194,23 @@ void settle_camera(const std::vector<ImportedView>& views, ImportRequest& reques
 
 }  // namespace
 
-ImportSummary import_series(const ImportRequest& given) {
+ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
+  const ThreadLimit limit(run);
   check(given);
   ImportRequest request = given;
   ImportSummary summary;
-  const auto views = views_of(request);
-  settle_camera(views, request, summary);
+  const auto views = views_of(request, run);
+  settle_camera(views, request, summary, run);
   // What is wrong with the options shows in the first photograph, before anything is written.
   SeriesMerger(request).merge(views.front().bracket.paths, false);
-  if (request.makes_session()) emitted(request, views.front().light);
+  if (request.makes_session()) emitted(request, views.front().light, run);
   summary.photographs = views.size();
   summary.timed = static_cast<std::size_t>(
       std::ranges::count_if(views, [](const auto& view) { return view.time.has_value(); }));
   if (request.makes_session())
-    SessionImport(request, views).run(summary);
+    SessionImport(request, views).run(summary, run);
   else
-    import_photographs(request, views, summary);
+    import_photographs(request, views, summary, run);
   return summary;
 }
 

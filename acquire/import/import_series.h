@@ -10,6 +10,7 @@
 #include "acquire/session_writer.h"
 #include "core/image_io.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -62,6 +63,6 @@ struct ImportSummary {
 /// names: test…, reference…, all others train. Without: as NAME.exr into a folder, with times.tsv, for
 /// match_series() or probe_light(). Before, some brackets are checked by settle_response(). Throws
 /// InputError, FormatError or DeviceError naming the file.
-ImportSummary import_series(const ImportRequest& request);
+ImportSummary import_series(const ImportRequest& request, const RunContext& run = {});
 
 }  // namespace refield

@@ -5,8 +5,7 @@
 #include <set>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -19,16 +18,16 @@ bool same_file(const fs::path& a, const fs::path& b) {
   return fs::equivalent(a, b, error);
 }
 
-std::vector<BracketGroup> group(const ImportRequest& request) {
+std::vector<BracketGroup> group(const ImportRequest& request, const RunContext& run) {
   std::vector<fs::path> files;
   for (const fs::path& file : request.photographs)
     if (std::ranges::none_of(request.ambient, [&](const fs::path& other) { return same_file(file, other); }))
       files.push_back(file);
   std::vector<std::optional<Seconds>> exposures(files.size());
   if (request.rule.pattern.empty() && request.rule.count == 0) {
-    Progress progress("reading exposure times", files.size());
+    Progress progress(run, "reading exposure times", files.size());
     for (std::size_t i = 0; i < files.size(); ++i) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       exposures[i] = stated_exposure(files[i]);
       progress.advance();
     }
@@ -79,8 +78,8 @@ std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
 
 }  // namespace
 
-std::vector<ImportedView> views_of(ImportRequest& request) {
-  auto groups = group(request);
+std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run) {
+  auto groups = group(request, run);
   if (request.ambient_first) {
     if (!request.ambient.empty())
       throw InputError("the ambient photographs are given twice: give --ambient or --ambient-first");
@@ -104,12 +103,13 @@ std::vector<ImportedView> views_of(ImportRequest& request) {
 }
 
 std::vector<BracketSamples> sample_series(const std::vector<ImportedView>& views,
-                                          const ImportRequest& request, std::size_t max_brackets) {
+                                          const ImportRequest& request, std::size_t max_brackets,
+                                          const RunContext& run) {
   const std::size_t count = std::min(views.size(), max_brackets);
   std::vector<BracketSamples> brackets;
-  Progress progress("checking the response", count);
+  Progress progress(run, "checking the response", count);
   for (std::size_t i = 0; i < count; ++i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     brackets.push_back(samples_of(
         read_bracket(views[i * views.size() / count].bracket.paths, request.camera, request.exposures)));
     progress.advance();

@@ -8,6 +8,7 @@
 #include "acquire/import/import_series.h"
 #include "acquire/series/capture_time.h"
 #include "core/capture_session.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -22,12 +23,13 @@ struct ImportedView {
 /// The request's photographs in brackets, each with its light where a session is made. With `ambient_first`
 /// the first bracket becomes the request's ambient one. Throws InputError naming the file when brackets and
 /// lights do not belong together or two views would have one name.
-std::vector<ImportedView> views_of(ImportRequest& request);
+std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run);
 
 /// Samples of at most `max_brackets` of the views' brackets, evenly spread over the series, with progress.
 /// Throws as read_bracket(), Interrupted.
 std::vector<BracketSamples> sample_series(const std::vector<ImportedView>& views,
-                                          const ImportRequest& request, std::size_t max_brackets);
+                                          const ImportRequest& request, std::size_t max_brackets,
+                                          const RunContext& run);
 
 /// Role of the frame `name`, the `place`th of the session.
 FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place);

@@ -15,8 +15,7 @@
 #include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "core/units.h"
 
 namespace refield {
@@ -55,7 +54,8 @@ ProbeOptics optics_of(const ProbeSide& side, int width, int height) {
 /// One side of the rig while its photographs are worked through.
 class Side {
  public:
-  Side(const ProbeSide& side, const ProbeRequest& request, std::vector<std::string>& notes)
+  Side(const ProbeSide& side, const ProbeRequest& request, std::vector<std::string>& notes,
+       const RunContext& run)
       : side_(side), request_(request) {
     const ImageHeader header = read_image_header(side.photographs.front());
     width_ = header.width;
@@ -72,7 +72,7 @@ class Side {
     else if (side.ball_mask)
       ball_ = ball_from_mask(read_mask(*side.ball_mask, width_, height_), width_, height_, optics_);
     else if (!request.ball_moves)
-      ball_ = find_in_series(notes);
+      ball_ = find_in_series(notes, run);
     if (ball_) require_usable(*ball_, width_, height_, side.photographs.front().string());
   }
 
@@ -102,13 +102,13 @@ class Side {
 
   /// The rig does not move: the middle one of the places found in a few photographs, of which some may be too
   /// dark.
-  MirrorBall find_in_series(std::vector<std::string>& notes) const {
+  MirrorBall find_in_series(std::vector<std::string>& notes, const RunContext& run) const {
     constexpr std::size_t most = 9;
     const std::size_t count = std::min(most, side_.photographs.size());
     std::vector<OutlineFit> fits;
     std::string failure;
     for (std::size_t i = 0; i < count; ++i) {
-      throw_if_interrupted();
+      run.throw_if_stopped();
       const fs::path& path = side_.photographs[i * side_.photographs.size() / count];
       try {
         fits.push_back(found_in(path, read_probe_photograph(path, request_.saturation).radiance));
@@ -218,20 +218,21 @@ std::size_t ProbeSummary::kept() const {
       std::ranges::count_if(photographs, [](const auto& p) { return p.verdict.discarded.empty(); }));
 }
 
-ProbeSummary probe_light(const ProbeRequest& request) {
+ProbeSummary probe_light(const ProbeRequest& request, const RunContext& run) {
+  const ThreadLimit limit(run);
   check(request);
   ProbeSummary summary;
   std::vector<Side> sides;
-  for (const ProbeSide& side : request.sides) sides.emplace_back(side, request, summary.notes);
+  for (const ProbeSide& side : request.sides) sides.emplace_back(side, request, summary.notes, run);
   create_folders(request.folder);
   clear(request.folder);
   UnwrapOptions options = request.unwrap;
   std::map<std::string, ClockSeconds> times, inherited;
   const auto& photographs = request.sides[0].photographs;
   if (photographs[0].has_parent_path()) inherited = read_times(photographs[0].parent_path());
-  Progress progress("unwrapping the ball", photographs.size());
+  Progress progress(run, "unwrapping the ball", photographs.size());
   for (std::size_t i = 0; i < photographs.size(); ++i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     ProbedPhotograph probed{photographs[i], {}, {}};
     std::vector<SeenLight> views;
     for (std::size_t s = sides.size(); s-- > 0;) {

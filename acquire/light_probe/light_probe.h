@@ -8,6 +8,7 @@
 #include "acquire/light_probe/judge.h"
 #include "acquire/light_probe/outline_fit.h"
 #include "acquire/light_probe/unwrap.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -50,6 +51,6 @@ struct ProbeSummary {
 /// Turns photographs of a mirror ball into lat-long light maps, see docs/guide/light-probe.md. Maps are
 /// written one by one, each atomically; maps of discarded photographs are not written. Throws InputError,
 /// FormatError or DeviceError.
-ProbeSummary probe_light(const ProbeRequest& request);
+ProbeSummary probe_light(const ProbeRequest& request, const RunContext& run = {});
 
 }  // namespace refield

@@ -16,8 +16,7 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -59,7 +58,7 @@ std::map<std::string, std::string> discarded_probes(const fs::path& folder) {
 }
 
 /// In order of time.
-std::vector<SeriesFile> read_series(const std::string& pattern) {
+std::vector<SeriesFile> read_series(const std::string& pattern, const RunContext& run) {
   const fs::path folder = folder_of(pattern);
   const auto times = read_times(folder);
   std::vector<SeriesFile> series;
@@ -80,7 +79,7 @@ std::vector<SeriesFile> read_series(const std::string& pattern) {
     series.push_back(file);
   }
   if (unlisted > 0)
-    log_line(std::to_string(unlisted) + " files of " + pattern + " are not listed in " + times_file_name +
+    run.note(std::to_string(unlisted) + " files of " + pattern + " are not listed in " + times_file_name +
              " and were left out");
   for (const auto& [name, reason] : discarded_probes(folder))
     if (const auto listed = times.find(name); listed != times.end() && !fs::exists(folder / (name + ".exr")))
@@ -97,10 +96,10 @@ std::vector<ClockSeconds> times_of(const std::vector<SeriesFile>& series) {
 
 /// Mean luminance, each row by its weight; of files that are there.
 std::vector<TimedBrightness> brightness_of(const std::vector<SeriesFile>& series, bool lat_long,
-                                           Progress& progress) {
+                                           Progress& progress, const RunContext& run) {
   std::vector<TimedBrightness> result;
   for (const SeriesFile& file : series) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     progress.advance();
     if (!file.discarded.empty()) continue;
     const Image image = read_image(file.path);
@@ -119,7 +118,8 @@ std::vector<TimedBrightness> brightness_of(const std::vector<SeriesFile>& series
 }
 
 void bring_clocks_together(const MatchRequest& request, const std::vector<SeriesFile>& observed,
-                           const std::vector<SeriesFile>& probes, MatchSummary& summary) {
+                           const std::vector<SeriesFile>& probes, MatchSummary& summary,
+                           const RunContext& run) {
   if (request.offset_seconds) {
     if (!request.drift_ppm)
       throw InputError(
@@ -127,9 +127,10 @@ void bring_clocks_together(const MatchRequest& request, const std::vector<Series
     summary.clocks = {*request.offset_seconds, 1e-6 * *request.drift_ppm, probes.front().time};
     return;
   }
-  Progress progress("measuring brightness", observed.size() + probes.size());
-  const auto scene = brightness_of(observed, false, progress);
-  const auto light = brightness_of(probes, request.parameterisation == Parameterisation::lat_long, progress);
+  Progress progress(run, "measuring brightness", observed.size() + probes.size());
+  const auto scene = brightness_of(observed, false, progress, run);
+  const auto light =
+      brightness_of(probes, request.parameterisation == Parameterisation::lat_long, progress, run);
   summary.estimate = estimate_clocks(scene, light, request.largest_offset_seconds, !request.drift_ppm);
   summary.clocks = summary.estimate->relation;
   if (request.drift_ppm) summary.clocks.drift = 1e-6 * *request.drift_ppm;
@@ -215,7 +216,7 @@ CaptureSession frames_of(const MatchRequest& request, const MatchSummary& summar
   return session;
 }
 
-void write_session(const MatchRequest& request, CaptureSession session) {
+void write_session(const MatchRequest& request, CaptureSession session, const RunContext& run) {
   std::vector<std::string> steps;
   if (request.mask) steps.emplace_back("mask");
   for (const CaptureFrame& frame : session.frames) steps.push_back(frame.name);
@@ -231,9 +232,9 @@ void write_session(const MatchRequest& request, CaptureSession session) {
       writer.finish_step("mask", {"mask.png"});
     }
   }
-  Progress progress("writing the session", session.frames.size());
+  Progress progress(run, "writing the session", session.frames.size());
   for (CaptureFrame& frame : session.frames) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const std::vector<std::string> files = {"illumination/" + frame.name + ".exr",
                                             "observed/" + frame.name + ".exr"};
     if (!writer.is_done(frame.name)) {
@@ -241,7 +242,7 @@ void write_session(const MatchRequest& request, CaptureSession session) {
         copy_atomically(frame.illumination, request.folder / files[0]);
       else  // as shown: 8-bit sRGB
         write_exr(request.folder / files[0],
-                  read_light_map(frame.illumination, request.parameterisation).radiance);
+                  read_light_map(frame.illumination, request.parameterisation, run).radiance);
       copy_atomically(frame.observed, request.folder / files[1]);
       writer.finish_step(frame.name, files);
     }
@@ -254,12 +255,12 @@ void write_session(const MatchRequest& request, CaptureSession session) {
 
 }  // namespace
 
-MatchSummary match_series(const MatchRequest& request) {
+MatchSummary match_series(const MatchRequest& request, const RunContext& run) {
   check_session_folder(request.folder, request.if_exists);
-  const auto observed = read_series(request.observed);
-  const auto probes = read_series(request.probes);
+  const auto observed = read_series(request.observed, run);
+  const auto probes = read_series(request.probes, run);
   MatchSummary summary;
-  bring_clocks_together(request, observed, probes, summary);
+  bring_clocks_together(request, observed, probes, summary, run);
   summary.tolerance_seconds = request.tolerance_seconds.value_or(0.5 * median_interval(times_of(probes)));
   if (!(summary.tolerance_seconds >= 0.0))
     throw InputError("the tolerance is " + std::to_string(summary.tolerance_seconds) +
@@ -271,7 +272,7 @@ MatchSummary match_series(const MatchRequest& request) {
                      "; check the clocks (--offset) and --tolerance");
   CaptureSession session = frames_of(request, summary, observed);
   check_image_sizes(session);
-  write_session(request, std::move(session));
+  write_session(request, std::move(session), run);
   return summary;
 }
 

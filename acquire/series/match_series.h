@@ -8,6 +8,7 @@
 #include "acquire/series/clock_match.h"
 #include "acquire/session_writer.h"
 #include "core/light_map.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -56,6 +57,6 @@ struct MatchSummary {
 /// the next best light. Resumable like any capture. Throws InputError where times are missing, sizes differ
 /// or nothing matches. Source: Matusik et al. 2004, section 6: two cameras, every two minutes for three days,
 /// 97 pairs kept.
-MatchSummary match_series(const MatchRequest& request);
+MatchSummary match_series(const MatchRequest& request, const RunContext& run = {});
 
 }  // namespace refield

@@ -5,9 +5,8 @@
 
 #include "bench/studies/studies.h"
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 
 namespace {
 
@@ -38,7 +37,7 @@ int run(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : status_bad_input;
   }
-  if (common.quiet) refield::Progress::silence();
+  if (common.quiet) refield::silence_progress();
   refield::install_interrupt_handler();
   action();
   return 0;

@@ -8,13 +8,12 @@
 #include <variant>
 
 #include "bench/studies/studies.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
 #include "core/packed_field_file.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 #include "relight/pack.h"
 
@@ -47,9 +46,9 @@ void make_pack_chart(const PackChartArguments& arguments, const Common& common) 
   create_folders(arguments.folder);
   std::ostringstream table;
   nlohmann::ordered_json series = nlohmann::ordered_json::array();
-  Progress progress("pack", error_bounds.size());
+  Progress progress(run_context(), "pack", error_bounds.size());
   for (const double bound : error_bounds) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     const PackResult packed = pack_field(field, bound);
     write_packed_field(packed_path, packed.field);
     const auto bytes = fs::file_size(packed_path);

@@ -16,6 +16,7 @@
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/json_text.h"
@@ -142,7 +143,7 @@ void refuse_existing(const CalibrateVerbOptions& given) {
 RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options, bool gain_given) {
   if (!gain_given) options.gain = session.gain;
   SessionRig rig(session);
-  return calibrate(rig.camera(), rig.monitor(), rig.trigger(), options);
+  return calibrate(rig.camera(), rig.monitor(), rig.trigger(), options, run_context());
 }
 
 RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const CalibrateOptions& options) {
@@ -150,7 +151,8 @@ RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const C
   TracedScene scene = scene_of(given.truth, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  recipe.seed);
-  return calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options);
+  return calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options,
+                   run_context());
 }
 
 /// At most twenty of the brackets, evenly spread.
@@ -160,7 +162,7 @@ std::vector<BracketSamples> brackets_of(const CalibrateVerbOptions& given) {
   request.rule = {given.pattern, given.count};
   for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
   constexpr std::size_t enough = 20;
-  const auto brackets = sample_series(views_of(request), request, enough);
+  const auto brackets = sample_series(views_of(request, run_context()), request, enough, run_context());
   for (const BracketSamples& bracket : brackets) {
     const std::string first = bracket.paths.front().string();
     if (bracket.is_sensor || bracket.bits == 0)

@@ -14,6 +14,7 @@
 #include "cli/acquire/verbs.h"
 #include "cli/bracket_options.h"
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/json_text.h"
@@ -96,7 +97,7 @@ void run_import(const ImportOptions& options, const Common& common) {
     inputs.insert(inputs.end(), options.photographs.begin(), options.photographs.end());
     require_outside(request.folder, inputs);
   }
-  const ImportSummary summary = import_series(request);
+  const ImportSummary summary = import_series(request, run_context());
   if (common.json)
     std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
   else

@@ -10,13 +10,12 @@
 #include <vector>
 
 #include "cli/acquire/verbs.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
-#include "core/progress.h"
 #include "core/resample.h"
 #include "core/tone_map.h"
 #include "simulate/light_maps.h"
@@ -139,8 +138,10 @@ void make_starter_set(const LightsOptions& options, const Common& common) {
   std::vector<std::string> names;
   for (const LightSpec& spec : list) names.push_back(spec.name);
   const PatternWriter writer(options, names);
-  make_lights(list, {width, height, Parameterisation::monitor}, seed,
-              [&](std::size_t place, LightMap&& light) { writer.write(list[place].name, light.radiance); });
+  make_lights(
+      list, {width, height, Parameterisation::monitor}, seed,
+      [&](std::size_t place, LightMap&& light) { writer.write(list[place].name, light.radiance); },
+      run_context());
   report(options, list.size() * writer.steps(), width, height, 0.0, common);
 }
 
@@ -158,11 +159,11 @@ void make_lights_of(const LightsOptions& options, const Common& common) {
   std::vector<std::string> names;
   for (const fs::path& image : images) names.push_back(image.stem().string());
   const PatternWriter writer(options, names, images);
-  Progress progress("resampling lights", images.size());
+  Progress progress(run_context(), "resampling lights", images.size());
   double clipped = 0.0;
   for (const fs::path& path : images) {
-    throw_if_interrupted();
-    const Image image = read_light_map(path, Parameterisation::monitor).radiance;
+    run_context().throw_if_stopped();
+    const Image image = read_light_map(path, Parameterisation::monitor, run_context()).radiance;
     const Image light =
         options.stretch ? resample_area(image, width, height) : resample_area_cropped(image, width, height);
     clipped += static_cast<double>(std::ranges::count_if(light.values, [](float v) { return v > 1.0f; })) /

@@ -12,6 +12,7 @@
 #include "cli/acquire/if_exists.h"
 #include "cli/acquire/verbs.h"
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
@@ -98,7 +99,7 @@ void match(const MatchOptions& options, const Common& common) {
   const OutputLock lock(request.folder, {});
   if (request.if_exists == IfExists::replace)
     require_outside(request.folder, {request.observed, request.probes, options.mask});
-  const MatchSummary summary = match_series(request);
+  const MatchSummary summary = match_series(request, run_context());
   if (common.json)
     std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
   else

@@ -6,11 +6,10 @@
 #include <cstdio>
 #include <numbers>
 
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "simulate/panorama.h"
 
 namespace refield::cli {
@@ -44,9 +43,9 @@ std::vector<CaptureLight> panorama_lights(const SessionLights& wanted, int width
   const double half_height = std::tan(radians_from_degrees(wanted.fov_degrees) / 2.0);
   const double horizontal_fov = degrees_from_radians(2.0 * std::atan(half_height * width / height));
   std::vector<CaptureLight> lights;
-  Progress progress("rotating the panorama", static_cast<std::size_t>(wanted.rotations));
+  Progress progress(run_context(), "rotating the panorama", static_cast<std::size_t>(wanted.rotations));
   for (int i = 0; i < wanted.rotations; ++i) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     char name[32];
     std::snprintf(name, sizeof name, "rotation_%05d", i);
     lights.push_back({name, FrameRole::train, "rotation", folder / (std::string(name) + ".exr")});

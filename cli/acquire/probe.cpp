@@ -11,6 +11,7 @@
 #include "acquire/light_probe/light_probe.h"
 #include "cli/acquire/verbs.h"
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -111,7 +112,7 @@ void probe(const ProbeOptionsText& options, const Common& common) {
   if (request.replace)
     for (const SideOptions* side : {&options.first, &options.second})
       require_outside(request.folder, {side->photographs.begin(), side->photographs.end()});
-  const ProbeSummary summary = probe_light(request);
+  const ProbeSummary summary = probe_light(request, run_context());
   if (common.json)
     std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
   else

@@ -12,6 +12,7 @@
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
 #include "cli/acquire/verbs.h"
+#include "cli/run_context.h"
 #include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/output_lock.h"
@@ -127,7 +128,7 @@ void run_session(const RunOptions& options, const Common& common) {
     until.emplace(error_from_text(session.until_error), fewest_images, check_every);
     until->attach(request);
   }
-  const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger());
+  const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());
   const V4l2CameraTroubles& troubles = rig.camera().troubles();
   if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
     tell("the camera delivered " + std::to_string(troubles.damaged) +

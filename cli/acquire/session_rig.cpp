@@ -3,13 +3,16 @@
 
 #include <cstdio>
 
+#include "cli/run_context.h"
+
 namespace refield::cli {
 
 namespace {
 
-V4l2CameraOptions with_notices(V4l2CameraOptions camera) {
-  camera.notice = tell;
-  return camera;
+RunContext run_with_notices() {
+  RunContext run = run_context();
+  run.on_note = tell;
+  return run;
 }
 
 std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
@@ -25,8 +28,8 @@ std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
 }  // namespace
 
 SessionRig::SessionRig(const SessionFile& session)
-    : camera_(with_notices(session.camera)), monitor_(monitor_of(session)) {
-  if (session.trigger) trigger_.emplace(*session.trigger);
+    : camera_(session.camera, run_with_notices()), monitor_(monitor_of(session)) {
+  if (session.trigger) trigger_.emplace(*session.trigger, run_context());
 }
 
 void tell(const std::string& sentence) {

@@ -17,10 +17,10 @@
 #include "acquire/series/capture_time.h"
 #include "acquire/window_monitor.h"
 #include "cli/acquire/verbs.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 
 namespace refield::cli {
 
@@ -73,7 +73,7 @@ std::string left_text(double seconds) {
 }
 
 DriveImage levels_of(const fs::path& file) {
-  const Image image = read_light_map(file, Parameterisation::monitor).radiance;
+  const Image image = read_light_map(file, Parameterisation::monitor, run_context()).radiance;
   return {image.width, image.height, tone_mapped(image, ToneMapping{})};
 }
 
@@ -166,7 +166,7 @@ class Slides {
     auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
     bool paused = time.count() == 0.0;
     while (paused || Clock::now() < end) {
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       for (const WindowKey key : monitor_->keys()) {
         if (key == WindowKey::stop) return false;
         if (key == WindowKey::pause && time.count() > 0.0) {

@@ -5,10 +5,9 @@
 #include <charconv>
 #include <cstdio>
 
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "estimate/light_order.h"
 
 namespace refield::cli {
@@ -25,10 +24,10 @@ void order_lights(std::vector<CaptureLight>& lights, const std::string& order, s
     places = random_order(static_cast<int>(trained.size()), seed);
   } else {
     std::vector<LightMap> maps;
-    Progress progress("ordering lights", trained.size());
+    Progress progress(run_context(), "ordering lights", trained.size());
     for (const CaptureLight& light : trained) {
-      throw_if_interrupted();
-      maps.push_back(read_light_map(light.wanted, Parameterisation::monitor));
+      run_context().throw_if_stopped();
+      maps.push_back(read_light_map(light.wanted, Parameterisation::monitor, run_context()));
       progress.advance();
     }
     places = most_useful_order(maps);
@@ -65,17 +64,17 @@ void UntilError::attach(CaptureRequest& request) {
 }
 
 bool UntilError::is_enough(const CaptureFrame& frame) {
-  follower_.add(frame, Parameterisation::monitor);
+  follower_.add(frame, Parameterisation::monitor, run_context());
   const int images = follower_.images();
   if (images < fewest_images_ || (images - fewest_images_) % check_every_ != 0) return false;
-  last_ = follower_.predict();
+  last_ = follower_.predict(run_context());
   reached_ = last_.predicted <= error_;
   char text[160];
   const int needed = reached_ ? 0 : follower_.images_for(error_);
   std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (target: %.2f %%)%s",
                 images, 100.0 * last_.predicted, 100.0 * error_,
                 needed > 0 ? (", about " + std::to_string(needed) + " photographs are needed").c_str() : "");
-  log_line(text);
+  run_context().note(text);
   return reached_;
 }
 

@@ -11,6 +11,7 @@
 #include "cli/acquire/until_error.h"
 #include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/output_lock.h"
 #include "simulate/virtual_rig.h"
@@ -56,8 +57,8 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
     const double last = std::max<double>(1.0, static_cast<double>(request.lights.size()) - 1.0);
     rig.set_place(static_cast<double>(i) / last, repetition[i]);
   };
-  const CaptureSummary summary =
-      capture(request, rig.camera(), rig.illuminator(), options.trigger ? &rig.trigger() : nullptr);
+  const CaptureSummary summary = capture(request, rig.camera(), rig.illuminator(),
+                                         options.trigger ? &rig.trigger() : nullptr, run_context());
   report_capture(summary, options.session, until ? &*until : nullptr, common);
 }
 

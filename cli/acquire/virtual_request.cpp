@@ -6,6 +6,7 @@
 
 #include "cli/acquire/light_list.h"
 #include "cli/acquire/until_error.h"
+#include "cli/run_context.h"
 #include "core/capture_session.h"
 #include "core/errors.h"
 #include "core/image_io.h"
@@ -113,9 +114,9 @@ void fill_exposures(const VirtualOptions& options, const Recipe& recipe, Capture
 TracedScene scene_of(const fs::path& truth, const Recipe& recipe) {
   constexpr int balanced_quality = 2;
   if (truth.empty())
-    return trace_scene(recipe.scene, TraceOptions::of_quality(balanced_quality, recipe.seed));
+    return trace_scene(recipe.scene, TraceOptions::of_quality(balanced_quality, recipe.seed), run_context());
   const fs::path ambient = truth / ambient_file_name;
-  return {read_reflectance_field(truth / transport_file_name),
+  return {read_reflectance_field(truth / transport_file_name, run_context()),
           fs::exists(ambient) ? read_image(ambient) : Image()};
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/dynamic/prepared_scene.h"
 
-#include "core/interrupt.h"
+#include "cli/run_context.h"
 #include "relight/mesh_view.h"
 
 namespace refield::cli {
@@ -48,8 +48,8 @@ PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::Transpo
       ++cached_;
       continue;
     }
-    transport_.push_back(dynamic::object_transport(object, rays_.back(), options));
-    throw_if_interrupted();  // else it may be incomplete
+    transport_.push_back(dynamic::object_transport(object, rays_.back(), options, run_context()));
+    run_context().throw_if_stopped();  // else it may be incomplete
     cache.store(object, options, transport_.back());
   }
   light_ = std::make_unique<dynamic::DynamicLight>(scene_, rays_, transport_);
@@ -113,7 +113,7 @@ std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
   dynamic::SceneRays rays(rays_);
   rays.move(poses);
   const auto lamps = dynamic::area_points(scene_.lights.at(time), reference_lamp_points);
-  return trace_bounces(scene_, rays, poses, lamps, vertices, eye, options);
+  return trace_bounces(scene_, rays, poses, lamps, vertices, eye, options, run_context());
 }
 
 PinholeCamera camera_of(const dynamic::DynamicScene& scene) {

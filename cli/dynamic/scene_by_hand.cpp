@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "cli/dynamic/prepared_scene.h"
+#include "cli/run_context.h"
 #include "simulate/prt/place_mesh.h"
 
 namespace refield::cli {
@@ -61,9 +62,9 @@ SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t
 }  // namespace
 
 MovingScene read_moving_scene(const std::filesystem::path& path) {
-  const auto prepared =
-      std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path), dynamic::TransportOptions{},
-                                      dynamic::TransportCache::from_environment());
+  const auto prepared = std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path, run_context()),
+                                                        dynamic::TransportOptions{},
+                                                        dynamic::TransportCache::from_environment());
   const dynamic::DynamicScene& scene = prepared->scene();
   const std::vector<prt::AreaLight>& lights = scene.lights.lights;
   MovingScene moving;

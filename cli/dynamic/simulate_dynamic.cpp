@@ -14,15 +14,14 @@
 #include "cli/dynamic/frame_times.h"
 #include "cli/dynamic/prepared_scene.h"
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
 #include "core/output_lock.h"
-#include "core/progress.h"
 #include "core/units.h"
 #include "relight/video.h"
 
@@ -67,9 +66,9 @@ template <class Take>
 void for_each_frame(PreparedScene& scene, const DynamicArguments& arguments, const Take& take) {
   const int frames = frame_count(scene, arguments);
   const PinholeCamera camera = camera_of(scene.scene());
-  Progress progress("frames", static_cast<std::uint64_t>(frames));
+  Progress progress(run_context(), "frames", static_cast<std::uint64_t>(frames));
   for (int frame = 0; frame < frames; ++frame) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     scene.solve(frame / arguments.video.frames_per_second, camera, arguments.frame);
     take(frame, scene.picture(0, scene.light().bounces()));
     progress.advance();
@@ -104,7 +103,7 @@ class ExposedFrames {
       const int frame = (2 * k + 1) * frames / (2 * count);
       const double time =
           is_picture ? arguments.time.value_or(0.0) : frame / arguments.video.frames_per_second;
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       scene.solve(time, camera, arguments.frame);
       meter.add(scene.reflected_picture());
     }
@@ -140,7 +139,7 @@ std::optional<double> write_frames(PreparedScene& scene, const DynamicArguments&
     write_atomically(output, [&](const fs::path& temporary) {
       VideoWriter video(temporary, camera.width, camera.height, arguments.video.frames_per_second);
       for_each_frame(scene, arguments, [&](int, const Image& picture) {
-        video.add(tone_mapped(picture, frames.tone(picture)));
+        video.add(tone_mapped(picture, frames.tone(picture)), run_context());
       });
       video.finish();
     });
@@ -219,7 +218,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   std::optional<OutputLock> lock;
   if (!arguments.output.empty()) lock.emplace(arguments.output, std::vector<fs::path>{arguments.scene});
   const auto start = std::chrono::steady_clock::now();
-  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene), arguments.transport,
+  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene, run_context()), arguments.transport,
                       dynamic::TransportCache::from_environment());
   ordered_json figures{{"objects", ordered_json::array()}};
   for (std::size_t o = 0; o < scene.transport().size(); ++o) {

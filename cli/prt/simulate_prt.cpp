@@ -10,6 +10,7 @@
 
 #include "cli/option_checks.h"
 #include "cli/prt/measure.h"
+#include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/errors.h"
 #include "core/json_text.h"
@@ -55,7 +56,7 @@ ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, F
   options.epsilon = arguments.epsilon.value_or(chosen.epsilon);
   options.relighting = arguments.image ? prt::Relighting::image : prt::Relighting::geometry;
   prt::ClusterStatistics statistics;
-  rows = prt::cluster_transfer(scene, options, statistics);
+  rows = prt::cluster_transfer(scene, options, statistics, run_context());
   return ordered_json::parse(rows.outline.provenance);
 }
 
@@ -65,8 +66,8 @@ ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, 
   if (arguments.window == "lanczos") options.window = HarmonicWindow::lanczos;
   options.check();
   prt::HarmonicStatistics statistics;
-  rows =
-      prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics), options.map_resolution);
+  rows = prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics, run_context()),
+                             options.map_resolution);
   return {{"order", options.order},
           {"window", arguments.window},
           {"directions", options.directions},
@@ -79,7 +80,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   if (arguments.image && arguments.method == "sh")
     throw InputError("--image requires --method clusters; spherical harmonics support meshes only");
   const OutputLock lock(arguments.output, {arguments.scene}, ".rfield");
-  prt::Scene scene = prt::read_scene(arguments.scene);
+  prt::Scene scene = prt::read_scene(arguments.scene, run_context());
   prt::sort_vertices(scene);
   FieldRows rows;
   ordered_json figures = arguments.method == "sh" ? compute_harmonics(scene, arguments, rows)
@@ -90,7 +91,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   provenance.update(figures);
   rows.outline.provenance = json_text(provenance);
   if (!rows.outline.mesh.empty()) rows.outline.camera = scene.camera;
-  PackedField packed = pack_rows(std::move(rows), arguments.bits);
+  PackedField packed = pack_rows(std::move(rows), arguments.bits, run_context());
   write_packed_field(arguments.output, packed);
 
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "cli/relight/light_series.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "relight/environment.h"
@@ -29,15 +30,15 @@ struct Projection {
 
   LightMap light_map(const std::string& name, const PreparedEnvironment& environment,
                      const Turn& turn) const {
-    EnvironmentLight result =
-        exact ? projector->project_exactly(environment.map(), turn) : projector->project(environment, turn);
+    EnvironmentLight result = exact ? projector->project_exactly(environment.map(), turn, run_context())
+                                    : projector->project(environment, turn, run_context());
     if (seen) seen->add(name, result.share);
     return std::move(result.light);
   }
 };
 
 std::shared_ptr<const PreparedEnvironment> prepared(LightMap environment) {
-  return std::make_shared<const PreparedEnvironment>(std::move(environment));
+  return std::make_shared<const PreparedEnvironment>(std::move(environment), run_context());
 }
 
 Projection projection_of(const RelightOptions& options, const ReflectanceField& field) {
@@ -53,7 +54,7 @@ Projection projection_of(const RelightOptions& options, const ReflectanceField& 
     throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
                      " light map that covers all directions; remove --monitor");
   check_placements(monitors, domain, options.monitors.empty() ? options.field.string() : "--monitor");
-  return {std::make_shared<const EnvironmentProjector>(domain, monitors),
+  return {std::make_shared<const EnvironmentProjector>(domain, monitors, run_context()),
           has_window ? std::make_shared<SeenShares>() : nullptr, options.exact,
           !options.exact && box_sums_suffice(field.basis)};
 }
@@ -61,13 +62,14 @@ Projection projection_of(const RelightOptions& options, const ReflectanceField& 
 void add_maps(const RelightOptions& options, const Projection& project, LightSeries& series) {
   for (const fs::path& file : expand_globs(options.environments))
     series.lights.push_back({file.stem().string(), file, [=, turn = options.turn] {
-                               return project(file.stem().string(), prepared(read_environment(file)), turn);
+                               return project(file.stem().string(),
+                                              prepared(read_environment(file, run_context())), turn);
                              }});
 }
 
 void add_rotation(const RelightOptions& options, const Projection& project, LightSeries& series) {
   const fs::path file = only_file(options.environments, "--env");
-  const auto environment = prepared(read_environment(file));
+  const auto environment = prepared(read_environment(file, run_context()));
   for (int i = 0; i < options.frames; ++i) {
     Turn turn = options.turn;
     turn.yaw += 360.0 * i / options.frames;
@@ -94,8 +96,9 @@ void add_fade(const RelightOptions& options, const Projection& project, LightSer
     throw InputError("--fade requires at least two environment maps; give them with --env");
   const auto lights = std::make_shared<std::vector<LightMap>>();
   for (const fs::path& file : files)
-    lights->push_back(
-        project.light_map(file.stem().string(), PreparedEnvironment(read_environment(file)), options.turn));
+    lights->push_back(project.light_map(
+        file.stem().string(), PreparedEnvironment(read_environment(file, run_context()), run_context()),
+        options.turn));
   for (int i = 0; i < options.frames; ++i) {
     const double last = static_cast<double>(files.size()) - 1.0;
     const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
@@ -32,8 +33,8 @@ LightSeries series_of_lights(const RelightOptions& options, const LightDomain& d
   LightSeries series;
   for (const fs::path& file : expand_globs(options.lights)) {
     require_light_size(file, domain);
-    series.lights.push_back(
-        {file.stem().string(), file, [=] { return read_light_map(file, domain.parameterisation); }});
+    series.lights.push_back({file.stem().string(), file,
+                             [=] { return read_light_map(file, domain.parameterisation, run_context()); }});
   }
   return series;
 }
@@ -41,7 +42,8 @@ LightSeries series_of_lights(const RelightOptions& options, const LightDomain& d
 LightSeries series_of_rotated_light(const RelightOptions& options, const LightDomain& domain) {
   const fs::path file = only_file(options.lights, "--light");
   require_light_size(file, domain);
-  const auto light = std::make_shared<const LightMap>(read_light_map(file, domain.parameterisation));
+  const auto light =
+      std::make_shared<const LightMap>(read_light_map(file, domain.parameterisation, run_context()));
   rotated(*light, 0.0);  // complains about a map that cannot turn before anything is written
   LightSeries series{.is_sequence = true};
   for (int i = 0; i < options.frames; ++i)
@@ -64,7 +66,8 @@ LightSeries series_of_area_lights(const RelightOptions& options, const Reflectan
   if (field.mesh.empty() || field.basis.domain.parameterisation != Parameterisation::cube)
     throw InputError("--area-lights requires a mesh field; " + options.field.string() +
                      " is an image field: use --light or --env");
-  const auto lamps = std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights));
+  const auto lamps =
+      std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights, run_context()));
   const Eigen::Vector3f middle = prt::middle(field.mesh);
   const double last = std::max(1, options.frames - 1), duration = lamps->duration();
   LightSeries series{.is_sequence = true};

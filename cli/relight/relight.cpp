@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/relight.h"
+#include "cli/run_context.h"
 
 #include <algorithm>
 #include <array>
@@ -85,7 +86,7 @@ Written write_images(const RelightOptions& options, const ReflectanceField& fiel
   create_folders(fs::absolute(jobs.front().output).parent_path());
   Written written;
   written.exposure = relight_to_files(pictures_of(options, field, jobs.size(), RelightPrecision::fine), jobs,
-                                      {options.video.exposure, series.is_sequence});
+                                      {options.video.exposure, series.is_sequence}, run_context());
   for (const RelightJob& job : jobs) written.files.push_back(job.output.string());
   return written;
 }
@@ -96,7 +97,7 @@ Written write_video(const RelightOptions& options, const ReflectanceField& field
   create_folders(fs::absolute(options.output).parent_path());
   return {{options.output.string()},
           relight_to_video(pictures_of(options, field, lights.size(), RelightPrecision::fast), lights,
-                           options.output, options.video)};
+                           options.output, options.video, run_context())};
 }
 
 void relight(const RelightOptions& options, const Common& common) {
@@ -105,7 +106,7 @@ void relight(const RelightOptions& options, const Common& common) {
   for (const auto* patterns : {&options.lights, &options.environments})
     inputs.insert(inputs.end(), patterns->begin(), patterns->end());
   require_not_an_input(options.output, inputs);
-  const ReflectanceField field = read_reflectance_field(options.field);
+  const ReflectanceField field = read_reflectance_field(options.field, run_context());
   const LightSeries series = light_series(options, field);
   const bool is_video = options.output.extension() == ".mp4";
   const Written written =

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/image_io.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -54,38 +54,40 @@ const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std
   return found == errors.end() ? nullptr : &*found;
 }
 
-std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference) {
-  auto errors = held_out_errors(field, reference);
+std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference,
+                                        const RunContext& run) {
+  auto errors = held_out_errors(field, reference, nullptr, FrameRole::test, 1.0, run);
   std::ranges::stable_sort(errors, comes_before, &HeldOutError::kind);
   return errors;
 }
 
-Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind) {
+Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind,
+                   const RunContext& run) {
   SeriesError error;
   for (const CaptureFrame& frame : reference.frames_of(FrameRole::test)) {
     if (frame.kind != kind) continue;
-    throw_if_interrupted();
-    const LightMap light = read_light_map(frame.illumination, reference.light.parameterisation);
+    run.throw_if_stopped();
+    const LightMap light = read_light_map(frame.illumination, reference.light.parameterisation, run);
     const Photograph photograph = read_observed(frame);
     error.add(field.relight(light), photograph.radiance, photograph.sigma);
   }
   return error.relative_rmse_map();
 }
 
-std::vector<FieldFigures> evaluate(const ReportInput& input) {
+std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& run) {
   std::vector<FieldFigures> figures(input.fields.size());
   const auto held_out = input.session.frames_of(FrameRole::test);
   for (std::size_t f = 0; f < figures.size(); ++f) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const ReflectanceField& field = input.fields[f].field;
     if (!held_out.empty()) {
-      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session)});
-      if (input.truth) figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth)});
+      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session, run)});
+      if (input.truth) figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth, run)});
     }
     if (!input.session.frames.empty()) {
       const CaptureFrame& frame = held_out.empty() ? input.session.frames.front() : held_out.front();
-      figures[f].relight_seconds =
-          measure_relighting(field, read_light_map(frame.illumination, input.session.light.parameterisation));
+      figures[f].relight_seconds = measure_relighting(
+          field, read_light_map(frame.illumination, input.session.light.parameterisation, run));
     }
   }
   return figures;

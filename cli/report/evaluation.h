@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "cli/report/input.h"
+#include "core/run_context.h"
 #include "relight/held_out.h"
 
 namespace refield::report {
@@ -28,13 +29,15 @@ std::vector<std::string> kinds_of(const CaptureSession& session);
 const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std::string& kind);
 
 /// Errors of `field` on the held-out frames, sorted as kinds_of() sorts.
-std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference);
+std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference,
+                                        const RunContext& run);
 
 /// [height × width × 1]: relative RMSE of each pixel over the held-out frames of a kind.
-Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind);
+Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind,
+                   const RunContext& run);
 
 /// Evaluates all fields, one after the other.
-std::vector<FieldFigures> evaluate(const ReportInput& input);
+std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& run = {});
 
 /// Up to `count` frames of a kind, evenly spread over its held-out frames: no hand picks them.
 std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std::string& kind,

@@ -9,9 +9,8 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
+#include "core/run_context.h"
 #include "relight/held_out.h"
 
 namespace refield::report {
@@ -43,14 +42,14 @@ void require_fit(const ReflectanceField& field, const fs::path& path, const Capt
                      "); give a field that was estimated from this session");
 }
 
-FieldEntry load_field(const fs::path& path, const CaptureSession& session) {
+FieldEntry load_field(const fs::path& path, const CaptureSession& session, const RunContext& run) {
   if (!fs::exists(path))
     throw InputError(path.string() + ": the field does not exist; create it with 'refield estimate " +
                      (session.folder.empty() ? "--light … --observed …" : session.folder.string()) + " -o " +
                      path.string() + "'");
   FieldEntry entry;
   entry.path = path;
-  entry.field = read_image_field(path);
+  entry.field = read_image_field(path, run);
   require_fit(entry.field, path, session);
   entry.file_bytes = fs::file_size(path);
   if (const auto options = options_from_provenance(entry.field.provenance)) {
@@ -93,16 +92,16 @@ CaptureSession truth_by_name(const CaptureSession& session, const fs::path& fold
 
 /// With it: relit by the light that the session emitted, kept as images so that they are computed once.
 CaptureSession truth_by_transport(const CaptureSession& session, const ReflectanceField& transport,
-                                  const fs::path& scratch) {
+                                  const fs::path& scratch, const RunContext& run) {
   CaptureSession truth = session;
   truth.frames = session.frames_of(FrameRole::test);
   const fs::path folder = scratch / "truth";
   create_folders(folder);
-  Progress progress("computing exact images", truth.frames.size());
+  Progress progress(run, "computing exact images", truth.frames.size());
   for (std::size_t i = 0; i < truth.frames.size(); ++i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     CaptureFrame& frame = truth.frames[i];
-    const LightMap light = read_light_map(frame.illumination, session.light.parameterisation);
+    const LightMap light = read_light_map(frame.illumination, session.light.parameterisation, run);
     frame.observed = folder / (std::to_string(i) + ".exr");
     write_exr(frame.observed, transport.relight(light));
     progress.advance();
@@ -110,15 +109,15 @@ CaptureSession truth_by_transport(const CaptureSession& session, const Reflectan
   return truth;
 }
 
-void load_truth(ReportInput& input, const fs::path& scratch) {
+void load_truth(ReportInput& input, const fs::path& scratch, const RunContext& run) {
   const fs::path path = input.truth_folder / "transport.rfield";
   if (!fs::is_directory(input.truth_folder))
     throw InputError(input.truth_folder.string() +
                      ": is not a folder; give a folder written by 'refield simulate', or remove --truth");
   if (fs::exists(path) && fs::file_size(path) <= largest_transport_bytes) {
-    input.transport = read_image_field(path);
+    input.transport = read_image_field(path, run);
     require_fit(*input.transport, path, input.session);
-    input.truth = truth_by_transport(input.session, *input.transport, scratch);
+    input.truth = truth_by_transport(input.session, *input.transport, scratch, run);
     input.truth_note =
         "noise-free images from the scene's exact transport, under the light that was really emitted";
     return;
@@ -156,20 +155,21 @@ std::optional<EstimateOptions> options_from_provenance(const std::string& proven
 
 ReportInput load_input(const CaptureSession& session, bool find_held_out,
                        const std::vector<fs::path>& field_paths, const fs::path& truth_folder,
-                       const fs::path& scratch) {
+                       const fs::path& scratch, const RunContext& run) {
   ReportInput input;
   input.session = session;
   if (session.folder.empty()) check_image_sizes(input.session);
-  remove_drift(input.session);
+  remove_drift(input.session, run);
   if (input.session.mask)
     input.mask = read_mask(*input.session.mask, input.session.width, input.session.height);
-  for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session));
+  for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session, run));
   label_fields(input.fields);
   if (find_held_out)
     if (const auto warning = mark_held_out(input.session, input.fields.front().field); !warning.empty())
-      log_line(warning);
+      run.note(warning);
   input.truth_folder = truth_folder;
-  if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty()) load_truth(input, scratch);
+  if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty())
+    load_truth(input, scratch, run);
   return input;
 }
 

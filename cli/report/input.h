@@ -9,6 +9,7 @@
 #include "core/capture_session.h"
 #include "core/field_statistics.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "estimate/options.h"
 
 namespace refield::report {
@@ -50,6 +51,7 @@ std::optional<EstimateOptions> options_from_provenance(const std::string& proven
 /// tells which frames it was not estimated from (mark_held_out()).
 ReportInput load_input(const CaptureSession& session, bool find_held_out,
                        const std::vector<std::filesystem::path>& field_paths,
-                       const std::filesystem::path& truth_folder, const std::filesystem::path& scratch);
+                       const std::filesystem::path& truth_folder, const std::filesystem::path& scratch,
+                       const RunContext& run);
 
 }  // namespace refield::report

@@ -6,7 +6,7 @@
 #include <functional>
 #include <numeric>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -54,11 +54,12 @@ KernelSpread spread_of(const ReflectanceField& field, std::size_t pixel) {
 /// [pixels]: the median of a measure over a pixel and its eight neighbours, as far as they count.
 std::vector<float> median_of_neighbours(const ReflectanceField& field,
                                         const std::function<bool(std::size_t)>& counts,
-                                        const std::function<double(std::size_t)>& measure) {
+                                        const std::function<double(std::size_t)>& measure,
+                                        const RunContext& run) {
   std::vector<float> medians(field.transfer.rows());
   std::vector<float> values;
   for (int y = 0; y < field.height; ++y) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     for (int x = 0; x < field.width; ++x) {
       values.clear();
       for (int v = std::max(0, y - 1); v <= std::min(field.height - 1, y + 1); ++v)
@@ -80,8 +81,9 @@ class Chooser {
 
   /// Takes the pixel at `quantile` of the candidates ordered by `key`, or the nearest in that order that lies
   /// far enough from those already chosen.
-  void take(const std::function<double(std::size_t)>& key, double quantile, std::string kind) {
-    throw_if_interrupted();
+  void take(const std::function<double(std::size_t)>& key, double quantile, std::string kind,
+            const RunContext& run) {
+    run.throw_if_stopped();
     auto order = candidates_;
     // Ties are broken by position, so that the choice is the same everywhere.
     std::ranges::sort(order, {}, [&](std::size_t p) { return std::pair(key(p), p); });
@@ -112,17 +114,18 @@ class Chooser {
 
 }  // namespace
 
-std::vector<KernelSpread> kernel_spreads(const ReflectanceField& field) {
+std::vector<KernelSpread> kernel_spreads(const ReflectanceField& field, const RunContext& run) {
   std::vector<KernelSpread> spreads(field.transfer.rows());
   for (std::size_t p = 0; p < spreads.size(); ++p) {
-    if (p % 4096 == 0) throw_if_interrupted();
+    if (p % 4096 == 0) run.throw_if_stopped();
     spreads[p] = spread_of(field, p);
   }
   return spreads;
 }
 
-std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask& mask) {
-  const auto spreads = kernel_spreads(field);
+std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask& mask,
+                                       const RunContext& run) {
+  const auto spreads = kernel_spreads(field, run);
   const auto inside = [&](std::size_t p) {
     return (mask.empty() || mask[p] != 0) && spreads[p].energy > 0.0;
   };
@@ -143,21 +146,22 @@ std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask
   if (candidates.empty()) return {};
 
   const auto smooth = [&](const std::function<double(std::size_t)>& measure) {
-    return median_of_neighbours(field, bright, measure);
+    return median_of_neighbours(field, bright, measure, run);
   };
   const auto spread = smooth([&](std::size_t p) { return spreads[p].spread; });
   const auto peak = smooth([&](std::size_t p) { return std::log1p(spreads[p].peak); });
   Chooser chooser(field, std::move(candidates));
-  chooser.take([&](std::size_t p) { return spread[p]; }, 0.002, "concentrated, as mirrors and glass are");
-  chooser.take([&](std::size_t p) { return spread[p]; }, 0.1, "narrow");
+  chooser.take([&](std::size_t p) { return spread[p]; }, 0.002, "concentrated, as mirrors and glass are",
+               run);
+  chooser.take([&](std::size_t p) { return spread[p]; }, 0.1, "narrow", run);
   chooser.take([&](std::size_t p) { return spread[p] * peak[p]; }, 0.995,
-               "a peak over a broad base, as glossy surfaces have");
-  chooser.take([&](std::size_t p) { return spread[p]; }, 0.5, "middle of all pixels");
+               "a peak over a broad base, as glossy surfaces have", run);
+  chooser.take([&](std::size_t p) { return spread[p]; }, 0.5, "middle of all pixels", run);
   chooser.take([&](std::size_t p) { return spread[p] / peak[p]; }, 0.98,
-               "broad and even, as diffuse surfaces are");
+               "broad and even, as diffuse surfaces are", run);
   if (!field.training_error.empty()) {
     const auto error = smooth([&](std::size_t p) { return field.training_error[p]; });
-    chooser.take([&](std::size_t p) { return error[p]; }, 0.99, "fits its training images badly");
+    chooser.take([&](std::size_t p) { return error[p]; }, 0.99, "fits its training images badly", run);
   }
   return std::move(chooser).chosen();
 }

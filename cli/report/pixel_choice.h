@@ -5,6 +5,7 @@
 
 #include "core/metrics.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -17,7 +18,7 @@ struct KernelSpread {
 };
 
 /// [pixels]
-std::vector<KernelSpread> kernel_spreads(const ReflectanceField& field);
+std::vector<KernelSpread> kernel_spreads(const ReflectanceField& field, const RunContext& run = {});
 
 /// A pixel whose kernels the report shows.
 struct ChosenPixel {
@@ -30,6 +31,7 @@ struct ChosenPixel {
 /// peak over a broad base (glossy), the middle one, broad and even (diffuse), and one that fits its own
 /// training images badly. Dark pixels are left out, and a pixel is judged by the median of its 3 × 3
 /// neighbourhood, so that no single noisy pixel is taken. Fewer for tiny images.
-std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask& mask);
+std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask& mask,
+                                       const RunContext& run = {});
 
 }  // namespace refield::report

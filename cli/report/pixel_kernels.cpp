@@ -4,8 +4,7 @@
 #include <algorithm>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "estimate/estimate.h"
 
 namespace refield::report {
@@ -31,7 +30,8 @@ Image kernel_density(const LightDomain& domain, std::span<const Box> boxes,
   return density;
 }
 
-KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixel>& pixels) {
+KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixel>& pixels,
+                          const RunContext& run) {
   KernelStudy study;
   const auto images = static_cast<int>(input.session.frames_of(FrameRole::train).size());
   for (const int count : subdivisions_of_the_paper)
@@ -40,11 +40,11 @@ KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixe
   EstimateOptions options = input.fields.front().options;
   // As many kernels as the last panel needs, whatever cap the field was made with.
   study.kernels = options.kernels = study.subdivisions.back() + 1;
-  Progress progress("computing kernels of selected pixels", pixels.size());
+  Progress progress(run, "computing kernels of selected pixels", pixels.size());
   for (const ChosenPixel& pixel : pixels) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     PixelKernels kernels{pixel, {}, {}, {}};
-    const auto history = kernel_history(input.session, options, pixel.x, pixel.y, study.subdivisions);
+    const auto history = kernel_history(input.session, options, pixel.x, pixel.y, study.subdivisions, run);
     for (const int count : study.subdivisions) {
       const auto snapshot = std::ranges::find(history, count, &KernelSnapshot::subdivisions);
       kernels.after.push_back(snapshot == history.end()

@@ -8,6 +8,7 @@
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
 #include "core/pixel_kernels.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -33,6 +34,7 @@ struct KernelStudy {
 
 /// Follows the kernels of `pixels` through 1, 2, 3, 4, 5, 10, 20 and 24 subdivisions, as far as the session's
 /// training images allow, estimated in the first field's mode.
-KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixel>& pixels);
+KernelStudy study_kernels(const ReportInput& input, const std::vector<ChosenPixel>& pixels,
+                          const RunContext& run);
 
 }  // namespace refield::report

@@ -28,19 +28,20 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
 
 }  // namespace
 
-nlohmann::ordered_json write_report(const ReportRequest& request) {
+nlohmann::ordered_json write_report(const ReportRequest& request, const RunContext& run) {
   if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
   const ScratchFolder scratch;
   const ReportInput input =
-      load_input(request.session, request.find_held_out, request.fields, request.truth, scratch.path());
+      load_input(request.session, request.find_held_out, request.fields, request.truth, scratch.path(), run);
   std::vector<ChosenPixel> pixels = asked_pixels(request, input.session);
-  if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask);
+  if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask, run);
   const auto logs = find_run_logs(input);
-  const auto figures = evaluate(input);
-  const KernelStudy kernels = study_kernels(input, pixels);
-  const std::string body = opening_html(input, figures) + summary_html(input, figures) +
-                           pictures_html(input) + more_images_html(input) + kernels_html(input, kernels) +
-                           statistics_html(input) + timing_html(input, figures, logs);
+  const auto figures = evaluate(input, run);
+  const KernelStudy kernels = study_kernels(input, pixels, run);
+  const std::string body = opening_html(input, figures, run) + summary_html(input, figures) +
+                           pictures_html(input, run) + more_images_html(input) +
+                           kernels_html(input, kernels) + statistics_html(input, run) +
+                           timing_html(input, figures, logs);
   write_text_atomically(request.output, page_html("Reflectance field report", body));
   return figures_json(input, figures, pixels);
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/capture_session.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -21,6 +22,6 @@ struct ReportRequest {
 
 /// Writes the page, once all of it is known, and returns its figures.
 /// Throws InputError for a missing field, one that does not fit the session and a pixel outside the image.
-nlohmann::ordered_json write_report(const ReportRequest& request);
+nlohmann::ordered_json write_report(const ReportRequest& request, const RunContext& run = {});
 
 }  // namespace refield::report

@@ -3,6 +3,7 @@
 #include "cli/report/picture.h"
 #include "cli/report/sections.h"
 #include "core/image_io.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -28,11 +29,11 @@ std::string session_name(const CaptureSession& session) {
   return folder.filename().string();
 }
 
-std::string first_impression(const ReportInput& input) {
+std::string first_impression(const ReportInput& input, const RunContext& run) {
   const auto kinds = kinds_of(input.session);
   if (kinds.empty()) return "";
   const CaptureFrame frame = spread_frames(input.session, kinds.front(), 1).front();
-  const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation);
+  const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation, run);
   const Image observed = read_photograph(frame.observed).radiance;
   const double exposure = display_exposure(observed, input.mask);
   const auto figure = [&](const Image& image, double scale, const std::string& title,
@@ -56,7 +57,8 @@ std::string section_html(const std::string& heading, const std::string& content)
   return "<section><h2>" + escaped(heading) + "</h2>\n" + content + "</section>\n";
 }
 
-std::string opening_html(const ReportInput& input, const std::vector<FieldFigures>& figures) {
+std::string opening_html(const ReportInput& input, const std::vector<FieldFigures>& figures,
+                         const RunContext& run) {
   const FieldEntry& entry = input.fields.front();
   std::string tiles;
   if (!figures.front().errors.empty()) {
@@ -79,7 +81,7 @@ std::string opening_html(const ReportInput& input, const std::vector<FieldFigure
   tiles += tile(significant(static_cast<double>(entry.file_bytes) / pixels, 3), "bytes per pixel on disk");
   tiles += tile(duration_text(figures.front().relight_seconds), "to relight a frame");
   return "<header><p class=\"kicker\">Reflectance field report</p><h1>" +
-         escaped(session_name(input.session)) + "</h1>\n" + first_impression(input) +
+         escaped(session_name(input.session)) + "</h1>\n" + first_impression(input, run) +
          "<div class=\"tiles\">" + tiles + "</div>" +
          (input.fields.size() > 1
               ? "<p class=\"note\">Picture and figures above: " + escaped(entry.label) + ".</p>"

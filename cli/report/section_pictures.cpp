@@ -7,8 +7,7 @@
 #include "cli/report/sections.h"
 #include "cli/report/svg_chart.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -32,8 +31,8 @@ const CaptureFrame& same_frame(const CaptureSession& session, const std::string&
 }
 
 /// One held-out light: all of its pictures at one exposure.
-std::string row_html(const ReportInput& input, const CaptureFrame& frame) {
-  const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation);
+std::string row_html(const ReportInput& input, const CaptureFrame& frame, const RunContext& run) {
+  const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation, run);
   const Image observed = read_photograph(frame.observed).radiance;
   const Image reference = read_photograph(same_frame(input.reference(), frame.name).observed).radiance;
   const double light_exposure = display_exposure(light.radiance, {});
@@ -67,7 +66,7 @@ std::string row_html(const ReportInput& input, const CaptureFrame& frame) {
 
 }  // namespace
 
-std::string pictures_html(const ReportInput& input) {
+std::string pictures_html(const ReportInput& input, const RunContext& run) {
   std::vector<CaptureFrame> frames;
   for (const std::string& kind : kinds_of(input.session))
     std::ranges::copy(spread_frames(input.session, kind, pictures_of(kind)), std::back_inserter(frames));
@@ -78,10 +77,10 @@ std::string pictures_html(const ReportInput& input) {
       "predictions have the same exposure; errors (root mean square of the three channels, against the " +
       input.reference_name() +
       ") have the same colour scale. “White” is the radiance that is displayed as white.</p>";
-  Progress progress("pictures", frames.size());
+  Progress progress(run, "pictures", frames.size());
   for (const CaptureFrame& frame : frames) {
-    throw_if_interrupted();
-    html += row_html(input, frame);
+    run.throw_if_stopped();
+    html += row_html(input, frame, run);
     progress.advance();
   }
   return section_html("Under new light", html);

@@ -7,6 +7,7 @@
 #include "cli/report/picture.h"
 #include "cli/report/sections.h"
 #include "cli/report/svg_chart.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -117,7 +118,7 @@ struct ErrorMap {
 };
 
 /// Errors pixel by pixel, where known: on the training images, on the first kind of held-out light.
-std::vector<ErrorMap> error_maps(const ReportInput& input, const FieldEntry& entry) {
+std::vector<ErrorMap> error_maps(const ReportInput& input, const FieldEntry& entry, const RunContext& run) {
   std::vector<ErrorMap> maps;
   if (!entry.field.training_error.empty()) {
     maps.push_back({"relative RMSE on its training images", Image(entry.field.width, entry.field.height, 1)});
@@ -131,17 +132,17 @@ std::vector<ErrorMap> error_maps(const ReportInput& input, const FieldEntry& ent
   const auto kinds = kinds_of(input.session);
   if (!kinds.empty())
     maps.push_back({"relative RMSE on held-out light" + (kinds.front().empty() ? "" : ", " + kinds.front()),
-                    held_out_map(entry.field, input.reference(), kinds.front())});
+                    held_out_map(entry.field, input.reference(), kinds.front(), run)});
   return maps;
 }
 
 /// A row of maps for each field; all rows share their scales.
-std::string maps(const ReportInput& input) {
+std::string maps(const ReportInput& input, const RunContext& run) {
   double most = 1.0, worst = 0.0;
   std::vector<std::vector<ErrorMap>> errors;
   for (const FieldEntry& entry : input.fields) {
     most = std::max(most, static_cast<double>(entry.statistics.histogram.size()) - 1.0);
-    errors.push_back(error_maps(input, entry));
+    errors.push_back(error_maps(input, entry, run));
     for (const ErrorMap& error : errors.back())
       worst = std::max(worst, quantile(values_in_mask(error.map, input.mask), 0.9));
   }
@@ -162,14 +163,14 @@ std::string maps(const ReportInput& input) {
 
 }  // namespace
 
-std::string statistics_html(const ReportInput& input) {
+std::string statistics_html(const ReportInput& input, const RunContext& run) {
   return section_html("Kernel statistics",
                       "<p>The fraction of the allowed kernels with a nonzero weight, and the smallest "
                       "fractions that contain 99\u00a0% and 95\u00a0% of the energy of the scene (weight × "
                       "area). Reflective and refractive scenes need fewer kernels. For comparison: table 1 "
                       "of Matusik, Loper and Pfister (2004).</p><div class=\"split\"><div>" +
                           energy_table(input) + "</div>" + histogram(input) + predicted_histogram(input) +
-                          "</div>" + maps(input));
+                          "</div>" + maps(input, run));
 }
 
 }  // namespace refield::report

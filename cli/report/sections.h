@@ -7,6 +7,7 @@
 #include "cli/report/input.h"
 #include "cli/report/pixel_kernels.h"
 #include "cli/report/run_log.h"
+#include "core/run_context.h"
 
 namespace refield::report {
 
@@ -14,18 +15,19 @@ namespace refield::report {
 // has nothing to show there.
 
 /// Title, one prediction beside its photograph, the figures that matter most.
-std::string opening_html(const ReportInput& input, const std::vector<FieldFigures>& figures);
+std::string opening_html(const ReportInput& input, const std::vector<FieldFigures>& figures,
+                         const RunContext& run);
 /// Session, fields, held-out errors by kind of light.
 std::string summary_html(const ReportInput& input, const std::vector<FieldFigures>& figures);
 /// Light, photograph, prediction and error for held-out lights (Matusik et al. 2004, figures 1 and 6).
-std::string pictures_html(const ReportInput& input);
+std::string pictures_html(const ReportInput& input, const RunContext& run);
 /// Error against the number of images (figure 7) as the fields measured it on their training images, and
 /// whether more would help.
 std::string more_images_html(const ReportInput& input);
 /// Kernels of chosen pixels while they are subdivided (figure 8).
 std::string kernels_html(const ReportInput& input, const KernelStudy& study);
 /// Kernels that matter (table 1), kernels a pixel, training error.
-std::string statistics_html(const ReportInput& input);
+std::string statistics_html(const ReportInput& input, const RunContext& run);
 /// Time and memory of each stage and of relighting.
 std::string timing_html(const ReportInput& input, const std::vector<FieldFigures>& figures,
                         const std::vector<RunLog>& logs);

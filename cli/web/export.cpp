@@ -19,10 +19,9 @@
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
 #include "core/metrics.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "relight/sequence.h"
 
 namespace refield::web {
@@ -36,17 +35,17 @@ constexpr std::size_t part_bytes = std::size_t{12} << 20;
 
 /// Bytes of equal significance one after another: they resemble one another and compress well.
 template <class T>
-std::string shuffled(const std::vector<T>& values) {
+std::string shuffled(const std::vector<T>& values, const RunContext& run) {
   std::string bytes(values.size() * sizeof(T), '\0');
   for (std::size_t b = 0; b < sizeof(T); ++b) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     for (std::size_t i = 0; i < values.size(); ++i)
       bytes[b * values.size() + i] = static_cast<char>(values[i] >> (8 * b));
   }
   return bytes;
 }
 
-std::string deflated(std::string_view bytes) {
+std::string deflated(std::string_view bytes, const RunContext& run) {
   constexpr std::size_t step_bytes = std::size_t{1} << 20;  // a tenth of a second at most
   std::string packed(compressBound(bytes.size()), '\0');
   z_stream stream{};
@@ -55,7 +54,7 @@ std::string deflated(std::string_view bytes) {
   stream.next_out = reinterpret_cast<Bytef*>(packed.data());
   stream.avail_out = static_cast<uInt>(packed.size());
   for (int status = Z_OK; status != Z_STREAM_END;) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const std::string_view step = bytes.substr(0, step_bytes);
     bytes.remove_prefix(step.size());
     stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(step.data()));
@@ -93,8 +92,8 @@ class PageWriter {
  public:
   explicit PageWriter(fs::path folder) : folder_(std::move(folder)) { create_folders(folder_); }
 
-  void write(const char* name, std::string_view content) {
-    throw_if_interrupted();
+  void write(const char* name, std::string_view content, const RunContext& run) {
+    run.throw_if_stopped();
     write_text_atomically(folder_ / name, content);
     ++files_;
     bytes_ += content.size();
@@ -114,17 +113,18 @@ class DataWriter {
   explicit DataWriter(PageWriter& page) : page_(page) {}
 
   template <class T>
-  void add(const char* name, const std::vector<T>& values) {
-    const std::string bytes = shuffled(values);
+  void add(const char* name, const std::vector<T>& values, const RunContext& run) {
+    const std::string bytes = shuffled(values, run);
     nlohmann::ordered_json parts = nlohmann::ordered_json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
-      const std::string packed = deflated(std::string_view(bytes).substr(at, part_bytes));
+      const std::string packed = deflated(std::string_view(bytes).substr(at, part_bytes), run);
       char file[32];
       std::snprintf(file, sizeof file, "data-%03zu.js", count_++);
       page_.write(file,
                   "refield.receive('" +
                       report::base64({reinterpret_cast<const std::uint8_t*>(packed.data()), packed.size()}) +
-                      "');\n");
+                      "');\n",
+                  run);
       parts.push_back(file);
     }
     arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(T)}, {"parts", parts}};
@@ -149,15 +149,16 @@ LightMap white_light(const LightDomain& domain) {
   return {Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation};
 }
 
-void measure(const ReflectanceField& full, const ReflectanceField& shown, ExportReport& report) {
+void measure(const ReflectanceField& full, const ReflectanceField& shown, ExportReport& report,
+             const RunContext& run) {
   constexpr int bars = 4;
   double squares = 0.0, reference = 0.0;
   for (int i = 0; i <= bars; ++i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const LightMap light =
         i < bars ? sliding_bar(full.basis.domain, 0.125, i, bars) : white_light(full.basis.domain);
     const Image expected = full.relight(light);
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const Image seen = shown.relight(light);
     const auto a = tone_mapped(expected, {report.exposure}), b = tone_mapped(seen, {report.exposure});
     for (std::size_t v = 0; v < a.size(); ++v) {
@@ -185,7 +186,8 @@ nlohmann::ordered_json window_of(const ReflectanceField& field) {
 }
 
 /// Adds a map as half floats, brightest sample 65504, and describes it.
-nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWriter& data) {
+nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWriter& data,
+                               const RunContext& run) {
   const float peak = std::max(*std::ranges::max_element(map.radiance.values), 1e-30f);
   const float scale = peak / 65504.0f;
   std::vector<std::uint16_t> halves(map.radiance.values.size());
@@ -193,7 +195,7 @@ nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWrite
     return Eigen::numext::bit_cast<std::uint16_t>(Eigen::half(value / scale));
   });
   const std::string array = "map" + std::to_string(number);
-  data.add(array.c_str(), halves);
+  data.add(array.c_str(), halves, run);
   return {{"name", map.name},
           {"width", map.radiance.width},
           {"height", map.radiance.height},
@@ -218,25 +220,25 @@ nlohmann::ordered_json description(const PackedField& packed, const std::string&
 }  // namespace
 
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,
-                         const std::vector<PageMap>& maps) {
+                         const std::vector<PageMap>& maps, const RunContext& run) {
   require_page_folder(folder);
-  const PackedField packed = pack(field);
+  const PackedField packed = pack(field, run);
   ExportReport report;
   report.exposure = exposure_to_white(field.relight(white_light(field.basis.domain)));
-  measure(field, unpacked(packed), report);
+  measure(field, unpacked(packed, run), report, run);
   PageWriter page(folder);
   DataWriter data(page);
-  data.add("counts", packed.counts);
-  data.add("kernels", packed.kernels);
-  data.add("weights", packed.weights);
-  data.add("boxes", corners_of(packed.basis.boxes));
+  data.add("counts", packed.counts, run);
+  data.add("kernels", packed.kernels, run);
+  data.add("weights", packed.weights, run);
+  data.add("boxes", corners_of(packed.basis.boxes), run);
   auto described = description(packed, title, report.exposure);
   described["light"]["window"] = window_of(field);
   described["maps"] = nlohmann::ordered_json::array();
-  for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data));
+  for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();
-  page.write("data.js", "refield.describe(" + json_text(described) + ");\n");
-  for (const PageFile& file : page_files()) page.write(file.name, file.content);
+  page.write("data.js", "refield.describe(" + json_text(described) + ");\n", run);
+  for (const PageFile& file : page_files()) page.write(file.name, file.content, run);
   report.files = page.files();
   report.bytes = page.bytes();
   return report;

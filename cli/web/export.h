@@ -7,6 +7,7 @@
 
 #include "core/image.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 namespace refield::web {
 
@@ -31,6 +32,7 @@ struct PageMap {
 /// bars. `title` heads the page. `maps` are stored as half floats. Throws InputError for a field that does
 /// not fit a page, DeviceError where the disk refuses.
 ExportReport export_page(const ReflectanceField& field, const std::string& title,
-                         const std::filesystem::path& folder, const std::vector<PageMap>& maps = {});
+                         const std::filesystem::path& folder, const std::vector<PageMap>& maps = {},
+                         const RunContext& run = {});
 
 }  // namespace refield::web

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield::web {
 
@@ -60,7 +60,7 @@ void SharedExponent::unpack(std::uint32_t bits, float* rgb) const {
     rgb[c] = std::ldexp(static_cast<float>(bits >> (mantissa_bits * c) & largest_mantissa), e - offset);
 }
 
-PackedField pack(const ReflectanceField& field) {
+PackedField pack(const ReflectanceField& field, const RunContext& run) {
   constexpr int most = std::numeric_limits<std::uint16_t>::max();
   const LightDomain& domain = field.basis.domain;
   if (domain.width > most || domain.height > most)
@@ -87,14 +87,14 @@ PackedField pack(const ReflectanceField& field) {
     packed.counts.push_back(static_cast<std::uint16_t>(count));
   }
   for (std::size_t i = 0; i < transfer.entries(); ++i) {
-    if (i % 65536 == 0) throw_if_interrupted();
+    if (i % 65536 == 0) run.throw_if_stopped();
     packed.kernels.push_back(number[transfer.column[i]]);
     packed.weights.push_back(packed.exponent.packed(&transfer.weight[3 * i]));
   }
   return packed;
 }
 
-ReflectanceField unpacked(const PackedField& packed) {
+ReflectanceField unpacked(const PackedField& packed, const RunContext& run) {
   ReflectanceField field;
   field.width = packed.width;
   field.height = packed.height;
@@ -104,7 +104,7 @@ ReflectanceField unpacked(const PackedField& packed) {
   field.transfer.column = packed.kernels;
   field.transfer.weight.resize(packed.weights.size() * 3);
   for (std::size_t i = 0; i < packed.weights.size(); ++i) {
-    if (i % 65536 == 0) throw_if_interrupted();
+    if (i % 65536 == 0) run.throw_if_stopped();
     packed.exponent.unpack(packed.weights[i], &field.transfer.weight[3 * i]);
   }
   return field;

@@ -7,6 +7,7 @@
 #include "core/image.h"
 #include "core/light_map.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 
 namespace refield::web {
 
@@ -33,9 +34,9 @@ struct PackedField {
 };
 
 /// Throws InputError for a light map wider or higher than 65535 texels, or a pixel of more kernels.
-PackedField pack(const ReflectanceField& field);
+PackedField pack(const ReflectanceField& field, const RunContext& run = {});
 
 /// The field that the page shows: with the weights as they were rounded.
-ReflectanceField unpacked(const PackedField& packed);
+ReflectanceField unpacked(const PackedField& packed, const RunContext& run = {});
 
 }  // namespace refield::web

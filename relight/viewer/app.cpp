@@ -21,13 +21,14 @@ namespace {
 /// What puts a map of the surroundings onto the field's light map; nothing for other maps, and for those
 /// that differ from the field's in size alone.
 std::shared_ptr<const EnvironmentProjector> projector_for(LightMap& map, const LightDomain& domain,
-                                                          const std::vector<MonitorPlacement>& monitors) {
+                                                          const std::vector<MonitorPlacement>& monitors,
+                                                          const RunContext& run) {
   const auto kind = environment_kind(map.radiance.width, map.radiance.height);
   if (!kind || map.domain() == domain || *kind == domain.parameterisation ||
       (domain.parameterisation == Parameterisation::monitor && monitors.empty()))
     return nullptr;
   map.parameterisation = *kind;
-  return std::make_shared<const EnvironmentProjector>(domain, monitors);
+  return std::make_shared<const EnvironmentProjector>(domain, monitors, run);
 }
 
 void show_light(App& app, OpenedLight opened) {
@@ -79,13 +80,13 @@ void tell_share(App& app) {
 }  // namespace
 
 OpenedFile read_light_file(const fs::path& file, const LightDomain& domain,
-                           const std::vector<MonitorPlacement>& monitors) {
+                           const std::vector<MonitorPlacement>& monitors, const RunContext& run) {
   OpenedLight opened;
   opened.file = file;
-  opened.map = read_light_map(file, domain.parameterisation);
-  opened.projector = projector_for(opened.map, domain, monitors);
+  opened.map = read_light_map(file, domain.parameterisation, run);
+  opened.projector = projector_for(opened.map, domain, monitors, run);
   if (opened.projector) {
-    opened.environment = std::make_shared<const PreparedEnvironment>(std::move(opened.map));
+    opened.environment = std::make_shared<const PreparedEnvironment>(std::move(opened.map), run);
   } else {
     FittedLight fitted = fit_light(opened.map.radiance, domain);
     opened.map = std::move(fitted.light);
@@ -94,16 +95,19 @@ OpenedFile read_light_file(const fs::path& file, const LightDomain& domain,
   return {.file = file, .light = std::move(opened)};
 }
 
-OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light) {
+OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light,
+                           const RunContext& run) {
   OpenedFile opened{.file = field};
-  opened.state = std::visit([](auto content) { return std::make_unique<ViewState>(std::move(content)); },
-                            read_either_field(field));
+  opened.state =
+      std::visit([&](auto content) { return std::make_unique<ViewState>(std::move(content), run); },
+                 read_either_field(field, run));
   const ReflectanceField& shown = opened.state->field();
-  if (light) opened.light = read_light_file(*light, shown.basis.domain, shown.monitors).light;
+  if (light) opened.light = read_light_file(*light, shown.basis.domain, shown.monitors, run).light;
   return opened;
 }
 
-App::App(OpenedFile field) {
+App::App(OpenedFile field, const RunContext& context) {
+  run = context;
   show_opened(*this, std::move(field));
 }
 
@@ -114,9 +118,9 @@ void open_file(App& app, const fs::path& file) {
   }
   const ReflectanceField& shown = app.state->field();
   app.opening = std::make_unique<BackgroundJob<OpenedFile>>(
-      [file, domain = shown.basis.domain, monitors = shown.monitors] {
-        if (file.extension() == ".rfield") return read_field_file(file, std::nullopt);
-        return read_light_file(file, domain, monitors);
+      [file, domain = shown.basis.domain, monitors = shown.monitors, run = app.run] {
+        if (file.extension() == ".rfield") return read_field_file(file, std::nullopt, run);
+        return read_light_file(file, domain, monitors, run);
       });
   app.opening_name = file.filename().string();
 }

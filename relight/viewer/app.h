@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/run_context.h"
 #include "relight/viewer/background_job.h"
 #include "relight/viewer/canvas.h"
 #include "relight/viewer/recent_files.h"
@@ -35,14 +36,14 @@ struct OpenedFile {
 /// and those monitors. For threads in the background. Throw what the readers throw, InputError for a map that
 /// does not fit.
 OpenedFile read_field_file(const std::filesystem::path& field,
-                           const std::optional<std::filesystem::path>& light);
+                           const std::optional<std::filesystem::path>& light, const RunContext& run);
 OpenedFile read_light_file(const std::filesystem::path& file, const LightDomain& domain,
-                           const std::vector<MonitorPlacement>& monitors);
+                           const std::vector<MonitorPlacement>& monitors, const RunContext& run);
 
 /// The viewer of fields between frames: what is shown (ViewState) and how the window stands. Panels draw it
 /// and change it; so do shortcuts and scripts.
 struct App : WindowState {
-  explicit App(OpenedFile field);
+  App(OpenedFile field, const RunContext& context);
 
   std::filesystem::path field_file;
   std::string light_name;  ///< of the map behind the lamps; empty: none

@@ -12,11 +12,12 @@
 #include <utility>
 
 #include "core/errors.h"
+#include "core/run_context.h"
 
 namespace refield {
 
 /// Work on a thread of its own, for a window that must not wait for it. cancel() ends its parallel loops
-/// early and makes throw_if_interrupted() throw in it; the destructor cancels and waits for the end.
+/// early and makes RunContext::throw_if_stopped() throw in it; the destructor cancels and waits for the end.
 template <class Result>
 class BackgroundJob {
  public:

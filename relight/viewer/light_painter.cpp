@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "relight/sequence.h"
 
 namespace refield {
@@ -86,13 +86,13 @@ LightPainter::LightPainter(const LightDomain& domain)
       setup_(domain),
       turned_(domain) {}
 
-void LightPainter::turn_map(const LightSetup& setup) {
+void LightPainter::turn_map(const LightSetup& setup, const RunContext& run) {
   if (has_same_map(turned_, setup)) return;
   LightMap behind;
   EnvironmentShare share;
   if (setup.has_environment()) {
-    EnvironmentLight seen = setup.projector()->project(*setup.environment(), setup.turn());
-    throw_if_interrupted();  // else it may be incomplete
+    EnvironmentLight seen = setup.projector()->project(*setup.environment(), setup.turn(), run);
+    run.throw_if_stopped();  // else it may be incomplete
     behind = std::move(seen.light);
     share = seen.share;
   } else if (setup.has_map()) {
@@ -103,13 +103,13 @@ void LightPainter::turn_map(const LightSetup& setup) {
   turned_ = setup;
 }
 
-std::optional<Box> LightPainter::paint(const LightSetup& setup) {
+std::optional<Box> LightPainter::paint(const LightSetup& setup, const RunContext& run) {
   const LightSetup before = setup_;
   // A map may have been turned for a setup that was never painted.
   const bool is_all_new = !has_same_map(before, setup) || before.ambient() != setup.ambient() ||
                           (setup.has_map() && before.map_gain() != setup.map_gain()) ||
                           !has_same_map(turned_, before);
-  turn_map(setup);
+  turn_map(setup, run);
   setup_ = setup;
   std::optional<Box> changed;
   if (is_all_new) changed = everything();

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "relight/environment.h"
 #include "relight/prepared_environment.h"
 #include "relight/viewer/lamp.h"
@@ -86,9 +87,9 @@ class LightPainter {
 
   /// Turns or projects the map, where that is another than it was: what paint() begins with. Throws
   /// Interrupted; then nothing has changed.
-  void turn_map(const LightSetup& setup);
+  void turn_map(const LightSetup& setup, const RunContext& run = {});
   /// Returns where the light changed; nothing where it did not.
-  std::optional<Box> paint(const LightSetup& setup);
+  std::optional<Box> paint(const LightSetup& setup, const RunContext& run = {});
 
  private:
   Box everything() const { return {0, 0, setup_.domain().width, setup_.domain().height}; }

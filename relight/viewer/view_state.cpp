@@ -12,7 +12,7 @@
 #include "core/auto_exposure.h"
 #include "core/errors.h"
 #include "core/false_colour.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "relight/sequence.h"
 
 namespace refield {
@@ -80,8 +80,9 @@ ViewState::Loaded ViewState::load(PackedField packed) {
   return {std::move(outline), Relighter(std::move(packed))};
 }
 
-ViewState::ViewState(Loaded loaded)
-    : field_(std::move(loaded.field)),
+ViewState::ViewState(Loaded loaded, const RunContext& run)
+    : run_(run),
+      field_(std::move(loaded.field)),
       setup_(field_.basis.domain),
       panorama_(field_.basis.domain),
       light_picture_(std::size_t{4} * panorama_.shown().width * panorama_.shown().height),
@@ -95,7 +96,7 @@ ViewState::ViewState(Loaded loaded)
   if (const auto boxes = relighter_.summed_boxes(); !boxes.empty() && panorama_.is_cube())
     summed_.emplace(SummedEnvironment{.relighter = relighter_,
                                       .boxes = BoxProjector(setup_.domain().width, boxes),
-                                      .shown = EnvironmentProjector(panorama_.shown(), {}),
+                                      .shown = EnvironmentProjector(panorama_.shown(), {}, run),
                                       .of = std::nullopt,
                                       .straight = {},
                                       .outputs = {},
@@ -234,10 +235,10 @@ double ViewState::sum_environment(const LightSetup& light) {
   if (is_same && summed.of->turns() == light.turns()) return 0.0;
   if (!is_same) {
     summed.of.reset();
-    summed.straight = summed.shown.project(*light.environment(), {}).light;
+    summed.straight = summed.shown.project(*light.environment(), {}, run_).light;
   }
-  const std::vector<float> sums = summed.boxes.project(*light.environment(), light.turn());
-  throw_if_interrupted();  // else they may be incomplete
+  const std::vector<float> sums = summed.boxes.project(*light.environment(), light.turn(), run_);
+  run_.throw_if_stopped();  // else they may be incomplete
   double relight_ms = 0.0;
   run_uncancelled([&] {
     summed.panorama = rotated(summed.straight, light.turns()).radiance;
@@ -259,13 +260,13 @@ ViewState::JobTimes ViewState::relight(const Request& request) {
     painted.set_map(std::nullopt);
     times.relight_ms = sum_environment(request.light);
   } else {
-    painter_.turn_map(painted);
+    painter_.turn_map(painted, run_);
   }
   run_uncancelled([&] {
     // Beside a summed environment nothing else may shine; then there is nothing to paint.
     const bool is_dark = is_summed_one && painted.ambient() == 0.0 && painted.lamps().empty();
     std::optional<Box> changed;
-    if (!is_dark) changed = painter_.paint(painted);
+    if (!is_dark) changed = painter_.paint(painted, run_);
     changed_ = united(changed_, changed);
     times.light_ms = milliseconds_since(start) - times.relight_ms;
     const auto begun = std::chrono::steady_clock::now();
@@ -341,7 +342,7 @@ LightMap ViewState::light() const {
   if (is_dark_) std::ranges::fill(light.radiance.values, 0.0f);
   const LightSetup& setup = done_.light;
   if (is_summed(setup))
-    add(setup.map_gain(), setup.projector()->project(*setup.environment(), setup.turn()).light.radiance,
+    add(setup.map_gain(), setup.projector()->project(*setup.environment(), setup.turn(), run_).light.radiance,
         light.radiance);
   return light;
 }

@@ -11,6 +11,7 @@
 
 #include "core/pixel_kernels.h"
 #include "core/reflectance_field.h"
+#include "core/run_context.h"
 #include "core/tone_map.h"
 #include "relight/relighter.h"
 #include "relight/viewer/background_job.h"
@@ -51,8 +52,10 @@ inline constexpr double stops_above_white = 2.0;
 class ViewState {
  public:
   /// Starts under a dim ambient light and two lamps, exposed for them. Throws InputError for an empty field.
-  explicit ViewState(ReflectanceField field) : ViewState(load(std::move(field))) {}
-  explicit ViewState(PackedField packed) : ViewState(load(std::move(packed))) {}
+  explicit ViewState(ReflectanceField field, const RunContext& run = {})
+      : ViewState(load(std::move(field)), run) {}
+  explicit ViewState(PackedField packed, const RunContext& run = {})
+      : ViewState(load(std::move(packed)), run) {}
   ViewState(const ViewState&) = delete;  // the job works on it
   ViewState& operator=(const ViewState&) = delete;
 
@@ -163,10 +166,11 @@ class ViewState {
     ReflectanceField field;
     Relighter relighter;
   };
-  explicit ViewState(Loaded loaded);
+  ViewState(Loaded loaded, const RunContext& run);
   static Loaded load(ReflectanceField field);
   static Loaded load(PackedField packed);
 
+  RunContext run_;
   ReflectanceField field_;
   LightSetup setup_;
   ToneMapping tone_;

@@ -52,17 +52,17 @@ bool has_viewer() {
 }
 
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
-                const WindowOptions& options) {
-  BackgroundJob<OpenedFile> reading([=] { return read_field_file(field, light); });
+                const WindowOptions& options, const RunContext& run) {
+  BackgroundJob<OpenedFile> reading([=] { return read_field_file(field, light, run); });
   std::optional<OpenedFile> opened;
   if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
   GlWindow window(options.width, options.height, !options.script);
   if (!opened) {
     const auto is_done = [&](std::chrono::milliseconds wait) { return reading.wait_for(wait); };
-    if (!show_message_until(window, "Reading " + field.filename().string(), is_done)) return;
+    if (!show_message_until(window, "Reading " + field.filename().string(), is_done, run)) return;
     opened = reading.take();
   }
-  App app(*std::move(opened));
+  App app(*std::move(opened), run);
   Textures textures;  // gone before the window
   run_window(
       window, options.script,

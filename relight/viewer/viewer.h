@@ -5,6 +5,8 @@
 #include <optional>
 #include <string>
 
+#include "core/run_context.h"
+
 namespace refield {
 
 struct MovingScene;
@@ -22,11 +24,11 @@ bool has_viewer();
 /// DeviceError where there is no display or no OpenGL 3.3, what the readers of field and light throw, and
 /// InputError for a wrong line of the script.
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
-                const WindowOptions& options);
+                const WindowOptions& options, const RunContext& run);
 
 /// The same on a scene of which objects and lamps move, by themselves and by hand. `read` runs in a thread of
 /// its own, with a message in the window where it takes long; what it throws is thrown.
 void run_scene_viewer(const std::string& name, const std::function<MovingScene()>& read,
-                      const WindowOptions& options);
+                      const WindowOptions& options, const RunContext& run);
 
 }  // namespace refield

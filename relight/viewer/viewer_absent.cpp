@@ -24,11 +24,12 @@ namespace {
 }  // namespace
 
 void run_viewer(const std::filesystem::path&, const std::optional<std::filesystem::path>&,
-                const WindowOptions&) {
+                const WindowOptions&, const RunContext&) {
   refuse();
 }
 
-void run_scene_viewer(const std::string&, const std::function<MovingScene()>&, const WindowOptions&) {
+void run_scene_viewer(const std::string&, const std::function<MovingScene()>&, const WindowOptions&,
+                      const RunContext&) {
   refuse();
 }
 

@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <utility>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "relight/viewer/drawing.h"
 
 namespace refield {
@@ -34,7 +34,7 @@ class WindowLoop {
 
   void run() {
     while (!window_.is_closed() && !state_.wants_to_close) {
-      throw_if_interrupted();
+      state_.run.throw_if_stopped();
       const bool plays = script_ && script_->step(state_, content_.stage, input_);
       const bool is_busy =
           plays || content_.wants_frame() || frames_left_ > 0 || content_.is_moving() || !input_.is_empty();
@@ -113,12 +113,13 @@ class WindowLoop {
 }  // namespace
 
 bool show_message_until(GlWindow& window, const std::string& message,
-                        const std::function<bool(std::chrono::milliseconds)>& is_done) {
+                        const std::function<bool(std::chrono::milliseconds)>& is_done,
+                        const RunContext& run) {
   constexpr std::chrono::milliseconds frame(50);
   const auto start = Clock::now();
   InputQueue ignored;
   while (!window.is_closed()) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     window.collect(ignored, 0.0);
     ignored = {};
     window.begin_frame({});

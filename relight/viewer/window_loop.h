@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "core/run_context.h"
 #include "relight/viewer/gl_window.h"
 #include "relight/viewer/script_player.h"
 #include "relight/viewer/window_state.h"
@@ -30,7 +31,8 @@ struct WindowContent {
 /// Shows a message, and since when it is there, until `is_done`, called with the time that it may wait,
 /// returns true. False: the window was closed before. Throws Interrupted.
 bool show_message_until(GlWindow& window, const std::string& message,
-                        const std::function<bool(std::chrono::milliseconds patience)>& is_done);
+                        const std::function<bool(std::chrono::milliseconds patience)>& is_done,
+                        const RunContext& run);
 
 /// Shows `content` until the window is closed, sleeping while nothing happens. `script`: a file of commands,
 /// or "-". Throws InputError for a wrong line of it, and Interrupted.

@@ -9,7 +9,7 @@
 
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield {
 
@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 namespace {
 
 void notify(WindowState& window, const std::string& text, bool is_error, std::chrono::seconds duration) {
-  log_line(text);
+  window.run.note(text);
   window.notice = Notice{text, is_error, std::chrono::steady_clock::now() + duration};
 }
 

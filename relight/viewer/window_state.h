@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/image.h"
+#include "core/run_context.h"
 #include "core/tone_map.h"
 #include "relight/viewer/canvas.h"
 #include "relight/viewer/frame_times.h"
@@ -50,6 +51,7 @@ struct FileDialog {
 
 /// What every window of the viewer keeps between frames, whatever it shows.
 struct WindowState {
+  RunContext run;                           ///< for what the window starts; notices are notes, too
   std::map<std::string, Control> controls;  ///< by their labels
   std::optional<FileDialog> dialog;
   double help_height = 0.0;  ///< window pixels, as drawn last

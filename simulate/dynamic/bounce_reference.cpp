@@ -9,9 +9,8 @@
 #include <numbers>
 #include <optional>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "core/rng.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/path_trace.h"
 
@@ -107,19 +106,17 @@ std::size_t own_part(int path, int paths, std::size_t lamps, Rng& rng) {
 
 }  // namespace
 
-std::vector<std::vector<Eigen::Array3f>> trace_bounces(const DynamicScene& scene, const SceneRays& rays,
-                                                       std::span<const Pose> poses,
-                                                       std::span<const AreaPoint> lamps,
-                                                       std::span<const VertexOf> vertices,
-                                                       const Eigen::Vector3f& eye,
-                                                       const ReferenceOptions& options) {
+std::vector<std::vector<Eigen::Array3f>> trace_bounces(
+    const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
+    std::span<const AreaPoint> lamps, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
+    const ReferenceOptions& options, const RunContext& run) {
   const auto depths = static_cast<std::size_t>(options.bounces) + 1;
   std::vector<std::vector<Eigen::Array3f>> radiance(
       depths, std::vector<Eigen::Array3f>(vertices.size(), Eigen::Array3f::Zero()));
   if (lamps.empty()) return radiance;
-  Progress progress("paths of the reference", vertices.size());
+  Progress progress(run, "paths of the reference", vertices.size());
   tbb::parallel_for(std::size_t{0}, vertices.size(), [&](std::size_t i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const auto [o, v] = vertices[i];
     const MovingObject& object = scene.objects[o];
     const Eigen::Vector3f to_eye = (eye - poses[o] * object.mesh.positions[v]).normalized();

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/dynamic/area_points.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/scene_rays.h"
@@ -27,11 +28,9 @@ struct ReferenceOptions {
 /// its factors), and at each point one of the `lamps` points (many; they are drawn from) is asked for its
 /// light. Normals and colours are interpolated over triangles, and nothing else is taken from vertices. Path
 /// k of vertex i draws from Rng(seed, i, k). Runs on all cores, with progress. Throws Interrupted.
-std::vector<std::vector<Eigen::Array3f>> trace_bounces(const DynamicScene& scene, const SceneRays& rays,
-                                                       std::span<const Pose> poses,
-                                                       std::span<const AreaPoint> lamps,
-                                                       std::span<const VertexOf> vertices,
-                                                       const Eigen::Vector3f& eye,
-                                                       const ReferenceOptions& options);
+std::vector<std::vector<Eigen::Array3f>> trace_bounces(
+    const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
+    std::span<const AreaPoint> lamps, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
+    const ReferenceOptions& options, const RunContext& run = {});
 
 }  // namespace refield::dynamic

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
@@ -78,6 +79,6 @@ class BrdfFactors {
 /// it may still. A diffuse surface takes one term. Samples are as fine as the lobe asks for. Of a second or
 /// less up to an exponent of 1000; of some seconds for the sharpest lobes. Throws InputError as the options'
 /// and the BRDF's check() do, Interrupted.
-BrdfFactors factor(const Brdf& brdf, const FactorOptions& options);
+BrdfFactors factor(const Brdf& brdf, const FactorOptions& options, const RunContext& run = {});
 
 }  // namespace refield::dynamic

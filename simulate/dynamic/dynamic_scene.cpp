@@ -69,12 +69,13 @@ Motion read_motion(ConfigSection& section, const Eigen::Vector3f& middle) {
   return motion;
 }
 
-MovingObject read_object(ConfigSection& section, const fs::path& folder, std::size_t number) {
+MovingObject read_object(ConfigSection& section, const fs::path& folder, std::size_t number,
+                         const RunContext& run) {
   MovingObject object;
   object.name = "object " + std::to_string(number);
   section.text("name", object.name);
   object.brdf = read_brdf(section, folder);
-  object.mesh = prt::read_mesh(section, folder);
+  object.mesh = prt::read_mesh(section, folder, run);
   const Eigen::Vector3f middle = bounding_ball(object.mesh).middle;
   for (auto& position : object.mesh.positions) position -= middle;
   object.motion = read_motion(section, middle);
@@ -130,20 +131,20 @@ std::vector<Pose> DynamicScene::poses(double time) const {
   return poses;
 }
 
-DynamicScene read_dynamic_scene(const fs::path& path) {
+DynamicScene read_dynamic_scene(const fs::path& path, const RunContext& run) {
   const ConfigFile file(path, "dynamic scene", "docs/reference/mesh-scenes.md");
   file.check_names({"camera", "object", "light"});
   DynamicScene scene;
   std::size_t triangles = 0;
   for (ConfigSection& section : file.sections("object")) {
-    scene.objects.push_back(read_object(section, path.parent_path(), scene.objects.size()));
+    scene.objects.push_back(read_object(section, path.parent_path(), scene.objects.size(), run));
     triangles += scene.objects.back().mesh.triangles.size();
     if (triangles > prt::most_triangles)
       throw InputError(path.string() + ": the scene has more than " + std::to_string(prt::most_triangles) +
                        " triangles; simplify its meshes or refine them less");
   }
   for (ConfigSection& section : file.sections("light"))
-    scene.lights.lights.push_back(prt::read_area_light(section, path.parent_path()));
+    scene.lights.lights.push_back(prt::read_area_light(section, path.parent_path(), run));
   if (file.has("camera")) scene.camera = prt::read_camera(file.section("camera"));
   return scene;
 }

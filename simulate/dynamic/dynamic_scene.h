@@ -8,6 +8,7 @@
 
 #include "core/camera.h"
 #include "core/mesh.h"
+#include "core/run_context.h"
 #include "core/turn.h"
 #include "simulate/dynamic/brdf.h"
 #include "simulate/dynamic/scene_rays.h"
@@ -53,7 +54,7 @@ struct DynamicScene {
 
 /// Reads a scene's description (TOML, docs/reference/mesh-scenes.md). Throws InputError or FormatError,
 /// naming the file.
-DynamicScene read_dynamic_scene(const std::filesystem::path& path);
+DynamicScene read_dynamic_scene(const std::filesystem::path& path, const RunContext& run);
 
 /// All objects in place, joined into one mesh, object after object.
 Mesh joined_mesh(const DynamicScene& scene, std::span<const Pose> poses);

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/fourier_orders.h"
 
@@ -52,10 +52,10 @@ std::vector<Candidate> candidates_of(const FourierOrders& orders, int m) {
 }
 
 /// Of all orders, the largest first.
-std::vector<Candidate> all_candidates(const FourierOrders& orders) {
+std::vector<Candidate> all_candidates(const FourierOrders& orders, const RunContext& run) {
   std::vector<std::vector<Candidate>> by_order(orders.f.size());
   tbb::parallel_for(std::size_t{0}, by_order.size(), [&](std::size_t m) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     by_order[m] = candidates_of(orders, static_cast<int>(m));
   });
   std::vector<Candidate> candidates;
@@ -145,11 +145,11 @@ void FactorOptions::check() const {
                      ": give a share from 0 to less than 1");
 }
 
-BrdfFactors factor(const Brdf& brdf, const FactorOptions& options) {
+BrdfFactors factor(const Brdf& brdf, const FactorOptions& options, const RunContext& run) {
   brdf.check();
   options.check();
-  const FourierOrders orders = fourier_orders(brdf);
-  const Selection selection = select(all_candidates(orders), orders.energy, options);
+  const FourierOrders orders = fourier_orders(brdf, run);
+  const Selection selection = select(all_candidates(orders, run), orders.energy, options);
   std::vector<RadialTerm> radial(selection.chosen.size());
   tbb::parallel_for(std::size_t{0}, radial.size(),
                     [&](std::size_t r) { radial[r] = functions_of(orders, selection.chosen[r]); });

@@ -5,7 +5,7 @@
 
 #include <numbers>
 
-#include "core/interrupt.h"
+#include "core/run_context.h"
 
 namespace refield::dynamic {
 
@@ -96,7 +96,7 @@ Eigen::MatrixXf samples_from(const Brdf& brdf, int node, int nodes,
 
 }  // namespace
 
-FourierOrders fourier_orders(const Brdf& brdf) {
+FourierOrders fourier_orders(const Brdf& brdf, const RunContext& run) {
   const double width = width_of(brdf);
   FourierOrders result;
   const int nodes = result.nodes = std::clamp(static_cast<int>(4.0 / width), fewest_nodes, most_nodes);
@@ -108,7 +108,7 @@ FourierOrders fourier_orders(const Brdf& brdf) {
   result.f.assign(static_cast<std::size_t>(orders), Eigen::MatrixXf(nodes, 3 * nodes));
   Eigen::VectorXd energies(nodes);
   tbb::parallel_for(0, nodes, [&](int i) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const Eigen::MatrixXf samples = samples_from(brdf, i, nodes, azimuths.directions);
     const Eigen::MatrixXf coefficients = transform * samples;
     for (int m = 0; m < orders; ++m) result.f[static_cast<std::size_t>(m)].row(i) = coefficients.row(m);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
@@ -31,6 +32,6 @@ struct FourierOrders {
 
 /// Samples so fine that the lobe is resolved (to half its standard deviation; at most 256 in each angle).
 /// Runs on all cores. Throws Interrupted.
-FourierOrders fourier_orders(const Brdf& brdf);
+FourierOrders fourier_orders(const Brdf& brdf, const RunContext& run);
 
 }  // namespace refield::dynamic

@@ -10,8 +10,7 @@
 #include <span>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/hammersley.h"
@@ -118,7 +117,7 @@ std::vector<Eigen::Vector3f> grid_points(const ShellGrid& grid, const Mesh& mesh
 }
 
 void trace_grid(const Mesh& mesh, const prt::MeshRays& rays, const TransportOptions& options,
-                const Shine& shine, ObjectTransport& transport) {
+                const Shine& shine, ObjectTransport& transport, const RunContext& run) {
   const std::vector<Eigen::Vector3f> points = grid_points(transport.grid, mesh, transport.radius);
   const Index count = harmonics_of(options.order);
   const Rays all_around = rays_all_around(options.directions, options.order);
@@ -127,9 +126,9 @@ void trace_grid(const Mesh& mesh, const prt::MeshRays& rays, const TransportOpti
       Eigen::MatrixXf::Zero(shine.columns(), static_cast<Index>(points.size()) * count);
   transport.coverage = Eigen::MatrixXf::Zero(count, static_cast<Index>(points.size()));
   std::vector<char> outside(points.size(), 0);
-  Progress progress("light around objects", points.size());
+  Progress progress(run, "light around objects", points.size());
   tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t p) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const bool near = points[p].norm() <= transport.radius * 1.0001f;
     const Rays cone =
         near ? Rays{} : rays_towards(points[p], transport.radius, even_directions, options.order);
@@ -163,15 +162,15 @@ void trace_grid(const Mesh& mesh, const prt::MeshRays& rays, const TransportOpti
 }
 
 void trace_vertices(const Mesh& mesh, const prt::MeshRays& rays, const TransportOptions& options,
-                    const Shine& shine, ObjectTransport& transport) {
+                    const Shine& shine, ObjectTransport& transport, const RunContext& run) {
   const Rays all_around = rays_all_around(options.directions, options.order);
   const Index count = harmonics_of(options.order), terms = transport.terms();
   const auto vertices = static_cast<Index>(mesh.positions.size());
   transport.receiving = Eigen::MatrixXf::Zero(count, vertices * terms);
   Eigen::MatrixXf returning = Eigen::MatrixXf::Zero(shine.columns(), vertices * terms);
-  Progress progress("incident light of objects", mesh.positions.size());
+  Progress progress(run, "incident light of objects", mesh.positions.size());
   tbb::parallel_for(Index{0}, vertices, [&](Index v) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const Eigen::Vector3f& normal = mesh.normals[static_cast<std::size_t>(v)];
     const Eigen::Vector3f from = rays.off_surface(mesh.positions[static_cast<std::size_t>(v)], normal);
     const Eigen::Matrix3f frame = tangent_frame(normal);
@@ -224,24 +223,25 @@ ShellGrid shell_grid_of(const TransportOptions& options, float radius) {
 }
 
 ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays& rays,
-                                 const TransportOptions& options) {
+                                 const TransportOptions& options, const RunContext& run) {
+  const ThreadLimit limit(run);
   options.check();
   ObjectTransport transport;
   transport.order = options.order;
-  transport.factors = factor(object.brdf, options.factors);
-  throw_if_interrupted();
+  transport.factors = factor(object.brdf, options.factors, run);
+  run.throw_if_stopped();
   transport.radius = bounding_ball(object.mesh).radius;
   transport.modes =
       options.modes == ModeKind::joint
-          ? joint_modes(object.mesh, rays, transport.factors, options.functions)
-          : separate_modes(principal_basis(object.mesh, rays, transport.factors, options.functions),
+          ? joint_modes(object.mesh, rays, transport.factors, options.functions, run)
+          : separate_modes(principal_basis(object.mesh, rays, transport.factors, options.functions, {}, run),
                            transport.terms());
-  throw_if_interrupted();
+  run.throw_if_stopped();
   transport.grid = shell_grid_of(options, transport.radius);
   const Shine shine(object.mesh, transport.factors, transport.modes);
-  trace_grid(object.mesh, rays, options, shine, transport);
-  throw_if_interrupted();
-  trace_vertices(object.mesh, rays, options, shine, transport);
+  trace_grid(object.mesh, rays, options, shine, transport, run);
+  run.throw_if_stopped();
+  trace_vertices(object.mesh, rays, options, shine, transport, run);
   transport.modes.functions.resize(0, 0);  // the largest part, needed for tracing alone
   return transport;
 }

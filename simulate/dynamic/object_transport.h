@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/harmonics.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/low_rank.h"
 #include "simulate/dynamic/shell_grid.h"
@@ -60,6 +61,6 @@ ShellGrid shell_grid_of(const TransportOptions& options, float radius);
 
 /// Runs on all cores, with progress. Throws InputError, Interrupted.
 ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays& rays,
-                                 const TransportOptions& options);
+                                 const TransportOptions& options, const RunContext& run = {});
 
 }  // namespace refield::dynamic

@@ -8,8 +8,7 @@
 #include <array>
 #include <cmath>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/hammersley.h"
 
@@ -132,13 +131,13 @@ std::vector<Eigen::Vector3f> point_lights(const Mesh& mesh, int count, std::span
 }
 
 Eigen::MatrixXf light_terms(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
-                            std::span<const Eigen::Vector3f> lights) {
+                            std::span<const Eigen::Vector3f> lights, const RunContext& run) {
   const std::size_t rows = mesh.positions.size() * static_cast<std::size_t>(factors.terms());
   Eigen::MatrixXf terms =
       Eigen::MatrixXf::Zero(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(lights.size()));
-  Progress progress("light on a surface", lights.size());
+  Progress progress(run, "light on a surface", lights.size());
   tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t l) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     Facing facing(mesh, rays, factors, lights[l], terms.col(static_cast<Eigen::Index>(l)).data());
     for (std::size_t v = 0; v < mesh.positions.size(); ++v) facing.add(v);
     facing.flush();

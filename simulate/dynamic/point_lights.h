@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/mesh.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/prt/mesh_rays.h"
 
@@ -34,6 +35,6 @@ std::vector<Eigen::Vector3f> point_lights(const Mesh& mesh, int count, std::span
 /// intensity one, shadows of the mesh on itself included: [vertices · K × lights], row v·K + k. Runs on all
 /// cores; throws Interrupted.
 Eigen::MatrixXf light_terms(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
-                            std::span<const Eigen::Vector3f> lights);
+                            std::span<const Eigen::Vector3f> lights, const RunContext& run = {});
 
 }  // namespace refield::dynamic

@@ -6,6 +6,7 @@
 
 #include "core/errors.h"
 #include "core/rng.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/surface_basis.h"
 
@@ -80,11 +81,12 @@ void check(int functions, const PrincipalOptions& options) {
 }  // namespace
 
 SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
-                             int functions, const PrincipalOptions& options) {
+                             int functions, const PrincipalOptions& options, const RunContext& run) {
   check(functions, options);
   if (factors.terms() == 0) throw InputError("principal basis: the surface is black; it needs none");
   const auto lights = point_lights(mesh, options.lights, options.distances);
-  const Eigen::MatrixXf patterns = patterns_of(light_terms(mesh, rays, factors, lights), factors.terms());
+  const Eigen::MatrixXf patterns =
+      patterns_of(light_terms(mesh, rays, factors, lights, run), factors.terms());
   const Eigen::VectorXf areas = vertex_areas(mesh);
   const Eigen::MatrixXf components = principal_components(patterns, areas.cwiseSqrt(), functions);
   if (components.cols() == 0)

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/mesh.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/prt/mesh_rays.h"
 
@@ -52,6 +53,6 @@ struct PrincipalOptions {
 /// function. Fewer where the lights span less. Randomised (Halko, Martinsson and Tropp 2011), from a fixed
 /// seed. Holds vertices × lights × terms × 8 bytes. Throws InputError for options out of range, Interrupted.
 SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
-                             int functions, const PrincipalOptions& options = {});
+                             int functions, const PrincipalOptions& options = {}, const RunContext& run = {});
 
 }  // namespace refield::dynamic

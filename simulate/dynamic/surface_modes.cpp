@@ -22,10 +22,11 @@ SurfaceModes separate_modes(const SurfaceBasis& basis, int terms) {
   return modes;
 }
 
-SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes) {
+SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes,
+                         const RunContext& run) {
   const PrincipalOptions standard;
   Eigen::MatrixXf light =
-      light_terms(mesh, rays, factors, point_lights(mesh, standard.lights, standard.distances));
+      light_terms(mesh, rays, factors, point_lights(mesh, standard.lights, standard.distances), run);
   // A light counts for its pattern, not for how near it is.
   for (Eigen::Index l = 0; l < light.cols(); ++l)
     if (const float norm = light.col(l).norm(); norm > 0.0f) light.col(l) /= norm;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 
 #include "core/mesh.h"
+#include "core/run_context.h"
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/surface_basis.h"
 #include "simulate/prt/mesh_rays.h"
@@ -26,6 +27,7 @@ SurfaceModes separate_modes(const SurfaceBasis& basis, int terms);
 /// All terms together: principal components of the vectors (L_1 … L_K over all vertices), areas as weights,
 /// under point lights around the object. One weight a mode tells all terms, which go together since they
 /// come of the same light, and the frames in which vertices tell directions do not matter.
-SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes);
+SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes,
+                         const RunContext& run);
 
 }  // namespace refield::dynamic

@@ -56,7 +56,8 @@ Mesh AreaLights::at(double time) const {
   return all;
 }
 
-AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder) {
+AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder,
+                          const RunContext& run) {
   AreaLight light;
   section.require("radiance");
   if (section.has("path") == section.has("position"))
@@ -65,7 +66,7 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
     light.path = read_path(section);
   else
     light.path = {{0.0, read_vector(section, "position", Eigen::Vector3f::Zero())}};
-  light.shape = read_mesh(section, folder);
+  light.shape = read_mesh(section, folder, run);
   Placement centred;
   centred.position = Eigen::Vector3f::Zero();
   place(light.shape, centred);
@@ -77,12 +78,12 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
   return light;
 }
 
-AreaLights read_area_lights(const std::filesystem::path& path) {
+AreaLights read_area_lights(const std::filesystem::path& path, const RunContext& run) {
   const ConfigFile file(path, "lights", "docs/reference/mesh-scenes.md");
   file.check_names({"light"});
   AreaLights lights;
   for (ConfigSection& section : file.sections("light"))
-    lights.lights.push_back(read_area_light(section, path.parent_path()));
+    lights.lights.push_back(read_area_light(section, path.parent_path(), run));
   return lights;
 }
 

@@ -7,6 +7,7 @@
 
 #include "core/config_file.h"
 #include "core/mesh.h"
+#include "core/run_context.h"
 
 namespace refield::prt {
 
@@ -39,10 +40,10 @@ struct AreaLights {
 
 /// A table that describes one; files are relative to `folder`. Throws InputError or what read_mesh_file()
 /// does.
-AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder);
+AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder, const RunContext& run);
 
 /// Reads a description (TOML, docs/reference/mesh-scenes.md). Throws InputError or what read_mesh_file()
 /// does.
-AreaLights read_area_lights(const std::filesystem::path& path);
+AreaLights read_area_lights(const std::filesystem::path& path, const RunContext& run = {});
 
 }  // namespace refield::prt

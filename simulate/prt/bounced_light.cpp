@@ -9,8 +9,7 @@
 #include <numbers>
 
 #include "core/cube_map.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "simulate/prt/hammersley.h"
 
 namespace refield::prt {
@@ -28,17 +27,18 @@ using VertexLight = std::vector<Eigen::Array3f>;  // at vertices or points
 /// What points see: rows of (vertex, share of its radiance in E ∕ π).
 class Surroundings {
  public:
-  Surroundings(const MeshRays& rays, std::span<const Gatherer> points) : rows_(points.size()) {
+  Surroundings(const MeshRays& rays, std::span<const Gatherer> points, const RunContext& run)
+      : rows_(points.size()) {
     const std::vector<Eigen::Vector3d> around = hammersley_sphere(gather_rays);
-    Progress progress("gathering indirect light", points.size());
+    Progress progress(run, "gathering indirect light", points.size());
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t p) {
-      if (interrupted()) return;  // thrown away
+      if (run.is_stopped()) return;  // thrown away
       if (!points[p].normal.isZero())
         for (const Eigen::Vector3d& direction : around)
           look(rays, points[p], direction.cast<float>(), rows_[p]);
       progress.advance();
     });
-    throw_if_interrupted();
+    run.throw_if_stopped();
   }
 
   VertexLight gather(const VertexLight& radiance) const {
@@ -102,14 +102,14 @@ void add_direct(const MeshRays& rays, std::span<const Gatherer> vertices, const 
 }  // namespace
 
 BouncedLight::BouncedLight(const Scene& scene, const MeshRays& rays, std::span<const Gatherer> points,
-                           int bounces)
+                           int bounces, const RunContext& run)
     : blocks_((points.size() + block - 1) / block), table_(blocks_ * cells * 3 * block) {
   const std::vector<Gatherer> vertices = gatherers_of(scene, rays);
   const VertexLight reflectance = diffuse_reflectance(scene);
-  const Surroundings of_vertices(rays, vertices), of_points(rays, points);
-  Progress progress("computing indirect light", cells);
+  const Surroundings of_vertices(rays, vertices, run), of_points(rays, points, run);
+  Progress progress(run, "computing indirect light", cells);
   tbb::parallel_for(std::size_t{0}, cells, [&](std::size_t cell) {
-    if (interrupted()) return;  // thrown away
+    if (run.is_stopped()) return;  // thrown away
     constexpr int side = cells_of_side * directions_of_side;
     const auto x = static_cast<int>(cell) % cells_of_side, y = static_cast<int>(cell) / cells_of_side;
     VertexLight direct(vertices.size(), Eigen::Array3f::Zero());
@@ -134,7 +134,7 @@ BouncedLight::BouncedLight(const Scene& scene, const MeshRays& rays, std::span<c
             Eigen::half(gathered[p][static_cast<Eigen::Index>(c)]);
     progress.advance();
   });
-  throw_if_interrupted();
+  run.throw_if_stopped();
 }
 
 void BouncedLight::add(std::size_t of_block, const Eigen::Vector3f& direction,

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/prt/mesh_rays.h"
 #include "simulate/prt/prt_scene.h"
 
@@ -26,7 +27,8 @@ class BouncedLight {
   static constexpr std::size_t block = MeshRays::packet;
 
   /// `bounces` ≥ 1 surfaces on the way. Throws Interrupted. `rays` are needed here alone.
-  BouncedLight(const Scene& scene, const MeshRays& rays, std::span<const Gatherer> points, int bounces);
+  BouncedLight(const Scene& scene, const MeshRays& rays, std::span<const Gatherer> points, int bounces,
+               const RunContext& run);
 
   /// Adds what white points [16 of a block] reflect of light that was bounced: E ∕ π for light from a unit
   /// direction, `values` [channels × 16]; one channel takes the first.

@@ -156,20 +156,22 @@ std::string_view name_of(Similarity similarity) {
   throw InputError("unknown similarity");
 }
 
-FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics) {
+FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics,
+                           const RunContext& run) {
+  const ThreadLimit limit(run);
   check(options);
   const auto start = std::chrono::steady_clock::now();
   statistics = {};
   const auto clusters = std::make_shared<Clusters>();
   clusters->layout = layout_of(scene, options.relighting);
   const TransferSamples transfer(scene, {options.relighting, options.pixel_samples, options.bounces},
-                                 clusters->layout.outputs);
+                                 clusters->layout.outputs, run);
   clusters->channels = transfer.channels();
   const auto outputs = static_cast<std::size_t>(std::ranges::count_if(
       clusters->layout.outputs, [](std::uint32_t output) { return output != OutputLayout::none; }));
   clusters->weights = options.similarity == Similarity::group
-                          ? cut_groups(transfer, options, statistics)
-                          : cluster_lights(transfer, outputs, options, statistics);
+                          ? cut_groups(transfer, options, statistics, run)
+                          : cluster_lights(transfer, outputs, options, statistics, run);
 
   FieldRows field;
   field.outline.width = clusters->layout.width;

@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "core/field_rows.h"
+#include "core/run_context.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::prt {
@@ -50,6 +51,7 @@ struct ClusterStatistics {
 /// the mean of T over a square's samples (eq. 10). Throws InputError for options out of range and scenes that
 /// do not suit (layout_of()), Interrupted after Ctrl-C. Results do not depend on the number of threads. The
 /// rows hold what they need of the scene.
-FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics);
+FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics,
+                           const RunContext& run = {});
 
 }  // namespace refield::prt

@@ -9,8 +9,7 @@
 #include <numbers>
 
 #include "core/cube_map.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "simulate/prt/cube_quadtree.h"
 
 namespace refield::prt {
@@ -148,20 +147,20 @@ class GroupCut {
 }  // namespace
 
 std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const ClusterOptions& options,
-                                     ClusterStatistics& statistics) {
+                                     ClusterStatistics& statistics, const RunContext& run) {
   const std::size_t groups = transfer.groups();
   std::vector<GroupWeights> weights(groups);
   std::vector<std::uint64_t> rays(groups), lights(groups);
-  Progress progress("clustering lights per vertex group", groups);
+  Progress progress(run, "clustering lights per vertex group", groups);
   tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
-    if (interrupted()) return;  // thrown away
+    if (run.is_stopped()) return;  // thrown away
     GroupCut cut(transfer, g, options);
     weights[g] = cut.run();
     rays[g] = cut.rays();
     lights[g] = cut.lights();
     progress.advance();
   });
-  throw_if_interrupted();
+  run.throw_if_stopped();
   for (std::size_t g = 0; g < groups; ++g) {
     statistics.rays += rays[g];
     statistics.lights += static_cast<double>(lights[g]) / static_cast<double>(groups);

@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/prt/clusters.h"
 #include "simulate/prt/group_weights.h"
 
@@ -13,6 +14,6 @@ namespace refield::prt {
 /// bottom up as long as the loss allows, judged by all samples under them. Weights are means over all of
 /// these, each counting by its solid angle.
 std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const ClusterOptions& options,
-                                     ClusterStatistics& statistics);
+                                     ClusterStatistics& statistics, const RunContext& run);
 
 }  // namespace refield::prt

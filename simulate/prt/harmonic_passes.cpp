@@ -8,8 +8,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "simulate/prt/hammersley.h"
 
 namespace refield::prt {
@@ -27,10 +26,11 @@ Eigen::RowVectorXf harmonics_towards(const Eigen::Vector3f& direction, Eigen::In
 
 /// Calls work(begin, end) for blocks of successive vertices on all cores.
 template <class Work>
-void for_blocks(const char* label, std::size_t vertices, std::size_t block, const Work& work) {
-  Progress progress(label, vertices);
+void for_blocks(const char* label, std::size_t vertices, std::size_t block, const Work& work,
+                const RunContext& run) {
+  Progress progress(run, label, vertices);
   tbb::parallel_for(std::size_t{0}, (vertices + block - 1) / block, [&](std::size_t b) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     const std::size_t begin = b * block, end = std::min(begin + block, vertices);
     work(begin, end);
     progress.advance(end - begin);
@@ -155,22 +155,25 @@ void HarmonicPasses::integrate(const Block& now, std::size_t lane, ArrivingLight
   light.of(now.begin + lane, 0).noalias() = arriving.topRows(seen).transpose() * sent.topRows(seen);
 }
 
-ArrivingLight HarmonicPasses::shadow() {
+ArrivingLight HarmonicPasses::shadow(const RunContext& run) {
   const Mesh& mesh = scene_.mesh;
   ArrivingLight light(mesh.positions.size(), response_.outputs(), static_cast<int>(harmonics_.cols()), 1);
   // Rays to a near light end there: whether more lies in that direction is not known yet.
   if (options_.radius > 0.0) std::ranges::fill(blocked_, ~std::uint64_t{0});
-  for_blocks("shadow pass", mesh.positions.size(), block, [&](std::size_t begin, std::size_t end) {
-    Block now{begin, end - begin, {}, {}};
-    for (std::size_t v = begin; v < end; ++v)
-      now.points.push_back(rays_.off_surface(mesh.positions[v], mesh.normals[v]));
-    now.weight = RowMatrix::Zero(static_cast<Eigen::Index>(now.lanes), options_.directions);
-    if (options_.radius > 0.0)
-      see_near(now);
-    else
-      see_distant(now);
-    for (std::size_t lane = 0; lane < now.lanes; ++lane) integrate(now, lane, light);
-  });
+  for_blocks(
+      "shadow pass", mesh.positions.size(), block,
+      [&](std::size_t begin, std::size_t end) {
+        Block now{begin, end - begin, {}, {}};
+        for (std::size_t v = begin; v < end; ++v)
+          now.points.push_back(rays_.off_surface(mesh.positions[v], mesh.normals[v]));
+        now.weight = RowMatrix::Zero(static_cast<Eigen::Index>(now.lanes), options_.directions);
+        if (options_.radius > 0.0)
+          see_near(now);
+        else
+          see_distant(now);
+        for (std::size_t lane = 0; lane < now.lanes; ++lane) integrate(now, lane, light);
+      },
+      run);
   return light;
 }
 
@@ -229,13 +232,16 @@ void HarmonicPasses::gather(std::size_t vertex, const ArrivingLight& sent, Arriv
   }
 }
 
-ArrivingLight HarmonicPasses::interreflection(const ArrivingLight& before) {
+ArrivingLight HarmonicPasses::interreflection(const ArrivingLight& before, const RunContext& run) {
   const std::size_t vertices = scene_.mesh.positions.size();
   const ArrivingLight sent = reflect(before);
   ArrivingLight light(vertices, sent.rows, sent.columns, sent.channels);
-  for_blocks("interreflection", vertices, block, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t v = begin; v < end; ++v) gather(v, sent, light);
-  });
+  for_blocks(
+      "interreflection", vertices, block,
+      [&](std::size_t begin, std::size_t end) {
+        for (std::size_t v = begin; v < end; ++v) gather(v, sent, light);
+      },
+      run);
   return light;
 }
 

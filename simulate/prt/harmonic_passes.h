@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/prt/harmonic_transfer.h"
 #include "simulate/prt/mesh_rays.h"
 #include "simulate/prt/surface_response.h"
@@ -36,9 +37,9 @@ class HarmonicPasses {
   HarmonicPasses(const Scene& scene, const HarmonicOptions& options, const SurfaceResponse& response);
 
   /// One channel: what lies in the way dims all alike.
-  ArrivingLight shadow();
+  ArrivingLight shadow(const RunContext& run = {});
   /// Light that arrives by one reflection more than `before`. All its channels.
-  ArrivingLight interreflection(const ArrivingLight& before);
+  ArrivingLight interreflection(const ArrivingLight& before, const RunContext& run = {});
 
  private:
   static constexpr std::size_t block = MeshRays::packet;

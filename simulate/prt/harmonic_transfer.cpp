@@ -66,14 +66,14 @@ void add(ArrivingLight& total, const ArrivingLight& pass, std::size_t vertices) 
 }
 
 ArrivingLight all_passes(const Scene& scene, const HarmonicOptions& options, const SurfaceResponse& response,
-                         std::vector<double>& energy) {
+                         std::vector<double>& energy, const RunContext& run) {
   const std::vector<float> areas = vertex_areas(scene.mesh);
   HarmonicPasses passes(scene, options, response);
-  ArrivingLight last = passes.shadow();
+  ArrivingLight last = passes.shadow(run);
   ArrivingLight total = last;
   energy = {energy_of(last, areas)};
   for (int pass = 0; pass < options.most_passes && energy.back() > options.until * energy.front(); ++pass) {
-    last = passes.interreflection(last);
+    last = passes.interreflection(last, run);
     energy.push_back(energy_of(last, areas));
     add(total, last, scene.mesh.positions.size());
   }
@@ -141,12 +141,13 @@ Eigen::Vector3f middle(const Mesh& mesh) {
 }
 
 HarmonicTransfer harmonic_transfer(const Scene& scene, const HarmonicOptions& options,
-                                   HarmonicStatistics& statistics) {
+                                   HarmonicStatistics& statistics, const RunContext& run) {
+  const ThreadLimit limit(run);
   options.check();
   if (scene.mesh.empty()) throw InputError("harmonics: the scene has no vertices; give it a mesh");
   check_radius(scene.mesh, options.radius);
   const SurfaceResponse response(scene, options.order);
-  return reflect(all_passes(scene, options, response, statistics.pass_energy), scene, options, response);
+  return reflect(all_passes(scene, options, response, statistics.pass_energy, run), scene, options, response);
 }
 
 }  // namespace refield::prt

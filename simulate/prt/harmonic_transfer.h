@@ -8,6 +8,7 @@
 
 #include "core/field_rows.h"
 #include "core/harmonics.h"
+#include "core/run_context.h"
 #include "simulate/prt/prt_scene.h"
 
 namespace refield::prt {
@@ -78,6 +79,6 @@ Eigen::Vector3f middle(const Mesh& mesh);
 /// not lie well inside the sphere.
 /// A scene with any glossy material has order² outputs a vertex. Progress and Ctrl-C for each pass.
 HarmonicTransfer harmonic_transfer(const Scene& scene, const HarmonicOptions& options,
-                                   HarmonicStatistics& statistics);
+                                   HarmonicStatistics& statistics, const RunContext& run = {});
 
 }  // namespace refield::prt

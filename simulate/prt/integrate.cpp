@@ -5,13 +5,13 @@
 
 #include "core/cube_map.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 
 namespace refield::prt {
 
 std::vector<std::vector<Eigen::Array3d>> integrate_lights(const TransferSamples& transfer,
-                                                          std::span<const LightMap> lights) {
+                                                          std::span<const LightMap> lights,
+                                                          const RunContext& run) {
   constexpr std::size_t group_outputs = TransferSamples::group_outputs;
   const std::size_t groups = transfer.groups();
   std::vector<std::vector<Eigen::Array3d>> outputs(
@@ -23,11 +23,11 @@ std::vector<std::vector<Eigen::Array3d>> integrate_lights(const TransferSamples&
       throw InputError("integration takes cube maps of one size; one is " + shape_text(light.radiance));
 
   const std::size_t grey = transfer.channels() == 1 ? 0 : group_outputs;  // from a channel to the next
-  Progress progress("integrating all lights", groups * cube_faces);
+  Progress progress(run, "integrating all lights", groups * cube_faces);
   tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
     std::vector<float> values(transfer.group_values());
     for (int y = 0; y < cube_faces * resolution; ++y) {
-      if (interrupted()) return;  // thrown away
+      if (run.is_stopped()) return;  // thrown away
       for (int x = 0; x < resolution; ++x) {
         transfer.evaluate(g, cube_direction(x + 0.5, y + 0.5, resolution).cast<float>(), values);
         const double solid_angle = cube_solid_angle(x, y, resolution);
@@ -41,7 +41,7 @@ std::vector<std::vector<Eigen::Array3d>> integrate_lights(const TransferSamples&
       if ((y + 1) % resolution == 0) progress.advance();
     }
   });
-  throw_if_interrupted();
+  run.throw_if_stopped();
   return outputs;
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/light_map.h"
+#include "core/run_context.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::prt {
@@ -14,6 +15,7 @@ namespace refield::prt {
 /// centre (Johan and Nishita, eq. 4). [lights][groups × 16] RGB. The maps are cubes of one size; throws
 /// InputError otherwise. One ray for each output and texel: for some hundred outputs, not for all.
 std::vector<std::vector<Eigen::Array3d>> integrate_lights(const TransferSamples& transfer,
-                                                          std::span<const LightMap> lights);
+                                                          std::span<const LightMap> lights,
+                                                          const RunContext& run = {});
 
 }  // namespace refield::prt

@@ -8,8 +8,7 @@
 #include <memory>
 
 #include "core/cube_map.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "simulate/prt/cube_quadtree.h"
 
 namespace refield::prt {
@@ -46,9 +45,9 @@ class LightClusters {
         outputs_(static_cast<double>(outputs)),
         weights_(transfer.groups()) {}
 
-  std::vector<GroupWeights> run() {
+  std::vector<GroupWeights> run(const RunContext& run) {
     const int resolution = options_.resolution;
-    Progress progress("clustering lights", std::uint64_t{6} * resolution * resolution);
+    Progress progress(run, "clustering lights", std::uint64_t{6} * resolution * resolution);
     for (int face = 0; face < cube_faces; ++face) {
       std::vector<Domain> domains(1);
       domains[0].square = face_square(face, resolution);
@@ -57,8 +56,8 @@ class LightClusters {
         domains.pop_back();
         held_ = domain.known.size();
         for (const Domain& other : domains) held_ += other.known.size();
-        const bool similar = one_cluster(domain);
-        throw_if_interrupted();
+        const bool similar = one_cluster(domain, run);
+        run.throw_if_stopped();
         if (similar)
           progress.advance(static_cast<std::uint64_t>(domain.square.box.area()));
         else
@@ -95,7 +94,7 @@ class LightClusters {
 
   /// Traces what is missing and tests it; if all samples satisfy it, their mean (eq. 10) becomes the
   /// cluster's vector.
-  bool one_cluster(Domain& domain) {
+  bool one_cluster(Domain& domain, const RunContext& run) {
     const std::vector<Light*> lights = sample(domain);
     const std::size_t size = transfer_.group_values(), groups = transfer_.groups();
     const auto channels = static_cast<std::size_t>(transfer_.channels());
@@ -114,7 +113,7 @@ class LightClusters {
     std::vector<double> distance(groups * lights.size() * channels);  // squares of a group's part
     std::vector<std::uint64_t> rays(groups);
     tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
-      if (interrupted()) return;  // thrown away
+      if (run.is_stopped()) return;  // thrown away
       const std::span mine = std::span(mean).subspan(g * size, size);
       for (std::size_t l = 0; l < lights.size(); ++l) {
         const std::span values = std::span(lights[l]->transfer).subspan(g * size, size);
@@ -164,8 +163,9 @@ class LightClusters {
 }  // namespace
 
 std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::size_t outputs,
-                                         const ClusterOptions& options, ClusterStatistics& statistics) {
-  return LightClusters(transfer, outputs, options, statistics).run();
+                                         const ClusterOptions& options, ClusterStatistics& statistics,
+                                         const RunContext& run) {
+  return LightClusters(transfer, outputs, options, statistics).run(run);
 }
 
 }  // namespace refield::prt

@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "core/run_context.h"
 #include "simulate/prt/clusters.h"
 #include "simulate/prt/group_weights.h"
 
@@ -12,6 +13,7 @@ namespace refield::prt {
 /// again; its vector is dropped once its square is a cluster. Memory holds the vectors of one path through
 /// the quadtree, never all lights. Returns the weights of each group.
 std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::size_t outputs,
-                                         const ClusterOptions& options, ClusterStatistics& statistics);
+                                         const ClusterOptions& options, ClusterStatistics& statistics,
+                                         const RunContext& run);
 
 }  // namespace refield::prt

@@ -8,7 +8,7 @@
 #include <numeric>
 
 #include "core/errors.h"
-#include "core/progress.h"
+#include "core/run_context.h"
 #include "core/tone_map.h"
 
 namespace refield::prt {
@@ -118,8 +118,8 @@ void compute_normals(Mesh& mesh) {
         mesh.normals[vertex] = area_vector(mesh, triangle).normalized().cast<float>();
 }
 
-Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding) {
-  const ImportedMesh file = import_mesh(path);
+Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding, const RunContext& run) {
+  const ImportedMesh file = import_mesh(path, run);
   Mesh mesh = in_light_axes(file, coding.value_or(usual_colour_coding(path)));
   if (mesh.triangles.empty())
     throw FormatError(path, file.triangles.empty()
@@ -128,10 +128,10 @@ Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding) {
                                       " triangles, none with an area; repair the mesh");
   const std::size_t left_out = file.triangles.size() - mesh.triangles.size();
   if (left_out > 0)
-    log_line(path.string() + ": " + std::to_string(left_out) + " of " +
+    run.note(path.string() + ": " + std::to_string(left_out) + " of " +
              std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
   if (file.ignored_materials > 0)
-    log_line(path.string() + ": its " +
+    run.note(path.string() + ": its " +
              (file.ignored_materials == 1 ? std::string("material is")
                                           : std::to_string(file.ignored_materials) + " materials are") +
              " not read; give 'diffuse', 'specular' and 'exponent' in a scene file "

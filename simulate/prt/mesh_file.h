@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "core/mesh.h"
+#include "core/run_context.h"
 #include "simulate/prt/mesh_import.h"
 
 namespace refield::prt {
@@ -18,6 +19,7 @@ void compute_normals(Mesh& mesh);
 /// without triangle are left out, with a word on standard error. Colours are taken as `coding` says, by
 /// default usual_colour_coding(), and clamped to [0, 1]; a file without is white. Materials and textures are
 /// not read. Throws as import_mesh(), and FormatError where no triangle is left.
-Mesh read_mesh_file(const std::filesystem::path& path, std::optional<ColourCoding> coding = std::nullopt);
+Mesh read_mesh_file(const std::filesystem::path& path, std::optional<ColourCoding> coding = std::nullopt,
+                    const RunContext& run = {});
 
 }  // namespace refield::prt

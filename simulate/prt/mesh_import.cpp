@@ -265,7 +265,7 @@ ColourCoding usual_colour_coding(const fs::path& path) {
   return format == "gltf" || format == "glb" ? ColourCoding::linear : ColourCoding::srgb;
 }
 
-ImportedMesh import_mesh(const fs::path& path) {
+ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
   const std::string format = format_of(path);
   if (std::ranges::find(known_formats, format) == known_formats.end())
     throw FormatError(path, "meshes are read from .obj, .ply, .off, .gltf and .glb; convert this one");
@@ -276,7 +276,7 @@ ImportedMesh import_mesh(const fs::path& path) {
   if (bytes > largest_file_bytes) throw FormatError(path, "the file has more than 2 GiB; simplify the mesh");
   check_mesh_header(path, format);
 
-  const auto answer = run_isolated([&] { return answer_of_library(path); }, library_limits(bytes));
+  const auto answer = run_isolated([&] { return answer_of_library(path); }, library_limits(bytes), run);
   if (!answer)
     throw FormatError(path,
                       "the mesh library failed on this file or exceeded the limits on memory and time; "

@@ -7,6 +7,8 @@
 #include <optional>
 #include <vector>
 
+#include "core/run_context.h"
+
 namespace refield::prt {
 
 /// What a mesh's file says: right-handed, in the file's own units, a vertex possibly once for each of its
@@ -29,6 +31,6 @@ ColourCoding usual_colour_coding(const std::filesystem::path& path);
 /// (assimp) is not made for hostile files, so it works in a process of its own with limits (run_isolated()).
 /// Throws FormatError for what is no mesh, breaks its format, holds coordinates that are not finite or asks
 /// for more than the limits; DeviceError where the file cannot be read.
-ImportedMesh import_mesh(const std::filesystem::path& path);
+ImportedMesh import_mesh(const std::filesystem::path& path, const RunContext& run);
 
 }  // namespace refield::prt

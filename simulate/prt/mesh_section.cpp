@@ -62,20 +62,20 @@ Mesh read_shape(ConfigSection& section) {
   return make(resolution);
 }
 
-Mesh read_file(ConfigSection& section, const fs::path& folder) {
+Mesh read_file(ConfigSection& section, const fs::path& folder, const RunContext& run) {
   std::string name;
   section.text("file", name);
   std::optional<ColourCoding> coding;
   section.choice<std::optional<ColourCoding>>(
       "colours", coding, {{"srgb", ColourCoding::srgb}, {"linear", ColourCoding::linear}});
-  return read_mesh_file(folder / name, coding);
+  return read_mesh_file(folder / name, coding, run);
 }
 
 }  // namespace
 
-Mesh read_mesh(ConfigSection& section, const fs::path& folder) {
+Mesh read_mesh(ConfigSection& section, const fs::path& folder, const RunContext& run) {
   if (section.has("file") == section.has("shape")) section.fail("shape", "give either `shape` or `file`");
-  Mesh mesh = section.has("file") ? read_file(section, folder) : read_shape(section);
+  Mesh mesh = section.has("file") ? read_file(section, folder, run) : read_shape(section);
   place(mesh, read_placement(section));
   if (section.has("refine")) {
     const float longest_edge = read_number(section, "refine", 1.0f, 1e-6, farthest);

@@ -6,6 +6,7 @@
 #include "core/camera.h"
 #include "core/config_file.h"
 #include "core/mesh.h"
+#include "core/run_context.h"
 
 namespace refield::prt {
 
@@ -18,7 +19,7 @@ float read_number(ConfigSection& section, const char* key, float standard, doubl
 
 /// A mesh that a table describes by file or shape, and its place (docs/reference/mesh-scenes.md). Files are
 /// relative to `folder`. Throws InputError and what read_mesh_file() does.
-Mesh read_mesh(ConfigSection& section, const std::filesystem::path& folder);
+Mesh read_mesh(ConfigSection& section, const std::filesystem::path& folder, const RunContext& run);
 
 /// [camera] of a scene. Throws InputError.
 PinholeCamera read_camera(ConfigSection section);

@@ -9,9 +9,8 @@
 #include <numbers>
 #include <optional>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "core/rng.h"
+#include "core/run_context.h"
 
 namespace refield::prt {
 
@@ -109,11 +108,11 @@ SurfacePoint point_of_hit(const Scene& scene, const MeshHit& hit) {
 std::vector<Eigen::Array3f> path_trace(const Scene& scene, const MeshRays& rays,
                                        std::span<const SurfacePoint> points,
                                        std::span<const Eigen::Vector3f> to_viewer, const PathLight& light,
-                                       const PathOptions& options) {
+                                       const PathOptions& options, const RunContext& run) {
   std::vector<Eigen::Array3f> radiance(points.size());
-  Progress progress("path tracing", points.size());
+  Progress progress(run, "path tracing", points.size());
   tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
-    throw_if_interrupted();
+    run.throw_if_stopped();
     Rng rng(options.seed, k);
     Eigen::Array3d sum = Eigen::Array3d::Zero();
     for (int path = 0; path < options.paths; ++path)

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/rng.h"
+#include "core/run_context.h"
 #include "simulate/prt/mesh_rays.h"
 #include "simulate/prt/prt_scene.h"
 
@@ -43,6 +44,6 @@ struct PathOptions {
 std::vector<Eigen::Array3f> path_trace(const Scene& scene, const MeshRays& rays,
                                        std::span<const SurfacePoint> points,
                                        std::span<const Eigen::Vector3f> to_viewer, const PathLight& light,
-                                       const PathOptions& options);
+                                       const PathOptions& options, const RunContext& run = {});
 
 }  // namespace refield::prt

@@ -39,7 +39,7 @@ void append(const Mesh& mesh, const Material& material, Scene& scene) {
   scene.materials.push_back(material);
 }
 
-Scene read_description(const fs::path& path) {
+Scene read_description(const fs::path& path, const RunContext& run) {
   const ConfigFile file(path, "scene", "docs/reference/mesh-scenes.md");
   file.check_names({"camera", "mesh"});
   std::vector<ConfigSection> meshes = file.sections("mesh");
@@ -49,7 +49,7 @@ Scene read_description(const fs::path& path) {
   Scene scene;
   for (ConfigSection& section : meshes) {
     const Material material = read_material(section);
-    const Mesh mesh = read_mesh(section, path.parent_path());
+    const Mesh mesh = read_mesh(section, path.parent_path(), run);
     section.finish();
     append(mesh, material, scene);
     if (scene.mesh.triangles.size() > most_triangles)
@@ -62,12 +62,12 @@ Scene read_description(const fs::path& path) {
 
 }  // namespace
 
-Scene read_scene(const fs::path& path) {
+Scene read_scene(const fs::path& path, const RunContext& run) {
   std::string extension = path.extension().string();
   for (char& letter : extension) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  if (extension == ".toml") return read_description(path);
+  if (extension == ".toml") return read_description(path, run);
   Scene scene;
-  append(read_mesh_file(path), Material{}, scene);
+  append(read_mesh_file(path, std::nullopt, run), Material{}, scene);
   return scene;
 }
 

@@ -8,6 +8,7 @@
 
 #include "core/camera.h"
 #include "core/mesh.h"
+#include "core/run_context.h"
 
 namespace refield::prt {
 
@@ -35,7 +36,7 @@ struct Scene {
 
 /// Reads a scene's description (TOML, docs/reference/mesh-scenes.md) and the meshes that it names, relative
 /// to it; or, of a mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
-Scene read_scene(const std::filesystem::path& path);
+Scene read_scene(const std::filesystem::path& path, const RunContext& run = {});
 
 /// [vertices], linear RGB: colours times their material's diffuse reflectance.
 std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene);

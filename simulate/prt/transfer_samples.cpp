@@ -70,7 +70,7 @@ OutputLayout layout_of(const Scene& scene, Relighting relighting) {
 }
 
 TransferSamples::TransferSamples(const Scene& scene, const TransferOptions& options,
-                                 std::span<const std::uint32_t> outputs)
+                                 std::span<const std::uint32_t> outputs, const RunContext& run)
     : rays_(scene.mesh) {
   const bool image = options.relighting == Relighting::image;
   channels_ = image || (options.bounces > 0 && !bounces_grey(scene)) ? 3 : 1;
@@ -94,10 +94,10 @@ TransferSamples::TransferSamples(const Scene& scene, const TransferOptions& opti
       *point = pixel_point(scene, at(outputs[i] % width, k % side), at(outputs[i] / width, k / side), share);
     }
   });
-  if (options.bounces > 0) prepare_bounces(scene, options.bounces);
+  if (options.bounces > 0) prepare_bounces(scene, options.bounces, run);
 }
 
-void TransferSamples::prepare_bounces(const Scene& scene, int bounces) {
+void TransferSamples::prepare_bounces(const Scene& scene, int bounces, const RunContext& run) {
   std::vector<Gatherer> gatherers(groups() * group_outputs);
   reflectance_.assign(gatherers.size(), Eigen::Array3f::Zero());
   for (std::size_t i = 0; i < gatherers.size(); ++i)
@@ -107,7 +107,7 @@ void TransferSamples::prepare_bounces(const Scene& scene, int bounces) {
       gatherers[i] = {point.position, point.normal};  // the last of a pixel's stands for all
       reflectance_[i] += std::numbers::pi_v<float> * point.diffuse;
     }
-  bounced_.emplace(scene, rays_, gatherers, bounces);
+  bounced_.emplace(scene, rays_, gatherers, bounces, run);
 }
 
 TransferSamples::Point TransferSamples::vertex_point(const Scene& scene, std::uint32_t vertex) const {

@@ -52,7 +52,8 @@ class TransferSamples {
   static constexpr std::size_t group_outputs = MeshRays::packet;
 
   /// `outputs`: as of OutputLayout, any of them. The scene must outlive this. Throws Interrupted.
-  TransferSamples(const Scene& scene, const TransferOptions& options, std::span<const std::uint32_t> outputs);
+  TransferSamples(const Scene& scene, const TransferOptions& options, std::span<const std::uint32_t> outputs,
+                  const RunContext& run = {});
 
   int channels() const { return channels_; }
   std::size_t groups() const { return points_.size() / (group_outputs * packets_); }
@@ -77,7 +78,7 @@ class TransferSamples {
   };
   Point vertex_point(const Scene& scene, std::uint32_t vertex) const;
   Point pixel_point(const Scene& scene, float x, float y, float share) const;
-  void prepare_bounces(const Scene& scene, int bounces);
+  void prepare_bounces(const Scene& scene, int bounces, const RunContext& run);
   /// Returns the number of rays.
   std::uint32_t add_direct(const Point* points, const Eigen::Vector3f& direction,
                            std::span<float> values) const;

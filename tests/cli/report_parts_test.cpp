@@ -138,8 +138,8 @@ TEST(ReportPixels, DensityIsTheRowOfTheTransfer) {
 TEST(ReportPixels, TheChoiceEndsOnAnInterruption) {
   Rng rng(5);
   const ReflectanceField field = test::random_field(rng, 40, 30, {16, 12}, 60, 5);
-  EXPECT_TRUE(test::heeds_interruption([&] { kernel_spreads(field); }));
-  EXPECT_TRUE(test::heeds_interruption([&] { choose_pixels(field, {}); }));
+  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { kernel_spreads(field, run); }));
+  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { choose_pixels(field, {}, run); }));
 }
 
 TEST(ReportEvaluation, KindsInReadingOrderAndFramesSpread) {

@@ -98,8 +98,8 @@ TEST(PackedField, LeavesOutBoxesThatNoPixelUses) {
 TEST(PackedField, PackingEndsOnAnInterruption) {
   const ReflectanceField field = sample_field(Parameterisation::monitor);
   const web::PackedField packed = web::pack(field);
-  EXPECT_TRUE(test::heeds_interruption([&] { web::pack(field); }));
-  EXPECT_TRUE(test::heeds_interruption([&] { web::unpacked(packed); }));
+  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::pack(field, run); }));
+  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::unpacked(packed, run); }));
 }
 
 TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {

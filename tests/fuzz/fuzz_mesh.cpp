@@ -5,7 +5,6 @@
 #include <filesystem>
 
 #include "core/errors.h"
-#include "core/progress.h"
 #include "simulate/prt/mesh_file.h"
 #include "tests/fuzz/memory_file.h"
 #include "tests/support/temporary_folder.h"
@@ -30,7 +29,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const refield::test::TemporaryFolder folder;
   static constexpr const char* names[] = {"mesh.off", "mesh.obj", "mesh.ply", "mesh.gltf", "mesh.glb"};
   if (size < 2) return 0;
-  refield::Progress::silence();
   const refield::fuzz::MemoryFile file(data + 1, size - 1);
   const fs::path mesh = folder / names[data[0] % std::size(names)];
   fs::remove(mesh);

@@ -7,11 +7,10 @@
 
 #include "bench/studies/chart/derived_kinds.h"
 #include "bench/studies/chart/measure.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
 #include "core/json_text.h"
-#include "core/progress.h"
 #include "estimate/estimate.h"
 
 namespace refield::chart {
@@ -93,7 +92,7 @@ void derive_kinds(ChartData& data, const ChartOptions& options, const fs::path& 
   }
   EstimateOptions estimate = options.estimate;
   estimate.kernels = std::min(estimate.kernels, static_cast<int>(data.session.frames.size()));
-  data.pixel_kinds = derived_kinds(estimate_field(data.session, estimate), data.mask);
+  data.pixel_kinds = derived_kinds(estimate_field(data.session, estimate, run_context()), data.mask);
   write_pixel_kinds(path, *data.pixel_kinds);
 }
 
@@ -141,9 +140,9 @@ ChartResult make_chart(const Sources& sources, const ChartOptions& options, cons
   });
   std::uint64_t work = 0;
   for (const Task& task : tasks) work += static_cast<std::uint64_t>(task.images);
-  Progress progress("chart", work);
+  Progress progress(run_context(), "chart", work);
   for (const Task& task : tasks) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     result.rows.push_back(measure(task, data, options.estimate));
     sort_rows(result.rows);
     write_text_atomically(folder / "chart.csv", csv_of(result.rows, result.names));

@@ -4,9 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cli/run_context.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 #include "core/reflectance_field_file.h"
 
 namespace refield::chart {
@@ -47,7 +46,7 @@ void load_truth(ChartData& data, const fs::path& truth, std::optional<CaptureSes
     data.reference_note = "the simulation's exact images";
     return;
   }
-  data.transport = read_image_field(transport);
+  data.transport = read_image_field(transport, run_context());
   require_fit(*data.transport, transport, data.session);
   data.reference_note = "exact images";
 }
@@ -101,10 +100,12 @@ ChartData load_chart_data(const Sources& sources) {
   load_truth(data, sources.truth, exact);
   load_kinds(data, sources);
   data.noise = NoiseCurve(data.session.frames);
-  Progress progress("reading held-out frames", test_frames.size());
+  Progress progress(run_context(), "reading held-out frames", test_frames.size());
   for (const CaptureFrame& frame : test_frames) {
-    throw_if_interrupted();
-    TestFrame test{frame.kind, read_light_map(frame.illumination, data.session.light.parameterisation), {}};
+    run_context().throw_if_stopped();
+    TestFrame test{frame.kind,
+                   read_light_map(frame.illumination, data.session.light.parameterisation, run_context()),
+                   {}};
     if (test.kind.empty()) test.kind = light_kind_of(test.light);
     progress.advance();
     if (std::ranges::find(charted_kinds, test.kind) == std::end(charted_kinds)) continue;

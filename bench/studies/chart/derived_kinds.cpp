@@ -8,7 +8,7 @@
 #include <iterator>
 #include <numeric>
 
-#include "core/interrupt.h"
+#include "cli/run_context.h"
 
 namespace refield::chart {
 
@@ -65,7 +65,7 @@ PixelKinds derived_kinds(const ReflectanceField& field, const Mask& mask) {
   const int width = field.width, height = field.height;
   std::vector<TransportSpread> spreads(static_cast<std::size_t>(width) * height);
   tbb::parallel_for(0, height, [&](int y) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     for (int x = 0; x < width; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * width + x;
       spreads[p] = transport_spread(field, p);

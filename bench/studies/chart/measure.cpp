@@ -5,7 +5,7 @@
 #include <chrono>
 #include <limits>
 
-#include "core/interrupt.h"
+#include "cli/run_context.h"
 #include "core/units.h"
 
 namespace refield::chart {
@@ -40,7 +40,7 @@ std::vector<double> held_out_errors(const peers::Model& model, const ChartData& 
     std::vector<SeriesError> by_kind(kind_masks.begin(), kind_masks.end());
     for (const TestFrame& test : data.tests) {
       if (test.kind != light_kind) continue;
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       const Image predicted = peers::relight(model, test.light);
       whole.add(predicted, test.reference.radiance, test.reference.sigma);
       for (SeriesError& error : by_kind) error.add(predicted, test.reference.radiance, test.reference.sigma);

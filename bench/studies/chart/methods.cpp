@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "bench/studies/peers/single_box.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/rng.h"
 #include "estimate/estimate.h"
@@ -84,7 +85,7 @@ peers::Model estimate_model(const Task& task, const ChartData& data, const Estim
     if (task.kernels > 0) options.kernels = task.kernels;
     options.kernels = std::min(options.kernels, task.images);
     options.predict_errors = false;  // the chart measures errors and times of the fit
-    return estimate_field(first_images(data.session, task.images), options);
+    return estimate_field(first_images(data.session, task.images), options, run_context());
   }
   if (task.method == "cells") return photograph_cells(data, task.images);
   const peers::PeerData images = peers::read_peer_data(data.session, task.images, base.clip_level);

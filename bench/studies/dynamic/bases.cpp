@@ -11,6 +11,7 @@
 #include "bench/studies/dynamic/basis_study.h"
 #include "bench/studies/dynamic/factor_study.h"
 #include "bench/studies/studies.h"
+#include "cli/run_context.h"
 #include "core/files.h"
 #include "core/image_io.h"
 #include "core/output_lock.h"
@@ -39,13 +40,15 @@ const std::vector<float> exponents = {4, 8, 16, 32, 64, 128};
 /// What figure 8 looks at, and what its bases meet on fewer vertices.
 std::vector<StudySurface> surfaces_of(const BasesArguments& arguments) {
   using dynamic::Lobe;
-  const auto matte = dynamic::factor({}, {});
+  const auto matte = dynamic::factor({}, {}, run_context());
   const auto glossy = dynamic::factor({.diffuse = {0.3f, 0.3f, 0.3f},
                                        .specular = {0.5f, 0.5f, 0.5f},
                                        .lobe = Lobe::phong,
                                        .exponent = arguments.exponent},
-                                      {.largest = arguments.terms, .error = 0.0});
-  const Mesh figure = arguments.mesh.empty() ? prt::hare_mesh(18) : prt::read_mesh_file(arguments.mesh);
+                                      {.largest = arguments.terms, .error = 0.0}, run_context());
+  const Mesh figure = arguments.mesh.empty()
+                          ? prt::hare_mesh(18)
+                          : prt::read_mesh_file(arguments.mesh, std::nullopt, run_context());
   const std::string name = arguments.mesh.empty() ? "hare" : arguments.mesh.stem().string();
   return {{"floor", prt::plane_mesh(63), matte},
           {name, figure, matte},

@@ -6,10 +6,9 @@
 #include <cmath>
 
 #include "bench/studies/dynamic/fixed_basis.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
 #include "core/metrics.h"
-#include "core/progress.h"
 #include "core/rng.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/prt/hammersley.h"
@@ -79,10 +78,11 @@ std::vector<StudyBasis> bases_of(const StudySurface& surface, const prt::MeshRay
         std::pair("wavelets", BasisKind::haar_wavelets), std::pair("cosines", BasisKind::cosines)})
     bases.push_back({name, dynamic::fixed_functions(kind, places, functions)});
   const auto add_principal = [&](const char* name, dynamic::PrincipalOptions options) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     options.lights = all_lights / static_cast<int>(options.distances.size());
-    bases.push_back(
-        {name, dynamic::principal_basis(surface.mesh, rays, surface.factors, functions, options).functions});
+    bases.push_back({name, dynamic::principal_basis(surface.mesh, rays, surface.factors, functions, options,
+                                                    run_context())
+                               .functions});
   };
   add_principal("principal", {});
   add_principal("principal, near", {.distances = {1.05f}, .basis = {}});
@@ -95,7 +95,8 @@ Eigen::MatrixXf lamp_light(const StudySurface& surface, const prt::MeshRays& ray
   const auto front = dynamic::facing_of(surface.mesh);
   const Eigen::Vector3f facing = front ? Eigen::Vector3f(-*front) : Eigen::Vector3f(-away.normalized());
   const auto points = points_of(ball.middle + ball.radius * away, facing, 0.5f * ball.radius);
-  const Eigen::MatrixXf terms = dynamic::light_terms(surface.mesh, rays, surface.factors, points);
+  const Eigen::MatrixXf terms =
+      dynamic::light_terms(surface.mesh, rays, surface.factors, points, run_context());
   const Eigen::Index count = surface.factors.terms();
   Eigen::MatrixXf light = Eigen::MatrixXf::Zero(terms.rows() / count, count);
   for (Eigen::Index v = 0; v < light.rows(); ++v)
@@ -111,7 +112,7 @@ std::vector<Eigen::MatrixXf> lamp_light(const StudySurface& surface, const prt::
   const auto front = dynamic::facing_of(surface.mesh);
   const auto ways = prt::hammersley_sphere(lamps);
   std::vector<Eigen::MatrixXf> light;
-  Progress progress("lamps on " + surface.name, static_cast<std::uint64_t>(lamps));
+  Progress progress(run_context(), "lamps on " + surface.name, static_cast<std::uint64_t>(lamps));
   for (int l = 0; l < lamps; ++l) {
     light.push_back(lamp_light(surface, rays, random_place(front, ways[static_cast<std::size_t>(l)], l)));
     progress.advance();
@@ -126,7 +127,7 @@ std::vector<BasisRow> study(const StudySurface& surface, const std::vector<Study
   for (const StudyBasis& basis : bases)
     for (const int count : functions) {
       if (count > basis.functions.cols()) continue;
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       const Eigen::MatrixXf first = basis.functions.leftCols(count);
       const SurfaceBasis ours = dynamic::surface_basis(first, areas, {});
       rows.push_back({surface.name, basis.name, count, ours.functions.cols(), ours.condition,

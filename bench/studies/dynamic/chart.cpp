@@ -12,6 +12,7 @@
 #include "cli/dynamic/frame_errors.h"
 #include "cli/dynamic/frame_times.h"
 #include "cli/option_checks.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
 #include "core/output_lock.h"
@@ -114,7 +115,7 @@ std::string csv(const std::vector<Charted>& rows) {
 
 void make_dynamic_chart(const DynamicChartArguments& arguments) {
   const OutputLock lock(arguments.folder, {});
-  const dynamic::DynamicScene described = dynamic::read_dynamic_scene(arguments.scene);
+  const dynamic::DynamicScene described = dynamic::read_dynamic_scene(arguments.scene, run_context());
   create_folders(arguments.folder);
   std::optional<FrameReference> reference;
   std::vector<Charted> rows;

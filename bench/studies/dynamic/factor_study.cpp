@@ -9,8 +9,7 @@
 
 #include "bench/studies/dynamic/lamp_error.h"
 #include "bench/studies/dynamic/picture_grid.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "cli/run_context.h"
 #include "simulate/dynamic/tangent_frame.h"
 
 namespace refield::dynamic_chart {
@@ -58,12 +57,12 @@ Brdf half_glossy(float exponent) {
 
 std::vector<FactorRow> study_factors(const std::vector<float>& exponents) {
   std::vector<FactorRow> rows;
-  Progress progress("BRDFs in terms", exponents.size());
+  Progress progress(run_context(), "BRDFs in terms", exponents.size());
   for (const float exponent : exponents) {
     const Brdf brdf = half_glossy(exponent);
     for (int terms = 1; terms <= dynamic::FactorOptions::most_terms; terms *= 2) {
-      throw_if_interrupted();
-      const BrdfFactors factors = factor(brdf, {.largest = terms, .error = 1e-3});
+      run_context().throw_if_stopped();
+      const BrdfFactors factors = factor(brdf, {.largest = terms, .error = 1e-3}, run_context());
       rows.push_back(
           {exponent, factors.terms(), factors.error(), lamp_error(brdf, factors, study_lamp_radius)});
       if (factors.terms() + 1 < terms) break;  // more are not needed
@@ -77,8 +76,8 @@ Image factor_picture(const std::vector<float>& exponents, int size) {
   std::vector<Image> pictures(3 * exponents.size());
   for (std::size_t e = 0; e < exponents.size(); ++e) {
     const Brdf brdf = half_glossy(exponents[e]);
-    pictures[e] = sphere(factor(brdf, {.largest = 4, .error = 0.0}), size);
-    pictures[exponents.size() + e] = sphere(factor(brdf, {.error = 0.1}), size);
+    pictures[e] = sphere(factor(brdf, {.largest = 4, .error = 0.0}, run_context()), size);
+    pictures[exponents.size() + e] = sphere(factor(brdf, {.error = 0.1}, run_context()), size);
     pictures[2 * exponents.size() + e] = sphere(brdf, size);
   }
   return picture_grid(pictures, static_cast<int>(exponents.size()));

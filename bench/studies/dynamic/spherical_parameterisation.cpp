@@ -10,8 +10,7 @@
 #include <numbers>
 #include <optional>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "cli/run_context.h"
 
 namespace refield::dynamic {
 
@@ -75,13 +74,13 @@ struct Unfolded {
 /// The least folded state met, from sweep `least` on if there is one.
 Unfolded relaxed(const Joined& joined, Places places, int least, int sweeps) {
   constexpr int between_checks = 16;
-  Progress progress("unfolding a mesh, at most", static_cast<std::uint64_t>(sweeps));
+  Progress progress(run_context(), "unfolding a mesh, at most", static_cast<std::uint64_t>(sweeps));
   Unfolded best{places, folded_share_of(joined.triangles, places)};
   for (int sweep = 0; sweep < sweeps && (best.folded > 0.0 || sweep < least); ++sweep) {
     relax(joined, places);
     progress.advance();
     if (sweep % between_checks != 0) continue;
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     if (const double folded = folded_share_of(joined.triangles, places); folded <= best.folded)
       best = {places, folded};
   }

@@ -12,9 +12,8 @@
 #include <mutex>
 
 #include "bench/studies/peers/haar.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 
 namespace refield::peers {
 
@@ -66,9 +65,9 @@ class HaarFit {
 
   HaarModel run() {
     std::vector<PixelWavelets> found(static_cast<std::size_t>(data_.pixels()));
-    Progress progress("Haar pursuit", data_.pixels());
+    Progress progress(run_context(), "Haar pursuit", data_.pixels());
     tbb::parallel_for(0, (data_.pixels() + haar_block_pixels - 1) / haar_block_pixels, [&](int block) {
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       const int first = block * haar_block_pixels;
       const int count = std::min(haar_block_pixels, data_.pixels() - first);
       fit_block(first, count, found);

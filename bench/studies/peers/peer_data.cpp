@@ -6,9 +6,9 @@
 #include <cmath>
 #include <limits>
 
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/image_io.h"
-#include "core/interrupt.h"
 
 namespace refield::peers {
 
@@ -48,8 +48,8 @@ PeerData read_peer_data(const CaptureSession& session, int images, float clip_le
   data.lights.resize(images);
   data.observed.resize(images, 3 * static_cast<Eigen::Index>(data.pixels()));
   tbb::parallel_for(0, images, [&](int j) {
-    throw_if_interrupted();
-    data.lights[j] = read_light_map(frames[j].illumination, checked.light.parameterisation);
+    run_context().throw_if_stopped();
+    data.lights[j] = read_light_map(frames[j].illumination, checked.light.parameterisation, run_context());
     const Photograph photograph = read_checked(frames[j], checked, clip_level);
     data.observed.row(j) =
         Eigen::Map<const Eigen::RowVectorXf>(photograph.radiance.values.data(), data.observed.cols());

@@ -8,9 +8,8 @@
 #include <limits>
 #include <span>
 
+#include "cli/run_context.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 
 namespace refield::peers {
 
@@ -63,7 +62,7 @@ class DualFit {
     for (int c = 0; c < 3; ++c) {
       const Eigen::MatrixXd texels = texel_matrix(data.lights, c);
       for (std::size_t k = 0; k < grams_.size(); ++k) {
-        throw_if_interrupted();
+        run_context().throw_if_stopped();
         grams_[k].gram[c] = texels.transpose() * model_.covariances[k].times(texels);
       }
       model_.lights[c] = texels.cast<float>();
@@ -76,9 +75,9 @@ class DualFit {
   }
 
   DualModel run() {
-    Progress progress("dual regression", data_.pixels());
+    Progress progress(run_context(), "dual regression", data_.pixels());
     tbb::parallel_for(0, (data_.pixels() + ridge_block_pixels - 1) / ridge_block_pixels, [&](int block) {
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       const int first = block * ridge_block_pixels;
       fit_block(first, std::min(ridge_block_pixels, data_.pixels() - first));
       progress.advance(std::min(ridge_block_pixels, data_.pixels() - first));

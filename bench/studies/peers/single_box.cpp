@@ -8,8 +8,7 @@
 #include <cmath>
 #include <unordered_map>
 
-#include "core/interrupt.h"
-#include "core/progress.h"
+#include "cli/run_context.h"
 #include "core/summed_area_table.h"
 
 namespace refield::peers {
@@ -91,9 +90,9 @@ class SingleBoxFit {
 
   ReflectanceField run() {
     std::vector<Box> found(static_cast<std::size_t>(data_.pixels()));
-    Progress progress("single box", data_.pixels());
+    Progress progress(run_context(), "single box", data_.pixels());
     tbb::parallel_for(0, (data_.pixels() + block_pixels - 1) / block_pixels, [&](int block) {
-      throw_if_interrupted();
+      run_context().throw_if_stopped();
       const int first = block * block_pixels;
       const int count = std::min(block_pixels, data_.pixels() - first);
       fit_block(first, count, found);

@@ -10,6 +10,7 @@
 #include "bench/studies/prt/peers.h"
 #include "bench/studies/prt/pictures.h"
 #include "bench/studies/studies.h"
+#include "cli/run_context.h"
 #include "core/cube_map.h"
 #include "core/errors.h"
 #include "core/files.h"
@@ -42,15 +43,15 @@ struct PrtChartArguments {
 constexpr int harmonics_resolution = 32;
 
 std::vector<ChartLight> lights_of(const PrtChartArguments& arguments) {
-  const EnvironmentProjector fine(cube_domain(arguments.resolution), {}),
-      coarse(cube_domain(harmonics_resolution), {});
+  const EnvironmentProjector fine(cube_domain(arguments.resolution), {}, run_context()),
+      coarse(cube_domain(harmonics_resolution), {}, run_context());
   std::vector<ChartLight> lights;
   const auto add = [&](const std::string& name, const LightMap& map) {
-    lights.push_back({name, fine.project(map, {}).light, {}});
-    lights.back().coarse = coarse.project(lights.back().fine, {}).light;
+    lights.push_back({name, fine.project(map, {}, run_context()).light, {}});
+    lights.back().coarse = coarse.project(lights.back().fine, {}, run_context()).light;
   };
   if (arguments.sky) add("sky", clear_sky(sun_direction(*arguments.sky, {}), {}));
-  for (const fs::path path : arguments.maps) add(path.stem().string(), read_environment(path));
+  for (const fs::path path : arguments.maps) add(path.stem().string(), read_environment(path, run_context()));
   if (lights.empty()) throw InputError("nothing to compare under: give environment maps or --sky");
   return lights;
 }
@@ -69,7 +70,8 @@ std::vector<std::uint32_t> some_vertices(std::size_t vertices, std::size_t count
 Shading exact_shading(const ChartScene& chart, const std::vector<ChartLight>& lights) {
   std::vector<LightMap> maps;
   for (const ChartLight& light : lights) maps.push_back(light.fine);
-  const auto exact = prt::integrate_lights(prt::TransferSamples(chart.scene, {}, chart.vertices), maps);
+  const auto exact =
+      prt::integrate_lights(prt::TransferSamples(chart.scene, {}, chart.vertices), maps, run_context());
   Shading shading(lights.size());
   for (std::size_t l = 0; l < lights.size(); ++l)
     for (std::size_t v = 0; v < chart.vertices.size(); ++v) shading[l].push_back(exact[l][v].cast<float>());
@@ -124,7 +126,7 @@ void print(const Row& row) {
 
 void make_chart(const PrtChartArguments& arguments) {
   const OutputLock lock(arguments.folder, {});
-  prt::Scene scene = prt::read_scene(arguments.scene);
+  prt::Scene scene = prt::read_scene(arguments.scene, run_context());
   prt::sort_vertices(scene);
   const std::size_t vertices = scene.mesh.positions.size();
   const ChartScene chart{scene, some_vertices(vertices, arguments.pictures ? vertices : arguments.vertices)};

@@ -10,6 +10,7 @@
 
 #include "bench/studies/prt/wavelets.h"
 #include "cli/prt/measure.h"
+#include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/reflectance_field_file.h"
 #include "relight/pack.h"
@@ -89,8 +90,8 @@ Peer clusters(const ChartScene& chart, const std::vector<ChartLight>& lights, in
   prt::ClusterStatistics statistics;
   FieldRows rows;
   peer.precompute_seconds =
-      seconds_of([&] { rows = prt::cluster_transfer(chart.scene, options, statistics); });
-  show(pack_rows(std::move(rows), 8), chart, lights, &ChartLight::fine, peer);
+      seconds_of([&] { rows = prt::cluster_transfer(chart.scene, options, statistics, run_context()); });
+  show(pack_rows(std::move(rows), 8, run_context()), chart, lights, &ChartLight::fine, peer);
   return peer;
 }
 
@@ -105,9 +106,10 @@ Peer harmonics(const ChartScene& chart, const std::vector<ChartLight>& lights, i
   prt::HarmonicStatistics statistics;
   prt::HarmonicTransfer transfer;
   peer.precompute_seconds =
-      seconds_of([&] { transfer = prt::harmonic_transfer(chart.scene, options, statistics); });
-  show(pack_rows(prt::harmonic_field(chart.scene, std::move(transfer), options.map_resolution), 8), chart,
-       lights, &ChartLight::coarse, peer);
+      seconds_of([&] { transfer = prt::harmonic_transfer(chart.scene, options, statistics, run_context()); });
+  show(pack_rows(prt::harmonic_field(chart.scene, std::move(transfer), options.map_resolution), 8,
+                 run_context()),
+       chart, lights, &ChartLight::coarse, peer);
   return peer;
 }
 
@@ -161,7 +163,7 @@ std::vector<Peer> all_peers(const ChartScene& chart, const std::vector<ChartLigh
 
 Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
                    const std::vector<ChartLight>& lights) {
-  auto field = read_either_field(path);
+  auto field = read_either_field(path, run_context());
   auto* packed = std::get_if<PackedField>(&field);
   if (packed == nullptr || packed->outline.mesh.positions != chart.scene.mesh.positions)
     throw InputError(path.string() + " was not made of this scene by 'refield simulate prt'");

@@ -12,10 +12,9 @@
 #include <numeric>
 #include <string>
 
+#include "cli/run_context.h"
 #include "core/cube_map.h"
 #include "core/errors.h"
-#include "core/interrupt.h"
-#include "core/progress.h"
 
 namespace refield::prt {
 
@@ -104,9 +103,9 @@ WaveletTransfer::WaveletTransfer(const TransferSamples& transfer, int resolution
   if (transfer.channels() != 1 || scale_.size() > 65536)
     throw InputError("wavelets are there for diffuse scenes of at most 65536 vertices; give a smaller one");
   std::vector<std::vector<Entry>> entries(transfer.groups());
-  Progress progress("wavelets", entries.size());
+  Progress progress(run_context(), "wavelets", entries.size());
   tbb::parallel_for(std::size_t{0}, entries.size(), [&](std::size_t group) {
-    throw_if_interrupted();
+    run_context().throw_if_stopped();
     entries[group] = entries_of(transfer, group, threshold);
     progress.advance();
   });

@@ -22,7 +22,7 @@ struct HeldThing {
 
 /// The viewer of moving scenes between frames. Panels draw it and change it; so do shortcuts and scripts.
 struct SceneApp : WindowState {
-  explicit SceneApp(MovingScene scene) : state(std::move(scene)) {}
+  SceneApp(MovingScene scene, const RunContext& context) : state(std::move(scene)) { run = context; }
 
   SceneState state;
   std::optional<std::size_t> selected;  ///< thing

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/run_context.h"
 #include "relight/viewer/background_job.h"
 #include "relight/viewer/scene/moving_scene.h"
 #include "relight/viewer/scene/scene_panels.h"
@@ -29,8 +30,8 @@ void handle_in_scene(SceneApp& app, const InputEvent& event) {
 }  // namespace
 
 void run_scene_viewer(const std::string& name, const std::function<MovingScene()>& read,
-                      const WindowOptions& options) {
-  BackgroundJob<std::unique_ptr<SceneApp>> reading([&] { return std::make_unique<SceneApp>(read()); });
+                      const WindowOptions& options, const RunContext& run) {
+  BackgroundJob<std::unique_ptr<SceneApp>> reading([&] { return std::make_unique<SceneApp>(read(), run); });
   std::unique_ptr<SceneApp> opened;
   constexpr std::chrono::milliseconds patience_before_window(150);
   if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
@@ -38,7 +39,7 @@ void run_scene_viewer(const std::string& name, const std::function<MovingScene()
   if (!opened) {
     window.set_title(name + " – refield");
     const auto is_done = [&](std::chrono::milliseconds wait) { return reading.wait_for(wait); };
-    if (!show_message_until(window, "Precomputing the light transport of " + name, is_done)) return;
+    if (!show_message_until(window, "Precomputing the light transport of " + name, is_done, run)) return;
     opened = reading.take();
   }
   SceneApp& app = *opened;

@@ -10,7 +10,7 @@
 
 #include "core/errors.h"
 #include "core/files.h"
-#include "core/interrupt.h"
+#include "core/run_context.h"
 #include "relight/viewer/background_job.h"
 #include "relight/viewer/canvas.h"
 #include "relight/viewer/fit_light.h"
@@ -166,11 +166,11 @@ TEST(BackgroundJob, EndsSoonOnceCancelled) {
   std::atomic<int> begun{0};
   BackgroundJob<int> job([&] {
     tbb::parallel_for(0, 1000, [&](int) {
-      throw_if_interrupted();
+      RunContext{}.throw_if_stopped();
       ++begun;
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     });
-    throw_if_interrupted();
+    RunContext{}.throw_if_stopped();
     return 1;
   });
   while (begun == 0) std::this_thread::yield();
@@ -178,7 +178,7 @@ TEST(BackgroundJob, EndsSoonOnceCancelled) {
   job.cancel();
   EXPECT_THROW(job.take(), Interrupted);
   EXPECT_LT(begun, 500);
-  EXPECT_NO_THROW(throw_if_interrupted());  // here nothing was cancelled
+  EXPECT_NO_THROW(RunContext{}.throw_if_stopped());  // here nothing was cancelled
 }
 
 TEST(BackgroundJob, WorkThatMustBeCompleteIsNotCutShort) {
@@ -189,7 +189,7 @@ TEST(BackgroundJob, WorkThatMustBeCompleteIsNotCutShort) {
       tbb::parallel_for(0, 40, [&](int) {
         is_begun = true;
         std::this_thread::sleep_for(std::chrono::milliseconds(2));
-        throw_if_interrupted();
+        RunContext{}.throw_if_stopped();
         ++done;
       });
     });

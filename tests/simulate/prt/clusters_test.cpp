@@ -6,12 +6,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <csignal>
 
 #include "core/errors.h"
-#include "core/interrupt.h"
 #include "core/rng.h"
 #include "tests/simulate/prt/cluster_errors.h"
+#include "tests/support/interruption.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 
@@ -198,20 +197,13 @@ TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
 }
 
 TEST(Clusters, StopAtCtrlC) {
-  GTEST_FLAG_SET(death_test_style, "threadsafe");
   const Scene scene = test::hare_scene();
   for (const Similarity similarity : all_ways)
-    EXPECT_EXIT(
-        {
-          install_interrupt_handler();
-          std::raise(SIGINT);
-          try {
-            cluster(scene, {.similarity = similarity, .resolution = 1024, .epsilon = 1e-6});
-          } catch (const Interrupted&) {
-            std::_Exit(130);
-          }
-        },
-        testing::ExitedWithCode(130), "");
+    EXPECT_TRUE(refield::test::heeds_interruption([&](const RunContext& run) {
+      ClusterStatistics statistics;
+      cluster_transfer(scene, {.similarity = similarity, .resolution = 1024, .epsilon = 1e-6}, statistics,
+                       run);
+    }));
 }
 
 TEST(Clusters, OfAMeshCarryItsColoursTimesTheirReflectance) {

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// The library used in memory, as a program of its own: makes lights and photographs of a small scene,
+// estimates its reflectance field, stops a second estimate, and relights. Writes no file and nothing to
+// standard error.
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <vector>
+
+#include "core/errors.h"
+#include "core/metrics.h"
+#include "core/rng.h"
+#include "estimate/estimate.h"
+#include "relight/relighter.h"
+
+using namespace refield;
+
+namespace {
+
+constexpr int images = 48;
+constexpr LightDomain domain{16, 8, Parameterisation::monitor};
+
+LightMap random_light(Rng& rng) {
+  LightMap light{Image(domain.width, domain.height, 3), domain.parameterisation};
+  for (float& value : light.radiance.values) value = static_cast<float>(rng.uniform());
+  return light;
+}
+
+/// Each pixel sees a rectangle of the light, by twice as much in green.
+Image photograph(const LightMap& light) {
+  Image seen(12, 8, 3);
+  for (int y = 0; y < seen.height; ++y)
+    for (int x = 0; x < seen.width; ++x)
+      for (int v = y / 2; v < y / 2 + 4; ++v)
+        for (int u = x; u < x + 4; ++u)
+          for (int c = 0; c < 3; ++c)
+            seen.at(x, y, c) += (c == 1 ? 0.1f : 0.05f) * light.radiance.at(u, v, c);
+  return seen;
+}
+
+bool check(bool holds, const char* what) {
+  std::printf("%s: %s\n", holds ? "ok" : "FAILED", what);
+  return holds;
+}
+
+}  // namespace
+
+int main() {
+  Rng rng(7);
+  std::vector<LightMap> lights;
+  std::vector<Image> photographs;
+  for (int j = 0; j < images; ++j) photographs.push_back(photograph(lights.emplace_back(random_light(rng))));
+  const std::vector<LightMapView> light_views(lights.begin(), lights.end());
+  const std::vector<ImageView> photograph_views(photographs.begin(), photographs.end());
+
+  std::atomic<int> ended{0};
+  std::atomic<std::uint64_t> pixels{0};
+  RunContext run;
+  run.max_threads = 2;
+  run.on_progress = [&](const StageProgress& progress) {
+    if (progress.event == StageProgress::Event::ended) ++ended;
+    if (progress.stage == "estimate") pixels = progress.done;
+  };
+  const ReflectanceField field = estimate(light_views, photograph_views, {}, {}, {}, run);
+  bool holds = check(ended >= 2 && pixels == 12 * 8, "progress of all stages and pixels is reported");
+
+  std::atomic<bool> stop{false};
+  run.stop = &stop;
+  run.on_progress = [&](const StageProgress& progress) { stop = stop || progress.stage == "estimate"; };
+  bool is_stopped = false;
+  try {
+    estimate(light_views, photograph_views, {}, {}, {}, run);
+  } catch (const Interrupted&) {
+    is_stopped = true;
+  }
+  holds &= check(is_stopped, "a second estimate stops when the caller asks for it");
+
+  const LightMap light = random_light(rng);
+  const double error = relative_rmse(Relighter(field).relight(light), photograph(light));
+  std::printf("relative error under a new light: %.4f\n", error);
+  holds &= check(error < 0.05, "the field predicts the photograph under a new light");
+  return holds ? 0 : 1;
+}
