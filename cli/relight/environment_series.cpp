@@ -5,6 +5,7 @@
 #include "cli/run_context.h"
 #include "core/errors.h"
 #include "core/files.h"
+#include "core/run_context.h"
 #include "relight/environment.h"
 #include "relight/sequence.h"
 
@@ -95,10 +96,13 @@ void add_fade(const RelightOptions& options, const Projection& project, LightSer
   if (files.size() < 2)
     throw InputError("--fade requires at least two environment maps; give them with --env");
   const auto lights = std::make_shared<std::vector<LightMap>>();
-  for (const fs::path& file : files)
+  Progress progress(run_context(), "projecting maps", files.size());
+  for (const fs::path& file : files) {
     lights->push_back(project.light_map(
         file.stem().string(), PreparedEnvironment(read_environment(file, run_context()), run_context()),
         options.turn));
+    progress.advance();
+  }
   for (int i = 0; i < options.frames; ++i) {
     const double last = static_cast<double>(files.size()) - 1.0;
     const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);
