@@ -10,7 +10,7 @@ namespace refield::report {
 
 namespace {
 
-std::string size_text(int width, int height) {
+std::string size_html(int width, int height) {
   return std::to_string(width) + " × " + std::to_string(height);
 }
 
@@ -39,8 +39,8 @@ std::string session_table(const ReportInput& input) {
   };
   std::string html = "<table class=\"facts\">";
   html += row(session.folder.empty() ? "Image pairs" : "Session", text_of(session));
-  html += row("Camera", size_text(session.width, session.height) + " pixels");
-  html += row("Light map", size_text(session.light.width, session.light.height) + " texels, " +
+  html += row("Camera", size_html(session.width, session.height) + " pixels");
+  html += row("Light map", size_html(session.light.width, session.light.height) + " texels, " +
                                std::string(name_of(session.light.parameterisation)));
   html += row("Training images", frames_text(session, FrameRole::train));
   html += row("Held-out images", frames_text(session, FrameRole::test));
