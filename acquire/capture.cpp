@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr std::uint8_t black = 0;
-constexpr std::uint8_t white = 255;
+constexpr std::uint8_t white_level = 255;
 
 /// Exposure times: as given, as an earlier run of this capture metered them, or metered now.
 /// `note` receives what there is to say of a plan by noise.
@@ -32,7 +32,7 @@ std::vector<Seconds> choose_exposures(const CaptureRequest& request, const Camer
       return exposures_of_plan(*plan, request.folder / "plan.toml");
   ExposurePlanOptions plan = request.exposure_plan;
   if (request.is_metered()) {
-    pairing.show(uniform_drive(display.width, display.height, white));
+    pairing.show(uniform_drive(display.width, display.height, white_level));
     const Probe probe = [&](Seconds exposure) { return pairing.photograph(exposure, request.gain); };
     if (plan.relative_noise > 0.0) {
       const NoisePlan fewest = fewest_exposures(meter_range(camera, request.camera, probe), plan, camera,
@@ -207,7 +207,7 @@ class CaptureRun {
   Mask mask(std::vector<std::string>& files) {
     if (request_.mask.kind == MaskSource::Kind::painted)
       return read_mask(request_.mask.file, camera_.width, camera_.height);
-    Photograph lit = photograph("mask", uniform_drive(display_.width, display_.height, white),
+    Photograph lit = photograph("mask", uniform_drive(display_.width, display_.height, white_level),
                                 request_.frames_per_exposure, files);
     subtract_ambient(lit, ambient_);
     if (request_.mask.file.empty()) return scene_mask(lit);

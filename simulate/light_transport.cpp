@@ -17,7 +17,7 @@ namespace refield {
 namespace {
 
 using Eigen::Vector3f;
-using Kind = MaterialDescription::Kind;
+using MaterialKind = MaterialDescription::Kind;
 
 // Mirrors and glass surfaces in a row; what is lost behind is below a hundredth of a per cent for glass.
 constexpr int longest_specular_chain = 16;
@@ -191,7 +191,7 @@ class PixelTracer {
       Vector3f normal = outside ? hit->shading_normal : (-hit->shading_normal).eval();
       if (normal.dot(ray.direction) >= 0.0f) normal = facing;
       const Ray mirrored{moved_off(hit->position, facing), reflected(ray.direction, normal)};
-      if (material.kind == Kind::mirror) {
+      if (material.kind == MaterialKind::mirror) {
         throughput *= material.colour;
         ray = mirrored;
         path = path << 1 | 1;

@@ -113,7 +113,7 @@ void read_lights(Section section, LightPlan& lights) {
 
 MaterialDescription read_material(Section section) {
   using Kind = MaterialDescription::Kind;
-  using Pattern = TextureDescription::Kind;
+  using TextureKind = TextureDescription::Kind;
   MaterialDescription material;
   for (const char* key : {"name", "kind"}) section.require(key);
   section.text("name", material.name);
@@ -127,10 +127,10 @@ MaterialDescription read_material(Section section) {
   if (material.kind == Kind::glass) material.colour = Rgb::Ones();
   read_colour(section, "colour", material.colour, 1.0);
   section.choice("texture", material.texture.kind,
-                 {{"plain", Pattern::plain},
-                  {"checker", Pattern::checker},
-                  {"noise", Pattern::noise},
-                  {"wood", Pattern::wood}});
+                 {{"plain", TextureKind::plain},
+                  {"checker", TextureKind::checker},
+                  {"noise", TextureKind::noise},
+                  {"wood", TextureKind::wood}});
   read_colour(section, "second_colour", material.texture.second_colour, 1.0);
   section.number("scale_m", material.texture.scale_m, 1e-4, 100.0);
   section.number("roughness", material.roughness, 0.2, 1.0);

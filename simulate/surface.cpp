@@ -13,7 +13,7 @@ namespace refield {
 namespace {
 
 using Eigen::Vector3f;
-using Kind = MaterialDescription::Kind;
+using MaterialKind = MaterialDescription::Kind;
 
 constexpr float pi = std::numbers::pi_v<float>;
 constexpr float ray_offset = 1e-4f;  // of a metre-sized scene: above float rounding, below any visible gap
@@ -59,7 +59,7 @@ Vector3f sample_visible_normal(const Vector3f& view, float alpha, float u, float
 }  // namespace
 
 bool is_specular(const MaterialDescription& material) {
-  return material.kind == Kind::mirror || material.kind == Kind::glass;
+  return material.kind == MaterialKind::mirror || material.kind == MaterialKind::glass;
 }
 
 Vector3f moved_off(const Vector3f& position, const Vector3f& normal) {
@@ -104,13 +104,14 @@ Surface::Surface(const Scene& scene, const Hit& hit, const Vector3f& to_viewer, 
     normal_ = geometric_normal_;  // smooth normals turn away near silhouettes
   view_cosine_ = std::clamp(normal_.dot(to_viewer), 1e-3f, 1.0f);
   colour_ = base_colour(*material_, hit.object_position);
-  if (material_->kind == Kind::glossy || material_->kind == Kind::metal) {
+  if (material_->kind == MaterialKind::glossy || material_->kind == MaterialKind::metal) {
     alpha_ = std::max(smallest_alpha, static_cast<float>(material_->roughness * material_->roughness));
     const auto n = static_cast<float>(material_->index_of_refraction);
-    normal_reflectance_ =
-        material_->kind == Kind::metal ? colour_ : Rgb::Constant((n - 1) * (n - 1) / ((n + 1) * (n + 1)));
+    normal_reflectance_ = material_->kind == MaterialKind::metal
+                              ? colour_
+                              : Rgb::Constant((n - 1) * (n - 1) / ((n + 1) * (n + 1)));
     const float coat = fresnel(view_cosine_).mean();
-    coat_probability_ = material_->kind == Kind::metal
+    coat_probability_ = material_->kind == MaterialKind::metal
                             ? 1.0f
                             : std::clamp(coat / (coat + (1.0f - coat) * colour_.mean() + 1e-6f), 0.1f, 0.9f);
   }
@@ -130,24 +131,24 @@ Rgb Surface::fresnel(float cosine) const {
 Rgb Surface::scattering(const Vector3f& to_light) const {
   const float cosine = to_light.dot(normal_);
   const float side = to_light.dot(geometric_normal_);
-  if (material_->kind == Kind::translucent) {
+  if (material_->kind == MaterialKind::translucent) {
     const auto t = static_cast<float>(material_->transmission);
     return colour_ * ((side > 0.0f ? 1.0f - t : t) * std::abs(cosine) / pi);
   }
   if (cosine <= 0.0f || side <= 0.0f) return Rgb::Zero();
-  if (material_->kind == Kind::diffuse) return colour_ * (cosine / pi);
+  if (material_->kind == MaterialKind::diffuse) return colour_ * (cosine / pi);
 
   const Vector3f half = (to_light + to_viewer_).normalized();
   const float smith = 1.0f / (1.0f + smith_lambda(view_cosine_, alpha_) + smith_lambda(cosine, alpha_));
   const Rgb coat = fresnel(std::max(0.0f, half.dot(to_light))) *
                    (ggx(half.dot(normal_), alpha_) * smith / (4.0f * view_cosine_));
-  if (material_->kind == Kind::metal) return coat;
+  if (material_->kind == MaterialKind::metal) return coat;
   return coat + (1.0f - fresnel(cosine)) * (1.0f - fresnel(view_cosine_)) * colour_ * (cosine / pi);
 }
 
 float Surface::density(const Vector3f& to_light) const {
   const float cosine = to_light.dot(normal_);
-  if (material_->kind == Kind::translucent) {
+  if (material_->kind == MaterialKind::translucent) {
     const auto t = static_cast<float>(material_->transmission);
     return (to_light.dot(geometric_normal_) > 0.0f ? 1.0f - t : t) * std::abs(cosine) / pi;
   }
@@ -167,7 +168,7 @@ std::optional<Surface::Sample> Surface::sample(float u, float v, float choice) c
     direction = reflected(-to_viewer_, facet);
   } else {
     const float r = std::sqrt(u), phi = 2.0f * pi * v;
-    const bool through = material_->kind == Kind::translucent && choice < material_->transmission;
+    const bool through = material_->kind == MaterialKind::translucent && choice < material_->transmission;
     const float z = std::sqrt(std::max(0.0f, 1.0f - u));
     direction = frame.to_world({r * std::cos(phi), r * std::sin(phi), through ? -z : z});
   }
