@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "core/units.h"
+#include "core/base/units.h"
 
 namespace refield {
 

@@ -6,18 +6,18 @@
 #include <optional>
 #include <string>
 
-#include "cli/capture_options.h"
-#include "cli/held_out_figures.h"
+#include "cli/common/held_out_figures.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/capture_session.h"
-#include "core/drift.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/json_text.h"
-#include "core/metrics.h"
-#include "core/output_lock.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field/drift.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "core/session/capture_session.h"
 #include "relight/held_out.h"
 
 namespace refield::cli {

@@ -6,18 +6,18 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/capture_options.h"
-#include "cli/held_out_figures.h"
+#include "cli/common/held_out_figures.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/drift.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/reflectance_field_file.h"
-#include "estimate/foresee.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field/drift.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "estimate/cost_estimate.h"
 
 namespace refield::cli {
 

@@ -10,13 +10,13 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "cli/web/export.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/monitor_placement.h"
-#include "core/output_lock.h"
-#include "core/reflectance_field_file.h"
-#include "relight/environment.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/light/monitor_placement.h"
+#include "relight/environment/environment.h"
 
 namespace refield::cli {
 

@@ -8,12 +8,12 @@
 
 #include "acquire/import/bracket_merge.h"
 #include "acquire/import/bracket_response.h"
-#include "cli/bracket_options.h"
+#include "cli/common/options.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
 
 namespace refield::cli {
 

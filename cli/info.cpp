@@ -12,14 +12,14 @@
 
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "core/field_part.h"
-#include "core/field_statistics.h"
-#include "core/image_io.h"
-#include "core/json_text.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
+#include "core/field/field_statistics.h"
+#include "core/field_io/field_shard.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "core/session/capture_session.h"
 
 namespace refield::cli {
 

@@ -20,10 +20,10 @@
 #include <string_view>
 #include <system_error>
 
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace {
 

@@ -7,14 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "cli/report/run_log.h"
+#include "cli/report/input.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/field_part.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field_io/field_shard.h"
+#include "core/field_io/reflectance_field_file.h"
 
 namespace refield::cli {
 

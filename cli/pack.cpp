@@ -4,16 +4,16 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/packed_field_file.h"
-#include "core/reflectance_field_file.h"
-#include "relight/pack.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field_io/packed_field.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "relight/pack/pack.h"
 
 namespace refield::cli {
 

@@ -7,11 +7,11 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/capture_options.h"
+#include "cli/common/options.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
 
 namespace refield::cli {
 

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/simulate.h"
 #include "cli/run_context.h"
+#include "simulate/tabletop/simulate.h"
 
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "cli/report/run_log.h"
+#include "cli/report/input.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
 
 namespace refield::cli {
 

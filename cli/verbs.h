@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <CLI/CLI.hpp>
+
 #include <functional>
 
 namespace refield::cli {
@@ -29,5 +31,17 @@ void add_pack(CLI::App& app, const Common& common, Action& action);
 void add_info(CLI::App& app, const Common& common, Action& action);
 void add_report(CLI::App& app, const Common& common, Action& action);
 void add_view(CLI::App& app, const Common& common, Action& action);
+
+// One file a subcommand of `refield acquire`. Each adds its own to `group`.
+void add_acquire_devices(CLI::App& group, const Common& common, Action& action);
+void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action);
+void add_acquire_run(CLI::App& group, const Common& common, Action& action);
+void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
+void add_acquire_import(CLI::App& group, const Common& common, Action& action);
+void add_acquire_init(CLI::App& group, const Common& common, Action& action);
+void add_acquire_lights(CLI::App& group, const Common& common, Action& action);
+void add_acquire_show(CLI::App& group, const Common& common, Action& action);
+void add_acquire_match(CLI::App& group, const Common& common, Action& action);
+void add_acquire_probe(CLI::App& group, const Common& common, Action& action);
 
 }  // namespace refield::cli

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <memory>
 
-#include "cli/dynamic/scene_by_hand.h"
-#include "cli/picture_size.h"
+#include "cli/common/options.h"
+#include "cli/dynamic/prepared_scene.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "relight/viewer/viewer.h"
 
 namespace refield::cli {

@@ -8,12 +8,12 @@
 #include <optional>
 #include <string>
 
-#include "core/errors.h"
-#include "core/field_part.h"
-#include "core/reflectance_field_file.h"
-#include "core/run_context.h"
-#include "estimate/checkpoint.h"
-#include "estimate/field_assembler.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/field_io/field_shard.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "estimate/job/checkpoint.h"
+#include "estimate/job/estimate_job.h"
 
 namespace refield {
 

@@ -7,12 +7,12 @@
 #include <span>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/reflectance_field.h"
-#include "core/run_context.h"
-#include "estimate/estimate_plan.h"
-#include "estimate/frame_check.h"
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/session/capture_session.h"
+#include "estimate/cost_estimate.h"
 #include "estimate/options.h"
+#include "estimate/quality/frame_check.h"
 
 namespace refield {
 
@@ -36,7 +36,7 @@ EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions&
                            const RunContext& run = {});
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
-/// bands of rows; with options.rows set, those rows into a part (core/field_part.h). Finished bands are kept
+/// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). Finished bands are kept
 /// in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit for bit.
 /// Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004, sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string_view>
 
-#include "core/row_range.h"
+#include "core/field/reflectance_field.h"
 
 namespace refield {
 
@@ -27,15 +27,15 @@ struct EstimateOptions {
   float clip_level = std::numeric_limits<float>::infinity();
   bool keep_drift = false;     ///< leave brightness as it is where reference frames show drift
   bool keep_outliers = false;  ///< estimate from frames that do not fit the others, too
-  /// Rows of the picture to estimate, for a job array: the output is then a part (core/field_part.h). Empty:
+  /// Rows of the picture to estimate, for a job array: the output is then a part (core/field_io/field_shard.h). Empty:
   /// all.
   std::optional<RowRange> rows;
   int threads = 0;  ///< 0: all cores. The result does not depend on it.
   bool predict_errors =
-      true;  ///< cross-validate a lattice of pixels (a fifth more time), see core/predicted_error.h
+      true;  ///< cross-validate a lattice of pixels (a fifth more time), see core/field/predicted_error.h
 
   /// A field of the same capture (.rfield) that takes in the images it was not made from, see
-  /// estimate/refinement.h. Empty: a fresh start.
+  /// estimate/job/refinement.h. Empty: a fresh start.
   std::filesystem::path refine = {};
   /// Not asked for but found by check_frames(): mean square of the picture's samples, beside which pixels are
   /// worth more or less effort; 0: full effort everywhere.

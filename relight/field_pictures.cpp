@@ -6,8 +6,8 @@
 
 #include <utility>
 
-#include "core/errors.h"
-#include "core/turn.h"
+#include "core/base/errors.h"
+#include "core/light/euler_angles.h"
 
 namespace refield {
 

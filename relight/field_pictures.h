@@ -5,10 +5,10 @@
 #include <variant>
 #include <vector>
 
-#include "core/reflectance_field.h"
-#include "core/run_context.h"
-#include "relight/environment.h"
-#include "relight/mesh_view.h"
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "relight/environment/environment.h"
+#include "relight/mesh/mesh_view.h"
 #include "relight/relighter.h"
 
 namespace refield {

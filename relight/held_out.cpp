@@ -7,10 +7,10 @@
 #include <set>
 #include <span>
 
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/run_context.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 
 namespace refield {
 

@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/image_error.h"
-#include "core/reflectance_field.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/image/metrics.h"
+#include "core/session/capture_session.h"
 
 namespace refield {
 
@@ -35,12 +35,12 @@ struct HeldOutError {
   double relative_rmse = 0.0;
   double median = 0.0;
   double percentile_90 = 0.0;
-  double tone_mapped_psnr_db = 0.0;           ///< of the series, core/metrics.h
+  double tone_mapped_psnr_db = 0.0;           ///< of the series, core/image/metrics.h
   std::optional<PredictionCheck> prediction;  ///< where the field holds predicted errors
   std::vector<HeldOutImage> per_image;        ///< [images], in the order of frames
 };
 
-/// The same measures of a series as core/metrics.h takes of its images' errors.
+/// The same measures of a series as core/image/metrics.h takes of its images' errors.
 ErrorSpread spread_of(const std::vector<HeldOutImage>& images);
 double tone_mapped_psnr_db(const std::vector<HeldOutImage>& images);
 

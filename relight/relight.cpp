@@ -11,10 +11,10 @@
 #include <string>
 #include <utility>
 
-#include "core/auto_exposure.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/run_context.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/image/image_io.h"
+#include "core/image/tone_map.h"
 
 namespace refield {
 

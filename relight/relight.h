@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "core/image.h"
-#include "core/light_map.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/image/image.h"
+#include "core/light/light_map.h"
 #include "relight/field_pictures.h"
 
 namespace refield {

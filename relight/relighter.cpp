@@ -9,8 +9,8 @@
 #include <string>
 #include <utility>
 
-#include "core/errors.h"
-#include "relight/environment.h"
+#include "core/base/errors.h"
+#include "relight/environment/environment.h"
 
 namespace refield {
 

@@ -6,13 +6,12 @@
 #include <variant>
 #include <vector>
 
-#include "core/box.h"
-#include "core/image.h"
-#include "core/light_map.h"
-#include "core/packed_field.h"
-#include "core/reflectance_field.h"
-#include "relight/tile_change.h"
-#include "relight/tile_product.h"
+#include "core/field/reflectance_field.h"
+#include "core/field_io/packed_field.h"
+#include "core/image/image.h"
+#include "core/light/light_map.h"
+#include "relight/tiles/tile_change.h"
+#include "relight/tiles/tile_product.h"
 
 namespace refield {
 

@@ -5,8 +5,8 @@
 #include <cstdarg>
 #include <cstdio>
 
-#include "core/errors.h"
-#include "core/run_context.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -5,14 +5,12 @@
 #include <vector>
 
 #include "acquire/calibrate/banding.h"
-#include "acquire/calibrate/control_latency.h"
-#include "acquire/calibrate/display_timing.h"
 #include "acquire/calibrate/photon_transfer.h"
 #include "acquire/calibrate/response.h"
-#include "acquire/calibrate/superposition.h"
+#include "acquire/calibrate/timing.h"
 #include "acquire/calibrate/tone_curve.h"
 #include "acquire/calibrate/uniformity.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -2,9 +2,9 @@
 #pragma once
 #include <array>
 
-#include "acquire/calibrate/metering.h"
+#include "acquire/calibrate/bench.h"
 #include "acquire/calibrate/response.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "acquire/calibrate/monotone_curve.h"
-#include "acquire/hdr_merge.h"
-#include "core/errors.h"
-#include "core/run_context.h"
+#include "acquire/hdr/hdr_merge.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
 
 namespace refield {
 

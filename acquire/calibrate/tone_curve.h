@@ -2,8 +2,8 @@
 #pragma once
 #include <array>
 
-#include "acquire/calibrate/metering.h"
-#include "core/run_context.h"
+#include "acquire/calibrate/bench.h"
+#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -6,9 +6,9 @@
 #include <cstdlib>
 #include <limits>
 
+#include "acquire/hdr/relative_map.h"
 #include "acquire/import/bracket_response.h"
-#include "acquire/relative_map.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield {
 

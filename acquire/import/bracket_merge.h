@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "acquire/bracket_files.h"
-#include "acquire/hdr_merge.h"
+#include "acquire/hdr/bracket_files.h"
+#include "acquire/hdr/hdr_merge.h"
 
 namespace refield {
 

@@ -10,8 +10,8 @@
 #include <numeric>
 
 #include "acquire/calibrate/monotone_curve.h"
-#include "core/errors.h"
-#include "core/tone_map.h"
+#include "core/base/errors.h"
+#include "core/image/tone_map.h"
 
 namespace refield {
 

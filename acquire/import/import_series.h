@@ -1,18 +1,43 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "acquire/import/bracket_groups.h"
+#include "acquire/capture/session_writer.h"
 #include "acquire/import/bracket_merge.h"
-#include "acquire/session_writer.h"
-#include "core/image_io.h"
-#include "core/light_map.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/base/units.h"
+#include "core/image/image_io.h"
+#include "core/light/light_map.h"
 
 namespace refield {
+
+/// The files of one view.
+struct BracketGroup {
+  std::string name;  ///< what `{light}` stood for, else the first file's stem
+  std::vector<std::filesystem::path> paths;
+};
+
+/// How files of a folder fall into brackets.
+struct GroupRule {
+  /// File names (with or without extension) with {light} where the view's name stands and * or ? for anything
+  /// else:
+  /// "{light}_e*.tif". Within a bracket files are sorted by name.
+  std::string pattern;
+  int count = 0;  ///< without a pattern: so many files, in the order of names, make a bracket
+  /// Without either, an exposure time that the bracket has already begins the next one: then each file must
+  /// state its time.
+};
+
+/// Groups files, which come sorted by name; brackets come in that order. `exposures`: of each file where
+/// known. Throws InputError naming the file and the rule: a name that does not match, a count that does not
+/// go up, an unknown exposure, or brackets whose numbers of exposures differ.
+std::vector<BracketGroup> group_brackets(const std::vector<std::filesystem::path>& files,
+                                         const std::vector<std::optional<Seconds>>& exposures,
+                                         const GroupRule& rule);
 
 /// What the files of lights hold.
 enum class LightContent {
@@ -64,5 +89,27 @@ struct ImportSummary {
 /// match_series() or probe_light(). Before, some brackets are checked by settle_response(). Throws
 /// InputError, FormatError or DeviceError naming the file.
 ImportSummary import_series(const ImportRequest& request, const RunContext& run = {});
+
+/// Merges one bracket after the other and keeps what they have in common.
+class SeriesMerger {
+ public:
+  explicit SeriesMerger(const ImportRequest& request) : request_(request) {}
+
+  /// `counts`: this photograph enters the statistics of report(). Throws InputError naming the file, also for
+  /// another size than those before.
+  Photograph merge(const std::vector<std::filesystem::path>& paths, bool counts);
+  void report(ImportSummary& summary) const;
+
+ private:
+  void require_same_size(const Image& merged, const std::filesystem::path& path);
+  void add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures);
+
+  const ImportRequest& request_;
+  int width_ = 0, height_ = 0;
+  std::vector<Seconds> exposures_;
+  std::vector<double> useful_;
+  double clipped_ = 0.0;
+  int merged_ = 0;
+};
 
 }  // namespace refield

@@ -7,7 +7,7 @@
 #include <numbers>
 #include <string>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield {
 

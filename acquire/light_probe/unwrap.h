@@ -1,16 +1,55 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <Eigen/Core>
+
 #include <array>
+#include <string>
 #include <vector>
 
 #include "acquire/light_probe/mirror_ball.h"
-#include "acquire/light_probe/mirror_reflectance.h"
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/turn.h"
+#include "core/image/image.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "core/light/euler_angles.h"
 
 namespace refield {
+
+/// The fraction of unpolarised light that a mirror returns, for each channel (red, green, blue) and angle of
+/// incidence.
+class MirrorReflectance {
+ public:
+  /// Fresnel's equations for a conductor of complex refractive index n + ik.
+  static MirrorReflectance conductor(const std::array<double, 3>& n, const std::array<double, 3>& k);
+
+  /// Chromium, what "chrome" balls are plated with; reflects .55 to .56 at normal incidence. n and k at 659,
+  /// 549 and 451 nm: P. B. Johnson, R. W. Christy, Optical constants of transition metals, Phys. Rev. B 9
+  /// (1974).
+  static MirrorReflectance chrome();
+
+  /// Bare silver, .98 to .99; n and k at 660, 549 and 451 nm: P. B. Johnson, R. W. Christy, Optical constants
+  /// of the noble metals, Phys. Rev. B 6 (1972).
+  static MirrorReflectance silver();
+
+  /// A measured reflectance at normal incidence, each above 0 and at most 1, rising to 1 at grazing by
+  /// Schlick's approximation (C. Schlick, Computer Graphics Forum 13, 1994). Throws InputError.
+  static MirrorReflectance measured(const std::array<double, 3>& at_normal_incidence);
+
+  /// "chrome", "silver", "perfect" (1 at every angle), or one or three numbers: measured(). Throws
+  /// InputError.
+  static MirrorReflectance from_text(const std::string& text);
+
+  /// `cos_incidence` in [0, 1]: 1 at normal incidence, 0 grazing.
+  std::array<float, 3> at(double cos_incidence) const;
+
+ private:
+  template <class Reflectance>
+  static MirrorReflectance tabulated(const Reflectance& reflectance);
+  std::vector<std::array<float, 3>> table_;  // over the cosine, equally spaced
+};
+
+/// Reads "0.5" (all channels) or "0.5,0.6,0.7". Throws InputError naming `option`.
+std::array<double, 3> channel_numbers(const std::string& text, const std::string& option);
 
 struct UnwrapOptions {
   int width = 512;  ///< of the light map, even; its height is half of it
@@ -47,5 +86,16 @@ SeenLight join(const std::vector<SeenLight>& views);
 
 /// A width that shows what the ball's middle resolves, rounded to 16, at most 4096.
 int natural_width(const MirrorBall& ball);
+
+/// Fills what no photograph shows (weight 0: the camera itself, what is behind the ball) from the texels
+/// around it: each gets their mean, weighted by solid angle and the inverse cube of the distance on the
+/// sphere, so that the fill meets its surroundings without a step, at the poles and across the map's edge as
+/// anywhere else. Radiance where something was seen stays as it is. Throws InputError when nothing was seen
+/// at all. Source: Matusik et al. 2004, section 6, "we automatically fill in the region where the camera is
+/// visible with neighboring pixels"; the weights are ours.
+void fill_unseen(SeenLight& light);
+
+/// Fraction of the sphere that was not seen.
+double unseen_fraction(const Image& weight);
 
 }  // namespace refield

@@ -9,8 +9,8 @@
 #include <regex>
 #include <sstream>
 
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 
 namespace refield {
 

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "acquire/hdr_merge.h"
-#include "core/rng.h"
+#include "acquire/hdr/hdr_merge.h"
+#include "core/base/rng.h"
 
 namespace {
 

@@ -5,9 +5,9 @@
 
 #include <filesystem>
 
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
 
 namespace {
 

@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/rng.h"
-#include "core/summed_area_table.h"
+#include "core/base/rng.h"
+#include "core/light/summed_area_table.h"
 
 namespace {
 

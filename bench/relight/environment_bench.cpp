@@ -17,13 +17,13 @@
 #include <functional>
 
 #include "bench/relight/environment_bench.h"
-#include "core/cube_map.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
-#include "core/tone_map.h"
-#include "relight/environment.h"
-#include "relight/mesh_view.h"
+#include "core/base/rng.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
+#include "core/image/tone_map.h"
+#include "core/light/cube_map.h"
+#include "relight/environment/environment.h"
+#include "relight/mesh/mesh_view.h"
 #include "relight/relighter.h"
 
 namespace {

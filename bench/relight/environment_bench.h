@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "core/light_map.h"
+#include "core/light/light_map.h"
 
 namespace refield::bench {
 

@@ -5,14 +5,14 @@
 // in double; 256 directions are enough here, since their number does not change the work of a frame.
 #include <benchmark/benchmark.h>
 
-#include "core/cube_map.h"
-#include "core/metrics.h"
-#include "core/rng.h"
-#include "relight/emitter_map.h"
-#include "relight/pack.h"
+#include "core/base/rng.h"
+#include "core/image/metrics.h"
+#include "core/light/cube_map.h"
+#include "relight/mesh/emitter_map.h"
+#include "relight/pack/pack.h"
 #include "relight/relighter.h"
-#include "simulate/prt/harmonic_field.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/prt/harmonic_transfer.h"
 
 namespace {
 

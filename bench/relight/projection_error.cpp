@@ -15,10 +15,10 @@
 #include <string>
 #include <vector>
 
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
-#include "relight/environment.h"
+#include "core/base/rng.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
+#include "relight/environment/environment.h"
 #include "relight/relighter.h"
 
 namespace {

@@ -23,13 +23,13 @@
 #endif
 
 #include "bench/relight/environment_bench.h"
-#include "core/metrics.h"
-#include "core/reflectance_field.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
-#include "core/summed_area_table.h"
-#include "core/tone_map.h"
-#include "relight/environment.h"
+#include "core/base/rng.h"
+#include "core/field/reflectance_field.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
+#include "core/image/tone_map.h"
+#include "core/light/summed_area_table.h"
+#include "relight/environment/environment.h"
 #include "relight/relighter.h"
 
 namespace {

@@ -4,9 +4,9 @@
 #include <exception>
 
 #include "bench/studies/studies.h"
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/acquire/verbs.h"
+#include "cli/verbs.h"
 
 namespace refield::cli {
 

@@ -14,14 +14,14 @@
 #include "acquire/import/import_views.h"
 #include "cli/acquire/calibration_page.h"
 #include "cli/acquire/session_rig.h"
-#include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "simulate/virtual_rig.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "simulate/rig/virtual_rig.h"
 
 namespace refield::cli {
 

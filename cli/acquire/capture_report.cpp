@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/acquire/capture_report.h"
 
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "cli/report/run_log.h"
-#include "core/json_text.h"
+#include <cstdio>
+
+#include "cli/report/input.h"
+#include "core/base/json_text.h"
 
 namespace refield::cli {
 
@@ -105,6 +106,15 @@ void report_capture(const CaptureSummary& summary, const fs::path& session, cons
   else
     print(summary, session);
   if (until && !common.json) print(*until, summary);
+}
+
+void add_if_exists(CLI::App& verb, IfExists& choice, const std::string& what) {
+  choice = IfExists::refuse;
+  CLI::Option* resume = verb.add_flag_callback(
+      "--resume", [&choice] { choice = IfExists::resume; }, "Continue an interrupted run");
+  verb.add_flag_callback(
+          "--force", [&choice] { choice = IfExists::replace; }, "Replace " + what + " in the output folder")
+      ->excludes(resume);
 }
 
 }  // namespace refield::cli

@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
 
-#include "acquire/capture.h"
+#include <CLI/CLI.hpp>
+
+#include <filesystem>
+#include <string>
+
+#include "acquire/capture/capture.h"
+#include "acquire/capture/session_writer.h"
 #include "cli/acquire/until_error.h"
 #include "cli/verbs.h"
 
@@ -12,5 +17,8 @@ namespace refield::cli {
 /// beside the session. `until` may be null.
 void report_capture(const CaptureSummary& summary, const std::filesystem::path& session,
                     const UntilError* until, const Common& common);
+
+/// Adds --resume and --force, of which only one can be given; `what` is in the output folder ("a capture").
+void add_if_exists(CLI::App& verb, IfExists& choice, const std::string& what);
 
 }  // namespace refield::cli

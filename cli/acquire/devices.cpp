@@ -3,14 +3,14 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "acquire/drm_display.h"
-#include "acquire/gpio_lines.h"
-#include "acquire/v4l2_device.h"
-#include "acquire/v4l2_formats.h"
-#include "acquire/window_monitor.h"
-#include "cli/acquire/verbs.h"
-#include "core/errors.h"
-#include "core/json_text.h"
+#include "acquire/devices/drm_device.h"
+#include "acquire/devices/gpio_trigger.h"
+#include "acquire/devices/v4l2_device.h"
+#include "acquire/devices/v4l2_formats.h"
+#include "acquire/devices/window_monitor.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
 
 namespace refield::cli {
 

@@ -8,17 +8,16 @@
 #include <string>
 #include <vector>
 
-#include "acquire/exposure_plan.h"
+#include "acquire/capture/exposure_plan.h"
 #include "acquire/import/import_series.h"
-#include "cli/acquire/if_exists.h"
-#include "cli/acquire/verbs.h"
-#include "cli/bracket_options.h"
-#include "cli/option_checks.h"
+#include "cli/acquire/capture_report.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
 
 namespace refield::cli {
 

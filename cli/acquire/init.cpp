@@ -5,10 +5,10 @@
 #include <memory>
 #include <string>
 
-#include "acquire/v4l2_device.h"
-#include "cli/acquire/verbs.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "acquire/devices/v4l2_device.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 
 namespace refield::cli {
 

@@ -9,16 +9,16 @@
 #include <string>
 #include <vector>
 
-#include "cli/acquire/verbs.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/resample.h"
-#include "core/tone_map.h"
-#include "simulate/light_maps.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/image/image.h"
+#include "core/image/image_io.h"
+#include "core/image/tone_map.h"
+#include "simulate/rig/light_maps.h"
 
 namespace refield::cli {
 

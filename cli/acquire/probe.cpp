@@ -9,14 +9,14 @@
 #include <vector>
 
 #include "acquire/light_probe/light_probe.h"
-#include "cli/acquire/verbs.h"
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/session/capture_session.h"
 
 namespace refield::cli {
 

@@ -6,16 +6,14 @@
 #include <optional>
 
 #include "cli/acquire/capture_report.h"
-#include "cli/acquire/if_exists.h"
 #include "cli/acquire/light_list.h"
-#include "cli/acquire/panorama_lights.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
-#include "cli/acquire/verbs.h"
 #include "cli/run_context.h"
-#include "core/auto_exposure.h"
-#include "core/errors.h"
-#include "core/output_lock.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/output_lock.h"
+#include "core/image/tone_map.h"
 
 namespace refield::cli {
 

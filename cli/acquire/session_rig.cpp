@@ -4,8 +4,183 @@
 #include <cstdio>
 
 #include "cli/run_context.h"
+#include "core/base/config_file.h"
 
 namespace refield::cli {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr int most_pixels = 65536;
+
+/// A path of the file: relative to the file's own folder.
+void read_path(ConfigSection& section, const std::string& key, const fs::path& folder, fs::path& path) {
+  std::string text;
+  section.text(key, text);
+  if (!text.empty()) path = folder / text;
+}
+
+void read_pattern(ConfigSection& section, const std::string& key, const fs::path& folder,
+                  std::string& pattern) {
+  fs::path path;
+  read_path(section, key, folder, path);
+  if (!path.empty()) pattern = path;
+}
+
+void read_camera(ConfigSection section, V4l2CameraOptions& camera) {
+  section.require("device");
+  section.text("device", camera.device);
+  section.text("format", camera.format);
+  section.integer("width", camera.width, 1, most_pixels);
+  section.integer("height", camera.height, 1, most_pixels);
+  section.number("rate", camera.rate, 0.01, 10'000.0);
+  std::vector<int> window(4, 0);
+  section.integers("window", window, 0, most_pixels);
+  if (section.has("window")) camera.window = FrameWindow{window[0], window[1], window[2], window[3]};
+  section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
+  section.seconds("fixed_exposure", camera.fixed_exposure, Seconds(1), 1e-6, 3600.0);
+  section.seconds("replug_patience", camera.replug_patience, Seconds(1), 0.0, 86'400.0);
+  section.finish();
+}
+
+/// Where the monitor stands, for relighting by environment maps: all of it may be left out.
+std::vector<MonitorPlacement> read_placement(ConfigSection& section) {
+  constexpr double longest_mm = 1e6;
+  MonitorPlacement place;
+  bool given = false;
+  for (const auto& [key, value] : {std::pair{"width_mm", &place.width_mm},
+                                   {"height_mm", &place.height_mm},
+                                   {"distance_mm", &place.distance_mm}}) {
+    section.number(key, *value, 1e-3, longest_mm);
+    given = given || section.has(key);
+  }
+  for (const auto& [key, value] : {std::pair{"yaw_degrees", &place.turn.yaw},
+                                   {"pitch_degrees", &place.turn.pitch},
+                                   {"roll_degrees", &place.turn.roll}}) {
+    section.number(key, *value, -360.0, 360.0);
+    given = given || section.has(key);
+  }
+  for (const auto& [key, value] :
+       {std::pair{"offset_x_mm", &place.offset_x_mm}, {"offset_y_mm", &place.offset_y_mm}}) {
+    section.number(key, *value, -longest_mm, longest_mm);
+    given = given || section.has(key);
+  }
+  if (!given) return {};
+  for (const char* key : {"width_mm", "height_mm", "distance_mm"}) section.require(key);
+  return {place};
+}
+
+void read_monitor(ConfigSection section, SessionFile& session) {
+  DrmMonitorOptions& monitor = session.monitor;
+  bool is_window = false;
+  int display = 0;
+  section.flag("window", is_window);
+  section.integer("display", display, 0, 63);
+  section.text("card", monitor.card);
+  section.text("connector", monitor.connector);
+  section.text("mode", monitor.mode);
+  section.integer("width", monitor.width, 1, most_pixels);
+  section.integer("height", monitor.height, 1, most_pixels);
+  session.placements = read_placement(section);
+  if (is_window) {
+    for (const char* key : {"card", "connector", "mode"})
+      if (section.has(key))
+        section.fail(key,
+                     "is not valid with window = true, since the desktop sets the mode; give 'display', or "
+                     "remove 'window'");
+    session.window = WindowMonitorOptions{display, monitor.width, monitor.height};
+  } else if (section.has("display")) {
+    section.fail("display", "requires window = true; without a window, give a connector");
+  }
+  section.finish();
+}
+
+/// "ready_line = 4" and "ready_active_low = true", on the trigger's chip.
+std::optional<GpioLineAddress> read_line(ConfigSection& section, const std::string& name,
+                                         const std::string& chip) {
+  GpioLineAddress address{chip, 0, false};
+  int line = 0;
+  section.integer(name + "line", line, 0, 65535);
+  section.flag(name + "active_low", address.active_low);
+  address.line = static_cast<unsigned>(line);
+  return section.has(name + "line") ? std::optional(address) : std::nullopt;
+}
+
+GpioTriggerOptions read_trigger(ConfigSection section) {
+  for (const char* key : {"chip", "line"}) section.require(key);
+  std::string chip;
+  section.text("chip", chip);
+  GpioTriggerOptions trigger;
+  trigger.trigger = *read_line(section, "", chip);
+  trigger.ready = read_line(section, "ready_", chip);
+  trigger.strobe = read_line(section, "strobe_", chip);
+  trigger.lamp = read_line(section, "lamp_", chip);
+  section.seconds("pulse_ms", trigger.pulse_width, Seconds(1e-3), 1e-3, 1000.0);
+  section.seconds("timeout", trigger.timeout, Seconds(1), 1e-3, 3600.0);
+  section.finish();
+  return trigger;
+}
+
+void read_lights(ConfigSection section, const fs::path& folder, SessionLights& lights) {
+  read_path(section, "session", folder, lights.session);
+  read_pattern(section, "images", folder, lights.images);
+  read_pattern(section, "test_images", folder, lights.test_images);
+  read_path(section, "panorama", folder, lights.panorama);
+  section.integer("rotations", lights.rotations, 1, 100'000);
+  section.number("fov_degrees", lights.fov_degrees, 1.0, 170.0);
+  section.number("white_percentile", lights.white_percentile, 1.0, 100.0);
+  if (lights.session.empty() && lights.images.empty() && lights.panorama.empty())
+    section.fail("images",
+                 "no light maps are given; give images (a folder or a pattern), a session or a panorama");
+  section.finish();
+}
+
+void read_exposures(ConfigSection section, SessionFile& session) {
+  section.numbers("seconds", session.exposures, 1e-6, 3600.0);
+  section.integer("count", session.exposure_count, 1, 16);
+  section.number("ratio", session.exposure_ratio, 1.1, 100.0);
+  section.text("noise", session.noise);
+  section.integer("frames", session.frames, 1, 1000);
+  section.integer("ambient_frames", session.ambient_frames, 1, 1000);
+  section.number("gain", session.gain, 1e-3, 1e4);
+  section.finish();
+}
+
+void read_session(ConfigSection section, const fs::path& folder, SessionFile& session) {
+  for (const char* key : {"output", "calibration"}) section.require(key);
+  read_path(section, "output", folder, session.output);
+  read_path(section, "calibration", folder, session.calibration);
+  read_path(section, "mask", folder, session.mask);
+  read_path(section, "background", folder, session.background);
+  section.flag("auto_mask", session.auto_mask);
+  section.integer("reference_every", session.reference_every, 0, 100'000);
+  read_path(section, "reference_light", folder, session.reference_light);
+  section.text("order", session.order);
+  section.text("until_error", session.until_error);
+  section.flag("keep_raw", session.keep_raw);
+  section.flag("half", session.half);
+  read_path(section, "preview", folder, session.preview);
+  section.finish();
+}
+
+}  // namespace
+
+SessionFile read_session_file(const fs::path& path) {
+  const ConfigFile file(path, "session file", "docs/reference/devices.md");
+  file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
+  SessionFile session;
+  session.path = path;
+  const fs::path folder = fs::absolute(path).parent_path();
+  read_session(file.section("session"), folder, session);
+  read_camera(file.section("camera"), session.camera);
+  session.camera.controls = file.optional_section("controls").settings();
+  read_monitor(file.optional_section("monitor"), session);
+  if (file.has("trigger")) session.trigger = read_trigger(file.section("trigger"));
+  read_lights(file.section("lights"), folder, session.lights);
+  read_exposures(file.optional_section("exposures"), session);
+  return session;
+}
 
 namespace {
 

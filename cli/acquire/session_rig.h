@@ -1,14 +1,64 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
-#include "acquire/gpio_trigger.h"
+#include "acquire/devices/drm_monitor.h"
+#include "acquire/devices/gpio_trigger.h"
+#include "acquire/devices/v4l2_camera.h"
+#include "acquire/devices/window_monitor.h"
 #include "acquire/illuminator.h"
-#include "acquire/v4l2_camera.h"
-#include "cli/acquire/session_file.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield::cli {
+
+/// What a session is lit by.
+struct SessionLights {
+  std::filesystem::path session;   ///< another session, whose lights with their roles are shown
+  std::string images;              ///< folder or pattern of light maps to estimate from
+  std::string test_images;         ///< held out
+  std::filesystem::path panorama;  ///< lat-long map, of which the monitor shows views
+  int rotations = 60;              ///< of the panorama, evenly spread
+  double fov_degrees = 90.0;       ///< vertical, of a view
+  double white_percentile = 99.0;  ///< of the panorama's brightness: shown as the monitor's white
+};
+
+/// A session file: everything that `refield acquire run` needs to know, see docs/reference/devices.md.
+struct SessionFile {
+  std::filesystem::path path;
+  std::filesystem::path output;
+  std::filesystem::path calibration;
+  V4l2CameraOptions camera;
+  DrmMonitorOptions monitor;
+  std::optional<WindowMonitorOptions> window;  ///< instead of `monitor`
+  std::vector<MonitorPlacement> placements;    ///< where the monitor stands, one or, if it is not known, none
+  std::optional<GpioTriggerOptions> trigger;
+  SessionLights lights;
+  std::vector<double> exposures;  ///< seconds; empty: by count and ratio
+  int exposure_count = 4;
+  double exposure_ratio = 4.0;
+  std::string noise;  ///< instead: as few exposures as keep it below this share, such as "2%"
+  int frames = 1;
+  int ambient_frames = 4;
+  double gain = 1.0;
+  std::filesystem::path mask, background;
+  bool auto_mask = false;
+  int reference_every = 20;
+  std::filesystem::path reference_light;
+  std::string order = "given";
+  std::string until_error;
+  bool keep_raw = false;
+  bool half = false;
+  std::filesystem::path preview;  ///< PNG of the last photograph, replaced by each; empty: none
+};
+
+/// Reads a session file; paths in it are relative to its folder. Throws InputError naming file, line, key,
+/// value and remedy.
+SessionFile read_session_file(const std::filesystem::path& path);
 
 /// The devices that a session file names, opened.
 class SessionRig {

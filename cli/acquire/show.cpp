@@ -13,14 +13,14 @@
 #include <thread>
 #include <vector>
 
-#include "acquire/calibration.h"
+#include "acquire/calibrate/calibration.h"
+#include "acquire/devices/window_monitor.h"
 #include "acquire/series/capture_time.h"
-#include "acquire/window_monitor.h"
-#include "cli/acquire/verbs.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 
 namespace refield::cli {
 

@@ -6,9 +6,9 @@
 #include <cstdio>
 
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "estimate/light_order.h"
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
+#include "estimate/quality/light_order.h"
 
 namespace refield::cli {
 

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "acquire/capture.h"
-#include "estimate/error_follower.h"
+#include "acquire/capture/capture.h"
+#include "estimate/quality/error_follower.h"
 
 namespace refield::cli {
 

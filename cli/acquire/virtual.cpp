@@ -7,14 +7,13 @@
 #include <vector>
 
 #include "cli/acquire/capture_report.h"
-#include "cli/acquire/if_exists.h"
 #include "cli/acquire/until_error.h"
-#include "cli/acquire/verbs.h"
 #include "cli/acquire/virtual_request.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/output_lock.h"
-#include "simulate/virtual_rig.h"
+#include "cli/verbs.h"
+#include "core/base/errors.h"
+#include "core/base/output_lock.h"
+#include "simulate/rig/virtual_rig.h"
 
 namespace refield::cli {
 

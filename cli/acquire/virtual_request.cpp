@@ -7,12 +7,12 @@
 #include "cli/acquire/light_list.h"
 #include "cli/acquire/until_error.h"
 #include "cli/run_context.h"
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
-#include "simulate/falloff.h"
-#include "simulate/monitor_surface.h"
+#include "core/base/errors.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
+#include "simulate/tabletop/scene.h"
+#include "simulate/tabletop/surface.h"
 
 namespace refield::cli {
 

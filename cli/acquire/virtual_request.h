@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "acquire/capture.h"
-#include "simulate/recipe.h"
-#include "simulate/simulate.h"
+#include "acquire/capture/capture.h"
+#include "simulate/tabletop/recipe.h"
+#include "simulate/tabletop/simulate.h"
 
 namespace refield::cli {
 

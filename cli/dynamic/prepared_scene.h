@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <vector>
 
-#include "core/image.h"
+#include "core/image/image.h"
+#include "relight/viewer/scene/moving_scene.h"
 #include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/dynamic_light.h"
 #include "simulate/dynamic/transport_cache.h"
@@ -58,5 +61,9 @@ class PreparedScene {
 
 /// The scene's camera, or one that sees all of it from in front.
 PinholeCamera camera_of(const dynamic::DynamicScene& scene);
+
+/// A description of a moving scene (TOML, docs/reference/mesh-scenes.md) with all that is computed ahead, for
+/// the viewer. Throws what read_dynamic_scene() throws, and Interrupted.
+MovingScene read_moving_scene(const std::filesystem::path& path);
 
 }  // namespace refield::cli

@@ -1,4 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "cli/dynamic/simulate_dynamic.h"
+
+#include <nlohmann/json.hpp>
+
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -7,25 +11,126 @@
 #include <filesystem>
 #include <map>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
-#include "cli/dynamic/frame_errors.h"
-#include "cli/dynamic/frame_times.h"
+#include "cli/common/options.h"
 #include "cli/dynamic/prepared_scene.h"
-#include "cli/option_checks.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/auto_exposure.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/units.h"
-#include "relight/video.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/base/rng.h"
+#include "core/base/units.h"
+#include "core/image/image_io.h"
+#include "core/image/tone_map.h"
+#include "relight/sequence.h"
 
 namespace refield::cli {
+
+FrameTimes measure_frames(PreparedScene& scene, const dynamic::FrameOptions& options) {
+  constexpr int frames = 15;
+  const PinholeCamera camera = camera_of(scene.scene());
+  std::vector<FrameTimes> all;
+  using Clock = std::chrono::steady_clock;
+  const auto ms_since = [](Clock::time_point start) {
+    return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  };
+  for (int frame = 0; frame < frames; ++frame) {
+    const auto start = Clock::now();
+    scene.solve(scene.scene().duration() * frame / frames, camera, options);
+    scene.light().radiance(0, scene.light().bounces());
+    const double solved = ms_since(start);
+    const auto before_picture = Clock::now();
+    scene.picture(0, scene.light().bounces());
+    const dynamic::DynamicLight::Times& times = scene.light().times();
+    all.push_back({solved, 1e3 * times.direct, 1e3 * times.place, 1e3 * times.bounces, 1e3 * times.shade,
+                   ms_since(before_picture) - 1e3 * times.shade});
+  }
+  const auto median = [&](double FrameTimes::*part) {
+    std::vector<double> values;
+    for (const FrameTimes& times : all) values.push_back(times.*part);
+    std::ranges::nth_element(values, values.begin() + frames / 2);
+    return values[frames / 2];
+  };
+  return {median(&FrameTimes::frame),   median(&FrameTimes::direct), median(&FrameTimes::place),
+          median(&FrameTimes::bounces), median(&FrameTimes::shade),  median(&FrameTimes::picture)};
+}
+
+namespace {
+
+constexpr std::size_t most_vertices = 500;
+
+void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
+  const Eigen::Vector3f eye = drawn.camera.position;
+  const std::vector<dynamic::Pose> poses = scene.poses(drawn.time);
+  FrameReference facing;
+  std::size_t number = 0;
+  for (std::uint32_t o = 0; o < scene.objects.size(); ++o) {
+    const Mesh& mesh = scene.objects[o].mesh;
+    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v, ++number) {
+      if ((poses[o].linear() * mesh.normals[v]).dot(eye - poses[o] * mesh.positions[v]) <= 0.0f) continue;
+      facing.vertices.push_back({o, v});
+      facing.number.push_back(number);
+    }
+  }
+  Rng rng(7);
+  const std::size_t all = facing.vertices.size(), count = std::min(all, most_vertices);
+  for (std::size_t i = 0; i < count; ++i) {  // one of each of `count` equal parts
+    const std::size_t first = i * all / count, end = (i + 1) * all / count;
+    const std::size_t k = first + static_cast<std::size_t>(rng.below(end - first));
+    drawn.vertices.push_back(facing.vertices[k]);
+    drawn.number.push_back(facing.number[k]);
+  }
+}
+
+}  // namespace
+
+FrameReference frame_reference(const PreparedScene& scene, double time, int bounces, int paths) {
+  FrameReference reference;
+  reference.time = time;
+  reference.camera = camera_of(scene.scene());
+  draw_facing(scene.scene(), reference);
+  reference.bounces = scene.reference(time, reference.vertices, reference.camera.position,
+                                      {.paths = paths, .bounces = bounces});
+  return reference;
+}
+
+std::vector<LightError> frame_errors(PreparedScene& scene, const FrameReference& reference,
+                                     dynamic::FrameOptions options) {
+  const int bounces = static_cast<int>(reference.bounces.size()) - 1;
+  options.bounces = bounces;
+  options.until = 0.0;
+  scene.solve(reference.time, reference.camera, options);
+  const std::size_t count = reference.vertices.size();
+  const auto truth_of = [&](int first, int last) {
+    std::vector<Eigen::Array3f> truth(count, Eigen::Array3f::Zero());
+    for (int b = first; b <= last; ++b)
+      for (std::size_t i = 0; i < count; ++i) truth[i] += reference.bounces[static_cast<std::size_t>(b)][i];
+    return truth;
+  };
+  const auto norm = [](const std::vector<Eigen::Array3f>& values) {
+    double sum = 0.0;
+    for (const auto& value : values) sum += value.matrix().cast<double>().squaredNorm();
+    return std::sqrt(sum);
+  };
+  const double all = norm(truth_of(0, bounces));
+  std::vector<LightError> errors;
+  const auto add = [&](const std::string& what, int first, int last) {
+    const auto radiance = scene.light().radiance(first, last);
+    const std::vector<Eigen::Array3f> truth = truth_of(first, last);
+    std::vector<Eigen::Array3f> difference(count);
+    for (std::size_t i = 0; i < count; ++i) difference[i] = radiance[reference.number[i]] - truth[i];
+    errors.push_back({what, norm(difference) / norm(truth), norm(difference) / all, norm(truth) / all});
+  };
+  add("direct", 0, 0);
+  for (int b = 1; b <= bounces; ++b) add("bounce " + std::to_string(b), b, b);
+  if (bounces > 0) add("bounced", 1, bounces);
+  add("all", 0, bounces);
+  return errors;
+}
 
 namespace {
 

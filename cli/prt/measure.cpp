@@ -8,7 +8,7 @@
 #include <functional>
 #include <vector>
 
-#include "core/metrics.h"
+#include "core/image/metrics.h"
 
 namespace refield::prt_chart {
 

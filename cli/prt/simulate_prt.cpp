@@ -8,17 +8,17 @@
 #include <optional>
 #include <string>
 
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
 #include "cli/prt/measure.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/packed_field_file.h"
-#include "relight/pack.h"
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field_io/packed_field.h"
+#include "relight/pack/pack.h"
 #include "simulate/prt/clusters.h"
-#include "simulate/prt/harmonic_field.h"
+#include "simulate/prt/harmonic_transfer.h"
 
 namespace refield::cli {
 

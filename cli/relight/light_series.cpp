@@ -1,19 +1,111 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/relight/light_series.h"
 
+#include <nlohmann/json.hpp>
+
 #include <algorithm>
 #include <cstdio>
 
+#include "cli/common/options.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "relight/emitter_map.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/run_context.h"
+#include "core/image/image_io.h"
+#include "relight/environment/environment.h"
+#include "relight/field_pictures.h"
+#include "relight/mesh/emitter_map.h"
 #include "relight/sequence.h"
 #include "simulate/prt/area_lights.h"
 #include "simulate/prt/harmonic_transfer.h"
 
 namespace refield::cli {
+
+namespace {
+
+bool are_given(const CameraOptions& options) {
+  return !options.position.empty() || !options.target.empty() || options.fov || !options.size.empty() ||
+         options.turntable;
+}
+
+Eigen::Vector3f vector_of(const std::vector<float>& numbers) {
+  return {numbers[0], numbers[1], numbers[2]};
+}
+
+}  // namespace
+
+void add_camera_options(CLI::App& verb, CameraOptions& options) {
+  const char* group =
+      "Camera (mesh fields only; default: the camera of the scene, else a front view of the whole mesh)";
+  const auto add_point = [&](const char* name, std::vector<float>& point, const char* what) {
+    verb.add_option(name, point, what)->delimiter(',')->expected(3)->type_name("X,Y,Z")->group(group);
+  };
+  add_point("--camera-position", options.position,
+            "Position of the camera in scene coordinates (+X right, +Y up, +Z forward)");
+  add_point("--camera-target", options.target,
+            "Point in scene coordinates that is in the centre of the image");
+  verb.add_option("--fov", options.fov, "Vertical field of view in degrees")->group(group);
+  verb.add_option("--size", options.size, "Size of the image in pixels")
+      ->type_name("WIDTHxHEIGHT")
+      ->group(group);
+  verb.add_flag("--turntable", options.turntable,
+                "Move the camera on a full circle around the target over --frames images")
+      ->group(group);
+}
+
+std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const ReflectanceField& field,
+                                      const std::filesystem::path& path, int frames) {
+  if (field.mesh.empty()) {
+    if (are_given(options))
+      throw InputError(path.string() +
+                       ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
+                       "--camera-position, --camera-target, --fov, --size and --turntable");
+    return {};
+  }
+  PinholeCamera camera = standard_camera(field);
+  if (!options.size.empty()) {
+    const PictureSize size = read_picture_size(options.size, {1, 1});
+    camera.width = size.width;
+    camera.height = size.height;
+    if (!field.camera) camera = framing_camera(field.mesh, camera.width, camera.height);
+  }
+  if (!options.position.empty()) camera.position = vector_of(options.position);
+  if (!options.target.empty()) camera.target = vector_of(options.target);
+  if (options.fov) camera.vertical_field_of_view_degrees = *options.fov;
+  camera.check();
+  return options.turntable ? turntable(camera, frames) : std::vector{camera};
+}
+
+void SeenShares::add(const std::string& light, const EnvironmentShare& share) {
+  const std::scoped_lock lock(mutex_);
+  entries_.insert(std::ranges::upper_bound(entries_, light, {}, &Entry::light), {light, share});
+}
+
+void SeenShares::print() const {
+  constexpr std::size_t most_lines = 12;
+  if (entries_.empty()) return;
+  std::printf("The monitor covers %.1f %% of all directions; light from other directions is ignored.\n",
+              100.0 * entries_.front().share.sphere);
+  if (entries_.size() <= most_lines) {
+    for (const Entry& entry : entries_)
+      std::printf("%s: %.1f %% of the map's light comes from these directions\n", entry.light.c_str(),
+                  100.0 * entry.share.energy);
+    return;
+  }
+  const auto energy = [](const Entry& entry) { return entry.share.energy; };
+  const auto [least, most] = std::ranges::minmax_element(entries_, {}, energy);
+  std::printf("%.1f %% (%s) to %.1f %% (%s) of the maps' light comes from these directions\n",
+              100.0 * energy(*least), least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
+}
+
+nlohmann::ordered_json SeenShares::json() const {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const Entry& entry : entries_)
+    list.push_back({{"light", entry.light},
+                    {"share_of_directions", entry.share.sphere},
+                    {"share_of_light", entry.share.energy}});
+  return list;
+}
 
 namespace {
 
@@ -138,6 +230,124 @@ LightSeries light_series(const RelightOptions& options, const ReflectanceField& 
                        : options.rotate ? series_of_rotated_light(options, domain)
                                         : series_of_lights(options, domain);
   if (options.camera.turntable && !series.is_sequence) hold_still(series, options.frames);
+  return series;
+}
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Brings environments into the form that a field is lit by, and keeps count of what the monitor sees of
+/// them.
+struct Projection {
+  std::shared_ptr<const EnvironmentProjector> projector;
+  std::shared_ptr<SeenShares> seen;
+  bool exact = false;
+  bool box_sums = false;  ///< the field needs no light map
+
+  SceneLight operator()(const std::string& name, std::shared_ptr<const PreparedEnvironment> environment,
+                        const Turn& turn) const {
+    if (box_sums && environment->has_path_sums()) return TurnedEnvironment{std::move(environment), turn};
+    return light_map(name, *environment, turn);
+  }
+
+  LightMap light_map(const std::string& name, const PreparedEnvironment& environment,
+                     const Turn& turn) const {
+    EnvironmentLight result = exact ? projector->project_exactly(environment.map(), turn, run_context())
+                                    : projector->project(environment, turn, run_context());
+    if (seen) seen->add(name, result.share);
+    return std::move(result.light);
+  }
+};
+
+std::shared_ptr<const PreparedEnvironment> prepared(LightMap environment) {
+  return std::make_shared<const PreparedEnvironment>(std::move(environment), run_context());
+}
+
+Projection projection_of(const RelightOptions& options, const ReflectanceField& field) {
+  const auto monitors = options.monitors.empty() ? field.monitors : placements_from_texts(options.monitors);
+  const LightDomain& domain = field.basis.domain;
+  const bool has_window = domain.parameterisation == Parameterisation::monitor;
+  if (has_window && monitors.empty())
+    throw InputError(options.field.string() +
+                     ": does not contain the placement of the monitor, which environment maps require; give "
+                     "width x height @ distance from the scene in mm, such as --monitor 520x320@600,yaw=90 "
+                     "(see docs/guide/relighting.md)");
+  if (!has_window && !options.monitors.empty())
+    throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
+                     " light map that covers all directions; remove --monitor");
+  check_placements(monitors, domain, options.monitors.empty() ? options.field.string() : "--monitor");
+  return {std::make_shared<const EnvironmentProjector>(domain, monitors, run_context()),
+          has_window ? std::make_shared<SeenShares>() : nullptr, options.exact,
+          !options.exact && box_sums_suffice(field.basis)};
+}
+
+void add_maps(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  for (const fs::path& file : expand_globs(options.environments))
+    series.lights.push_back({file.stem().string(), file, [=, turn = options.turn] {
+                               return project(file.stem().string(),
+                                              prepared(read_environment(file, run_context())), turn);
+                             }});
+}
+
+void add_rotation(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  const fs::path file = only_file(options.environments, "--env");
+  const auto environment = prepared(read_environment(file, run_context()));
+  for (int i = 0; i < options.frames; ++i) {
+    Turn turn = options.turn;
+    turn.yaw += 360.0 * i / options.frames;
+    const std::string name = frame_name("rotation", i);
+    series.lights.push_back({name, file, [=] { return project(name, environment, turn); }});
+  }
+}
+
+void add_day(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  options.sky.check();
+  for (int i = 0; i < options.frames; ++i) {
+    const std::string name = frame_name("day", i);
+    const double done = options.frames == 1 ? 0.5 : static_cast<double>(i) / (options.frames - 1);
+    series.lights.push_back({name, std::nullopt, [=, sky = options.sky, turn = options.turn] {
+                               return project(name, prepared(clear_sky(sun_direction(done, sky), sky)), turn);
+                             }});
+  }
+}
+
+/// Light adds up, so maps are put onto the light map once, and their lights mixed.
+void add_fade(const RelightOptions& options, const Projection& project, LightSeries& series) {
+  const auto files = expand_globs(options.environments);
+  if (files.size() < 2)
+    throw InputError("--fade requires at least two environment maps; give them with --env");
+  const auto lights = std::make_shared<std::vector<LightMap>>();
+  Progress progress(run_context(), "projecting maps", files.size());
+  for (const fs::path& file : files) {
+    lights->push_back(project.light_map(
+        file.stem().string(), PreparedEnvironment(read_environment(file, run_context()), run_context()),
+        options.turn));
+    progress.advance();
+  }
+  for (int i = 0; i < options.frames; ++i) {
+    const double last = static_cast<double>(files.size()) - 1.0;
+    const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);
+    const auto from = std::min(static_cast<std::size_t>(place), files.size() - 2);
+    series.lights.push_back(
+        {frame_name("fade", i), files[from],
+         [=] { return mixed((*lights)[from], (*lights)[from + 1], place - static_cast<double>(from)); }});
+  }
+}
+
+}  // namespace
+
+LightSeries environment_series(const RelightOptions& options, const ReflectanceField& field) {
+  const Projection project = projection_of(options, field);
+  LightSeries series{.is_sequence = options.rotate || options.fade || options.day, .seen = project.seen};
+  if (options.day)
+    add_day(options, project, series);
+  else if (options.fade)
+    add_fade(options, project, series);
+  else if (options.rotate)
+    add_rotation(options, project, series);
+  else
+    add_maps(options, project, series);
   return series;
 }
 

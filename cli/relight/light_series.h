@@ -1,17 +1,81 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json_fwd.hpp>
+
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "cli/relight/relight_options.h"
-#include "cli/relight/seen_share.h"
-#include "core/reflectance_field.h"
+#include "core/field/mesh.h"
+#include "core/field/reflectance_field.h"
+#include "core/light/euler_angles.h"
+#include "relight/environment/environment.h"
+#include "relight/environment/sky.h"
 #include "relight/relight.h"
+#include "relight/sequence.h"
 
 namespace refield::cli {
+
+/// From where a field over a mesh is shown; what is absent is as the field's own camera has it, or frames the
+/// mesh.
+struct CameraOptions {
+  std::vector<float> position, target;  ///< three numbers or none
+  std::optional<float> fov;             ///< degrees, vertical
+  std::string size;                     ///< WIDTHxHEIGHT or empty
+  bool turntable = false;               ///< goes once around the target
+};
+
+void add_camera_options(CLI::App& verb, CameraOptions& options);
+
+/// The cameras of FieldPictures. Throws InputError for a camera that cannot be, and for camera options with a
+/// field that has no mesh.
+std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const ReflectanceField& field,
+                                      const std::filesystem::path& path, int frames);
+
+/// Options of `refield relight`.
+struct RelightOptions {
+  std::filesystem::path field;
+  std::vector<std::string> lights;        ///< light maps of the field's own size
+  std::vector<std::string> environments;  ///< maps of the surroundings, of any size
+  std::vector<std::string> monitors;      ///< placements, in place of the field's own
+  Turn turn;                              ///< of environments
+  bool exact = false;                     ///< project environments texel by texel
+  std::filesystem::path area_lights;      ///< lamps around a mesh, as a file describes them
+  double bar = 0.0;                       ///< width as a fraction of the light map; 0: no bar
+  bool rotate = false;
+  bool fade = false;  ///< from each environment to the next
+  bool day = false;   ///< a sky from sunrise to sunset
+  SkyOptions sky;
+  CameraOptions camera;
+  int frames = 0;
+  std::filesystem::path output;
+  std::string format = "exr";
+  VideoOptions video;  ///< its exposure goes for PNG files too
+};
+
+/// How much of each environment the monitor's windows saw, so that nobody takes a part for the whole.
+class SeenShares {
+ public:
+  /// From any thread.
+  void add(const std::string& light, const EnvironmentShare& share);
+
+  /// One line a light; of many, one line for all.
+  void print() const;
+  nlohmann::ordered_json json() const;
+
+ private:
+  struct Entry {
+    std::string light;
+    EnvironmentShare share;
+  };
+  std::mutex mutex_;
+  std::vector<Entry> entries_;  // by name, as threads do not come in order
+};
 
 /// One of the lights to show a field under.
 struct SeriesLight {

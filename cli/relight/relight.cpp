@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/relight.h"
 #include "cli/run_context.h"
+#include "relight/relight.h"
 
 #include <algorithm>
 #include <array>
@@ -12,14 +12,14 @@
 #include <string>
 #include <vector>
 
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
 #include "cli/relight/light_series.h"
 #include "cli/verbs.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
+#include "core/field_io/reflectance_field_file.h"
 
 namespace refield::cli {
 

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <nlohmann/json_fwd.hpp>
+
 #include <string>
 #include <vector>
 
 #include "cli/report/input.h"
-#include "core/run_context.h"
+#include "cli/report/pixel_choice.h"
+#include "core/base/run_context.h"
 #include "relight/held_out.h"
 
 namespace refield::report {
@@ -42,5 +46,10 @@ std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& r
 /// Up to `count` frames of a kind, evenly spread over its held-out frames: no hand picks them.
 std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std::string& kind,
                                         std::size_t count);
+
+/// The page's figures for machines. Errors are relative RMSE, fractions; numbers that are not finite become
+/// null.
+nlohmann::ordered_json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
+                                    const std::vector<ChosenPixel>& pixels);
 
 }  // namespace refield::report

@@ -93,4 +93,193 @@ std::string counted(std::uint64_t count, std::string_view noun) {
   return std::to_string(count) + " " + std::string(noun) + (count == 1 ? "" : "s");
 }
 
+namespace {
+
+constexpr double chart_height = 270.0;
+constexpr double left = 58.0, right = 14.0, top = 30.0, bottom = 46.0;
+constexpr int palette_size = 6;
+
+std::string px(double value) {
+  return fixed(value, 1);
+}
+
+std::string colour_class(int colour) {
+  return "c" + std::to_string(colour % palette_size);
+}
+
+/// Decimals that tell neighbouring ticks apart.
+std::string tick_text(double value, double step, Numbers numbers) {
+  const double unit = numbers == Numbers::percent ? 100.0 : 1.0;
+  const int decimals = std::max(0, static_cast<int>(-std::floor(std::log10(step * unit) + 1e-9)));
+  return fixed(value * unit, decimals) + (numbers == Numbers::percent ? " %" : "");
+}
+
+/// Four digits without idle zeros: "25", "0.5".
+std::string short_text(double value) {
+  std::string text = significant(value, 4);
+  if (text.find('.') != std::string::npos) text.erase(text.find_last_not_of('0') + 1);
+  if (text.ends_with('.')) text.pop_back();
+  return text;
+}
+
+std::string value_text(double value, Numbers numbers) {
+  return numbers == Numbers::percent ? percent(value) : significant(value, 3);
+}
+
+std::string text_at(double x, double y, const char* css, const std::string& content) {
+  return "<text class=\"" + std::string(css) + "\" x=\"" + px(x) + "\" y=\"" + px(y) + "\">" +
+         escaped(content) + "</text>";
+}
+
+/// Opens the SVG and draws what all charts share: title, labels, horizontal grid with its numbers.
+std::string frame_svg(double width, const std::string& title, const std::string& x_label,
+                      const std::string& y_label, Numbers numbers, const Scale& y) {
+  std::string svg = "<svg class=\"chart\" role=\"img\" viewBox=\"0 0 " + px(width) + " " + px(chart_height) +
+                    "\" aria-label=\"" + escaped(title) + "\">";
+  svg += text_at(left, 14, "chart-title", title);
+  const auto ticks = round_ticks(y.domain_low, y.domain_high, 5);
+  const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : 1.0;
+  for (const double tick : ticks) {
+    svg += "<line class=\"grid\" x1=\"" + px(left) + "\" x2=\"" + px(width - right) + "\" y1=\"" +
+           px(y(tick)) + "\" y2=\"" + px(y(tick)) + "\"/>";
+    svg += text_at(left - 6, y(tick) + 4, "tick-y", tick_text(tick, step, numbers));
+  }
+  svg += text_at((left + width - right) / 2, chart_height - 6, "axis-label", x_label);
+  svg += "<text class=\"axis-label\" transform=\"translate(12 " + px((top + chart_height - bottom) / 2) +
+         ") rotate(-90)\">" + escaped(y_label) + "</text>";
+  return svg;
+}
+
+double highest(double value) {
+  return value > 0.0 ? value * 1.08 : 1.0;
+}
+
+std::string legend_entry(int colour, bool dashed, const std::string& name) {
+  return "<span class=\"key " + colour_class(colour) + (dashed ? " dashed" : "") + "\"><i></i>" +
+         escaped(name) + "</span>";
+}
+
+}  // namespace
+
+double Scale::operator()(double value) const {
+  if (domain_high == domain_low) return (pixel_low + pixel_high) / 2;
+  return pixel_low + (value - domain_low) / (domain_high - domain_low) * (pixel_high - pixel_low);
+}
+
+std::vector<double> round_ticks(double low, double high, int wanted) {
+  if (!(high > low)) return {low};
+  const double rough = (high - low) / std::max(1, wanted);
+  double decade = std::pow(10.0, std::floor(std::log10(rough)));
+  double step = 10.0 * decade;
+  for (const double multiple : {1.0, 2.0, 5.0})
+    if (multiple * decade >= rough * (1.0 - 1e-9)) {
+      step = multiple * decade;
+      break;
+    }
+  // A step that leaves fewer than two ticks inside is too long; the next finer one is at most 2.5 times
+  // shorter.
+  const double slack = 1e-9;
+  const auto inside = [&](double s) {
+    return std::floor(high / s + slack) - std::ceil(low / s - slack) + 1.0;
+  };
+  while (inside(step) < 2.0) step /= 2.0;
+  std::vector<double> ticks;
+  for (double k = std::ceil(low / step - slack); k <= std::floor(high / step + slack); k += 1.0)
+    ticks.push_back(k == 0.0 ? 0.0 : k * step);
+  return ticks;
+}
+
+double round_up(double value) {
+  const double decade = std::pow(10.0, std::floor(std::log10(value)));
+  for (const double multiple : {1.0, 2.0, 2.5, 5.0, 10.0})
+    if (multiple * decade >= value * (1.0 - 1e-9)) return multiple * decade;
+  return 10.0 * decade;
+}
+
+std::string line_chart_svg(const LineChart& chart) {
+  constexpr double width = 520.0;
+  double x_low = INFINITY, x_high = -INFINITY, y_high = 0.0;
+  for (const Series& series : chart.series)
+    for (const auto& [x, y] : series.points) {
+      if (!std::isfinite(x) || !std::isfinite(y)) continue;
+      x_low = std::min(x_low, x);
+      x_high = std::max(x_high, x);
+      y_high = std::max(y_high, y);
+    }
+  if (!std::isfinite(x_low)) x_low = x_high = 0.0;
+  const Scale x{x_low, x_high, left + 12, width - right - 12};
+  const Scale y{chart.y_low, std::max(highest(y_high), chart.y_low), chart_height - bottom, top};
+  std::string svg = frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y);
+  const auto ticks = chart.x_ticks.empty() ? round_ticks(x_low, x_high, 6) : chart.x_ticks;
+  for (const double tick : ticks) {
+    svg += "<line class=\"tick\" x1=\"" + px(x(tick)) + "\" x2=\"" + px(x(tick)) + "\" y1=\"" +
+           px(y(chart.y_low)) + "\" y2=\"" + px(y(chart.y_low) + 4) + "\"/>";
+    svg += text_at(x(tick), y(chart.y_low) + 17, "tick-x", short_text(tick));
+  }
+  for (const Series& series : chart.series) {
+    std::string path, marks;
+    for (const auto& [value_x, value_y] : series.points) {
+      if (!std::isfinite(value_x) || !std::isfinite(value_y)) continue;
+      if (series.marks != Marks::points)
+        path += (path.empty() ? "M" : "L") + px(x(value_x)) + " " + px(y(value_y));
+      if (series.marks == Marks::line) continue;
+      marks +=
+          "<circle cx=\"" + px(x(value_x)) + "\" cy=\"" + px(y(value_y)) + "\" r=\"3.5\"><title>" +
+          escaped(series.name + ", " + short_text(value_x) + ": " + value_text(value_y, chart.y_numbers)) +
+          "</title></circle>";
+    }
+    svg += "<g class=\"series " + colour_class(series.colour) + (series.dashed ? " dashed" : "") +
+           "\"><path d=\"" + path + "\"/>" + marks + "</g>";
+  }
+  return svg + "</svg>";
+}
+
+std::string bar_chart_svg(const BarChart& chart) {
+  const double width = chart.width_px;
+  double y_high = 0.0;
+  for (const BarSeries& series : chart.series)
+    for (const double value : series.values)
+      if (std::isfinite(value)) y_high = std::max(y_high, value);
+  const Scale y{0.0, highest(y_high), chart_height - bottom, top};
+  std::string svg = frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y);
+  const auto groups = static_cast<double>(std::max<std::size_t>(1, chart.groups.size()));
+  const double group_width = (width - left - right) / groups;
+  const double bar_width =
+      std::min(46.0, 0.84 * group_width / static_cast<double>(std::max<std::size_t>(1, chart.series.size())));
+  // Names that would run into each other are thinned out.
+  const auto every = static_cast<std::size_t>(std::max(1.0, std::ceil(22.0 / group_width)));
+  for (std::size_t g = 0; g < chart.groups.size(); ++g) {
+    const double centre = left + (static_cast<double>(g) + 0.5) * group_width;
+    if (g % every == 0) svg += text_at(centre, y(0.0) + 17, "tick-x", chart.groups[g]);
+    for (std::size_t s = 0; s < chart.series.size(); ++s) {
+      const BarSeries& series = chart.series[s];
+      if (g >= series.values.size() || !std::isfinite(series.values[g])) continue;
+      const double value = series.values[g];
+      const double x =
+          centre + (static_cast<double>(s) - static_cast<double>(chart.series.size()) / 2) * bar_width;
+      svg += "<rect class=\"bar " + colour_class(series.colour) + "\" x=\"" + px(x) + "\" y=\"" +
+             px(y(value)) + "\" width=\"" + px(bar_width * 0.94) + "\" height=\"" + px(y(0.0) - y(value)) +
+             "\"><title>" +
+             escaped(series.name + ", " + chart.groups[g] + ": " + value_text(value, chart.y_numbers)) +
+             "</title></rect>";
+      if (chart.values_above)
+        svg += text_at(x + bar_width * 0.47, y(value) - 4, "bar-value",
+                       significant(value * (chart.y_numbers == Numbers::percent ? 100.0 : 1.0), 2));
+    }
+  }
+  return svg + "</svg>";
+}
+
+std::string legend_html(const std::vector<Series>& series) {
+  std::string html;
+  for (const Series& s : series) html += legend_entry(s.colour, s.dashed, s.name);
+  return "<p class=\"legend\">" + html + "</p>";
+}
+
+std::string legend_html(const std::vector<BarSeries>& series) {
+  std::string html;
+  for (const BarSeries& s : series) html += legend_entry(s.colour, false, s.name);
+  return "<p class=\"legend\">" + html + "</p>";
+}
+
 }  // namespace refield::report

@@ -8,10 +8,10 @@
 #include <limits>
 
 #include "cli/report/html.h"
-#include "core/auto_exposure.h"
-#include "core/errors.h"
-#include "core/false_colour.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/image/false_colour.h"
+#include "core/image/image_io.h"
+#include "core/image/tone_map.h"
 
 namespace refield::report {
 

@@ -2,8 +2,8 @@
 #pragma once
 #include <string>
 
-#include "core/image.h"
-#include "core/metrics.h"
+#include "core/image/image.h"
+#include "core/image/metrics.h"
 
 namespace refield::report {
 

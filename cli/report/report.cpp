@@ -2,15 +2,29 @@
 #include "cli/report/report.h"
 
 #include <nlohmann/json.hpp>
+#include <stdlib.h>
 
-#include "cli/report/figures_json.h"
+#include <cerrno>
+#include <string>
+
+#include "cli/report/evaluation.h"
 #include "cli/report/page.h"
-#include "cli/report/scratch_folder.h"
 #include "cli/report/sections.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 
 namespace refield::report {
+
+ScratchFolder::ScratchFolder() {
+  std::string pattern = (std::filesystem::temp_directory_path() / "refield-report-XXXXXX").string();
+  if (!::mkdtemp(pattern.data())) throw DeviceError(pattern, errno, "cannot create a temporary folder");
+  path_ = pattern;
+}
+
+ScratchFolder::~ScratchFolder() {
+  std::error_code ignored;
+  std::filesystem::remove_all(path_, ignored);
+}
 
 namespace {
 

@@ -1,14 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <nlohmann/json_fwd.hpp>
+
 #include <array>
 #include <filesystem>
-#include <nlohmann/json_fwd.hpp>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/session/capture_session.h"
 
 namespace refield::report {
+
+/// A folder of its own among the system's temporary files, removed with all it holds at the end of its life.
+class ScratchFolder {
+ public:
+  /// Throws DeviceError where the system refuses.
+  ScratchFolder();
+  ~ScratchFolder();
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
 
 /// What a report is made of.
 struct ReportRequest {

@@ -5,9 +5,8 @@
 
 #include "cli/report/evaluation.h"
 #include "cli/report/input.h"
-#include "cli/report/pixel_kernels.h"
-#include "cli/report/run_log.h"
-#include "core/run_context.h"
+#include "cli/report/pixel_choice.h"
+#include "core/base/run_context.h"
 
 namespace refield::report {
 

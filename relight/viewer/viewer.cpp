@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/viewer.h"
 
-#include "core/errors.h"
-#include "relight/viewer/field_script.h"
-#include "relight/viewer/panels.h"
-#include "relight/viewer/shortcuts.h"
-#include "relight/viewer/window_loop.h"
+#include "core/base/errors.h"
+#include "relight/viewer/field/field_script.h"
+#include "relight/viewer/field/panels.h"
+#include "relight/viewer/gui/shortcuts.h"
+#include "relight/viewer/gui/window_loop.h"
 
 namespace refield {
 

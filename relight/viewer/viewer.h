@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "core/run_context.h"
+#include "core/base/run_context.h"
 
 namespace refield {
 

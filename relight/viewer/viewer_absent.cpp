@@ -2,7 +2,7 @@
 // Stands in for viewer.cpp where GLFW or Dear ImGui was not there when the program was configured.
 #include <cerrno>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "relight/viewer/scene/moving_scene.h"
 #include "relight/viewer/viewer.h"
 

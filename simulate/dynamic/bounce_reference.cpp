@@ -9,10 +9,10 @@
 #include <numbers>
 #include <optional>
 
-#include "core/rng.h"
-#include "core/run_context.h"
+#include "core/base/rng.h"
+#include "core/base/run_context.h"
 #include "simulate/dynamic/tangent_frame.h"
-#include "simulate/prt/path_trace.h"
+#include "simulate/geometry/path_trace.h"
 
 namespace refield::dynamic {
 

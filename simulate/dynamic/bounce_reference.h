@@ -5,9 +5,9 @@
 #include <span>
 #include <vector>
 
-#include "core/run_context.h"
-#include "simulate/dynamic/area_points.h"
+#include "core/base/run_context.h"
 #include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/scene_rays.h"
 
 namespace refield::dynamic {

@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
-#include "simulate/dynamic/area_points.h"
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/scene_rays.h"
 
 namespace refield::dynamic {

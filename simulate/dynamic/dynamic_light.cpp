@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <chrono>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "simulate/dynamic/tangent_frame.h"
 
 namespace refield::dynamic {

@@ -7,7 +7,6 @@
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/field_light.h"
-#include "simulate/dynamic/harmonic_product.h"
 #include "simulate/dynamic/object_transport.h"
 #include "simulate/dynamic/pair_transport.h"
 

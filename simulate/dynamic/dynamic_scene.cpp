@@ -3,12 +3,12 @@
 
 #include <algorithm>
 
-#include "core/config_file.h"
-#include "core/errors.h"
+#include "core/base/config_file.h"
+#include "core/base/errors.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/prt/mesh_section.h"
-#include "simulate/prt/place_mesh.h"
-#include "simulate/prt/refine_mesh.h"
+#include "simulate/geometry/mesh_section.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/geometry/place_mesh.h"
 
 namespace refield::dynamic {
 

@@ -6,10 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "core/camera.h"
-#include "core/mesh.h"
-#include "core/run_context.h"
-#include "core/turn.h"
+#include "core/base/run_context.h"
+#include "core/field/mesh.h"
+#include "core/light/euler_angles.h"
 #include "simulate/dynamic/brdf.h"
 #include "simulate/dynamic/scene_rays.h"
 #include "simulate/prt/area_lights.h"

@@ -1,17 +1,76 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <Eigen/Core>
+
+#include <cstdint>
 #include <span>
 #include <vector>
 
-#include "simulate/dynamic/area_points.h"
+#include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/harmonic_product.h"
 #include "simulate/dynamic/placed_object.h"
-#include "simulate/dynamic/zonal.h"
+#include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
+
+/// A function of the angle from an axis, by samples spread evenly over its cosine in [−1, 1]; linear between.
+class ZonalTable {
+ public:
+  ZonalTable() = default;
+  /// At least two samples.
+  explicit ZonalTable(std::vector<float> samples) : samples_(std::move(samples)) {}
+  float operator()(float cosine) const;
+
+ private:
+  std::vector<float> samples_;
+};
+
+/// Where something seen as a round disc ends, as harmonics below an order tell it: they blur its edge, and
+/// what is smaller than they resolve never reaches one. The disc of equal solid angle says which value
+/// stands at the edge, and so the blurred function still tells what is covered and what is not.
+class CapEdges {
+ public:
+  explicit CapEdges(int order);
+  struct Edge {
+    float value;
+    float slope;  ///< by which it falls outwards, a radian; may be zero
+  };
+  /// Of a disc that covers `share` of all directions, in [0, 1].
+  Edge at(float share) const;
+
+ private:
+  std::vector<Edge> edges_;  // evenly over the root of the share
+};
+
+/// Weight of a material's first term for light at an angle from the normal, h_0 cosθ: itself, and as
+/// harmonics below an order tell it. That term does not depend on the azimuth and never changes its sign, as
+/// the largest of a distribution that is nowhere negative; here it is never negative.
+struct FirstTerm {
+  ZonalTable exact, by_harmonics;
+  float sign = 1.0f;   ///< of h_0
+  float least = 0.0f;  ///< a small share of its most
+};
+FirstTerm first_term(const BrdfFactors& factors, int order);
+
+/// Products of two functions told by harmonics of one order, projected onto the same order:
+/// c_i = Σ_jk Γ_ijk a_j b_k, Γ_ijk = ∫ y_i y_j y_k dω (Zhou et al. 2005, section 4). Most Γ are zero.
+class HarmonicProduct {
+ public:
+  explicit HarmonicProduct(int order);
+  /// The matrix [order² × order²] that multiplies by `b` [order²].
+  Eigen::MatrixXf matrix(std::span<const float> b) const;
+  std::size_t coefficients() const { return value_.size(); }
+
+ private:
+  struct Pair {
+    std::uint8_t j, k;
+  };
+  std::vector<std::uint32_t> first_;  // [order² + 1], in the next two
+  std::vector<Pair> pair_;
+  std::vector<float> value_;
+};
 
 /// What an occlusion field, n² harmonics of what an object covers, says of a lamp behind the object.
 ///  - product: the light of all lamp points behind it times what is left, by products of harmonics (Zhou et

@@ -1,21 +1,210 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/dynamic/object_transport.h"
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <span>
 
-#include "core/errors.h"
-#include "core/run_context.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/tangent_frame.h"
-#include "simulate/prt/hammersley.h"
+#include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {
+
+ShellGrid::ShellGrid(int rings, int shells, float smallest, float largest) : rings_(rings) {
+  log_smallest_ = std::log(smallest);
+  log_step_ = shells > 1 ? std::log(largest / smallest) / static_cast<float>(shells - 1) : 1.0f;
+  for (int s = 0; s < shells; ++s)
+    radii_.push_back(std::exp(log_smallest_ + log_step_ * static_cast<float>(s)));
+}
+
+Eigen::Vector3f ShellGrid::position(std::size_t point) const {
+  const std::size_t shell = point / (side() * side()), on_shell = point % (side() * side());
+  const int u = static_cast<int>(on_shell % side()) - rings_,
+            v = static_cast<int>(on_shell / side()) - rings_;
+  const int y = rings_ - std::abs(u) - std::abs(v);
+  // The lower half stands outside of the square's inner diamond, its x and z folded outwards.
+  const int x = y >= 0 ? u : (u < 0 ? -1 : 1) * (rings_ - std::abs(v));
+  const int z = y >= 0 ? v : (v < 0 ? -1 : 1) * (rings_ - std::abs(u));
+  return radii_[shell] *
+         Eigen::Vector3f(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)).normalized();
+}
+
+std::uint32_t ShellGrid::number(int x, int y, int z) const {
+  const int u = y >= 0 ? x : (x < 0 ? -1 : 1) * (rings_ - std::abs(z));
+  const int v = y >= 0 ? z : (z < 0 ? -1 : 1) * (rings_ - std::abs(x));
+  return static_cast<std::uint32_t>(static_cast<std::size_t>(v + rings_) * side() +
+                                    static_cast<std::size_t>(u + rings_));
+}
+
+ShellGrid::Corners ShellGrid::around(const Eigen::Vector3f& place) const {
+  const float radius = std::max(place.norm(), 1e-30f);
+  const float shell_place = (std::log(radius) - log_smallest_) / log_step_;
+  const int last = static_cast<int>(radii_.size()) - 1;
+  const int inner = std::clamp(static_cast<int>(std::floor(shell_place)), 0, std::max(last - 1, 0));
+  const int outer = std::min(inner + 1, last);
+  const float outer_share = std::clamp(shell_place - static_cast<float>(inner), 0.0f, 1.0f);
+  const float falloff = radius > radii_.back() ? radii_.back() * radii_.back() / (radius * radius) : 1.0f;
+
+  // Within the octant: a + b + c = rings, whole parts and what is left of a and c.
+  const Eigen::Array3f size = place.array().abs() / std::max(place.array().abs().sum(), 1e-30f);
+  const float a = size.x() * static_cast<float>(rings_), c = size.z() * static_cast<float>(rings_);
+  const int ia = std::min(static_cast<int>(a), rings_ - 1),
+            ic = std::min(static_cast<int>(c), rings_ - 1 - ia);
+  const float fa = a - static_cast<float>(ia), fc = c - static_cast<float>(ic);
+  std::array<std::array<int, 2>, 3> corner;
+  std::array<float, 3> share;
+  if (fa + fc <= 1.0f || ia + ic + 2 > rings_) {
+    corner = {{{ia, ic}, {ia + 1, ic}, {ia, ic + 1}}};
+    share = {std::max(1.0f - fa - fc, 0.0f), fa, fc};
+  } else {
+    corner = {{{ia + 1, ic + 1}, {ia + 1, ic}, {ia, ic + 1}}};
+    share = {fa + fc - 1.0f, 1.0f - fc, 1.0f - fa};
+  }
+  const int sx = place.x() < 0.0f ? -1 : 1, sy = place.y() < 0.0f ? -1 : 1, sz = place.z() < 0.0f ? -1 : 1;
+  Corners corners;
+  const auto on_shell = static_cast<std::uint32_t>(side() * side());
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto [x, z] = corner[i];
+    const std::uint32_t point = number(sx * x, sy * std::max(rings_ - x - z, 0), sz * z);
+    corners.point[i] = static_cast<std::uint32_t>(inner) * on_shell + point;
+    corners.point[i + 3] = static_cast<std::uint32_t>(outer) * on_shell + point;
+    corners.weight[i] = falloff * share[i] * (1.0f - outer_share);
+    corners.weight[i + 3] = falloff * share[i] * outer_share;
+  }
+  return corners;
+}
+
+namespace {
+
+constexpr float largest_whole = 32767.0f;
+
+/// Σ columns · columnsᵀ, in double over pieces that float holds well.
+Eigen::MatrixXd gram_of(const Eigen::MatrixXf& rows) {
+  constexpr Eigen::Index piece = 4096;
+  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(rows.rows(), rows.rows());
+  for (Eigen::Index first = 0; first < rows.cols(); first += piece) {
+    const auto part = rows.middleCols(first, std::min(piece, rows.cols() - first));
+    gram += (part * part.transpose()).cast<double>();
+  }
+  return gram;
+}
+
+}  // namespace
+
+ModeWeights LowRank::modes_of(const ModeWeights& weights) const {
+  ModeWeights z(rank, 3);
+  for (Eigen::Index c = 0; c < 3; ++c)
+    z.col(c) = mix.middleCols(c * weights.rows(), weights.rows()) * weights.col(c);
+  return z;
+}
+
+void LowRank::expand(std::size_t block, const ModeWeights& z, float* out) const {
+  const std::int16_t* value = values.data() + block * static_cast<std::size_t>(rank * width);
+  std::fill_n(out, 3 * width, 0.0f);
+  float *red = out, *green = out + width, *blue = out + 2 * width;
+  for (int r = 0; r < rank; ++r, value += width) {
+    const float z0 = z(r, 0), z1 = z(r, 1), z2 = z(r, 2);
+    for (int i = 0; i < width; ++i) {
+      const auto u = static_cast<float>(value[i]);
+      red[i] += z0 * u;
+      green[i] += z1 * u;
+      blue[i] += z2 * u;
+    }
+  }
+  for (int i = 0; i < 3 * width; ++i) out[i] *= scale[block];
+}
+
+std::size_t LowRank::bytes() const {
+  return values.size() * sizeof(std::int16_t) + scale.size() * sizeof(float) +
+         static_cast<std::size_t>(mix.size()) * sizeof(float);
+}
+
+LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& strength, double error) {
+  LowRank result;
+  result.width = width;
+  result.blocks = static_cast<std::size_t>(rows.cols() / width);
+  const Eigen::MatrixXd weighted = strength.cast<double>().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(weighted * gram_of(rows) * weighted);
+  const Eigen::VectorXd energy = solver.eigenvalues().reverse().cwiseMax(0.0);  // the largest first
+  // Float cannot tell less from nothing: an error of 3e-4.
+  const double all = energy.sum(), least = all * 1e-7;
+  double left = all;
+  while (result.rank < energy.size() && left > std::max(error * error * all, least))
+    left -= energy[result.rank++];
+  result.error = all > 0.0 ? std::sqrt(std::max(left, 0.0) / all) : 0.0;
+
+  const Eigen::MatrixXd vectors = solver.eigenvectors().rowwise().reverse().leftCols(result.rank);
+  // M ≈ (M S V) (Vᵀ S⁻¹); a column without strength is multiplied with nothing.
+  const Eigen::VectorXd inverse =
+      (strength.array() > 0.0f).select(strength.array().inverse(), 0.0f).cast<double>();
+  result.mix = (vectors.transpose() * inverse.asDiagonal()).cast<float>();
+  const Eigen::MatrixXf to_modes = (vectors.transpose() * weighted).cast<float>();
+  result.scale.assign(result.blocks, 0.0f);
+  result.values.assign(result.blocks * static_cast<std::size_t>(width * result.rank), 0);
+  if (result.rank == 0) return result;
+  tbb::parallel_for(std::size_t{0}, result.blocks, [&](std::size_t block) {
+    const Eigen::MatrixXf modes =
+        to_modes * rows.middleCols(static_cast<Eigen::Index>(block) * width, width);  // [rank × width]
+    const float largest = modes.cwiseAbs().maxCoeff();
+    if (!(largest > 0.0f)) return;
+    result.scale[block] = largest / largest_whole;
+    std::int16_t* value = result.values.data() + block * static_cast<std::size_t>(result.rank * width);
+    for (int r = 0; r < result.rank; ++r)
+      for (int i = 0; i < width; ++i)
+        *value++ = static_cast<std::int16_t>(std::lround(modes(r, i) / result.scale[block]));
+  });
+  return result;
+}
+
+SurfaceModes separate_modes(const SurfaceBasis& basis, int terms) {
+  const Eigen::Index vertices = basis.functions.rows(), count = basis.functions.cols();
+  SurfaceModes modes;
+  modes.functions = SurfaceModes::Rows::Zero(vertices * terms, count * terms);
+  modes.to_weights = Eigen::MatrixXf::Zero(count * terms, vertices * terms);
+  modes.strength = Eigen::VectorXf::Ones(count * terms);
+  for (Eigen::Index v = 0; v < vertices; ++v)
+    for (int k = 0; k < terms; ++k) {
+      modes.functions.row(v * terms + k).segment(k * count, count) = basis.functions.row(v);
+      modes.to_weights.col(v * terms + k).segment(k * count, count) = basis.to_weights.col(v);
+    }
+  return modes;
+}
+
+SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes,
+                         const RunContext& run) {
+  const PrincipalOptions standard;
+  Eigen::MatrixXf light =
+      light_terms(mesh, rays, factors, point_lights(mesh, standard.lights, standard.distances), run);
+  // A light counts for its pattern, not for how near it is.
+  for (Eigen::Index l = 0; l < light.cols(); ++l)
+    if (const float norm = light.col(l).norm(); norm > 0.0f) light.col(l) /= norm;
+  const int terms = factors.terms();
+  const Eigen::VectorXf areas = vertex_areas(mesh);
+  Eigen::VectorXf weight(light.rows());
+  for (Eigen::Index row = 0; row < weight.size(); ++row) weight[row] = areas[row / terms];
+  const Eigen::MatrixXf weighted = weight.cwiseSqrt().asDiagonal() * light;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(
+      (weighted.transpose() * weighted).cast<double>());
+  const Eigen::VectorXd energy = solver.eigenvalues().reverse().cwiseMax(0.0);
+  // What float cannot tell from zero is no pattern.
+  const Eigen::Index useful = (energy.array() > 1e-6 * energy[0]).count();
+  const Eigen::Index count = std::min<Eigen::Index>(modes, useful);
+  const Eigen::VectorXf sigma = energy.head(count).cwiseSqrt().cast<float>();
+  const Eigen::MatrixXf vectors = solver.eigenvectors().rowwise().reverse().leftCols(count).cast<float>();
+  SurfaceModes result;
+  result.functions = light * vectors * sigma.cwiseInverse().asDiagonal();
+  result.to_weights = result.functions.transpose() * weight.asDiagonal();
+  result.strength = sigma;
+  return result;
+}
 
 namespace {
 

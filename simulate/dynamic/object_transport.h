@@ -1,18 +1,102 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <Eigen/Core>
+
+#include <array>
 #include <cstdint>
 #include <vector>
 
-#include "core/harmonics.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/field/mesh.h"
+#include "core/light/harmonics.h"
+#include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/low_rank.h"
-#include "simulate/dynamic/shell_grid.h"
-#include "simulate/dynamic/surface_modes.h"
-#include "simulate/prt/mesh_rays.h"
+#include "simulate/dynamic/surface_basis.h"
+#include "simulate/geometry/mesh_rays.h"
 
 namespace refield::dynamic {
+
+/// Points on concentric spheres around an object (Iwasaki et al., section 4.2; Zhou et al. 2005). On each
+/// sphere they are the corners of an octahedron's faces divided into rings² triangles, so that the equator,
+/// in which a floor lies, is a line of the grid; radii grow by one factor.
+class ShellGrid {
+ public:
+  ShellGrid() = default;
+  /// rings, shells ≥ 1; 0 < smallest ≤ largest radius.
+  ShellGrid(int rings, int shells, float smallest, float largest);
+
+  std::size_t points() const { return side() * side() * radii_.size(); }
+  /// Some points on the lower half are there twice: the square into which the octahedron unfolds is kept
+  /// whole.
+  Eigen::Vector3f position(std::size_t point) const;
+  float largest_radius() const { return radii_.back(); }
+
+  /// What a place is interpolated from: the corners of a triangle on the sphere inside of it and on the one
+  /// outside. Weights add up to 1, or, beyond the last sphere, to the share (r/distance)² to which light has
+  /// fallen off.
+  struct Corners {
+    std::array<std::uint32_t, 6> point;
+    std::array<float, 6> weight;
+  };
+  Corners around(const Eigen::Vector3f& place) const;
+
+ private:
+  std::size_t side() const { return 2 * static_cast<std::size_t>(rings_) + 1; }
+  /// Of a corner with |x| + |y| + |z| = rings.
+  std::uint32_t number(int x, int y, int z) const;
+
+  int rings_ = 0;
+  std::vector<float> radii_;
+  float log_smallest_ = 0.0f, log_step_ = 1.0f;
+};
+
+/// [rank × 3]: what the modes of a LowRank are multiplied with, RGB.
+using ModeWeights = Eigen::Matrix<float, Eigen::Dynamic, 3>;
+
+/// A large matrix [blocks · width × columns] in few modes: U · mix, U [blocks · width × rank] as whole
+/// numbers of 16 bits with one scale a block, since what stands near an object is so much brighter than what
+/// stands far.
+struct LowRank {
+  std::size_t blocks = 0;
+  int width = 0, rank = 0;
+  std::vector<std::int16_t> values;  ///< [blocks × rank × width]
+  std::vector<float> scale;          ///< [blocks]
+  Eigen::MatrixXf mix;               ///< [rank × columns]
+  double error = 0.0;                ///< relative, of all elements, by what was left out
+
+  /// z of weights [columns / 3 × 3], one colour for each third of the columns.
+  ModeWeights modes_of(const ModeWeights& weights) const;
+  /// out [width × 3] of a block for the modes' coefficients `z` [rank × 3].
+  void expand(std::size_t block, const ModeWeights& z, float* out) const;
+  std::size_t bytes() const;
+};
+
+/// The fewest modes that leave no more than `error` of the matrix out (relative, Frobenius' norm; 0: all that
+/// can be told from zero, 3e-4). `rows` [columns × blocks · width]: one column of it for each row of the
+/// matrix. The matrix' columns are weighted by `strength` [columns] when errors are counted: by how large the
+/// numbers are that it will be multiplied with.
+LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& strength, double error);
+
+/// Patterns of light over an object, by which it shines on others. What a vertex v reflects of the light that
+/// it gets is told by L_k(v), one number for each of the K terms of its material (Iwasaki et al., eq. 4); row
+/// v·K + k of the matrices is that number.
+struct SurfaceModes {
+  using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  Rows functions;              ///< [vertices · K × modes]; empty once an object's transport is computed
+  Eigen::MatrixXf to_weights;  ///< [modes × vertices · K]
+  Eigen::VectorXf strength;    ///< [modes]: how large weights are under typical light; relative
+  Eigen::Index count() const { return strength.size(); }
+};
+
+/// The paper's (eq. 5): each term's L_k by the same N functions, with weights of its own: N · K modes.
+SurfaceModes separate_modes(const SurfaceBasis& basis, int terms);
+
+/// All terms together: principal components of the vectors (L_1 … L_K over all vertices), areas as weights,
+/// under point lights around the object. One weight a mode tells all terms, which go together since they
+/// come of the same light, and the frames in which vertices tell directions do not matter.
+SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes,
+                         const RunContext& run);
 
 /// How an object's patterns of light are made: the paper's way, each term by itself, or all together.
 enum class ModeKind { joint, separate };

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "simulate/dynamic/direct_light.h"
-#include "simulate/dynamic/harmonic_product.h"
+#include "simulate/dynamic/field_light.h"
 #include "simulate/dynamic/placed_object.h"
 
 namespace refield::dynamic {

@@ -1,16 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <Eigen/Core>
+
 #include <optional>
 #include <span>
 #include <vector>
 
-#include "core/mesh.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/field/mesh.h"
 #include "simulate/dynamic/brdf_factors.h"
-#include "simulate/prt/mesh_rays.h"
+#include "simulate/geometry/mesh_rays.h"
 
 namespace refield::dynamic {
+
+/// A point that stands for a piece of a lamp. Both its sides shine.
+struct AreaPoint {
+  Eigen::Vector3f position, normal;
+  Eigen::Array3f power;  ///< radiance × area of the piece
+  float area;
+};
+
+/// `count` points, each the middle of a piece of a lamp (colours: radiance); pieces have equal area times
+/// brightness, are about as wide as long, and stay the same wherever a lamp goes. None where nothing shines.
+std::vector<AreaPoint> area_points(const Mesh& lamps, int count);
 
 /// About the middle of a mesh' bounding box, around all its vertices.
 struct BoundingBall {

@@ -3,7 +3,7 @@
 
 #include <embree3/rtcore.h>
 
-#include "simulate/embree_device.h"
+#include "simulate/geometry/embree_device.h"
 
 namespace refield::dynamic {
 

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "simulate/prt/mesh_rays.h"
+#include "simulate/geometry/mesh_rays.h"
 
 struct RTCGeometryTy;  // Embree's
 

@@ -3,11 +3,17 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <Eigen/QR>
+
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/base/run_context.h"
+#include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
 
@@ -65,6 +71,88 @@ SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::Vector
   basis.functions = orthonormal(exact, areas.cast<double>(), options.smallest_share).cast<float>();
   basis.to_weights = basis.functions.transpose() * areas.asDiagonal();
   return basis;
+}
+
+namespace {
+
+/// L_k [vertices × lights · terms], each light brought to norm 1: it counts by its pattern, not by how near
+/// it is.
+Eigen::MatrixXf patterns_of(Eigen::MatrixXf light, Eigen::Index terms) {
+  for (auto column : light.colwise())
+    if (const float norm = column.norm(); norm > 0.0f) column /= norm;
+  const Eigen::Index vertices = light.rows() / terms;
+  Eigen::MatrixXf patterns(vertices, light.cols() * terms);
+  for (Eigen::Index l = 0; l < light.cols(); ++l)
+    patterns.middleCols(l * terms, terms) =
+        Eigen::Map<const Eigen::MatrixXf>(light.col(l).data(), terms, vertices).transpose();
+  return patterns;
+}
+
+Eigen::MatrixXf orthonormal_columns(const Eigen::MatrixXf& matrix) {
+  return Eigen::HouseholderQR<Eigen::MatrixXf>(matrix).householderQ() *
+         Eigen::MatrixXf::Identity(matrix.rows(), matrix.cols());
+}
+
+/// Spans the first left singular vectors of root · patterns, [vertices × columns].
+Eigen::MatrixXf range_of(const Eigen::MatrixXf& patterns, const Eigen::VectorXf& root, Eigen::Index columns) {
+  constexpr int passes = 4;  // singular values of light fall slowly: some passes part them well
+  Rng rng(1);
+  Eigen::MatrixXf range =
+      (root.asDiagonal() * patterns * Eigen::MatrixXf::NullaryExpr(patterns.cols(), columns, [&] {
+         return static_cast<float>(rng.normal());
+       })).eval();
+  for (int pass = 0; pass < passes; ++pass) {
+    range = orthonormal_columns(range);
+    const Eigen::MatrixXf back = patterns.transpose() * (root.asDiagonal() * range);
+    range = root.asDiagonal() * (patterns * back);
+  }
+  return orthonormal_columns(range);
+}
+
+/// [vertices × at most `count`], orthonormal under the areas root².
+Eigen::MatrixXf principal_components(const Eigen::MatrixXf& patterns, const Eigen::VectorXf& root,
+                                     Eigen::Index count) {
+  constexpr Eigen::Index spare = 16;
+  const Eigen::Index columns = std::min({count + spare, patterns.rows(), patterns.cols()});
+  const Eigen::MatrixXf range = range_of(patterns, root, columns);
+  const Eigen::MatrixXd shares = (range.transpose() * root.asDiagonal() * patterns).cast<double>();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(shares * shares.transpose());
+  const Eigen::VectorXd energy = solver.eigenvalues().reverse();
+  constexpr double least = 1e-10;  // what float cannot tell from zero is no pattern
+  const Eigen::Index kept =
+      std::min<Eigen::Index>(count, (energy.array() > std::max(least * energy[0], 0.0)).count());
+  // X Xᵀ W Ψ = Ψ σ²: defined at vertices without area, too.
+  const Eigen::MatrixXd vectors = solver.eigenvectors().rowwise().reverse().leftCols(kept);
+  const Eigen::MatrixXf mix =
+      (shares.transpose() * vectors * energy.head(kept).cwiseInverse().asDiagonal()).cast<float>();
+  return patterns * mix;
+}
+
+void check(int functions, const PrincipalOptions& options) {
+  const auto require = [](bool good, const std::string& what) {
+    if (!good) throw InputError("principal basis: " + what);
+  };
+  require(functions >= 1, std::to_string(functions) + " functions: give at least 1");
+  require(options.lights >= 1, std::to_string(options.lights) + " lights: give at least 1");
+  require(!options.distances.empty(), "no distances: give at least one");
+  for (const float distance : options.distances)
+    require(distance > 1.0f, "distance " + std::to_string(distance) + ": give more than 1, in radii");
+}
+
+}  // namespace
+
+SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
+                             int functions, const PrincipalOptions& options, const RunContext& run) {
+  check(functions, options);
+  if (factors.terms() == 0) throw InputError("principal basis: the surface is black; it needs none");
+  const auto lights = point_lights(mesh, options.lights, options.distances);
+  const Eigen::MatrixXf patterns =
+      patterns_of(light_terms(mesh, rays, factors, lights, run), factors.terms());
+  const Eigen::VectorXf areas = vertex_areas(mesh);
+  const Eigen::MatrixXf components = principal_components(patterns, areas.cwiseSqrt(), functions);
+  if (components.cols() == 0)
+    throw InputError("principal basis: no light reaches the mesh; its triangles may face inwards");
+  return surface_basis(components, areas, options.basis);
 }
 
 }  // namespace refield::dynamic

@@ -3,10 +3,10 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "core/mesh.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/field/mesh.h"
 #include "simulate/dynamic/brdf_factors.h"
-#include "simulate/prt/mesh_rays.h"
+#include "simulate/geometry/mesh_rays.h"
 
 namespace refield::dynamic {
 

@@ -12,8 +12,8 @@
 #include <string_view>
 #include <vector>
 
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 
 namespace refield::dynamic {
 

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 
-#include "core/config_file.h"
-#include "simulate/prt/mesh_section.h"
-#include "simulate/prt/place_mesh.h"
+#include "core/base/config_file.h"
+#include "simulate/geometry/mesh_section.h"
+#include "simulate/geometry/place_mesh.h"
 
 namespace refield::prt {
 

@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
-#include "core/config_file.h"
-#include "core/mesh.h"
-#include "core/run_context.h"
+#include "core/base/config_file.h"
+#include "core/base/run_context.h"
+#include "core/field/mesh.h"
 
 namespace refield::prt {
 

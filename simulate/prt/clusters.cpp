@@ -1,24 +1,360 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/clusters.h"
 
+#include <Eigen/Core>
+#include <nlohmann/json.hpp>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <numbers>
 #include <numeric>
 #include <string>
 
-#include "core/cube_map.h"
-#include "core/errors.h"
-#include "simulate/prt/cube_quadtree.h"
-#include "simulate/prt/group_cuts.h"
-#include "simulate/prt/light_clusters.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/light/cube_map.h"
 
 namespace refield::prt {
+
+namespace {
+constexpr std::uint32_t first_name = 8;  // faces are 8 to 13: four bits that are never zero in front
+}
+
+CubeSquare face_square(int face, int resolution) {
+  return {{0, face * resolution, resolution, (face + 1) * resolution},
+          first_name + static_cast<std::uint32_t>(face)};
+}
+
+std::array<CubeSquare, 4> quadrisect(const CubeSquare& square) {
+  const Box& box = square.box;
+  const int x = box.x0 + (box.width() + 1) / 2, y = box.y0 + (box.height() + 1) / 2;
+  const std::uint32_t name = 4 * square.name;
+  return {{{{box.x0, box.y0, x, y}, name},
+           {{x, box.y0, box.x1, y}, name + 1},
+           {{box.x0, y, x, box.y1}, name + 2},
+           {{x, y, box.x1, box.y1}, name + 3}}};
+}
+
+Box box_of_name(std::uint32_t name, int resolution) {
+  int splits = 0;
+  while (name >> (2 * splits) >= first_name + cube_faces) ++splits;
+  CubeSquare square = face_square(static_cast<int>((name >> (2 * splits)) - first_name), resolution);
+  while (splits-- > 0) square = quadrisect(square)[name >> (2 * splits) & 3];
+  return square.box;
+}
+
+namespace {
+
+/// A light and its transfer vector, [groups × channels × 16].
+struct Light {
+  int x = 0, y = 0;
+  std::vector<float> transfer;
+};
+/// A square that is still to be clustered, and those of its lights that are known.
+struct Domain {
+  CubeSquare square;
+  std::vector<std::unique_ptr<Light>> known;
+};
+
+/// Up to `samples` of the integers [first, last), spread evenly, ends included. As halves of the range end
+/// beside the middle one, samples of a range are samples of its parts.
+std::vector<int> spread(int first, int last, int samples) {
+  const int steps = std::min(samples, last - first) - 1;
+  std::vector<int> at(1, first);
+  for (int i = 1; i <= steps; ++i) at.push_back(first + i * (last - first - 1) / steps);
+  return at;
+}
+
+class LightClusters {
+ public:
+  LightClusters(const TransferSamples& transfer, std::size_t outputs, const ClusterOptions& options,
+                ClusterStatistics& statistics)
+      : transfer_(transfer),
+        options_(options),
+        statistics_(statistics),
+        outputs_(static_cast<double>(outputs)),
+        weights_(transfer.groups()) {}
+
+  std::vector<GroupWeights> run(const RunContext& run) {
+    const int resolution = options_.resolution;
+    Progress progress(run, "clustering lights", std::uint64_t{6} * resolution * resolution);
+    for (int face = 0; face < cube_faces; ++face) {
+      std::vector<Domain> domains(1);
+      domains[0].square = face_square(face, resolution);
+      while (!domains.empty()) {
+        Domain domain = std::move(domains.back());
+        domains.pop_back();
+        held_ = domain.known.size();
+        for (const Domain& other : domains) held_ += other.known.size();
+        const bool similar = one_cluster(domain, run);
+        run.throw_if_stopped();
+        if (similar)
+          progress.advance(static_cast<std::uint64_t>(domain.square.box.area()));
+        else
+          split(std::move(domain), domains);
+      }
+    }
+    return std::move(weights_);
+  }
+
+ private:
+  /// The lights that stand for a square; those not known yet are to be traced.
+  std::vector<Light*> sample(Domain& domain) {
+    std::vector<Light*> lights;
+    const Box& box = domain.square.box;
+    for (const int y : spread(box.y0, box.y1, options_.samples))
+      for (const int x : spread(box.x0, box.x1, options_.samples)) {
+        const auto known = std::ranges::find_if(
+            domain.known, [&](const auto& light) { return light->x == x && light->y == y; });
+        if (known != domain.known.end()) {
+          lights.push_back(known->get());
+        } else {
+          domain.known.push_back(std::make_unique<Light>(Light{x, y, {}}));
+          lights.push_back(domain.known.back().get());
+        }
+      }
+    return lights;
+  }
+
+  /// ‖T_C − T_l‖ that is let pass.
+  double limit(const CubeSquare& square) const {
+    if (options_.similarity == Similarity::all_outputs) return options_.epsilon * outputs_;  // eq. 11
+    return options_.epsilon * std::sqrt(outputs_) / cube_solid_angle(square.box, options_.resolution);
+  }
+
+  /// Traces what is missing and tests it; if all samples satisfy it, their mean (eq. 10) becomes the
+  /// cluster's vector.
+  bool one_cluster(Domain& domain, const RunContext& run) {
+    const std::vector<Light*> lights = sample(domain);
+    const std::size_t size = transfer_.group_values(), groups = transfer_.groups();
+    const auto channels = static_cast<std::size_t>(transfer_.channels());
+    std::vector<Eigen::Vector3f> missing(lights.size(), Eigen::Vector3f::Zero());
+    for (std::size_t l = 0; l < lights.size(); ++l)
+      if (lights[l]->transfer.empty()) {
+        missing[l] =
+            cube_direction(lights[l]->x + 0.5, lights[l]->y + 0.5, options_.resolution).cast<float>();
+        lights[l]->transfer.resize(groups * size);
+        ++statistics_.lights;
+        ++held_;
+      }
+    statistics_.peak_vectors = std::max(statistics_.peak_vectors, held_);
+
+    std::vector<float> mean(groups * size);
+    std::vector<double> distance(groups * lights.size() * channels);  // squares of a group's part
+    std::vector<std::uint64_t> rays(groups);
+    tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
+      if (run.is_stopped()) return;  // thrown away
+      const std::span mine = std::span(mean).subspan(g * size, size);
+      for (std::size_t l = 0; l < lights.size(); ++l) {
+        const std::span values = std::span(lights[l]->transfer).subspan(g * size, size);
+        if (!missing[l].isZero()) rays[g] += transfer_.evaluate(g, missing[l], values);
+        for (std::size_t i = 0; i < size; ++i) mine[i] += values[i] / static_cast<float>(lights.size());
+      }
+      double* to = &distance[g * lights.size() * channels];
+      for (const Light* light : lights)
+        for (std::size_t c = 0; c < channels; ++c, ++to)
+          for (std::size_t i = c * TransferSamples::group_outputs;
+               i < (c + 1) * TransferSamples::group_outputs; ++i) {
+            const double difference = mine[i] - light->transfer[g * size + i];
+            *to += difference * difference;
+          }
+    });
+    for (const std::uint64_t count : rays) statistics_.rays += count;
+    const double most = limit(domain.square);
+    for (std::size_t of = 0; of < lights.size() * channels; ++of) {
+      double sum = 0.0;
+      for (std::size_t g = 0; g < groups; ++g) sum += distance[g * lights.size() * channels + of];
+      if (lights.size() > 1 && !(sum < most * most)) return false;
+    }
+    tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
+      weights_[g].append(domain.square.name, std::span(mean).subspan(g * size, size));
+    });
+    return true;
+  }
+
+  void split(Domain domain, std::vector<Domain>& domains) {
+    for (const CubeSquare& part : quadrisect(domain.square)) {
+      if (part.box.area() == 0) continue;
+      Domain next{part, {}};
+      for (auto& light : domain.known)
+        if (light && part.box.contains(light->x, light->y)) next.known.push_back(std::move(light));
+      domains.push_back(std::move(next));
+    }
+  }
+
+  const TransferSamples& transfer_;
+  const ClusterOptions& options_;
+  ClusterStatistics& statistics_;
+  double outputs_;          // N
+  std::uint64_t held_ = 0;  // transfer vectors
+  std::vector<GroupWeights> weights_;
+};
+
+}  // namespace
+
+std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::size_t outputs,
+                                         const ClusterOptions& options, ClusterStatistics& statistics,
+                                         const RunContext& run) {
+  return LightClusters(transfer, outputs, options, statistics).run(run);
+}
+
+namespace {
+
+constexpr int coarsest_side = 8;  // squares along a face that are looked at in any case
+/// Lobes of larger exponents are narrower than the samples of the coarsest squares are apart.
+constexpr float narrow_exponent = 20.0f;
+
+/// Of a group's values over some samples, each counting by its solid angle.
+struct Moments {
+  using Values = Eigen::Array<double, Eigen::Dynamic, 1, 0, 3 * TransferSamples::group_outputs, 1>;
+  double weight = 0.0;
+  Values sum, squares;
+
+  explicit Moments(std::size_t values) : sum(Values::Zero(static_cast<Eigen::Index>(values))), squares(sum) {}
+  void add(double solid_angle, const Values& values) {
+    weight += solid_angle;
+    sum += solid_angle * values;
+    squares += solid_angle * values.square();
+  }
+  void operator+=(const Moments& other) {
+    weight += other.weight;
+    sum += other.sum;
+    squares += other.squares;
+  }
+  /// Ω² var T, the largest of all outputs and channels.
+  double loss() const { return (weight * squares - sum.square()).maxCoeff(); }
+};
+
+/// An angle around a direction within which a lobe is above a tenth of its top.
+struct Cone {
+  Eigen::Vector3d direction;
+  double angle;
+};
+
+class GroupCut {
+ public:
+  GroupCut(const TransferSamples& transfer, std::size_t group, const ClusterOptions& options)
+      : transfer_(transfer),
+        group_(group),
+        options_(options),
+        limit_(options.epsilon * options.epsilon),
+        texel_area_(4.0 / options.resolution / options.resolution),
+        values_(transfer.group_values()) {
+    for (const Lobe& lobe : transfer.lobes(group, narrow_exponent))
+      lobes_.push_back({lobe.direction.cast<double>(), std::acos(std::pow(0.1, 1.0 / lobe.exponent))});
+  }
+
+  GroupWeights run() {
+    for (int face = 0; face < cube_faces; ++face) visit(face_square(face, options_.resolution));
+    GroupWeights weights;
+    for (const auto& [name, mean] : leaves_)
+      weights.append(name, {mean.data(), static_cast<std::size_t>(mean.size())});
+    return weights;
+  }
+  std::uint64_t rays() const { return rays_; }
+  std::uint64_t lights() const { return lights_; }
+
+ private:
+  struct Leaf {
+    std::uint32_t name;
+    Eigen::ArrayXf mean;
+  };
+
+  /// Moments of all samples in a square; what it is cut into stands at the end of the leaves.
+  Moments visit(const CubeSquare& square) {
+    const std::size_t first = leaves_.size();
+    Moments moments(transfer_.group_values());
+    const bool must_split = has_to_split(square);
+    if (!must_split) sample(square, moments);
+    if (must_split || (moments.loss() > limit_ && square.box.area() > 1)) {
+      moments = Moments(transfer_.group_values());
+      for (const CubeSquare& part : quadrisect(square))
+        if (part.box.area() > 0) moments += visit(part);
+      if (moments.loss() > limit_) return moments;
+      leaves_.resize(first);
+    }
+    if ((moments.sum > 0.0).any())
+      leaves_.push_back({square.name, (moments.sum / moments.weight).cast<float>()});
+    return moments;
+  }
+
+  bool has_to_split(const CubeSquare& square) const {
+    const Box& box = square.box;
+    if (box.area() <= 1) return false;
+    if (box.width() * coarsest_side > options_.resolution) return true;
+    if (lobes_.empty()) return false;
+    const auto at = [&](double x, double y) { return cube_direction(x, y, options_.resolution); };
+    // Rows of the face's lower edge belong to the next face: stay a little inside.
+    const double x0 = box.x0, x1 = box.x1, y0 = box.y0 + 1e-6, y1 = box.y1 - 1e-6;
+    const Eigen::Vector3d middle = at(0.5 * (x0 + x1), 0.5 * (y0 + y1));
+    const double nearest = std::min(
+        {middle.dot(at(x0, y0)), middle.dot(at(x1, y0)), middle.dot(at(x0, y1)), middle.dot(at(x1, y1))});
+    const double radius = std::acos(std::min(nearest, 1.0));
+    return std::ranges::any_of(lobes_, [&](const Cone& lobe) {
+      return radius > lobe.angle &&
+             middle.dot(lobe.direction) > std::cos(std::min(radius + lobe.angle, std::numbers::pi));
+    });
+  }
+
+  /// The middles of s×s parts of a square, or all its texels if there are fewer.
+  void sample(const CubeSquare& square, Moments& moments) {
+    const Box& box = square.box;
+    const int across = std::min(options_.samples, box.width()),
+              down = std::min(options_.samples, box.height());
+    for (int j = 0; j < down; ++j)
+      for (int i = 0; i < across; ++i) {
+        const int x = box.x0 + (2 * i + 1) * box.width() / (2 * across);
+        const int y = box.y0 + (2 * j + 1) * box.height() / (2 * down);
+        const Eigen::Vector3d direction = cube_direction(x + 0.5, y + 0.5, options_.resolution);
+        rays_ += transfer_.evaluate(group_, direction.cast<float>(), values_);
+        ++lights_;
+        // A texel's solid angle, up to a factor of 1 + O(1/R²), times the texels that the sample stands for.
+        const double ahead = direction.cwiseAbs().maxCoeff();
+        const double texels = static_cast<double>(box.area()) / (across * down);
+        const Eigen::Map<const Eigen::ArrayXf> values(values_.data(),
+                                                      static_cast<Eigen::Index>(values_.size()));
+        moments.add(texels * texel_area_ * ahead * ahead * ahead, values.cast<double>());
+      }
+  }
+
+  const TransferSamples& transfer_;
+  std::size_t group_;
+  const ClusterOptions& options_;
+  double limit_;
+  double texel_area_;  // on a cube whose faces are at distance 1
+  std::vector<float> values_;
+  std::vector<Cone> lobes_;
+  std::vector<Leaf> leaves_;
+  std::uint64_t rays_ = 0, lights_ = 0;
+};
+
+}  // namespace
+
+std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const ClusterOptions& options,
+                                     ClusterStatistics& statistics, const RunContext& run) {
+  const std::size_t groups = transfer.groups();
+  std::vector<GroupWeights> weights(groups);
+  std::vector<std::uint64_t> rays(groups), lights(groups);
+  Progress progress(run, "clustering lights per vertex group", groups);
+  tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
+    if (run.is_stopped()) return;  // thrown away
+    GroupCut cut(transfer, g, options);
+    weights[g] = cut.run();
+    rays[g] = cut.rays();
+    lights[g] = cut.lights();
+    progress.advance();
+  });
+  run.throw_if_stopped();
+  for (std::size_t g = 0; g < groups; ++g) {
+    statistics.rays += rays[g];
+    statistics.lights += static_cast<double>(lights[g]) / static_cast<double>(groups);
+  }
+  return weights;
+}
 
 namespace {
 
@@ -135,7 +471,7 @@ std::string provenance_of(const ClusterOptions& options, const ClusterStatistics
   return provenance.dump();
 }
 
-/// With colours as core/mesh.h has them: what a vertex' light is multiplied by.
+/// With colours as core/field/mesh.h has them: what a vertex' light is multiplied by.
 Mesh coloured(const Scene& scene) {
   Mesh mesh = scene.mesh;
   mesh.colours = diffuse_reflectance(scene);

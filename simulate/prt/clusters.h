@@ -1,13 +1,56 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
-#include <string_view>
 
-#include "core/field_rows.h"
-#include "core/run_context.h"
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/light/light_map.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::prt {
+
+/// The transfer of 16 outputs from some squares of light, one byte each weight with a common scale for a
+/// square (section 6 of Johan and Nishita has one byte and no zeros; here squares that give nothing to all 16
+/// are dropped).
+struct GroupWeights {
+  std::vector<std::uint32_t> square;  ///< name while clustering, then number in the basis
+  std::vector<float> scale;           ///< [squares]
+  std::vector<std::uint8_t> weight;   ///< [squares × values]
+
+  /// `values` ≥ 0, as many for each square.
+  void append(std::uint32_t name, std::span<const float> values) {
+    constexpr float largest = 255.0f, half = 0.5f;
+    const float top = *std::ranges::max_element(values);
+    if (top <= 0.0f) return;
+    square.push_back(name);
+    scale.push_back(top / largest);
+    for (const float value : values)
+      weight.push_back(static_cast<std::uint8_t>(value / top * largest + half));
+  }
+};
+
+/// A square of a cube map's face, in texels of the stacked faces (core/light/cube_map.h), and its name in the
+/// quadtree of its face. Where a side is odd the first half is the larger one, so that sides of squares
+/// differ by one at most and any resolution will do.
+struct CubeSquare {
+  Box box;
+  std::uint32_t name = 0;  ///< 8 + face, then two bits for each quadrisection
+};
+
+inline constexpr int largest_cube_resolution = 4096;  ///< 12 quadrisections, 28 bits of a name
+
+CubeSquare face_square(int face, int resolution);
+/// Some are empty (area 0) where a side is one texel.
+std::array<CubeSquare, 4> quadrisect(const CubeSquare& square);
+/// The box of a name.
+Box box_of_name(std::uint32_t name, int resolution);
 
 /// Which outputs decide together how light is clustered.
 ///  - all_outputs: one clustering for all, by the norm over all outputs (Johan and Nishita, eq. 11).
@@ -53,5 +96,21 @@ struct ClusterStatistics {
 /// rows hold what they need of the scene.
 FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics,
                            const RunContext& run = {});
+
+/// One clustering for all outputs (Johan and Nishita, section 4): squares are quadrisected until the samples'
+/// transfer vectors are similar. A light that is sampled again within a part of its square is not traced
+/// again; its vector is dropped once its square is a cluster. Memory holds the vectors of one path through
+/// the quadtree, never all lights. Returns the weights of each group.
+std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::size_t outputs,
+                                         const ClusterOptions& options, ClusterStatistics& statistics,
+                                         const RunContext& run);
+
+/// For each group of 16 outputs its own cut through the quadtrees of light (Similarity::group). Every face
+/// is looked at in squares of an eighth of its side at least, and in squares as narrow as the lobe where
+/// outputs mirror; a square whose samples differ is quadrisected; then squares are joined again from the
+/// bottom up as long as the loss allows, judged by all samples under them. Weights are means over all of
+/// these, each counting by its solid angle.
+std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const ClusterOptions& options,
+                                     ClusterStatistics& statistics, const RunContext& run);
 
 }  // namespace refield::prt

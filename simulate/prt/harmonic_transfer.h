@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <Eigen/Core>
+
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <vector>
 
-#include "core/field_rows.h"
-#include "core/harmonics.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/light/harmonics.h"
 #include "simulate/prt/prt_scene.h"
 
 namespace refield::prt {
@@ -80,5 +82,11 @@ Eigen::Vector3f middle(const Mesh& mesh);
 /// A scene with any glossy material has order² outputs a vertex. Progress and Ctrl-C for each pass.
 HarmonicTransfer harmonic_transfer(const Scene& scene, const HarmonicOptions& options,
                                    HarmonicStatistics& statistics, const RunContext& run = {});
+
+/// The transfer as a field over cube maps of `map_resolution` texels a face, which sums harmonics of the
+/// light and relights as all fields do. Output s is number s mod outputs of vertex s ∕ outputs; a positive
+/// value goes to the kernel of its harmonic, a negative one to that of its opposite. Provenance is the
+/// caller's.
+FieldRows harmonic_field(const Scene& scene, HarmonicTransfer transfer, int map_resolution);
 
 }  // namespace refield::prt

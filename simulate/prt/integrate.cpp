@@ -3,9 +3,9 @@
 
 #include <tbb/parallel_for.h>
 
-#include "core/cube_map.h"
-#include "core/errors.h"
-#include "core/run_context.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/light/cube_map.h"
 
 namespace refield::prt {
 

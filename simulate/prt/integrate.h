@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "core/light_map.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/light/light_map.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::prt {

@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <cctype>
 
-#include "core/config_file.h"
-#include "core/errors.h"
-#include "simulate/prt/mesh_file.h"
-#include "simulate/prt/mesh_section.h"
-#include "simulate/prt/place_mesh.h"
-#include "simulate/prt/refine_mesh.h"
+#include "core/base/config_file.h"
+#include "core/base/errors.h"
+#include "simulate/geometry/mesh_file.h"
+#include "simulate/geometry/mesh_section.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/geometry/place_mesh.h"
 
 namespace refield::prt {
 

@@ -6,9 +6,8 @@
 #include <optional>
 #include <vector>
 
-#include "core/camera.h"
-#include "core/mesh.h"
-#include "core/run_context.h"
+#include "core/base/run_context.h"
+#include "core/field/mesh.h"
 
 namespace refield::prt {
 
@@ -42,7 +41,7 @@ Scene read_scene(const std::filesystem::path& path, const RunContext& run = {});
 std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene);
 
 /// Sorts vertices so that successive ones are neighbours with like normals (blocks of 16 and of 256 as
-/// core/mesh.h explains); triangles and materials follow.
+/// core/field/mesh.h explains); triangles and materials follow.
 void sort_vertices(Scene& scene);
 
 }  // namespace refield::prt

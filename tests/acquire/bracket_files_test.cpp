@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/bracket_files.h"
+#include "acquire/hdr/bracket_files.h"
 
 #include <gtest/gtest.h>
 
@@ -7,10 +7,10 @@
 #include <limits>
 
 #include "acquire/import/bracket_merge.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/calibration.h"
+#include "acquire/calibrate/calibration.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/capture.h"
+#include "acquire/capture/capture.h"
 
 #include <gtest/gtest.h>
 
@@ -7,10 +7,10 @@
 #include <fstream>
 #include <functional>
 
-#include "acquire/bracket_files.h"
-#include "acquire/hdr_merge.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "acquire/hdr/bracket_files.h"
+#include "acquire/hdr/hdr_merge.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 #include "tests/acquire/fake_rig.h"
 #include "tests/support/temporary_folder.h"
 

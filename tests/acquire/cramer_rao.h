@@ -2,7 +2,7 @@
 #pragma once
 #include <span>
 
-#include "acquire/calibration.h"
+#include "acquire/calibrate/calibration.h"
 
 namespace refield::test {
 

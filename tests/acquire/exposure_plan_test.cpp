@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/exposure_plan.h"
+#include "acquire/capture/exposure_plan.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield {
 namespace {

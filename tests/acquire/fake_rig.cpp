@@ -5,7 +5,7 @@
 #include <cerrno>
 #include <cmath>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield::test {
 

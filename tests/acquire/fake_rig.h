@@ -4,7 +4,7 @@
 #include <deque>
 #include <vector>
 
-#include "acquire/calibration.h"
+#include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
 #include "acquire/illuminator.h"
 #include "acquire/trigger.h"

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/frame_pairing.h"
+#include "acquire/capture/frame_pairing.h"
 
 #include <gtest/gtest.h>
 
-#include "acquire/hdr_merge.h"
-#include "core/errors.h"
+#include "acquire/hdr/hdr_merge.h"
+#include "core/base/errors.h"
 #include "tests/acquire/fake_rig.h"
 
 namespace refield {

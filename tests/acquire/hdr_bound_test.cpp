@@ -7,8 +7,8 @@
 #include <cstdio>
 #include <functional>
 
-#include "acquire/hdr_merge.h"
-#include "core/rng.h"
+#include "acquire/hdr/hdr_merge.h"
+#include "core/base/rng.h"
 #include "tests/acquire/cramer_rao.h"
 #if REFIELD_HAS_OPENCV_PHOTO
 #include <opencv2/photo.hpp>

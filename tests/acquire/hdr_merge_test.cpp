@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/hdr_merge.h"
+#include "acquire/hdr/hdr_merge.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "acquire/demosaic.h"
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/scene_mask.h"
+#include "acquire/capture/scene_mask.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/session/capture_session.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

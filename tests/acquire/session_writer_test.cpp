@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/session_writer.h"
+#include "acquire/capture/session_writer.h"
 
 #include <gtest/gtest.h>
 
 #include <fstream>
 
-#include "acquire/journal.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "acquire/capture/journal.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

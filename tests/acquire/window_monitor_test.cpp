@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The window monitor on a real X server without a screen (Xvfb): what a screenshot holds is what was to be
 // shown.
-#include "acquire/window_monitor.h"
+#include "acquire/devices/window_monitor.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,9 +11,9 @@
 #include <sanitizer/lsan_interface.h>
 #endif
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
 #include "tests/support/temporary_folder.h"
 #include "tests/support/virtual_screen.h"
 

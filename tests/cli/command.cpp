@@ -8,7 +8,7 @@
 #include <ostream>
 #include <stdexcept>
 
-#include "core/files.h"
+#include "core/base/files.h"
 #include "tests/support/temporary_folder.h"
 
 extern char** environ;

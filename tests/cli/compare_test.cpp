@@ -4,10 +4,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "core/capture_session.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "core/capture_session.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

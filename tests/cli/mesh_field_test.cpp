@@ -5,11 +5,11 @@
 
 #include <filesystem>
 
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "relight/field_pictures.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/mesh_field.h"
 #include "tests/support/random_data.h"

@@ -10,10 +10,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/output_lock.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/files.h"
+#include "core/base/output_lock.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/synthetic_capture.h"

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "core/image_io.h"
+#include "core/image/image_io.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

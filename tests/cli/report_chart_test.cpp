@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "cli/report/html.h"
-#include "cli/report/svg_chart.h"
 
 namespace refield::report {
 namespace {

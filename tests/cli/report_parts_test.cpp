@@ -8,13 +8,12 @@
 #include <vector>
 
 #include "cli/report/evaluation.h"
+#include "cli/report/input.h"
 #include "cli/report/picture.h"
 #include "cli/report/pixel_choice.h"
-#include "cli/report/pixel_kernels.h"
-#include "cli/report/run_log.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "tests/support/interruption.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

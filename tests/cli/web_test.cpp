@@ -8,10 +8,10 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
-#include "cli/web/packed_field.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
+#include "cli/web/export.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/interruption.h"
 #include "tests/support/random_data.h"

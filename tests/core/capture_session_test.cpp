@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/capture_session.h"
+#include "core/session/capture_session.h"
 
 #include <gmock/gmock.h>
 
 #include <fstream>
 #include <functional>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drift: measured from frames of one light, robust to noise, walkers and flickers.
-#include "core/drift.h"
+#include "core/field/drift.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <functional>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Parts of a field: what joins, to the bit, and what is refused, by name.
-#include "core/field_part.h"
+#include "core/field_io/field_shard.h"
 
 #include <gtest/gtest.h>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/field_statistics.h"
+#include "core/field/field_statistics.h"
 
 #include <gtest/gtest.h>
 

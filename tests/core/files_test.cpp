@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/files.h"
+#include "core/base/files.h"
 
 #include <gmock/gmock.h>
 
@@ -8,7 +8,7 @@
 #include <fstream>
 #include <set>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/temporary_folder.h"
 

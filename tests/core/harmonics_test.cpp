@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/harmonics.h"
+#include "core/light/harmonics.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-#include "core/cube_map.h"
-#include "core/turn.h"
+#include "core/light/cube_map.h"
+#include "core/light/euler_angles.h"
 
 namespace refield {
 namespace {

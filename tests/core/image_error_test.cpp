@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/image_error.h"
+#include "core/image/metrics.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 
-#include "core/errors.h"
-#include "core/tone_map.h"
+#include "core/base/errors.h"
+#include "core/image/tone_map.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

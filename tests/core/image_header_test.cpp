@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Hostile image files: they promise more than they hold, and must be refused before a decoder sees them.
-#include "core/image_header.h"
+#include "core/image/image_header.h"
 
 #include <gmock/gmock.h>
 
 #include <cstring>
 #include <functional>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/image_io.h"
+#include "core/image/image_io.h"
 
 #include <OpenImageIO/imageio.h>
 #include <gmock/gmock.h>
@@ -15,9 +15,9 @@
 #include <utility>
 #include <vector>
 
-#include "core/cube_map.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/light/cube_map.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/small_disk.h"

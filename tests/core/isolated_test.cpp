@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/isolated.h"
+#include "core/base/isolated.h"
 
 #include <gtest/gtest.h>
 #include <sys/mman.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/learning_curve.h"
+#include "core/field/predicted_error.h"
 
 #include <gmock/gmock.h>
 

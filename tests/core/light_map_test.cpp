@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/light_map.h"
+#include "core/light/light_map.h"
 
 #include <gtest/gtest.h>
 
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/output_lock.h"
+#include "core/base/output_lock.h"
 
 #include <gmock/gmock.h>
 #include <sys/wait.h>
@@ -8,10 +8,10 @@
 #include <csignal>
 #include <fstream>
 
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/synthetic_capture.h"

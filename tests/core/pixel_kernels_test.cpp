@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/pixel_kernels.h"
+#include "core/field/field_statistics.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/pixel_kinds.h"
+#include "core/image/pixel_classes.h"
 
 #include <gtest/gtest.h>
 
 #include <fstream>
 
-#include "core/errors.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

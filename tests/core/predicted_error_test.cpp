@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/predicted_error.h"
+#include "core/field/predicted_error.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
 
 namespace refield {
 namespace {

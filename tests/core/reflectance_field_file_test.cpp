@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/reflectance_field_file.h"
+#include "core/field_io/reflectance_field_file.h"
 
 #include <gmock/gmock.h>
 #include <hdf5.h>
@@ -11,8 +11,8 @@
 #include <functional>
 #include <limits>
 
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rng.h"
+#include "core/base/rng.h"
 
 #include <gtest/gtest.h>
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/summed_area_table.h"
+#include "core/light/summed_area_table.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/light_basis.h"
+#include "core/base/errors.h"
+#include "core/field/light_basis.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/tone_map.h"
+#include "core/image/tone_map.h"
 
 #include <gtest/gtest.h>
 
@@ -9,9 +9,8 @@
 #include <cstdlib>
 #include <limits>
 
-#include "core/auto_exposure.h"
-#include "core/errors.h"
-#include "core/false_colour.h"
+#include "core/base/errors.h"
+#include "core/image/false_colour.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

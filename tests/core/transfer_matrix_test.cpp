@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/transfer_matrix.h"
+#include "core/field/transfer_matrix.h"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/turn.h"
+#include "core/light/euler_angles.h"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
 
-#include "core/errors.h"
-#include "core/light_map.h"
-#include "core/monitor_placement.h"
+#include "core/base/errors.h"
+#include "core/light/light_map.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield {
 namespace {

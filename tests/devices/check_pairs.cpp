@@ -9,13 +9,13 @@
 #include <map>
 #include <sstream>
 
-#include "acquire/bracket_files.h"
-#include "acquire/calibration.h"
-#include "acquire/capture.h"
-#include "acquire/journal.h"
-#include "core/capture_session.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "acquire/calibrate/calibration.h"
+#include "acquire/capture/capture.h"
+#include "acquire/capture/journal.h"
+#include "acquire/hdr/bracket_files.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
 
 namespace refield::test {
 namespace {

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Against the kernel's vkms. That what is shown is what was asked for, pixel for pixel, the closed loop
 // tests.
-#include "acquire/drm_monitor.h"
+#include "acquire/devices/drm_monitor.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
 
-#include "acquire/calibration.h"
-#include "acquire/drm_display.h"
-#include "core/errors.h"
+#include "acquire/calibrate/calibration.h"
+#include "acquire/devices/drm_device.h"
+#include "core/base/errors.h"
 #include "tests/devices/lab.h"
 
 namespace refield {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Against the kernel's gpio-sim: outputs are read back, inputs driven, in sysfs.
-#include "acquire/gpio_trigger.h"
+#include "acquire/devices/gpio_trigger.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <thread>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/devices/lab.h"
 
 namespace refield {

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "acquire/v4l2_device.h"
+#include "acquire/devices/v4l2_device.h"
 
 namespace refield::test {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/v4l2_camera.h"
+#include "acquire/devices/v4l2_camera.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,8 +8,8 @@
 #include <chrono>
 #include <numeric>
 
-#include "acquire/v4l2_device.h"
-#include "core/errors.h"
+#include "acquire/devices/v4l2_device.h"
+#include "core/base/errors.h"
 #include "tests/devices/lab.h"
 
 namespace refield {

@@ -6,9 +6,9 @@
 #include <chrono>
 #include <thread>
 
-#include "acquire/v4l2_camera.h"
-#include "acquire/v4l2_device.h"
-#include "core/errors.h"
+#include "acquire/devices/v4l2_camera.h"
+#include "acquire/devices/v4l2_device.h"
+#include "core/base/errors.h"
 #include "tests/devices/lab.h"
 
 namespace refield {

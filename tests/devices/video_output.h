@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "acquire/v4l2_device.h"
-#include "core/units.h"
+#include "acquire/devices/v4l2_device.h"
+#include "core/base/units.h"
 
 namespace refield::test {
 

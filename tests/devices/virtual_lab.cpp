@@ -17,13 +17,13 @@
 #include <optional>
 #include <thread>
 
-#include "acquire/journal.h"
-#include "acquire/v4l2_formats.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
-#include "simulate/recipe.h"
+#include "acquire/capture/journal.h"
+#include "acquire/devices/v4l2_formats.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "simulate/tabletop/recipe.h"
 #include "tests/devices/screen_reader.h"
 #include "tests/devices/video_output.h"
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/box_table.h"
+#include "estimate/fit/box_table.h"
 
 #include <gtest/gtest.h>
 
-#include "core/errors.h"
-#include "core/rng.h"
-#include "core/summed_area_table.h"
-#include "estimate/kernel_cache.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/light/summed_area_table.h"
+#include "estimate/fit/kernel_cache.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/error_evidence.h"
+#include "estimate/quality/error_evidence.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
-#include "core/rng.h"
-#include "core/summed_area_table.h"
+#include "core/base/rng.h"
+#include "core/light/summed_area_table.h"
 #include "estimate/estimate.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"

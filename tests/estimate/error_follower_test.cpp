@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/error_follower.h"
+#include "estimate/quality/error_follower.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/metrics.h"
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "estimate/estimate.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"

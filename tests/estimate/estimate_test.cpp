@@ -7,12 +7,12 @@
 #include <fstream>
 #include <limits>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
-#include "estimate/checkpoint.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "estimate/job/checkpoint.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/fit_pixel.h"
+#include "estimate/fit/fit_pixel.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <limits>
 #include <map>
 
-#include "core/rng.h"
-#include "estimate/refit.h"
+#include "core/base/rng.h"
+#include "estimate/fit/refit.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield {

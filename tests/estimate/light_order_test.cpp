@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/light_order.h"
+#include "estimate/quality/light_order.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <numeric>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/nnls.h"
+#include "estimate/fit/nnls.h"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <limits>
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

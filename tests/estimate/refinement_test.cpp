@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/refinement.h"
+#include "estimate/job/refinement.h"
 
 #include <gmock/gmock.h>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
 #include "estimate/estimate.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/select_kernels.h"
+#include "estimate/fit/select_kernels.h"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield {

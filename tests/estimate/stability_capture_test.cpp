@@ -7,9 +7,9 @@
 #include <cmath>
 #include <limits>
 
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "estimate/estimate.h"
 #include "tests/support/stability.h"
 #include "tests/support/synthetic_capture.h"

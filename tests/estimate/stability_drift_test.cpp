@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "core/image_io.h"
+#include "core/image/image_io.h"
 #include "estimate/estimate.h"
 #include "tests/support/stability.h"
 #include "tests/support/synthetic_capture.h"

@@ -5,8 +5,8 @@
 
 #include <cmath>
 
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
 #include "estimate/estimate.h"
 #include "tests/support/stability.h"
 #include "tests/support/synthetic_capture.h"

@@ -3,9 +3,9 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "core/errors.h"
-#include "core/field_part.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/field_io/field_shard.h"
+#include "core/field_io/reflectance_field_file.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/fuzz/memory_file.h"
 

@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "core/errors.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
 #include "tests/fuzz/memory_file.h"
 
 extern "C" std::size_t LLVMFuzzerMutate(std::uint8_t* data, std::size_t size, std::size_t max_size);

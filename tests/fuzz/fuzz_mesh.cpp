@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "core/errors.h"
-#include "simulate/prt/mesh_file.h"
+#include "core/base/errors.h"
+#include "simulate/geometry/mesh_file.h"
 #include "tests/fuzz/memory_file.h"
 #include "tests/support/temporary_folder.h"
 

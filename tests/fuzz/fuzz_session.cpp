@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Any text as a scene recipe and as a capture session's manifest: a value, or an Error.
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "simulate/recipe.h"
+#include "core/base/errors.h"
+#include "core/session/capture_session.h"
+#include "simulate/tabletop/recipe.h"
 #include "tests/fuzz/memory_file.h"
 #include "tests/support/temporary_folder.h"
 

@@ -7,13 +7,13 @@
 #include <stdexcept>
 #include <string>
 
-#include "core/capture_session.h"
-#include "core/field_part.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/packed_field_file.h"
-#include "core/reflectance_field_file.h"
-#include "relight/pack.h"
+#include "core/base/files.h"
+#include "core/field_io/field_shard.h"
+#include "core/field_io/packed_field.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
+#include "relight/pack/pack.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

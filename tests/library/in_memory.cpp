@@ -7,9 +7,9 @@
 #include <cstdio>
 #include <vector>
 
-#include "core/errors.h"
-#include "core/metrics.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/image/metrics.h"
 #include "estimate/estimate.h"
 #include "relight/relighter.h"
 

@@ -39,7 +39,7 @@ tests/lint/check_links.py || status=1
 tests/lint/check_words.py || status=1
 
 # What a library must leave to its caller: standard error, signals. Progress, notes and stopping go through
-# RunContext (core/run_context.h).
+# RunContext (core/base/run_context.h).
 found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' {core,acquire,estimate,relight,simulate}/'*.cpp' |
   xargs -r grep -nE '\bstderr\b|STDERR_FILENO|std::(cerr|clog)|\bsigaction\(' |
   grep -v posix_spawn_file_actions || true)

@@ -4,9 +4,9 @@
 
 #include <cmath>
 
-#include "core/capture_session.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/support/temporary_folder.h"

@@ -7,8 +7,8 @@
 #include <fstream>
 #include <thread>
 
-#include "core/drift.h"
-#include "core/files.h"
+#include "core/base/files.h"
+#include "core/field/drift.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/support/temporary_folder.h"

@@ -9,14 +9,14 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
-#include "simulate/monitor_surface.h"
-#include "simulate/panorama.h"
-#include "simulate/recipe.h"
-#include "simulate/simulate.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "simulate/rig/panorama.h"
+#include "simulate/tabletop/recipe.h"
+#include "simulate/tabletop/scene.h"
+#include "simulate/tabletop/simulate.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"
 

@@ -8,12 +8,12 @@
 #include <cmath>
 #include <regex>
 
-#include "acquire/bracket_files.h"
-#include "acquire/calibration.h"
+#include "acquire/calibrate/calibration.h"
+#include "acquire/hdr/bracket_files.h"
 #include "acquire/import/import_series.h"
-#include "core/capture_session.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/session/capture_session.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/support/temporary_folder.h"

@@ -8,8 +8,8 @@
 #include <regex>
 #include <sstream>
 
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/random_data.h"
 #include "tests/support/synthetic_capture.h"

@@ -5,10 +5,10 @@
 #include <chrono>
 #include <fstream>
 
-#include "core/capture_session.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
+#include "core/session/capture_session.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/support/temporary_folder.h"

@@ -5,8 +5,8 @@
 
 #include <chrono>
 
-#include "core/files.h"
-#include "core/rng.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"

@@ -10,13 +10,13 @@
 #include <cstdlib>
 #include <numbers>
 
-#include "acquire/light_probe/fill_unseen.h"
 #include "acquire/light_probe/find_ball.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/units.h"
-#include "simulate/mirror_ball_photo.h"
-#include "simulate/panorama.h"
+#include "acquire/light_probe/unwrap.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/units.h"
+#include "simulate/rig/mirror_ball_photo.h"
+#include "simulate/rig/panorama.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"
 

@@ -11,12 +11,12 @@
 #include <regex>
 #include <thread>
 
+#include "acquire/devices/window_monitor.h"
 #include "acquire/series/capture_time.h"
-#include "acquire/window_monitor.h"
-#include "core/capture_session.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/tone_map.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
+#include "core/image/tone_map.h"
+#include "core/session/capture_session.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/support/temporary_folder.h"

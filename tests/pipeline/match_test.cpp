@@ -7,10 +7,10 @@
 #include <cmath>
 
 #include "acquire/series/match_series.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
+#include "core/field_io/reflectance_field_file.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

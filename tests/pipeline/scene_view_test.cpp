@@ -7,8 +7,8 @@
 #include <Eigen/Core>
 #include <cmath>
 
-#include "core/camera.h"
-#include "core/image_io.h"
+#include "core/field/mesh.h"
+#include "core/image/image_io.h"
 #include "tests/pipeline/view_program.h"
 
 namespace refield {

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/files.h"
+#include "core/base/files.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"
 

@@ -4,8 +4,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/capture_session.h"
-#include "core/files.h"
+#include "core/base/files.h"
+#include "core/session/capture_session.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/support/temporary_folder.h"

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "core/files.h"
-#include "core/image.h"
+#include "core/base/files.h"
+#include "core/image/image.h"
 #include "relight/viewer/viewer.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"

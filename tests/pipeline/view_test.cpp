@@ -6,14 +6,14 @@
 
 #include <cmath>
 
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
-#include "relight/environment.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "relight/environment/environment.h"
 #include "relight/field_pictures.h"
 #include "relight/sequence.h"
-#include "relight/viewer/light_painter.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "relight/viewer/field/light_painter.h"
+#include "simulate/geometry/mesh_shapes.h"
 #include "tests/pipeline/view_program.h"
 #include "tests/support/mesh_field.h"
 #include "tests/support/random_data.h"

@@ -4,9 +4,9 @@
 
 #include <cmath>
 
-#include "acquire/capture.h"
-#include "core/rng.h"
-#include "simulate/virtual_rig.h"
+#include "acquire/capture/capture.h"
+#include "core/base/rng.h"
+#include "simulate/rig/virtual_rig.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/emitter_map.h"
+#include "relight/mesh/emitter_map.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/cube_map.h"
+#include "core/light/cube_map.h"
 
 namespace refield {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/environment.h"
+#include "relight/environment/environment.h"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -10,10 +10,10 @@
 #include <iterator>
 #include <numbers>
 
-#include "core/cube_map.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
+#include "core/light/cube_map.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/fixed_point_table.h"
+#include "relight/tiles/fixed_point_table.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/rng.h"
-#include "core/summed_area_table.h"
-#include "relight/tile_product.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/light/summed_area_table.h"
+#include "relight/tiles/tile_product.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

@@ -11,11 +11,11 @@
 #include <fstream>
 #include <optional>
 
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/packed_field_file.h"
-#include "core/reflectance_field_file.h"
-#include "relight/pack.h"
+#include "core/base/files.h"
+#include "core/field_io/packed_field.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "relight/pack/pack.h"
 #include "tests/relight/mixed_field.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

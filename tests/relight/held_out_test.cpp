@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
-#include "core/errors.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 

@@ -7,9 +7,9 @@
 #include <cstdio>
 #include <vector>
 
-#include "core/reflectance_field.h"
-#include "core/rng.h"
-#include "relight/environment.h"
+#include "core/base/rng.h"
+#include "core/field/reflectance_field.h"
+#include "relight/environment/environment.h"
 #include "relight/sequence.h"
 
 namespace refield {

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/mesh_view.h"
+#include "relight/mesh/mesh_view.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
 
-#include "core/errors.h"
-#include "core/harmonics.h"
-#include "relight/mesh_raster.h"
-#include "simulate/prt/mesh_rays.h"
-#include "simulate/prt/mesh_shapes.h"
-#include "simulate/prt/place_mesh.h"
+#include "core/base/errors.h"
+#include "core/light/harmonics.h"
+#include "relight/mesh/mesh_raster.h"
+#include "simulate/geometry/mesh_rays.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/geometry/place_mesh.h"
 #include "tests/support/message_of.h"
 
 namespace refield {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/relight/mixed_field.h"
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 #include "tests/support/random_data.h"
 
 namespace refield::test {

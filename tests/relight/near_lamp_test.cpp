@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
-#include "relight/emitter_map.h"
-#include "relight/pack.h"
+#include "relight/mesh/emitter_map.h"
+#include "relight/pack/pack.h"
 #include "relight/relighter.h"
-#include "simulate/prt/harmonic_field.h"
+#include "simulate/prt/harmonic_transfer.h"
 #include "tests/simulate/prt/path_comparison.h"
 #include "tests/simulate/prt/small_scenes.h"
 

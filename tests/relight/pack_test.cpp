@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/pack.h"
+#include "relight/pack/pack.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/metrics.h"
-#include "relight/prune.h"
+#include "core/base/errors.h"
+#include "core/image/metrics.h"
+#include "relight/pack/prune.h"
 #include "tests/relight/mixed_field.h"
 #include "tests/support/random_data.h"
 

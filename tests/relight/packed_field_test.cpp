@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/packed_field.h"
+#include "core/field_io/packed_field.h"
 
 #include <gmock/gmock.h>
 
@@ -10,12 +10,11 @@
 #include <string>
 #include <utility>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/metrics.h"
-#include "core/packed_field_file.h"
-#include "core/reflectance_field_file.h"
-#include "relight/pack.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
+#include "relight/pack/pack.h"
 #include "relight/relighter.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/relight/mixed_field.h"

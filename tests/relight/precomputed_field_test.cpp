@@ -5,15 +5,15 @@
 #include <memory>
 #include <numbers>
 
-#include "core/cube_map.h"
-#include "core/errors.h"
-#include "core/metrics.h"
-#include "core/packed_field_file.h"
-#include "core/reflectance_field_file.h"
-#include "core/rng.h"
-#include "relight/environment.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/field_io/packed_field.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
+#include "core/light/cube_map.h"
+#include "relight/environment/environment.h"
 #include "relight/field_pictures.h"
-#include "relight/pack.h"
+#include "relight/pack/pack.h"
 #include "relight/relighter.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

@@ -8,9 +8,9 @@
 #include <filesystem>
 #include <functional>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

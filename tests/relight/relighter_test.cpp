@@ -11,10 +11,10 @@
 #include <tuple>
 #include <utility>
 
-#include "core/errors.h"
-#include "core/metrics.h"
-#include "core/pixel_kernels.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/field/field_statistics.h"
+#include "core/image/metrics.h"
 #include "tests/relight/mixed_field.h"
 #include "tests/support/random_data.h"
 

@@ -5,7 +5,7 @@
 
 #include <numeric>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/sky.h"
+#include "relight/environment/sky.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield {
 namespace {

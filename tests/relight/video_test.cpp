@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/video.h"
+#include "relight/sequence.h"
 
 #include <gmock/gmock.h>
 
@@ -7,10 +7,9 @@
 #include <fstream>
 #include <iterator>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "relight/sequence.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/light_hierarchy.h"
+#include "simulate/tabletop/transport_row.h"
 
 #include <gtest/gtest.h>
 

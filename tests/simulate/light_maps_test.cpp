@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/light_maps.h"
+#include "simulate/rig/light_maps.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <complex>
 #include <numbers>
 
-#include "simulate/panorama.h"
+#include "simulate/rig/panorama.h"
 
 namespace refield {
 namespace {

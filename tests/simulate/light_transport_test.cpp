@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/light_transport.h"
+#include "simulate/tabletop/light_transport.h"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -8,10 +8,10 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/errors.h"
-#include "core/rng.h"
-#include "simulate/simulate.h"
-#include "simulate/surface.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "simulate/tabletop/simulate.h"
+#include "simulate/tabletop/surface.h"
 
 namespace refield {
 namespace {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/recipe.h"
+#include "simulate/tabletop/recipe.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/scene_kinds.h"
+#include "simulate/tabletop/scene.h"
 
 #include <gtest/gtest.h>
 

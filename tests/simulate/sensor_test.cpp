@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/sensor.h"
+#include "simulate/rig/device_models.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <limits>
 #include <set>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield {
 namespace {

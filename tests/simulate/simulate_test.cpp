@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/simulate.h"
+#include "simulate/tabletop/simulate.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <map>
 
-#include "core/errors.h"
-#include "core/metrics.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/metrics.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/surface.h"
+#include "simulate/tabletop/surface.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

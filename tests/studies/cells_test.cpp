@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/studies/peer_fixture.h"
 #include "tests/support/synthetic_capture.h"
 

@@ -9,9 +9,9 @@
 #include "bench/studies/chart/derived_kinds.h"
 #include "bench/studies/chart/methods.h"
 #include "bench/studies/chart/verdict.h"
-#include "core/errors.h"
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield::chart {

@@ -8,7 +8,7 @@
 #include <set>
 #include <sstream>
 
-#include "core/files.h"
+#include "core/base/files.h"
 #include "tests/pipeline/tiny_recipe.h"
 #include "tests/studies/run_studies.h"
 #include "tests/support/temporary_folder.h"

@@ -9,7 +9,7 @@
 #include "bench/studies/dynamic/fixed_basis.h"
 #include "bench/studies/dynamic/lamp_error.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::dynamic {
 namespace {

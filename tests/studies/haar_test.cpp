@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "bench/studies/peers/haar_pursuit.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/studies/peer_fixture.h"
 #include "tests/support/random_data.h"
 #include "tests/support/synthetic_capture.h"

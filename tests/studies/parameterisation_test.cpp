@@ -4,8 +4,8 @@
 #include <gtest/gtest.h>
 
 #include "bench/studies/dynamic/spherical_parameterisation.h"
-#include "simulate/prt/hammersley.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {
 namespace {

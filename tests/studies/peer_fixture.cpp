@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/studies/peer_fixture.h"
 
-#include "core/metrics.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/image/metrics.h"
 
 namespace refield::test {
 

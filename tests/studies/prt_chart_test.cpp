@@ -5,7 +5,7 @@
 #include <fstream>
 #include <string>
 
-#include "core/image_io.h"
+#include "core/image/image_io.h"
 #include "tests/studies/run_studies.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

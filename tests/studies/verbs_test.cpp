@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
 #include "tests/studies/run_studies.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <numeric>
 
-#include "core/cube_map.h"
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/light/cube_map.h"
 #include "simulate/prt/integrate.h"
 #include "tests/simulate/prt/small_scenes.h"
 #include "tests/support/random_data.h"

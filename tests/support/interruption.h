@@ -2,8 +2,8 @@
 #pragma once
 #include <atomic>
 
-#include "core/errors.h"
-#include "core/run_context.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
 
 namespace refield::test {
 

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <utility>
 
-#include "core/cube_map.h"
+#include "core/light/cube_map.h"
 
 namespace refield::test {
 

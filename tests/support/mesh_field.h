@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
 
 namespace refield::test {
 

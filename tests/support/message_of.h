@@ -2,7 +2,7 @@
 #pragma once
 #include <string>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield::test {
 

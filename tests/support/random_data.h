@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "core/box.h"
-#include "core/image.h"
-#include "core/light_map.h"
-#include "core/reflectance_field.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/field/reflectance_field.h"
+#include "core/image/image.h"
+#include "core/light/light_map.h"
 
 namespace refield::test {
 

@@ -9,9 +9,9 @@
 #include <fstream>
 #include <limits>
 
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield::test {

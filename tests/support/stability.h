@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
+#include "core/session/capture_session.h"
 
 namespace refield::test {
 

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <cstdio>
 
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/rng.h"
+#include "core/base/files.h"
+#include "core/base/rng.h"
+#include "core/image/image_io.h"
 #include "tests/support/random_data.h"
 
 namespace refield::test {

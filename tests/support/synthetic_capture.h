@@ -3,8 +3,8 @@
 #include <filesystem>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
+#include "core/session/capture_session.h"
 
 namespace refield::test {
 

@@ -9,7 +9,7 @@
 
 #include <cstdlib>
 
-#include "core/files.h"
+#include "core/base/files.h"
 
 extern char** environ;
 

@@ -8,9 +8,9 @@
 #include "bench/studies/chart/derived_kinds.h"
 #include "bench/studies/chart/measure.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
 #include "estimate/estimate.h"
 
 namespace refield::chart {

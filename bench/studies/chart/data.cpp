@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/reflectance_field_file.h"
+#include "core/base/errors.h"
+#include "core/field_io/reflectance_field_file.h"
 
 namespace refield::chart {
 

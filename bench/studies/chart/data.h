@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "bench/studies/chart/noise_curve.h"
-#include "core/capture_session.h"
-#include "core/image_io.h"
-#include "core/pixel_kinds.h"
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
+#include "core/image/image_io.h"
+#include "core/image/pixel_classes.h"
+#include "core/session/capture_session.h"
 
 namespace refield::chart {
 

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "cli/run_context.h"
-#include "core/units.h"
+#include "core/base/units.h"
 
 namespace refield::chart {
 

@@ -5,8 +5,8 @@
 
 #include "bench/studies/peers/single_box.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 #include "estimate/estimate.h"
 
 namespace refield::chart {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <map>
 
-#include "core/image_io.h"
-#include "core/metrics.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
 
 namespace refield::chart {
 

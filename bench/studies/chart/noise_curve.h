@@ -3,9 +3,9 @@
 #include <span>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/image.h"
-#include "core/rng.h"
+#include "core/base/rng.h"
+#include "core/image/image.h"
+#include "core/session/capture_session.h"
 
 namespace refield::chart {
 

@@ -7,8 +7,8 @@
 #include <limits>
 #include <sstream>
 
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 
 namespace refield::chart {
 

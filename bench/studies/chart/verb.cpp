@@ -10,10 +10,10 @@
 
 #include "bench/studies/chart/verdict.h"
 #include "bench/studies/studies.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/json_text.h"
-#include "core/output_lock.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
 
 namespace refield::studies {
 

@@ -12,11 +12,11 @@
 #include "bench/studies/dynamic/factor_study.h"
 #include "bench/studies/studies.h"
 #include "cli/run_context.h"
-#include "core/files.h"
-#include "core/image_io.h"
-#include "core/output_lock.h"
-#include "simulate/prt/mesh_file.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "core/base/files.h"
+#include "core/base/output_lock.h"
+#include "core/image/image_io.h"
+#include "simulate/geometry/mesh_file.h"
+#include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::studies {
 

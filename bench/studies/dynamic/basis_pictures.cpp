@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "bench/studies/dynamic/picture_grid.h"
-#include "relight/mesh_view.h"
+#include "relight/mesh/mesh_view.h"
 #include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic_chart {

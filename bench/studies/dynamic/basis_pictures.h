@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "bench/studies/dynamic/basis_study.h"
-#include "core/image.h"
+#include "core/image/image.h"
 
 namespace refield::dynamic_chart {
 

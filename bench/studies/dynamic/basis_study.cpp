@@ -7,11 +7,11 @@
 
 #include "bench/studies/dynamic/fixed_basis.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/metrics.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/image/metrics.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/prt/hammersley.h"
+#include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic_chart {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/mesh.h"
+#include "core/field/mesh.h"
 #include "simulate/dynamic/surface_basis.h"
 
 namespace refield::dynamic_chart {

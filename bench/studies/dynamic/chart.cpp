@@ -9,13 +9,12 @@
 #include <vector>
 
 #include "bench/studies/studies.h"
-#include "cli/dynamic/frame_errors.h"
-#include "cli/dynamic/frame_times.h"
-#include "cli/option_checks.h"
+#include "cli/common/options.h"
+#include "cli/dynamic/simulate_dynamic.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/output_lock.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/output_lock.h"
 
 namespace refield::studies {
 

@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "core/image.h"
+#include "core/image/image.h"
 #include "simulate/dynamic/brdf_factors.h"
 
 namespace refield::dynamic_chart {

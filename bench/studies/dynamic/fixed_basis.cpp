@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "core/errors.h"
-#include "core/harmonics.h"
+#include "core/base/errors.h"
+#include "core/light/harmonics.h"
 #include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {

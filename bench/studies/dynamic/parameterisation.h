@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "core/mesh.h"
+#include "core/field/mesh.h"
 
 namespace refield::dynamic {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "core/image.h"
+#include "core/image/image.h"
 
 namespace refield::dynamic_chart {
 

@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/summed_area_table.h"
+#include "core/base/errors.h"
+#include "core/light/summed_area_table.h"
 
 namespace refield::peers {
 

@@ -4,8 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "core/box.h"
-#include "core/light_map.h"
+#include "core/light/light_map.h"
 
 namespace refield::peers {
 

@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "core/light_map.h"
+#include "core/light/light_map.h"
 
 namespace refield::peers {
 

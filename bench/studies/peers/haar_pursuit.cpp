@@ -13,7 +13,7 @@
 
 #include "bench/studies/peers/haar.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield::peers {
 

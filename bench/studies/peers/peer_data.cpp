@@ -7,8 +7,8 @@
 #include <limits>
 
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/image_io.h"
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
 
 namespace refield::peers {
 

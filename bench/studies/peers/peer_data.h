@@ -3,9 +3,9 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "core/capture_session.h"
-#include "core/light_map.h"
-#include "core/metrics.h"
+#include "core/image/metrics.h"
+#include "core/light/light_map.h"
+#include "core/session/capture_session.h"
 
 namespace refield::peers {
 

@@ -5,7 +5,7 @@
 #include "bench/studies/peers/cells.h"
 #include "bench/studies/peers/haar_pursuit.h"
 #include "bench/studies/peers/ridge.h"
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
 
 namespace refield::peers {
 

@@ -9,7 +9,7 @@
 #include <span>
 
 #include "cli/run_context.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield::peers {
 

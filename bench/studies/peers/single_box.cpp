@@ -9,7 +9,7 @@
 #include <unordered_map>
 
 #include "cli/run_context.h"
-#include "core/summed_area_table.h"
+#include "core/light/summed_area_table.h"
 
 namespace refield::peers {
 

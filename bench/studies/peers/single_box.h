@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "bench/studies/peers/peer_data.h"
-#include "core/reflectance_field.h"
+#include "core/field/reflectance_field.h"
 
 namespace refield::peers {
 

@@ -11,12 +11,12 @@
 #include "bench/studies/prt/wavelets.h"
 #include "cli/prt/measure.h"
 #include "cli/run_context.h"
-#include "core/errors.h"
-#include "core/reflectance_field_file.h"
-#include "relight/pack.h"
+#include "core/base/errors.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "relight/pack/pack.h"
 #include "relight/relighter.h"
 #include "simulate/prt/clusters.h"
-#include "simulate/prt/harmonic_field.h"
+#include "simulate/prt/harmonic_transfer.h"
 
 namespace refield::prt_chart {
 

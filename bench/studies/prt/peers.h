@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/light_map.h"
+#include "core/light/light_map.h"
 #include "simulate/prt/prt_scene.h"
 
 namespace refield::prt_chart {

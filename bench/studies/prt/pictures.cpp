@@ -5,11 +5,11 @@
 #include <cmath>
 #include <cstdint>
 
-#include "core/false_colour.h"
-#include "core/image_io.h"
-#include "core/metrics.h"
-#include "core/tone_map.h"
-#include "relight/mesh_view.h"
+#include "core/image/false_colour.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "core/image/tone_map.h"
+#include "relight/mesh/mesh_view.h"
 
 namespace refield::prt_chart {
 

@@ -13,8 +13,8 @@
 #include <string>
 
 #include "cli/run_context.h"
-#include "core/cube_map.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
+#include "core/light/cube_map.h"
 
 namespace refield::prt {
 

@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "core/light_map.h"
+#include "core/light/light_map.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::prt {

@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/camera.h"
-#include "core/mesh.h"
+#include "core/field/mesh.h"
 
 namespace refield {
 

@@ -1,18 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <Eigen/Core>
+
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
-#include "core/image.h"
-#include "core/tone_map.h"
-#include "relight/viewer/free_view.h"
+#include "core/field/mesh.h"
+#include "core/image/image.h"
+#include "core/image/tone_map.h"
+#include "relight/viewer/field/free_view.h"
+#include "relight/viewer/gui/tone_table_cache.h"
 #include "relight/viewer/scene/moving_scene.h"
-#include "relight/viewer/tone_table_cache.h"
 
 namespace refield {
+
+/// The plane that a thing is dragged in: along the floor, or straight up and down.
+enum class DragPlane { level, upright };
+
+/// By how much a point moves so that it follows the pointer from one pixel to another. Level with a camera
+/// that looks along the floor or from below it, and upright with one that looks straight down, pixels tell
+/// no place there: it then moves in the plane of the picture. Never further than ten times its distance from
+/// the camera.
+Eigen::Vector3f dragged_shift(const PinholeCamera& camera, const Eigen::Vector3f& point,
+                              const Eigen::Vector2f& from_px, const Eigen::Vector2f& to_px, DragPlane plane);
 
 /// What the viewer of moving scenes is about, without its window: when it is, what a hand moved, who looks,
 /// and how the picture is shown. Setters only note what is outdated; refresh() does the work.

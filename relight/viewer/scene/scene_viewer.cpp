@@ -1,12 +1,413 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/run_context.h"
-#include "relight/viewer/background_job.h"
+#include "relight/viewer/scene/scene_viewer.h"
+
+#define GLFW_INCLUDE_NONE
+
+#include <GLFW/glfw3.h>
+#include <imgui.h>
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "relight/viewer/field/free_view.h"
+#include "relight/viewer/gui/background_job.h"
+#include "relight/viewer/gui/drawing.h"
+#include "relight/viewer/gui/file_dialog.h"
+#include "relight/viewer/gui/widgets.h"
+#include "relight/viewer/gui/window_loop.h"
+#include "relight/viewer/gui/window_panels.h"
 #include "relight/viewer/scene/moving_scene.h"
-#include "relight/viewer/scene/scene_panels.h"
+#include "relight/viewer/scene/scene_state.h"
 #include "relight/viewer/viewer.h"
-#include "relight/viewer/window_loop.h"
 
 namespace refield {
+
+namespace {
+
+using Verb = ScriptCommand::Verb;
+
+constexpr double third_stop = 1.0 / 3.0;
+constexpr double turn_step = 5.0;     // degrees
+constexpr double nudge_share = 0.02;  // of the distance from the camera
+
+void nudge(SceneApp& app, const Eigen::Vector3f& direction) {
+  if (!app.selected) return;
+  const Eigen::Vector3f middle = app.state.middle(*app.selected);
+  const float distance = (middle - app.state.view().camera().position).norm();
+  app.state.put(*app.selected, middle + static_cast<float>(nudge_share) * distance * direction);
+}
+
+void turn(SceneApp& app, double degrees) {
+  if (app.selected && app.state.scene().things[*app.selected].can_turn)
+    change_handling(app, [=](Handling& handling) { handling.turn_degrees += degrees; });
+}
+
+void brighten(SceneApp& app, double stops) {
+  if (app.selected && app.state.scene().things[*app.selected].is_lamp)
+    change_handling(app, [=](Handling& handling) { handling.gain *= std::exp2(stops); });
+}
+
+void expose_by(SceneApp& app, double stops) {
+  const ToneMapping tone = app.state.tone();
+  app.state.set_tone({tone.exposure * std::exp2(stops), tone.curve});
+}
+
+void next_curve(SceneApp& app) {
+  const ToneMapping tone = app.state.tone();
+  app.state.set_tone({tone.exposure, next(tone.curve)});
+}
+
+void save_scene_pictures(SceneApp& app) {
+  save_both(app, "scene", [&](const std::filesystem::path& file) { save_scene_picture(app, file); });
+}
+
+void let_go(SceneApp& app) {
+  if (app.dialog)
+    app.dialog.reset();
+  else if (app.shows_help)
+    app.shows_help = false;
+  else
+    app.selected.reset();
+}
+
+std::vector<Shortcut<SceneApp>> make_scene_shortcuts() {
+  using App = SceneApp;
+  using V = Eigen::Vector3f;
+  const std::string things = "Objects and area lights", motion = "Motion and light", picture = "Image",
+                    rest = "General";
+  return {
+      {{things, "Tab", GLFW_KEY_TAB, false, "select the next"},
+       [](App& a) { a.selected = a.selected ? (*a.selected + 1) % a.state.scene().things.size() : 0; }},
+      {{things, "Left", GLFW_KEY_LEFT, false, "move it along −X"}, [](App& a) { nudge(a, -V::UnitX()); }},
+      {{things, "Right", GLFW_KEY_RIGHT, false, "along +X"}, [](App& a) { nudge(a, V::UnitX()); }},
+      {{things, "Up", GLFW_KEY_UP, false, "along +Z"}, [](App& a) { nudge(a, V::UnitZ()); }},
+      {{things, "Down", GLFW_KEY_DOWN, false, "along −Z"}, [](App& a) { nudge(a, -V::UnitZ()); }},
+      {{things, "PageUp", GLFW_KEY_PAGE_UP, false, "up"}, [](App& a) { nudge(a, V::UnitY()); }},
+      {{things, "PageDown", GLFW_KEY_PAGE_DOWN, false, "down"}, [](App& a) { nudge(a, -V::UnitY()); }},
+      {{things, ".", GLFW_KEY_PERIOD, false, "turn by 5°"}, [](App& a) { turn(a, turn_step); }},
+      {{things, ",", GLFW_KEY_COMMA, false, "turn back"}, [](App& a) { turn(a, -turn_step); }},
+      {{things, "]", GLFW_KEY_RIGHT_BRACKET, false, "area light brighter by ⅓ stop"},
+       [](App& a) { brighten(a, third_stop); }},
+      {{things, "[", GLFW_KEY_LEFT_BRACKET, false, "dimmer"}, [](App& a) { brighten(a, -third_stop); }},
+      {{things, "Delete", GLFW_KEY_DELETE, false, "reset object"},
+       [](App& a) { change_handling(a, [](Handling& handling) { handling = {}; }); }},
+      {{motion, "Space", GLFW_KEY_SPACE, false, "start or stop the scene motion"},
+       [](App& a) { a.is_playing = !a.is_playing; }},
+      {{motion, "R", GLFW_KEY_R, false, "reset all objects and the time"},
+       [](App& a) { a.state.start_over(); }},
+      {{motion, "B", GLFW_KEY_B, false, "one bounce more"},
+       [](App& a) { a.state.set_bounces(a.state.bounces() + 1); }},
+      {{motion, "Shift+B", GLFW_KEY_B, true, "one less"},
+       [](App& a) { a.state.set_bounces(a.state.bounces() - 1); }},
+      {{picture, "E", GLFW_KEY_E, false, "brighter by ⅓ stop"}, [](App& a) { expose_by(a, third_stop); }},
+      {{picture, "D", GLFW_KEY_D, false, "darker by ⅓ stop"}, [](App& a) { expose_by(a, -third_stop); }},
+      {{picture, "A", GLFW_KEY_A, false, "auto-expose"}, [](App& a) { a.state.expose(); }},
+      {{picture, "T", GLFW_KEY_T, false, "next tone curve"}, next_curve},
+      {{picture, "F", GLFW_KEY_F, false, "reset camera"}, [](App& a) { a.state.view().move().reset(); }},
+      {{rest, "S", GLFW_KEY_S, false, "screenshot, view-0001.png"},
+       [](App& a) { a.wants_screenshot = true; }},
+      {{rest, "W", GLFW_KEY_W, false, "save as scene-0001.exr and .png"}, save_scene_pictures},
+      {{rest, "F1", GLFW_KEY_F1, false, "this help"}, [](App& a) { a.shows_help = !a.shows_help; }},
+      {{rest, "Escape", GLFW_KEY_ESCAPE, false, "close, deselect"}, let_go},
+      {{rest, "Shift+Q", GLFW_KEY_Q, true, "quit"}, [](App& a) { a.wants_to_close = true; }},
+  };
+}
+
+/// One line of JSON on standard output, for tests that look into screenshots.
+void print_scene_places(const SceneApp& app) {
+  const SceneState& state = app.state;
+  nlohmann::ordered_json things = nlohmann::ordered_json::array();
+  for (std::size_t thing = 0; thing < state.scene().things.size(); ++thing) {
+    const Eigen::Vector3f middle = state.middle(thing);
+    const Handling& handling = state.handling(thing);
+    things.push_back({{"name", state.scene().things[thing].name},
+                      {"middle", {middle.x(), middle.y(), middle.z()}},
+                      {"turn", handling.turn_degrees},
+                      {"gain", handling.gain}});
+  }
+  const std::string selected = app.selected ? std::to_string(*app.selected) : "null";
+  std::printf(
+      "{\"image\": %s, \"time\": %.9g, \"bounces\": %d, \"selected\": %s, \"exposure\": %.9g, %s, "
+      "\"things\": %s}\n",
+      canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(), state.time(),
+      state.bounces(), selected.c_str(), state.tone().exposure, camera_text(state.view().camera()).c_str(),
+      things.dump().c_str());
+  std::fflush(stdout);
+}
+
+std::size_t selected_thing(const SceneApp& app) {
+  if (!app.selected) throw InputError("nothing is selected; write 'select NAME' before");
+  return *app.selected;
+}
+
+void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
+  SceneState& state = app.state;
+  const auto& n = command.numbers;
+  switch (command.verb) {
+    case Verb::select:
+      app.selected = thing_named(app, command.text);
+      return;
+    case Verb::place:
+      return state.put(selected_thing(app), Eigen::Vector3d(n[0], n[1], n[2]).cast<float>());
+    case Verb::rotate:
+      if (!state.scene().things[selected_thing(app)].can_turn)
+        throw InputError(state.scene().things[*app.selected].name + " looks at a point and cannot be turned");
+      return change_handling(app, [&](Handling& handling) { handling.turn_degrees = n[0]; });
+    case Verb::gain:
+      if (!state.scene().things[selected_thing(app)].is_lamp)
+        throw InputError(state.scene().things[*app.selected].name + " is not an area light");
+      return change_handling(app, [&](Handling& handling) { handling.gain = std::exp2(n[0]); });
+    case Verb::time:
+      return state.set_time(n[0]);
+    case Verb::bounces:
+      return state.set_bounces(static_cast<int>(n[0]));
+    case Verb::exposure:
+      return state.set_tone({std::exp2(n[0]), state.tone().curve});
+    case Verb::curve:
+      return state.set_tone({state.tone().exposure, tone_operator_from_name(command.text)});
+    case Verb::orbit:
+    case Verb::approach:
+    case Verb::pan:
+      return move_camera(state.view().move(), command);
+    case Verb::where:
+      return print_scene_places(app);
+    case Verb::save:
+      return save_scene_picture(app, command.text);
+    default:
+      throw InputError("this command requires a field, but a dynamic scene is shown");
+  }
+}
+
+}  // namespace
+
+std::size_t thing_named(const SceneApp& app, const std::string& name) {
+  const auto& things = app.state.scene().things;
+  const auto found = std::ranges::find(things, name, &SceneThing::name);
+  if (found != things.end()) return static_cast<std::size_t>(found - things.begin());
+  std::string known;
+  for (const SceneThing& thing : things) known.append(known.empty() ? "" : ", ").append(thing.name);
+  throw InputError("the scene has no '" + name + "'; there are " + known);
+}
+
+void save_scene_picture(SceneApp& app, const std::filesystem::path& file) {
+  app.state.view().settle();
+  app.state.refresh();
+  save_image(app, file, app.state.radiance(), app.state.tone());
+}
+
+const std::vector<Shortcut<SceneApp>>& scene_shortcuts() {
+  static const std::vector<Shortcut<SceneApp>> all = make_scene_shortcuts();
+  return all;
+}
+
+ScriptStage scene_stage(SceneApp& app) {
+  return {.window_point =
+              [&app](ScriptCommand::Target target, double x, double y) {
+                if (target != ScriptCommand::Target::picture)
+                  throw InputError("a dynamic scene has no light map; give positions in the image");
+                return app.picture.window_from_image({x, y});
+              },
+          .key = [](const std::string& name) { return key_named(keys_of(scene_shortcuts()), name); },
+          .perform = [&app](const ScriptCommand& command) { perform_in_scene(app, command); }};
+}
+
+namespace {
+
+constexpr double margin = 8.0, status = 30.0, side = 380.0;
+
+constexpr const char* scene_mouse_help =
+    "Drag moving objects and area lights over the floor; with Shift, up and down. Select other objects with "
+    "a click first. Drag elsewhere to rotate the scene, wheel to zoom, right button to pan.";
+
+Point pointer() {
+  return {ImGui::GetIO().MousePos.x, ImGui::GetIO().MousePos.y};
+}
+
+Eigen::Vector2f image_point(const Canvas& canvas, const Point& window) {
+  const Point p = canvas.image_from_window(window);
+  return {static_cast<float>(p.x), static_cast<float>(p.y)};
+}
+
+std::optional<SceneState::Seen> seen_under_pointer(const SceneApp& app) {
+  const Eigen::Vector2f p = image_point(app.picture, pointer());
+  return app.state.seen_at(static_cast<int>(std::floor(p.x())), static_cast<int>(std::floor(p.y())));
+}
+
+/// What moves by itself or shines can be taken at once, walls and floors only once they are selected: else
+/// there would be nowhere to take the camera by.
+void take_hold(SceneApp& app) {
+  app.held.emplace().pointer = pointer();
+  const auto seen = seen_under_pointer(app);
+  if (!seen) return;
+  const SceneThing& thing = app.state.scene().things[seen->thing];
+  if (!thing.moves && !thing.is_lamp && app.selected != seen->thing) return;
+  app.selected = app.held->thing = seen->thing;
+  app.held->point = seen->point;
+}
+
+void drag_held(SceneApp& app) {
+  constexpr double degrees_a_pixel = 0.35;
+  HeldThing& held = *app.held;
+  const Point before = std::exchange(held.pointer, pointer());
+  const double right = held.pointer.x - before.x, down = held.pointer.y - before.y;
+  FreeView& view = app.state.view();
+  const bool with_shift = ImGui::GetIO().KeyShift;
+  if (held.thing) {
+    const Eigen::Vector3f shift = dragged_shift(view.camera(), held.point, image_point(app.picture, before),
+                                                image_point(app.picture, held.pointer),
+                                                with_shift ? DragPlane::upright : DragPlane::level);
+    held.point += shift;
+    app.state.put(*held.thing, app.state.middle(*held.thing) + shift);
+  } else if (with_shift) {
+    view.move().pan(right, down);
+  } else {
+    view.move().orbit(-degrees_a_pixel * right, degrees_a_pixel * down);
+  }
+}
+
+void handle_scene_mouse(SceneApp& app) {
+  constexpr float slack_px = 3.0f;
+  const ImGuiIO& io = ImGui::GetIO();
+  if (ImGui::IsItemHovered() && io.MouseWheel != 0.0f)
+    app.state.view().move().approach(std::pow(1.15, io.MouseWheel));
+  const bool is_left = ImGui::IsMouseDown(ImGuiMouseButton_Left);
+  if (ImGui::IsItemActivated() && is_left) take_hold(app);
+  if (app.held && !is_left) {
+    if (!app.held->is_dragging && ImGui::IsItemHovered()) {
+      const auto seen = seen_under_pointer(app);
+      app.selected = seen ? std::optional(seen->thing) : std::nullopt;
+    }
+    app.held.reset();
+  }
+  if (!ImGui::IsItemActive() || (io.MouseDelta.x == 0.0f && io.MouseDelta.y == 0.0f)) return;
+  if (app.held) {
+    if (!app.held->is_dragging && !ImGui::IsMouseDragging(ImGuiMouseButton_Left, slack_px)) return;
+    app.held->is_dragging = true;
+    drag_held(app);
+  } else {
+    app.state.view().move().pan(io.MouseDelta.x, io.MouseDelta.y);
+  }
+}
+
+/// A ring where the middle of the selected thing is seen, and its name.
+void draw_selection(const SceneApp& app) {
+  if (!app.selected) return;
+  const auto place = app.state.view().camera().image_point(app.state.middle(*app.selected));
+  if (!place) return;
+  const Point p = app.picture.window_from_image({place->x(), place->y()});
+  if (!app.picture.area().holds(p.x, p.y)) return;
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  constexpr int smooth = 32;
+  constexpr float radius = 9.0f;
+  list.AddCircle(vector(p), radius, shadow_colour, smooth, 4.0f);
+  list.AddCircle(vector(p), radius, accent_colour, smooth, 2.0f);
+  draw_plate({p.x + 14.0, p.y - 12.0}, app.state.scene().things[*app.selected].name.c_str(), accent_colour);
+}
+
+void draw_scene_picture(SceneApp& app, const Texture& texture, const Area& area) {
+  fill_area(area, app.picture, app.state.view());
+  const Image& picture = app.state.radiance();
+  begin_picture_panel(area, app.picture, picture);
+  handle_scene_mouse(app);
+  draw_picture(app.picture, picture, texture);
+  draw_selection(app);
+  end_panel();
+}
+
+void motion_section(SceneApp& app) {
+  SceneState& state = app.state;
+  heading("MOTION");
+  if (state.scene().duration > 0.0) {
+    if (button(app, "Play", app.is_playing)) app.is_playing = !app.is_playing;
+    ImGui::SameLine();
+  }
+  if (button(app, "Start over")) state.start_over();
+  if (state.scene().duration > 0.0) {
+    label("Time");
+    auto time = static_cast<float>(state.time());
+    if (ImGui::SliderFloat("##time", &time, 0.0f, static_cast<float>(state.scene().duration), "%.2f s"))
+      state.set_time(time);
+  }
+  label("Bounces");
+  int bounces = state.bounces();
+  if (ImGui::SliderInt("##bounces", &bounces, 0, SceneState::most_bounces)) state.set_bounces(bounces);
+}
+
+void things_section(SceneApp& app) {
+  heading("OBJECTS AND LAMPS");
+  const float right = ImGui::GetWindowPos().x + ImGui::GetWindowContentRegionMax().x;
+  const auto& things = app.state.scene().things;
+  for (std::size_t thing = 0; thing < things.size(); ++thing) {
+    const float width = ImGui::CalcTextSize(things[thing].name.c_str()).x +
+                        2.0f * ImGui::GetStyle().FramePadding.x + ImGui::GetStyle().ItemSpacing.x;
+    if (thing > 0 && ImGui::GetItemRectMax().x + width < right) ImGui::SameLine();
+    if (button(app, things[thing].name.c_str(), app.selected == thing)) app.selected = thing;
+  }
+  if (!app.selected) return;
+  SceneState& state = app.state;
+  const SceneThing& thing = things[*app.selected];
+  ImGui::Dummy(ImVec2(0.0f, 2.0f));
+  label("Position");
+  Eigen::Vector3f middle = state.middle(*app.selected);
+  if (ImGui::DragFloat3("##position", middle.data(), 0.01f, 0.0f, 0.0f, "%.2f"))
+    state.put(*app.selected, middle);
+  if (thing.can_turn) {
+    label("Turn");
+    auto degrees = static_cast<float>(state.handling(*app.selected).turn_degrees);
+    if (ImGui::SliderFloat("##turn", &degrees, -180.0f, 180.0f, "%.0f°"))
+      change_handling(app, [=](Handling& handling) { handling.turn_degrees = degrees; });
+  }
+  if (thing.is_lamp) {
+    double gain = state.handling(*app.selected).gain;
+    if (stops_slider("Brighter", "##gain", gain, -8.0f, 8.0f))
+      change_handling(app, [=](Handling& handling) { handling.gain = gain; });
+  }
+  if (button(app, "Reset object")) change_handling(app, [](Handling& handling) { handling = {}; });
+}
+
+void draw_scene_controls(SceneApp& app, const Area& area) {
+  begin_panel("##controls", area, true);
+  app.controls.clear();
+  window_buttons(app, "scene");
+  heading("PICTURE");
+  ToneMapping tone = app.state.tone();
+  if (tone_controls(app, tone)) app.state.set_tone(tone);
+  if (button(app, "Auto-expose")) app.state.expose();
+  ImGui::SameLine();
+  if (button(app, "Reset camera")) app.state.view().move().reset();
+  motion_section(app);
+  things_section(app);
+  end_panel();
+}
+
+void save_to(SceneApp& app, const std::filesystem::path& file) {
+  try {
+    save_scene_picture(app, file);
+  } catch (const Error& error) {
+    complain(app, error.what());
+  }
+}
+
+}  // namespace
+
+void draw_scene_panels(SceneApp& app, const Texture& picture) {
+  const ImVec2 window = ImGui::GetIO().DisplaySize;
+  const double height = window.y - 2.0 * margin - status, width = window.x - side - 3.0 * margin;
+  const Area left{margin, margin, width, height};
+  const Area picture_area = app.shows_help ? above_help(app, left) : left;
+  draw_scene_picture(app, picture, picture_area);
+  draw_scene_controls(app, {width + 2.0 * margin, margin, side, height});
+  draw_status_bar(app, {0.0, window.y - status, window.x, status}, app.state.scene().name,
+                  pointer_text(app.picture, app.state.radiance(), "pixel"));
+  draw_notice(app, picture_area);
+  if (app.shows_help) draw_help(app, left, scene_mouse_help, keys_of(scene_shortcuts()));
+  draw_file_dialog(app, left, {}, [&](const std::filesystem::path& file) { save_to(app, file); });
+}
 
 namespace {
 

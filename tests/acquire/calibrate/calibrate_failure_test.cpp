@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "acquire/calibrate/calibrate.h"
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/acquire/calibrate/known_rig.h"
 
 namespace refield {

@@ -5,11 +5,11 @@
 #include <numbers>
 
 #include "acquire/calibrate/banding.h"
-#include "acquire/calibrate/display_timing.h"
 #include "acquire/calibrate/monotone_curve.h"
 #include "acquire/calibrate/response.h"
-#include "core/errors.h"
-#include "core/rng.h"
+#include "acquire/calibrate/timing.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/acquire/calibrate/known_rig.h"
 
 namespace refield {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "acquire/calibration.h"
-#include "simulate/virtual_rig.h"
+#include "acquire/calibrate/calibration.h"
+#include "simulate/rig/virtual_rig.h"
 
 namespace refield::test {
 

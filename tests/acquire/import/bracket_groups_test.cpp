@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/import/bracket_groups.h"
+#include "acquire/import/import_series.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 
 namespace refield {
 namespace {

@@ -8,9 +8,9 @@
 #include <array>
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/rng.h"
-#include "core/tone_map.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/image/tone_map.h"
 #include "tests/support/message_of.h"
 
 namespace refield {

@@ -6,10 +6,10 @@
 #include <cmath>
 #include <cstring>
 
-#include "acquire/bracket_files.h"
+#include "acquire/hdr/bracket_files.h"
 #include "acquire/import/bracket_merge.h"
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -9,11 +9,11 @@
 #include <complex>
 #include <numbers>
 
-#include "acquire/light_probe/mirror_reflectance.h"
-#include "acquire/light_probe/outline_fit.h"
-#include "core/errors.h"
-#include "core/rng.h"
-#include "core/units.h"
+#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/unwrap.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "core/base/units.h"
 
 namespace refield {
 namespace {

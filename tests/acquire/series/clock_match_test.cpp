@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/series/clock_match.h"
+#include "acquire/series/match_series.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 
 namespace refield {
 namespace {

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/free_view.h"
+#include "relight/viewer/field/free_view.h"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
 
-#include "core/cube_map.h"
-#include "core/metrics.h"
+#include "core/image/metrics.h"
+#include "core/light/cube_map.h"
 #include "relight/field_pictures.h"
-#include "relight/viewer/light_panorama.h"
-#include "relight/viewer/view_state.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "relight/viewer/field/light_panorama.h"
+#include "relight/viewer/field/view_state.h"
+#include "simulate/geometry/mesh_shapes.h"
 #include "tests/support/mesh_field.h"
 #include "tests/support/random_data.h"
 

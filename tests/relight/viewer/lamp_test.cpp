@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/lamp.h"
+#include "relight/viewer/field/light_painter.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,8 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/cube_map.h"
+#include "core/light/cube_map.h"
 #include "relight/sequence.h"
-#include "relight/viewer/light_painter.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

@@ -6,11 +6,10 @@
 #include <Eigen/Geometry>
 #include <numbers>
 
-#include "core/errors.h"
-#include "relight/viewer/scene/drag.h"
+#include "core/base/errors.h"
 #include "relight/viewer/scene/scene_state.h"
-#include "simulate/prt/mesh_shapes.h"
-#include "simulate/prt/place_mesh.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/geometry/place_mesh.h"
 
 namespace refield {
 namespace {

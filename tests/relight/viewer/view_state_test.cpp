@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/view_state.h"
+#include "relight/viewer/field/view_state.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <chrono>
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/false_colour.h"
+#include "core/base/errors.h"
+#include "core/image/false_colour.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

@@ -8,17 +8,16 @@
 #include <chrono>
 #include <thread>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/run_context.h"
-#include "relight/viewer/background_job.h"
-#include "relight/viewer/canvas.h"
-#include "relight/viewer/fit_light.h"
-#include "relight/viewer/frame_times.h"
-#include "relight/viewer/input.h"
-#include "relight/viewer/recent_files.h"
-#include "relight/viewer/script.h"
-#include "relight/viewer/window_state.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/run_context.h"
+#include "relight/viewer/field/light_painter.h"
+#include "relight/viewer/gui/background_job.h"
+#include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/input.h"
+#include "relight/viewer/gui/recent_files.h"
+#include "relight/viewer/gui/script.h"
+#include "relight/viewer/gui/window_state.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/area_points.h"
+#include "simulate/dynamic/point_lights.h"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::dynamic {
 namespace {

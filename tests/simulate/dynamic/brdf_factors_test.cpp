@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/simulate/dynamic/hemisphere.h"
 #include "tests/support/singular_values.h"
 

@@ -9,10 +9,10 @@
 #include <numbers>
 #include <string>
 
-#include "core/errors.h"
-#include "core/files.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
 #include "simulate/dynamic/tangent_frame.h"
-#include "simulate/prt/hammersley.h"
+#include "simulate/prt/transfer_samples.h"
 #include "tests/simulate/dynamic/hemisphere.h"
 
 namespace refield::dynamic {

@@ -8,7 +8,7 @@
 #include <memory>
 
 #include "simulate/dynamic/bounce_reference.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::dynamic {
 namespace {

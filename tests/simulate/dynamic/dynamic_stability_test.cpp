@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "simulate/dynamic/dynamic_light.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::dynamic {
 namespace {

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::dynamic {
 namespace {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/harmonic_product.h"
+#include "simulate/dynamic/field_light.h"
 
 #include <gtest/gtest.h>
 
 #include <numbers>
 
-#include "core/harmonics.h"
-#include "core/rng.h"
-#include "simulate/prt/hammersley.h"
+#include "core/base/rng.h"
+#include "core/light/harmonics.h"
+#include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {
 namespace {

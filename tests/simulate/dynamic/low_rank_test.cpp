@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/low_rank.h"
+#include "simulate/dynamic/object_transport.h"
 
 #include <gtest/gtest.h>
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 
 namespace refield::dynamic {
 namespace {

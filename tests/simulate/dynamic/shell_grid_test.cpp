@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/shell_grid.h"
+#include "simulate/dynamic/object_transport.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 
 namespace refield::dynamic {
 namespace {

@@ -8,9 +8,9 @@
 #include <limits>
 #include <numbers>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "simulate/geometry/mesh_shapes.h"
 #include "tests/support/singular_values.h"
 
 namespace refield::dynamic {

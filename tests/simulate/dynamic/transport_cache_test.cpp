@@ -6,8 +6,8 @@
 #include <chrono>
 #include <cstdlib>
 
-#include "core/files.h"
-#include "simulate/prt/mesh_shapes.h"
+#include "core/base/files.h"
+#include "simulate/geometry/mesh_shapes.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield::dynamic {

@@ -7,7 +7,7 @@
 #include <Eigen/Geometry>
 #include <fstream>
 
-#include "core/errors.h"
+#include "core/base/errors.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
 

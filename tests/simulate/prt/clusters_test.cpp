@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/errors.h"
-#include "core/rng.h"
+#include "core/base/errors.h"
+#include "core/base/rng.h"
 #include "tests/simulate/prt/cluster_errors.h"
 #include "tests/support/interruption.h"
 #include "tests/support/message_of.h"

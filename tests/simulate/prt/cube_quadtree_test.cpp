@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/prt/cube_quadtree.h"
+#include "simulate/prt/clusters.h"
 
 #include <gtest/gtest.h>
 
 #include <set>
 
-#include "core/cube_map.h"
+#include "core/light/cube_map.h"
 
 namespace refield::prt {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/rng.h"
+#include "core/base/rng.h"
 
 namespace refield::prt::test {
 

@@ -2,8 +2,8 @@
 #pragma once
 #include <Eigen/Core>
 
+#include "simulate/geometry/path_trace.h"
 #include "simulate/prt/harmonic_transfer.h"
-#include "simulate/prt/path_trace.h"
 
 namespace refield::prt::test {
 

@@ -11,8 +11,8 @@
 #include <fstream>
 #include <numbers>
 
-#include "simulate/prt/hammersley.h"
-#include "simulate/prt/mesh_rays.h"
+#include "simulate/geometry/mesh_rays.h"
+#include "simulate/prt/transfer_samples.h"
 #include "tests/simulate/prt/harmonic_light.h"
 #include "tests/simulate/prt/small_scenes.h"
 

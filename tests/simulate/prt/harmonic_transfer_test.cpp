@@ -7,10 +7,9 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/errors.h"
-#include "core/turn.h"
-#include "simulate/prt/harmonic_field.h"
-#include "simulate/prt/surface_response.h"
+#include "core/base/errors.h"
+#include "core/light/euler_angles.h"
+#include "simulate/prt/harmonic_passes.h"
 #include "tests/simulate/prt/path_comparison.h"
 #include "tests/simulate/prt/small_scenes.h"
 #include "tests/support/message_of.h"

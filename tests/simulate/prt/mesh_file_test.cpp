@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/prt/mesh_file.h"
+#include "simulate/geometry/mesh_file.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,9 +7,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/tone_map.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/image/tone_map.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
 

@@ -8,11 +8,10 @@
 #include <map>
 #include <numbers>
 
-#include "core/errors.h"
-#include "core/files.h"
-#include "core/transfer_tiles.h"
-#include "simulate/prt/mesh_shapes.h"
-#include "simulate/prt/refine_mesh.h"
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/field/transfer_tiles.h"
+#include "simulate/geometry/mesh_shapes.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
 

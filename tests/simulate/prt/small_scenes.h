@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "core/cube_map.h"
-#include "core/field_rows.h"
-#include "simulate/prt/mesh_shapes.h"
-#include "simulate/prt/place_mesh.h"
+#include "core/field/reflectance_field.h"
+#include "core/light/cube_map.h"
+#include "simulate/geometry/mesh_shapes.h"
+#include "simulate/geometry/place_mesh.h"
 #include "simulate/prt/prt_scene.h"
 
 namespace refield::prt::test {

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/trigger.h"
+#include "core/base/run_context.h"
+#include "core/base/units.h"
+
+namespace refield {
+
+// The seam to libgpiod: gpio_lines.cpp alone knows its interface, which version 2 changes altogether.
+
+/// A line of a GPIO chip. Levels are logical: active is low voltage on an `active_low` line.
+struct GpioLineAddress {
+  std::string chip;  ///< "/dev/gpiochip0", "gpiochip0", its label, or its number
+  unsigned line = 0;
+  bool active_low = false;
+
+  std::string text() const;
+};
+
+/// A line that this program drives. It is inactive when the object is made and again when it goes.
+class GpioOutput {
+ public:
+  /// Throws DeviceError when the chip is missing, the line is taken (the message says by whom) or not an
+  /// output.
+  explicit GpioOutput(const GpioLineAddress& address);
+  ~GpioOutput();
+  GpioOutput(GpioOutput&&) noexcept;
+  /// Throws DeviceError when the chip is gone.
+  void set(bool active);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// A line that something else drives, watched for its changes.
+class GpioInput {
+ public:
+  /// Throws as GpioOutput does. `run` stops waiting.
+  explicit GpioInput(const GpioLineAddress& address, RunContext run = {});
+  ~GpioInput();
+  GpioInput(GpioInput&&) noexcept;
+
+  bool is_active();
+  /// Forgets changes up to now.
+  void forget_changes();
+  /// Waits for the next change to active since the last call; its instant as the kernel saw it, on the
+  /// monotonic clock. nullopt after `timeout`. Throws DeviceError when the chip is gone, Interrupted when
+  /// asked to stop.
+  std::optional<TimePoint> wait_for_active(Seconds timeout);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+struct GpioChipInfo {
+  std::string path;
+  std::string name;
+  std::string label;
+  unsigned lines = 0;
+  std::vector<std::string> named_lines;  ///< "5 camera-trigger (used by X)", those with a name or a user
+};
+
+/// GPIO chips of this machine. Chips that may not be opened are left out.
+std::vector<GpioChipInfo> find_gpio_chips();
+
+struct GpioTriggerOptions {
+  GpioLineAddress trigger;                     ///< to the camera's trigger input
+  Seconds pulse_width{1e-3};                   ///< how long it stays active; cameras state their shortest
+  std::optional<GpioLineAddress> ready = {};   ///< active while the camera can take a trigger; waited for
+  std::optional<GpioLineAddress> strobe = {};  ///< active from the start of exposure; tells the true instant
+  std::optional<GpioLineAddress> lamp = {};    ///< active as long as the trigger exists
+  Seconds timeout{2.0};                        ///< for ready and strobe
+
+  /// Throws InputError naming the option and its range.
+  void check() const;
+};
+
+/// A camera's trigger line on a GPIO chip, with ready and strobe lines back and a lamp line where wired.
+/// fire() waits for ready, sends one pulse and returns the strobe's instant or, without a strobe line, the
+/// instant just before the pulse. Throws DeviceError when ready or strobe stay away, or the chip is gone.
+class GpioTrigger final : public Trigger {
+ public:
+  /// `run` stops waiting.
+  explicit GpioTrigger(const GpioTriggerOptions& options, const RunContext& run = {});
+  TimePoint fire() override;
+
+ private:
+  void wait_until_ready();
+  void pulse();
+  GpioTriggerOptions options_;
+  GpioOutput trigger_;
+  std::optional<GpioInput> ready_, strobe_;
+  std::optional<GpioOutput> lamp_;
+};
+
+}  // namespace refield

@@ -1,0 +1,441 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "acquire/devices/v4l2_camera.h"
+
+#include <linux/videodev2.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <thread>
+
+#include "acquire/devices/v4l2_device.h"
+#include "acquire/devices/v4l2_stream.h"
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+
+namespace refield {
+
+namespace {
+
+/// A control that lets the camera change pictures on its own.
+struct AutomaticMode {
+  std::uint32_t id;
+  std::int64_t off;
+  const char* what;
+  bool spoils_captures;  ///< no session can be trusted with it
+};
+
+constexpr std::array automatic_modes = {
+    AutomaticMode{V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL, "exposure", true},
+    AutomaticMode{V4L2_CID_AUTOGAIN, 0, "gain", true},
+    AutomaticMode{V4L2_CID_ISO_SENSITIVITY_AUTO, V4L2_ISO_SENSITIVITY_MANUAL, "ISO sensitivity", true},
+    AutomaticMode{V4L2_CID_AUTO_WHITE_BALANCE, 0, "white balance", true},
+    AutomaticMode{V4L2_CID_AUTOBRIGHTNESS, 0, "brightness", true},
+    AutomaticMode{V4L2_CID_WIDE_DYNAMIC_RANGE, 0, "tone mapping", true},
+    AutomaticMode{V4L2_CID_FOCUS_AUTO, 0, "focus", true},
+    AutomaticMode{V4L2_CID_EXPOSURE_AUTO_PRIORITY, 0, "frame rate", false},
+    AutomaticMode{V4L2_CID_HUE_AUTO, 0, "hue", false},
+    AutomaticMode{V4L2_CID_CHROMA_AGC, 0, "chroma gain", false},
+    AutomaticMode{V4L2_CID_BACKLIGHT_COMPENSATION, 0, "backlight compensation", false},
+    AutomaticMode{V4L2_CID_IMAGE_STABILIZATION, 0, "image stabilisation", false},
+    AutomaticMode{V4L2_CID_POWER_LINE_FREQUENCY, V4L2_CID_POWER_LINE_FREQUENCY_DISABLED, "flicker reduction",
+                  false},
+};
+
+std::string range_text(const V4l2ControlInfo& control) {
+  if (!control.menu.empty()) {
+    std::string text = "its choices are";
+    for (const std::string& choice : control.menu) text += " " + choice;
+    return text;
+  }
+  return "its range is " + std::to_string(control.lowest) + " to " + std::to_string(control.highest) +
+         " in steps of " + std::to_string(control.step);
+}
+
+}  // namespace
+
+V4l2Settings::V4l2Settings(const V4l2Device& device, const std::map<std::string, std::int64_t>& wanted)
+    : device_(device), controls_(controls_of(device)) {
+  switch_off_automatic_modes(wanted);
+  make(wanted);
+  if (const auto* control = find(V4L2_CID_EXPOSURE_ABSOLUTE)) exposure_ = *control;
+  for (std::uint32_t id : {V4L2_CID_ANALOGUE_GAIN, V4L2_CID_GAIN})
+    if (const auto* control = find(id); control && !gain_) gain_ = *control;
+}
+
+const V4l2ControlInfo* V4l2Settings::find(std::uint32_t id) const {
+  const auto found = std::ranges::find(controls_, id, &V4l2ControlInfo::id);
+  return found == controls_.end() ? nullptr : &*found;
+}
+
+void V4l2Settings::switch_off_automatic_modes(const std::map<std::string, std::int64_t>& wanted) {
+  for (const AutomaticMode& mode : automatic_modes) {
+    const V4l2ControlInfo* control = find(mode.id);
+    if (!control || wanted.contains(control->name)) continue;
+    v4l2_control setting{mode.id, static_cast<__s32>(mode.off)};
+    device_.try_call(VIDIOC_S_CTRL, &setting);
+    v4l2_control now{mode.id, 0};
+    device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control->name);
+    if (now.value == mode.off) continue;
+    const std::string sentence = std::string("keeps choosing its ") + mode.what + " by itself (control " +
+                                 control->name + " stays at " + std::to_string(now.value) + ")";
+    if (mode.spoils_captures)
+      throw DeviceError(device_.node().string(), EINVAL,
+                        sentence +
+                            "; photographs would not be comparable: use another camera, or set the control "
+                            "in the session file");
+    warnings_.push_back(device_.node().string() + ": " + sentence);
+  }
+}
+
+void V4l2Settings::make(const std::map<std::string, std::int64_t>& wanted) {
+  for (const auto& [name, value] : wanted) {
+    const auto control = std::ranges::find(controls_, name, &V4l2ControlInfo::name);
+    const std::string prefix = device_.node().string() + ": control " + name;
+    if (control == controls_.end())
+      throw InputError(prefix + " is not there; 'refield acquire devices' lists controls");
+    if (value < control->lowest || value > control->highest)
+      throw InputError(prefix + " = " + std::to_string(value) + ": " + range_text(*control));
+    if (const std::int64_t now = set(*control, value); now != value)
+      throw DeviceError(device_.node().string(), EINVAL,
+                        "control " + name + " reads " + std::to_string(now) + " after it was set to " +
+                            std::to_string(value) + "; " + range_text(*control));
+  }
+}
+
+std::int64_t V4l2Settings::set(const V4l2ControlInfo& control, std::int64_t value) const {
+  v4l2_control setting{control.id, static_cast<__s32>(value)};
+  device_.call(VIDIOC_S_CTRL, &setting, "refuses control " + control.name + " = " + std::to_string(value));
+  v4l2_control now{control.id, 0};
+  device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control.name);
+  return now.value;
+}
+
+namespace {
+
+constexpr Seconds exposure_step{100e-6};  // of V4L2_CID_EXPOSURE_ABSOLUTE
+constexpr int frames_after_start = 2;     // sensors need a frame or two to take on what they are set to
+constexpr int frames_after_replug = 6;    // and so many until they are no longer as they were plugged in
+constexpr int most_restarts_in_a_row = 3;
+constexpr Seconds look_again{0.25};  // for an unplugged camera
+constexpr Seconds usual_interval{1.0 / 30.0};
+
+TimePoint monotonic_now() {
+  return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
+}
+
+MonotonicClock::duration rounded_up(Seconds s) {
+  return std::chrono::ceil<MonotonicClock::duration>(s);
+}
+
+/// The best format for measuring of those that the camera offers and this program reads.
+std::uint32_t best_format(const V4l2Device& device) {
+  const auto offered = formats_of(device);
+  for (const V4l2Format& format : v4l2_formats())
+    if (std::ranges::find(offered, format.fourcc, &V4l2FormatInfo::fourcc) != offered.end())
+      return format.fourcc;
+  std::string names;
+  for (const V4l2FormatInfo& format : offered) names += " " + fourcc_text(format.fourcc);
+  throw InputError(device.node().string() + ": offers no format that this program reads, only" + names);
+}
+
+/// Everything that is lost when the camera is unplugged.
+struct OpenCamera {
+  V4l2Device device;
+  V4l2Settings settings;
+  V4l2Stream stream;
+
+  OpenCamera(const V4l2Identity& identity, const V4l2CameraOptions& options, const RunContext& run)
+      : device(identity.node),
+        settings(device, options.controls),
+        stream(device,
+               {options.format.empty() ? best_format(device) : fourcc_from_text(options.format),
+                options.width, options.height, options.rate},
+               run) {}
+};
+
+}  // namespace
+
+struct V4l2Camera::State {
+  V4l2CameraOptions options;
+  RunContext run;
+  V4l2Identity identity;
+  std::unique_ptr<OpenCamera> open;
+  V4l2Format format{};
+  FrameWindow window;
+  V4l2CameraTroubles troubles;
+
+  Seconds exposure{0};         // in effect from settings_made on, as read back
+  Seconds exposure_before{0};  // may still be in effect for a while after
+  double gain = 1.0;
+  TimePoint settings_made{};
+  std::optional<std::pair<Seconds, double>> asked;
+
+  int to_skip = frames_after_start;
+  int unsettled = 0;  // frames to leave out after replugging
+  std::optional<std::uint32_t> driver_sequence;
+  std::uint64_t sequence = 0;
+  TimePoint last_stamp{};
+
+  State(V4l2CameraOptions wanted, RunContext context)
+      : options(std::move(wanted)), run(std::move(context)), identity(find_v4l2_camera(options.device)) {
+    reopen();
+    const std::string name = identity.node.string();
+    const std::uint32_t fourcc = open->stream.format().fourcc;
+    const auto known = find_v4l2_format(fourcc);
+    if (!known)
+      throw InputError(name + ": format " + fourcc_text(fourcc) +
+                       " is not among those that this program reads; 'refield acquire devices' marks them");
+    format = *known;
+    window =
+        options.window.value_or(FrameWindow{0, 0, open->stream.format().width, open->stream.format().height});
+    if (!open->settings.exposure() && options.fixed_exposure.count() <= 0.0)
+      throw InputError(name +
+                       ": has no exposure control that states times; give the exposure that the camera is "
+                       "set to as fixed_exposure, in seconds");
+    exposure = exposure_before = open->settings.exposure()
+                                     ? exposure_step * static_cast<double>(open->settings.exposure()->value)
+                                     : options.fixed_exposure;
+    for (const std::string& warning : open->settings.warnings()) tell(warning);
+    if (!format.is_raw())
+      tell(name + ": " + fourcc_text(fourcc) +
+           " frames are processed by the camera (tone curve, colours); its response must be calibrated");
+  }
+
+  void tell(const std::string& sentence) const { run.note(sentence); }
+
+  Seconds interval() const {
+    const Seconds stated = open->stream.format().frame_interval;
+    return stated.count() > 0.0 ? stated : usual_interval;
+  }
+
+  /// Opens the camera with all settings, frames in flight forgotten.
+  void reopen() {
+    open.reset();  // the node must be free first
+    open = std::make_unique<OpenCamera>(identity, options, run);
+    frames_start_anew();
+    if (asked) make_settings(asked->first, asked->second);
+  }
+
+  void frames_start_anew() {
+    driver_sequence.reset();
+    to_skip = frames_after_start;
+  }
+
+  void require_open() const {
+    if (!open)
+      throw DeviceError(identity.card + " (" + identity.bus + ")", ENODEV,
+                        "was disconnected; connect it again and resume");
+  }
+
+  CameraDescription describe() const {
+    require_open();
+    CameraDescription camera{identity.card + " (" + identity.bus + ")",
+                             window.width,
+                             window.height,
+                             format.layout,
+                             format.bits,
+                             options.fixed_exposure,
+                             options.fixed_exposure,
+                             interval()};
+    if (const auto& control = open->settings.exposure()) {
+      camera.shortest_exposure =
+          exposure_step * static_cast<double>(std::max<std::int64_t>(control->lowest, 1));
+      camera.longest_exposure = exposure_step * static_cast<double>(control->highest);
+      camera.exposure_step = exposure_step * static_cast<double>(std::max<std::int64_t>(control->step, 1));
+    }
+    return camera;
+  }
+
+  void make_settings(Seconds wanted, double wanted_gain) {
+    asked = {wanted, wanted_gain};
+    exposure_before = std::max(exposure, exposure_before);
+    if (const auto& control = open->settings.exposure()) {
+      const std::int64_t steps = std::llround(wanted / exposure_step);
+      exposure = exposure_step * static_cast<double>(open->settings.set(*control, steps));
+    }
+    gain = 1.0;
+    if (options.unit_gain > 0.0) {
+      const auto& control = open->settings.gain();
+      const std::int64_t made = open->settings.set(*control, std::llround(wanted_gain * options.unit_gain));
+      gain = static_cast<double>(made) / options.unit_gain;
+    }
+    settings_made = monotonic_now();
+  }
+
+  void check_settings(Seconds wanted, double wanted_gain) const {
+    const CameraDescription camera = describe();
+    const auto refuse = [&](const std::string& what, double value, double low, double high) {
+      throw InputError(camera.name + ": " + what + " of " + std::to_string(value) + " lies outside " +
+                       std::to_string(low) + " to " + std::to_string(high));
+    };
+    const double half_step = 0.5 * exposure_step.count();
+    if (!(wanted.count() > camera.shortest_exposure.count() - half_step &&
+          wanted.count() < camera.longest_exposure.count() + half_step))
+      refuse("an exposure in seconds", wanted.count(), camera.shortest_exposure.count(),
+             camera.longest_exposure.count());
+    if (options.unit_gain <= 0.0) {
+      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the session file,", wanted_gain, 1.0, 1.0);
+      return;
+    }
+    const auto& control = open->settings.gain();
+    if (!control) throw InputError(camera.name + ": has no gain control; leave out unit_gain");
+    const double low = static_cast<double>(control->lowest) / options.unit_gain;
+    const double high = static_cast<double>(control->highest) / options.unit_gain;
+    if (!(wanted_gain >= low && wanted_gain <= high)) refuse("a gain", wanted_gain, low, high);
+  }
+
+  /// See the class: never after the true start.
+  TimePoint start_of_exposure(const V4l2Filled& filled) const {
+    if (!filled.is_end_of_frame) return filled.stamp;
+    const TimePoint old_gone = settings_made + rounded_up(exposure_before + 4 * interval());
+    const Seconds longest = filled.stamp < old_gone ? std::max(exposure, exposure_before) : exposure;
+    return filled.stamp - rounded_up(longest + interval());
+  }
+
+  /// Drivers count to 2^32 and start again when they are opened again.
+  void count(std::uint32_t number) {
+    const std::uint32_t step = driver_sequence ? number - *driver_sequence : 1;
+    constexpr std::uint32_t half_way_round = 1u << 31;
+    sequence += step < half_way_round ? step : 1;
+    driver_sequence = number;
+  }
+
+  /// A camera that was plugged in again began with settings of its own, and takes ours on in its time. Nobody
+  /// above knows that it was away.
+  bool is_unsettled(const V4l2Filled& filled) {
+    if (unsettled == 0) return false;
+    if (start_of_exposure(filled) >= settings_made) --unsettled;
+    return true;
+  }
+
+  /// The frame in a buffer; nullopt when it cannot be used.
+  std::optional<RawFrame> frame_of(const V4l2Filled& filled) {
+    count(filled.sequence);
+    if (!filled.is_monotonic)
+      throw DeviceError(
+          identity.node.string(), EINVAL,
+          "does not stamp frames with the monotonic clock; frames cannot be paired with patterns");
+    if (to_skip > 0) {
+      --to_skip;
+      return std::nullopt;
+    }
+    if (filled.stamp <= last_stamp) return std::nullopt;  // handed over twice
+    if (filled.is_damaged || !open->stream.has_signal()) {
+      ++troubles.damaged;
+      tell(identity.node.string() +
+           (filled.is_damaged ? ": a damaged frame was discarded" : ": no signal; a frame was discarded"));
+      return std::nullopt;
+    }
+    last_stamp = filled.stamp;
+    if (is_unsettled(filled)) return std::nullopt;
+    const V4l2StreamFormat& stream = open->stream.format();
+    try {
+      return RawFrame{window.width,
+                      window.height,
+                      format.layout,
+                      unpack_v4l2(filled.bytes, format, stream.width, stream.height, stream.bytes_per_line,
+                                  window, {stream.bt709, stream.full_range}, identity.node.string()),
+                      start_of_exposure(filled),
+                      exposure,
+                      gain,
+                      sequence};
+    } catch (const DeviceError& torn) {
+      ++troubles.damaged;
+      tell(torn.what());
+      return std::nullopt;
+    }
+  }
+
+  void restart(const DeviceError& broken, int restarts) {
+    if (restarts > most_restarts_in_a_row) throw DeviceError(broken);
+    ++troubles.restarts;
+    tell(std::string(broken.what()) + "; it is started again");
+    open->stream.restart();
+    frames_start_anew();
+  }
+
+  /// Waits until the camera is plugged in again: the same card at the same place.
+  void wait_for_replug(const DeviceError& gone) {
+    if (options.replug_patience.count() <= 0.0) throw DeviceError(gone);
+    open.reset();  // or the node stays taken, and the camera comes back under another number
+    tell(identity.card + " (" + identity.bus + "): was unplugged; waiting " +
+         std::to_string(std::lround(options.replug_patience.count())) + " s for it to be connected again");
+    const auto deadline = std::chrono::steady_clock::now() + options.replug_patience;
+    while (std::chrono::steady_clock::now() < deadline) {
+      run.throw_if_stopped();
+      std::this_thread::sleep_for(look_again);
+      for (const V4l2Identity& camera : find_v4l2_cameras()) {
+        if (camera.bus != identity.bus || camera.card != identity.card) continue;
+        identity = camera;
+        try {
+          reopen();
+        } catch (const DeviceError&) {  // not ready yet, or gone again
+          break;
+        }
+        ++troubles.replugs;
+        unsettled = frames_after_replug;
+        tell(identity.card + ": is connected again as " + identity.node.string());
+        return;
+      }
+    }
+    throw DeviceError(gone);
+  }
+};
+
+V4l2Camera::V4l2Camera(V4l2CameraOptions options, RunContext run)
+    : state_(std::make_unique<State>(std::move(options), std::move(run))) {}
+V4l2Camera::~V4l2Camera() = default;
+
+CameraDescription V4l2Camera::describe() const {
+  return state_->describe();
+}
+
+const V4l2CameraTroubles& V4l2Camera::troubles() const {
+  return state_->troubles;
+}
+
+TimePoint V4l2Camera::set_exposure(Seconds exposure, double gain) {
+  state_->require_open();
+  state_->check_settings(exposure, gain);
+  try {
+    state_->make_settings(exposure, gain);
+  } catch (const DeviceError& error) {
+    if (error.error_number() != ENODEV) throw;
+    state_->wait_for_replug(error);  // makes the settings asked for
+  }
+  return state_->settings_made;
+}
+
+RawFrame V4l2Camera::next_frame(Seconds timeout) {
+  state_->require_open();
+  auto deadline = std::chrono::steady_clock::now() + timeout;
+  // One look even after the deadline: it may be the program that was stopped for so long.
+  int restarts = 0;
+  for (bool is_last = false; !is_last;) try {
+      const Seconds left = deadline - std::chrono::steady_clock::now();
+      is_last = left.count() <= 0.0;
+      const auto filled = state_->open->stream.take(std::max(left, Seconds(0)));
+      if (!filled) continue;
+      auto frame = state_->frame_of(*filled);
+      state_->open->stream.give_back(*filled);
+      if (frame) return std::move(*frame);
+    } catch (const DeviceError& error) {
+      if (error.error_number() == EIO) {
+        state_->restart(error, ++restarts);
+      } else if (error.error_number() == ENODEV) {
+        state_->wait_for_replug(error);
+        deadline = std::chrono::steady_clock::now() + timeout +
+                   frames_after_replug * (state_->exposure + state_->interval());
+        is_last = false;
+      } else {
+        throw;
+      }
+    }
+  throw DeviceError(state_->identity.node.string(), ETIMEDOUT,
+                    "no frame came within " + std::to_string(timeout.count()) +
+                        " s; check cable, trigger and that no other program uses the camera");
+}
+
+}  // namespace refield

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <optional>
+
+#include "acquire/camera.h"
+#include "core/image/image.h"
+
+namespace refield {
+
+/// Levels of a sensor's samples, as its RAW file states them.
+struct RawLevels {
+  double black = 0.0;       ///< without light, mean over the colours
+  double saturation = 0.0;  ///< lowest sample that may be clipped
+};
+
+/// One exposure of a bracketed series, from an ordinary image file.
+struct BracketFile {
+  int bits = 0;                     ///< 8 or 16 for integer formats; 0 for float ones
+  RawFrame frame;                   ///< integer formats: the samples as stored; its exposure is not filled in
+  Image linear;                     ///< float formats: [height × width × 3]
+  Image sigma;                      ///< of `linear`, where the file carries it (core/image/image_io.h, Photograph)
+  std::optional<Seconds> exposure;  ///< as the file's metadata state it (EXIF ExposureTime, EXR expTime)
+  std::optional<double> iso;
+  bool is_raw =
+      false;  ///< a camera's own format: samples of the sensor, not interpolated, black not subtracted
+  std::optional<RawLevels> raw_levels;  ///< RAW: where the file states them and LibRaw was there at the build
+};
+
+/// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or a camera's RAW (DNG, CR2, NEF and so on, by LibRaw
+/// where OpenImageIO was built with it). A one-channel integer file is taken to have the layout
+/// `one_channel`; nullopt: grey, or for RAW what the file says. Alpha is ignored. Throws DeviceError for a
+/// missing file and FormatError for one that is damaged or no image.
+BracketFile read_bracket_file(const std::filesystem::path& path,
+                              std::optional<PixelLayout> one_channel = std::nullopt);
+
+/// The exposure time that a file's metadata state; its samples are not read. Throws as read_bracket_file().
+std::optional<Seconds> stated_exposure(const std::filesystem::path& path);
+
+/// Writes a frame's samples, unchanged, as a 16-bit PNG of one or three channels, atomically. What
+/// read_bracket_file() reads back is equal.
+void write_raw_frame(const std::filesystem::path& path, const RawFrame& frame);
+
+}  // namespace refield

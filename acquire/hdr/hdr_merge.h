@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "acquire/calibrate/calibration.h"
+#include "acquire/camera.h"
+#include "core/image/image_io.h"
+
+namespace refield {
+
+/// Interpolates a plane of Bayer samples to RGB, bilinearly, by masked filtering; at the border by what
+/// samples there are. Measured samples stay as they are. Sigma follows the filter's weights; that
+/// neighbouring interpolated pixels then share their noise is not recorded. A pixel that rests on any clipped
+/// sample (infinite sigma) has infinite sigma: brighter neighbours left out would make it too dark. Both
+/// planes are [height × width × 1], the layout is a Bayer one; throws InputError otherwise or below 2×2
+/// pixels.
+Photograph demosaic(const Image& radiance, const Image& sigma, PixelLayout layout);
+
+/// From where on an exposure's samples count as clipped.
+struct ClipLevel {
+  float electrons;       ///< above black
+  float floor_variance;  ///< there, of what does not depend on light
+};
+
+/// Fits the response lines of many samples at once: electrons over exposure, through the origin. A decoded
+/// sample has electrons above black and the variance that does not depend on light; an infinite variance
+/// marks a clipped sample, whose weight becomes zero without a branch.
+///
+/// Weighted least squares with predicted variances, see merge_exposures(). Where a clipped sample lies within
+/// the noise of its clipping level, that it clipped is information, and leaving it out would favour those
+/// that came out low: there the likelihood of the samples that were measured and of the clipping together is
+/// maximised (a censored or Tobit regression: Tobin 1958; Amemiya 1984, eq. 6), by Newton's method with
+/// expected information.
+class ResponseLines {
+ public:
+  ResponseLines(std::size_t exposures, std::size_t size);
+
+  // [size] of each exposure, to be filled in.
+  float* electrons(std::size_t i) { return electrons_.data() + i * size_; }
+  float* floor(std::size_t i) { return floor_.data() + i * size_; }
+
+  /// `per_radiance` [exposures]: electrons that radiance 1 gives. `useful` [exposures] counts samples for
+  /// which an exposure holds a fair share of the information, `clipped` those without any measurement: their
+  /// sigma is infinite and their radiance the clipping level of the shortest exposure.
+  void fit(std::span<const float> per_radiance, std::span<const ClipLevel> clip, std::span<float> radiance,
+           std::span<float> sigma, std::span<std::uint32_t> useful, std::uint32_t& clipped);
+
+ private:
+  void predict(std::span<const float> per_radiance);
+  void refine_where_clipping_tells(std::span<const float> per_radiance, std::span<const ClipLevel> clip,
+                                   std::span<float> radiance, std::span<float> sigma);
+  void refine(std::size_t x, std::span<const float> per_radiance, std::span<const ClipLevel> clip,
+              float& radiance, float& sigma) const;
+  std::uint32_t count_useful(std::size_t i, float per_radiance) const;
+
+  std::size_t exposures_;
+  std::size_t size_;
+  std::vector<float> electrons_;
+  std::vector<float> floor_;
+  std::vector<float> predicted_;
+  std::vector<float> numerator_;
+  std::vector<float> information_;  // Σ weight · t²: the inverse variance of the slope
+};
+
+struct MergeOptions {
+  /// Samples less than this fraction below saturation count as clipped too. 0 where saturation was measured,
+  /// as calibration does: it is then the lowest sample that may be clipped. Where it was not, sensors bend
+  /// below it.
+  double clip_margin = 0.0;
+};
+
+/// For cameras whose saturation was not measured.
+inline constexpr MergeOptions with_unmeasured_saturation{0.01};
+/// For 8-bit files of theirs: clipped samples next to edges are 246 and more in JPEG files of quality 90
+/// to 97.
+inline constexpr MergeOptions with_compressed_samples{0.04};
+
+/// What each exposure was good for.
+struct MergeStatistics {
+  /// [exposures] fraction of the samples for which the exposure holds at least 0.4 / n of the information: a
+  /// tenth, of four exposures. One near zero could have been saved.
+  std::vector<double> useful_fraction;
+  double clipped_fraction = 0.0;  ///< of the samples, clipped in every exposure
+};
+
+/// Merges frames of one scene, taken with several exposures (or several times with one), into a photograph of
+/// linear radiance and its standard deviation, in the unit that the calibration sets.
+///
+/// A pixel's samples, black subtracted and linearised, lie on a line through the origin over exposure: the
+/// response line. Its slope, fitted by weighted least squares, is the radiance. The weights are the inverse
+/// of the variance (shot, read and quantisation noise) that the line itself *predicts*: weights from the
+/// observed samples would favour those that came out low and bias the result. The prediction starts from Σ
+/// electrons / Σ exposure, which is unbiased. Clipped samples are left out, except where noise alone may have
+/// clipped them (ResponseLines); a sample that is clipped in an exposure counts as clipped in those at least
+/// half as long again. Where all are clipped, sigma is
+/// +infinity and the radiance a lower bound, the clipping level of the shortest exposure. Radiance may be
+/// negative near black; it is kept, so that averages stay true. Bayer samples are merged before they are
+/// interpolated, grey ones are repeated in all channels.
+///
+/// Throws InputError when the frames differ in size or layout or do not fit the calibration.
+/// Source: Matusik et al. 2004, section 6 (the response line); the weights after Robertson et al. 2003, with
+/// predicted variances in place of a confidence curve.
+Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibration& calibration,
+                           const MergeOptions& options = {}, MergeStatistics* statistics = nullptr);
+
+/// What is known of float images, such as bracketed EXR files. Values are taken as black + scale · light.
+struct LinearSensor {
+  double black = 0.0;
+  double saturation = 1.0;               ///< lowest value that may be clipped
+  double electrons_per_value = 20000.0;  ///< photo-electrons that a value of 1 above black stands for
+  double read_noise_electrons = 5.0;
+};
+
+/// The same for linear images [height × width × 3]; radiance is in image values a second.
+Photograph merge_linear_exposures(std::span<const Image> images, std::span<const Seconds> exposures,
+                                  const LinearSensor& sensor, const MergeOptions& options = {},
+                                  MergeStatistics* statistics = nullptr);
+
+/// photograph − ambient; the variances add. Where either was clipped, sigma stays infinite.
+/// Throws InputError when the sizes differ.
+void subtract_ambient(Photograph& photograph, const Photograph& ambient);
+
+}  // namespace refield

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/common/options.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+
+#include "cli/run_context.h"
+#include "core/base/errors.h"
+#include "relight/held_out.h"
+
+namespace refield::cli {
+
+namespace {
+
+/// The finite number that all of `text` spells; none for anything else.
+std::optional<double> finite_number(const std::string& text) {
+  double value = 0.0;
+  if (!CLI::detail::lexical_cast(text, value) || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+CLI::Validator bounded_number(const char* name, const char* bound, bool zero_is_allowed) {
+  return {[bound, zero_is_allowed](std::string& text) {
+            const auto value = finite_number(text);
+            const bool is_good = value && (zero_is_allowed ? *value >= 0.0 : *value > 0.0);
+            return is_good ? std::string() : "is '" + text + "'; give a number " + bound;
+          },
+          name};
+}
+
+bool takes_floating_point(const CLI::Option& option) {
+  const std::string type = option.get_type_name();
+  return type.starts_with("FLOAT") || type.starts_with("X,Y,Z");
+}
+
+}  // namespace
+
+CLI::Validator positive_number() {
+  return bounded_number("POSITIVE", "above zero", false);
+}
+
+CLI::Validator non_negative_number() {
+  return bounded_number("NONNEGATIVE", "of zero or more", true);
+}
+
+void require_finite_numbers(CLI::App& app) {
+  for (CLI::Option* option : app.get_options())
+    if (takes_floating_point(*option))
+      // As a transformation it comes before the option's own checks, which NaN passes.
+      option->transform(CLI::Validator(
+          [](std::string& text) {
+            return finite_number(text) ? std::string() : "is '" + text + "'; give a finite number";
+          },
+          ""));
+  for (CLI::App* verb : app.get_subcommands([](CLI::App*) { return true; })) require_finite_numbers(*verb);
+}
+
+CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure) {
+  return verb
+      .add_option_function<std::string>(
+          "--exposure",
+          [&exposure](const std::string& text) {
+            exposure = text == "auto" ? std::nullopt : finite_number(text);
+          },
+          "Exposure factor applied to the radiance in PNG and MP4 files (default: auto, so that the 99th "
+          "percentile of the brightest channel over the illuminated pixels becomes white; one factor for all "
+          "frames of a sequence)")
+      ->check([](const std::string& text) {
+        const auto value = finite_number(text);
+        return text == "auto" || (value && *value > 0.0)
+                   ? std::string()
+                   : "is '" + text + "'; give a number above zero, or auto";
+      })
+      ->type_name("FACTOR");
+}
+
+void print_exposures(std::span<const std::string> files, std::span<const double> exposures) {
+  constexpr std::size_t max_lines = 12;
+  if (exposures.size() == 1) {
+    std::printf("exposure %.3g (reproduce with --exposure %.3g)\n", exposures[0], exposures[0]);
+  } else if (exposures.size() <= max_lines) {
+    for (std::size_t i = 0; i < exposures.size(); ++i)
+      std::printf("%s: exposure %.3g\n", files[i].c_str(), exposures[i]);
+  } else {
+    const auto [least, most] = std::ranges::minmax_element(exposures);
+    std::printf("exposures %.3g (%s) to %.3g (%s); --json lists all\n", *least,
+                files[static_cast<std::size_t>(least - exposures.begin())].c_str(), *most,
+                files[static_cast<std::size_t>(most - exposures.begin())].c_str());
+  }
+}
+
+void warn_of_clipping(double clipped_share) {
+  if (clipped_share > 0.5)
+    std::fprintf(stderr,
+                 "refield: warning: with this --exposure, %.0f %% of the illuminated pixels are clipped; "
+                 "remove --exposure to select it automatically\n",
+                 100.0 * clipped_share);
+}
+
+PictureSize read_picture_size(const std::string& text, PictureSize least) {
+  constexpr int largest = 16384;
+  PictureSize size;
+  char rest = '\0';
+  if (std::sscanf(text.c_str(), "%dx%d%c", &size.width, &size.height, &rest) != 2 ||
+      size.width < least.width || size.height < least.height || size.width > largest || size.height > largest)
+    throw InputError("--size " + text + ": give width x height in pixels, " + std::to_string(least.width) +
+                     "x" + std::to_string(least.height) + " to 16384x16384");
+  return size;
+}
+
+void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
+  verb.add_option(
+      "--response", camera.response,
+      "Response of the camera: linear, srgb, gamma:X (sample = light^(1/X)) or a calibration.toml (default: "
+      "srgb for 8-bit files, else linear; estimated if the exposures contradict it)");
+  verb.add_option("--layout", camera.layout,
+                  "Layout of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg or "
+                  "bayer_bggr (default: grey; for camera RAW files, from the file)")
+      ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}));
+  verb.add_option("--black", camera.black,
+                  "Black level of the camera in linearised sample units (default: from RAW files, else 0)");
+  verb.add_option("--saturation", camera.saturation,
+                  "Lowest sample value that may be clipped (default: from RAW files, else the largest value; "
+                  "1.0 for float images)");
+  verb.add_option("--full-scale-electrons", camera.full_scale_electrons,
+                  "Number of photo-electrons at full scale, which determines the shot noise used for weights "
+                  "and sigma")
+      ->check(positive_number())
+      ->capture_default_str();
+  verb.add_option("--read-noise", camera.read_noise_electrons,
+                  "Standard deviation of the read noise in electrons")
+      ->check(non_negative_number())
+      ->capture_default_str();
+}
+
+void add_capture_options(CLI::App& verb, CaptureOptions& options, const std::string& held_out) {
+  verb.add_option("--light", options.light, "Light maps, instead of a session: quoted pattern or folder");
+  verb.add_option("--observed", options.observed,
+                  "Photographs, instead of a session: quoted pattern or folder; paired with the light maps "
+                  "by the text that the wildcards match, else by name");
+  verb.add_option("--parameterisation", options.parameterisation,
+                  "Parameterisation of the light maps of --light: monitor, lat_long or cube")
+      ->capture_default_str();
+  verb.add_option("--mask", options.mask,
+                  "Mask image, bright where the scene is; other pixels are ignored (default: the mask of the "
+                  "session, else all pixels)");
+  verb.add_option("--hold-out", options.hold_out, held_out)->type_name("N");
+}
+
+CaptureSession open_capture(const CaptureOptions& options) {
+  if (options.by_pairs() == !options.session.empty())
+    throw InputError("no input, or two inputs; give either a SESSION folder, or both --light and --observed");
+  if (options.by_pairs() && (options.light.empty() || options.observed.empty()))
+    throw InputError(
+        "--light and --observed require each other; give a pattern for the light maps and one for the "
+        "photographs");
+  CaptureSession session = options.by_pairs()
+                               ? pair_by_globs(options.light, options.observed,
+                                               parameterisation_from_name(options.parameterisation))
+                               : read_capture_session(options.session);
+  if (!options.mask.empty()) session.mask = options.mask;
+  if (options.hold_out != 0) hold_out_every(session, options.hold_out);
+  return session;
+}
+
+void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session) {
+  if (options.hold_out != 0) return;
+  if (const std::string warning = mark_held_out(session, field); !warning.empty())
+    run_context().note(warning);
+}
+
+}  // namespace refield::cli

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+#include <optional>
+#include <span>
+#include <string>
+
+#include "acquire/import/bracket_merge.h"
+#include "core/field/reflectance_field.h"
+#include "core/session/capture_session.h"
+
+namespace refield::cli {
+
+/// Checks of an option's number. Their messages state the bound, which those of CLI::PositiveNumber and
+/// CLI::NonNegativeNumber hide behind the largest double in 309 digits.
+CLI::Validator positive_number();
+CLI::Validator non_negative_number();
+
+/// Makes every option of `app` and of its subcommands whose values are floating-point numbers refuse NaN,
+/// infinity and what is no number. Call it when all options have been added.
+void require_finite_numbers(CLI::App& app);
+
+/// Adds `--exposure`, a factor on the radiance above zero or `auto`; empty: automatic.
+CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure);
+
+/// Prints automatic exposures so that they can be repeated: one for all files, or one per file.
+void print_exposures(std::span<const std::string> files, std::span<const double> exposures);
+
+/// Warns on standard error where more than half of the pixels that show light are clipped.
+void warn_of_clipping(double clipped_share);
+
+struct PictureSize {
+  int width = 0;  ///< pixels
+  int height = 0;
+};
+
+/// Reads "1440x900", the value of --size. Throws InputError for what is none, smaller than `least` or larger
+/// than 16384x16384.
+PictureSize read_picture_size(const std::string& text, PictureSize least);
+
+/// Options that say what is known of the camera behind bracketed image files.
+void add_bracket_camera(CLI::App& verb, BracketCamera& camera);
+
+/// What estimate, compare and report work on: a capture session, or pairs of images of other tools.
+struct CaptureOptions {
+  std::string session;
+  std::string light;
+  std::string observed;
+  std::string parameterisation = "monitor";
+  std::string mask;
+  int hold_out = 0;  ///< 0: as the session says
+
+  bool by_pairs() const { return !light.empty() || !observed.empty(); }
+};
+
+/// Adds --light, --observed, --parameterisation, --mask and --hold-out; the session is the verb's own
+/// argument. `held_out`: what the verb does with the images that are held out.
+void add_capture_options(CLI::App& verb, CaptureOptions& options, const std::string& held_out);
+
+/// Reads the session or pairs the files, with the mask and the images held out that the options name. Throws
+/// InputError unless exactly one of both is given.
+CaptureSession open_capture(const CaptureOptions& options);
+
+/// Which frames `field` was not estimated from, where the options do not say (mark_held_out()). Prints a
+/// warning where pairs may be those of the training.
+void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session);
+
+}  // namespace refield::cli

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <initializer_list>
+#include <limits>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/units.h"
+
+namespace refield {
+
+/// What to say of a name that is not one of `known`: which of them is meant, by its spelling, and all of
+/// them.
+std::string unknown_name_text(const std::string& name, const std::vector<std::string>& known);
+
+/// One table of a TOML file that a person wrote. Values that are absent leave what they are read into as it
+/// is. Every error names file, line, table, key, value and remedy; keys that nobody asked for are errors,
+/// too. All functions throw InputError.
+class ConfigSection {
+ public:
+  static constexpr double unlimited = std::numeric_limits<double>::max();
+
+  /// "recipe.toml:12: [camera] width = -3: what"
+  [[noreturn]] void fail(const std::string& key, const std::string& what) const;
+  bool has(const std::string& key) const;
+  void require(const std::string& key) const;
+
+  void number(const std::string& key, double& value, double low, double high);
+  void integer(const std::string& key, int& value, int low, int high);
+  void flag(const std::string& key, bool& value);
+  void text(const std::string& key, std::string& value);
+  /// Three numbers.
+  void triple(const std::string& key, std::array<double, 3>& value, double low, double high);
+  void vector(const std::string& key, Eigen::Vector3d& value, double low = -1e6, double high = 1e6);
+  /// Pairs of numbers, at least two, the first not negative.
+  void pairs(const std::string& key, std::vector<Eigen::Vector2d>& value);
+  /// Any number of rows of `width` numbers; absent or of another form is an error that tells the remedy.
+  std::vector<std::vector<double>> rows(const std::string& key, std::size_t width, const char* remedy);
+  /// Any number of numbers.
+  void numbers(const std::string& key, std::vector<double>& value, double low, double high);
+  /// Exactly as many whole numbers as `value` has.
+  void integers(const std::string& key, std::vector<int>& value, int low, int high);
+  /// Seconds from a number in units of `unit`.
+  void seconds(const std::string& key, Seconds& value, Seconds unit, double low, double high);
+  /// All keys of the table, each a whole number or true or false.
+  std::map<std::string, std::int64_t> settings();
+
+  template <class Value>
+  void choice(const std::string& key, Value& value,
+              std::initializer_list<std::pair<const char*, Value>> choices) {
+    std::string name, names;
+    text(key, name);
+    if (name.empty()) return;
+    for (const auto& [choice_name, choice_value] : choices) {
+      if (name == choice_name) {
+        value = choice_value;
+        return;
+      }
+      names += (names.empty() ? "" : ", ") + std::string(choice_name);
+    }
+    fail(key, "use one of " + names);
+  }
+
+  /// Throws when the table holds a key that was not asked for.
+  void finish() const;
+
+ private:
+  friend class ConfigFile;
+  ConfigSection(const std::filesystem::path& file, std::string name, const void* table)
+      : file_(&file), name_(std::move(name)), table_(table) {}
+  const std::filesystem::path* file_;
+  std::string name_;
+  const void* table_;  // the TOML library's
+  std::set<std::string> known_;
+};
+
+/// A TOML file that a person wrote. Sections refer to it and must not outlive it.
+class ConfigFile {
+ public:
+  /// `what` ("recipe", "session file") names the kind in messages, `manual` the page that describes it.
+  /// Throws InputError for a file that is missing or no TOML.
+  ConfigFile(std::filesystem::path path, std::string what, std::string manual);
+  ~ConfigFile();
+  ConfigFile(const ConfigFile&) = delete;
+  ConfigFile& operator=(const ConfigFile&) = delete;
+
+  /// Throws InputError when the file holds another table or key; `known` are shown in that order.
+  void check_names(std::initializer_list<const char*> known) const;
+  bool has(const std::string& name) const;
+  /// Throws InputError when there is none.
+  ConfigSection section(const std::string& name) const;
+  /// An empty one when there is none.
+  ConfigSection optional_section(const std::string& name) const;
+  /// [[name]], at least one.
+  std::vector<ConfigSection> sections(const std::string& name) const;
+  /// A whole number outside of all tables, at least 0.
+  void whole_number(const std::string& key, std::uint64_t& value) const;
+
+ private:
+  struct Content;
+  std::filesystem::path path_;
+  std::string what_, manual_;
+  std::unique_ptr<Content> content_;
+};
+
+}  // namespace refield

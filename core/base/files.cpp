@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/base/files.h"
+
+#include <fcntl.h>
+#include <sys/random.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <optional>
+
+#include "core/base/errors.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Flushes a file's or folder's content to the device.
+void sync_to_device(const fs::path& path, int flags) {
+  const int fd = ::open(path.c_str(), flags | O_CLOEXEC);
+  if (fd < 0) throw DeviceError(path.string(), errno, "cannot open to flush it");
+  const int status = ::fsync(fd);
+  const int error_number = errno;
+  ::close(fd);
+  // Some file systems cannot sync folders; the rename is then as safe as they allow.
+  if (status != 0 && error_number != EINVAL)
+    throw DeviceError(path.string(), error_number, "cannot flush to disk");
+}
+
+fs::path folder_of(const fs::path& path) {
+  return path.has_parent_path() ? path.parent_path() : fs::path(".");
+}
+
+/// Text that the wildcards of `pattern` stand for in `text`, joined by '/'; nullopt when it does not match.
+/// Each `*` takes as little as it can. When the text does not fit, only the last `*` takes more: what stands
+/// before it fits already, and at the earliest place. So the time is at most the product of the two lengths.
+std::optional<std::string> match_wildcards(std::string_view pattern, std::string_view text) {
+  struct Wildcard {
+    std::size_t begin, end;  // in the text
+  };
+  std::vector<Wildcard> wildcards;
+  struct LastStar {
+    std::size_t after;  // in the pattern
+    std::size_t wildcards;
+  };
+  std::optional<LastStar> star;
+  std::size_t p = 0, t = 0;
+  while (t < text.size() || p < pattern.size()) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      wildcards.push_back({t, t});
+      star = {++p, wildcards.size()};
+    } else if (p < pattern.size() && t < text.size() && (pattern[p] == '?' || pattern[p] == text[t])) {
+      if (pattern[p++] == '?') wildcards.push_back({t, t + 1});
+      ++t;
+    } else {
+      if (!star) return std::nullopt;
+      wildcards.resize(star->wildcards);
+      if (wildcards.back().end == text.size()) return std::nullopt;
+      t = ++wildcards.back().end;
+      p = star->after;
+    }
+  }
+  std::string joined;
+  for (std::size_t i = wildcards.size(); i-- > 0;) {
+    const auto [begin, end] = wildcards[i];
+    joined = std::string(text.substr(begin, end - begin)) + (joined.empty() ? "" : "/" + joined);
+  }
+  return joined;
+}
+
+/// Creates an empty file beside `path`, named `.partial-RANDOM-NAME`. Nobody can foresee that name, and an
+/// existing file or link is never opened.
+fs::path create_temporary(const fs::path& path) {
+  constexpr std::size_t max_name = 255, max_tail = 200;
+  const std::string name = path.filename().string();
+  const auto fail = [&](int error_number) {
+    throw DeviceError(path.string(), error_number, "cannot create");
+  };
+  if (name.size() > max_name) fail(ENAMETOOLONG);
+  const std::string tail = name.size() > max_tail ? name.substr(name.size() - max_tail) : name;
+  for (;;) {
+    std::uint64_t random = 0;
+    if (::getrandom(&random, sizeof random, 0) != sizeof random) fail(errno);
+    char digits[17];
+    std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(random));
+    fs::path temporary = folder_of(path) / (".partial-" + std::string(digits) + "-" + tail);
+    const int fd = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (fd >= 0) {
+      ::close(fd);
+      return temporary;
+    }
+    if (errno != EEXIST) fail(errno);
+  }
+}
+
+/// Whether the extension, in whatever case, is one of `known`.
+bool has_extension(const fs::path& path, std::initializer_list<std::string_view> known) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::ranges::find(known, extension) != known.end();
+}
+
+bool is_image_file(const fs::path& path) {
+  return has_extension(path, {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm"}) ||
+         is_camera_raw(path);
+}
+
+}  // namespace
+
+bool is_camera_raw(const fs::path& path) {
+  return has_extension(path, {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef"});
+}
+
+void write_atomically(const fs::path& path, const std::function<void(const fs::path&)>& write) {
+  const fs::path temporary = create_temporary(path);
+  try {
+    write(temporary);
+    sync_to_device(temporary, O_RDWR | O_NOFOLLOW);
+    if (::rename(temporary.c_str(), path.c_str()) != 0)
+      throw DeviceError(path.string(), errno, "cannot rename the finished file into place");
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove(temporary, ignored);
+    throw;
+  }
+  sync_to_device(folder_of(path), O_RDONLY | O_DIRECTORY);
+}
+
+void write_text_atomically(const fs::path& path, std::string_view text) {
+  write_atomically(path, [&](const fs::path& temporary) {
+    std::FILE* file = std::fopen(temporary.c_str(), "wbe");
+    if (!file) throw DeviceError(path.string(), errno, "cannot create");
+    errno = 0;
+    const bool written = std::fwrite(text.data(), 1, text.size(), file) == text.size();
+    const bool closed = std::fclose(file) == 0;
+    if (!written || !closed) throw DeviceError(path.string(), errno, "cannot write");
+  });
+}
+
+std::string read_text(const fs::path& path) {
+  if (fs::is_directory(path)) throw DeviceError(path.string(), EISDIR, "cannot read");
+  std::FILE* file = std::fopen(path.c_str(), "rbe");
+  if (!file) throw DeviceError(path.string(), errno, "cannot open");
+  // A regular file ends; what comes from a pipe or a device need not.
+  constexpr std::size_t max_stream_bytes = std::size_t{64} << 20;
+  const bool ends = fs::is_regular_file(path);
+  std::string text;
+  char buffer[1 << 16];
+  while (const std::size_t got = std::fread(buffer, 1, sizeof buffer, file)) {
+    text.append(buffer, got);
+    if (ends || text.size() <= max_stream_bytes) continue;
+    std::fclose(file);
+    throw FormatError(path, "is not a regular file and is longer than 64 MiB; give a regular file");
+  }
+  const bool failed = std::ferror(file) != 0;
+  const int error_number = errno;
+  std::fclose(file);
+  if (failed) throw DeviceError(path.string(), error_number, "cannot read");
+  return text;
+}
+
+void create_folders(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) throw DeviceError(folder.string(), error.value(), "cannot create the folder");
+}
+
+void require_free_space(const fs::path& path, std::uint64_t bytes) {
+  fs::path existing = fs::absolute(path);
+  while (!fs::exists(existing) && existing.has_relative_path()) existing = existing.parent_path();
+  std::error_code error;
+  const auto space = fs::space(existing, error);
+  if (error || space.available >= bytes) return;
+  throw DeviceError(existing.string(), ENOSPC,
+                    "needs " + std::to_string(bytes / 1'000'000 + 1) + " MB, has " +
+                        std::to_string(space.available / 1'000'000) + " MB free");
+}
+
+std::vector<GlobMatch> expand_glob(const std::string& pattern) {
+  fs::path path(pattern);
+  std::vector<GlobMatch> matches;
+  if (fs::is_directory(path)) {
+    for (const auto& entry : fs::directory_iterator(path))
+      if (entry.is_regular_file() && is_image_file(entry.path()) &&
+          entry.path().filename().string()[0] != '.')
+        matches.push_back({entry.path(), entry.path().stem().string()});
+  } else if (fs::is_directory(folder_of(path))) {
+    for (const auto& entry : fs::directory_iterator(folder_of(path))) {
+      const std::string name = entry.path().filename().string();
+      if (name[0] == '.' && pattern[0] != '.') continue;
+      if (auto wildcard = match_wildcards(path.filename().string(), name))
+        matches.push_back({path.has_parent_path() ? entry.path() : fs::path(name), *wildcard});
+    }
+  }
+  if (matches.empty())
+    throw InputError("no file matches '" + pattern + "'; quote the pattern and check the folder's name");
+  std::ranges::sort(matches, {}, &GlobMatch::path);
+  return matches;
+}
+
+std::vector<fs::path> expand_globs(const std::vector<std::string>& patterns) {
+  std::vector<fs::path> paths;
+  for (const std::string& pattern : patterns) {
+    if (fs::is_regular_file(pattern))
+      paths.emplace_back(pattern);
+    else
+      for (const GlobMatch& match : expand_glob(pattern)) paths.push_back(match.path);
+  }
+  return paths;
+}
+
+}  // namespace refield

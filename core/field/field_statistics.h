@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/field/reflectance_field.h"
+#include "core/field/transfer_tiles.h"
+#include "core/image/image.h"
+#include "core/light/light_map.h"
+
+namespace refield {
+
+/// One entry of a pixel's row of the transfer.
+struct PixelKernel {
+  std::optional<std::uint32_t> hat;  ///< its number; nothing: a rectangle
+  Box support;
+  std::array<float, 3> weight{};  ///< multiplies the sum of texel values under the kernel
+  double energy_share = 0.0;      ///< of the pixel's energy (|weight| × area, all channels), 0 to 1
+};
+
+/// What a pixel takes light from, most energy first. `pixel` counts row-major. Throws InputError for a pixel
+/// that the field does not have.
+std::vector<PixelKernel> kernels_of_pixel(const ReflectanceField& field, std::size_t pixel);
+/// The same for a transfer laid out in tiles; weights that were rounded to zero are left out.
+std::vector<PixelKernel> kernels_of_pixel(const TransferTiles& tiles, const LightBasis& basis,
+                                          std::size_t pixel);
+
+/// The reflectance function that the kernels add up to: at each texel the sum of the weights (mean of the
+/// channels) of the kernels over it, [height × width × 1] of the light map.
+Image kernel_density(const LightBasis& basis, std::span<const PixelKernel> kernels);
+Image kernel_density(const ReflectanceField& field, std::size_t pixel);
+
+/// How many kernels a field has and where their energy lies. The energy of a kernel is Σ_channels |weight|
+/// × area: what it adds to its pixel, or takes away, under a white light of radiance one.
+struct KernelStatistics {
+  std::uint64_t pixels = 0;  ///< that have at least one kernel
+  std::uint64_t kernels =
+      0;  ///< allowed in those pixels: pixels × kernels a pixel; the 100 % of the shares below
+  std::uint64_t stored = 0;  ///< entries of the transfer
+  std::uint64_t distinct_boxes = 0;
+  double mean_stored = 0.0;          ///< entries a pixel, over `pixels`
+  double nonzero_share = 0.0;        ///< kernels with a weight that is not zero in some channel
+  double share_of_99_percent = 0.0;  ///< the fewest kernels that hold 99 % of the scene's energy
+  double share_of_95_percent = 0.0;
+  /// [most entries a pixel + 1], pixels with so many entries; pixels outside the mask stand under 0.
+  std::vector<std::uint64_t> histogram;
+};
+
+/// `kernels_a_pixel` is the cap that the field was estimated with: estimation drops kernels of weight zero,
+/// so the field alone does not tell how many there were. 0: the most that any pixel has. Source: Matusik et
+/// al. 2004, table 1.
+KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_pixel = 0);
+
+}  // namespace refield

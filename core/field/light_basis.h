@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "core/image/image.h"
+#include "core/light/harmonics.h"
+#include "core/light/light_map.h"
+
+namespace refield {
+
+/// Bilinear hat functions over a light map: nodes on a regular grid that reaches from edge to edge, each
+/// function 1 at its node and falling linearly to 0 at the next ones. They are non-negative, add up to 1
+/// everywhere, and carry the smooth part of light transport (diffuse surfaces under a large monitor), for
+/// which rectangles are wasteful.
+struct HatGrid {
+  int columns = 0;  ///< nodes along x; 1: constant along x
+  int rows = 0;     ///< nodes along y
+
+  int count() const { return columns * rows; }
+  bool operator==(const HatGrid&) const = default;
+
+  /// Value of function `node` (row by row) at the centre of texel (x, y).
+  float value(int node, int x, int y, const LightDomain& domain) const;
+  /// The rectangle outside which function `node` is zero.
+  Box support(int node, const LightDomain& domain) const;
+  /// Coefficients [count × 3]: the light's texel values weighted by each function and summed.
+  std::vector<double> project(const LightMap& light) const;
+  /// The same for light that is zero outside `within`: `radiance` holds that part of the domain alone.
+  std::vector<double> project(const Image& radiance, const Box& within, const LightDomain& domain) const;
+};
+
+/// Spherical harmonics as kernels over a cube map. Transfer matrices hold no negative weights, so each
+/// harmonic is there twice: kernel 2i is harmonic i, kernel 2i + 1 its negative.
+struct HarmonicKernels {
+  int order = 0;  ///< 0: none; at most largest_harmonics_order
+
+  int count() const { return 2 * harmonics_of(order); }
+  bool operator==(const HarmonicKernels&) const = default;
+
+  /// Mean of a kernel over the solid angle of texel (x, y).
+  float value(int kernel, int x, int y, const LightDomain& domain) const;
+};
+
+/// The harmonics at all texels of a cube map, so that light is projected by products alone.
+/// Takes order² floats a texel: small maps are meant, since harmonics of low order see no more.
+class HarmonicTable {
+ public:
+  HarmonicTable(const HarmonicKernels& kernels, const LightDomain& domain);
+
+  /// Coefficients [kernels × 3] of radiance times solid angle that is zero outside `within`; `part` holds
+  /// that rectangle.
+  std::vector<double> project(const Image& part, const Box& within) const;
+
+ private:
+  LightDomain domain_;
+  std::size_t functions_;
+  std::vector<float> values_;  // [texels × functions]
+};
+
+/// What coefficients sum: a light map's values as they stand, as estimation does with photographs of a
+/// monitor's image, or each value times its texel's solid angle, as precomputed transport does (cube maps
+/// alone).
+enum class Measure { texels, solid_angle };
+
+/// The kernels over a light map that all pixels share, so that each is summed once a light: hat functions and
+/// spherical harmonics for what is smooth, rectangles for the rest (R_k of Matusik et al. 2004, eq. 3).
+/// Kernels are numbered hats first, then harmonics, then boxes.
+struct LightBasis {
+  LightDomain domain;
+  HatGrid hats;
+  std::vector<Box> boxes;
+  Measure measure = Measure::texels;
+  HarmonicKernels harmonics = {};  ///< with Measure::solid_angle alone
+
+  /// Hats and harmonics.
+  std::size_t smooth() const { return static_cast<std::size_t>(hats.count()) + harmonics.count(); }
+  std::size_t size() const { return smooth() + boxes.size(); }
+  bool is_smooth(std::size_t kernel) const { return kernel < smooth(); }
+  const Box& box(std::size_t kernel) const { return boxes[kernel - smooth()]; }
+
+  /// A kernel's coefficient under a light of one everywhere: of a box its texels or its solid angle.
+  double area(std::size_t kernel) const;
+  /// Value of a kernel at a texel: of a box 1 inside, else 0.
+  float value(std::size_t kernel, int x, int y) const;
+  /// The rectangle outside which a kernel is zero.
+  Box support(std::size_t kernel) const;
+
+  /// Coefficients [size × 3]: the sum of the light's texel values, by `measure`, over each kernel, R_k · L of
+  /// eq. 4. Throws InputError when the light's size or parameterisation differs from the domain.
+  std::vector<float> project(const LightMap& light) const;
+};
+
+/// Sums light over the smooth kernels of a basis; keeps what each light needs anew.
+class SmoothProjector {
+ public:
+  explicit SmoothProjector(const LightBasis& basis);
+
+  std::size_t count() const { return count_; }
+  bool weighs() const { return !solid_angles_.empty(); }
+  /// Replaces radiance by what coefficients sum: `part` holds the rectangle `within` of the domain.
+  void weigh(Image& part, const Box& within) const;
+  /// Coefficients [count × 3] of light that is zero outside `within`, weighed already.
+  std::vector<double> project(const Image& part, const Box& within) const;
+
+ private:
+  LightDomain domain_;
+  HatGrid hats_;
+  std::size_t count_;
+  std::vector<float> solid_angles_;  // of a cube map's face
+  std::optional<HarmonicTable> harmonics_;
+};
+
+}  // namespace refield

@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/field/predicted_error.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <vector>
+
+#include "core/field/reflectance_field.h"
+#include "core/image/metrics.h"
+
+namespace refield {
+
+namespace {
+
+/// Estimated noise may come out above a measured error; that much of the lowest error, squared, is floor at
+/// most.
+constexpr double most_floor = 0.9;
+/// An error that falls faster than this with more images is chance.
+constexpr double most_exponent = 3.0;
+/// Twice the images are worth advising for when they take off at least this part of the error.
+constexpr double worthwhile = 0.1;
+
+}  // namespace
+
+LearningCurve::LearningCurve(std::span<const LearningPoint> points, double noise) {
+  double count = 0.0, x = 0.0, xx = 0.0;
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const LearningPoint& point : points) {
+    if (!(point.share > 0.0f && point.error > 0.0f)) continue;
+    const double log_share = std::log(point.share);
+    count += 1.0;
+    x += log_share;
+    xx += log_share * log_share;
+    lowest = std::min(lowest, std::pow(point.error, 2.0));
+  }
+  const double spread = count * xx - x * x;
+  known_ = count >= 2.0 && spread > 1e-6 * count * count;
+  if (!known_) return;
+  floor_ = std::min(noise * noise, most_floor * lowest);
+  double y = 0.0, xy = 0.0;
+  for (const LearningPoint& point : points) {
+    if (!(point.share > 0.0f && point.error > 0.0f)) continue;
+    const double own = std::log(std::pow(point.error, 2.0) - floor_);
+    y += own;
+    xy += own * std::log(point.share);
+  }
+  exponent_ = std::clamp(-(count * xy - x * y) / spread, 0.0, most_exponent);
+  scale_ = std::exp((y + exponent_ * x) / count);
+}
+
+double LearningCurve::error_at(double share) const {
+  return std::sqrt(floor_ + scale_ * std::pow(share, -exponent_));
+}
+
+std::string LearningCurve::advice() const {
+  if (!known_) return "";
+  const double now = error_at(1.0);
+  const double twice = error_at(2.0);
+  char text[192];
+  if (twice <= (1.0 - worthwhile) * now)
+    std::snprintf(text, sizeof text,
+                  "more images would help: twice as many would reduce the median pixel error from about %.2f "
+                  "%% to %.2f %%",
+                  100.0 * now, 100.0 * twice);
+  else
+    std::snprintf(text, sizeof text,
+                  "more images would hardly help: with twice as many, the median pixel error would be about "
+                  "%.2f %% (now %.2f %%)%s",
+                  100.0 * twice, 100.0 * now,
+                  floor_ > 0.5 * now * now ? "; most of it is photograph noise" : "");
+  return text;
+}
+
+namespace {
+
+/// Lattice pixels weigh by a Gaussian of this many lattice steps, and are looked for this far.
+constexpr double spread_steps = 1.5;
+constexpr int reach_steps = 3;
+/// The same for the logarithm of the squared leave-one-out error: e^0.7, a factor of two of the error.
+constexpr double spread_log_error = 1.4;
+/// Part of the way from leave-one-out to cross-validation.
+constexpr double share_of_cross_validation = 0.5;
+/// Neighbours choose different kernels, so not all misfit is shared: that part of the excess of
+/// cross-validation counts as the field's own error besides what is.
+constexpr double share_that_is_misfit = 0.75;
+/// Squared relative errors below float32's own are not told apart.
+constexpr double least = 1e-12;
+
+/// One block of the lattice: how much larger, as a logarithm, the cross-validated error is.
+struct LatticePoint {
+  bool known = false;
+  double log_error = 0.0;
+  double log_ratio = 0.0;
+};
+
+class Prediction {
+ public:
+  explicit Prediction(const ReflectanceField& field)
+      : field_(field),
+        blocks_(field.width, field.height),
+        lattice_width_(lattice_size(field.width)),
+        lattice_height_(lattice_size(field.height)),
+        lattice_(static_cast<std::size_t>(lattice_width_) * lattice_height_) {
+    std::vector<double> ratios;
+    for (int v = 0; v < lattice_height_; ++v)
+      for (int u = 0; u < lattice_width_; ++u) {
+        double log_errors = 0.0, log_ratios = 0.0;
+        int known = 0;
+        for (int y = blocks_.corner(v); y < std::min(blocks_.corner(v) + blocks_.side_px, field.height); ++y)
+          for (int x = blocks_.corner(u); x < std::min(blocks_.corner(u) + blocks_.side_px, field.width);
+               ++x) {
+            const ErrorEvidence& evidence = at(x, y);
+            if (!(evidence.leave_one_out > 0.0f) || !(evidence.cross_validated > 0.0f)) continue;
+            log_errors += logarithm(evidence.leave_one_out);
+            log_ratios += logarithm(evidence.cross_validated) - logarithm(evidence.leave_one_out);
+            ++known;
+          }
+        if (known == 0) continue;
+        const double log_error = log_errors / known, log_ratio = log_ratios / known;
+        lattice_[static_cast<std::size_t>(v) * lattice_width_ + u] = {true, log_error, log_ratio};
+        ratios.push_back(log_ratio);
+      }
+    if (ratios.empty()) return;
+    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+    std::nth_element(ratios.begin(), middle, ratios.end());
+    common_log_ratio_ = *middle;
+  }
+
+  /// Squared relative error of leave-one-out, steadied by the neighbours.
+  double steadied(int x, int y) const {
+    std::array<double, 9> near;
+    near.fill(std::numeric_limits<double>::infinity());
+    int count = 0;
+    for (int ny = std::max(y - 1, 0); ny <= std::min(y + 1, field_.height - 1); ++ny)
+      for (int nx = std::max(x - 1, 0); nx <= std::min(x + 1, field_.width - 1); ++nx)
+        if (at(nx, ny).leave_one_out > 0.0f) near[count++] = at(nx, ny).leave_one_out;
+    // Of an even number, the mean of the middle two.
+    std::ranges::sort(near);
+    const double median = 0.5 * (near[(count - 1) / 2] + near[count / 2]);
+    return std::sqrt(at(x, y).leave_one_out * median);
+  }
+
+  double ratio(int x, int y) const {
+    const double log_error = logarithm(at(x, y).leave_one_out);
+    const int step_px = blocks_.step_px();
+    const int u0 = x / step_px;
+    const int v0 = y / step_px;
+    // What is far away in every way still says a little.
+    constexpr double common_weight = 1e-3;
+    double sum = common_weight * common_log_ratio_;
+    double weights = common_weight;
+    for (int v = std::max(v0 - reach_steps, 0); v <= std::min(v0 + reach_steps, lattice_height_ - 1); ++v)
+      for (int u = std::max(u0 - reach_steps, 0); u <= std::min(u0 + reach_steps, lattice_width_ - 1); ++u) {
+        const LatticePoint& point = lattice_[static_cast<std::size_t>(v) * lattice_width_ + u];
+        if (!point.known) continue;
+        const double dx = (place(u) - x) / (spread_steps * step_px);
+        const double dy = (place(v) - y) / (spread_steps * step_px);
+        const double de = (point.log_error - log_error) / spread_log_error;
+        const double weight = std::exp(-0.5 * (dx * dx + dy * dy + de * de));
+        sum += weight * point.log_ratio;
+        weights += weight;
+      }
+    return std::exp(sum / weights);
+  }
+
+ private:
+  double place(int lattice) const { return blocks_.corner(lattice) + 0.5 * (blocks_.side_px - 1); }
+  int lattice_size(int pixels) const {
+    return (pixels - blocks_.corner(0) + blocks_.step_px() - 1) / blocks_.step_px();
+  }
+  static double logarithm(double squared) { return std::log(std::max(squared, least)); }
+  const ErrorEvidence& at(int x, int y) const {
+    return field_.error_evidence[static_cast<std::size_t>(y) * field_.width + x];
+  }
+
+  const ReflectanceField& field_;
+  CrossValidationLattice blocks_;
+  int lattice_width_, lattice_height_;
+  std::vector<LatticePoint> lattice_;
+  double common_log_ratio_ = 0.0;
+};
+
+/// Middle errors over the pixels where fits to parts of the images were tried.
+std::vector<LearningPoint> learning_curve_of(const std::vector<ErrorEvidence>& evidence) {
+  std::vector<float> quarter, half, most;
+  for (const ErrorEvidence& pixel : evidence) {
+    if (!(pixel.from_quarter > 0.0f && pixel.from_half > 0.0f && pixel.cross_validated > 0.0f)) continue;
+    quarter.push_back(std::sqrt(pixel.from_quarter));
+    half.push_back(std::sqrt(pixel.from_half));
+    most.push_back(std::sqrt(pixel.cross_validated));
+  }
+  if (quarter.empty()) return {};
+  const auto median = [](const std::vector<float>& errors) {
+    return static_cast<float>(quantile(errors, 0.5));
+  };
+  return {{0.25f, median(quarter)}, {0.5f, median(half)}, {0.8f, median(most)}};
+}
+
+}  // namespace
+
+void predict_errors(ReflectanceField& field) {
+  field.predicted_error.clear();
+  field.photograph_noise.clear();
+  field.learning_curve = learning_curve_of(field.error_evidence);
+  if (field.error_evidence.empty()) return;
+  field.predicted_error.assign(field.error_evidence.size(), 0.0f);
+  field.photograph_noise.assign(field.error_evidence.size(), 0.0f);
+  const Prediction prediction(field);
+  tbb::parallel_for(0, field.height, [&](int y) {
+    for (int x = 0; x < field.width; ++x) {
+      const std::size_t p = static_cast<std::size_t>(y) * field.width + x;
+      const ErrorEvidence& evidence = field.error_evidence[p];
+      if (!(evidence.leave_one_out > 0.0f)) continue;
+      const double steadied = prediction.steadied(x, y);
+      const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
+      const double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
+      const double shared = std::clamp<double>(evidence.shared, 0.0, steadied);
+      const double own = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
+      field.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
+      field.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - own));
+    }
+  });
+}
+
+}  // namespace refield

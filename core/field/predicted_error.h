@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <limits>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace refield {
+
+/// Error of a field made from a share of its training images: relative RMSE of the middle pixel.
+struct LearningPoint {
+  float share = 0.0f;
+  float error = 0.0f;
+};
+
+/// Error against the number of images, e² = noise² + scale / shareᶜ: what more images of the same kind would
+/// do. The photographs' noise is known (`noise`, of the middle pixel); it is the floor that no number of
+/// images gets below, and without it three points do not say where the curve will flatten.
+class LearningCurve {
+ public:
+  /// Least squares of log(e² − noise²). Needs two points of different share; known() says whether there were.
+  LearningCurve(std::span<const LearningPoint> points, double noise);
+
+  bool known() const { return known_; }
+  /// At `share` times the training images; 1 is the field itself.
+  double error_at(double share) const;
+  /// One sentence: whether twice the images would help.
+  std::string advice() const;
+
+ private:
+  bool known_ = false;
+  double floor_ = 0.0, scale_ = 0.0, exponent_ = 0.0;
+};
+
+struct ReflectanceField;
+
+/// What a pixel's training images tell about its error on images to come. All three are squared and relative
+/// to Σ b² over the pixel's measured samples: a pixel without kernels misses all of it, one without light has
+/// zeros.
+struct ErrorEvidence {
+  /// Residual of each image predicted by the final kernels with weights fitted without it. Too low, since the
+  /// kernels themselves were chosen with it.
+  float leave_one_out = 0.0f;
+  /// The part of it that the pixel shares with its left and right neighbour, image by image: what the field
+  /// misses. The rest is noise, which neighbours do not share. May be negative by chance.
+  float shared = 0.0f;
+  /// Residual of images that the whole choice of kernels was made without; known on a lattice of pixels, NaN
+  /// elsewhere.
+  float cross_validated = std::numeric_limits<float>::quiet_NaN();
+  /// The same for fits to a half and to a quarter of the images; known in every fourth lattice block.
+  float from_half = std::numeric_limits<float>::quiet_NaN();
+  float from_quarter = std::numeric_limits<float>::quiet_NaN();
+};
+
+/// Cross-validation is done on a lattice of small blocks of pixels, counted from the whole picture's corner:
+/// one in 36, which with five folds costs a seventh of the fit, and fewer in large pictures, where a few
+/// hundred tell enough.
+class CrossValidationLattice {
+ public:
+  static constexpr int side_px = 4;  ///< of a block
+
+  CrossValidationLattice(int width, int height) {
+    while (static_cast<long>(width / step_px()) * (height / step_px()) > most_blocks) step_ *= 2;
+  }
+
+  int step_px() const { return side_px * step_; }
+  /// Place of the lattice's i-th block in either direction, in pixels.
+  int corner(int i) const { return i * step_px() + offset * side_px; }
+  bool holds(int x, int y) const { return x / side_px % step_ == offset && y / side_px % step_ == offset; }
+  /// Whether the pixel lies in a block of every second column and row of the lattice, where fits to parts of
+  /// the images are tried, too.
+  bool is_for_learning(int x, int y) const {
+    return holds(x, y) && x / step_px() % 2 == 0 && y / step_px() % 2 == 0;
+  }
+
+ private:
+  static constexpr int offset = 2;
+  static constexpr long most_blocks = 600;
+  int step_ = 6;  // blocks
+};
+
+/// Fills `predicted_error` and `photograph_noise` and `learning_curve` from `error_evidence`; empties them
+/// where there is none.
+///
+/// Every pixel's leave-one-out error is steadied by the median of its 3 × 3 neighbours (geometric mean of the
+/// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
+/// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
+/// images; the prediction is the mean of the two squares, which measurements on two captures bear out
+/// (docs/method/progressive.md). Runs on all cores; the result does not depend on their number.
+void predict_errors(ReflectanceField& field);
+
+}  // namespace refield

@@ -1,0 +1,411 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/field_io/field_content.h"
+
+#include <hdf5.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <type_traits>
+#include <vector>
+
+#include "core/base/errors.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/light/cube_map.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* field_format_name = "refield reflectance field";
+constexpr const char* part_format_name = "refield reflectance field part";
+constexpr std::uint64_t max_pixels = 1ull << 32;
+/// Of light maps: sides as of images, and texels that a machine of 4 GiB can hold once.
+constexpr int max_light_side = 1 << 16;
+constexpr std::uint64_t max_light_texels = 1ull << 28;
+/// Hats need no bytes in the file: a forged grid must not take memory of its own.
+constexpr std::uint64_t max_hats = 1ull << 24;
+
+/// Everything that a reader asks for.
+constexpr std::array data_set_names = {
+    "basis/boxes",
+    "basis/monitors",
+    "transfer/row_start",
+    "transfer/column",
+    "transfer/weight",
+    "tiles/start",
+    "tiles/memory",
+    "statistics/training_error",
+    "statistics/error_evidence",
+    "statistics/learning_curve",
+    "statistics/predicted_error",
+    "statistics/photograph_noise",
+    mesh_data_set_names[0],
+    mesh_data_set_names[1],
+    mesh_data_set_names[2],
+    mesh_data_set_names[3],
+    mesh_data_set_names[4],
+};
+
+constexpr const char* monitors_name = "basis/monitors";
+constexpr std::size_t numbers_of_a_monitor = 8;
+
+void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
+  std::vector<double> numbers;
+  for (const MonitorPlacement& m : monitors)
+    numbers.insert(numbers.end(), {m.width_mm, m.height_mm, m.distance_mm, m.turn.yaw, m.turn.pitch,
+                                   m.turn.roll, m.offset_x_mm, m.offset_y_mm});
+  writer.dataset(monitors_name, numbers.data(), {monitors.size(), numbers_of_a_monitor});
+}
+
+Parameterisation parameterisation_of(const Hdf5Values& values) {
+  try {
+    return parameterisation_from_name(values.text("light_parameterisation"));
+  } catch (const InputError& error) {
+    values.fail(error.what());
+  }
+}
+
+/// Sizes of the picture, the light map and the grid of hats.
+std::string fault_of_sizes(const ReflectanceField& field) {
+  const auto area = [](int width, int height) {
+    return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+  };
+  const LightDomain& light = field.basis.domain;
+  if (field.width <= 0 || field.height <= 0 || area(field.width, field.height) > max_pixels ||
+      light.width <= 0 || light.height <= 0)
+    return "has impossible dimensions";
+  if (light.width > max_light_side || light.height > max_light_side ||
+      area(light.width, light.height) > max_light_texels)
+    return "has a light map of " + std::to_string(light.width) + "×" + std::to_string(light.height) +
+           " texels, more than any that can be estimated with";
+  const HatGrid& hats = field.basis.hats;
+  if (hats.columns < 0 || hats.rows < 0 || hats.columns > light.width || hats.rows > light.height ||
+      area(hats.columns, hats.rows) > max_hats)
+    return "has an impossible grid of hats";
+  return "";
+}
+
+std::string fault_of_boxes(const LightBasis& basis) {
+  const auto inside = [&](const Box& box) { return box.inside(basis.domain.width, basis.domain.height); };
+  return std::ranges::all_of(basis.boxes, inside) ? "" : "basis/boxes reaches outside the light map";
+}
+
+std::string fault_of_monitors(const std::vector<MonitorPlacement>& monitors, const LightDomain& domain) {
+  try {
+    check_placements(monitors, domain, monitors_name);
+    return "";
+  } catch (const InputError& error) {
+    return error.what();
+  }
+}
+
+void require_sound(const Hdf5Values& values, const std::string& fault) {
+  if (!fault.empty()) values.fail(fault);
+}
+
+std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const LightDomain& domain) {
+  std::vector<MonitorPlacement> monitors;
+  const auto numbers = values.dataset<double>(monitors_name, numbers_of_a_monitor);
+  for (std::size_t i = 0; i < numbers.size(); i += numbers_of_a_monitor) {
+    const double* m = numbers.data() + i;
+    monitors.push_back({m[0], m[1], m[2], {m[3], m[4], m[5]}, m[6], m[7]});
+  }
+  require_sound(values, fault_of_monitors(monitors, domain));
+  return monitors;
+}
+
+}  // namespace
+
+void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int version,
+                   const FieldPart* part) {
+  writer.text("format", part ? part_format_name : field_format_name);
+  writer.number("version", version);
+  writer.number("width", field.width);
+  writer.number("height", part ? part->image_height : field.height);
+  if (part) {
+    writer.number("first_row", part->rows.first);
+    writer.number("last_row", part->rows.last);
+    writer.text("job", part->job);
+  }
+  writer.number("light_width", field.basis.domain.width);
+  writer.number("light_height", field.basis.domain.height);
+  writer.number("hat_columns", field.basis.hats.columns);
+  writer.number("hat_rows", field.basis.hats.rows);
+  writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
+  writer.text("provenance", field.provenance);
+  std::vector<std::int32_t> corners;
+  corners.reserve(field.basis.boxes.size() * 4);
+  for (const Box& box : field.basis.boxes) corners.insert(corners.end(), {box.x0, box.y0, box.x1, box.y1});
+  writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
+  if (!field.monitors.empty()) write_monitors(writer, field.monitors);
+  write_precomputed(writer, field);
+}
+
+std::string fault_of_statistics(const ReflectanceField& field) {
+  const std::uint64_t pixels = static_cast<std::uint64_t>(field.width) * field.height;
+  const auto is_no_error = [](float e) { return !std::isfinite(e) || e < 0.0f; };
+  if (!field.training_error.empty() && field.training_error.size() != pixels)
+    return "statistics/training_error does not fit the image size";
+  if (std::ranges::any_of(field.training_error, is_no_error))
+    return "statistics/training_error contains an invalid error";
+  if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
+    return "statistics/error_evidence does not fit the image size";
+  if (std::ranges::any_of(field.learning_curve, [&](const LearningPoint& point) {
+        return !(point.share > 0.0f) || is_no_error(point.error);
+      }))
+    return "statistics/learning_curve contains an invalid error";
+  for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
+    if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
+      return "statistics/predicted_error or photograph_noise does not fit the image size";
+    if (std::ranges::any_of(*map, is_no_error))
+      return "statistics/predicted_error or photograph_noise contains an invalid error";
+  }
+  return "";
+}
+
+std::string fault_of_rows(const ReflectanceField& field) {
+  const SparseTransfer& transfer = field.transfer;
+  if (std::string fault = fault_of_sizes(field); !fault.empty()) return fault;
+  if (std::string fault = fault_of_boxes(field.basis); !fault.empty()) return fault;
+  if (!field.monitors.empty())
+    if (std::string fault = fault_of_monitors(field.monitors, field.basis.domain); !fault.empty())
+      return fault;
+  if (transfer.row_start.size() != static_cast<std::uint64_t>(field.width) * field.height + 1 ||
+      transfer.row_start.front() != 0 || transfer.row_start.back() != transfer.column.size() ||
+      !std::ranges::is_sorted(transfer.row_start))
+    return "transfer/row_start does not fit the image size";
+  if (transfer.weight.size() != transfer.column.size() * 3)
+    return "transfer/weight does not fit transfer/column";
+  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
+    return "transfer/column refers to a kernel that does not exist";
+  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
+    return "transfer/weight holds a weight that is not finite";
+  return "";
+}
+
+void require_readable(const std::string& fault, const fs::path& destination) {
+  if (!fault.empty())
+    throw SolverError(destination.string() + ": was not written, because it could not be read again (" +
+                      fault +
+                      "); the photographs or light maps may hold values too large or too small for the "
+                      "computation; scale them and run again");
+}
+
+void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field) {
+  writer.dataset("statistics/training_error", field.training_error.data(), {field.training_error.size()});
+  if (!field.error_evidence.empty()) {
+    std::vector<float> evidence;
+    for (const ErrorEvidence& pixel : field.error_evidence)
+      evidence.insert(evidence.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated,
+                                       pixel.from_half, pixel.from_quarter});
+    writer.dataset("statistics/error_evidence", evidence.data(), {field.error_evidence.size(), 5});
+  }
+  if (!field.learning_curve.empty()) {
+    std::vector<float> points;
+    for (const LearningPoint& point : field.learning_curve)
+      points.insert(points.end(), {point.share, point.error});
+    writer.dataset("statistics/learning_curve", points.data(), {field.learning_curve.size(), 2});
+  }
+  if (!field.predicted_error.empty()) {
+    writer.dataset("statistics/predicted_error", field.predicted_error.data(),
+                   {field.predicted_error.size()});
+    writer.dataset("statistics/photograph_noise", field.photograph_noise.data(),
+                   {field.photograph_noise.size()});
+  }
+}
+
+std::uint64_t outline_bytes(const ReflectanceField& field) {
+  constexpr std::uint64_t structures = 64 << 10;
+  return structures + precomputed_bytes(field) + field.provenance.size() +
+         field.basis.boxes.size() * sizeof(Box) + field.training_error.size() * sizeof(float) +
+         field.error_evidence.size() * sizeof(ErrorEvidence) +
+         (field.predicted_error.size() + field.photograph_noise.size()) * sizeof(float);
+}
+
+FieldFile open_field(const fs::path& path, const RunContext& run) {
+  static_assert(std::endian::native == std::endian::little, "values are taken from the file as they stand");
+  std::error_code error;
+  if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the reflectance field");
+  if (!fs::is_regular_file(path, error) || H5Fis_hdf5(path.c_str()) <= 0)
+    throw FormatError(path,
+                      "is not a reflectance field (no HDF5 file); give a file written by 'refield estimate'");
+  auto outline = read_hdf5_outline(path, data_set_names, run);
+  if (!outline)
+    throw FormatError(path, "cannot be opened as HDF5; the file is damaged or truncated: make it again");
+  FieldFile file{{std::move(*outline), path}, false, 0};
+  if (const auto& refused = file.values.outline.refused; !refused.empty())
+    throw FormatError(path, "data set '" + refused.begin()->first + "' is " + refused.begin()->second +
+                                "; a field must be complete and uncompressed in one file; create it again");
+  const std::string format = file.values.outline.texts.contains("format") ? file.values.text("format") : "";
+  if (format != field_format_name && format != part_format_name)
+    throw FormatError(
+        path, "is an HDF5 file but not a reflectance field; give a file written by 'refield estimate'");
+  file.part = format == part_format_name;
+  file.version = file.values.number("version");
+  if (file.version != reflectance_field_version && (file.version != packed_field_version || file.part))
+    throw FormatError(path, "has format version " + std::to_string(file.version) +
+                                ", this program reads version " + std::to_string(reflectance_field_version) +
+                                " and packed " + std::to_string(packed_field_version) +
+                                "; use the matching refield or estimate the field again");
+  return file;
+}
+
+ReflectanceField read_outline(const Hdf5Values& values) {
+  ReflectanceField field;
+  field.width = values.number("width");
+  field.height = values.number("height");
+  field.basis.domain = {values.number("light_width"), values.number("light_height"),
+                        parameterisation_of(values)};
+  field.basis.hats = {values.number("hat_columns"), values.number("hat_rows")};
+  require_sound(values, fault_of_sizes(field));
+  field.provenance = values.text("provenance");
+  read_precomputed(values, field);
+  if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
+  return field;
+}
+
+void read_boxes(const Hdf5Values& values, ReflectanceField& field) {
+  const auto corners = values.dataset<std::int32_t>("basis/boxes", 4);
+  field.basis.boxes.reserve(corners.size() / 4);
+  for (std::size_t k = 0; k < corners.size(); k += 4)
+    field.basis.boxes.push_back({corners[k], corners[k + 1], corners[k + 2], corners[k + 3]});
+  require_sound(values, fault_of_boxes(field.basis));
+}
+
+void read_statistics(const Hdf5Values& values, ReflectanceField& field) {
+  field.training_error = values.dataset<float>("statistics/training_error", 1);
+  if (values.has("statistics/error_evidence")) {
+    const auto evidence = values.dataset<float>("statistics/error_evidence", 5);
+    for (std::size_t i = 0; i < evidence.size(); i += 5)
+      field.error_evidence.push_back(
+          {evidence[i], evidence[i + 1], evidence[i + 2], evidence[i + 3], evidence[i + 4]});
+  }
+  if (values.has("statistics/learning_curve")) {
+    const auto points = values.dataset<float>("statistics/learning_curve", 2);
+    for (std::size_t i = 0; i < points.size(); i += 2)
+      field.learning_curve.push_back({points[i], points[i + 1]});
+  }
+  if (values.has("statistics/predicted_error"))
+    field.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
+  if (values.has("statistics/photograph_noise"))
+    field.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
+  require_sound(values, fault_of_statistics(field));
+}
+
+namespace {
+
+constexpr const char* measure_name = "light_measure";
+constexpr const char* solid_angle_name = "solid_angle";
+constexpr const char* harmonics_name = "harmonics_order";
+constexpr const char* outgoing_name = "outgoing_order";
+constexpr std::size_t numbers_of_a_camera = 12;
+
+/// Three numbers an element.
+template <class Triple>
+void write_triples(const Hdf5Writer& writer, const char* name, const std::vector<Triple>& triples) {
+  using Number = std::remove_cvref_t<decltype(triples[0][0])>;
+  static_assert(sizeof(Triple) == 3 * sizeof(Number));
+  writer.dataset(name, reinterpret_cast<const Number*>(triples.data()), {triples.size(), 3});
+}
+
+template <class Triple>
+std::vector<Triple> read_triples(const Hdf5Values& values, const char* name) {
+  using Number = std::remove_cvref_t<decltype(std::declval<Triple>()[0])>;
+  const std::vector<Number> numbers = values.dataset<Number>(name, 3);
+  if constexpr (std::is_same_v<Number, float>)
+    if (!std::ranges::all_of(numbers, [](float number) { return std::isfinite(number); }))
+      values.fail(std::string(name) + " contains a value that is not a number");
+  std::vector<Triple> triples(numbers.size() / 3);
+  for (std::size_t i = 0; i < numbers.size(); ++i) triples[i / 3][i % 3] = numbers[i];
+  return triples;
+}
+
+void write_camera(const Hdf5Writer& writer, const PinholeCamera& camera) {
+  std::vector<float> numbers;
+  for (const auto* triple : {&camera.position, &camera.target, &camera.up})
+    numbers.insert(numbers.end(), {triple->x(), triple->y(), triple->z()});
+  numbers.insert(numbers.end(), {camera.vertical_field_of_view_degrees, static_cast<float>(camera.width),
+                                 static_cast<float>(camera.height)});
+  writer.dataset("mesh/camera", numbers.data(), {1, numbers_of_a_camera});
+}
+
+PinholeCamera read_camera(const Hdf5Values& values) {
+  constexpr float max_side_px = 1 << 16;
+  const auto n = values.dataset<float>("mesh/camera", numbers_of_a_camera);
+  if (n.size() != numbers_of_a_camera || !(n[10] >= 1 && n[10] <= max_side_px) ||
+      !(n[11] >= 1 && n[11] <= max_side_px))
+    values.fail("mesh/camera is not a valid camera");
+  const PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
+                             static_cast<int>(n[10]), static_cast<int>(n[11])};
+  try {
+    camera.check();
+  } catch (const InputError& error) {
+    values.fail(error.what());
+  }
+  return camera;
+}
+
+void read_mesh(const Hdf5Values& values, ReflectanceField& field) {
+  Mesh& mesh = field.mesh;
+  mesh.positions = read_triples<Eigen::Vector3f>(values, "mesh/positions");
+  mesh.normals = read_triples<Eigen::Vector3f>(values, "mesh/normals");
+  mesh.colours = read_triples<Eigen::Array3f>(values, "mesh/colours");
+  mesh.triangles = read_triples<std::array<std::uint32_t, 3>>(values, "mesh/triangles");
+  const std::size_t vertices = mesh.positions.size();
+  if (vertices == 0 || mesh.normals.size() != vertices || mesh.colours.size() != vertices)
+    values.fail("mesh/positions, normals and colours do not fit each other");
+  for (const auto& triangle : mesh.triangles)
+    if (std::ranges::any_of(triangle, [&](std::uint32_t vertex) { return vertex >= vertices; }))
+      values.fail("mesh/triangles refers to a vertex that does not exist");
+  if (values.has_number(outgoing_name)) field.outgoing_order = values.number(outgoing_name);
+  if (field.outgoing_order < 0 || field.outgoing_order > largest_harmonics_order)
+    values.fail("has an impossible order of outgoing harmonics");
+  if (field.width != output_image_width || field.height != output_image_height(field.mesh_outputs()))
+    values.fail("has an image that does not fit its mesh");
+}
+
+}  // namespace
+
+void write_precomputed(const Hdf5Writer& writer, const ReflectanceField& field) {
+  if (field.basis.measure == Measure::solid_angle) writer.text(measure_name, solid_angle_name);
+  if (field.basis.harmonics.order > 0) writer.number(harmonics_name, field.basis.harmonics.order);
+  if (field.mesh.empty()) return;
+  if (field.outgoing_order > 0) writer.number(outgoing_name, field.outgoing_order);
+  writer.group("mesh");
+  write_triples(writer, "mesh/positions", field.mesh.positions);
+  write_triples(writer, "mesh/normals", field.mesh.normals);
+  write_triples(writer, "mesh/colours", field.mesh.colours);
+  write_triples(writer, "mesh/triangles", field.mesh.triangles);
+  if (field.camera) write_camera(writer, *field.camera);
+}
+
+std::uint64_t precomputed_bytes(const ReflectanceField& field) {
+  return field.mesh.positions.size() * 9 * sizeof(float) +
+         field.mesh.triangles.size() * 3 * sizeof(std::uint32_t);
+}
+
+void read_precomputed(const Hdf5Values& values, ReflectanceField& field) {
+  LightBasis& basis = field.basis;
+  if (values.outline.texts.contains(measure_name)) {
+    if (values.text(measure_name) != solid_angle_name)
+      values.fail("measures light by '" + values.text(measure_name) +
+                  "', which this version does not support");
+    basis.measure = Measure::solid_angle;
+    if (basis.domain != cube_domain(basis.domain.width))
+      values.fail("measures light by solid angle, but not over a cube map");
+  }
+  if (values.has_number(harmonics_name)) basis.harmonics.order = values.number(harmonics_name);
+  if (basis.harmonics.order < 0 || basis.harmonics.order > largest_harmonics_order ||
+      basis.harmonics.order > basis.domain.width ||
+      (basis.harmonics.order > 0 && basis.measure != Measure::solid_angle))
+    values.fail("has impossible harmonics");
+  if (!values.has("mesh/positions")) return;
+  read_mesh(values, field);
+  if (values.has("mesh/camera")) field.camera = read_camera(values);
+}
+
+}  // namespace refield

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/field_io/field_shard.h"
+#include "core/field_io/hdf5_reader.h"
+#include "core/field_io/hdf5_writer.h"
+
+/// What the files of whole, packed and partial fields have in common.
+namespace refield {
+
+/// Attributes of the root and the basis' boxes. `part`: null for a whole field.
+void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int version,
+                   const FieldPart* part);
+void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field);
+/// Bytes that all but the transfer takes in a file, HDF5's own structures included.
+std::uint64_t outline_bytes(const ReflectanceField& field);
+
+/// The first fault for which a reader would refuse a field kept as rows, or its statistics; "" where there is
+/// none. Writers ask, too: what they wrote must be readable.
+std::string fault_of_rows(const ReflectanceField& field);
+std::string fault_of_statistics(const ReflectanceField& field);
+/// Throws SolverError where a field about to be written has a fault.
+void require_readable(const std::string& fault, const std::filesystem::path& destination);
+
+/// A file of a field or of part of one.
+struct FieldFile {
+  Hdf5Values values;
+  bool part = false;
+  int version = 0;
+};
+/// Throws FormatError where it is no such file, or of a version that this program does not know.
+FieldFile open_field(const std::filesystem::path& path, const RunContext& run);
+
+/// Sizes, light and provenance: what a reader needs before it asks for the numbers.
+ReflectanceField read_outline(const Hdf5Values& values);
+void read_boxes(const Hdf5Values& values, ReflectanceField& field);
+/// `field.height` must be that of the rows held.
+void read_statistics(const Hdf5Values& values, ReflectanceField& field);
+
+}  // namespace refield
+
+/// What the files of fields with precomputed transport hold besides: measure and harmonics of the basis, and
+/// the mesh. Captured fields have none of it, and their files no trace of it.
+namespace refield {
+
+void write_precomputed(const Hdf5Writer& writer, const ReflectanceField& field);
+std::uint64_t precomputed_bytes(const ReflectanceField& field);
+/// Fills in what the file holds of it; sizes and domain must stand. Throws FormatError.
+void read_precomputed(const Hdf5Values& values, ReflectanceField& field);
+
+/// Names of the data sets.
+inline constexpr const char* mesh_data_set_names[] = {"mesh/positions", "mesh/normals", "mesh/colours",
+                                                      "mesh/triangles", "mesh/camera"};
+
+}  // namespace refield

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/field_io/field_shard.h"
+
+#include <algorithm>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Outline {
+  fs::path path;
+  FieldPart part;
+};
+
+std::string rows_text(int first, int last) {
+  return last - first == 1 ? "row " + std::to_string(first)
+                           : "rows " + std::to_string(first) + " to " + std::to_string(last - 1);
+}
+
+void require_same_job(const Outline& one, const Outline& other) {
+  const ReflectanceField& a = one.part.field;
+  const ReflectanceField& b = other.part.field;
+  const std::string names = other.path.string() + " and " + one.path.string() + ": ";
+  if (a.width != b.width || one.part.image_height != other.part.image_height ||
+      a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats || a.monitors != b.monitors)
+    throw InputError(names +
+                     "are shards of captures with different image sizes, light maps or monitor placements; "
+                     "merge shards of one capture");
+  if (one.part.job != other.part.job || a.provenance != b.provenance)
+    throw InputError(
+        names +
+        "were estimated from different captures, with different options or by different versions "
+        "('refield info' shows both); estimate the differing shard again");
+}
+
+/// Rows must follow one another from the first to the last.
+void require_whole(const std::vector<Outline>& parts) {
+  const int height = parts.front().part.image_height;
+  const auto missing = [&](int first, int last, const std::string& where) {
+    throw InputError(where + ": " + rows_text(first, last) + " of " + std::to_string(height) +
+                     " are missing; estimate them with --rows " + std::to_string(first) + ":" +
+                     std::to_string(last));
+  };
+  int next = 0;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const RowRange rows = parts[i].part.rows;
+    if (rows.first > next)
+      missing(next, rows.first,
+              i == 0 ? "before " + parts[i].path.string()
+                     : "between " + parts[i - 1].path.string() + " and " + parts[i].path.string());
+    if (rows.first < next)
+      throw InputError(parts[i - 1].path.string() + " and " + parts[i].path.string() + ": both hold " +
+                       rows_text(rows.first, std::min(next, rows.last)) + "; remove one of them");
+    next = rows.last;
+  }
+  if (next < height) missing(next, height, "after " + parts.back().path.string());
+}
+
+/// Appends rows to a field; boxes get their numbers in order of first use, as in a run over all rows.
+class Joiner {
+ public:
+  explicit Joiner(const FieldPart& outline) : whole_(outline.field) { whole_.height = outline.image_height; }
+
+  void append(const ReflectanceField& part) {
+    std::vector<std::uint32_t> columns;
+    for (std::size_t p = 0; p < part.transfer.rows(); ++p) {
+      const std::uint64_t first = part.transfer.row_start[p];
+      const std::uint64_t count = part.transfer.row_start[p + 1] - first;
+      columns.clear();
+      for (std::uint64_t e = first; e < first + count; ++e) {
+        const std::uint32_t kernel = part.transfer.column[e];
+        columns.push_back(part.basis.is_smooth(kernel) ? kernel : number_of(part.basis.box(kernel)));
+      }
+      whole_.transfer.append_row(columns, std::span(part.transfer.weight).subspan(3 * first, 3 * count));
+    }
+    whole_.training_error.insert(whole_.training_error.end(), part.training_error.begin(),
+                                 part.training_error.end());
+    whole_.error_evidence.insert(whole_.error_evidence.end(), part.error_evidence.begin(),
+                                 part.error_evidence.end());
+  }
+  /// Errors are predicted now that all rows are there, as a run over all of them does at its end.
+  ReflectanceField take() {
+    predict_errors(whole_);
+    whole_.error_evidence = {};
+    return std::move(whole_);
+  }
+
+ private:
+  std::uint32_t number_of(const Box& box) {
+    const auto [entry, is_new] = numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.size()));
+    if (is_new) whole_.basis.boxes.push_back(box);
+    return entry->second;
+  }
+  ReflectanceField whole_;
+  std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;
+};
+
+}  // namespace
+
+ReflectanceField merge_field_parts(std::span<const fs::path> paths, const RunContext& run) {
+  if (paths.empty()) throw InputError("no shards of a field are given");
+  std::vector<Outline> parts;
+  for (const fs::path& path : paths) parts.push_back({path, read_field_part_outline(path, run)});
+  for (const Outline& part : parts) require_same_job(parts.front(), part);
+  std::ranges::stable_sort(parts, {}, [](const Outline& outline) { return outline.part.rows.first; });
+  require_whole(parts);
+  Joiner joiner(parts.front().part);
+  for (const Outline& part : parts) {
+    run.throw_if_stopped();
+    joiner.append(read_field_part(part.path, run).field);
+  }
+  return joiner.take();
+}
+
+}  // namespace refield

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+
+namespace refield {
+
+/// Some rows of a reflectance field, estimated on their own. The file is a field's with three attributes more
+/// (docs/reference/reflectance-field-format.md); only merge_field_parts() and `refield info` read it.
+struct FieldPart {
+  ReflectanceField field;  ///< of the rows alone: height is rows.count()
+  RowRange rows;           ///< of the whole picture
+  int image_height = 0;    ///< of the whole picture
+  /// Names everything that the whole result depends on: parts go together only where it is the same.
+  std::string job;
+};
+
+/// Whether a file is a part of a field. False for whole fields and for anything else.
+bool is_field_part(const std::filesystem::path& path, const RunContext& run = {});
+
+/// Writes a part, atomically. Throws DeviceError where the disk refuses.
+void write_field_part(const std::filesystem::path& path, const FieldPart& part);
+
+/// Reads a part and checks it as read_reflectance_field() does. Throws InputError for a whole field,
+/// FormatError for anything else.
+FieldPart read_field_part(const std::filesystem::path& path, const RunContext& run = {});
+/// The same without boxes, transfer and statistics.
+FieldPart read_field_part_outline(const std::filesystem::path& path, const RunContext& run);
+
+/// Joins parts, given in any order, into the field that one run over all rows makes, to the bit. Throws
+/// InputError naming the files where rows are missing or held twice, or where parts come from different
+/// captures, options or versions.
+ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths, const RunContext& run = {});
+
+}  // namespace refield

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/base/run_context.h"
+
+namespace refield {
+
+/// Where in an HDF5 file a data set's values lie, in one piece.
+struct Hdf5DataSet {
+  std::string type;  ///< "f4", "f8", "i4", "u4", "u8": little-endian; else ""
+  std::vector<std::uint64_t> shape;
+  std::uint64_t offset = 0;            ///< bytes from the file's begin; of no meaning where nothing is stored
+  std::uint64_t bytes = 0;             ///< stored
+  std::optional<std::uint32_t> crc32;  ///< the attribute of that name
+};
+
+/// What stands in an HDF5 file, without the values of its data sets.
+struct Hdf5Outline {
+  std::map<std::string, std::int64_t> numbers;  ///< attributes of the root: scalar integers
+  std::map<std::string, std::string> texts;     ///< and scalar texts of fixed length
+  std::map<std::string, Hdf5DataSet> data_sets;
+  /// Named data sets that are there but not read, and what they are: "a link to another place or file".
+  std::map<std::string, std::string> refused;
+};
+
+/// Reads attributes of the root and the named data sets, where present. HDF5's library (1.10) crashes on many
+/// damaged files, so it runs in a process of its own (run_isolated()), and the caller reads the values
+/// itself. nullopt where the file is no HDF5 file or the library did not survive it. Links that lead
+/// elsewhere (soft, external) are not followed; they and data sets that are not stored in one piece in this
+/// very file (chunked, compressed, external, virtual) are refused.
+std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
+                                             std::span<const char* const> data_sets, const RunContext& run);
+
+/// Reads values from a reflectance field's HDF5 file, whose outline is known; checks all that is asked for.
+/// Throws FormatError.
+struct Hdf5Values {
+  Hdf5Outline outline;
+  std::filesystem::path path;
+
+  [[noreturn]] void fail(const std::string& what) const;
+  bool has(const char* name) const { return outline.data_sets.contains(name); }
+  const std::string& text(const char* name) const;
+  bool has_number(const char* name) const { return outline.numbers.contains(name); }
+  std::int32_t number(const char* name) const;
+
+  /// A data set of `columns` columns. T: float, double, std::int32_t, std::uint32_t or std::uint64_t.
+  template <class T>
+  std::vector<T> dataset(const char* name, std::size_t columns) const;
+  /// A data set of so many columns as type "f4", "f8", "i4", "u4" or "u8", all of which lies in the file.
+  const Hdf5DataSet& locate(const char* name, const char* type, std::size_t columns) const;
+};
+
+/// Reads a data set piece by piece, each with all threads.
+class Hdf5Pieces {
+ public:
+  Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set);
+  void read(std::span<std::byte> piece);
+  /// Checks what was read, if all of it was, against the file's checksum; another program may have left that
+  /// out.
+  void finish() const;
+
+ private:
+  [[noreturn]] void fail(const char* what) const;
+  const Hdf5Values& values_;
+  const char* name_;
+  const Hdf5DataSet& set_;
+  std::uint64_t done_ = 0;  // bytes
+  std::uint32_t crc_ = 0;
+};
+
+}  // namespace refield

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/field_io/hdf5_writer.h"
+
+#include <hdf5.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <type_traits>
+#include <vector>
+
+#include "core/base/errors.h"
+
+namespace refield {
+
+namespace {
+
+/// An HDF5 identifier, closed by its own kind of close.
+class Handle {
+ public:
+  Handle(hid_t id, herr_t (*close_function)(hid_t)) : id_(id), close_(close_function) {}
+  ~Handle() {
+    if (id_ >= 0) close_(id_);
+  }
+  Handle(const Handle&) = delete;
+  Handle& operator=(const Handle&) = delete;
+  operator hid_t() const { return id_; }
+  bool valid() const { return id_ >= 0; }
+
+ private:
+  hid_t id_;
+  herr_t (*close_)(hid_t);
+};
+
+/// In files, and in memory, too: values are written, and their checksums made, as they stand.
+template <class T>
+hid_t type_of() {
+  static_assert(std::endian::native == std::endian::little);
+  if constexpr (std::is_same_v<T, float>)
+    return H5T_IEEE_F32LE;
+  else if constexpr (std::is_same_v<T, double>)
+    return H5T_IEEE_F64LE;
+  else if constexpr (std::is_same_v<T, std::int32_t>)
+    return H5T_STD_I32LE;
+  else if constexpr (std::is_same_v<T, std::uint32_t>)
+    return H5T_STD_U32LE;
+  else
+    return H5T_STD_U64LE;
+}
+
+/// A file that could not be written to its end stays open in the library, whose cleaning up at exit crashes
+/// on it (HDF5 1.10). Complete files are closed by finish(), so nothing is left to clean. This must come
+/// before the library's first use.
+[[maybe_unused]] const bool no_cleaning_at_exit = H5dont_atexit() >= 0;
+
+hid_t create(const std::filesystem::path& file) {
+  H5Eset_auto2(H5E_DEFAULT, nullptr,
+               nullptr);  // its error stack would be printed; ours go through exceptions
+  const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V110);
+  const Handle timeless(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+  H5Pset_obj_track_times(timeless, false);
+  return H5Fcreate(file.c_str(), H5F_ACC_TRUNC, timeless, access);
+}
+
+}  // namespace
+
+std::uint32_t crc32_of(const void* values, std::size_t bytes, std::uint32_t before) {
+  return static_cast<std::uint32_t>(crc32_z(before, static_cast<const Bytef*>(values), bytes));
+}
+
+std::uint32_t crc32_joined(std::uint32_t first, std::uint32_t second, std::size_t second_bytes) {
+  return static_cast<std::uint32_t>(crc32_combine(first, second, static_cast<z_off_t>(second_bytes)));
+}
+
+Hdf5Writer::Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination)
+    : destination_(destination) {
+  static_assert(std::is_same_v<hid_t, std::int64_t> || sizeof(hid_t) == sizeof(std::int64_t));
+  errno = 0;
+  file_ = create(file);
+  check(file_ >= 0);
+}
+
+void Hdf5Writer::group(const char* name) const {
+  // HDF5 keeps times of creation for groups by default.
+  const Handle timeless(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
+  H5Pset_obj_track_times(timeless, false);
+  check(Handle(H5Gcreate2(file_, name, H5P_DEFAULT, timeless, H5P_DEFAULT), H5Gclose).valid());
+}
+
+Hdf5Writer::~Hdf5Writer() {
+  if (file_ >= 0) H5Fclose(file_);
+}
+
+void Hdf5Writer::check(bool ok) const {
+  if (!ok)
+    throw DeviceError(destination_.string(), errno != 0 ? errno : EIO, "cannot write the reflectance field");
+}
+
+void Hdf5Writer::finish() {
+  check(H5Fflush(file_, H5F_SCOPE_GLOBAL) >= 0);
+  const herr_t status = H5Fclose(file_);
+  file_ = -1;
+  check(status >= 0);
+}
+
+template <class T>
+void Hdf5Writer::dataset(const char* name, const T* values,
+                         std::initializer_list<std::uint64_t> shape) const {
+  const std::vector<hsize_t> extent(shape.begin(), shape.end());
+  const Handle space(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr), H5Sclose);
+  const Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  H5Pset_obj_track_times(creation, false);
+  const Handle set(H5Dcreate2(file_, name, type_of<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT),
+                   H5Dclose);
+  check(set.valid());
+  const auto count = static_cast<std::size_t>(H5Sget_simple_extent_npoints(space));
+  if (count > 0) check(H5Dwrite(set, type_of<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+  const Handle scalar(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle sum(H5Acreate2(set, hdf5_crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  const std::uint32_t crc = crc32_of(values, count * sizeof(T));
+  check(sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc) >= 0);
+}
+
+void Hdf5Writer::text(const char* name, const std::string& value) const {
+  const Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
+  H5Tset_size(type, std::max<std::size_t>(value.size(), 1));
+  H5Tset_strpad(type, H5T_STR_NULLPAD);
+  H5Tset_cset(type, H5T_CSET_UTF8);
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle attribute(H5Acreate2(file_, name, type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  check(attribute.valid() && H5Awrite(attribute, type, value.c_str()) >= 0);
+}
+
+void Hdf5Writer::number(const char* name, std::int32_t value) const {
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Handle attribute(H5Acreate2(file_, name, H5T_STD_I32LE, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  check(attribute.valid() && H5Awrite(attribute, H5T_NATIVE_INT32, &value) >= 0);
+}
+
+template void Hdf5Writer::dataset(const char*, const float*, std::initializer_list<std::uint64_t>) const;
+template void Hdf5Writer::dataset(const char*, const double*, std::initializer_list<std::uint64_t>) const;
+template void Hdf5Writer::dataset(const char*, const std::int32_t*,
+                                  std::initializer_list<std::uint64_t>) const;
+template void Hdf5Writer::dataset(const char*, const std::uint32_t*,
+                                  std::initializer_list<std::uint64_t>) const;
+template void Hdf5Writer::dataset(const char*, const std::uint64_t*,
+                                  std::initializer_list<std::uint64_t>) const;
+
+}  // namespace refield

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "core/field/reflectance_field.h"
+#include "core/field/transfer_tiles.h"
+#include "core/field_io/hdf5_reader.h"
+
+namespace refield {
+
+/// A reflectance field whose transfer stands in tiles, with weights of 8 or 16 bits: a fourth or half of the
+/// bytes of rows, and ready to be shown.
+struct PackedField {
+  /// All but the transfer, which is empty. Its basis holds the common kernels alone, in the order of
+  /// TiledTransfer::common; those that one tile has for itself stand in that tile.
+  ReflectanceField outline;
+  TransferTiles tiles;
+
+  int bits() const { return tiles.index() == 0 ? 8 : 16; }
+};
+
+/// Says what keeps the tiles from being used; empty where nothing does. Looks at every length, number, box
+/// and scale, so that tiles of any origin may be given. Their bands must be as many as the picture needs,
+/// each with a start for every tile of it, rising from 0 to the size of the memory by whole cache lines.
+std::string fault_of_tiles(const PackedField& packed);
+
+/// The field with rows again: the weights as they were rounded, those that became zero left out.
+ReflectanceField expand(PackedField&& packed);
+
+/// Writes a packed field (.rfield), atomically. Equal fields give equal bytes. Throws DeviceError where the
+/// disk refuses.
+void write_packed_field(const std::filesystem::path& path, const PackedField& packed);
+
+/// Reads a packed field from an open file and checks all of it; throws FormatError. read_either_field() opens
+/// files of both kinds.
+PackedField read_packed(const Hdf5Values& values);
+
+}  // namespace refield

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <variant>
+
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/field_io/packed_field.h"
+
+namespace refield {
+
+/// The version of the file format that this program writes; fields that were packed have one of their own.
+/// docs/reference/reflectance-field-format.md describes both.
+inline constexpr int reflectance_field_version = 2;
+inline constexpr int packed_field_version = 3;
+
+/// Writes a field as one HDF5 file (.rfield), atomically. Equal fields give equal bytes.
+/// Throws DeviceError where the disk refuses.
+void write_reflectance_field(const std::filesystem::path& path, const ReflectanceField& field);
+
+/// Reads a field, packed or not, and checks all of it: shapes, box bounds, entry numbers, finite non-negative
+/// weights. Throws FormatError for another kind of file, another version or damaged content.
+ReflectanceField read_reflectance_field(const std::filesystem::path& path, const RunContext& run = {});
+
+/// The same for who needs pixels of a camera that stood still. Throws InputError for a field over a mesh.
+ReflectanceField read_image_field(const std::filesystem::path& path, const RunContext& run);
+
+/// The same as read_reflectance_field(), but leaves a packed field as it stands in the file.
+std::variant<ReflectanceField, PackedField> read_either_field(const std::filesystem::path& path,
+                                                              const RunContext& run = {});
+
+}  // namespace refield

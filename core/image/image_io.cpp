@@ -1,0 +1,540 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/image/image_io.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <numbers>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/run_context.h"
+#include "core/image/image_header.h"
+#include "core/light/cube_map.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Debian's OpenImageIO prints its debugging notes to standard error unless told not to; errors reach us as
+/// results.
+void silence_openimageio() {
+  static const bool done = OIIO::attribute("debug", 0);
+  static_cast<void>(done);
+}
+
+/// The one decoder that the content asks for. OpenImageIO itself would try all of its decoders on a file that
+/// the one of its name refuses, among them some that a hostile file can crash. RAW files, which are told by
+/// their names, are left to it.
+std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
+  const auto fail = [&](const std::string& why) {
+    throw FormatError(path, "cannot be read as an image (" + why + "); check that the file is complete");
+  };
+  if (is_camera_raw(path)) {
+    auto input = OIIO::ImageInput::open(path.string());
+    if (!input) fail(OIIO::geterror());
+    return input;
+  }
+  const auto format = image_format(path);
+  if (!format) fail("the format must be EXR, HDR, PNG, JPEG, TIFF or PFM");
+  check_image_header(path, *format);
+  auto input = OIIO::ImageInput::create(name_of(*format));
+  OIIO::ImageSpec spec, config;
+  config.attribute("oiio:UnassociatedAlpha", 1);  // else it multiplies encoded values by alpha
+  if (!input) fail(OIIO::geterror());
+  if (!input->open(path.string(), spec, config)) fail(input->geterror());
+  return input;
+}
+
+/// Numbers of the named channels in a file.
+std::optional<std::array<int, 3>> find_channels(const OIIO::ImageSpec& spec, const std::string& prefix) {
+  const std::array<int, 3> found = {spec.channelindex(prefix + "R"), spec.channelindex(prefix + "G"),
+                                    spec.channelindex(prefix + "B")};
+  if (std::ranges::any_of(found, [](int c) { return c < 0; })) return std::nullopt;
+  return found;
+}
+
+/// Channels that may be meant as the image, and the name of their layer; "" for that without a name.
+struct ColourLayer {
+  std::string name;
+  std::array<int, 3> channels{};
+};
+
+/// R, G, B without a layer's name are the image, whatever else there is. Else every layer that has R, G, B,
+/// or Y (grey), is one possibility.
+std::vector<ColourLayer> colour_layers(const OIIO::ImageSpec& spec) {
+  if (const auto rgb = find_channels(spec, "")) return {{"", *rgb}};
+  std::vector<ColourLayer> layers;
+  for (int c = 0; c < spec.nchannels; ++c) {
+    const std::string& name = spec.channelnames[c];
+    const std::size_t dot = name.rfind('.');
+    const std::string prefix = dot == std::string::npos ? "" : name.substr(0, dot + 1);
+    if (prefix == "sigma.") continue;
+    const std::string layer = prefix.substr(0, prefix.empty() ? 0 : dot);
+    const std::string last = name.substr(prefix.size());
+    const auto rgb = find_channels(spec, prefix);
+    if (last == "R" && rgb) layers.push_back({layer, *rgb});
+    if (last == "Y" && !rgb) layers.push_back({layer, {c, c, c}});
+  }
+  return layers;
+}
+
+std::string joined(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+/// Throws FormatError unless the file says clearly which channels are the image.
+std::array<int, 3> colour_channels(const OIIO::ImageSpec& spec, bool is_exr, const fs::path& path) {
+  const auto layers = colour_layers(spec);
+  if (layers.size() == 1) return layers.front().channels;
+  if (!is_exr && spec.nchannels <= 2) return {0, 0, 0};  // grey, perhaps with alpha, under whatever names
+  if (layers.empty())
+    throw FormatError(path, "has no colour: its channels are " + joined(spec.channelnames) +
+                                "; an image needs R, G and B, or Y for grey");
+  std::vector<std::string> names;
+  for (const ColourLayer& layer : layers) names.push_back("'" + layer.name + "'");
+  throw FormatError(path, "has several layers, and none is the image without a name: " + joined(names) +
+                              "; export one of them alone");
+}
+
+/// An image file that is open for reading. Its pixels are placed as its header says: an EXR file stores
+/// those of its data window, which may be smaller or larger than the image, its display window.
+struct ImageFile {
+  std::unique_ptr<OIIO::ImageInput> input;
+  bool is_exr = false;
+  int width = 0;   ///< of the image, pixels
+  int height = 0;  ///< rows
+  int left = 0;    ///< column of the image where the stored pixels begin; below 0 for overscan
+  int top = 0;     ///< row
+
+  const OIIO::ImageSpec& spec() const { return input->spec(); }
+};
+
+/// A file of several parts: goes to the one that holds colour.
+void choose_part(OIIO::ImageInput& input, const fs::path& path) {
+  if (!input.seek_subimage(1, 0)) return;
+  std::vector<int> with_colour;
+  std::vector<std::string> names;
+  for (int part = 0; input.seek_subimage(part, 0); ++part) {
+    const std::string name = input.spec().get_string_attribute("oiio:subimagename", std::to_string(part));
+    names.push_back("'" + name + "' (" + joined(input.spec().channelnames) + ")");
+    if (!colour_layers(input.spec()).empty()) with_colour.push_back(part);
+  }
+  if (with_colour.size() == 1 && input.seek_subimage(with_colour.front(), 0)) return;
+  throw FormatError(path, "has several parts, and which is the image is not clear: " + joined(names) +
+                              "; export one of them alone");
+}
+
+/// Sets the size of the image and the place of the stored pixels in it.
+void place_data_window(ImageFile& file, const fs::path& path) {
+  const OIIO::ImageSpec& spec = file.spec();
+  file.width = spec.width;
+  file.height = spec.height;
+  if (!file.is_exr) return;
+  const auto text = [](int width, int height) {
+    return std::to_string(width) + "×" + std::to_string(height);
+  };
+  const std::int64_t left = std::int64_t{spec.x} - spec.full_x, top = std::int64_t{spec.y} - spec.full_y;
+  if (left >= spec.full_width || top >= spec.full_height || left + spec.width <= 0 || top + spec.height <= 0)
+    throw FormatError(path, "stores no pixel of its display window of " +
+                                text(spec.full_width, spec.full_height) + "; export it with that window");
+  // Pixels outside of the data window are zero and take no space in the file, but in memory.
+  constexpr std::int64_t always_allowed = 1 << 24, max_side = 1 << 16, max_ratio = 64;
+  const std::int64_t pixels = std::int64_t{spec.full_width} * spec.full_height;
+  const std::int64_t stored = std::int64_t{spec.width} * spec.height;
+  if (spec.full_width > max_side || spec.full_height > max_side ||
+      (pixels > always_allowed && pixels / max_ratio > stored))
+    throw FormatError(path, "stores " + text(spec.width, spec.height) + " pixels of a display window of " +
+                                text(spec.full_width, spec.full_height) + "; crop that window");
+  file.width = spec.full_width;
+  file.height = spec.full_height;
+  file.left = static_cast<int>(left);
+  file.top = static_cast<int>(top);
+}
+
+ImageFile open_image(const fs::path& path) {
+  std::error_code error;
+  if (!fs::exists(path, error))
+    throw DeviceError(path.string(), error ? error.value() : ENOENT, "cannot open the image");
+  if (!fs::is_regular_file(path, error)) throw FormatError(path, "is not a file; name an image");
+  silence_openimageio();
+  ImageFile file{.input = open_with_decoder(path)};
+  file.is_exr = std::string_view(file.input->format_name()) == name_of(ImageFormat::exr);
+  if (file.is_exr) choose_part(*file.input, path);
+  const OIIO::ImageSpec& spec = file.spec();
+  if (spec.depth > 1) throw FormatError(path, "has impossible dimensions: it is a volume, not an image");
+  require_plausible({spec.width, spec.height, spec.nchannels,
+                     static_cast<std::int64_t>(spec.tile_width) * spec.tile_height, 0},
+                    path);
+  place_data_window(file, path);
+  return file;
+}
+
+/// All channels of the stored rows [first, last), interleaved.
+std::vector<float> read_stored_rows(const ImageFile& file, const fs::path& path, int first, int last) {
+  OIIO::ImageInput& input = *file.input;
+  const OIIO::ImageSpec spec = input.spec();
+  const int part = input.current_subimage();
+  const std::size_t row_size = static_cast<std::size_t>(spec.width) * spec.nchannels;
+  const auto fail = [&] {
+    throw FormatError(path, "cannot read rows " + std::to_string(first) + " to " + std::to_string(last) +
+                                " (" + input.geterror() +
+                                "); the file is damaged or truncated: copy or capture it again");
+  };
+  std::vector<float> raw(row_size * (last - first));
+  if (spec.tile_width == 0) {
+    if (!input.read_scanlines(part, 0, spec.y + first, spec.y + last, 0, 0, spec.nchannels,
+                              OIIO::TypeDesc::FLOAT, raw.data()))
+      fail();
+    return raw;
+  }
+  // Tiled files come whole: they are rare, and rows of tiles do not line up with bands.
+  std::vector<float> whole(row_size * spec.height);
+  if (!input.read_image(part, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, whole.data())) fail();
+  std::copy_n(whole.data() + row_size * first, raw.size(), raw.data());
+  return raw;
+}
+
+/// All channels of rows [first, last) of the image, interleaved. Where the file stores no pixels, radiance is
+/// zero, and noise infinite: nothing was measured there.
+std::vector<float> read_raw_rows(const ImageFile& file, const fs::path& path, int first, int last) {
+  const OIIO::ImageSpec& spec = file.spec();
+  const int stored_first = std::clamp(first - file.top, 0, spec.height);
+  const int stored_last = std::clamp(last - file.top, 0, spec.height);
+  std::vector<float> stored;
+  if (stored_first < stored_last) stored = read_stored_rows(file, path, stored_first, stored_last);
+  if (file.left == 0 && file.width == spec.width && stored_last - stored_first == last - first) return stored;
+  std::vector<float> background(spec.nchannels, 0.0f);
+  for (int c = 0; c < spec.nchannels; ++c)
+    if (spec.channelnames[c].starts_with("sigma.")) background[c] = std::numeric_limits<float>::infinity();
+  std::vector<float> raw;
+  raw.reserve(static_cast<std::size_t>(file.width) * spec.nchannels * (last - first));
+  for (std::size_t p = 0; p < static_cast<std::size_t>(file.width) * (last - first); ++p)
+    raw.insert(raw.end(), background.begin(), background.end());
+  const int x_first = std::max(file.left, 0), x_last = std::min(file.left + spec.width, file.width);
+  const std::size_t channels = spec.nchannels;
+  for (int row = stored_first; row < stored_last; ++row) {
+    const float* from =
+        stored.data() +
+        (static_cast<std::size_t>(row - stored_first) * spec.width + (x_first - file.left)) * channels;
+    float* to =
+        raw.data() + (static_cast<std::size_t>(row + file.top - first) * file.width + x_first) * channels;
+    std::copy_n(from, static_cast<std::size_t>(x_last - x_first) * channels, to);
+  }
+  return raw;
+}
+
+Image select_channels(const std::vector<float>& raw, int width, int height, int channels,
+                      const std::array<int, 3>& selected) {
+  Image image(width, height, 3);
+  for (std::size_t p = 0; p < image.pixel_count(); ++p)
+    for (int c = 0; c < 3; ++c) image.values[3 * p + c] = raw[p * channels + selected[c]];
+  return image;
+}
+
+void write_channels(const fs::path& path, int width, int height, const std::vector<std::string>& names,
+                    const float* values, Precision precision) {
+  write_atomically(path, [&](const fs::path& temporary) {
+    const auto fail = [&](const std::string& why) {
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the image (" + why + ")");
+    };
+    silence_openimageio();
+    errno = 0;
+    auto output = OIIO::ImageOutput::create(temporary.string());
+    if (!output) fail(OIIO::geterror());
+    OIIO::ImageSpec spec(width, height, static_cast<int>(names.size()),
+                         precision == Precision::half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT);
+    spec.channelnames = names;
+    spec.attribute("compression", "zip");
+    // OpenImageIO stores the date and time of writing unless there is one: equal content must give equal
+    // files. It leaves out an attribute whose type EXR does not know.
+    constexpr std::int8_t no_date = 0;
+    spec.attribute("DateTime", OIIO::TypeDesc::INT8, &no_date);
+    spec.attribute("oiio:ColorSpace", "Linear");
+    if (!output->open(temporary.string(), spec)) fail(output->geterror());
+    if (!output->write_image(OIIO::TypeDesc::FLOAT, values)) fail(output->geterror());
+    if (!output->close()) fail(output->geterror());
+  });
+}
+
+}  // namespace
+
+ImageHeader read_image_header(const fs::path& path) {
+  const ImageFile file = open_image(path);
+  return {file.width, file.height, find_channels(file.spec(), "sigma.").has_value()};
+}
+
+Image read_image(const fs::path& path) {
+  const ImageFile file = open_image(path);
+  const OIIO::ImageSpec& spec = file.spec();
+  const auto colour = colour_channels(spec, file.is_exr, path);
+  const auto raw = read_raw_rows(file, path, 0, file.height);
+  Image image = select_channels(raw, file.width, file.height, spec.nchannels, colour);
+  if (!spec.format.is_floating_point() && spec.get_string_attribute("oiio:ColorSpace") != "Linear")
+    std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
+  if (spec.alpha_channel >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
+    for (std::size_t p = 0; p < image.pixel_count(); ++p)
+      for (std::size_t c = 0; c < 3; ++c)
+        image.values[3 * p + c] *= raw[p * spec.nchannels + spec.alpha_channel];
+  return image;
+}
+
+Photograph read_photograph_rows(const fs::path& path, int first, int last) {
+  const ImageFile file = open_image(path);
+  const OIIO::ImageSpec& spec = file.spec();
+  if (first < 0 || last > file.height || first >= last)
+    throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " +
+                     std::to_string(last));
+  if (!spec.format.is_floating_point())
+    throw FormatError(path, "is not scene-linear; photographs must be OpenEXR or another float format");
+  const auto colour = colour_channels(spec, file.is_exr, path);
+  const auto raw = read_raw_rows(file, path, first, last);
+  Photograph photograph;
+  photograph.radiance = select_channels(raw, file.width, last - first, spec.nchannels, colour);
+  if (auto sigma = find_channels(spec, "sigma."))
+    photograph.sigma = select_channels(raw, file.width, last - first, spec.nchannels, *sigma);
+  return photograph;
+}
+
+Photograph read_photograph(const fs::path& path) {
+  return read_photograph_rows(path, 0, read_image_header(path).height);
+}
+
+namespace {
+
+/// Solid angles in any unit: one per row of a lat-long map, one per texel of a cube's face; else none, as
+/// texels count alike.
+std::vector<double> solid_angles_of(const LightDomain& domain) {
+  std::vector<double> angles;
+  if (domain.parameterisation == Parameterisation::lat_long)
+    for (int y = 0; y < domain.height; ++y)
+      angles.push_back(std::cos(std::numbers::pi * y / domain.height) -
+                       std::cos(std::numbers::pi * (y + 1) / domain.height));
+  if (domain.parameterisation == Parameterisation::cube && domain.height == cube_faces * domain.width)
+    for (const float angle : cube_solid_angles(domain.width)) angles.push_back(angle);
+  return angles;
+}
+
+/// Negative texels of a light map: lossy compression leaves some around bright lights, other software many.
+class NegativeTexels {
+ public:
+  NegativeTexels(LightMap& light, const fs::path& path)
+      : image_(light.radiance),
+        path_(path),
+        angles_(solid_angles_of(light.domain())),
+        is_lat_long_(light.parameterisation == Parameterisation::lat_long) {}
+
+  /// Sets them to zero; the mean of each channel over the solid angle stays as it was. Throws InputError
+  /// where they are no artefact of compression.
+  void remove(const RunContext& run) {
+    count();
+    require_few();
+    if (share_of_light() > reported_share) report(run);
+    for (int c = 0; c < 3; ++c) remove(c);
+  }
+
+ private:
+  // Seven of 26 published panoramas (DWA) add 3 to 17 % of irradiance when their negative texels become zero;
+  // at most 2.8 % of their texels are negative, and 1.4 % by more than a tenth of the mean radiance.
+  static constexpr double reported_share = 1e-4;
+  static constexpr double strong = 0.1, max_strong_texels = 0.1, max_share_of_light = 0.5;
+  static constexpr int block_size = 8;  // of the cosine transform; its mean survives compression
+
+  double weight(std::size_t texel) const {
+    if (angles_.empty()) return 1.0;
+    return is_lat_long_ ? angles_[texel / image_.width] : angles_[texel % angles_.size()];
+  }
+  float lowest(std::size_t texel) const {
+    return std::min({image_.values[3 * texel], image_.values[3 * texel + 1], image_.values[3 * texel + 2]});
+  }
+  /// What zero in place of negative values adds to the light.
+  double share_of_light() const { return *std::ranges::max_element(added_); }
+
+  void count() {
+    std::array<double, 3> positive{}, negative{};
+    double sum = 0.0, total_weight = 0.0;
+    for (std::size_t t = 0; t < image_.pixel_count(); ++t) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double value = weight(t) * image_.values[3 * t + c];
+        (value < 0.0 ? negative : positive)[c] += std::abs(value);
+        sum += std::abs(value) / 3.0;
+      }
+      total_weight += weight(t);
+      if (lowest(t) < 0.0f) ++texels_;
+      if (lowest(t) < lowest(worst_)) worst_ = t;
+    }
+    for (std::size_t t = 0; t < image_.pixel_count(); ++t)
+      if (lowest(t) < -strong * sum / total_weight) ++strong_texels_;
+    for (std::size_t c = 0; c < 3; ++c)
+      added_[c] = negative[c] > 0.0 ? negative[c] / std::max(positive[c] - negative[c], 1e-9 * sum) : 0.0;
+    is_mostly_negative_ = negative[0] + negative[1] + negative[2] >
+                          max_share_of_light * (positive[0] + positive[1] + positive[2]);
+  }
+
+  std::string percent(double share) const {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.2g %%", 100.0 * share);
+    return text;
+  }
+  double share_of_texels(std::size_t texels) const {
+    return static_cast<double>(texels) / static_cast<double>(image_.pixel_count());
+  }
+  std::string lowest_text() const {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.4g", lowest(worst_));
+    return text;
+  }
+
+  void require_few() const {
+    if (!is_mostly_negative_ && share_of_texels(strong_texels_) <= max_strong_texels) return;
+    throw InputError(path_.string() + ": texel (" + std::to_string(worst_ % image_.width) + ", " +
+                     std::to_string(worst_ / image_.width) + ") is " + lowest_text() + ", and " +
+                     percent(share_of_texels(texels_)) +
+                     " of the texels are negative, more than lossy compression explains; radiance must not "
+                     "be negative: export the light map again");
+  }
+
+  void report(const RunContext& run) const {
+    static std::mutex mutex;
+    static std::set<fs::path> reported;
+    constexpr std::size_t max_reports = 8;
+    const std::scoped_lock lock(mutex);
+    if (reported.size() > max_reports || !reported.insert(path_).second) return;
+    if (reported.size() > max_reports)
+      return run.note("more light maps have negative texels; they are treated in the same way");
+    run.note(path_.string() + ": " + percent(share_of_texels(texels_)) +
+             " of its texels are negative (lowest " + lowest_text() +
+             "), as caused by lossy compression; they are set to zero and their neighbours are reduced to "
+             "preserve the mean radiance (setting them to zero alone would add " +
+             percent(share_of_light()) + ")");
+  }
+
+  /// Takes what zero adds off the positive texels of the same block, and what these lack off the blocks of
+  /// twice the size, up to the whole map.
+  void remove(int c) {
+    int columns = (image_.width + block_size - 1) / block_size;
+    int rows = (image_.height + block_size - 1) / block_size;
+    std::vector<double> debt(static_cast<std::size_t>(columns) * rows);
+    for (int y = 0; y < image_.height; ++y)
+      for (int x = 0; x < image_.width; ++x) {
+        float& value = image_.at(x, y, c);
+        if (!(value < 0.0f)) continue;
+        debt[static_cast<std::size_t>(y / block_size) * columns + x / block_size] -=
+            weight(static_cast<std::size_t>(y) * image_.width + x) * value;
+        value = 0.0f;
+      }
+    for (int size = block_size;; size *= 2) {
+      const int next_columns = (columns + 1) / 2, next_rows = (rows + 1) / 2;
+      std::vector<double> next(static_cast<std::size_t>(next_columns) * next_rows);
+      for (int row = 0; row < rows; ++row)
+        for (int column = 0; column < columns; ++column)
+          next[static_cast<std::size_t>(row / 2) * next_columns + column / 2] += unpaid(
+              column * size, row * size, size, c, debt[static_cast<std::size_t>(row) * columns + column]);
+      if (columns == 1 && rows == 1) return;
+      debt = std::move(next);
+      columns = next_columns;
+      rows = next_rows;
+    }
+  }
+
+  /// Dims a block by `debt`; returns what it lacks.
+  double unpaid(int x0, int y0, int size, int c, double debt) {
+    if (debt <= 0.0) return 0.0;
+    const int x1 = std::min(x0 + size, image_.width), y1 = std::min(y0 + size, image_.height);
+    double light = 0.0;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x)
+        light += weight(static_cast<std::size_t>(y) * image_.width + x) * image_.at(x, y, c);
+    const double factor = light > debt ? (light - debt) / light : 0.0;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x) image_.at(x, y, c) = static_cast<float>(image_.at(x, y, c) * factor);
+    return std::max(debt - light, 0.0);
+  }
+
+  Image& image_;
+  const fs::path& path_;
+  std::vector<double> angles_;
+  bool is_lat_long_;
+  std::size_t texels_ = 0, strong_texels_ = 0, worst_ = 0;
+  std::array<double, 3> added_{};  // by channel, relative to the map's own light
+  bool is_mostly_negative_ = false;
+};
+
+}  // namespace
+
+LightMap read_light_map(const fs::path& path, Parameterisation parameterisation, const RunContext& run) {
+  LightMap light{read_image(path), parameterisation};
+  require_finite(light.radiance, path.string(), true, "repair that texel in the light map");
+  if (std::ranges::any_of(light.radiance.values, [](float value) { return value < 0.0f; }))
+    NegativeTexels(light, path).remove(run);
+  for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
+  return light;
+}
+
+void write_exr(const fs::path& path, const Image& image, Precision precision) {
+  std::vector<std::string> names = {"R", "G", "B", "A"};
+  if (image.channels == 1)
+    names = {"Y"};
+  else if (image.channels == 3)
+    names.pop_back();
+  else if (image.channels != 4)
+    throw InputError("an EXR of 1, 3 or 4 channels can be written");
+  write_channels(path, image.width, image.height, names, image.values.data(), precision);
+}
+
+void write_photograph(const fs::path& path, const Photograph& photograph, Precision precision) {
+  const Image& radiance = photograph.radiance;
+  if (photograph.sigma.empty()) return write_exr(path, radiance, precision);
+  if (!radiance.same_shape(photograph.sigma)) throw InputError("radiance and sigma differ in shape");
+  std::vector<float> six(radiance.pixel_count() * 6);
+  for (std::size_t p = 0; p < radiance.pixel_count(); ++p)
+    for (int c = 0; c < 3; ++c) {
+      six[6 * p + c] = radiance.values[3 * p + c];
+      six[6 * p + 3 + c] = photograph.sigma.values[3 * p + c];
+    }
+  write_channels(path, radiance.width, radiance.height, {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B"},
+                 six.data(), precision);
+}
+
+std::vector<std::uint8_t> encode_png(const ScreenImage& image) {
+  std::vector<std::uint8_t> file;
+  OIIO::Filesystem::IOVecOutput sink(file);
+  auto output = OIIO::ImageOutput::create("png");
+  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
+  spec.attribute("oiio:UnassociatedAlpha", 1);  // else levels are multiplied or divided by alpha
+  if (!output || !output->set_ioproxy(&sink) || !output->open("memory.png", spec) ||
+      !output->write_image(OIIO::TypeDesc::UINT8, image.levels.data()) || !output->close())
+    throw InputError("cannot encode a PNG: " + (output ? output->geterror() : OIIO::geterror()));
+  return file;
+}
+
+std::vector<std::uint8_t> encode_png(const Image& image, const ToneMapping& mapping) {
+  return encode_png(ScreenImage{image.width, image.height, image.channels, tone_mapped(image, mapping)});
+}
+
+void write_png(const fs::path& path, const ScreenImage& image) {
+  const auto file = encode_png(image);
+  write_text_atomically(path, {reinterpret_cast<const char*>(file.data()), file.size()});
+}
+
+void write_png(const fs::path& path, const Image& image, const ToneMapping& mapping) {
+  write_png(path, ScreenImage{image.width, image.height, image.channels, tone_mapped(image, mapping)});
+}
+
+}  // namespace refield

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/image/image.h"
+#include "core/image/tone_map.h"
+#include "core/light/light_map.h"
+
+namespace refield {
+
+/// What an image file's header says.
+struct ImageHeader {
+  int width = 0;
+  int height = 0;
+  bool has_sigma = false;  ///< carries the noise of each sample, see Photograph
+};
+
+/// A photograph, or a band of its rows: scene-linear radiance and, where known, each sample's standard
+/// deviation. In EXR files the channels are R, G, B and sigma.R, sigma.G, sigma.B. An infinite sigma marks a
+/// sample that was not measured (clipped in every exposure); its radiance is then only a lower bound.
+struct Photograph {
+  Image radiance;  ///< [rows × width × 3]
+  Image sigma;     ///< same shape, or empty
+};
+
+enum class Precision { half, single };
+
+/// Throws DeviceError for a missing file and FormatError for one that is no image.
+ImageHeader read_image_header(const std::filesystem::path& path);
+
+/// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are
+/// taken as sRGB and decoded, then multiplied by alpha, if any: transparent pixels are black. Values are
+/// returned as stored: check them with require_finite(). Throws FormatError for a truncated file or no image.
+Image read_image(const std::filesystem::path& path);
+
+/// Reads rows [first, last) of a photograph without holding the rest of the file.
+Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
+Photograph read_photograph(const std::filesystem::path& path);
+
+/// Reads a light map: finite, nothing negative. Negative values of lossy compression become zero, with a
+/// warning; the channels' means stay. Throws InputError on NaN, Inf, many negative values, naming the texel.
+LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
+                        const RunContext& run = {});
+
+/// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically. Throws DeviceError where the disk
+/// refuses.
+void write_exr(const std::filesystem::path& path, const Image& image,
+               Precision precision = Precision::single);
+void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
+                      Precision precision = Precision::single);
+
+/// What a screen shows, 8 bits a channel: row-major, top row first, channels interleaved.
+struct ScreenImage {
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+  std::vector<std::uint8_t> levels;
+};
+
+/// A PNG file in memory.
+std::vector<std::uint8_t> encode_png(const ScreenImage& image);
+/// A one- or three-channel image as a PNG file in memory, or on disk (atomically).
+std::vector<std::uint8_t> encode_png(const Image& image, const ToneMapping& mapping = {});
+void write_png(const std::filesystem::path& path, const Image& image, const ToneMapping& mapping = {});
+void write_png(const std::filesystem::path& path, const ScreenImage& image);
+
+}  // namespace refield

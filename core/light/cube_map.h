@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+#include "core/light/light_map.h"
+
+namespace refield {
+
+inline constexpr int cube_faces = 6;
+
+/// The domain of a cube map of R×R texels a face.
+constexpr LightDomain cube_domain(int resolution) {
+  return {resolution, cube_faces * resolution, Parameterisation::cube};
+}
+
+/// Unit direction of the point (column, row) of a cube map, in texels; the centre of texel (x, y) is at
+/// (x + ½, y + ½). The face is the one that row ∕ R lies in.
+Eigen::Vector3d cube_direction(double column, double row, int resolution);
+/// Inverse of cube_direction(), (column, row); the row stays within its face's.
+Eigen::Vector2d cube_position(const Eigen::Vector3d& direction, int resolution);
+
+/// Solid angle of texel (x, y), steradians; all together are 4π. The same for all faces, so `y` may count
+/// from any face's top.
+double cube_solid_angle(int x, int y, int resolution);
+/// That of a rectangle of a cube map, which may reach over several faces.
+double cube_solid_angle(const Box& box, int resolution);
+/// Those of a face's texels, [resolution²], row by row.
+std::vector<float> cube_solid_angles(int resolution);
+
+}  // namespace refield

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/light/light_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/base/errors.h"
+
+namespace refield {
+
+std::string_view name_of(Parameterisation parameterisation) {
+  switch (parameterisation) {
+    case Parameterisation::monitor:
+      return "monitor";
+    case Parameterisation::lat_long:
+      return "lat_long";
+    case Parameterisation::cube:
+      return "cube";
+  }
+  throw InputError("unknown light map parameterisation");
+}
+
+Parameterisation parameterisation_from_name(std::string_view name) {
+  for (auto p : {Parameterisation::monitor, Parameterisation::lat_long, Parameterisation::cube})
+    if (name == name_of(p)) return p;
+  throw InputError("unknown light map parameterisation '" + std::string(name) +
+                   "'; use monitor, lat_long or cube");
+}
+
+void require_domain(const LightMap& light, const LightDomain& domain) {
+  const LightDomain given = light.domain();
+  if (given != domain)
+    throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) +
+                     " (" + std::string(name_of(given.parameterisation)) + "), the field expects " +
+                     std::to_string(domain.width) + "×" + std::to_string(domain.height) + " (" +
+                     std::string(name_of(domain.parameterisation)) + "); resample the map to that size");
+}
+
+Eigen::Vector3d lat_long_direction(double column, double row, int width, int height) {
+  const double phi = 2.0 * std::numbers::pi * column / width;
+  const double theta = std::numbers::pi * row / height;
+  return {-std::sin(theta) * std::sin(phi), std::cos(theta), -std::sin(theta) * std::cos(phi)};
+}
+
+Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, int height) {
+  double turn = std::atan2(-direction.x(), -direction.z()) / (2.0 * std::numbers::pi);
+  if (turn < 0.0) turn += 1.0;
+  if (turn >= 1.0) turn = 0.0;
+  const double theta = std::acos(std::clamp(direction.y(), -1.0, 1.0));
+  return {turn * width, theta / std::numbers::pi * height};
+}
+
+Eigen::Matrix3d cube_face_axes(int face) {
+  Eigen::Matrix3d axes;
+  switch (face) {
+    case 0:
+      axes << 0, 0, -1, 0, 1, 0, 1, 0, 0;
+      return axes;
+    case 1:
+      axes << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+      return axes;
+    case 2:
+      axes << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+      return axes;
+    case 3:
+      axes << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+      return axes;
+    case 4:
+      return Eigen::Matrix3d::Identity();
+    case 5:
+      axes << -1, 0, 0, 0, 1, 0, 0, 0, -1;
+      return axes;
+    default:
+      throw InputError("a cube has no face " + std::to_string(face) + "; faces are 0 to 5");
+  }
+}
+
+}  // namespace refield

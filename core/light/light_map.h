@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+
+#include <compare>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+
+#include "core/image/image.h"
+
+namespace refield {
+
+/// A rectangle of light-map texels, half-open: columns [x0, x1) and rows [y0, y1).
+struct Box {
+  std::int32_t x0 = 0;
+  std::int32_t y0 = 0;
+  std::int32_t x1 = 0;
+  std::int32_t y1 = 0;
+
+  std::int32_t width() const { return x1 - x0; }
+  std::int32_t height() const { return y1 - y0; }
+  std::int64_t area() const { return static_cast<std::int64_t>(width()) * height(); }
+  bool contains(std::int32_t x, std::int32_t y) const { return x >= x0 && x < x1 && y >= y0 && y < y1; }
+  bool inside(std::int32_t map_width, std::int32_t map_height) const {
+    return x0 >= 0 && y0 >= 0 && x0 < x1 && y0 < y1 && x1 <= map_width && y1 <= map_height;
+  }
+  friend auto operator<=>(const Box&, const Box&) = default;
+};
+
+struct BoxHash {
+  std::size_t operator()(const Box& box) const {
+    const auto word = [](std::int32_t a, std::int32_t b) {
+      return static_cast<std::uint64_t>(static_cast<std::uint32_t>(a)) << 32 | static_cast<std::uint32_t>(b);
+    };
+    std::uint64_t h = word(box.x0, box.y0) * 0x9e3779b97f4a7c15ull;
+    h ^= h >> 29;
+    h = (h + word(box.x1, box.y1)) * 0xbf58476d1ce4e5b9ull;
+    return static_cast<std::size_t>(h ^ (h >> 32));
+  }
+};
+
+/// How the columns and rows of a light map stand for incident light.
+///  - monitor: texels of a flat emitter, as someone in front of it sees them.
+///  - lat_long: all directions, see lat_long_direction().
+///  - cube: six square faces stacked from top to bottom, +X −X +Y −Y +Z −Z (height = 6 × width), see
+///  cube_face_axes().
+enum class Parameterisation { monitor, lat_long, cube };
+
+std::string_view name_of(Parameterisation parameterisation);
+/// Throws InputError for an unknown name.
+Parameterisation parameterisation_from_name(std::string_view name);
+
+/// The domain over which incident light is defined: a light map without its values.
+struct LightDomain {
+  int width = 0;
+  int height = 0;
+  Parameterisation parameterisation = Parameterisation::monitor;
+  bool operator==(const LightDomain&) const = default;
+};
+
+/// Incident illumination: linear RGB radiance, row-major, top row first.
+struct LightMap {
+  Image radiance;  ///< 3 channels
+  Parameterisation parameterisation = Parameterisation::monitor;
+  LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
+};
+
+/// A light map that somebody else owns.
+struct LightMapView {
+  ImageView radiance;  ///< 3 channels
+  Parameterisation parameterisation = Parameterisation::monitor;
+
+  LightMapView() = default;
+  LightMapView(const ImageView& view, Parameterisation how) : radiance(view), parameterisation(how) {}
+  LightMapView(const LightMap& light)  // NOLINT(google-explicit-constructor): wherever a view is taken
+      : radiance(light.radiance), parameterisation(light.parameterisation) {}
+  LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
+};
+
+/// Throws InputError unless the light is of a field's domain.
+void require_domain(const LightMap& light, const LightDomain& domain);
+
+/// Direction that a point of a lat-long map stands for. `column` in [0, width], `row` in [0, height].
+/// With φ = 2π·column/width and θ = π·row/height: direction = (−sin θ sin φ, cos θ, −sin θ cos φ). Someone
+/// inside who looks along +Z (centre column) has +X to the right, +Y above (row 0): not mirrored, thus
+/// left-handed axes; in a right-handed scene negate X or Z. The left edge is −Z, width/4 right of it is −X.
+Eigen::Vector3d lat_long_direction(double column, double row, int width, int height);
+
+/// Inverse of lat_long_direction: (column, row) of a unit direction, column in [0, width).
+Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, int height);
+
+/// Axes of a cube map's face (0 to 5), as rows: where its columns grow to, opposite to where its rows grow
+/// to, and what its middle looks at. Someone inside sees faces +X −X +Z −Z upright; he who looks up from +Z
+/// sees +Y with −Z at its top edge, he who looks down sees −Y with +Z at its top edge. With u, v from −1 to 1
+/// to the right and upwards on the face, its texels lie in directions u·right + v·up + ahead: the layout of
+/// OpenGL's and Direct3D's cube maps.
+Eigen::Matrix3d cube_face_axes(int face);
+
+}  // namespace refield

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/light/monitor_placement.h"
+
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <string_view>
+
+#include "core/base/errors.h"
+#include "core/light/light_map.h"
+
+namespace refield {
+
+namespace {
+
+constexpr double longest_mm = 1e6;
+
+[[noreturn]] void fail(const std::string& text) {
+  throw InputError(
+      "--monitor " + text +
+      ": give width x height @ distance of the screen in mm, such as 520x320@600, and if it is not straight "
+      "ahead of the camera, ',yaw=90' (to the right), pitch, roll in degrees and x, y in mm");
+}
+
+/// Takes a number off the front of `rest`, and the mark behind it.
+double take_number(std::string_view& rest, std::string_view mark, const std::string& text) {
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
+  if (error != std::errc() || !std::isfinite(value)) fail(text);
+  rest.remove_prefix(static_cast<std::size_t>(end - rest.data()));
+  if (!rest.starts_with(mark)) fail(text);
+  rest.remove_prefix(mark.size());
+  return value;
+}
+
+void require_range(const std::string& name, const char* what, double value, double low, double high) {
+  if (!(value >= low && value <= high)) {
+    char range[96];
+    std::snprintf(range, sizeof range, " is %g; give a number from %g to %g", value, low, high);
+    throw InputError(name + ": the monitor's " + what + range);
+  }
+}
+
+}  // namespace
+
+Eigen::Vector3d MonitorPlacement::direction(double u, double v) const {
+  return turn.matrix() *
+         Eigen::Vector3d(left() + u * (right() - left()), top() + v * (bottom() - top()), 1.0);
+}
+
+void MonitorPlacement::check(const std::string& name) const {
+  require_range(name, "width_mm", width_mm, 1e-3, longest_mm);
+  require_range(name, "height_mm", height_mm, 1e-3, longest_mm);
+  require_range(name, "distance_mm", distance_mm, 1e-3, longest_mm);
+  require_range(name, "yaw", turn.yaw, -360.0, 360.0);
+  require_range(name, "pitch", turn.pitch, -360.0, 360.0);
+  require_range(name, "roll", turn.roll, -360.0, 360.0);
+  require_range(name, "offset_x_mm", offset_x_mm, -longest_mm, longest_mm);
+  require_range(name, "offset_y_mm", offset_y_mm, -longest_mm, longest_mm);
+}
+
+void check_placements(std::span<const MonitorPlacement> monitors, const LightDomain& domain,
+                      const std::string& name) {
+  if (monitors.empty()) return;
+  if (domain.parameterisation != Parameterisation::monitor)
+    throw InputError(name + ": places a monitor, but its light is a " +
+                     std::string(name_of(domain.parameterisation)) + " map; remove the monitor");
+  const auto count = static_cast<int>(monitors.size());
+  if (domain.height % count != 0)
+    throw InputError(name + ": has " + std::to_string(count) + " monitor placements, and light maps " +
+                     std::to_string(domain.height) +
+                     " texels high, which do not divide into as many equal windows");
+  for (const MonitorPlacement& monitor : monitors) monitor.check(name);
+}
+
+MonitorPlacement monitor_placement_from_text(const std::string& text) {
+  std::string_view rest = text;
+  MonitorPlacement monitor;
+  monitor.width_mm = take_number(rest, "x", text);
+  monitor.height_mm = take_number(rest, "@", text);
+  monitor.distance_mm = take_number(rest, "", text);
+  while (!rest.empty()) {
+    const auto equals = rest.find('=');
+    if (rest.front() != ',' || equals == std::string_view::npos) fail(text);
+    const std::string_view key = rest.substr(1, equals - 1);
+    double* value = key == "yaw"     ? &monitor.turn.yaw
+                    : key == "pitch" ? &monitor.turn.pitch
+                    : key == "roll"  ? &monitor.turn.roll
+                    : key == "x"     ? &monitor.offset_x_mm
+                    : key == "y"     ? &monitor.offset_y_mm
+                                     : nullptr;
+    if (!value) fail(text);
+    rest.remove_prefix(equals + 1);
+    *value = take_number(rest, "", text);
+  }
+  monitor.check("--monitor " + text);
+  return monitor;
+}
+
+std::vector<MonitorPlacement> placements_from_texts(const std::vector<std::string>& texts) {
+  std::vector<MonitorPlacement> monitors;
+  for (const std::string& text : texts) monitors.push_back(monitor_placement_from_text(text));
+  return monitors;
+}
+
+std::string text_of(const MonitorPlacement& monitor) {
+  char number[96];
+  std::snprintf(number, sizeof number, "%gx%g@%g", monitor.width_mm, monitor.height_mm, monitor.distance_mm);
+  std::string text = number;
+  const auto add = [&](const char* key, double value) {
+    if (value == 0.0) return;
+    std::snprintf(number, sizeof number, ",%s=%g", key, value);
+    text += number;
+  };
+  add("yaw", monitor.turn.yaw);
+  add("pitch", monitor.turn.pitch);
+  add("roll", monitor.turn.roll);
+  add("x", monitor.offset_x_mm);
+  add("y", monitor.offset_y_mm);
+  return text;
+}
+
+}  // namespace refield

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "core/light/light_map.h"
+#include "core/light/monitor_placement.h"
+
+namespace refield {
+
+/// What a frame is for: estimation, held-out validation, or a repeated reference for drift.
+enum class FrameRole { train, test, reference };
+
+std::string_view name_of(FrameRole role);
+
+/// One photograph of the scene and the illumination that it was taken under.
+struct CaptureFrame {
+  std::string name;  ///< unique, for example "train_007"
+  FrameRole role = FrameRole::train;
+  std::string kind;                    ///< of light: "natural", "bar", "square", "white", "black"; free text
+  std::filesystem::path illumination;  ///< EXR: linear radiance that the light emitted
+  std::filesystem::path observed;      ///< EXR: photograph, ambient light already subtracted
+  /// When it was taken, in any unit that grows with time: what the manifest says, else its place there.
+  double order = 0.0;
+  /// By which read_observed() divides each channel; remove_drift() sets it.
+  std::array<float, 3> gain = {1.0f, 1.0f, 1.0f};
+  /// Images in memory, read in place of the files, whose paths are names for messages then. Without `sigma`
+  /// the photograph's noise is not known.
+  struct Views {
+    ImageView light, photograph, sigma;
+  };
+  std::optional<Views> views = std::nullopt;
+};
+
+/// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and
+/// its manifest (session.toml) are described in docs/reference/capture-session-format.md. It stands in core
+/// because stages meet in it.
+struct CaptureSession {
+  std::filesystem::path folder;  ///< empty for a capture given by globs
+  LightDomain light;
+  int width = 0;  ///< of the photographs
+  int height = 0;
+  std::vector<CaptureFrame> frames;
+  std::optional<std::filesystem::path> ambient;
+  std::optional<std::filesystem::path> mask;
+  /// Where the monitor stood, one placement for each window of the light maps (check_placements()); empty
+  /// where that is not known.
+  std::vector<MonitorPlacement> monitors{};
+
+  std::vector<CaptureFrame> frames_of(FrameRole role) const;
+};
+
+inline constexpr const char* session_manifest_name = "session.toml";
+
+/// Writes folder/session.toml, atomically. Paths inside the folder are stored relative to it.
+void write_session_manifest(const CaptureSession& session);
+
+/// Reads a session. Throws FormatError for a broken manifest, InputError when a listed file is missing; the
+/// message names it. Image contents are not read.
+CaptureSession read_capture_session(const std::filesystem::path& folder);
+
+/// Pairs the files of two patterns (or folders) by what their wildcards stood for, else, when no wildcard is
+/// shared, by the whole stem. Sorted by that. Throws InputError naming the first file without a partner, or
+/// with two; `first_kind` and `second_kind` are what the message calls the files.
+std::vector<std::pair<std::filesystem::path, std::filesystem::path>> pair_files(
+    const std::string& first_glob, const std::string& second_glob, const std::string& first_kind,
+    const std::string& second_kind);
+
+/// A capture from another tool: light maps and photographs paired by pair_files(), all of role train.
+CaptureSession pair_by_globs(const std::string& light_glob, const std::string& observed_glob,
+                             Parameterisation parameterisation = Parameterisation::monitor);
+
+/// Checks that the headers of all images fit together, filling in sizes where the session does not state
+/// them. Throws InputError naming the first image whose size differs.
+void check_image_sizes(CaptureSession& session);
+
+/// Reads a frame's light map. Throws what read_light_map() throws.
+LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
+                           const RunContext& run);
+
+/// Reads a frame's photograph, or its rows [first, last), and divides radiance and sigma by the frame's gain.
+Photograph read_observed(const CaptureFrame& frame);
+Photograph read_observed_rows(const CaptureFrame& frame, int first, int last);
+
+/// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size
+/// differs.
+Mask read_mask(const std::filesystem::path& path, int width, int height);
+
+}  // namespace refield

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "estimate/fit/fit_pixel.h"
+#include "estimate/fit/gap_filling.h"
+#include "estimate/fit/select_kernels.h"
+#include "estimate/fit/similar_pixels.h"
+#include "estimate/fit/tree_search.h"
+#include "estimate/fit/weighted_fit.h"
+#include "estimate/options.h"
+
+namespace refield {
+
+/// Side of the blocks of pixels that are fitted together, in pixels; their corners lie at multiples of it.
+inline constexpr int block_side_px = 4;
+
+/// Fits a block of pixels. One tree of rectangles is grown for all of them; each pixel chooses its own smooth
+/// part, rectangles and weights from it. Where the pixel that is explained worst does clearly better with a
+/// tree of its own, the block is divided in four, down to single pixels, whose rectangles are then moved to
+/// where they fit best. So coherent surfaces share the search, which is what costs, while mirrors and edges
+/// pay for themselves. Final weights of a coherent block come from samples whose noise was reduced by what
+/// the pixels have in common.
+class BlockFitter {
+ public:
+  /// `mean_square`: of the picture's samples, over pixels, channels and images. Pixels whose error is small
+  /// beside it are searched with less effort, and in those bright beside it rectangles cost less; 0: neither.
+  BlockFitter(KernelCache& cache, int most_kernels, double mean_square);
+
+  /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
+  /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
+  /// `old`: empty, or for each pixel rectangles that it had in an earlier fit to fewer images; they take the
+  /// place of trees where the error that they leave is small.
+  std::vector<PixelKernels> fit(std::span<const PixelSamples> samples, int width,
+                                std::span<const std::vector<Box>> old = {});
+
+ private:
+  struct Pixel {
+    int index = 0;  // in the block
+    int x = 0, y = 0;
+    MaskedSamples samples;
+    AlignedFloats values;        // [3 × extent], extended; what was not measured is filled in
+    std::vector<Box> gap_boxes;  // of the tree that sees only what was measured
+    std::array<double, 3> noise_kept = {1.0, 1.0, 1.0};  // part of the noise variance left by pooling
+
+    int count_in(const std::vector<int>& channels) const {
+      int count = 0;
+      for (const int c : channels) count += samples.count[c];
+      return count;
+    }
+  };
+  struct Fitted {
+    PixelKernels kernels;
+    KernelChoice choice;
+    std::array<double, 3> noise{};  // variance of a sample about the fit
+  };
+  using Group = std::vector<Pixel*>;
+  /// How thoroughly rectangles are sought: `full` looks at all channels and moves edges to the texel.
+  enum class Effort { full, little };
+
+  void load(Pixel& pixel, const PixelSamples& samples);
+  void fit_group(const Group& pixels, int side);
+  /// A tree and what chooses from it.
+  struct Search {
+    Search(KernelCache& cache, int most_leaves) : tree(cache, most_leaves), selector(cache.smooth()) {}
+    TreeSearch tree;
+    KernelSelector selector;
+  };
+  /// Channels that a tree is grown from: the brightest where its samples are enough, or all.
+  std::vector<int> channels_to_search(const Group& pixels) const;
+  /// Takes the old rectangles of the pixels, or grows a tree from the means of alike pixels.
+  void take_or_grow(const Group& pixels);
+  /// Whether its error with this fit is at least this part of the picture's root mean square.
+  bool matters(const Pixel& pixel, const PixelKernels& fit, double part) const;
+  /// What a pixel deserves that is fitted like this.
+  Effort effort_for(const Pixel& pixel, const PixelKernels& fit) const;
+  /// With a tree of its own, or its own old rectangles.
+  Fitted fit_alone(Pixel& pixel);
+  /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
+  AlikeSets sort_alike(const Group& pixels) const;
+  double search_penalty_for(const MaskedSamples& samples) const;
+  PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
+  Fitted fit_from(Pixel& pixel, Search& search);
+  void set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search, Fitted& fitted);
+  /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
+  /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
+  void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
+  void refine(const Pixel& pixel, Fitted& fitted);
+  void pool(const Group& pixels);
+
+  KernelCache& cache_;
+  const SmoothSpace& smooth_;
+  int most_kernels_;
+  double mean_square_;
+  int images_;
+  std::size_t stride_, extent_;
+  GapFiller gap_filler_;
+  Search shared_;  // of a group of pixels
+  Search single_;  // of its pixel that is explained worst
+  WeightedFit weighted_;
+  std::span<const std::vector<Box>> old_;
+  ClassGuess guess_;
+  std::vector<float> like_;  // weights of the hats of the pixel before
+  std::vector<Fitted> fitted_;
+  std::vector<AlignedFloats> means_;
+};
+
+/// Hats that an estimation with these options uses.
+HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int images);
+
+/// Fits blocks of pixels in the mode that the options ask for, before any spatial correction, with the memory
+/// that a thread keeps between blocks.
+class BlockModel {
+ public:
+  BlockModel(const BoxTable& table, const EstimateOptions& options);
+
+  KernelCache& cache() { return cache_; }
+  /// See BlockFitter::fit(); in the paper's modes, pixel by pixel and without `old`.
+  std::vector<PixelKernels> fit(std::span<const PixelSamples> samples, int width,
+                                std::span<const std::vector<Box>> old = {}, const RunContext& run = {});
+
+ private:
+  SmoothSpace smooth_;
+  KernelCache cache_;
+  std::optional<BlockFitter> block_;  // refined mode
+  std::optional<PixelFitter> pixel_;  // other modes
+};
+
+}  // namespace refield

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/fit/weighted_fit.h"
+
+#include <algorithm>
+#include <functional>
+
+namespace refield {
+
+WeightedFit::WeightedFit(const BoxTable& table, const SmoothSpace& smooth)
+    : table_(table),
+      smooth_(smooth),
+      stride_(table.stride()),
+      fit_(3 * stride_),
+      residual_(3 * stride_),
+      masked_(stride_) {}
+
+PixelKernels WeightedFit::fit(std::span<const Box> boxes, int smooth_class, const MaskedSamples& samples,
+                              const std::array<double, 3>& noise_kept) {
+  const SmoothClass& smooth = smooth_.classes()[smooth_class];
+  const int hats = smooth.smooth ? smooth_.hats() : 0;
+  const int count = static_cast<int>(boxes.size());
+  const int size = hats + count;
+  columns_.resize(count * 3 * stride_);
+  for (int i = 0; i < count; ++i) table_.column(boxes[i], columns_.data() + i * 3 * stride_);
+  gram_.resize(static_cast<std::size_t>(size) * size);
+  h_.resize(size);
+  pointers_.resize(size);
+  products_.resize(size);
+  PixelKernels kernels;
+  std::vector<float> weights(static_cast<std::size_t>(size) * 3);
+  for (int c = 0; c < 3; ++c) {
+    for (int i = 0; i < hats; ++i) pointers_[i] = smooth_.hat_column(i, c);
+    for (int i = 0; i < count; ++i) pointers_[hats + i] = columns_.data() + (i * 3 + c) * stride_;
+    for (int i = 0; i < size; ++i) {
+      const float* left = pointers_[i];
+      if (!samples.complete) {
+        std::transform(left, left + stride_, samples.measured.data() + c * stride_, masked_.data(),
+                       std::multiplies<>());
+        left = masked_.data();
+      }
+      dots(left, pointers_.data(), i + 1, stride_, products_.data());
+      for (int k = 0; k <= i; ++k) gram_[i * size + k] = gram_[k * size + i] = products_[k];
+    }
+    for (int i = 0; i < hats; ++i)
+      for (int k = 0; k < hats; ++k) gram_[i * size + k] += noise_kept[c] * smooth.penalty[c][i * hats + k];
+    float* r = residual_.data() + c * stride_;
+    std::copy_n(samples.values.data() + c * stride_, stride_, r);
+    dots(r, pointers_.data(), size, stride_, products_.data());
+    h_.assign(products_.begin(), products_.begin() + size);
+    x_.assign(size, 1.0);
+    nnls_.solve(gram_.data(), size, h_.data(), size, x_.data());
+    for (int i = 0; i < size; ++i) weights[3 * i + c] = products_[i] = static_cast<float>(x_[i]);
+    subtract_combination(r, pointers_.data(), products_.data(), size, stride_);
+    std::transform(samples.values.data() + c * stride_, samples.values.data() + (c + 1) * stride_, r,
+                   fit_.data() + c * stride_, std::minus<>());
+    for (std::size_t j = 0; j < stride_; ++j) {
+      if (!samples.complete) r[j] *= samples.measured[c * stride_ + j];
+      kernels.squared_residual += static_cast<double>(r[j]) * r[j];
+    }
+    kernels.squared_samples += samples.squared[c];
+  }
+  kernels.smooth.assign(weights.begin(), weights.begin() + 3 * hats);
+  for (int i = 0; i < count; ++i) {
+    const float* w = weights.data() + 3 * (hats + i);
+    if (w[0] <= 0.0f && w[1] <= 0.0f && w[2] <= 0.0f) continue;
+    kernels.boxes.push_back(boxes[i]);
+    kernels.weights.insert(kernels.weights.end(), w, w + 3);
+  }
+  return kernels;
+}
+
+namespace {
+
+/// Coarse steps end at this part of a rectangle's longer side.
+constexpr int coarse_parts = 24;
+
+/// Squared part of the target that a rectangle explains, with a non-negative weight a channel; the weights.
+double explained(const BoxTable& table, const Box& box, const AlignedFloats& target,
+                 std::array<float, 3>& weight) {
+  double sum = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    float with_target = 0.0f, squared = 0.0f;
+    table.products(box, c, target.data() + c * table.stride(), with_target, squared);
+    weight[c] = squared > 0.0f ? std::max(with_target / squared, 0.0f) : 0.0f;
+    sum += static_cast<double>(weight[c]) * with_target;
+  }
+  return sum;
+}
+
+}  // namespace
+
+std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels,
+                              const AlignedFloats& residual, EdgeSteps steps) {
+  const bool coarse = steps == EdgeSteps::coarse;
+  const int sweeps = coarse ? 1 : 2;
+  const std::size_t stride = table.stride();
+  std::vector<Box> boxes = kernels.boxes;
+  std::vector<float> weights = kernels.weights;
+  AlignedFloats rest = residual, column(3 * stride);
+  const auto add = [&](const Box& box, const float* w, float sign) {
+    table.column(box, column.data());
+    for (int c = 0; c < 3; ++c) {
+      const float factor = -sign * w[c];
+      const float* one = column.data() + c * stride;
+      subtract_combination(rest.data() + c * stride, &one, &factor, 1, stride);
+    }
+  };
+  for (int sweep = 0; sweep < sweeps; ++sweep)
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      Box& box = boxes[k];
+      add(box, &weights[3 * k], 1.0f);
+      std::array<float, 3> weight{};
+      double best = explained(table, box, rest, weight);
+      const int side = std::max(box.x1 - box.x0, box.y1 - box.y0);
+      const int finest = coarse ? std::max(side / coarse_parts, 1) : 1;
+      for (int step = std::max(side / 3, 1); step >= finest; step /= 2)
+        for (int edge = 0; edge < 4; ++edge)
+          for (const int direction : {-step, step}) {
+            Box moved = box;
+            (edge == 0 ? moved.x0 : edge == 1 ? moved.x1 : edge == 2 ? moved.y0 : moved.y1) += direction;
+            if (moved.x0 < 0 || moved.y0 < 0 || moved.x1 > table.domain().width ||
+                moved.y1 > table.domain().height || moved.x0 >= moved.x1 || moved.y0 >= moved.y1)
+              continue;
+            std::array<float, 3> trial_weight{};
+            const double value = explained(table, moved, rest, trial_weight);
+            if (value <= best) continue;
+            best = value;
+            box = moved;
+            weight = trial_weight;
+          }
+      std::copy_n(weight.begin(), 3, weights.begin() + 3 * k);
+      add(box, weight.data(), -1.0f);
+    }
+  return boxes;
+}
+
+}  // namespace refield

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <span>
+#include <vector>
+
+#include "estimate/fit/fit_pixel.h"
+#include "estimate/fit/smooth_space.h"
+
+namespace refield {
+
+/// Non-negative weights of given rectangles and, in a class with a smooth part, of the hats, from the samples
+/// of one pixel in image space: for pixels that lack samples, whose Gram matrices are their own, and for
+/// rectangles that no dictionary holds.
+class WeightedFit {
+ public:
+  WeightedFit(const BoxTable& table, const SmoothSpace& smooth);
+
+  /// Fits `boxes`; those that get no weight are dropped. Unmeasured samples are left out. `noise_kept`: see
+  /// KernelSelector::solve().
+  PixelKernels fit(std::span<const Box> boxes, int smooth_class, const MaskedSamples& samples,
+                   const std::array<double, 3>& noise_kept);
+  /// Samples minus fit, [3 × stride], zero where not measured. Of the last fit.
+  const AlignedFloats& residual() const { return residual_; }
+  /// What the fit says of all samples, measured or not, [3 × stride]. Of the last fit.
+  const AlignedFloats& predicted() const { return fit_; }
+
+ private:
+  const BoxTable& table_;
+  const SmoothSpace& smooth_;
+  std::size_t stride_;
+  AlignedFloats columns_, fit_, residual_, masked_;
+  std::vector<double> gram_, h_, x_;
+  std::vector<const float*> pointers_;
+  std::vector<float> products_;
+  NnlsSolver nnls_;
+};
+
+/// How far edges are moved: to the texel, or once and to a small part of the rectangle's own size.
+enum class EdgeSteps { to_the_texel, coarse };
+
+/// Moves the edges of a pixel's rectangles to where they explain its samples best: a tree offers edges at
+/// thirds and halves, while what a mirror sees ends anywhere. Coordinate descent over the edges, coarse steps
+/// first; each move is judged with the other kernels' part of the fit held. `residual`: samples minus fit.
+/// Limit: reading columns from the table, which is far larger than any cache.
+/// Returns the rectangles in the same order.
+std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels,
+                              const AlignedFloats& residual, EdgeSteps steps);
+
+}  // namespace refield

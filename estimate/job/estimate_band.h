@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <tbb/enumerable_thread_specific.h>
+
+#include <memory>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/image/metrics.h"
+#include "estimate/fit/refit.h"
+#include "estimate/job/observations.h"
+#include "estimate/job/refinement.h"
+#include "estimate/quality/error_evidence.h"
+
+namespace refield {
+
+/// What each thread keeps between pixels.
+struct FitWorker {
+  FitWorker(const BoxTable& table, const EstimateOptions& options)
+      : model(table, options), weights(table), judge(table, options) {}
+  BlockModel model;
+  WeightFitter weights;
+  ErrorJudge judge;
+};
+using FitWorkers = tbb::enumerable_thread_specific<std::unique_ptr<FitWorker>>;
+
+/// A thread's cache of columns and splits is emptied beyond this.
+inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
+
+/// Rows of photographs that the estimate of rows [first, last) looks at: whole blocks of pixels; in paper
+/// mode each sweep of spatial correction reaches one row further. So bands overlap and no result depends on
+/// how the image is cut into bands. Rows that rows_needed() adds at most at one side.
+int most_rows_beyond(const EstimateOptions& options);
+RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
+
+/// Estimates the pixels of `wanted` rows of a picture of `height`, row by row; `band` holds rows_needed().
+/// `mask` [height × width] or empty. With a refinement, pixels start from its field's kernels. Throws
+/// Interrupted between tiles when asked to stop.
+std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
+                                        int height, const Mask& mask, const EstimateOptions& options,
+                                        FitWorkers& workers, Progress& progress,
+                                        const Refinement* refinement = nullptr, const RunContext& run = {});
+
+}  // namespace refield

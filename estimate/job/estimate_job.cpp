@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/job/estimate_job.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "core/base/errors.h"
+#include "core/base/json_text.h"
+#include "core/light/cube_map.h"
+#include "estimate/job/estimate_band.h"
+
+namespace refield {
+
+FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options)
+    : with_evidence_(options.predict_errors), is_whole_(!options.rows) {
+  field_.width = job.session.width;
+  field_.height = job.rows.count();
+  field_.basis.domain = job.session.light;
+  field_.monitors = job.session.monitors;
+  field_.basis.hats = hats_of(options, job.session.light, static_cast<int>(job.frames.size()));
+  field_.provenance = provenance_of(job, options);
+}
+
+void FieldAssembler::append(std::span<const PixelKernels> kernels) {
+  std::vector<std::uint32_t> columns;
+  std::vector<float> weights;
+  for (const PixelKernels& pixel : kernels) {
+    columns.clear();
+    weights.clear();
+    for (std::size_t h = 0; 3 * h < pixel.smooth.size(); ++h) {
+      const float* w = pixel.smooth.data() + 3 * h;
+      if (w[0] <= 0.0f && w[1] <= 0.0f && w[2] <= 0.0f) continue;
+      columns.push_back(static_cast<std::uint32_t>(h));
+      weights.insert(weights.end(), w, w + 3);
+    }
+    weights.insert(weights.end(), pixel.weights.begin(), pixel.weights.end());
+    for (const Box& box : pixel.boxes) {
+      const auto [entry, is_new] = numbers_.try_emplace(box, static_cast<std::uint32_t>(field_.basis.size()));
+      if (is_new) field_.basis.boxes.push_back(box);
+      columns.push_back(entry->second);
+    }
+    field_.transfer.append_row(columns, weights);
+    field_.training_error.push_back(
+        pixel.squared_samples > 0.0
+            ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
+            : 0.0f);
+    if (with_evidence_) field_.error_evidence.push_back(pixel.evidence);
+  }
+}
+
+ReflectanceField FieldAssembler::take() {
+  if (is_whole_) {
+    predict_errors(field_);
+    field_.error_evidence = {};
+  }
+  return std::move(field_);
+}
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// What messages call the capture: its folder or, for one given by patterns, its first photograph's folder.
+std::string name_of(const CaptureSession& session) {
+  if (!session.folder.empty() || session.frames.empty()) return session.folder.string();
+  if (session.frames.front().views) return "the capture in memory";
+  return session.frames.front().observed.parent_path().string();
+}
+
+/// Everything but the input files that the result depends on.
+nlohmann::ordered_json options_of(const EstimateOptions& options) {
+  nlohmann::ordered_json description = {{"program", "refield"},
+                                        {"version", REFIELD_VERSION},
+                                        {"mode", name_of(options.mode)},
+                                        {"kernels", options.kernels},
+                                        {"spatial_passes", options.spatial_passes},
+                                        {"predict_errors", options.predict_errors}};
+  if (std::isfinite(options.clip_level)) description["clip_level"] = options.clip_level;
+  return description;
+}
+
+std::vector<fs::path> inputs_of(const EstimateJob& job) {
+  std::vector<fs::path> paths;
+  if (job.refinement) paths.push_back(job.refinement->path());
+  if (job.session.mask) paths.push_back(*job.session.mask);
+  for (const CaptureFrame& frame : job.frames) {
+    paths.push_back(frame.illumination);
+    paths.push_back(frame.observed);
+  }
+  if (job.drift.significant)
+    for (const CaptureFrame& frame : job.references) paths.push_back(frame.observed);
+  return paths;
+}
+
+}  // namespace
+
+void require_enough_frames(const EstimateJob& job, const EstimateOptions& options) {
+  const int images = static_cast<int>(job.frames.size());
+  if (images < 2)
+    throw InputError(name_of(job.session) + ": holds " +
+                     (images == 0 ? "no training image" : "one training image only") +
+                     "; a reflectance field needs many lights, about 100 for 25 kernels per pixel");
+  if (options.kernels > images)
+    throw InputError(name_of(job.session) + ": " + std::to_string(images) +
+                     " training images cannot determine " + std::to_string(options.kernels) +
+                     " kernels per pixel; add images or give --kernels " + std::to_string(images) +
+                     " or less");
+}
+
+void require_any_inside(const Mask& mask, const std::string& name) {
+  if (std::ranges::none_of(mask, [](unsigned char inside) { return inside != 0; }))
+    throw InputError(
+        name +
+        ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
+        "than one half, or leave the mask out");
+}
+
+EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options, const RunContext& run) {
+  options.check();
+  EstimateJob job;
+  job.session = session;
+  if (!options.keep_drift) job.drift = remove_drift(job.session, run);
+  job.references = job.session.frames_of(FrameRole::reference);
+  job.frames = job.session.frames_of(FrameRole::train);
+  for (const CaptureFrame& frame : job.session.frames_of(FrameRole::test)) job.held_out.push_back(frame.name);
+  require_enough_frames(job, options);
+  job.session.frames = job.frames;
+  check_image_sizes(job.session);
+  const LightDomain& light = job.session.light;
+  if (light.parameterisation == Parameterisation::cube && light != cube_domain(light.width))
+    throw InputError(
+        job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
+        std::to_string(light.height) +
+        ", which is not a cube map (six square faces stacked vertically, R×6R); give such maps or "
+        "the right --parameterisation");
+  check_placements(job.session.monitors, job.session.light, "the capture");
+  job.rows = options.rows.value_or(RowRange{0, job.session.height});
+  if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
+    throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +
+                     " are not rows of an image of " + std::to_string(job.session.height) +
+                     "; rows count from 0, and the last one named is not included");
+  if (session.mask) {
+    job.mask = read_mask(*session.mask, job.session.width, job.session.height);
+    require_any_inside(job.mask, session.mask->string());
+  }
+  if (!options.refine.empty())
+    job.refinement = std::make_shared<Refinement>(options.refine, job.session, job.frames, run);
+  return job;
+}
+
+std::string describe(const EstimateJob& job, const EstimateOptions& options) {
+  nlohmann::ordered_json description = options_of(options);
+  const auto stamp = [](const fs::path& path) {
+    return nlohmann::ordered_json{{"path", path.string()},
+                                  {"bytes", fs::file_size(path)},
+                                  {"modified", fs::last_write_time(path).time_since_epoch().count()}};
+  };
+  for (const fs::path& path : inputs_of(job)) description["inputs"].push_back(stamp(path));
+  return json_text(description, 1);
+}
+
+std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
+  nlohmann::ordered_json key = options_of(options);
+  std::uint64_t hash = 0xcbf29ce484222325ull;  // FNV-1a, 64 bits
+  for (const fs::path& path : inputs_of(job))
+    for (const char byte : path.filename().string() + ' ' + std::to_string(fs::file_size(path)) + '\n')
+      hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3ull;
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  key["inputs"] = inputs_of(job).size();
+  key["names_and_sizes"] = text;
+  return json_text(key);
+}
+
+std::string provenance_of(const EstimateJob& job, const EstimateOptions& options) {
+  nlohmann::ordered_json provenance = {{"made_by", "refield estimate"},
+                                       {"version", REFIELD_VERSION},
+                                       {"method", "Matusik, Loper and Pfister 2004"},
+                                       {"mode", name_of(options.mode)},
+                                       {"kernels", options.kernels},
+                                       {"spatial_passes", options.spatial_passes},
+                                       {"images", job.frames.size()}};
+  if (std::isfinite(options.clip_level)) provenance["clip_level"] = options.clip_level;
+  if (job.refinement) provenance["refined_from_images"] = job.refinement->known_images();
+  if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
+  for (const CaptureFrame& frame : job.frames) provenance["frames"].push_back(frame.name);
+  for (const std::string& name : job.held_out) provenance["held_out"].push_back(name);
+  if (job.drift.significant)
+    provenance["drift_removed"] = {{"reference_frames", job.references.size()},
+                                   {"largest_change", job.drift.largest}};
+  for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
+  return json_text(provenance);
+}
+
+}  // namespace refield

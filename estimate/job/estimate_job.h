@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/field/drift.h"
+#include "core/field/reflectance_field.h"
+#include "core/image/metrics.h"
+#include "core/session/capture_session.h"
+#include "estimate/fit/fit_pixel.h"
+#include "estimate/job/refinement.h"
+#include "estimate/options.h"
+
+namespace refield {
+
+/// The input of an estimation, opened and checked: the training frames of a session, whose images fit
+/// together, and the mask.
+struct EstimateJob {
+  CaptureSession session;
+  std::vector<CaptureFrame> frames;
+  Mask mask;
+  RowRange rows;  ///< of the picture, to be estimated
+  std::vector<CaptureFrame> references;
+  Drift drift;                        ///< what reference frames show; removed where significant
+  double mean_square = 0.0;           ///< of the photographs' samples, see EstimateOptions::mean_square
+  std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
+  std::vector<std::string> held_out;  ///< names of the test frames
+  /// The field that takes in new images; null for a fresh start.
+  std::shared_ptr<Refinement> refinement = nullptr;
+};
+
+/// Checks options, the number of training images and the header of every image, reads the mask, and sets the
+/// frames' gain to the drift that reference frames show. Throws
+/// InputError for input that cannot be estimated from.
+EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options,
+                     const RunContext& run = {});
+
+/// Throws InputError, naming `name`, for a mask without any pixel.
+void require_any_inside(const Mask& mask, const std::string& name);
+
+/// Throws InputError when the job has too few frames for the options; open_job() has asked.
+void require_enough_frames(const EstimateJob& job, const EstimateOptions& options);
+
+/// Names everything that the result depends on, with size and time of every input file: bands of an
+/// interrupted estimation are taken over only where this text is the same.
+std::string describe(const EstimateJob& job, const EstimateOptions& options);
+
+/// The same in short, and without what differs from one host to another (paths, times): parts of a field are
+/// joined only where this text is the same.
+std::string job_key(const EstimateJob& job, const EstimateOptions& options);
+
+/// What a field says of its making: JSON without time, host or absolute path.
+std::string provenance_of(const EstimateJob& job, const EstimateOptions& options);
+
+/// Gathers the job's rows, pixel by pixel in row-major order, into a field of that height; boxes get their
+/// numbers in order of first use.
+class FieldAssembler {
+ public:
+  FieldAssembler(const EstimateJob& job, const EstimateOptions& options);
+  void append(std::span<const PixelKernels> kernels);
+  /// The field, with its errors predicted where the pixels came with evidence.
+  ReflectanceField take();
+
+ private:
+  bool with_evidence_;
+  bool is_whole_;  // parts are predicted when they are merged
+  ReflectanceField field_;
+  std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;
+};
+
+}  // namespace refield

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/job/observations.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <string>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/image/image_io.h"
+#include "estimate/fit/vector_kernels.h"
+
+namespace refield {
+
+namespace {
+
+/// Images are transposed this many at a time: a cache line of floats.
+constexpr int group_size = 16;
+
+/// A photograph's rows with unmeasured samples as NaN.
+Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
+  Photograph photograph = read_observed_rows(frame, first_row, last_row);
+  Image& radiance = photograph.radiance;
+  if (radiance.width != width)
+    throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) +
+                     " pixels wide, not " + std::to_string(width));
+  const auto refuse = [&](std::size_t i, const char* quantity, float value, const char* remedy) {
+    static constexpr const char* channels[] = {"red", "green", "blue"};
+    char number[32];
+    std::snprintf(number, sizeof number, "%.4g", static_cast<double>(value));
+    throw InputError(frame.observed.string() + ": pixel (" + std::to_string(i / 3 % width) + ", " +
+                     std::to_string(first_row + static_cast<int>(i / 3) / width) + "), " + channels[i % 3] +
+                     ", has a " + quantity + " of " + number + "; " + remedy);
+  };
+  for (std::size_t i = 0; i < radiance.values.size(); ++i) {
+    float& value = radiance.values[i];
+    const float sigma = photograph.sigma.empty() ? 0.0f : photograph.sigma.values[i];
+    if (!(sigma >= 0.0f))
+      refuse(i, "noise estimate (sigma)", sigma,
+             "a standard deviation is 0 or more, and infinite where nothing was measured");
+    // The camera clips before drift is divided out.
+    const bool clipped = std::isfinite(clip_level) && value * frame.gain[i % 3] >= clip_level;
+    if (clipped || std::isinf(sigma))
+      value = std::numeric_limits<float>::quiet_NaN();
+    else if (!(std::abs(value) <= largest_radiance))
+      refuse(i, "radiance", value,
+             "repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
+  }
+  return std::move(radiance);
+}
+
+}  // namespace
+
+ObservationBand::ObservationBand(int width, int first_row, int last_row, int images)
+    : width_(width),
+      first_row_(first_row),
+      last_row_(last_row),
+      images_(images),
+      stride_(padded_length(images)),
+      samples_(static_cast<std::size_t>(last_row - first_row) * width * 3 * stride_) {}
+
+std::uint64_t ObservationBand::bytes(int width, int rows, int images) {
+  return static_cast<std::uint64_t>(width) * rows * 3 * padded_length(images) * sizeof(float);
+}
+
+ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row,
+                                  int last_row, float clip_level, const RunContext& run) {
+  const int images = static_cast<int>(frames.size());
+  ObservationBand band(width, first_row, last_row, images);
+  tbb::parallel_for(0, (images + group_size - 1) / group_size, [&](int group) {
+    const int first = group * group_size;
+    const int last = std::min(first + group_size, images);
+    std::vector<Image> held;
+    for (int j = first; j < last; ++j) {
+      run.throw_if_stopped();
+      held.push_back(read_checked_rows(frames[j], width, first_row, last_row, clip_level));
+    }
+    for (int y = first_row; y < last_row; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int c = 0; c < 3; ++c) {
+          float* samples = band.samples(x, y, c) + first;
+          for (int j = first; j < last; ++j) samples[j - first] = held[j - first].at(x, y - first_row, c);
+        }
+  });
+  return band;
+}
+
+}  // namespace refield

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <map>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/field/predicted_error.h"
+#include "estimate/fit/fit_block.h"
+
+namespace refield {
+
+/// What a thread needs to judge fits by images that they have not seen.
+class ErrorJudge {
+ public:
+  ErrorJudge(const BoxTable& table, const EstimateOptions& options)
+      : table_(table), options_(options), images_(table.images()), stride_(table.stride()) {}
+
+  /// Leave-one-out residuals of a pixel's final kernels: r_j / (1 − h_j), channel by channel, where h_j is
+  /// the diagonal of the projection onto the columns with a weight above zero. Exact for least squares with
+  /// that set of kernels (Allen 1974); what the hats take is left out of h, since their prior and pooling
+  /// leave them little freedom. Writes [3 × stride], zero where not measured, and returns their squared sum.
+  double leave_one_out(const PixelKernels& kernels, KernelCache& cache, const MaskedSamples& samples,
+                       float* residuals);
+
+  /// Squared error of each pixel of a block, over images and channels, of k-fold cross-validation: the block
+  /// is fitted anew without each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k
+  /// folds there are at most as many as images. `block`, `width`: as BlockModel::fit() takes them.
+  std::vector<double> cross_validate(std::span<const PixelSamples> block, int width, int folds = 5,
+                                     const RunContext& run = {});
+  /// The other way round, for fits to few images: each fold alone is fitted and predicts all others. The mean
+  /// over the k − 1 predictions of each image, on the same scale.
+  std::vector<double> validate_folds_alone(std::span<const PixelSamples> block, int width, int folds,
+                                           const RunContext& run);
+
+  /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters.
+  static constexpr int parts = 5 + 2 + 4;
+  /// Each part's cache of columns is emptied beyond this.
+  static constexpr std::size_t part_cache_bytes = 8u << 20;
+
+ private:
+  /// A fit to some of the images.
+  struct Part {
+    Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options);
+    std::vector<int> seen;
+    BoxTable table;
+    BlockModel model;
+  };
+  Part& part(int fold, int folds, bool alone);
+  void add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
+                            std::vector<double>& squared, const RunContext& run);
+
+  const BoxTable& table_;
+  EstimateOptions options_;
+  std::map<std::array<int, 3>, std::unique_ptr<Part>> parts_;  // by fold, number of folds, alone or not
+  int images_;
+  std::size_t stride_;
+  AlignedFloats orthonormal_, vector_, predicted_, column_;
+  std::vector<const float*> pointers_;
+  std::vector<float> coefficients_;
+};
+
+}  // namespace refield

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/quality/error_follower.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/image/image_io.h"
+#include "core/image/metrics.h"
+#include "estimate/job/estimate_band.h"
+
+namespace refield {
+
+namespace {
+
+/// Pixels of the sample: blocks on a square lattice, row by row within a block.
+std::vector<std::array<int, 2>> lattice_of(int width, int height, int most) {
+  constexpr int side = block_side_px;
+  const double blocks = std::max(1.0, static_cast<double>(width / side) * (height / side));
+  const int step = std::max(1, static_cast<int>(std::ceil(std::sqrt(blocks * side * side / most)))) * side;
+  std::vector<std::array<int, 2>> lattice;
+  for (int y = step / (2 * side) * side; y + side <= height; y += step)
+    for (int x = step / (2 * side) * side; x + side <= width; x += step)
+      for (int i = 0; i < side * side; ++i) lattice.push_back({x + i % side, y + i / side});
+  if (lattice.empty()) lattice.assign(side * side, {width / 2, height / 2});  // a tiny picture
+  return lattice;
+}
+
+}  // namespace
+
+void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisation, const RunContext& run) {
+  const Photograph photograph = read_photograph(frame.observed);
+  const Image& radiance = photograph.radiance;
+  if (lights_.empty()) {
+    width_ = radiance.width;
+    height_ = radiance.height;
+    pixels_ = lattice_of(width_, height_, most_pixels_);
+    samples_.resize(pixels_.size());
+    noise2_.resize(pixels_.size());
+  }
+  if (radiance.width != width_ || radiance.height != height_)
+    throw InputError(frame.observed.string() + ": is " + shape_text(radiance) + ", those before are " +
+                     std::to_string(width_) + "×" + std::to_string(height_) + "; use one camera mode");
+  lights_.push_back(read_illumination(frame, parameterisation, run));
+  for (std::size_t i = 0; i < pixels_.size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      const float sigma =
+          photograph.sigma.empty() ? 0.0f : photograph.sigma.at(pixels_[i][0], pixels_[i][1], c);
+      const bool measured = !std::isinf(sigma);
+      samples_[i][c].push_back(measured ? radiance.at(pixels_[i][0], pixels_[i][1], c)
+                                        : std::numeric_limits<float>::quiet_NaN());
+      if (measured) noise2_[i] += static_cast<double>(sigma) * sigma;
+    }
+}
+
+double ErrorFollower::mean_square() const {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (const auto& pixel : samples_)
+    for (const auto& channel : pixel)
+      for (const float value : channel)
+        if (std::isfinite(value)) {
+          sum += static_cast<double>(value) * value;
+          ++count;
+        }
+  return count > 0 ? sum / static_cast<double>(count) : 0.0;
+}
+
+FollowedError ErrorFollower::predict(const RunContext& run) {
+  if (images() < 2) throw InputError("an error can be predicted from two images or more");
+  const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()), run);
+  EstimateOptions options = options_;
+  options.kernels = std::min(options.kernels, images());
+  options.mean_square = mean_square();
+  FitWorkers workers;
+  std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
+  constexpr std::size_t block_size = block_side_px * block_side_px;
+  tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
+    run.throw_if_stopped();
+    auto& own = workers.local();
+    if (!own) own = std::make_unique<FitWorker>(table, options);
+    KernelCache& cache = own->model.cache();
+    cache.keep_within(cache_limit_bytes);
+    AlignedFloats padded(block_size * 3 * table.stride());
+    std::vector<PixelSamples> block(block_size);
+    for (std::size_t i = 0; i < block_size; ++i)
+      for (int c = 0; c < 3; ++c) {
+        float* values = padded.data() + (3 * i + c) * table.stride();
+        std::ranges::copy(samples_[b * block_size + i][c], values);
+        block[i][c] = values;
+      }
+    const auto fitted = own->model.fit(block, block_side_px, {}, run);
+    const auto validated = own->judge.cross_validate(block, block_side_px, 5, run);
+    MaskedSamples masked;
+    AlignedFloats residuals(3 * table.stride());
+    for (std::size_t i = 0; i < block_size; ++i) {
+      const double squared = fitted[i].squared_samples;
+      if (!(squared > 0.0)) continue;
+      masked.assign(block[i], table.stride(), images());
+      const double left_out = own->judge.leave_one_out(fitted[i], cache, masked, residuals.data());
+      predicted[b * block_size + i] =
+          static_cast<float>(std::sqrt(0.5 * (left_out + validated[i]) / squared));
+      noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));
+    }
+  });
+  std::erase(predicted, 0.0f);
+  std::erase(noise, 0.0f);
+  const FollowedError error{images(), predicted.empty() ? 0.0 : quantile(predicted, 0.5),
+                            noise.empty() ? 0.0 : quantile(noise, 0.5)};
+  noise_ = error.noise;
+  history_.push_back({static_cast<float>(error.images), static_cast<float>(error.predicted)});
+  return error;
+}
+
+int ErrorFollower::images_for(double error) const {
+  const LearningCurve curve(history_, noise_);
+  if (!curve.known() || history_.size() < 3) return 0;
+  constexpr int furthest = 10;
+  for (int count = images(); count <= furthest * images(); ++count)
+    if (curve.error_at(count) <= error) return count;
+  return 0;
+}
+
+}  // namespace refield

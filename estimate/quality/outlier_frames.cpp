@@ -1,0 +1,560 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/quality/outlier_frames.h"
+
+#include <Eigen/Cholesky>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/image/image_io.h"
+#include "estimate/fit/box_table.h"
+#include "estimate/job/observations.h"
+
+namespace refield {
+
+namespace {
+
+constexpr int cell_rows = 12;
+constexpr int cell_columns = 16;
+constexpr int block = 16;  ///< rows that an EXR file compresses together
+constexpr int pixels_across = 4;
+constexpr int pixels_down = 3;
+constexpr int least_cell_side = 4;
+
+/// Starts of at most `most` cells of `size` pixels along a side of `length`, spread evenly, each a multiple
+/// of the size where that is the block.
+std::vector<int> starts(int length, int most, int size) {
+  const int there = std::max(1, length / size);
+  const int count = std::min(most, there);
+  std::vector<int> result;
+  for (int i = 0; i < count; ++i) result.push_back(there * (2 * i + 1) / (2 * count) * size);
+  return result;
+}
+
+/// Where in a cell of `size` the i-th of `count` pixels lies.
+int offset(int i, int count, int size) {
+  return (2 * i + 1) * size / (2 * count);
+}
+
+}  // namespace
+
+double PixelSample::mean_square(std::span<const int> left_out) const {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i]) || std::ranges::count(left_out, static_cast<int>(i % images)) > 0) continue;
+    sum += static_cast<double>(values[i]) * values[i];
+    ++count;
+  }
+  return count > 0 ? sum / static_cast<double>(count) : 0.0;
+}
+
+PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, int height, const Mask& mask,
+                              float clip_level, const RunContext& run) {
+  const int cell_height = std::clamp(height / cell_rows, least_cell_side, block);
+  const int cell_width = std::max(least_cell_side, width / cell_columns);
+  struct Place {
+    int x, y;
+  };
+  PixelSample sample;
+  sample.images = static_cast<int>(frames.size());
+  std::vector<std::vector<Place>> bands;  // the places of each row of cells
+  std::vector<int> band_rows = starts(height, cell_rows, cell_height);
+  for (const int y0 : band_rows) {
+    auto& places = bands.emplace_back();
+    for (const int x0 : starts(width, cell_columns, cell_width)) {
+      PixelSample::Cell cell{x0, y0, cell_width, cell_height, {}};
+      for (int j = 0; j < pixels_down; ++j)
+        for (int i = 0; i < pixels_across; ++i) {
+          const int x = x0 + offset(i, pixels_across, cell_width);
+          const int y = y0 + offset(j, pixels_down, cell_height);
+          if (x >= width || y >= height) continue;
+          if (!mask.empty() && mask[static_cast<std::size_t>(y) * width + x] == 0) continue;
+          cell.pixels.push_back(sample.pixels++);
+          places.push_back({x, y});
+        }
+      if (!cell.pixels.empty()) sample.cells.push_back(std::move(cell));
+    }
+  }
+  sample.values.resize(std::size_t{3} * sample.pixels * sample.images);
+  int pixel = 0;
+  for (std::size_t b = 0; b < bands.size(); ++b) {
+    if (bands[b].empty()) continue;
+    const int last = std::min(band_rows[b] + cell_height, height);
+    const auto band = read_observations(frames, width, band_rows[b], last, clip_level, run);
+    for (const Place& place : bands[b]) {
+      for (int c = 0; c < 3; ++c)
+        std::copy_n(band.samples(place.x, place.y, c), sample.images, sample.series(c, pixel));
+      ++pixel;
+    }
+  }
+  return sample;
+}
+
+namespace {
+
+/// Lights are seen at most so finely: what a pixel shows of finer detail counts as noise here.
+constexpr int most_columns = 40;
+constexpr int most_rows = 30;
+/// Standard deviations of the blurs, in parts of the map's width; 0: none.
+constexpr std::array<double, 3> blurs = {0.0, 0.03, 0.12};
+constexpr std::array<double, 4> ridges = {1e-5, 1e-4, 1e-3, 1e-2};
+constexpr int series_at_a_time = 64;
+
+int cells_along(int texels, int most) {
+  return std::min(texels, most);
+}
+
+/// Summed radiance of the cells of a coarse grid: [channel][cells].
+void coarsen(const LightMap& light, int columns, int rows, std::array<Eigen::VectorXd, 3>& features) {
+  const Image& image = light.radiance;
+  for (auto& channel : features) channel = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(columns) * rows);
+  for (int y = 0; y < image.height; ++y) {
+    const int row = static_cast<int>(static_cast<std::int64_t>(y) * rows / image.height);
+    for (int x = 0; x < image.width; ++x) {
+      const int column = static_cast<int>(static_cast<std::int64_t>(x) * columns / image.width);
+      for (int c = 0; c < 3; ++c) features[c][row * columns + column] += image.at(x, y, c);
+    }
+  }
+}
+
+/// Gaussian weights between the cells along one axis, rows summing to one.
+Eigen::MatrixXd blur_matrix(int cells, double sigma) {
+  Eigen::MatrixXd weights(cells, cells);
+  for (int i = 0; i < cells; ++i)
+    for (int j = 0; j < cells; ++j) weights(i, j) = std::exp(-0.5 * (i - j) * (i - j) / (sigma * sigma));
+  return weights.array().colwise() / weights.rowwise().sum().array();
+}
+
+LightGrams grams_of(const std::vector<std::array<Eigen::VectorXd, 3>>& lights, int columns, int rows) {
+  const auto images = static_cast<Eigen::Index>(lights.size());
+  LightGrams grams;
+  grams.images = static_cast<int>(images);
+  for (int c = 0; c < 3; ++c)
+    for (const double blur : blurs) {
+      Eigen::MatrixXd features(images, static_cast<Eigen::Index>(columns) * rows);
+      for (Eigen::Index j = 0; j < images; ++j) {
+        features.row(j) = lights[j][c];
+        if (blur == 0.0) continue;
+        const double sigma = std::max(0.5, blur * columns);
+        const Eigen::Map<const Eigen::MatrixXd> map(lights[j][c].data(), columns, rows);
+        const Eigen::MatrixXd blurred =
+            blur_matrix(columns, sigma) * map * blur_matrix(rows, sigma).transpose();
+        features.row(j) = Eigen::Map<const Eigen::VectorXd>(blurred.data(), blurred.size());
+      }
+      Eigen::MatrixXd gram = features * features.transpose();
+      const double mean = gram.trace() / static_cast<double>(images);
+      if (mean > 0.0) gram /= mean;
+      grams.of_channel[c].push_back(std::move(gram));
+    }
+  return grams;
+}
+
+float reordered_median(std::vector<float>& values) {
+  if (values.empty()) return 0.0f;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  return *middle;
+}
+
+/// One way to predict: the inverse M of gram + ridge over the frames that count, zero elsewhere, and for the
+/// others what it takes to predict them.
+struct Predictor {
+  Eigen::MatrixXf inverse;   ///< [images × images]
+  Eigen::VectorXf diagonal;  ///< of the inverse; for frames that are left out the inverse predictive variance
+};
+
+Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector<char>& left_out) {
+  const Eigen::Index images = gram.rows();
+  std::vector<Eigen::Index> kept;
+  for (Eigen::Index j = 0; j < images; ++j)
+    if (!left_out[j]) kept.push_back(j);
+  const auto count = static_cast<Eigen::Index>(kept.size());
+  Eigen::MatrixXd inner = gram(kept, kept);
+  inner.diagonal().array() += ridge;
+  const Eigen::MatrixXd inverse = inner.llt().solve(Eigen::MatrixXd::Identity(count, count));
+  Predictor result;
+  result.inverse = Eigen::MatrixXf::Zero(images, images);
+  result.diagonal = Eigen::VectorXf::Zero(images);
+  for (Eigen::Index a = 0; a < count; ++a) {
+    for (Eigen::Index b = 0; b < count; ++b)
+      result.inverse(kept[a], kept[b]) = static_cast<float>(inverse(a, b));
+    result.diagonal[kept[a]] = static_cast<float>(inverse(a, a));
+  }
+  // A frame that is left out: residual b − kᵀM b, of variance κ + ridge − kᵀM k, as if it were the last of n
+  // + 1.
+  for (Eigen::Index j = 0; j < images; ++j) {
+    if (!left_out[j]) continue;
+    const Eigen::VectorXd k = gram(kept, j);
+    const Eigen::VectorXd weights = inverse * k;
+    const double precision = 1.0 / (gram(j, j) + ridge - k.dot(weights));
+    for (Eigen::Index a = 0; a < count; ++a)
+      result.inverse(j, kept[a]) = static_cast<float>(-precision * weights[a]);
+    result.inverse(j, j) = result.diagonal[j] = static_cast<float>(precision);
+  }
+  return result;
+}
+
+/// Puts values in place of unmeasured samples under which their own residuals vanish: the same as leaving
+/// them out.
+void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& missing,
+                     Eigen::VectorXf& series) {
+  const auto count = static_cast<Eigen::Index>(missing.size());
+  for (const Eigen::Index j : missing) series[j] = 0.0f;
+  const Eigen::VectorXf product = way.inverse * series;
+  Eigen::MatrixXd inner(count, count);
+  Eigen::VectorXd right(count);
+  for (Eigen::Index a = 0; a < count; ++a) {
+    for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = way.inverse(missing[a], missing[b]);
+    right[a] = -product[missing[a]];
+  }
+  const Eigen::VectorXd values = inner.ldlt().solve(right);
+  for (Eigen::Index a = 0; a < count; ++a) series[missing[a]] = static_cast<float>(values[a]);
+}
+
+}  // namespace
+
+LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& domain,
+                       const RunContext& run) {
+  const int columns = cells_along(domain.width, most_columns);
+  const int rows = cells_along(domain.height, most_rows);
+  std::vector<std::array<Eigen::VectorXd, 3>> features(frames.size());
+  tbb::parallel_for(std::size_t{0}, frames.size(), [&](std::size_t j) {
+    run.throw_if_stopped();
+    const LightMap light = read_illumination(frames[j], domain.parameterisation, run);
+    require_usable(light, domain, frames[j].illumination.string());
+    coarsen(light, columns, rows, features[j]);
+  });
+  return grams_of(features, columns, rows);
+}
+
+LightGrams light_grams(std::span<const LightMap> lights) {
+  if (lights.empty()) throw InputError("no light maps were given");
+  const int columns = cells_along(lights[0].radiance.width, most_columns);
+  const int rows = cells_along(lights[0].radiance.height, most_rows);
+  std::vector<std::array<Eigen::VectorXd, 3>> features(lights.size());
+  for (std::size_t j = 0; j < lights.size(); ++j) coarsen(lights[j], columns, rows, features[j]);
+  return grams_of(features, columns, rows);
+}
+
+LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen::MatrixXf& series,
+                          const std::vector<char>& left_out, const RunContext& run) {
+  std::vector<Predictor> ways;
+  for (const Eigen::MatrixXd& gram : grams)
+    for (const double ridge : ridges) ways.push_back(predictor(gram, ridge, left_out));
+  const Eigen::Index images = series.rows();
+  LeaveOneOut result;
+  result.residual = Eigen::MatrixXf::Zero(images, series.cols());
+  result.standardised = Eigen::MatrixXf::Zero(images, series.cols());
+  const tbb::blocked_range<Eigen::Index> all(0, series.cols(), series_at_a_time);
+  tbb::parallel_for(all, [&](const auto& range) {
+    run.throw_if_stopped();
+    const Eigen::Index first = range.begin();
+    const Eigen::Index count = range.end() - first;
+    Eigen::MatrixXf values = series.middleCols(first, count);
+    std::vector<std::vector<Eigen::Index>> missing(count);
+    for (Eigen::Index s = 0; s < count; ++s)
+      for (Eigen::Index j = 0; j < images; ++j)
+        if (!std::isfinite(values(j, s))) missing[s].push_back(j);
+    std::vector<float> best(count, std::numeric_limits<float>::infinity());
+    for (const Predictor& way : ways) {
+      for (Eigen::Index s = 0; s < count; ++s) {
+        if (missing[s].empty()) continue;
+        Eigen::VectorXf filled = values.col(s);
+        fill_unmeasured(way, missing[s], filled);
+        values.col(s) = filled;
+      }
+      const Eigen::MatrixXf products = way.inverse * values;
+      for (Eigen::Index s = 0; s < count; ++s) {
+        const Eigen::ArrayXf residual = products.col(s).array() / way.diagonal.array();
+        std::vector<float> sizes, standardised;
+        for (Eigen::Index j = 0; j < images; ++j)
+          if (!left_out[j] && std::isfinite(series(j, first + s))) {
+            sizes.push_back(std::abs(residual[j]));
+            standardised.push_back(sizes.back() * std::sqrt(way.diagonal[j]));
+          }
+        const float typical = reordered_median(sizes);
+        if (!(typical < best[s])) continue;
+        best[s] = typical;
+        const float scale = 1.4826f * reordered_median(standardised);
+        result.residual.col(first + s) = residual;
+        result.standardised.col(first + s) = scale > 0.0f
+                                                 ? (residual * way.diagonal.array().sqrt() / scale).eval()
+                                                 : Eigen::ArrayXf::Zero(images);
+        for (const Eigen::Index j : missing[s])
+          result.residual(j, first + s) = result.standardised(j, first + s) = 0.0f;
+      }
+    }
+  });
+  return result;
+}
+
+namespace {
+
+/// A frame is an outlier when the logarithm of its residual lies so many standard deviations, and at least
+/// so far, above the median frame's: a factor of 2.2 over the picture, of 2.7 in a cell. In good captures,
+/// noise with heavy tails included, no frame came beyond 1.7 and 2.1.
+struct Limit {
+  double deviations;
+  double least;
+};
+constexpr Limit limit_whole{6.0, 0.8};
+constexpr Limit limit_cell{7.0, 1.0};
+/// A cell differs in an outlier when its residual is this many times its own typical one.
+constexpr float cell_differs = 3.0f;
+/// An outlier's residual, relative to what the pixels show, is at least so many times the typical frame's.
+constexpr double least_residual = 2.0;
+constexpr int most_rounds = 8;
+/// Frames that stand less out than the worst by this logarithm wait for the next round: the worst may have
+/// made them.
+constexpr double close_to_worst = 1.5;
+constexpr float tiny = 1e-12f;
+
+float median_of(std::vector<float> values) {
+  if (values.empty()) return 0.0f;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  return *middle;
+}
+
+/// How far each value lies above the median of those not left out, in units of the limit: beyond 1 is an
+/// outlier.
+std::vector<double> excess(const std::vector<float>& statistic, const std::vector<char>& left_out,
+                           const Limit& limit) {
+  std::vector<float> logs;
+  for (std::size_t j = 0; j < statistic.size(); ++j)
+    if (!left_out[j]) logs.push_back(std::log(std::max(statistic[j], tiny)));
+  const float centre = median_of(logs);
+  for (float& value : logs) value = std::abs(value - centre);
+  const double reach = std::max(limit.deviations * 1.4826 * median_of(logs), limit.least);
+  std::vector<double> result;
+  for (const float value : statistic) result.push_back((std::log(std::max(value, tiny)) - centre) / reach);
+  return result;
+}
+
+/// Residuals of all frames, and what is judged by.
+class Examination {
+ public:
+  Examination(const LightGrams& grams, const PixelSample& sample, const std::vector<char>& left_out,
+              const RunContext& run)
+      : sample_(sample) {
+    for (int c = 0; c < 3; ++c) {
+      const Eigen::Map<const Eigen::MatrixXf> series(sample.series(c, 0), sample.images, sample.pixels);
+      loo_[c] = leave_one_out(grams.of_channel[c], series, left_out, run);
+    }
+    cells_.resize(sample.cells.size());
+    std::vector<float> sizes(sample.pixels);
+    for (int j = 0; j < sample.images; ++j) {
+      for (int p = 0; p < sample.pixels; ++p) sizes[p] = size(j, p);
+      whole_.push_back(median_of(sizes));
+      float worst = 0.0f;
+      for (std::size_t i = 0; i < cells_.size(); ++i) {
+        std::vector<float> in_cell;
+        for (const int p : sample.cells[i].pixels) in_cell.push_back(sizes[p]);
+        cells_[i].push_back(median_of(in_cell));
+        worst = std::max(worst, cells_[i].back());
+      }
+      worst_cell_.push_back(worst);
+    }
+  }
+
+  const std::vector<float>& whole() const { return whole_; }
+  const std::vector<float>& worst_cell() const { return worst_cell_; }
+
+  /// Median of |observed − predicted| / predicted over pixels and channels.
+  double relative_residual(int j, const std::vector<int>& pixels) const {
+    std::vector<float> values;
+    for_each_ratio(j, pixels, [&](int, float ratio) { values.push_back(std::abs(ratio)); });
+    return median_of(std::move(values));
+  }
+  std::array<double, 3> brightness(int j, const std::vector<int>& pixels) const {
+    std::array<std::vector<float>, 3> values;
+    for_each_ratio(j, pixels, [&](int c, float ratio) { values[c].push_back(ratio); });
+    return {median_of(values[0]), median_of(values[1]), median_of(values[2])};
+  }
+  /// What is left of the relative residual once the brightness of each channel is put right.
+  double residual_besides_brightness(int j, const std::vector<int>& pixels,
+                                     const std::array<double, 3>& brightness) const {
+    std::vector<float> values;
+    for_each_ratio(j, pixels, [&](int c, float ratio) {
+      values.push_back(static_cast<float>(std::abs(ratio - brightness[c])));
+    });
+    return median_of(std::move(values));
+  }
+  /// Cells whose residual in frame j is far from their own usual one.
+  std::vector<std::size_t> differing_cells(int j) const {
+    std::vector<std::size_t> result;
+    for (std::size_t i = 0; i < cells_.size(); ++i)
+      if (cells_[i][j] > cell_differs * std::max(median_of(cells_[i]), tiny)) result.push_back(i);
+    return result;
+  }
+
+ private:
+  /// Mean over the channels of the standardised residual.
+  float size(int j, int p) const {
+    float sum = 0.0f;
+    for (const LeaveOneOut& channel : loo_) sum += std::abs(channel.standardised(j, p));
+    return sum / 3.0f;
+  }
+  template <class Use>
+  void for_each_ratio(int j, const std::vector<int>& pixels, Use use) const {
+    for (const int p : pixels)
+      for (int c = 0; c < 3; ++c) {
+        const float observed = sample_.series(c, p)[j];
+        const float predicted = observed - loo_[c].residual(j, p);
+        if (std::isfinite(observed) && predicted > 0.0f) use(c, observed / predicted - 1.0f);
+      }
+  }
+
+  const PixelSample& sample_;
+  std::array<LeaveOneOut, 3> loo_;
+  std::vector<float> whole_, worst_cell_;  // of each frame
+  std::vector<std::vector<float>> cells_;  // [cells][frames]
+};
+
+std::vector<int> all_pixels(const PixelSample& sample) {
+  std::vector<int> pixels(sample.pixels);
+  for (int p = 0; p < sample.pixels; ++p) pixels[p] = p;
+  return pixels;
+}
+
+/// What a typical frame shows, to measure the others by.
+struct Typical {
+  double whole = 0.0;  ///< medians over the frames that count
+  double worst_cell = 0.0;
+  double residual = 0.0;  ///< relative
+};
+
+Typical typical_of(const Examination& found, const std::vector<int>& pixels,
+                   const std::vector<char>& left_out) {
+  std::vector<float> whole, cell, residual;
+  for (std::size_t j = 0; j < left_out.size(); ++j) {
+    if (left_out[j]) continue;
+    whole.push_back(found.whole()[j]);
+    cell.push_back(found.worst_cell()[j]);
+    residual.push_back(static_cast<float>(found.relative_residual(static_cast<int>(j), pixels)));
+  }
+  return {std::max(median_of(whole), tiny), std::max(median_of(cell), tiny), median_of(residual)};
+}
+
+/// `everywhere`: it stands out over the whole picture, not in a cell alone.
+OutlierFrame describe(const Examination& found, const PixelSample& sample, const std::vector<int>& all,
+                      const Typical& typical, int j, bool everywhere) {
+  OutlierFrame outlier;
+  outlier.frame = j;
+  if (everywhere) {
+    outlier.times_typical = found.whole()[j] / typical.whole;
+    outlier.residual = found.relative_residual(j, all);
+    outlier.brightness = found.brightness(j, all);
+    const double rest = found.residual_besides_brightness(j, all, outlier.brightness);
+    outlier.kind = rest < std::max(3.0 * typical.residual, 0.1 * outlier.residual)
+                       ? OutlierFrame::Kind::brightness
+                       : OutlierFrame::Kind::light;
+    return outlier;
+  }
+  const auto cells = found.differing_cells(j);
+  std::vector<int> pixels;
+  std::vector<float> xs, ys;
+  for (const std::size_t i : cells) {
+    const PixelSample::Cell& cell = sample.cells[i];
+    pixels.insert(pixels.end(), cell.pixels.begin(), cell.pixels.end());
+    xs.push_back(static_cast<float>(cell.x + cell.width / 2));
+    ys.push_back(static_cast<float>(cell.y + cell.height / 2));
+  }
+  outlier.kind = OutlierFrame::Kind::region;
+  outlier.share = static_cast<double>(cells.size()) / static_cast<double>(sample.cells.size());
+  outlier.x = static_cast<int>(median_of(xs));
+  outlier.y = static_cast<int>(median_of(ys));
+  outlier.times_typical = found.worst_cell()[j] / typical.worst_cell;
+  outlier.residual = found.relative_residual(j, pixels);
+  outlier.brightness = found.brightness(j, pixels);
+  return outlier;
+}
+
+/// A start: many bad frames spoil what the others predict of each other, so the search begins without the
+/// worst; the good ones among them come back.
+std::vector<char> worst_fifth(const Examination& found) {
+  std::vector<float> ordered = found.whole();
+  std::ranges::sort(ordered);
+  const float limit = ordered[ordered.size() - 1 - ordered.size() / 5];
+  std::vector<char> result;
+  for (const float value : found.whole()) result.push_back(value > limit);
+  return result;
+}
+
+}  // namespace
+
+std::string description_of(const OutlierFrame& outlier) {
+  char text[200];
+  const auto percent = [](double value) { return 100.0 * value; };
+  switch (outlier.kind) {
+    case OutlierFrame::Kind::brightness: {
+      const auto& b = outlier.brightness;
+      std::snprintf(
+          text, sizeof text,
+          "its brightness is off by %+.1f, %+.1f, %+.1f %% (red, green, blue): a flicker or another "
+          "exposure",
+          percent(b[0]), percent(b[1]), percent(b[2]));
+      break;
+    }
+    case OutlierFrame::Kind::light:
+      std::snprintf(
+          text, sizeof text,
+          "it differs by %.0f %% from what the other photographs predict, %.0f times as much as usual: "
+          "perhaps it was taken under another light",
+          percent(outlier.residual), outlier.times_typical);
+      break;
+    case OutlierFrame::Kind::region:
+      std::snprintf(
+          text, sizeof text,
+          "%.0f %% of the picture, around pixel (%d, %d), differs by %.0f %%, %.0f times as much as "
+          "usual: something moved there",
+          percent(outlier.share), outlier.x, outlier.y, percent(outlier.residual), outlier.times_typical);
+      break;
+  }
+  return text;
+}
+
+OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample, const RunContext& run) {
+  OutlierSearch search;
+  if (sample.images < fewest_frames_to_judge || sample.pixels == 0) return search;
+  std::vector<char> left_out =
+      worst_fifth(Examination(grams, sample, std::vector<char>(sample.images, 0), run));
+  for (int round = 0;; ++round) {
+    run.throw_if_stopped();
+    const Examination found(grams, sample, left_out, run);
+    const auto whole = excess(found.whole(), left_out, limit_whole);
+    const auto cell = excess(found.worst_cell(), left_out, limit_cell);
+    const auto standing = [&](int j) { return std::max(whole[j], cell[j]); };
+    double worst = 0.0;
+    for (int j = 0; j < sample.images; ++j)
+      if (!left_out[j]) worst = std::max(worst, standing(j));
+    // Frames left out in earlier rounds come back where the others, by themselves, predict them.
+    std::vector<char> next(sample.images, 0);
+    for (int j = 0; j < sample.images; ++j)
+      next[j] = standing(j) > 1.0 && (left_out[j] || standing(j) > worst / close_to_worst);
+    if (next == left_out || round == most_rounds) {
+      const auto all = all_pixels(sample);
+      const Typical typical = typical_of(found, all, left_out);
+      search.typical_residual = typical.residual;
+      for (int j = 0; j < sample.images; ++j) {
+        if (!left_out[j]) continue;
+        const OutlierFrame outlier = describe(found, sample, all, typical, j, whole[j] > 1.0);
+        // Under a very bright light noise is so low that what stands out need not matter.
+        if (outlier.residual > least_residual * typical.residual) search.outliers.push_back(outlier);
+      }
+      search.too_many = 4 * search.outliers.size() > static_cast<std::size_t>(sample.images);
+      return search;
+    }
+    left_out = next;
+    if (4 * std::ranges::count(left_out, 1) > 3 * sample.images) return search;  // no judging at all
+  }
+}
+
+}  // namespace refield

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/light/light_map.h"
+#include "relight/environment/path_vectors.h"
+
+namespace refield {
+
+/// Texel of an environment map.
+struct SourceTexel {
+  int column = 0, row = 0;
+  bool operator==(const SourceTexel&) const = default;
+};
+
+/// Sums along a path on the sphere, with φ the azimuth that grows with the columns of lat-long maps:
+/// ∫ Q dφ of each channel, Q(φ, y) the integral of the radiance over sin(latitude) from y to the north pole,
+/// and ∫ dφ.
+struct PathSums {
+  double light[3] = {0.0, 0.0, 0.0};
+  double azimuth = 0.0;
+
+  PathSums& operator+=(const PathSums& other) {
+    for (int c = 0; c < 3; ++c) light[c] += other.light[c];
+    azimuth += other.azimuth;
+    return *this;
+  }
+  PathSums& operator-=(const PathSums& other) {
+    for (int c = 0; c < 3; ++c) light[c] -= other.light[c];
+    azimuth -= other.azimuth;
+    return *this;
+  }
+};
+
+/// An environment map with what its projection needs, to be made once per map and used for any number of
+/// rotations and targets, from several threads at a time.
+///
+/// A map's radiance is constant on each texel, so its integral over a spherical polygon is, by Green's
+/// theorem, the integral of Q dφ along the polygon's edges. On the part of a great circle that lies in one
+/// texel Q is linear in sin(latitude), and ∫ sin(latitude) dφ is a difference of spherical triangles: the
+/// integral is exact, and its cost grows with the texels that edges cross instead of those that polygons
+/// hold.
+class PreparedEnvironment {
+ public:
+  /// Takes 24 bytes per texel besides the map, a fraction of that for maps of more than 2 million texels.
+  /// Throws InputError for a monitor map, Interrupted.
+  explicit PreparedEnvironment(LightMap map, const RunContext& run = {});
+  explicit PreparedEnvironment(std::shared_ptr<const LightMap> map, const RunContext& run = {});
+
+  const LightMap& map() const { return *map_; }
+  /// Radiance times solid angle over the whole map, all channels together.
+  double energy() const { return total_[0] + total_[1] + total_[2]; }
+
+  /// Whether the functions below may be called: for lat-long maps of at least 16 columns.
+  bool has_path_sums() const { return !prefix_.empty(); }
+
+  /// Moves a unit direction that lies at a pole, where it has no azimuth, by 1e-12.
+  static void leave_pole(Eigen::Vector3d& direction) {
+    constexpr double distance = 1e-12;
+    if (direction.x() * direction.x() + direction.z() * direction.z() < distance * distance)
+      direction.x() = distance;
+  }
+
+  /// The texel of a unit direction; `near` only tells where to look first.
+  SourceTexel texel_at(const Eigen::Vector3d& direction, const SourceTexel& near) const;
+
+  /// Along the great circle from a to b, unit directions less than 180° apart that leave_pole() was applied
+  /// to, and the texels they lie in.
+  PathSums along(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
+                 const SourceTexel& at_b) const;
+
+  /// The integral of the radiance over a polygon, from the sums along its edges; they go around it
+  /// anticlockwise as an observer at the origin sees it.
+  void enclosed(const PathSums& around, double light[3]) const;
+
+  /// See TexelBounds. `shrink`: √(1 − d²/4) with the longest chord d of the great circles; 0 for any length.
+  TexelBounds bounds_of(const SourceTexel& texel, double shrink) const {
+    const auto row = static_cast<std::size_t>(texel.row), column = static_cast<std::size_t>(texel.column);
+    const double north = sines_[row], south = sines_[row + 1], squared = shrink * shrink;
+    TexelBounds bounds;
+    bounds.number = texel.row * map_->radiance.width + texel.column;
+    bounds.north = north * std::abs(north);
+    bounds.south = south * std::abs(south);
+    bounds.left_x = edges_[column].x();
+    bounds.left_z = edges_[column].y();
+    bounds.right_x = edges_[column + 1].x();
+    bounds.right_z = edges_[column + 1].y();
+    bounds.safe_north = north > 0.0 ? squared * bounds.north : bounds.north;
+    bounds.safe_south = south < 0.0 ? squared * bounds.south : bounds.south;
+    return bounds;
+  }
+
+ private:
+  friend class PathBatch;
+
+  /// Whether great circles between points of a texel whose sines of latitude lie between `least` and `most`
+  /// stay in the texel; `shrink` as for bounds_of().
+  bool stays_inside(const SourceTexel& texel, double least, double most, double shrink) const {
+    const double north = sines_[static_cast<std::size_t>(texel.row)],
+                 south = sines_[static_cast<std::size_t>(texel.row) + 1];
+    return (north <= 0.0 || most <= north * shrink) && (south >= 0.0 || least >= south * shrink);
+  }
+  void prepare_lat_long(const RunContext& run);
+  /// `level`: (x, z) of what tells the azimuth, for which points near a pole are not good enough: the edge of
+  /// a column where the point lies on one.
+  struct PathPoint {
+    Eigen::Vector3d direction;
+    Eigen::Vector2d level;
+  };
+  void add_piece(const PathPoint& from, const PathPoint& to, int column, int row, PathSums& sums) const;
+  /// Adds the sums along a piece in one texel: its azimuth and ∫ (1 − sin(latitude)) dφ.
+  void add_measured(double azimuth, double above, std::int32_t texel, int row, PathSums& sums) const;
+  /// Sine of the azimuth from the left edge of `column` to a direction, times the cosine of its latitude.
+  double right_of(int column, const Eigen::Vector3d& direction) const {
+    const Eigen::Vector2d& edge = edges_[static_cast<std::size_t>(column)];
+    return edge[1] * direction.x() - edge[0] * direction.z();
+  }
+
+  std::shared_ptr<const LightMap> map_;
+  double total_[3] = {0.0, 0.0, 0.0};   // radiance times solid angle
+  std::vector<double> sines_;           // [height + 1], of the latitudes of rows' edges, 1 to −1
+  std::vector<Eigen::Vector2d> edges_;  // [width + 1], (x, z) of directions on the left edges of columns
+  int block_rows_ = 1;                  // rows that share an entry of prefix_
+  std::vector<double> prefix_;  // [blocks × width × 3], radiance over sin(latitude) north of a block
+};
+
+/// PreparedEnvironment::along() for many paths at a time. Short ones that cross few texels, nearly all of a
+/// fine light map, are computed in vectors; the rest one by one. Sums do not depend on the batch's other
+/// paths. One for each thread.
+class PathBatch {
+ public:
+  /// `environment` must outlive the batch.
+  explicit PathBatch(const PreparedEnvironment& environment) : environment_(environment) {}
+
+  /// As along(). `sums` is set when the next flush() returns, and must stay where it is until then.
+  void add(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
+           const SourceTexel& at_b, PathSums& sums);
+  void flush();
+
+ private:
+  static constexpr std::size_t max_pieces_of_path = 3;
+
+  bool add_short(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
+                 const SourceTexel& at_b, PathSums& sums);
+  void add_piece(const Eigen::Vector3d& a, const Eigen::Vector3d& b, int column, int row, PathSums& sums);
+
+  struct Place {
+    std::int32_t texel, row;
+    PathSums* sums;
+  };
+  const PreparedEnvironment& environment_;
+  std::size_t count_ = 0;
+  PathPieceEnds ends_;
+  alignas(64) double azimuth_[PathPieceEnds::capacity];
+  alignas(64) double above_[PathPieceEnds::capacity];
+  Place places_[PathPieceEnds::capacity];
+};
+
+}  // namespace refield

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/field/mesh.h"
+#include "core/field/reflectance_field.h"
+#include "core/image/image.h"
+
+namespace refield {
+
+/// A camera in front of a mesh (it looks along +Z) and a little above, from where all of it is to be seen.
+PinholeCamera framing_camera(const Mesh& mesh, int width, int height);
+
+/// The camera that a field brings along, else framing_camera() with its standard size.
+PinholeCamera standard_camera(const ReflectanceField& field);
+
+/// Pictures of a field over a mesh from one camera: what the camera sees is found once, and then each light's
+/// outputs become a picture by a sum over the vertices that each pixel shows.
+class MeshView {
+ public:
+  /// `samples`: 1 or 4 lines of sight a pixel. Of `field` the mesh and outgoing_order are used; the mesh must
+  /// outlive this. Throws InputError for a field without a mesh and what PinholeCamera::check() throws.
+  MeshView(const ReflectanceField& field, const PinholeCamera& camera, int samples = 4);
+
+  /// Of a mesh whose vertices' radiance is told to show(); the mesh must outlive this.
+  MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples = 4);
+
+  const PinholeCamera& camera() const { return camera_; }
+
+  /// The picture, [camera height × width × 3]: black where no mesh is, and where its back is seen. `outputs`
+  /// is the field relit, as by Relighter::relight(); vertices multiply it by their colours. Where vertices
+  /// have harmonics as outputs, they are summed for the direction of the line of sight mirrored by the normal
+  /// (Fujita and Kanai 2004, section 2.3). Costs about as much as copying some pictures: 10 ms at 1024×768
+  /// on two cores.
+  Image show(const Image& outputs) const;
+  /// The same of radiance [vertices] towards the camera, colours included.
+  Image show(std::span<const Eigen::Array3f> radiance) const;
+
+  /// [pixels]: the share of each pixel's lines of sight that meet the mesh, from whichever side.
+  std::vector<float> coverage() const;
+
+  /// The vertex that has the largest share in a pixel; none where no mesh is.
+  std::optional<std::uint32_t> vertex_at(int x, int y) const;
+
+ private:
+  struct Share {
+    std::uint32_t vertex;
+    float share;
+  };
+
+  void gather_shares(const Mesh& mesh, int samples);
+  void evaluate_mirrored_sight(const Mesh& mesh, int order);
+  Eigen::Array3f radiance(const Image& outputs, std::uint32_t vertex) const;
+
+  PinholeCamera camera_;
+  const Mesh* mesh_;
+  std::vector<std::uint32_t> first_;  // [pixels + 1], in shares_
+  std::vector<Share> shares_;
+  std::vector<std::uint8_t> hits_;  // [pixels], lines of sight that meet the mesh
+  int samples_ = 0;
+  std::size_t outputs_a_vertex_ = 1;
+  std::vector<float> harmonics_;  // [vertices × outputs]; empty where vertices shine alike in all directions
+};
+
+}  // namespace refield

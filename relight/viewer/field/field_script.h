@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include "relight/viewer/field/app.h"
+#include "relight/viewer/gui/script.h"
+
+namespace refield {
+
+/// What scripts can do with a field; `app` must outlive it.
+ScriptStage field_stage(App& app);
+
+}  // namespace refield

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "core/field/mesh.h"
+#include "relight/mesh/mesh_view.h"
+#include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/script.h"
+
+namespace refield {
+
+/// A camera that a user moves around what it looks at. +Y stays up.
+class OrbitCamera {
+ public:
+  explicit OrbitCamera(const PinholeCamera& start);
+
+  const PinholeCamera& camera() const { return camera_; }
+  /// Of the picture, in pixels; the field of view follows the height.
+  void set_size(int width, int height);
+
+  /// Around the target: the camera goes so many degrees to its own right and up, as far as 89° above and
+  /// below the horizon.
+  void orbit(double right_degrees, double up_degrees);
+  /// Nearer to the target by a factor, or further away below 1; between a thousandth and a thousandfold of
+  /// the first distance.
+  void approach(double factor);
+  /// What is at the target moves by so many pixels to the right and down.
+  void pan(double right_px, double down_px);
+  /// Back to the start, in the present size.
+  void reset();
+
+ private:
+  double distance() const { return (camera_.position - camera_.target).cast<double>().norm(); }
+
+  PinholeCamera start_, camera_;
+};
+
+/// What a user's camera sees of meshes: with one line of sight a pixel while it moves, with four
+/// once it rests.
+class FreeView {
+ public:
+  using Clock = std::chrono::steady_clock;
+  static constexpr auto rest = std::chrono::milliseconds(150);  ///< so long without a move
+
+  /// Finds what a camera sees by so many lines of sight a pixel.
+  using Look = std::function<std::unique_ptr<const MeshView>(const PinholeCamera& camera, int samples)>;
+
+  /// `field` must outlive this.
+  explicit FreeView(const ReflectanceField& field);
+  /// Of things that move: whoever moves them calls move(), too.
+  FreeView(const PinholeCamera& start, Look look);
+
+  const PinholeCamera& camera() const { return orbit_.camera(); }
+  /// For changes of it; what it sees is found at the next update().
+  OrbitCamera& move();
+
+  /// Whether move() was called since the last update().
+  bool is_moved() const { return is_moved_; }
+  /// Finds what is seen where that is outdated; whether the picture is another now.
+  bool update(Clock::time_point now = Clock::now());
+  /// The next update() takes the camera to be at rest.
+  void settle() { is_settled_ = is_moved_ || is_rough_; }
+  /// Whether update() has yet to be called once the camera rests.
+  bool wants_rest() const { return is_rough_; }
+
+  const MeshView& seen() const { return *view_; }
+
+ private:
+  Look look_;
+  OrbitCamera orbit_;
+  std::unique_ptr<const MeshView> view_;
+  bool is_moved_ = true, is_rough_ = true, is_settled_ = false;
+  Clock::time_point moved_at_{};
+};
+
+// What scripts do with cameras and tell of them, whatever is shown.
+
+/// Orbits, approaches or pans. Throws InputError for a factor that is none.
+void move_camera(OrbitCamera& camera, const ScriptCommand& command);
+
+/// JSON: where a picture lies in the window, in the window's pixels.
+std::string canvas_text(const Canvas& canvas, int width, int height);
+/// `"camera": {…}`.
+std::string camera_text(const PinholeCamera& camera);
+
+}  // namespace refield

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/viewer/gui/window_panels.h"
+
+#include <imgui.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "relight/viewer/gui/drawing.h"
+
+namespace refield {
+
+namespace {
+
+std::string time_text(const WindowState& window) {
+  const FrameStatistics recent = frame_statistics({window.recent_frames.begin(), window.recent_frames.end()});
+  if (recent.frames == 0) return "";
+  char text[200], view[40] = "", light[40] = "";
+  if (recent.mean.view_ms > 0.0) std::snprintf(view, sizeof view, "view %.1f ms · ", recent.mean.view_ms);
+  if (recent.mean.light_ms > 0.0)
+    std::snprintf(light, sizeof light, "light map %.1f ms · ", recent.mean.light_ms);
+  std::snprintf(text, sizeof text, "%srelighting %.1f ms · %sdrawing %.1f ms · %.0f frames/s", light,
+                recent.mean.relight_ms, view, recent.mean.tone_ms + recent.mean.draw_ms, recent.per_second);
+  return text;
+}
+
+/// A key, below its group's name where the group begins; the number of lines.
+std::size_t help_line(const ShortcutKey& key, bool begins_group) {
+  constexpr float key_width = 90.0f;
+  if (begins_group)
+    ImGui::TextColored(ImGui::ColorConvertU32ToFloat4(accent_colour), "%s", key.group.c_str());
+  ImGui::TextUnformatted(key.name.c_str());
+  ImGui::SameLine(key_width);  // from the column's left edge
+  ImGui::TextDisabled("%s", key.help.c_str());
+  return begins_group ? 2 : 1;
+}
+
+}  // namespace
+
+std::string pointer_text(const Canvas& canvas, const Image& image, const char* what) {
+  const ImVec2 mouse = ImGui::GetIO().MousePos;
+  const Point p = canvas.image_from_window({mouse.x, mouse.y});
+  const int x = static_cast<int>(std::floor(p.x)), y = static_cast<int>(std::floor(p.y));
+  if (!canvas.area().holds(mouse.x, mouse.y) || x < 0 || y < 0 || x >= image.width || y >= image.height)
+    return "";
+  char text[120];
+  std::snprintf(text, sizeof text, "%s %d, %d:  %.4g  %.4g  %.4g", what, x, y, image.at(x, y, 0),
+                image.at(x, y, 1), image.at(x, y, 2));
+  return text;
+}
+
+void draw_status_bar(const WindowState& window, const Area& area, const std::string& name,
+                     const std::string& pointer) {
+  ImDrawList& list = *ImGui::GetBackgroundDrawList();
+  const double top = area.y + 0.5 * (area.height - ImGui::GetTextLineHeight());
+  const std::string time = time_text(window);
+  list.AddText(vector(area.x + 14.0, top), text_colour, name.c_str());
+  list.AddText(vector(area.x + 0.27 * area.width, top), 0xff909090, pointer.c_str());
+  list.AddText(vector(area.x + area.width - 14.0 - ImGui::CalcTextSize(time.c_str()).x, top), 0xff909090,
+               time.c_str());
+}
+
+void draw_notice(WindowState& window, const Area& area) {
+  if (!window.notice) return;
+  if (std::chrono::steady_clock::now() > window.notice->until) {
+    window.notice.reset();
+    return;
+  }
+  const double width = std::min(620.0, area.width - 40.0);
+  ImGui::SetNextWindowPos(vector(area.x + 0.5 * area.width, area.y + 20.0), 0, ImVec2(0.5f, 0.0f));
+  ImGui::SetNextWindowSizeConstraints(ImVec2(0, 0), vector(width, area.height));
+  ImGui::PushStyleColor(ImGuiCol_WindowBg, window.notice->is_error ? 0xf0202a60 : 0xf0303030);
+  ImGui::Begin("##notice", nullptr,
+               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_AlwaysAutoResize |
+                   ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_NoNav |
+                   ImGuiWindowFlags_NoFocusOnAppearing);
+  const float wanted = ImGui::CalcTextSize(window.notice->text.c_str()).x;
+  ImGui::PushTextWrapPos(std::min(wanted + 14.0f, static_cast<float>(width) - 24.0f));
+  ImGui::TextUnformatted(window.notice->text.c_str());
+  ImGui::PopTextWrapPos();
+  ImGui::End();
+  ImGui::PopStyleColor();
+}
+
+Area above_help(const WindowState& window, const Area& area) {
+  constexpr double gap = 8.0, least = 120.0;
+  return {area.x, area.y, area.width, std::max(area.height - window.help_height - gap, least)};
+}
+
+void draw_help(WindowState& window, const Area& area, const char* mouse,
+               const std::vector<ShortcutKey>& keys) {
+  constexpr double column_width = 290.0;
+  const auto columns = static_cast<std::size_t>(std::clamp(std::floor(area.width / column_width), 1.0, 4.0));
+  ImGui::SetNextWindowPos(vector(area.x, area.y + area.height), 0, ImVec2(0.0f, 1.0f));
+  ImGui::SetNextWindowSizeConstraints(vector(area.width, 0.0), vector(area.width, 0.75 * area.height));
+  ImGui::Begin("##help", nullptr,
+               ImGuiWindowFlags_NoTitleBar | ImGuiWindowFlags_NoResize | ImGuiWindowFlags_NoSavedSettings |
+                   ImGuiWindowFlags_NoMove | ImGuiWindowFlags_NoNav | ImGuiWindowFlags_AlwaysAutoResize);
+  ImGui::PushTextWrapPos(static_cast<float>(area.width) - 16.0f);
+  ImGui::TextUnformatted(mouse);
+  ImGui::PopTextWrapPos();
+  std::size_t groups = 1;
+  for (std::size_t i = 1; i < keys.size(); ++i) groups += keys[i].group != keys[i - 1].group;
+  const std::size_t lines = (keys.size() + groups + columns - 1) / columns;
+  ImGui::Columns(static_cast<int>(columns), "##shortcuts", false);
+  std::size_t line = 0;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const bool begins = i == 0 || keys[i].group != keys[i - 1].group;
+    // A heading stays with its first key.
+    if (line + begins >= lines && line > 0) {
+      ImGui::NextColumn();
+      line = 0;
+    }
+    line += help_line(keys[i], begins);
+  }
+  ImGui::Columns(1);
+  window.help_height = ImGui::GetWindowHeight();
+  ImGui::End();
+}
+
+}  // namespace refield

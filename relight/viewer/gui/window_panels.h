@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <vector>
+
+#include "core/image/image.h"
+#include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/input.h"
+#include "relight/viewer/gui/window_state.h"
+
+namespace refield {
+
+// Panels that every window of the viewer has, each in an area of it.
+
+/// A name, what lies under the pointer, and where the time of recent frames went.
+void draw_status_bar(const WindowState& window, const Area& area, const std::string& name,
+                     const std::string& pointer);
+void draw_notice(WindowState& window, const Area& area);
+/// What the mouse does, and all keys, in the lower part of an area; above_help() is what that leaves of it.
+void draw_help(WindowState& window, const Area& area, const char* mouse,
+               const std::vector<ShortcutKey>& keys);
+Area above_help(const WindowState& window, const Area& area);
+
+/// "pixel 3, 4:  0.1  0.2  0.3"; empty where the pointer is not over the image.
+std::string pointer_text(const Canvas& canvas, const Image& image, const char* what);
+
+}  // namespace refield

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/image/image.h"
+#include "core/image/tone_map.h"
+#include "relight/viewer/gui/canvas.h"
+
+namespace refield {
+
+/// Where the time of one frame went.
+struct FrameTime {
+  double total_ms = 0.0;  ///< from one frame's start to the next one's, waiting for the user left out
+  double relight_ms = 0.0;
+  double tone_ms = 0.0;
+  double draw_ms = 0.0;   ///< textures, panels, OpenGL until the frame is shown
+  double view_ms = 0.0;   ///< of fields over a mesh: finding what the camera sees, and its picture
+  double light_ms = 0.0;  ///< making the light map: turning or projecting a map, painting lamps
+  double wait_ms = 0.0;   ///< of the frame: relighting, or waiting for it where it is done in the background
+};
+
+/// Means over a series of frames.
+struct FrameStatistics {
+  std::size_t frames = 0;
+  std::size_t relit = 0;  ///< frames with a newly relit image; light_ms and relight_ms are their means
+  double per_second = 0.0;
+  double percentile_95_ms = 0.0;
+  double longest_ms = 0.0;
+  FrameTime mean;
+};
+FrameStatistics frame_statistics(const std::vector<FrameTime>& frames);
+
+/// "60 frames, 41.2 per second (95 % within 30.1 ms, longest 33.0 ms): light map 2.1 ms and relighting 8.0 ms
+/// in 58 of them, tone mapping 3.1 ms, drawing 9.9 ms"
+std::string text_of(const FrameStatistics& statistics);
+
+/// A word to the user, shown for a few seconds.
+struct Notice {
+  std::string text;
+  bool is_error = false;
+  std::chrono::steady_clock::time_point until;
+};
+
+/// A button or a line of a list, for scripts.
+struct Control {
+  Point middle;
+  bool is_visible = true;  ///< not scrolled out of its panel
+};
+
+/// Choosing a file to open or to save to, in one folder.
+struct FileDialog {
+  enum class Purpose { open, save };
+
+  FileDialog(Purpose wanted, const std::filesystem::path& start);
+  /// Lists a folder: its folders and what can be opened (fields, images), sorted, hidden ones left out. One
+  /// that cannot be read is empty.
+  void go_to(const std::filesystem::path& wanted);
+  /// As if a user had typed it.
+  void type(const std::string& text);
+
+  Purpose purpose;
+  std::filesystem::path folder;  ///< absolute
+  std::vector<std::filesystem::path> folders, files;
+  std::array<char, 4096> typed{};
+  bool is_new = true;  ///< not yet drawn
+};
+
+/// What every window of the viewer keeps between frames, whatever it shows.
+struct WindowState {
+  RunContext run;                           ///< for what the window starts; notices are notes, too
+  std::map<std::string, Control> controls;  ///< by their labels
+  std::optional<FileDialog> dialog;
+  double help_height = 0.0;  ///< window pixels, as drawn last
+  std::optional<Notice> notice;
+  std::deque<FrameTime> recent_frames;
+  bool shows_help = false;
+  bool wants_screenshot = false;  ///< of the window, into a new file
+  bool wants_to_close = false;
+};
+
+/// A dialog that saves under a free name of this stem.
+void ask_where_to_save(WindowState& window, const std::string& stem);
+
+/// Of the controls that can be seen: `"controls": {"Open": [x, y], …}`.
+std::string controls_text(const WindowState& window);
+
+void say(WindowState& window, const std::string& text);
+void complain(WindowState& window, const std::string& text);
+
+/// A name in the working folder that no file has yet: "view-0001.png".
+std::filesystem::path free_name(const std::string& stem, const std::string& extension);
+
+/// Writes a picture as it is (.exr) or tone-mapped (.png), and says so. Throws InputError for other files.
+void save_image(WindowState& window, const std::filesystem::path& file, const Image& linear,
+                const ToneMapping& tone);
+
+/// Saves under one free name as .exr and as .png; errors become notices.
+void save_both(WindowState& window, const std::string& stem,
+               const std::function<void(const std::filesystem::path&)>& save);
+
+}  // namespace refield

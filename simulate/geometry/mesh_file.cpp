@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/geometry/mesh_file.h"
+
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <limits>
+#include <numeric>
+#include <sstream>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/image/tone_map.h"
+
+namespace refield::prt {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// The first lines of a file; a binary one's rest is cut off.
+std::istringstream begin_of(const fs::path& path) {
+  constexpr std::size_t longest = std::size_t{1} << 16;
+  std::string text(std::min<std::uintmax_t>(longest, fs::file_size(path)), '\0');
+  std::ifstream(path, std::ios::binary).read(text.data(), static_cast<std::streamsize>(text.size()));
+  return std::istringstream(text);
+}
+
+void require_room(const fs::path& path, const char* what, double count, std::uint64_t least_bytes) {
+  const auto bytes = static_cast<double>(fs::file_size(path));
+  if (count * static_cast<double>(least_bytes) <= bytes) return;
+  std::ostringstream message;
+  message.precision(12);
+  message << "promises " << count << ' ' << what << ", but a file of " << bytes
+          << " bytes cannot hold so many; it is damaged or cut off";
+  throw FormatError(path, message.str());
+}
+
+void check_off(const fs::path& path) {
+  std::istringstream text = begin_of(path);
+  std::string line;
+  std::getline(text, line);  // OFF, COFF, …, or with the counts in the same line
+  const auto is_blank = [](const std::string& l) {
+    return l.find_first_not_of(" \t\r") == std::string::npos || l.starts_with('#');
+  };
+  while (std::getline(text, line) && is_blank(line)) {
+  }
+  double vertices = 0.0, faces = 0.0;
+  if (!(std::istringstream(line) >> vertices >> faces)) return;
+  require_room(path, "vertices", vertices, 6);  // "0 0 0\n"
+  require_room(path, "faces", faces, 4);
+}
+
+void check_ply(const fs::path& path) {
+  std::istringstream text = begin_of(path);
+  std::string line;
+  bool ends = false;
+  while (!ends && std::getline(text, line)) {
+    ends = line.starts_with("end_header");
+    std::istringstream words(line);
+    std::string element, name;
+    double count = 0.0;
+    if (words >> element >> name >> count && element == "element")
+      require_room(path, name == "vertex" ? "vertices" : "elements", count, name == "vertex" ? 3 : 1);
+  }
+  // The library would look for it for ever.
+  if (!ends) throw FormatError(path, "its header does not end; it is damaged or no PLY file");
+}
+
+}  // namespace
+
+void check_mesh_header(const fs::path& path, const std::string& format) {
+  if (format == "off") check_off(path);
+  if (format == "ply") check_ply(path);
+}
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr auto no_vertex = std::numeric_limits<std::uint32_t>::max();
+
+/// (p1 − p0) × (p2 − p0): twice the area along the normal. In double, since small triangles far from the
+/// origin would lose theirs.
+Eigen::Vector3d area_vector(const Mesh& mesh, const std::array<std::uint32_t, 3>& triangle) {
+  const Eigen::Vector3d a = mesh.positions[triangle[0]].cast<double>();
+  return (mesh.positions[triangle[1]].cast<double>() - a)
+      .cross(mesh.positions[triangle[2]].cast<double>() - a);
+}
+
+/// What makes two vertices of a file one. Normals are compared coarsely: exporters round them.
+std::array<float, 9> identity_of(const ImportedMesh& file, std::uint32_t vertex) {
+  std::array<float, 9> identity{};
+  std::copy_n(file.positions[vertex].data(), 3, identity.begin());
+  if (!file.colours.empty()) std::copy_n(file.colours[vertex].data(), 3, identity.begin() + 3);
+  if (!file.normals.empty() && file.normals[vertex].allFinite())
+    for (int i = 0; i < 3; ++i)
+      identity[static_cast<std::size_t>(6 + i)] = std::round(32.0f * file.normals[vertex][i]);
+  for (float& value : identity)
+    if (!std::isfinite(value)) value = 0.0f;  // colours; an order needs comparable values
+  return identity;
+}
+
+/// [vertices of the file]: the first vertex that is the same.
+std::vector<std::uint32_t> first_alike(const ImportedMesh& file) {
+  std::vector<std::array<float, 9>> identities(file.positions.size());
+  std::vector<std::uint32_t> order(file.positions.size()), first(file.positions.size());
+  std::iota(order.begin(), order.end(), 0u);
+  for (const std::uint32_t vertex : order) identities[vertex] = identity_of(file, vertex);
+  std::ranges::sort(order, [&](std::uint32_t a, std::uint32_t b) {
+    return identities[a] != identities[b] ? identities[a] < identities[b] : a < b;
+  });
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const bool same = i > 0 && identities[order[i]] == identities[order[i - 1]];
+    first[order[i]] = same ? first[order[i - 1]] : order[i];
+  }
+  return first;
+}
+
+Eigen::Array3f linear_colour(const Eigen::Array3f& colour, float scale, ColourCoding coding) {
+  Eigen::Array3f linear;
+  for (int c = 0; c < 3; ++c) {
+    const float value = std::isfinite(colour[c]) ? std::clamp(colour[c] * scale, 0.0f, 1.0f) : 0.0f;
+    linear[c] = coding == ColourCoding::srgb ? linear_from_srgb(value) : value;
+  }
+  return linear;
+}
+
+/// OFF files may count colours to 255.
+float colour_scale(const ImportedMesh& file) {
+  const auto beyond_one = [](const Eigen::Array3f& colour) { return colour.maxCoeff() > 1.0f; };
+  return std::ranges::any_of(file.colours, beyond_one) ? 1.0f / 255.0f : 1.0f;
+}
+
+/// The triangles that have an area, over the vertices that they use, these numbered anew.
+Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding) {
+  Mesh mesh;
+  const std::vector<std::uint32_t> first = first_alike(file);
+  const float scale = colour_scale(file);
+  std::vector<std::uint32_t> number(file.positions.size(), no_vertex);
+  Mesh all;
+  all.positions = file.positions;
+  for (const auto& triangle : file.triangles) {
+    const std::array joined{first[triangle[0]], first[triangle[2]], first[triangle[1]]};
+    if (!(area_vector(all, joined).squaredNorm() > 0.0)) continue;
+    std::array<std::uint32_t, 3> renumbered{};
+    for (std::size_t i = 0; i < 3; ++i) {
+      std::uint32_t& vertex = number[joined[i]];
+      if (vertex == no_vertex) {
+        vertex = static_cast<std::uint32_t>(mesh.positions.size());
+        const Eigen::Vector3f& position = file.positions[joined[i]];
+        mesh.positions.emplace_back(position.x(), position.y(), -position.z());
+        mesh.colours.push_back(file.colours.empty() ? Eigen::Array3f(Eigen::Array3f::Ones())
+                                                    : linear_colour(file.colours[joined[i]], scale, coding));
+      }
+      renumbered[i] = vertex;
+    }
+    mesh.triangles.push_back(renumbered);
+  }
+  return mesh;
+}
+
+}  // namespace
+
+void compute_normals(Mesh& mesh) {
+  std::vector<Eigen::Vector3d> sums(mesh.positions.size(), Eigen::Vector3d::Zero());
+  for (const auto& triangle : mesh.triangles)
+    for (const std::uint32_t vertex : triangle) sums[vertex] += area_vector(mesh, triangle);
+  // Opposite triangles cancel out but for rounding.
+  std::vector<double> areas(mesh.positions.size(), 0.0);
+  for (const auto& triangle : mesh.triangles)
+    for (const std::uint32_t vertex : triangle) areas[vertex] += area_vector(mesh, triangle).norm();
+  mesh.normals.assign(mesh.positions.size(), Eigen::Vector3f::Zero());
+  for (std::size_t v = 0; v < sums.size(); ++v)
+    if (sums[v].norm() > 1e-6 * areas[v]) mesh.normals[v] = sums[v].normalized().cast<float>();
+  for (const auto& triangle : mesh.triangles)
+    for (const std::uint32_t vertex : triangle)
+      if (mesh.normals[vertex].isZero())
+        mesh.normals[vertex] = area_vector(mesh, triangle).normalized().cast<float>();
+}
+
+Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding, const RunContext& run) {
+  const ImportedMesh file = import_mesh(path, run);
+  Mesh mesh = in_light_axes(file, coding.value_or(usual_colour_coding(path)));
+  if (mesh.triangles.empty())
+    throw FormatError(path, file.triangles.empty()
+                                ? "contains no triangles; convert a point cloud to a surface first"
+                                : "holds " + std::to_string(file.triangles.size()) +
+                                      " triangles, none with an area; repair the mesh");
+  const std::size_t left_out = file.triangles.size() - mesh.triangles.size();
+  if (left_out > 0)
+    run.note(path.string() + ": " + std::to_string(left_out) + " of " +
+             std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
+  if (file.ignored_materials > 0)
+    run.note(path.string() + ": its " +
+             (file.ignored_materials == 1 ? std::string("material is")
+                                          : std::to_string(file.ignored_materials) + " materials are") +
+             " not read; give 'diffuse', 'specular' and 'exponent' in a scene file "
+             "(docs/reference/mesh-scenes.md)");
+  compute_normals(mesh);
+  return mesh;
+}
+
+}  // namespace refield::prt

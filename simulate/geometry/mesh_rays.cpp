@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/geometry/mesh_rays.h"
+
+#include <Eigen/Geometry>
+#include <embree3/rtcore.h>
+
+#include <algorithm>
+#include <limits>
+#include <string>
+
+#include "core/base/errors.h"
+#include "simulate/geometry/embree_device.h"
+
+namespace refield::prt {
+
+std::uint32_t unoccluded(RTCSceneTy* scene, std::span<const Eigen::Vector3f> points,
+                         std::span<const Eigen::Vector3f> directions, std::span<const float> distance,
+                         bool coherent) {
+  if (points.empty()) return 0;
+  alignas(64) RTCRay16 rays;
+  alignas(64) int valid[ray_packet];
+  const std::size_t count = std::min(points.size(), ray_packet);
+  for (std::size_t i = 0; i < ray_packet; ++i) {
+    // Idle lanes hold the first ray: what is in them is looked at where packets go through instances.
+    const std::size_t of = i < count ? i : 0;
+    valid[i] = i < count ? -1 : 0;
+    rays.org_x[i] = points[of].x();
+    rays.org_y[i] = points[of].y();
+    rays.org_z[i] = points[of].z();
+    rays.dir_x[i] = directions[of].x();
+    rays.dir_y[i] = directions[of].y();
+    rays.dir_z[i] = directions[of].z();
+    rays.tfar[i] = distance[of];
+    rays.tnear[i] = rays.time[i] = 0.0f;
+    rays.id[i] = static_cast<unsigned>(i);
+    rays.mask[i] = ~0u;
+    rays.flags[i] = 0;
+  }
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  if (coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  rtcOccluded16(valid, scene, &context, &rays);
+  std::uint32_t free = 0;
+  for (std::size_t i = 0; i < count; ++i) free |= static_cast<std::uint32_t>(rays.tfar[i] >= 0.0f) << i;
+  return free;
+}
+
+std::optional<FirstHit> first_hit(RTCSceneTy* scene, const Eigen::Vector3f& origin,
+                                  const Eigen::Vector3f& direction) {
+  RTCRayHit query{};
+  query.ray = {.org_x = origin.x(),
+               .org_y = origin.y(),
+               .org_z = origin.z(),
+               .tnear = 0.0f,
+               .dir_x = direction.x(),
+               .dir_y = direction.y(),
+               .dir_z = direction.z(),
+               .time = 0.0f,
+               .tfar = std::numeric_limits<float>::infinity(),
+               .mask = ~0u,
+               .id = 0,
+               .flags = 0};
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(scene, &context, &query);
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  return FirstHit{query.hit.instID[0], query.hit.primID, query.hit.u, query.hit.v, query.ray.tfar};
+}
+
+namespace {
+
+/// Rays start off their surface by so much of the scene's diagonal.
+constexpr float offset_share = 2e-5f;
+/// Embree's products of three edges of smaller meshes leave the range of float: at 1e-12 half of the light is
+/// missed.
+constexpr float least_size = 1e-9f;
+
+}  // namespace
+
+void MeshRays::Release::operator()(RTCSceneTy* scene) const {
+  rtcReleaseScene(scene);
+}
+
+MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh) {
+  Eigen::AlignedBox3f bounds;
+  for (const auto& position : mesh.positions) bounds.extend(position);
+  const float size = bounds.isEmpty() ? 0.0f : bounds.diagonal().norm();
+  if (size > 0.0f && size < least_size)
+    throw InputError("the mesh is " + std::to_string(size / least_size) +
+                     "e-9 units across, too small for rays in single precision; give it in larger units, or "
+                     "a `size` in a scene's description");
+  offset_ = offset_share * size;
+  scene_.reset(rtcNewScene(embree_device()));
+  rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
+  RTCGeometry geometry = rtcNewGeometry(embree_device(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* positions = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
+                              std::max<std::size_t>(mesh.positions.size(), 1)));
+  for (const auto& position : mesh.positions) positions = std::copy_n(position.data(), 3, positions);
+  auto* corners = static_cast<std::uint32_t*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t),
+                              std::max<std::size_t>(mesh.triangles.size(), 1)));
+  for (const auto& triangle : mesh.triangles) corners = std::copy_n(triangle.data(), 3, corners);
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(scene_.get(), geometry);
+  rtcReleaseGeometry(geometry);
+  rtcCommitScene(scene_.get());
+}
+
+std::uint32_t MeshRays::unoccluded(std::span<const Eigen::Vector3f> points,
+                                   const Eigen::Vector3f& direction) const {
+  std::array<Eigen::Vector3f, packet> directions;
+  std::array<float, packet> distance;
+  directions.fill(direction);
+  distance.fill(std::numeric_limits<float>::infinity());
+  return prt::unoccluded(scene_.get(), points, directions, distance, true);
+}
+
+std::uint32_t MeshRays::unoccluded(std::span<const Eigen::Vector3f> points,
+                                   std::span<const Eigen::Vector3f> directions,
+                                   std::span<const float> distance) const {
+  return prt::unoccluded(scene_.get(), points, directions, distance, false);
+}
+
+std::optional<MeshHit> MeshRays::intersect(const Eigen::Vector3f& origin,
+                                           const Eigen::Vector3f& direction) const {
+  const auto hit = first_hit(scene_.get(), origin, direction);
+  if (!hit) return std::nullopt;
+  return mesh_hit(*mesh_, *hit, direction);
+}
+
+MeshHit mesh_hit(const Mesh& mesh, const FirstHit& hit, const Eigen::Vector3f& direction) {
+  const auto& triangle = mesh.triangles[hit.triangle];
+  const Eigen::Vector3f a = mesh.positions[triangle[1]] - mesh.positions[triangle[0]];
+  const Eigen::Vector3f b = mesh.positions[triangle[2]] - mesh.positions[triangle[0]];
+  return {hit.triangle, {1.0f - hit.u - hit.v, hit.u, hit.v}, hit.distance, a.cross(b).dot(direction) < 0.0f};
+}
+
+}  // namespace refield::prt

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "core/field/mesh.h"
+
+struct RTCSceneTy;  // Embree's, whose headers stay in .cpp files
+
+namespace refield::prt {
+
+inline constexpr std::size_t ray_packet = 16;
+
+/// Which of up to 16 rays meet nothing, a bit each. `distance`: infinity, or where a ray ends, in lengths of
+/// its direction. Coherent ones, which start near each other and go nearly alike, are faster if told to be.
+std::uint32_t unoccluded(RTCSceneTy* scene, std::span<const Eigen::Vector3f> points,
+                         std::span<const Eigen::Vector3f> directions, std::span<const float> distance,
+                         bool coherent);
+
+/// What a ray meets first.
+struct FirstHit {
+  std::uint32_t instance;  ///< of a scene of scenes
+  std::uint32_t triangle;
+  float u, v;  ///< shares of the triangle's second and third vertex
+  float distance;
+};
+std::optional<FirstHit> first_hit(RTCSceneTy* scene, const Eigen::Vector3f& origin,
+                                  const Eigen::Vector3f& direction);
+
+/// Where a ray meets a mesh first.
+struct MeshHit {
+  std::uint32_t triangle = 0;
+  std::array<float, 3> share = {0, 0, 0};  ///< of the triangle's vertices in the point; add up to 1
+  float distance = 0.0f;
+  bool front = true;  ///< whether it meets the front side
+};
+
+/// `direction`: of the ray, in the mesh' own frame.
+MeshHit mesh_hit(const Mesh& mesh, const FirstHit& hit, const Eigen::Vector3f& direction);
+
+/// A mesh ready for ray queries (Embree). All queries may run at the same time. The mesh must outlive it.
+class MeshRays {
+ public:
+  /// Throws InputError where Embree refuses the mesh.
+  explicit MeshRays(const Mesh& mesh);
+
+  const Mesh& mesh() const { return *mesh_; }
+  RTCSceneTy* embree_scene() const { return scene_.get(); }
+  /// Start of rays from a point: off its surface by a length that is safe in float and not to be seen.
+  Eigen::Vector3f off_surface(const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const {
+    return point + offset_ * normal;
+  }
+
+  static constexpr std::size_t packet = ray_packet;
+  /// Which of up to 16 points see infinitely far in a unit direction, a bit each. Points should be off their
+  /// surfaces; it is fastest for neighbours.
+  std::uint32_t unoccluded(std::span<const Eigen::Vector3f> points, const Eigen::Vector3f& direction) const;
+  /// Which of up to 16 points see so far each in its own unit direction; `distance`: infinity, or where the
+  /// light stands.
+  std::uint32_t unoccluded(std::span<const Eigen::Vector3f> points,
+                           std::span<const Eigen::Vector3f> directions,
+                           std::span<const float> distance) const;
+
+  std::optional<MeshHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
+
+ private:
+  struct Release {
+    void operator()(RTCSceneTy* scene) const;
+  };
+  const Mesh* mesh_;
+  float offset_;
+  std::unique_ptr<RTCSceneTy, Release> scene_;
+};
+
+}  // namespace refield::prt

@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/rig/device_models.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "simulate/tabletop/surface.h"
+
+namespace refield {
+
+void MonitorModel::check() const {
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw InputError(std::string("monitor: ") + what);
+  };
+  for (double g : gamma) require(g >= 0.5 && g <= 5.0, "gamma must lie in 0.5 to 5");
+  require(black_level >= 0.0 && black_level < 1.0,
+          "black_level is a fraction of white and must lie in 0 to 1");
+  require(white_radiance > 0.0 && std::isfinite(white_radiance), "white_radiance must be positive");
+  require(falloff >= 0.0 && falloff < 1.0, "falloff must lie in 0 to 1");
+  require(dimming >= 0.0 && dimming < 1.0, "dimming must lie in 0 to 1");
+  require(pwm_hz == 0.0 || (pwm_hz >= 1.0 && pwm_hz <= 1e6), "pwm_hz must be 0 or lie in 1 to 1000000");
+  require(pwm_depth >= 0.0 && pwm_depth <= 1.0, "pwm_depth must lie in 0 to 1");
+  for (double change : drift)
+    require(change > -1.0 && change <= 10.0, "drift must lie above -1 and up to 10");
+  require(drift_settling >= 0.0 && drift_settling <= 100.0, "drift_settling must lie in 0 to 100");
+  require(refresh_interval.count() >= 1e-4 && refresh_interval.count() <= 1.0,
+          "refresh must lie in 1 to 10000 Hz");
+  require(latency.count() >= 0.0 && latency.count() <= 10.0, "latency must lie in 0 to 10 s");
+  require(settling.count() >= 0.0 && settling.count() <= 10.0, "settling must lie in 0 to 10 s");
+}
+
+double MonitorModel::gain(int channel, double done) const {
+  const double share =
+      drift_settling > 0.0 ? std::expm1(-done / drift_settling) / std::expm1(-1.0 / drift_settling) : done;
+  return 1.0 + drift[channel] * share;
+}
+
+double MonitorModel::backlight(TimePoint start, TimePoint end) const {
+  if (pwm_hz == 0.0 || pwm_depth == 0.0 || end <= start) return 1.0;
+  // The integral of ±1 over whole periods is zero; within one it is a triangle.
+  const auto integral = [&](TimePoint t) {
+    const double periods = Seconds(t.time_since_epoch()).count() * pwm_hz;
+    const double phase = periods - std::floor(periods);
+    return (phase < 0.5 ? phase : 1.0 - phase) / pwm_hz;
+  };
+  return 1.0 + pwm_depth * (integral(end) - integral(start)) / Seconds(end - start).count();
+}
+
+std::array<std::vector<double>, 3> MonitorModel::tone_curve() const {
+  std::array<std::vector<double>, 3> curve;
+  for (int c = 0; c < 3; ++c)
+    for (int level = 0; level < 256; ++level)
+      curve[c].push_back(white_radiance *
+                         (black_level + (1.0 - black_level) * std::pow(level / 255.0, gamma[c])));
+  return curve;
+}
+
+LightMap MonitorModel::emitted(const DriveImage& image) const {
+  const auto curve = tone_curve();
+  LightMap light{Image(image.width, image.height, 3), Parameterisation::monitor};
+  if (image.levels.size() != light.radiance.values.size())
+    throw InputError("monitor: a drive image of " + std::to_string(image.width) + "×" +
+                     std::to_string(image.height) + " texels has " + std::to_string(image.levels.size()) +
+                     " levels; three a texel are needed");
+  const Falloff screen{image.width, image.height, falloff};
+  double sum = 0.0;
+  std::size_t i = 0;
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) {
+      const double share = screen.at(x, y);
+      for (int c = 0; c < 3; ++c, ++i) {
+        const double radiance = curve[c][image.levels[i]];
+        sum += radiance;
+        light.radiance.values[i] = static_cast<float>(radiance * share);
+      }
+    }
+  if (dimming > 0.0) {
+    const double mean = sum / (white_radiance * static_cast<double>(image.levels.size()));
+    for (float& value : light.radiance.values) value *= static_cast<float>(1.0 - dimming * mean);
+  }
+  return light;
+}
+
+namespace {
+
+// From this mean on Poisson and read noise together are one normal variable to within the rounding of the
+// converter.
+constexpr double normal_from_electrons = 64.0;
+
+int channels_of(PixelLayout layout) {
+  return layout == PixelLayout::rgb ? 3 : 1;
+}
+
+}  // namespace
+
+void SensorModel::check() const {
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw InputError(std::string("sensor: ") + what);
+  };
+  require(bits == 8 || bits == 10 || bits == 12, "bits must be 8, 10 or 12");
+  require(sensitivity > 0.0 && std::isfinite(sensitivity), "sensitivity must be positive");
+  require(electrons_per_dn > 0.0 && std::isfinite(electrons_per_dn), "electrons_per_dn must be positive");
+  require(full_well_electrons > 0.0, "full_well_electrons must be positive");
+  require(read_noise_electrons >= 0.0 && std::isfinite(read_noise_electrons),
+          "read_noise_electrons must be at least 0");
+  require(black_level_dn >= 0.0 && black_level_dn < full_scale() / 2.0,
+          "black_level_dn must lie between 0 and half of the full scale");
+  require(vignetting >= 0.0 && vignetting < 1.0, "vignetting must lie in 0 to 1");
+  require(response_gamma >= 0.5 && response_gamma <= 5.0, "response_gamma must lie in 0.5 to 5");
+  require(largest_gain >= 1.0, "largest_gain must be at least 1");
+  require(shortest_exposure.count() > 0.0 && shortest_exposure <= longest_exposure,
+          "exposures must be positive, the shortest no longer than the longest");
+  require(frame_interval.count() > 0.0, "frame_interval must be positive");
+  require(control_latency_frames >= 0 && control_latency_frames <= 64,
+          "control_latency_frames must lie in 0 to 64");
+  require(latency_frames >= 0 && latency_frames <= 64, "latency_frames must lie in 0 to 64");
+}
+
+double SensorModel::mean_dn(double radiance, Seconds exposure, double gain) const {
+  const double electrons = std::min(full_well_electrons, sensitivity * radiance * exposure.count());
+  return black_level_dn + gain * electrons / electrons_per_dn;
+}
+
+double SensorModel::variance_dn(double radiance, Seconds exposure, double gain) const {
+  const double dn_per_electron = gain / electrons_per_dn;
+  return dn_per_electron * dn_per_electron *
+         (sensitivity * radiance * exposure.count() + read_noise_electrons * read_noise_electrons);
+}
+
+std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds exposure, double gain,
+                                               std::uint64_t noise_key) const {
+  if (radiance.channels != 3)
+    throw InputError("sensor: needs a radiance image of 3 channels, got " + shape_text(radiance));
+  const int channels = channels_of(layout);
+  const double full = full_scale();
+  const double electrons_per_radiance = sensitivity * exposure.count();
+  const double dn_per_electron = gain / electrons_per_dn;
+  const double read_variance = read_noise_electrons * read_noise_electrons;
+  std::vector<std::uint16_t> samples(radiance.pixel_count() * channels);
+
+  const Falloff lens{radiance.width, radiance.height, vignetting};
+
+  const auto sample = [&](double value, double arriving, Rng& noise) {
+    const double mean = std::max(0.0, value) * arriving * electrons_per_radiance;
+    const double electrons = mean >= normal_from_electrons
+                                 ? mean + std::sqrt(mean + read_variance) * noise.normal()
+                                 : noise.poisson(mean) + read_noise_electrons * noise.normal();
+    double dn = black_level_dn + dn_per_electron * std::min(electrons, full_well_electrons);
+    dn = std::clamp(dn, 0.0, full);
+    if (response_gamma != 1.0) dn = full * std::pow(dn / full, 1.0 / response_gamma);
+    return static_cast<std::uint16_t>(dn + 0.5);
+  };
+  tbb::parallel_for(0, radiance.height, [&](int y) {
+    Rng noise(noise_key, y);
+    std::uint16_t* out = samples.data() + static_cast<std::size_t>(y) * radiance.width * channels;
+    for (int x = 0; x < radiance.width; ++x) {
+      const double arriving = lens.at(x, y);
+      switch (layout) {
+        case PixelLayout::rgb:
+          for (int c = 0; c < 3; ++c) *out++ = sample(radiance.at(x, y, c), arriving, noise);
+          break;
+        case PixelLayout::grey:
+          *out++ = sample((radiance.at(x, y, 0) + radiance.at(x, y, 1) + radiance.at(x, y, 2)) / 3.0,
+                          arriving, noise);
+          break;
+        default:
+          *out++ = sample(radiance.at(x, y, bayer_channel(layout, x, y)), arriving, noise);
+      }
+    }
+  });
+  return samples;
+}
+
+}  // namespace refield

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "core/base/units.h"
+#include "simulate/rig/device_models.h"
+#include "simulate/tabletop/scene.h"
+
+namespace refield {
+
+/// How many light maps of each kind to make.
+struct LightPlan {
+  int train = 180;   ///< natural, for estimation
+  int natural = 12;  ///< held out, from panoramas that no training light shows
+  int bars = 8;      ///< white, an eighth of the width, sliding from left to right
+  int squares = 6;   ///< white, a sixteenth of the width
+  int white = 1;
+  int black = 1;
+};
+
+/// The exposures of one photograph, for the capture stage.
+struct ExposureSeries {
+  int count = 4;
+  double ratio = 4.0;              ///< of one exposure to the next shorter
+  std::optional<Seconds> longest;  ///< else metered
+  int frames = 1;                  ///< averaged for each exposure
+};
+
+/// What virtual devices the scene is photographed with.
+struct RigRecipe {
+  MonitorModel monitor;
+  SensorModel sensor;
+  ExposureSeries exposures;
+  int reference_every = 0;  ///< lights between two frames of the reference light; 0: none are taken
+};
+
+/// One synthetic data set, as datasets_synthetic/<name>/recipe.toml describes it.
+struct Recipe {
+  std::filesystem::path path;  ///< for messages
+  std::uint64_t seed = 1;
+  SceneDescription scene;
+  LightPlan lights;
+  RigRecipe rig;
+};
+
+/// Reads and checks a recipe. Throws InputError naming the file, line, key, value and remedy; a key that is
+/// not known is an error. docs/reference/synthetic-scenes.md lists all keys.
+Recipe read_recipe(const std::filesystem::path& path);
+
+}  // namespace refield

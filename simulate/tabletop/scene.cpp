@@ -1,0 +1,343 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/tabletop/scene.h"
+
+#include <Eigen/Geometry>
+#include <embree3/rtcore.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <string>
+
+#include "core/base/errors.h"
+#include "core/base/run_context.h"
+#include "core/base/units.h"
+#include "simulate/geometry/embree_device.h"
+#include "simulate/tabletop/shapes.h"
+#include "simulate/tabletop/surface.h"
+
+namespace refield {
+
+MonitorSurface::MonitorSurface(const MonitorInScene& monitor) : texels_(monitor.texels) {
+  const Eigen::Vector3d normal = monitor.facing.normalized();
+  const Eigen::Vector3d right =
+      Eigen::Vector3d::UnitY().cross(normal).normalized();  // for someone in front of it
+  const Eigen::Vector3d up = normal.cross(right);
+  normal_ = normal.cast<float>();
+  corner_ = (monitor.centre - 0.5 * monitor.width_m * right + 0.5 * monitor.height_m * up).cast<float>();
+  column_step_ = (monitor.width_m / texels_.width * right).cast<float>();
+  row_step_ = (-monitor.height_m / texels_.height * up).cast<float>();
+  texel_area_ = column_step_.norm() * row_step_.norm();
+}
+
+Eigen::Vector2f MonitorSurface::texels_at(const Eigen::Vector3f& position) const {
+  const Eigen::Vector3f d = position - corner_;
+  return {d.dot(column_step_) / column_step_.squaredNorm(), d.dot(row_step_) / row_step_.squaredNorm()};
+}
+
+Eigen::Vector2i MonitorSurface::texel_at(const Eigen::Vector3f& position) const {
+  const Eigen::Vector2f at = texels_at(position);
+  return {std::clamp(static_cast<int>(std::floor(at.x())), 0, texels_.width - 1),
+          std::clamp(static_cast<int>(std::floor(at.y())), 0, texels_.height - 1)};
+}
+
+std::vector<MonitorPlacement> monitor_placements(const SceneDescription& scene) {
+  constexpr double mm_per_m = 1000.0;
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitY();
+  const Eigen::Vector3d looks = scene.camera.target - scene.camera.position;
+  const Eigen::Vector3d ahead = (looks - looks.dot(up) * up).normalized();
+  Eigen::Matrix3d scene_from_world;  // into the left-handed axes of light maps
+  scene_from_world << ahead.cross(up).transpose(), up.transpose(), ahead.transpose();
+  const Eigen::Vector3d onto_screen = -(scene_from_world * scene.monitor.facing.normalized());
+  MonitorPlacement placement;
+  placement.turn.yaw = degrees_from_radians(std::atan2(onto_screen.x(), onto_screen.z()));
+  placement.turn.pitch = -degrees_from_radians(std::asin(std::clamp(onto_screen.y(), -1.0, 1.0)));
+  const Eigen::Vector3d centre =
+      placement.turn.matrix().transpose() * scene_from_world * (scene.monitor.centre - scene.camera.target);
+  placement.width_mm = mm_per_m * scene.monitor.width_m;
+  placement.height_mm = mm_per_m * scene.monitor.height_m;
+  placement.distance_mm = mm_per_m * centre.z();
+  placement.offset_x_mm = mm_per_m * centre.x();
+  placement.offset_y_mm = mm_per_m * centre.y();
+  if (!(placement.distance_mm > 0.0)) return {};
+  return {placement};
+}
+
+namespace {
+
+// A shadow ray ends this fraction before its target, so that the target does not shadow itself.
+constexpr float before_target = 1.0f - 1e-4f;
+
+struct Placed {       // an object's geometry in world space
+  TriangleMesh mesh;  // empty for spheres
+  Eigen::Isometry3f object_from_world;
+  Eigen::Vector3f centre;
+};
+
+TriangleMesh mesh_of(const ObjectDescription& object) {
+  switch (object.kind) {
+    case ObjectDescription::Kind::quad:
+      return quad_mesh(object.size);
+    case ObjectDescription::Kind::box:
+      return box_mesh(object.size);
+    case ObjectDescription::Kind::lathe:
+      return lathe_mesh(object.profile, object.smooth);
+    case ObjectDescription::Kind::sphere:
+      return {};
+  }
+  throw InputError("unknown shape");
+}
+
+Eigen::Isometry3d world_from_object(const ObjectDescription& object) {
+  const Eigen::Vector3d angles = object.rotation_degrees * (std::numbers::pi / 180.0);
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.translate(object.position);
+  pose.rotate(Eigen::AngleAxisd(angles.z(), Eigen::Vector3d::UnitZ()) *
+              Eigen::AngleAxisd(angles.y(), Eigen::Vector3d::UnitY()) *
+              Eigen::AngleAxisd(angles.x(), Eigen::Vector3d::UnitX()));
+  return pose;
+}
+
+Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
+                               const std::array<std::uint32_t, 3>& t, float u, float v) {
+  return (1.0f - u - v) * values[t[0]] + u * values[t[1]] + v * values[t[2]];
+}
+
+}  // namespace
+
+struct Scene::Geometry {
+  RTCDevice device = embree_device();
+  RTCScene scene = nullptr;
+  std::vector<Placed> placed;
+  unsigned monitor_id = 0;
+
+  Geometry() {
+    scene = rtcNewScene(device);
+    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+  }
+  ~Geometry() {
+    if (scene) rtcReleaseScene(scene);
+  }
+  Geometry(const Geometry&) = delete;
+  Geometry& operator=(const Geometry&) = delete;
+
+  unsigned attach(RTCGeometry geometry) {
+    rtcCommitGeometry(geometry);
+    const unsigned id = rtcAttachGeometry(scene, geometry);
+    rtcReleaseGeometry(geometry);
+    return id;
+  }
+  unsigned add_mesh(const TriangleMesh& mesh) {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
+        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
+    for (const Eigen::Vector3f& v : mesh.vertices) vertices = std::copy_n(v.data(), 3, vertices);
+    auto* indices = static_cast<std::uint32_t*>(
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                3 * sizeof(std::uint32_t), mesh.triangles.size()));
+    for (const auto& triangle : mesh.triangles) indices = std::ranges::copy(triangle, indices).out;
+    return attach(geometry);
+  }
+  unsigned add_sphere(const Eigen::Vector3f& centre, float radius) {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_SPHERE_POINT);
+    auto* sphere = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
+                                                               RTC_FORMAT_FLOAT4, 4 * sizeof(float), 1));
+    std::copy_n(centre.data(), 3, sphere);
+    sphere[3] = radius;
+    return attach(geometry);
+  }
+};
+
+Scene::Scene(const SceneDescription& description)
+    : description_(description), monitor_(description.monitor), geometry_(std::make_unique<Geometry>()) {
+  for (const ObjectDescription& object : description_.objects) {
+    const auto material =
+        std::ranges::find(description_.materials, object.material, &MaterialDescription::name);
+    if (material == description_.materials.end())
+      throw InputError("object '" + object.name + "': there is no material '" + object.material + "'");
+    materials_.push_back(&*material);
+
+    const Eigen::Isometry3f pose = world_from_object(object).cast<float>();
+    Placed placed{mesh_of(object), pose.inverse(), object.position.cast<float>()};
+    if (object.kind == ObjectDescription::Kind::sphere) {
+      geometry_->add_sphere(placed.centre, static_cast<float>(object.radius));
+      bounds_.push_back({placed.centre, static_cast<float>(object.radius)});
+    } else {
+      if (placed.mesh.triangles.empty())
+        throw InputError("object '" + object.name +
+                         "': its shape has no surface; give a profile with some radius");
+      Eigen::AlignedBox3f box;
+      for (Eigen::Vector3f& v : placed.mesh.vertices) box.extend(v = pose * v);
+      for (Eigen::Vector3f& n : placed.mesh.normals) n = pose.linear() * n;
+      geometry_->add_mesh(placed.mesh);
+      float radius = 0.0f;
+      for (const Eigen::Vector3f& v : placed.mesh.vertices)
+        radius = std::max(radius, (v - box.center()).norm());
+      bounds_.push_back({box.center(), radius});
+    }
+    geometry_->placed.push_back(std::move(placed));
+  }
+
+  TriangleMesh screen;
+  const auto w = static_cast<float>(monitor_.texels().width),
+             h = static_cast<float>(monitor_.texels().height);
+  screen.vertices = {monitor_.point(0, h), monitor_.point(w, h), monitor_.point(w, 0), monitor_.point(0, 0)};
+  screen.triangles = {{0, 1, 2}, {0, 2, 3}};
+  geometry_->monitor_id = geometry_->add_mesh(screen);
+  rtcCommitScene(geometry_->scene);
+
+  const CameraInScene& camera = description_.camera;
+  const Eigen::Vector3d forward = (camera.target - camera.position).normalized();
+  const Eigen::Vector3d right = forward.cross(Eigen::Vector3d::UnitY()).normalized();
+  const Eigen::Vector3d down = forward.cross(right);
+  const double pixel =
+      2.0 * std::tan(radians_from_degrees(camera.vertical_fov_degrees) / 2.0) / camera.height;
+  camera_origin_ = camera.position.cast<float>();
+  camera_right_ = (pixel * right).cast<float>();
+  camera_down_ = (pixel * down).cast<float>();
+  camera_corner_ = (forward - 0.5 * pixel * (camera.width * right + camera.height * down)).cast<float>();
+}
+
+Scene::~Scene() = default;
+
+std::optional<Hit> Scene::intersect(const Ray& ray) const {
+  RTCRayHit query;
+  query.ray = {ray.origin.x(),
+               ray.origin.y(),
+               ray.origin.z(),
+               0.0f,
+               ray.direction.x(),
+               ray.direction.y(),
+               ray.direction.z(),
+               0.0f,
+               std::numeric_limits<float>::infinity(),
+               0xffffffffu,
+               0,
+               0};
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(geometry_->scene, &context, &query);
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+
+  Hit hit;
+  hit.position = ray.origin + query.ray.tfar * ray.direction;
+  if (query.hit.geomID == geometry_->monitor_id) {
+    hit.geometric_normal = hit.shading_normal = monitor_.normal();
+    hit.object_position = hit.position;
+    return hit;
+  }
+  hit.object = static_cast<int>(query.hit.geomID);
+  const Placed& placed = geometry_->placed[hit.object];
+  if (placed.mesh.triangles.empty()) {
+    hit.geometric_normal = hit.shading_normal = (hit.position - placed.centre).normalized();
+  } else {
+    const auto& triangle = placed.mesh.triangles[query.hit.primID];
+    hit.geometric_normal = Eigen::Vector3f(query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z).normalized();
+    hit.shading_normal = at_barycentric(placed.mesh.normals, triangle, query.hit.u, query.hit.v).normalized();
+  }
+  hit.object_position = placed.object_from_world * hit.position;
+  return hit;
+}
+
+bool Scene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const {
+  const Eigen::Vector3f d = to - from;
+  RTCRay ray{from.x(), from.y(), from.z(), 0.0f, d.x(), d.y(), d.z(), 0.0f, before_target, 0xffffffffu, 0, 0};
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcOccluded1(geometry_->scene, &context, &ray);
+  return ray.tfar < 0.0f;  // −inf once something was hit
+}
+
+Ray Scene::camera_ray(float x, float y) const {
+  return {camera_origin_, (camera_corner_ + x * camera_right_ + y * camera_down_).normalized()};
+}
+
+namespace {
+
+constexpr int grid = 4;  // rays a pixel, along a side
+constexpr int most = 3 * grid * grid / 4;
+constexpr int monitor_columns = 16, monitor_rows = 12;
+constexpr double least_hidden = 0.05, most_hidden = 0.95;
+
+enum Label : std::uint8_t { none, diffuse, glossy, refraction, hard_shadow, mixed };
+
+Label label_of(const Scene& scene, const std::optional<Hit>& hit) {
+  if (!hit) return none;
+  if (hit->is_monitor()) return refraction;
+  switch (scene.material_of(hit->object).kind) {
+    case MaterialDescription::Kind::mirror:
+    case MaterialDescription::Kind::glass:
+      return refraction;
+    case MaterialDescription::Kind::glossy:
+    case MaterialDescription::Kind::metal:
+      return glossy;
+    default:
+      return diffuse;
+  }
+}
+
+/// Points of the monitor that could light a surface, and those of them that something hides.
+struct Visibility {
+  int facing = 0;
+  int hidden = 0;
+};
+
+void look_at_monitor(const Scene& scene, const Hit& hit, const Ray& ray, Visibility& seen) {
+  const Surface surface(scene, hit, -ray.direction);
+  const MonitorSurface& monitor = scene.monitor();
+  const Eigen::Vector3f normal =
+      hit.geometric_normal.dot(ray.direction) < 0.0f ? hit.geometric_normal : (-hit.geometric_normal).eval();
+  for (int j = 0; j < monitor_rows; ++j)
+    for (int i = 0; i < monitor_columns; ++i) {
+      const auto at = [](int cell, int cells, int texels) {
+        return (static_cast<float>(cell) + 0.5f) * static_cast<float>(texels) / static_cast<float>(cells);
+      };
+      const Eigen::Vector3f point = monitor.point(at(i, monitor_columns, monitor.texels().width),
+                                                  at(j, monitor_rows, monitor.texels().height));
+      const Eigen::Vector3f direction = (point - hit.position).normalized();
+      if (direction.dot(normal) <= 0.0f || direction.dot(monitor.normal()) >= 0.0f) continue;
+      ++seen.facing;
+      if (scene.occluded(surface.off_surface(direction), point)) ++seen.hidden;
+    }
+}
+
+Label label_pixel(const Scene& scene, int x, int y) {
+  std::array<int, mixed + 1> counts{};
+  Visibility seen;
+  for (int j = 0; j < grid; ++j)
+    for (int i = 0; i < grid; ++i) {
+      const Ray ray = scene.camera_ray(static_cast<float>(x) + (static_cast<float>(i) + 0.5f) / grid,
+                                       static_cast<float>(y) + (static_cast<float>(j) + 0.5f) / grid);
+      const auto hit = scene.intersect(ray);
+      const Label label = label_of(scene, hit);
+      ++counts[label];
+      if (label == diffuse || label == glossy) look_at_monitor(scene, *hit, ray, seen);
+    }
+  const auto largest = std::ranges::max_element(counts);
+  if (*largest < most) return mixed;
+  const auto label = static_cast<Label>(std::distance(counts.begin(), largest));
+  if (label != diffuse && label != glossy) return label;
+  const double hidden = seen.facing > 0 ? static_cast<double>(seen.hidden) / seen.facing : 0.0;
+  return hidden > least_hidden && hidden < most_hidden ? hard_shadow : label;
+}
+
+}  // namespace
+
+PixelKinds scene_kinds(const Scene& scene, const RunContext& run) {
+  const CameraInScene& camera = scene.description().camera;
+  PixelKinds kinds{camera.width, camera.height, {std::begin(kind_names), std::end(kind_names)}, {}};
+  kinds.labels.resize(static_cast<std::size_t>(camera.width) * camera.height);
+  tbb::parallel_for(0, camera.height, [&](int y) {
+    run.throw_if_stopped();
+    for (int x = 0; x < camera.width; ++x)
+      kinds.labels[static_cast<std::size_t>(y) * camera.width + x] = label_pixel(scene, x, y);
+  });
+  return kinds;
+}
+
+}  // namespace refield
