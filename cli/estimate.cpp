@@ -72,9 +72,9 @@ RowRange rows_from_text(const std::string& text, const CaptureSession& session) 
 
 nlohmann::ordered_json plan_figures(const EstimateArguments& arguments, const EstimatePlan& plan) {
   return {
-      {"mode", arguments.mode},        {"kernels", arguments.options.kernels},      {"images", plan.images},
-      {"threads", plan.threads},       {"rows", {plan.rows.first, plan.rows.last}}, {"bands", plan.bands},
-      {"rows_a_band", plan.band_rows}, {"foreseen_memory_bytes", plan.memory_bytes}};
+      {"mode", arguments.mode},        {"kernels", arguments.options.kernels},       {"images", plan.images},
+      {"threads", plan.threads},       {"rows", {plan.rows.first, plan.rows.last}},  {"bands", plan.bands},
+      {"rows_a_band", plan.band_rows}, {"estimated_memory_bytes", plan.memory_bytes}};
 }
 
 /// What was found about the frames, for the log.
@@ -141,20 +141,20 @@ nlohmann::ordered_json log_of(const EstimateArguments& arguments, const Estimate
 }
 
 void dry_run(const EstimateArguments& arguments, const CaptureSession& session, const Common& common) {
-  const Foresight foresight = foresee_estimate(session, arguments.options, run_context());
-  auto figures = plan_figures(arguments, foresight.plan);
-  figures.update({{"foreseen_seconds", foresight.seconds()},
-                  {"foreseen_seconds_lights", foresight.lights_seconds},
-                  {"foreseen_seconds_photographs", foresight.photographs_seconds},
-                  {"foreseen_seconds_fit", foresight.fit_seconds},
-                  {"foreseen_seconds_frame_check", foresight.check_seconds},
-                  {"sampled_pixels", foresight.sampled_pixels}});
-  figures.update(frame_figures(foresight.frames));
+  const CostEstimate cost = estimate_cost(session, arguments.options, run_context());
+  auto figures = plan_figures(arguments, cost.plan);
+  figures.update({{"estimated_seconds", cost.seconds()},
+                  {"estimated_seconds_lights", cost.lights_seconds},
+                  {"estimated_seconds_photographs", cost.photographs_seconds},
+                  {"estimated_seconds_fit", cost.fit_seconds},
+                  {"estimated_seconds_frame_check", cost.check_seconds},
+                  {"sampled_pixels", cost.sampled_pixels}});
+  figures.update(frame_figures(cost.frames));
   if (common.json) {
     std::printf("%s\n", json_text(figures, 2).c_str());
     return;
   }
-  const EstimatePlan& plan = foresight.plan;
+  const EstimatePlan& plan = cost.plan;
   std::printf("%d images are usable; nothing was written\n", plan.images);
   std::printf("rows %d to %d in %d bands of %d\n", plan.rows.first, plan.rows.last - 1, plan.bands,
               plan.band_rows);
@@ -163,8 +163,8 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
       "time on %d threads: about %.0f s (check of frames %.1f, lights %.1f, photographs %.1f, fit %.1f; from "
       "%d "
       "pixels)\n",
-      plan.threads, foresight.seconds(), foresight.check_seconds, foresight.lights_seconds,
-      foresight.photographs_seconds, foresight.fit_seconds, foresight.sampled_pixels);
+      plan.threads, cost.seconds(), cost.check_seconds, cost.lights_seconds, cost.photographs_seconds,
+      cost.fit_seconds, cost.sampled_pixels);
 }
 
 void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {

@@ -19,9 +19,9 @@ namespace refield {
 
 namespace {
 
-constexpr int most_band_rows = 64;
-constexpr int fewest_band_rows = 16;  ///< below, the rows that bands share would cost more than a tenth
-constexpr int fewest_bands = 8;
+constexpr int max_band_rows = 64;
+constexpr int min_band_rows = 16;  ///< below, the rows that bands share would cost more than a tenth
+constexpr int min_bands = 8;
 constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 /// The program, its libraries and small allocations.
 constexpr std::uint64_t base_bytes = 200ull << 20;
@@ -31,7 +31,7 @@ constexpr std::uint64_t fitter_bytes = 5ull << 20;
 
 /// Kernels of a pixel that a whole picture has on average: where the data decide, less than half the cap.
 int usual_kernels(const EstimateOptions& options) {
-  return options.kernels > 0 ? options.kernels : std::min(options.most_kernels(), 30);
+  return options.kernels > 0 ? options.kernels : std::min(options.max_kernels(), 30);
 }
 
 /// Fits to all images and, where errors are predicted, to parts of them.
@@ -61,7 +61,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const std::uint64_t row_of_all =
       ObservationBand::bytes(session.width, 1, images) + 3 * session.width * kernel_bytes;
   const std::uint64_t row_of_thread = 16 * session.width * 9 * sizeof(float);
-  const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(most_rows_beyond(options));
+  const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(max_rows_beyond(options));
   // Assembly happens after the tables are gone: twice the field, while vectors grow.
   const std::uint64_t assembly = base_bytes + old_field + 2 * pixels * usual_kernels(options) * entry_bytes;
   const auto needed = [&](std::uint64_t threads, std::uint64_t rows) {
@@ -70,7 +70,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   // Fewer threads need less; asked for, they are kept.
   std::uint64_t threads = thread_count(options);
   while (options.threads == 0 && threads > 1 &&
-         needed(threads, fewest_band_rows + overlap) > options.memory_bytes)
+         needed(threads, min_band_rows + overlap) > options.memory_bytes)
     --threads;
   const std::uint64_t least = std::max(needed(threads, 1 + overlap), assembly);
   if (least > options.memory_bytes)
@@ -87,9 +87,9 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   plan.rows = job.rows;
   const std::uint64_t affordable =
       (options.memory_bytes - needed(threads, overlap)) / (row_of_all + threads * row_of_thread);
-  const int wanted = std::min(
-      std::clamp((job.rows.count() + fewest_bands - 1) / fewest_bands, fewest_band_rows, most_band_rows),
-      job.rows.count());
+  const int wanted =
+      std::min(std::clamp((job.rows.count() + min_bands - 1) / min_bands, min_band_rows, max_band_rows),
+               job.rows.count());
   plan.band_rows = static_cast<int>(std::min<std::uint64_t>(wanted, affordable));
   // Bands of whole blocks of pixels share no work.
   if (plan.band_rows > block_side_px) plan.band_rows -= plan.band_rows % block_side_px;
@@ -113,7 +113,7 @@ namespace {
 
 /// Where the real table would be larger, the lights are sampled more coarsely: a fit walks much the same
 /// tree.
-constexpr std::uint64_t most_table_bytes = 192ull << 20;
+constexpr std::uint64_t max_table_bytes = 192ull << 20;
 constexpr int sampled_bands = 4;
 constexpr int sampled_rows = 16;  ///< rows of a band: the side of a tile, and of an EXR file's block of rows
 constexpr double seconds_a_band = 0.5;
@@ -214,36 +214,36 @@ struct FitSample {
 
 }  // namespace
 
-Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options,
+CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run) {
   const ThreadLimit most(run);
   EstimateJob job = open_job(session, options, run);
   const auto limit = limit_threads(plan_job(job, options).threads);
-  Foresight foresight;
+  CostEstimate cost;
   const auto begin = Clock::now();
-  foresight.frames = check_frames(job, options, run);
-  foresight.check_seconds = seconds_since(begin);
-  foresight.plan = plan_job(job, options);
-  const int images = foresight.plan.images;
+  cost.frames = check_frames(job, options, run);
+  cost.check_seconds = seconds_since(begin);
+  cost.plan = plan_job(job, options);
+  const int images = cost.plan.images;
   int step = 1;
   const auto coarse = [&](int texels) { return (texels + step - 1) / step; };
   const LightDomain& light = job.session.light;
   while (BoxTable::bytes({coarse(light.width), coarse(light.height), light.parameterisation}, images) >
-         most_table_bytes)
+         max_table_bytes)
     ++step;
   const auto start = Clock::now();
   const auto lights = read_lights(job, step, run);
   const double read_seconds = seconds_since(start);
   const BoxTable table(lights, hats_of(options, job.session.light, images), run);
-  foresight.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
+  cost.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
 
-  const Work work = work_of(job, options, foresight.plan);
+  const Work work = work_of(job, options, cost.plan);
   EstimateOptions fitting = options;
   fitting.mean_square = job.mean_square;
   FitSample sample{job, fitting, table, {}};
   double reading = 0.0;
   double rows_read = 0.0;
-  const auto bands = bands_to_sample(foresight.plan.rows);
+  const auto bands = bands_to_sample(cost.plan.rows);
   Progress progress(run, "fitting sample pixels", bands.size());
   for (const RowRange& rows : bands) {
     const RowRange held = rows_needed(rows, job.session.height, options);
@@ -255,10 +255,10 @@ Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions&
     sample.add(band, rows, run);
     progress.advance();
   }
-  foresight.photographs_seconds = reading / rows_read * work.rows;
-  foresight.sampled_pixels = sample.pixels;
-  if (sample.pixels > 0) foresight.fit_seconds = sample.seconds / sample.pixels * work.pixels;
-  return foresight;
+  cost.photographs_seconds = reading / rows_read * work.rows;
+  cost.sampled_pixels = sample.pixels;
+  if (sample.pixels > 0) cost.fit_seconds = sample.seconds / sample.pixels * work.pixels;
+  return cost;
 }
 
 }  // namespace refield

@@ -22,7 +22,7 @@ struct EstimatePlan {
   RowRange rows;      ///< of the picture
   int band_rows = 0;  ///< rows of photographs held at a time
   int bands = 0;
-  std::uint64_t memory_bytes = 0;  ///< foreseen peak
+  std::uint64_t memory_bytes = 0;  ///< estimated peak
 };
 
 /// Foresees memory and cuts the image into bands that fit, with fewer threads where the number is left to it.
@@ -38,7 +38,7 @@ int thread_count(const EstimateOptions& options);
 [[nodiscard]] tbb::global_control limit_threads(int threads);
 
 /// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
-struct Foresight {
+struct CostEstimate {
   EstimatePlan plan;
   FrameReport frames;
   double check_seconds = 0.0;        ///< comparing the frames with each other
@@ -53,7 +53,7 @@ struct Foresight {
 /// light, the values of the photographs' rows that the sample reads) and measures on this machine what the
 /// work costs: reads all lights, some rows of all photographs, and fits tiles of pixels spread over the
 /// picture for about two seconds. Writes nothing. Throws InputError for input that cannot be estimated from.
-Foresight foresee_estimate(const CaptureSession& session, const EstimateOptions& options,
+CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run);
 
 }  // namespace refield

@@ -23,7 +23,7 @@ struct EstimateSummary {
   int resumed_bands = 0;  ///< found finished on disk
   double seconds = 0.0;
   std::uint64_t peak_memory_bytes = 0;  ///< resident, of the whole process
-  double mean_kernels = 0.0;            ///< non-zero kernels a pixel
+  double mean_kernels = 0.0;            ///< non-zero kernels per pixel
   double median_training_error = 0.0;   ///< relative RMSE over the training images
   std::optional<double>
       median_predicted_error;  ///< relative RMSE expected on new photographs, where predicted
@@ -31,14 +31,15 @@ struct EstimateSummary {
   std::vector<LearningPoint> learning_curve;  ///< error against the share of the images, where measured
 };
 
-/// Checks options and input, and foresees memory. Throws InputError for input that cannot be estimated from.
+/// Checks options and input, and estimates memory. Throws InputError for input that cannot be estimated from.
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run = {});
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
-/// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). Finished bands are kept
-/// in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit for bit.
-/// Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004, sections 3 to 5.
+/// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). Finished bands
+/// are kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit
+/// for bit. Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004,
+/// sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
                                  const std::filesystem::path& output, bool resume,
                                  const RunContext& run = {});

@@ -17,7 +17,7 @@ EstimateMode estimate_mode_from_name(std::string_view name) {
   throw InputError("unknown mode '" + std::string(name) + "'; use refined, paper or fast");
 }
 
-int EstimateOptions::most_kernels() const {
+int EstimateOptions::max_kernels() const {
   constexpr int of_the_paper = 25, by_data = 64;
   return kernels > 0 ? kernels : mode == EstimateMode::refined ? by_data : of_the_paper;
 }

@@ -27,8 +27,8 @@ struct EstimateOptions {
   float clip_level = std::numeric_limits<float>::infinity();
   bool keep_drift = false;     ///< leave brightness as it is where reference frames show drift
   bool keep_outliers = false;  ///< estimate from frames that do not fit the others, too
-  /// Rows of the picture to estimate, for a job array: the output is then a part (core/field_io/field_shard.h). Empty:
-  /// all.
+  /// Rows of the picture to estimate, for a job array: the output is then a part
+  /// (core/field_io/field_shard.h). Empty: all.
   std::optional<RowRange> rows;
   int threads = 0;  ///< 0: all cores. The result does not depend on it.
   bool predict_errors =
@@ -41,7 +41,7 @@ struct EstimateOptions {
   /// worth more or less effort; 0: full effort everywhere.
   double mean_square = 0.0;
   /// The cap that `kernels` stands for.
-  int most_kernels() const;
+  int max_kernels() const;
   /// Sweeps of spatial correction that the mode makes.
   int sweeps() const { return mode == EstimateMode::paper ? spatial_passes : 0; }
 

@@ -93,7 +93,7 @@ std::vector<float> FieldPictures::coverage(std::size_t frame) const {
 std::vector<PinholeCamera> turntable(const PinholeCamera& start, int frames) {
   std::vector<PinholeCamera> cameras(static_cast<std::size_t>(frames), start);
   for (int i = 0; i < frames; ++i) {
-    const Eigen::Matrix3f turn = Turn{.yaw = -360.0 * i / frames}.matrix().cast<float>();
+    const Eigen::Matrix3f turn = EulerAngles{.yaw = -360.0 * i / frames}.matrix().cast<float>();
     PinholeCamera& camera = cameras[static_cast<std::size_t>(i)];
     camera.position = start.target + turn * (start.position - start.target);
     camera.up = turn * start.up;

@@ -16,7 +16,7 @@ namespace refield {
 /// An environment that lights a scene, turned, for fields that need no light map of it.
 struct TurnedEnvironment {
   std::shared_ptr<const PreparedEnvironment> environment;
-  Turn turn{};
+  EulerAngles turn{};
 };
 using SceneLight = std::variant<LightMap, TurnedEnvironment>;
 

@@ -17,11 +17,11 @@ namespace refield {
 namespace {
 
 /// From how many texels on whole-number tables are not accurate enough (see FixedPointTable).
-constexpr std::int64_t most_fixed_point_texels = 1 << 20;
+constexpr std::int64_t max_fixed_point_texels = 1 << 20;
 
 /// Light that came or went leaves rounding of about 6e-8 of itself behind: at this many times all light, the
 /// sum is 1e-6 of the image.
-constexpr double most_moved_light = 16.0;
+constexpr double max_moved_light = 16.0;
 
 /// `common` keeps its memory from one light to the next.
 template <class Table>
@@ -69,7 +69,7 @@ Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrec
       smooth_(basis),
       precision_(precision),
       double_sums_(precision == RelightPrecision::fine ||
-                   std::int64_t{basis.domain.width} * basis.domain.height > most_fixed_point_texels),
+                   std::int64_t{basis.domain.width} * basis.domain.height > max_fixed_point_texels),
       image_(width, height, 3) {}
 
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
@@ -179,7 +179,7 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
     throw InputError("the changed part of the light reaches outside the light map");
   if (light_.empty() || ++updates_ >= refresh_period) return relight(light);
   Image difference = take_change(light, changed);
-  if (moved_light_ > most_moved_light * total_light_) return relight(light);
+  if (moved_light_ > max_moved_light * total_light_) return relight(light);
   if (smooth_.weighs()) smooth_.weigh(difference, changed);
   changed_texels_.build(difference);
   if (blocks_.empty())

@@ -160,8 +160,8 @@ std::vector<Ripple> find_ripples(const std::vector<ExposedLight>& light, int mos
 Seconds exposure_unit_for(const std::vector<Ripple>& ripples, double tolerance) {
   if (ripples.empty()) return Seconds(0);
   const Seconds period(1.0 / ripples.front().hz);
-  constexpr int most_periods = 64;
-  for (int n = 1; n <= most_periods; ++n) {
+  constexpr int max_periods = 64;
+  for (int n = 1; n <= max_periods; ++n) {
     const bool quiet = std::ranges::all_of(
         ripples, [&](const Ripple& ripple) { return ripple.error_at(n * period) < tolerance; });
     if (quiet) return n * period;
@@ -172,9 +172,9 @@ Seconds exposure_unit_for(const std::vector<Ripple>& ripples, double tolerance) 
 Seconds common_period(const std::vector<Seconds>& differences) {
   if (differences.empty()) return Seconds(0);
   const Seconds shortest = *std::ranges::min_element(differences);
-  constexpr int most_periods = 6;
+  constexpr int max_periods = 6;
   constexpr double tolerated = 0.1;  // of a period: time stamps jitter
-  for (int n = 1; n <= most_periods; ++n) {
+  for (int n = 1; n <= max_periods; ++n) {
     const Seconds period = shortest / n;
     bool all = true;
     double periods = 0.0;

@@ -12,7 +12,7 @@
 namespace refield {
 
 namespace {
-constexpr int most_control_latency = 12;  // frames; real cameras need 2 to 4
+constexpr int max_control_latency = 12;  // frames; real cameras need 2 to 4
 }
 
 CalibrationBench::CalibrationBench(Camera& camera, Illuminator& illuminator, Trigger* trigger, double gain,
@@ -25,7 +25,7 @@ CalibrationBench::CalibrationBench(Camera& camera, Illuminator& illuminator, Tri
       camera_description_(camera.describe()),
       display_description_(illuminator.describe()) {
   timing_.display_latency = patience;
-  timing_.control_latency_frames = most_control_latency;
+  timing_.control_latency_frames = max_control_latency;
 }
 
 void CalibrationBench::use(const TimingCalibration& timing) {

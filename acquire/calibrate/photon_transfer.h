@@ -19,7 +19,7 @@ struct PhotonTransfer {
 };
 
 /// Photon transfer curve (Janesick 2007, chapter 5; EMVA 1288, section 6.6): the variance over time of
-/// samples that see steady light is read noise² + signal / (electrons a DN), in linear DN at gain 1; its
+/// samples that see steady light is read noise² + signal / (electrons per DN), in linear DN at gain 1; its
 /// slope over the signal gives the gain, its value without light the read noise. Fixed patterns do not enter,
 /// since each sample is compared with itself; flicker of the whole frame is divided out. Exposures as
 /// `response` used them. Throws InputError where noise does not grow with light, as in frames that were

@@ -27,7 +27,7 @@ struct Superposition {
 /// The test on which everything rests: light adds up, I(A) + I(B) − I(black) = I(A+B) (the linearity of B = T
 /// L). Dynamic dimming, power limits and local dimming break it, since A and B are dimmed less than A+B.
 /// Pairs: left and right half, upper and lower, the squares of a chequerboard, a small square and its
-/// surroundings.
+/// surround.
 Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
                                     const std::vector<Seconds>& exposures, double tolerance,
                                     const RunContext& run = {});

@@ -35,8 +35,8 @@ std::vector<Seconds> choose_exposures(const CaptureRequest& request, const Camer
     pairing.show(uniform_drive(display.width, display.height, white_level));
     const Probe probe = [&](Seconds exposure) { return pairing.photograph(exposure, request.gain); };
     if (plan.relative_noise > 0.0) {
-      const NoisePlan fewest = fewest_exposures(meter_range(camera, request.camera, probe), plan, camera,
-                                                request.camera, request.gain, request.frames_per_exposure);
+      const NoisePlan fewest = min_exposures(meter_range(camera, request.camera, probe), plan, camera,
+                                             request.camera, request.gain, request.frames_per_exposure);
       note = fewest.sentence();
       return fewest.exposures;
     }

@@ -219,11 +219,11 @@ double value_at_quantile(std::vector<float>& values, double q) {
 SceneRange meter_range(const CameraDescription& camera, const CameraCalibration& calibration,
                        const Probe& probe) {
   constexpr double ratio = 8.0;
-  constexpr int most_probes = 4;
+  constexpr int max_probes = 4;
   constexpr double typical_light = 0.2;  // of white, the mean of natural patterns
   std::vector<RawFrame> frames;
   Seconds exposure = shortest_useful_exposure(camera, calibration, probe);
-  for (int i = 0; i < most_probes; ++i) {
+  for (int i = 0; i < max_probes; ++i) {
     frames.push_back(probe(exposure));
     if (exposure == camera.longest_exposure) break;
     exposure = std::min(exposure * ratio, camera.longest_exposure);
@@ -250,9 +250,9 @@ double predicted_noise(double radiance, const std::vector<Seconds>& exposures,
                            : std::numeric_limits<double>::infinity();
 }
 
-NoisePlan fewest_exposures(const SceneRange& range, const ExposurePlanOptions& options,
-                           const CameraDescription& camera, const CameraCalibration& calibration, double gain,
-                           int frames_per_exposure) {
+NoisePlan min_exposures(const SceneRange& range, const ExposurePlanOptions& options,
+                        const CameraDescription& camera, const CameraCalibration& calibration, double gain,
+                        int frames_per_exposure) {
   options.check();
   if (!(range.dark > 0.0 && range.dark <= range.bright && options.relative_noise > 0.0))
     throw InputError("exposures cannot be planned for radiance from " + std::to_string(range.dark) + " to " +
@@ -269,8 +269,8 @@ NoisePlan fewest_exposures(const SceneRange& range, const ExposurePlanOptions& o
     return predicted_noise(radiance, exposures, calibration, gain, frames_per_exposure);
   };
   plan.exposures.push_back(rounded_down(Seconds(full / range.bright), options, camera));
-  constexpr std::size_t most_exposures = 16;
-  while (noise_with(range.dark) > bound && plan.exposures.size() < most_exposures) {
+  constexpr std::size_t max_exposures = 16;
+  while (noise_with(range.dark) > bound && plan.exposures.size() < max_exposures) {
     // The darkest radiance that is carried already: noise grows as light falls.
     double carried = range.bright, lost = range.dark;
     for (int i = 0; i < 60; ++i) {

@@ -87,14 +87,14 @@ Seconds shortest_useful_exposure(const CameraDescription& camera, const CameraCa
   constexpr double clipped_allowed = 1e-3;
   constexpr double head_room = 0.8;  // of the range: light maps may be a little brighter than the probe
   constexpr double useful_signal = 0.05;
-  constexpr int most_probes = 12;
+  constexpr int max_probes = 12;
   const auto linear_at = [&](double dn) {
     return calibration.linear_from_dn[static_cast<std::size_t>(dn)] - calibration.black_level_dn;
   };
   const double full = linear_at(calibration.saturation_dn);
   Seconds exposure =
       std::sqrt(camera.shortest_exposure.count() * camera.longest_exposure.count()) * Seconds(1.0);
-  for (int attempt = 0; attempt < most_probes; ++attempt) {
+  for (int attempt = 0; attempt < max_probes; ++attempt) {
     RawFrame frame = probe(exposure);
     const auto rank =
         static_cast<std::ptrdiff_t>((1.0 - clipped_allowed) * static_cast<double>(frame.samples.size() - 1));

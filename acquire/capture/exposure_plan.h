@@ -76,9 +76,9 @@ struct NoisePlan {
 /// far down as possible, no other series of as many reaches further. Where the camera's range or its full
 /// well end first, the plan says that it does not reach the bound. Times are whole multiples of
 /// options.multiple_of.
-NoisePlan fewest_exposures(const SceneRange& range, const ExposurePlanOptions& options,
-                           const CameraDescription& camera, const CameraCalibration& calibration, double gain,
-                           int frames_per_exposure);
+NoisePlan min_exposures(const SceneRange& range, const ExposurePlanOptions& options,
+                        const CameraDescription& camera, const CameraCalibration& calibration, double gain,
+                        int frames_per_exposure);
 
 /// The exposure nearest to `time` that the camera can be set to, within its range.
 Seconds settable_exposure(Seconds time, const CameraDescription& camera);

@@ -15,8 +15,8 @@ namespace {
 // Cameras round exposures to whole sensor lines and gains to steps.
 constexpr double setting_tolerance = 0.01;
 // Settings take 2 to 4 frames to act on real cameras; much later means that they never will.
-constexpr int most_stale_frames = 64;
-constexpr int most_early_frames = 100'000;
+constexpr int max_stale_frames = 64;
+constexpr int max_early_frames = 100'000;
 constexpr Seconds patience{5.0};  // beyond exposure and frame interval; a busy machine may stall for two
 
 bool close_to(double value, double asked) {
@@ -58,15 +58,14 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
   prepare(exposure, gain);
   const auto early_before = counts_.early;
   const auto stale_before = counts_.stale;
-  while (counts_.early - early_before < most_early_frames &&
-         counts_.stale - stale_before < most_stale_frames) {
+  while (counts_.early - early_before < max_early_frames && counts_.stale - stale_before < max_stale_frames) {
     if (trigger_) trigger_->fire();
     RawFrame frame = camera_.next_frame(longest_pending_ + 4 * description_.frame_interval + patience);
     if (!usable(frame, exposure, gain)) continue;
     longest_pending_ = exposure;
     return frame;
   }
-  if (counts_.stale - stale_before == most_stale_frames)
+  if (counts_.stale - stale_before == max_stale_frames)
     throw DeviceError(description_.name, EIO,
                       "does not apply an exposure of " + std::to_string(exposure.count()) + " s at gain " +
                           std::to_string(gain) +

@@ -194,8 +194,8 @@ GpioTrigger::GpioTrigger(const GpioTriggerOptions& options, const RunContext& ru
       trigger_(options.trigger),
       ready_(opened<GpioInput>(options.ready, run)),
       strobe_(opened<GpioInput>(options.strobe, run)),
-      lamp_(opened<GpioOutput>(options.lamp)) {
-  if (lamp_) lamp_->set(true);
+      light_source_(opened<GpioOutput>(options.light_source)) {
+  if (light_source_) light_source_->set(true);
 }
 
 void GpioTrigger::wait_until_ready() {

@@ -116,8 +116,8 @@ namespace {
 
 constexpr Seconds exposure_step{100e-6};  // of V4L2_CID_EXPOSURE_ABSOLUTE
 constexpr int frames_after_start = 2;     // sensors need a frame or two to take on what they are set to
-constexpr int frames_after_replug = 6;    // and so many until they are no longer as they were plugged in
-constexpr int most_restarts_in_a_row = 3;
+constexpr int frames_after_replug = 6;    // and that many until they are no longer as they were plugged in
+constexpr int max_restarts_in_a_row = 3;
 constexpr Seconds look_again{0.25};  // for an unplugged camera
 constexpr Seconds usual_interval{1.0 / 30.0};
 
@@ -349,7 +349,7 @@ struct V4l2Camera::State {
   }
 
   void restart(const DeviceError& broken, int restarts) {
-    if (restarts > most_restarts_in_a_row) throw DeviceError(broken);
+    if (restarts > max_restarts_in_a_row) throw DeviceError(broken);
     ++troubles.restarts;
     tell(std::string(broken.what()) + "; it is started again");
     open->stream.restart();

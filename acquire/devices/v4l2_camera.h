@@ -49,7 +49,7 @@ struct V4l2CameraOptions {
   std::string format;  ///< "RGGB"; empty: the one that is best for measuring
   int width = 0;       ///< 0: what the driver is set to
   int height = 0;
-  double rate = 0.0;                             ///< frames a second; 0: what the driver is set to
+  double rate = 0.0;                             ///< frames per second; 0: what the driver is set to
   std::optional<FrameWindow> window;             ///< part of the frame to keep; the whole without it
   std::map<std::string, std::int64_t> controls;  ///< by v4l2-ctl's names; all are read back
   /// Value of the gain control that stands for gain 1; other gains are multiples of it. 0: the gain control

@@ -47,7 +47,7 @@ struct V4l2Identity {
 struct V4l2FrameSize {
   int width = 0;
   int height = 0;
-  std::vector<double> rates;  ///< frames a second, highest first; empty where the driver does not say
+  std::vector<double> rates;  ///< frames per second, highest first; empty where the driver does not say
 };
 
 struct V4l2FormatInfo {

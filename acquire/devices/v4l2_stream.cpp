@@ -18,7 +18,7 @@ namespace refield {
 namespace {
 
 constexpr auto capture_type = static_cast<__u32>(V4L2_BUF_TYPE_VIDEO_CAPTURE);
-constexpr int most_stop_checks_ms = 200;  // how soon Ctrl-C is heard while no frame comes
+constexpr int max_stop_checks_ms = 200;  // how soon Ctrl-C is heard while no frame comes
 
 v4l2_buffer mapped_buffer(std::uint32_t index) {
   v4l2_buffer buffer{};
@@ -172,7 +172,7 @@ bool V4l2Stream::wait_until_filled(Seconds timeout) const {
         std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
     if (left.count() <= 0) return false;
     pollfd waiting{device_.descriptor(), POLLIN, 0};
-    const int wait_ms = static_cast<int>(std::min<std::int64_t>(left.count(), most_stop_checks_ms));
+    const int wait_ms = static_cast<int>(std::min<std::int64_t>(left.count(), max_stop_checks_ms));
     const int ready = ::poll(&waiting, 1, wait_ms);
     if (ready < 0 && errno != EINTR) device_.fail(errno, "cannot be waited for");
     // POLLERR and POLLHUP, too: VIDIOC_DQBUF tells what is wrong.

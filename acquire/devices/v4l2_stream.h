@@ -18,7 +18,7 @@ struct V4l2StreamRequest {
   std::uint32_t fourcc = 0;
   int width = 0;
   int height = 0;
-  double rate = 0.0;  ///< frames a second
+  double rate = 0.0;  ///< frames per second
   int buffers = 4;
 };
 

@@ -27,7 +27,7 @@ struct GroupRule {
   /// else:
   /// "{light}_e*.tif". Within a bracket files are sorted by name.
   std::string pattern;
-  int count = 0;  ///< without a pattern: so many files, in the order of names, make a bracket
+  int count = 0;  ///< without a pattern: that many files, in the order of names, make a bracket
   /// Without either, an exposure time that the bracket has already begins the next one: then each file must
   /// state its time.
 };
@@ -64,7 +64,7 @@ struct ImportRequest {
   Parameterisation parameterisation = Parameterisation::monitor;
   std::optional<std::filesystem::path> mask;
   int test_every =
-      0;  ///< every so many frames one is held out, beside those whose light is named test…; 0: none
+      0;  ///< every that many frames one is held out, beside those whose light is named test…; 0: none
   Precision precision = Precision::single;
   std::filesystem::path folder;
   IfExists if_exists = IfExists::refuse;

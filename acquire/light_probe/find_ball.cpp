@@ -323,7 +323,7 @@ float sample(const cv::Mat1f& image, double x, double y) {
 }
 
 /// The outermost clear step of a profile that leads outwards, between samples by a parabola; nullopt where
-/// nothing stands out. Outermost, since the rim squeezes all surroundings into a few pixels within the
+/// nothing stands out. Outermost, since the rim squeezes the whole environment into a few pixels within the
 /// outline.
 std::optional<double> outermost_step(const std::vector<float>& profile) {
   constexpr float clear = 0.35f;       // of the sharpest step

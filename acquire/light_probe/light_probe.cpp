@@ -41,7 +41,7 @@ std::string per_cent(double fraction) {
 }  // namespace
 
 void ProbeLimits::check() const {
-  for (double fraction : {most_clipped, most_sun})
+  for (double fraction : {max_clipped, max_sun})
     if (!(fraction >= 0.0 && fraction <= 1.0))
       throw InputError("a limit of the light probe is " + std::to_string(fraction) +
                        "; give a fraction, 0 to 1");
@@ -81,12 +81,12 @@ ProbeVerdict judge(const SeenLight& light, const ProbeLimits& limits) {
 
   if (!(all > 0.0))
     verdict.discarded = "it is black";
-  else if (verdict.clipped_fraction > limits.most_clipped)
+  else if (verdict.clipped_fraction > limits.max_clipped)
     verdict.discarded =
         "over-exposed: " + per_cent(verdict.clipped_fraction) +
         " of the sphere clipped in every exposure, so how bright it was (the sun?) is not known; "
         "add a shorter exposure or a denser filter";
-  else if (verdict.sun_fraction > limits.most_sun)
+  else if (verdict.sun_fraction > limits.max_sun)
     verdict.discarded = "sun only: " + per_cent(verdict.sun_fraction) + " of the light comes from one spot";
   return verdict;
 }

@@ -15,8 +15,8 @@ namespace refield {
 
 /// When a light map does not serve estimation.
 struct ProbeLimits {
-  double most_clipped = 0.0;  ///< solid angle that may rest on clipped samples, fraction of the sphere
-  double most_sun = 0.5;      ///< light that may come from within `sun_degrees` of the brightest texel
+  double max_clipped = 0.0;  ///< solid angle that may rest on clipped samples, fraction of the sphere
+  double max_sun = 0.5;      ///< light that may come from within `sun_degrees` of the brightest texel
   double sun_degrees = 3.0;
 
   /// Throws InputError naming the limit and its range.
@@ -24,7 +24,7 @@ struct ProbeLimits {
 };
 
 struct ProbeVerdict {
-  double unseen_fraction = 0.0;                           ///< of the sphere, filled from its surroundings
+  double unseen_fraction = 0.0;                           ///< of the sphere, filled from its environment
   double clipped_fraction = 0.0;                          ///< of the sphere
   double sun_fraction = 0.0;                              ///< of all light, from around the brightest texel
   std::array<double, 3> mean_radiance = {0.0, 0.0, 0.0};  ///< over the sphere
@@ -44,7 +44,7 @@ void require_usable(const MirrorBall& ball, int width, int height, const std::st
 /// A camera in front of the ball and its photographs, one after another.
 struct ProbeSide {
   std::vector<std::filesystem::path> photographs;  ///< linear radiance (OpenEXR)
-  Turn turn;
+  EulerAngles turn;
   std::optional<double> focal_px;                  ///< or
   std::optional<double> field_of_view_degrees;     ///< across the photograph's width, or
   std::optional<double> distance_radii;            ///< just one of the three

@@ -28,10 +28,10 @@ struct MirrorPoint {
 struct MirrorImage {
   Eigen::Vector2d point;  ///< pixels
   double cos_incidence = 0.0;
-  /// Pixels that a radian spans across the direction of compression: near the outline the surroundings are
+  /// Pixels that a radian spans across the direction of compression: near the outline the environment is
   /// squeezed radially, and this falls to zero.
   double pixels_per_radian = 0.0;
-  double depth_px = 0.0;  ///< inside the outline by so many pixels
+  double depth_px = 0.0;  ///< inside the outline by that many pixels
 };
 
 /// A mirror sphere as a camera sees it, its radius the unit of length. Light is taken to come from far away:

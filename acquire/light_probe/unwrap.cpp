@@ -109,7 +109,7 @@ std::array<double, 3> channel_numbers(const std::string& text, const std::string
 namespace {
 
 constexpr double samples_per_pixel = 3.0;  // along each side of a texel
-constexpr int most_samples = 64;           // along each side of a texel
+constexpr int max_samples = 64;            // along each side of a texel
 
 void require_number(double value, double low, double high, const char* what) {
   if (!(value >= low && value <= high))
@@ -136,7 +136,7 @@ double slope(double before, double here, double after) {
 /// Samples one photograph; holds what all texels have in common.
 class Unwrapper {
  public:
-  Unwrapper(const Photograph& photograph, const MirrorBall& ball, const Turn& turn, const Mask& hidden,
+  Unwrapper(const Photograph& photograph, const MirrorBall& ball, const EulerAngles& turn, const Mask& hidden,
             const UnwrapOptions& options)
       : photograph_(photograph),
         ball_(ball),
@@ -192,12 +192,12 @@ class Unwrapper {
       const auto found =
           ball_.find(camera_from_world_ *
                      lat_long_direction(x + (i & 1), y + (i >> 1), options_.width, options_.width / 2));
-      if (!found) return most_samples;
+      if (!found) return max_samples;
       corner[i] = found->point;
     }
     const double extent = std::max({(corner[0] - corner[1]).norm(), (corner[0] - corner[2]).norm(),
                                     (corner[3] - corner[1]).norm(), (corner[3] - corner[2]).norm()});
-    return std::clamp(static_cast<int>(std::ceil(samples_per_pixel * extent)), 2, most_samples);
+    return std::clamp(static_cast<int>(std::ceil(samples_per_pixel * extent)), 2, max_samples);
   }
 
   bool is_usable(int x, int y) const {
@@ -261,8 +261,8 @@ void UnwrapOptions::check() const {
                        "; it must be above zero and finite");
 }
 
-SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn, const Mask& hidden,
-                 const UnwrapOptions& options) {
+SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const EulerAngles& turn,
+                 const Mask& hidden, const UnwrapOptions& options) {
   options.check();
   if (photograph.radiance.channels != 3) throw InputError("a light probe needs a photograph of 3 channels");
   if (!hidden.empty() && hidden.size() != photograph.radiance.pixel_count())

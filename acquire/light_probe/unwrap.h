@@ -63,7 +63,7 @@ struct UnwrapOptions {
   void check() const;
 };
 
-/// What one or several photographs of the ball say about the surroundings.
+/// What one or several photographs of the ball say about the environment.
 struct SeenLight {
   Image radiance;  ///< lat-long [width/2 × width × 3]; 0 where nothing was seen
   /// [width/2 × width × 1]; 0: not seen. Else the share of the texel that was seen times the fourth power of
@@ -78,8 +78,8 @@ struct SeenLight {
 /// that small bright sources keep their energy; each sample is divided by the mirror's reflectance at its
 /// angle of incidence. `hidden`, empty or as large as the photograph, is non-zero where nothing may be taken
 /// from: tripod, stand, photographer. Throws InputError for sizes that do not fit.
-SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const Turn& turn, const Mask& hidden,
-                 const UnwrapOptions& options);
+SeenLight unwrap(const Photograph& photograph, const MirrorBall& ball, const EulerAngles& turn,
+                 const Mask& hidden, const UnwrapOptions& options);
 
 /// One map from photographs from several sides: the mean by weight.
 SeenLight join(const std::vector<SeenLight>& views);
@@ -89,7 +89,7 @@ int natural_width(const MirrorBall& ball);
 
 /// Fills what no photograph shows (weight 0: the camera itself, what is behind the ball) from the texels
 /// around it: each gets their mean, weighted by solid angle and the inverse cube of the distance on the
-/// sphere, so that the fill meets its surroundings without a step, at the poles and across the map's edge as
+/// sphere, so that the fill meets its environment without a step, at the poles and across the map's edge as
 /// anywhere else. Radiance where something was seen stays as it is. Throws InputError when nothing was seen
 /// at all. Source: Matusik et al. 2004, section 6, "we automatically fill in the region where the camera is
 /// visible with neighboring pixels"; the weights are ours.

@@ -69,7 +69,7 @@ struct MatchRequest {
   std::optional<double> drift_ppm = 0.0;    ///< and gains this; nullopt: told, too
   double largest_offset_seconds = 3600.0;   ///< where it is told
   std::optional<double> tolerance_seconds;  ///< nullopt: half the light maps' usual interval
-  int test_every = 0;                       ///< every so many pairs one is held out; 0: none
+  int test_every = 0;                       ///< every that many pairs one is held out; 0: none
   std::optional<std::filesystem::path> mask;
   IfExists if_exists = IfExists::refuse;
 };

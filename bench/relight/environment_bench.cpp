@@ -103,11 +103,11 @@ class Screen {
         view_(field, *field.camera),
         rgba_(view_.camera().width * static_cast<std::size_t>(view_.camera().height) * 4) {}
 
-  void show(const PreparedEnvironment& environment, const refield::Turn& turn) {
+  void show(const PreparedEnvironment& environment, const refield::EulerAngles& turn) {
     picture_ = view_.show(relighter_.relight(boxes_.project(environment, turn)));
     tone_map_rgba(picture_, tones_, rgba_);
   }
-  Image exact(const LightMap& environment, const refield::Turn& turn) {
+  Image exact(const LightMap& environment, const refield::EulerAngles& turn) {
     const refield::EnvironmentProjector projector(relighter_.domain(), {});
     return view_.show(relighter_.relight(projector.project_exactly(environment, turn).light));
   }
@@ -131,7 +131,7 @@ refield::ReflectanceField field_of(int resolution) {
   return path != nullptr ? refield::read_reflectance_field(path) : cluster_field(resolution);
 }
 
-void report(benchmark::State& state, Screen& screen, const LightMap& map, const refield::Turn& turn) {
+void report(benchmark::State& state, Screen& screen, const LightMap& map, const refield::EulerAngles& turn) {
   state.counters["limit_ms"] = static_cast<double>(screen.bytes()) / refield::bench::read_rate() * 1e3;
   state.counters["relative_rmse"] = relative_rmse(screen.picture(), screen.exact(map, turn));
 }
@@ -142,7 +142,7 @@ void ClusterNewMap(benchmark::State& state) {
   Screen screen(field);
   const auto map =
       std::make_shared<const LightMap>(refield::bench::environment(static_cast<int>(state.range(1))));
-  const refield::Turn turn{20, 30, 40};
+  const refield::EulerAngles turn{20, 30, 40};
   for (auto _ : state) screen.show(PreparedEnvironment(map), turn);
   report(state, screen, *map, turn);
 }
@@ -160,7 +160,7 @@ void ClusterRotated(benchmark::State& state) {
   const refield::ReflectanceField field = field_of(static_cast<int>(state.range(0)));
   Screen screen(field);
   const PreparedEnvironment environment(refield::bench::environment(static_cast<int>(state.range(1))));
-  refield::Turn turn{20, 30, 40};
+  refield::EulerAngles turn{20, 30, 40};
   for (auto _ : state) {
     turn.yaw += 1.5;
     screen.show(environment, turn);

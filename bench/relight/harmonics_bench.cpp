@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relighting by spherical harmonics, growth with order and vertices: a cube map of 32 texels a face becomes
+// Relighting by spherical harmonics, growth with order and vertices: a cube map of 32 texels per face becomes
 // coefficients, and those every vertex' light; glossy ones give order² harmonics of it. The figure made by
 // formula has 10 · n² + 2 vertices and 20 · n² triangles. Beside the time stands the error against the same
 // in double; 256 directions are enough here, since their number does not change the work of a frame.
@@ -23,9 +23,9 @@ namespace prt = refield::prt;
 
 constexpr int face = 32;
 
-FieldRows hare_field(int order, int size, bool glossy) {
+FieldRows rabbit_field(int order, int size, bool glossy) {
   prt::Scene scene;
-  scene.mesh = prt::hare_mesh(size);
+  scene.mesh = prt::rabbit_mesh(size);
   scene.materials = {glossy ? prt::Material{{0.0f, 0.0f, 0.0f}, {0.5f, 0.5f, 0.5f}, 20.0f} : prt::Material{}};
   scene.material_of_vertex.assign(scene.mesh.positions.size(), 0);
   prt::sort_vertices(scene);
@@ -43,7 +43,7 @@ LightMap random_cube(std::uint64_t seed) {
 
 void Harmonics(benchmark::State& state, bool glossy) {
   const FieldRows rows =
-      hare_field(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)), glossy);
+      rabbit_field(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)), glossy);
   refield::Relighter relighter(refield::pack_rows(rows, 8));
   const LightMap lights[] = {random_cube(3), random_cube(4)};
   std::size_t frame = 0;
@@ -85,12 +85,12 @@ void HarmonicsOfLight(benchmark::State& state) {
 }
 BENCHMARK(HarmonicsOfLight)->Arg(3)->Arg(5)->Arg(8)->Unit(benchmark::kMillisecond)->UseRealTime();
 
-/// What comes before: the cube map of a lamp of 642 corners.
-void MapOfLamp(benchmark::State& state) {
-  refield::Mesh lamp = prt::sphere_mesh(8);
-  for (auto& position : lamp.positions) position += Eigen::Vector3f(1.0f, 2.0f, 0.5f);
-  for (auto _ : state) benchmark::DoNotOptimize(refield::emitter_map(lamp, {0.0f, 0.0f, 0.0f}, face));
+/// What comes before: the cube map of an area light of 642 corners.
+void MapOfAreaLight(benchmark::State& state) {
+  refield::Mesh area_light = prt::sphere_mesh(8);
+  for (auto& position : area_light.positions) position += Eigen::Vector3f(1.0f, 2.0f, 0.5f);
+  for (auto _ : state) benchmark::DoNotOptimize(refield::emitter_map(area_light, {0.0f, 0.0f, 0.0f}, face));
 }
-BENCHMARK(MapOfLamp)->Unit(benchmark::kMillisecond)->UseRealTime();
+BENCHMARK(MapOfAreaLight)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 }  // namespace

@@ -59,7 +59,7 @@ class Comparison {
     double of_picture = 0.0, of_light = 0.0, fast_time = 0.0, exact_time = 0.0;
     const refield::PreparedEnvironment environment(map);
     for (int i = 0; i < rotations; ++i) {
-      const refield::Turn turn{rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
+      const refield::EulerAngles turn{rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
       Image fast, exact;
       LightMap exact_light;
       fast_time += seconds_of([&] {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relighting at full size: 1024×768 pixels, 25 kernels a pixel, a light map of 800×600. Memory bandwidth
+// Relighting at full size: 1024×768 pixels, 25 kernels per pixel, a light map of 800×600. Memory bandwidth
 // limits it: ReadMemory measures that on this machine in the same run, and beside each method stand the bytes
 // it moves a second and its error against sums in double.
 //
@@ -303,7 +303,7 @@ void RotatedEnvironment(benchmark::State& state) {
   refield::Relighter relighter(field);
   const refield::LevelTable tones{refield::ToneMapping{}};
   std::vector<std::uint8_t> rgba(std::size_t{4} * static_cast<std::size_t>(field.width) * field.height);
-  refield::Turn turn{20, 30, 40};
+  refield::EulerAngles turn{20, 30, 40};
   const Image* image = nullptr;
   for (auto _ : state) {
     turn.yaw += 1.5;

@@ -198,7 +198,7 @@ def draw_factors(rows, output):
         return lambda axes: draw_panel(axes, tracks, title, "BRDF terms K", "relative RMSE")
 
     make_figure(output / "factors.svg", [panel("Error of the BRDF", "error"),
-                                         panel("Error under a light source of 34° radius", "lamp_error")], 2)
+                                         panel("Error under a light source of 34° radius", "area_light_error")], 2)
 
 
 def draw_pack(rows, output):

@@ -247,13 +247,14 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   else
     print(measured, given);
   if (!measured.superposition.holds())
-    throw InputError("display '" + measured.display_description.name +
-                     "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
-                     std::to_string(100.0 * measured.superposition.largest_error()) +
-                     " %, because the display dims itself. Turn off dynamic contrast, local dimming, power "
-                     "saving and automatic "
-                     "brightness, then calibrate again. " +
-                     given.page.string() + " shows details");
+    throw InputError(
+        "display '" + measured.display_description.name +
+        "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
+        std::to_string(100.0 * measured.superposition.largest_error()) +
+        " %, because the display dims itself. EulerAngles off dynamic contrast, local dimming, power "
+        "saving and automatic "
+        "brightness, then calibrate again. " +
+        given.page.string() + " shows details");
 }
 
 }  // namespace

@@ -79,8 +79,8 @@ height = 90
 # ready_active_low = false
 # strobe_line = 5
 # strobe_active_low = false
-# lamp_line = 6                   # line that switches the light on during the capture; default: none
-# lamp_active_low = false
+# light_source_line = 6                   # line that switches the light on during the capture; default: none
+# light_source_active_low = false
 
 [lights]
 images = "lights/train_*.exr"     # training light maps: 'refield acquire lights --starter -o lights'

@@ -31,7 +31,7 @@ struct SideOptions {
   std::string ball;
   fs::path ball_mask;
   fs::path hide;
-  Turn turn;
+  EulerAngles turn;
 };
 
 struct ProbeOptionsText {
@@ -122,7 +122,7 @@ void probe(const ProbeOptionsText& options, const Common& common) {
                      (request.folder / "probe.toml").string());
 }
 
-void add_turn(CLI::App& verb, const std::string& prefix, Turn& turn, const std::string& whose) {
+void add_turn(CLI::App& verb, const std::string& prefix, EulerAngles& turn, const std::string& whose) {
   verb.add_option(
       "--" + prefix + "yaw", turn.yaw,
       "Rotation of " + whose + " to the right of the centre of the map (+Z), in degrees (default: 0)");
@@ -204,10 +204,10 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
                    "resolution of the ball image)");
   verb->add_option("--saturation", request.saturation,
                    "Value from which samples are clipped, for photographs without a noise estimate");
-  verb->add_option("--most-sun", request.limits.most_sun,
+  verb->add_option("--most-sun", request.limits.max_sun,
                    "Discard a map if more than this fraction of its light comes from one spot of 3 degrees")
       ->capture_default_str();
-  verb->add_option("--most-clipped", request.limits.most_clipped,
+  verb->add_option("--most-clipped", request.limits.max_clipped,
                    "Discard a map if more than this fraction of the sphere was clipped")
       ->capture_default_str();
   CLI::Option* second = verb->add_option(

@@ -122,8 +122,8 @@ void run_session(const RunOptions& options, const Common& common) {
          "calibrate' measures it");
   std::optional<UntilError> until;
   if (!session.until_error.empty()) {
-    constexpr int fewest_images = 30, check_every = 10;
-    until.emplace(error_from_text(session.until_error), fewest_images, check_every);
+    constexpr int min_images = 30, check_every = 10;
+    until.emplace(error_from_text(session.until_error), min_images, check_every);
     until->attach(request);
   }
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());

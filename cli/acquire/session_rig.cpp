@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr int most_pixels = 65536;
+constexpr int max_pixels = 65536;
 
 /// A path of the file: relative to the file's own folder.
 void read_path(ConfigSection& section, const std::string& key, const fs::path& folder, fs::path& path) {
@@ -32,11 +32,11 @@ void read_camera(ConfigSection section, V4l2CameraOptions& camera) {
   section.require("device");
   section.text("device", camera.device);
   section.text("format", camera.format);
-  section.integer("width", camera.width, 1, most_pixels);
-  section.integer("height", camera.height, 1, most_pixels);
+  section.integer("width", camera.width, 1, max_pixels);
+  section.integer("height", camera.height, 1, max_pixels);
   section.number("rate", camera.rate, 0.01, 10'000.0);
   std::vector<int> window(4, 0);
-  section.integers("window", window, 0, most_pixels);
+  section.integers("window", window, 0, max_pixels);
   if (section.has("window")) camera.window = FrameWindow{window[0], window[1], window[2], window[3]};
   section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
   section.seconds("fixed_exposure", camera.fixed_exposure, Seconds(1), 1e-6, 3600.0);
@@ -80,8 +80,8 @@ void read_monitor(ConfigSection section, SessionFile& session) {
   section.text("card", monitor.card);
   section.text("connector", monitor.connector);
   section.text("mode", monitor.mode);
-  section.integer("width", monitor.width, 1, most_pixels);
-  section.integer("height", monitor.height, 1, most_pixels);
+  section.integer("width", monitor.width, 1, max_pixels);
+  section.integer("height", monitor.height, 1, max_pixels);
   session.placements = read_placement(section);
   if (is_window) {
     for (const char* key : {"card", "connector", "mode"})
@@ -115,7 +115,7 @@ GpioTriggerOptions read_trigger(ConfigSection section) {
   trigger.trigger = *read_line(section, "", chip);
   trigger.ready = read_line(section, "ready_", chip);
   trigger.strobe = read_line(section, "strobe_", chip);
-  trigger.lamp = read_line(section, "lamp_", chip);
+  trigger.light_source = read_line(section, "light_source_", chip);
   section.seconds("pulse_ms", trigger.pulse_width, Seconds(1e-3), 1e-3, 1000.0);
   section.seconds("timeout", trigger.timeout, Seconds(1), 1e-3, 3600.0);
   section.finish();

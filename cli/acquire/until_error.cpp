@@ -30,7 +30,7 @@ void order_lights(std::vector<CaptureLight>& lights, const std::string& order, s
       maps.push_back(read_light_map(light.wanted, Parameterisation::monitor, run_context()));
       progress.advance();
     }
-    places = most_useful_order(maps);
+    places = max_useful_order(maps);
   }
   for (std::size_t i = 0; i < places.size(); ++i) lights[i] = trained[places[i]];
 }
@@ -46,10 +46,10 @@ double error_from_text(const std::string& text) {
   return value;
 }
 
-UntilError::UntilError(double error, int fewest_images, int check_every)
-    : error_(error), fewest_images_(fewest_images), check_every_(check_every), follower_(EstimateOptions()) {
-  if (fewest_images < 10)
-    throw InputError("--min-images is " + std::to_string(fewest_images) +
+UntilError::UntilError(double error, int min_images, int check_every)
+    : error_(error), min_images_(min_images), check_every_(check_every), follower_(EstimateOptions()) {
+  if (min_images < 10)
+    throw InputError("--min-images is " + std::to_string(min_images) +
                      "; give 10 or more, since the prediction needs that many images");
   if (check_every < 1)
     throw InputError("--check-every is " + std::to_string(check_every) + "; give 1 or more");
@@ -57,7 +57,7 @@ UntilError::UntilError(double error, int fewest_images, int check_every)
 
 void UntilError::attach(CaptureRequest& request) {
   char rule[128];
-  std::snprintf(rule, sizeof rule, "predicted error %.6g, from %d images, every %d", error_, fewest_images_,
+  std::snprintf(rule, sizeof rule, "predicted error %.6g, from %d images, every %d", error_, min_images_,
                 check_every_);
   request.stop_rule = rule;
   request.is_enough = [this](const CaptureFrame& frame) { return is_enough(frame); };
@@ -66,7 +66,7 @@ void UntilError::attach(CaptureRequest& request) {
 bool UntilError::is_enough(const CaptureFrame& frame) {
   follower_.add(frame, Parameterisation::monitor, run_context());
   const int images = follower_.images();
-  if (images < fewest_images_ || (images - fewest_images_) % check_every_ != 0) return false;
+  if (images < min_images_ || (images - min_images_) % check_every_ != 0) return false;
   last_ = follower_.predict(run_context());
   reached_ = last_.predicted <= error_;
   char text[160];

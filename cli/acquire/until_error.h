@@ -10,7 +10,7 @@
 
 namespace refield::cli {
 
-/// Puts the training lights first, in the given order: "given", "random" or "useful" (most_useful_order()).
+/// Puts the training lights first, in the given order: "given", "random" or "useful" (max_useful_order()).
 /// Throws InputError for another word.
 void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed);
 
@@ -20,7 +20,7 @@ double error_from_text(const std::string& text);
 /// The rule by which a capture ends early.
 class UntilError {
  public:
-  UntilError(double error, int fewest_images, int check_every);
+  UntilError(double error, int min_images, int check_every);
 
   /// Makes `request` ask this rule, which must outlive the capture.
   void attach(CaptureRequest& request);
@@ -32,7 +32,7 @@ class UntilError {
  private:
   bool is_enough(const CaptureFrame& frame);
   double error_;
-  int fewest_images_, check_every_;
+  int min_images_, check_every_;
   ErrorFollower follower_;
   FollowedError last_;
   bool reached_ = false;

@@ -12,32 +12,33 @@ namespace refield::cli {
 
 namespace {
 
-/// Lamps, too: their vertices' radiance follows the objects'.
-void append_lamps(const Mesh& lamps, Mesh& all) {
+/// Area lights, too: their vertices' radiance follows the objects'.
+void append_area_lights(const Mesh& area_lights, Mesh& all) {
   const auto first = static_cast<std::uint32_t>(all.positions.size());
-  all.positions.insert(all.positions.end(), lamps.positions.begin(), lamps.positions.end());
-  all.normals.insert(all.normals.end(), lamps.normals.begin(), lamps.normals.end());
-  for (const auto& [a, b, c] : lamps.triangles) {
+  all.positions.insert(all.positions.end(), area_lights.positions.begin(), area_lights.positions.end());
+  all.normals.insert(all.normals.end(), area_lights.normals.begin(), area_lights.normals.end());
+  for (const auto& [a, b, c] : area_lights.triangles) {
     all.triangles.push_back({first + a, first + b, first + c});
     all.triangles.push_back({first + a, first + c, first + b});  // both sides shine
   }
 }
 
-/// Objects in their places and lamps after them.
-Mesh mesh_with_lamps(const dynamic::DynamicScene& scene, std::span<const dynamic::Pose> poses,
-                     const Mesh& lamps) {
+/// Objects in their places and area lights after them.
+Mesh mesh_with_area_lights(const dynamic::DynamicScene& scene, std::span<const dynamic::Pose> poses,
+                           const Mesh& area_lights) {
   Mesh mesh = joined_mesh(scene, poses);
-  append_lamps(lamps, mesh);
+  append_area_lights(area_lights, mesh);
   return mesh;
 }
 
 /// Of its vertices; `radiance`: of the objects'.
-std::vector<Eigen::Array3f> radiance_with_lamps(std::vector<Eigen::Array3f> radiance, const Mesh& lamps) {
-  radiance.insert(radiance.end(), lamps.colours.begin(), lamps.colours.end());
+std::vector<Eigen::Array3f> radiance_with_area_lights(std::vector<Eigen::Array3f> radiance,
+                                                      const Mesh& area_lights) {
+  radiance.insert(radiance.end(), area_lights.colours.begin(), area_lights.colours.end());
   return radiance;
 }
 
-constexpr int reference_lamp_points = 4096;
+constexpr int reference_area_light_points = 4096;
 
 }  // namespace
 
@@ -69,20 +70,20 @@ void PreparedScene::solve(double time, const PinholeCamera& camera, const dynami
   solve(scene_.poses(time), scene_.lights.at(time), camera, options);
 }
 
-void PreparedScene::solve(std::vector<dynamic::Pose> poses, Mesh lamps, const PinholeCamera& camera,
+void PreparedScene::solve(std::vector<dynamic::Pose> poses, Mesh area_lights, const PinholeCamera& camera,
                           const dynamic::FrameOptions& options) {
   camera_ = camera;
   poses_ = std::move(poses);
-  lamps_ = std::move(lamps);
-  light_->solve(poses_, lamps_, camera.position, options);
+  area_lights_ = std::move(area_lights);
+  light_->solve(poses_, area_lights_, camera.position, options);
 }
 
 Mesh PreparedScene::mesh() const {
-  return mesh_with_lamps(scene_, poses_, lamps_);
+  return mesh_with_area_lights(scene_, poses_, area_lights_);
 }
 
 std::vector<Eigen::Array3f> PreparedScene::radiance(int first_bounce, int last_bounce) {
-  return radiance_with_lamps(light_->radiance(first_bounce, last_bounce), lamps_);
+  return radiance_with_area_lights(light_->radiance(first_bounce, last_bounce), area_lights_);
 }
 
 Image PreparedScene::picture(int first_bounce, int last_bounce) {
@@ -105,9 +106,9 @@ Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
   std::vector<Eigen::Array3f> radiance(vertices.size(), Eigen::Array3f::Zero());
   for (const auto& bounce : reference(time, vertices, camera.position, options))
     for (std::size_t v = 0; v < radiance.size(); ++v) radiance[v] += bounce[v];
-  const Mesh lamps = scene_.lights.at(time);
-  const Mesh all = mesh_with_lamps(scene_, scene_.poses(time), lamps);
-  return MeshView(all, camera).show(radiance_with_lamps(std::move(radiance), lamps));
+  const Mesh area_lights = scene_.lights.at(time);
+  const Mesh all = mesh_with_area_lights(scene_, scene_.poses(time), area_lights);
+  return MeshView(all, camera).show(radiance_with_area_lights(std::move(radiance), area_lights));
 }
 
 std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
@@ -116,8 +117,8 @@ std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
   const std::vector<dynamic::Pose> poses = scene_.poses(time);
   dynamic::SceneRays rays(rays_);
   rays.move(poses);
-  const auto lamps = dynamic::area_points(scene_.lights.at(time), reference_lamp_points);
-  return trace_bounces(scene_, rays, poses, lamps, vertices, eye, options, run_context());
+  const auto area_lights = dynamic::area_points(scene_.lights.at(time), reference_area_light_points);
+  return trace_bounces(scene_, rays, poses, area_lights, vertices, eye, options, run_context());
 }
 
 PinholeCamera camera_of(const dynamic::DynamicScene& scene) {
@@ -135,8 +136,8 @@ Eigen::Isometry3f handled(Eigen::Isometry3f pose, const Handling& handling) {
   return pose;
 }
 
-/// A lamp that looks at a point still does where a hand took it.
-Mesh handled_lamps(const prt::AreaLights& lights, double time, std::span<const Handling> handling) {
+/// An area light that looks at a point still does where a hand took it.
+Mesh handled_area_lights(const prt::AreaLights& lights, double time, std::span<const Handling> handling) {
   Mesh all;
   for (std::size_t i = 0; i < lights.lights.size(); ++i) {
     const prt::AreaLight& light = lights.lights[i];
@@ -158,8 +159,9 @@ void light_moment(PreparedScene& prepared, const SceneMoment& moment, SceneFrame
   camera.position = moment.eye;
   dynamic::FrameOptions options;
   options.bounces = moment.bounces;
-  prepared.solve(std::move(poses), handled_lamps(scene.lights, moment.time, moment.handling.subspan(objects)),
-                 camera, options);
+  prepared.solve(std::move(poses),
+                 handled_area_lights(scene.lights, moment.time, moment.handling.subspan(objects)), camera,
+                 options);
   frame.mesh = prepared.mesh();
   frame.radiance = prepared.radiance(0, prepared.light().bounces());
 }
@@ -169,8 +171,8 @@ SceneThing thing_of(const dynamic::MovingObject& object) {
 }
 
 SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t count) {
-  return {.name = count == 1 ? "lamp" : "lamp " + std::to_string(number + 1),
-          .is_lamp = true,
+  return {.name = count == 1 ? "area light" : "area light " + std::to_string(number + 1),
+          .is_area_light = true,
           .moves = light.path.size() > 1,
           .can_turn = !light.towards};
 }

@@ -29,16 +29,17 @@ class PreparedScene {
   std::size_t cached() const { return cached_; }
 
   void solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options);
-  /// The same with all in other places; `lamps`: colours are radiance.
-  void solve(std::vector<dynamic::Pose> poses, Mesh lamps, const PinholeCamera& camera,
+  /// The same with all in other places; `area lights`: colours are radiance.
+  void solve(std::vector<dynamic::Pose> poses, Mesh area_lights, const PinholeCamera& camera,
              const dynamic::FrameOptions& options);
-  /// All objects and, after them, lamps as the last solve() had them; triangles of lamps have two fronts.
+  /// All objects and, after them, area lights as the last solve() had them; triangles of area lights have two
+  /// fronts.
   Mesh mesh() const;
   /// Of its vertices towards the camera of the last solve().
   std::vector<Eigen::Array3f> radiance(int first_bounce, int last_bounce);
-  /// What the camera of the last solve() sees; lamps shine.
+  /// What the camera of the last solve() sees; area lights shine.
   Image picture(int first_bounce, int last_bounce);
-  /// The same with all bounces and black lamps: what an automatic exposure is chosen for.
+  /// The same with all bounces and black area lights: what an automatic exposure is chosen for.
   Image reflected_picture();
   /// The picture of a time by traced paths, as many a vertex: the reference for picture().
   Image traced_picture(double time, const PinholeCamera& camera,
@@ -55,14 +56,14 @@ class PreparedScene {
   std::size_t cached_ = 0;
   std::unique_ptr<dynamic::DynamicLight> light_;
   std::vector<dynamic::Pose> poses_;
-  Mesh lamps_;
+  Mesh area_lights_;
   PinholeCamera camera_;
 };
 
 /// The scene's camera, or one that sees all of it from in front.
 PinholeCamera camera_of(const dynamic::DynamicScene& scene);
 
-/// A description of a moving scene (TOML, docs/reference/mesh-scenes.md) with all that is computed ahead, for
+/// A description of a moving scene (TOML, docs/reference/mesh-scenes.md) with all that is precomputed, for
 /// the viewer. Throws what read_dynamic_scene() throws, and Interrupted.
 MovingScene read_moving_scene(const std::filesystem::path& path);
 

@@ -61,7 +61,7 @@ FrameTimes measure_frames(PreparedScene& scene, const dynamic::FrameOptions& opt
 
 namespace {
 
-constexpr std::size_t most_vertices = 500;
+constexpr std::size_t max_vertices = 500;
 
 void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
   const Eigen::Vector3f eye = drawn.camera.position;
@@ -77,7 +77,7 @@ void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
     }
   }
   Rng rng(7);
-  const std::size_t all = facing.vertices.size(), count = std::min(all, most_vertices);
+  const std::size_t all = facing.vertices.size(), count = std::min(all, max_vertices);
   for (std::size_t i = 0; i < count; ++i) {  // one of each of `count` equal parts
     const std::size_t first = i * all / count, end = (i + 1) * all / count;
     const std::size_t k = first + static_cast<std::size_t>(rng.below(end - first));
@@ -398,7 +398,7 @@ void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
 
 void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
   const char* group = "Each frame";
-  verb.add_option("--lamp-points", arguments.frame.lamp_points,
+  verb.add_option("--light-samples", arguments.frame.light_samples,
                   "Number of light samples over all area lights")
       ->check(CLI::Range(1, 65536))
       ->capture_default_str()
@@ -439,7 +439,7 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       "docs/reference/mesh-scenes.md describes the scene format, docs/method/dynamic.md the method.\n"
       "\n"
       "Examples:\n"
-      "  refield simulate dynamic datasets_synthetic/dynamic/hare.toml -o hare.mp4\n"
+      "  refield simulate dynamic datasets_synthetic/dynamic/rabbit.toml -o rabbit.mp4\n"
       "  refield simulate dynamic scene.toml --time 1.5 -o picture.png\n"
       "  refield simulate dynamic scene.toml --measure --reference 1024");
   verb->add_option("scene", arguments->scene, "Scene (.toml, docs/reference/mesh-scenes.md)")->required();

@@ -19,8 +19,8 @@ double median_ms(std::vector<double> seconds) {
   return 1e3 * seconds[seconds.size() / 2];
 }
 
-/// A round lamp on one face.
-struct Lamp {
+/// A round area light on one face.
+struct AreaLight {
   double x, y, radius;  // texels of the map
   float radiance;
   Box box() const {
@@ -31,12 +31,12 @@ struct Lamp {
 
 constexpr float ambient = 1.0f;
 
-/// Draws the box anew: the ambient light, and the lamp where it is.
-void draw(LightMap& light, const Box& box, const Lamp& lamp) {
+/// Draws the box anew: the ambient light, and the area light where it is.
+void draw(LightMap& light, const Box& box, const AreaLight& area_light) {
   for (int y = box.y0; y < box.y1; ++y)
     for (int x = box.x0; x < box.x1; ++x) {
-      const bool lit = std::hypot(x + 0.5 - lamp.x, y + 0.5 - lamp.y) < lamp.radius;
-      for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = lit ? lamp.radiance : ambient;
+      const bool lit = std::hypot(x + 0.5 - area_light.x, y + 0.5 - area_light.y) < area_light.radius;
+      for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = lit ? area_light.radiance : ambient;
     }
 }
 
@@ -58,9 +58,9 @@ RelightTimes measure_relighting(Relighter& relighter) {
   std::ranges::fill(light.radiance.values, ambient);
   const double side = domain.width;
   // On the right face and on the one behind.
-  std::array<Lamp, 2> lamps{Lamp{0.3 * side, 0.4 * side, 0.05 * side, 20.0f},
-                            Lamp{0.3 * side, 5.4 * side, 0.10 * side, 10.0f}};
-  for (const Lamp& lamp : lamps) draw(light, lamp.box(), lamp);
+  std::array<AreaLight, 2> area_lights{AreaLight{0.3 * side, 0.4 * side, 0.05 * side, 20.0f},
+                                       AreaLight{0.3 * side, 5.4 * side, 0.10 * side, 10.0f}};
+  for (const AreaLight& area_light : area_lights) draw(light, area_light.box(), area_light);
 
   RelightTimes times;
   constexpr int runs = 9, moves = 40;
@@ -68,18 +68,18 @@ RelightTimes measure_relighting(Relighter& relighter) {
   for (int run = 0; run < runs; ++run) whole.push_back(seconds_of([&] { relighter.relight(light); }));
   for (int move = 0; move < moves; ++move) {
     std::array<Box, 2> changed;
-    for (std::size_t i = 0; i < lamps.size(); ++i) {
-      const Box before = lamps[i].box();
-      lamps[i].x += (move < moves / 2 ? 0.25 : -0.25) * std::min(lamps[i].radius, 0.05 * side);
-      changed[i] = joined(before, lamps[i].box());
-      draw(light, changed[i], lamps[i]);
+    for (std::size_t i = 0; i < area_lights.size(); ++i) {
+      const Box before = area_lights[i].box();
+      area_lights[i].x += (move < moves / 2 ? 0.25 : -0.25) * std::min(area_lights[i].radius, 0.05 * side);
+      changed[i] = joined(before, area_lights[i].box());
+      draw(light, changed[i], area_lights[i]);
     }
     moved.push_back(seconds_of([&] {
       for (const Box& box : changed) relighter.update(light, box);
     }));
   }
   times.whole_ms = median_ms(whole);
-  times.two_lamps_ms = median_ms(moved);
+  times.two_area_lights_ms = median_ms(moved);
   const Image updated = relighter.update(light, {0, 0, 1, 1});
   times.update_error = relative_rmse(updated, relighter.relight(light));
   return times;

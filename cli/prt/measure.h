@@ -9,9 +9,9 @@ namespace refield::prt_chart {
 /// How fast a field over a cube map is relit, in milliseconds; medians.
 struct RelightTimes {
   double whole_ms = 0.0;  ///< a new map, from its texels to all outputs
-  /// A lamp moves by a quarter of its radius: the experiment of Johan and Nishita, section 6.2, with two
-  /// round lamps of 5 % and 10 % of a face' side as radius; for both together.
-  double two_lamps_ms = 0.0;
+  /// An area light moves by a quarter of its radius: the experiment of Johan and Nishita, section 6.2, with
+  /// two round area lights of 5 % and 10 % of a face' side as radius; for both together.
+  double two_area_lights_ms = 0.0;
   double update_error = 0.0;  ///< after all moves, against relighting anew: relative RMSE
 };
 

@@ -103,7 +103,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
     Relighter relighter(std::move(packed));
     const auto times = prt_chart::measure_relighting(relighter);
     figures["relight_ms"] = times.whole_ms;
-    figures["two_lamps_ms"] = times.two_lamps_ms;
+    figures["two_area_lights_ms"] = times.two_area_lights_ms;
     figures["update_error"] = times.update_error;
   }
   if (common.json) {
@@ -118,7 +118,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
                 figures["entries"].get<double>() / static_cast<double>(scene.mesh.positions.size()));
   if (arguments.measure)
     std::printf("relighting: %.2f ms; update after two area lights moved: %.2f ms\n",
-                figures["relight_ms"].get<double>(), figures["two_lamps_ms"].get<double>());
+                figures["relight_ms"].get<double>(), figures["two_area_lights_ms"].get<double>());
 }
 
 void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
@@ -194,9 +194,9 @@ void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
                          "docs/method/prt.md compares the methods.\n"
                          "\n"
                          "Examples:\n"
-                         "  refield simulate prt datasets_synthetic/prt/hare.toml -o hare.rfield\n"
-                         "  refield relight hare.rfield --env sky.exr -o hare.png\n"
-                         "  refield view hare.rfield\n"
+                         "  refield simulate prt datasets_synthetic/prt/rabbit.toml -o rabbit.rfield\n"
+                         "  refield relight rabbit.rfield --env sky.exr -o rabbit.png\n"
+                         "  refield view rabbit.rfield\n"
                          "  refield simulate prt scene.toml --image -o glossy.rfield\n"
                          "  refield simulate prt bunny.ply --method sh --order 5 -o bunny.rfield");
   verb->add_option("scene", arguments->scene,

@@ -82,11 +82,11 @@ void SeenShares::add(const std::string& light, const EnvironmentShare& share) {
 }
 
 void SeenShares::print() const {
-  constexpr std::size_t most_lines = 12;
+  constexpr std::size_t max_lines = 12;
   if (entries_.empty()) return;
   std::printf("The monitor covers %.1f %% of all directions; light from other directions is ignored.\n",
               100.0 * entries_.front().share.sphere);
-  if (entries_.size() <= most_lines) {
+  if (entries_.size() <= max_lines) {
     for (const Entry& entry : entries_)
       std::printf("%s: %.1f %% of the map's light comes from these directions\n", entry.light.c_str(),
                   100.0 * entry.share.energy);
@@ -158,15 +158,15 @@ LightSeries series_of_area_lights(const RelightOptions& options, const Reflectan
   if (field.mesh.empty() || field.basis.domain.parameterisation != Parameterisation::cube)
     throw InputError("--area-lights requires a mesh field; " + options.field.string() +
                      " is an image field: use --light or --env");
-  const auto lamps =
+  const auto area_lights =
       std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights, run_context()));
   const Eigen::Vector3f middle = prt::middle(field.mesh);
-  const double last = std::max(1, options.frames - 1), duration = lamps->duration();
+  const double last = std::max(1, options.frames - 1), duration = area_lights->duration();
   LightSeries series{.is_sequence = true};
   for (int i = 0; i < options.frames; ++i)
-    series.lights.push_back({frame_name("lamps", i), options.area_lights,
+    series.lights.push_back({frame_name("area lights", i), options.area_lights,
                              [=, time = duration * i / last, resolution = field.basis.domain.width] {
-                               return emitter_map(lamps->at(time), middle, resolution);
+                               return emitter_map(area_lights->at(time), middle, resolution);
                              }});
   return series;
 }
@@ -246,13 +246,13 @@ struct Projection {
   bool box_sums = false;  ///< the field needs no light map
 
   SceneLight operator()(const std::string& name, std::shared_ptr<const PreparedEnvironment> environment,
-                        const Turn& turn) const {
+                        const EulerAngles& turn) const {
     if (box_sums && environment->has_path_sums()) return TurnedEnvironment{std::move(environment), turn};
     return light_map(name, *environment, turn);
   }
 
   LightMap light_map(const std::string& name, const PreparedEnvironment& environment,
-                     const Turn& turn) const {
+                     const EulerAngles& turn) const {
     EnvironmentLight result = exact ? projector->project_exactly(environment.map(), turn, run_context())
                                     : projector->project(environment, turn, run_context());
     if (seen) seen->add(name, result.share);
@@ -294,7 +294,7 @@ void add_rotation(const RelightOptions& options, const Projection& project, Ligh
   const fs::path file = only_file(options.environments, "--env");
   const auto environment = prepared(read_environment(file, run_context()));
   for (int i = 0; i < options.frames; ++i) {
-    Turn turn = options.turn;
+    EulerAngles turn = options.turn;
     turn.yaw += 360.0 * i / options.frames;
     const std::string name = frame_name("rotation", i);
     series.lights.push_back({name, file, [=] { return project(name, environment, turn); }});

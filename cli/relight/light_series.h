@@ -41,11 +41,11 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
 struct RelightOptions {
   std::filesystem::path field;
   std::vector<std::string> lights;        ///< light maps of the field's own size
-  std::vector<std::string> environments;  ///< maps of the surroundings, of any size
+  std::vector<std::string> environments;  ///< maps of the environment, of any size
   std::vector<std::string> monitors;      ///< placements, in place of the field's own
-  Turn turn;                              ///< of environments
+  EulerAngles turn;                       ///< of environments
   bool exact = false;                     ///< project environments texel by texel
-  std::filesystem::path area_lights;      ///< lamps around a mesh, as a file describes them
+  std::filesystem::path area_lights;      ///< area lights around a mesh, as a file describes them
   double bar = 0.0;                       ///< width as a fraction of the light map; 0: no bar
   bool rotate = false;
   bool fade = false;  ///< from each environment to the next

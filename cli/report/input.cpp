@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/input.h"
 
-#include <nlohmann/json.hpp>
 #include <sys/resource.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <set>
@@ -189,7 +189,7 @@ std::optional<T> number(const nlohmann::ordered_json& json, const char* key) {
   return found->get<T>();
 }
 
-/// "foreseen_memory_bytes": 457278272 reads "foreseen memory 457 MB".
+/// "estimated_memory_bytes": 457278272 reads "estimated memory 457 MB".
 std::string detail(std::string key, const nlohmann::ordered_json& value) {
   static constexpr std::string_view bytes = "_bytes";
   const bool in_bytes = value.is_number() && key.ends_with(bytes);

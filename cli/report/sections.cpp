@@ -110,7 +110,7 @@ std::string kernels_html(const ReportInput& input, const KernelStudy& study) {
 
 namespace {
 
-/// The noise of a field's middle pixel.
+/// The noise of a field's median pixel.
 double middle_noise(const ReflectanceField& field) {
   std::vector<float> noise;
   for (std::size_t p = 0; p < field.photograph_noise.size(); ++p)
@@ -132,13 +132,13 @@ std::string more_images_html(const ReportInput& input) {
     const LearningCurve curve(entry.field.learning_curve, middle_noise(entry.field));
     if (!curve.known()) continue;
     Series measured{entry.label + ": measured", static_cast<int>(f), false, {}};
-    Series foreseen{entry.label + ": extrapolated", static_cast<int>(f), true, {}};
+    Series estimated{entry.label + ": extrapolated", static_cast<int>(f), true, {}};
     for (const LearningPoint& point : entry.field.learning_curve)
       measured.points.push_back({point.share, point.error});
     for (const double share : {0.8, 1.0, 1.25, 1.5, 1.75, 2.0})
-      foreseen.points.push_back({share, curve.error_at(share)});
+      estimated.points.push_back({share, curve.error_at(share)});
     chart.series.push_back(std::move(measured));
-    chart.series.push_back(std::move(foreseen));
+    chart.series.push_back(std::move(estimated));
     advice += "<p><b>" + escaped(entry.label) + "</b>: " + escaped(curve.advice()) + ".</p>";
   }
   if (chart.series.empty()) return "";

@@ -25,7 +25,7 @@ std::string pictures_html(const ReportInput& input, const RunContext& run);
 std::string more_images_html(const ReportInput& input);
 /// Kernels of chosen pixels while they are subdivided (figure 8).
 std::string kernels_html(const ReportInput& input, const KernelStudy& study);
-/// Kernels that matter (table 1), kernels a pixel, training error.
+/// Kernels that matter (table 1), kernels per pixel, training error.
 std::string statistics_html(const ReportInput& input, const RunContext& run);
 /// Time and memory of each stage and of relighting.
 std::string timing_html(const ReportInput& input, const std::vector<FieldFigures>& figures,

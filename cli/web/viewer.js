@@ -41,7 +41,7 @@ class Viewer {
     if (kind === 'map' && this.panorama) return light.throughWindow(this.panorama, this.field.light.window, width, height, degrees);
     if (kind === 'map' && this.map) return degrees === 0 || !this.latLong ? this.map : light.rotated(this.map, degrees / 360);
     const map = light.black(width, height);
-    if (kind === 'lamp') light.addLamp(map, x * width, y * height, size * height / 2, colour, this.latLong);
+    if (kind === 'light source') light.addPaintedLight(map, x * width, y * height, size * height / 2, colour, this.latLong);
     else light.addBar(map, this.barLeft(), size * width, colour, this.latLong);
     return map;
   }
@@ -103,7 +103,7 @@ class Viewer {
     return this.field.exposure * 2 ** this.state.stops;
   }
 
-  /// The bar or lamp crosses in eight seconds, there and back; a lat-long map turns in sixteen.
+  /// The bar or light source crosses in eight seconds, there and back; a lat-long map turns in sixteen.
   advance(time) {
     const seconds = (time - (this.before ?? time)) / 1000;
     this.before = time;

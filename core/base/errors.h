@@ -7,7 +7,7 @@
 
 namespace refield {
 
-/// Base of every error that refield foresees. The message names the file or option, the offending value and
+/// Base of every error that refield expects. The message names the file or option, the offending value and
 /// the remedy. The command line prints it and exits with status 2; anything else is a defect (status 1).
 class Error : public std::runtime_error {
  public:

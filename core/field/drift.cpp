@@ -13,7 +13,7 @@ namespace refield {
 
 namespace {
 
-constexpr std::size_t most_pixels = 40'000;
+constexpr std::size_t max_pixels = 40'000;
 /// Pixels darker than this part of the brightest (99th percentile) are mostly noise.
 constexpr double darkest = 0.05;
 constexpr int rounds = 3;
@@ -83,7 +83,7 @@ std::vector<std::vector<float>> read_references(const std::vector<CaptureFrame>&
                                                 const CaptureSession& session, const RunContext& run) {
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
   const std::size_t pixels = static_cast<std::size_t>(session.width) * session.height;
-  const std::size_t step = std::max<std::size_t>(1, pixels / most_pixels) | 1;  // odd: no column is favoured
+  const std::size_t step = std::max<std::size_t>(1, pixels / max_pixels) | 1;  // odd: no column is favoured
   std::vector<std::vector<float>> samples;
   for (const CaptureFrame& frame : frames) {
     run.throw_if_stopped();
@@ -147,8 +147,8 @@ void fit_channel(const std::vector<std::vector<float>>& samples, int channel,
   }
 }
 
-/// How far each used point lies off the line through its neighbours. The ends are never judged: a lamp that
-/// warms up changes fastest there.
+/// How far each used point lies off the line through its neighbours. The ends are never judged: an area light
+/// that warms up changes fastest there.
 std::vector<double> off_line(const std::vector<DriftPoint>& points, const std::vector<std::size_t>& used) {
   std::vector<double> result(used.size(), 0.0);
   for (std::size_t i = 1; i + 1 < used.size(); ++i) {

@@ -39,14 +39,14 @@ Image kernel_density(const ReflectanceField& field, std::size_t pixel);
 struct KernelStatistics {
   std::uint64_t pixels = 0;  ///< that have at least one kernel
   std::uint64_t kernels =
-      0;  ///< allowed in those pixels: pixels × kernels a pixel; the 100 % of the shares below
+      0;  ///< allowed in those pixels: pixels × kernels per pixel; the 100 % of the shares below
   std::uint64_t stored = 0;  ///< entries of the transfer
   std::uint64_t distinct_boxes = 0;
-  double mean_stored = 0.0;          ///< entries a pixel, over `pixels`
+  double mean_stored = 0.0;          ///< entries per pixel, over `pixels`
   double nonzero_share = 0.0;        ///< kernels with a weight that is not zero in some channel
   double share_of_99_percent = 0.0;  ///< the fewest kernels that hold 99 % of the scene's energy
   double share_of_95_percent = 0.0;
-  /// [most entries a pixel + 1], pixels with so many entries; pixels outside the mask stand under 0.
+  /// [most entries per pixel + 1], pixels with that many entries; pixels outside the mask stand under 0.
   std::vector<std::uint64_t> histogram;
 };
 

@@ -19,9 +19,9 @@ namespace {
 
 /// Estimated noise may come out above a measured error; that much of the lowest error, squared, is floor at
 /// most.
-constexpr double most_floor = 0.9;
+constexpr double max_floor = 0.9;
 /// An error that falls faster than this with more images is chance.
-constexpr double most_exponent = 3.0;
+constexpr double max_exponent = 3.0;
 /// Twice the images are worth advising for when they take off at least this part of the error.
 constexpr double worthwhile = 0.1;
 
@@ -41,7 +41,7 @@ LearningCurve::LearningCurve(std::span<const LearningPoint> points, double noise
   const double spread = count * xx - x * x;
   known_ = count >= 2.0 && spread > 1e-6 * count * count;
   if (!known_) return;
-  floor_ = std::min(noise * noise, most_floor * lowest);
+  floor_ = std::min(noise * noise, max_floor * lowest);
   double y = 0.0, xy = 0.0;
   for (const LearningPoint& point : points) {
     if (!(point.share > 0.0f && point.error > 0.0f)) continue;
@@ -49,7 +49,7 @@ LearningCurve::LearningCurve(std::span<const LearningPoint> points, double noise
     y += own;
     xy += own * std::log(point.share);
   }
-  exponent_ = std::clamp(-(count * xy - x * y) / spread, 0.0, most_exponent);
+  exponent_ = std::clamp(-(count * xy - x * y) / spread, 0.0, max_exponent);
   scale_ = std::exp((y + exponent_ * x) / count);
 }
 
@@ -88,7 +88,7 @@ constexpr double share_of_cross_validation = 0.5;
 /// Neighbours choose different kernels, so not all misfit is shared: that part of the excess of
 /// cross-validation counts as the field's own error besides what is.
 constexpr double share_that_is_misfit = 0.75;
-/// Squared relative errors below float32's own are not told apart.
+/// Squared relative errors below float32's own are not distinguished.
 constexpr double least = 1e-12;
 
 /// One block of the lattice: how much larger, as a logarithm, the cross-validated error is.

@@ -8,14 +8,14 @@
 
 namespace refield {
 
-/// Error of a field made from a share of its training images: relative RMSE of the middle pixel.
+/// Error of a field made from a share of its training images: relative RMSE of the median pixel.
 struct LearningPoint {
   float share = 0.0f;
   float error = 0.0f;
 };
 
 /// Error against the number of images, e² = noise² + scale / shareᶜ: what more images of the same kind would
-/// do. The photographs' noise is known (`noise`, of the middle pixel); it is the floor that no number of
+/// do. The photographs' noise is known (`noise`, of the median pixel); it is the floor that no number of
 /// images gets below, and without it three points do not say where the curve will flatten.
 class LearningCurve {
  public:
@@ -61,7 +61,7 @@ class CrossValidationLattice {
   static constexpr int side_px = 4;  ///< of a block
 
   CrossValidationLattice(int width, int height) {
-    while (static_cast<long>(width / step_px()) * (height / step_px()) > most_blocks) step_ *= 2;
+    while (static_cast<long>(width / step_px()) * (height / step_px()) > max_blocks) step_ *= 2;
   }
 
   int step_px() const { return side_px * step_; }
@@ -76,7 +76,7 @@ class CrossValidationLattice {
 
  private:
   static constexpr int offset = 2;
-  static constexpr long most_blocks = 600;
+  static constexpr long max_blocks = 600;
   int step_ = 6;  // blocks
 };
 

@@ -54,7 +54,7 @@ struct Hdf5Values {
   /// A data set of `columns` columns. T: float, double, std::int32_t, std::uint32_t or std::uint64_t.
   template <class T>
   std::vector<T> dataset(const char* name, std::size_t columns) const;
-  /// A data set of so many columns as type "f4", "f8", "i4", "u4" or "u8", all of which lies in the file.
+  /// A data set of that many columns as type "f4", "f8", "i4", "u4" or "u8", all of which lies in the file.
   const Hdf5DataSet& locate(const char* name, const char* type, std::size_t columns) const;
 };
 

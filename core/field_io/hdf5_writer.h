@@ -36,7 +36,7 @@ class Hdf5Writer {
 /// CRC-32 as zlib, PNG and Python's zlib.crc32 define it, of values that follow those which gave `before`.
 /// HDF5 guards its own structures by checksums, not the values.
 std::uint32_t crc32_of(const void* values, std::size_t bytes, std::uint32_t before = 0);
-/// That of values which gave `first`, followed by so many bytes that gave `second`.
+/// That of values which gave `first`, followed by that many bytes that gave `second`.
 std::uint32_t crc32_joined(std::uint32_t first, std::uint32_t second, std::size_t second_bytes);
 inline constexpr const char* hdf5_crc_name = "crc32";
 

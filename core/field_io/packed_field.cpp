@@ -24,11 +24,11 @@ template <class Weight>
 ReflectanceField expand(ReflectanceField&& outline, const TiledTransfer<Weight>& tiles) {
   ReflectanceField field = std::move(outline);
   field.transfer = {};
-  std::size_t most_entries = 0;
+  std::size_t max_entries = 0;
   for (int at = 0; at < tiles.tiles(); ++at)
-    most_entries += tiles.tile(at).sparse.size() + tiles.tile(at).record_kernel.size() * group_pixels;
-  field.transfer.column.reserve(most_entries);
-  field.transfer.weight.reserve(3 * most_entries);
+    max_entries += tiles.tile(at).sparse.size() + tiles.tile(at).record_kernel.size() * group_pixels;
+  field.transfer.column.reserve(max_entries);
+  field.transfer.weight.reserve(3 * max_entries);
   field.transfer.row_start.reserve(static_cast<std::size_t>(field.width) * field.height + 1);
   const int across = tiles.tiles_across();
   std::vector<std::vector<Entry>> rows(static_cast<std::size_t>(tile_side_px) * field.width);

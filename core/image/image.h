@@ -40,7 +40,7 @@ struct Image {
   }
 };
 
-/// A float image that somebody else owns and keeps while the view is used: scene-linear, top row first.
+/// A float image that another user owns and keeps while the view is used: scene-linear, top row first.
 /// Strides count floats and may be negative (an image stored bottom row first).
 struct ImageView {
   const float* values = nullptr;  ///< first channel of the top left pixel

@@ -73,7 +73,7 @@ constexpr std::uint32_t tiled_flag = 0x200, deep_flag = 0x800, multipart_flag = 
 constexpr std::size_t longest_name = 255;
 constexpr std::uint64_t offset_bytes = 8;
 constexpr std::uint64_t least_chunk_bytes = 8;  // row number and size
-constexpr int most_parts = 1024;
+constexpr int max_parts = 1024;
 /// Rows that are compressed together, by the number of the compression.
 constexpr std::array<int, 10> rows_of_chunk = {1, 1, 1, 16, 32, 16, 32, 32, 32, 256};
 
@@ -159,7 +159,7 @@ std::vector<PromisedImage> read_exr_headers(ByteReader& reader) {
   if ((version & 0xff) != 2) reader.fail("is of an unknown version of OpenEXR");
   if (version & deep_flag) reader.fail("is a deep image, which cannot be used here");
   std::vector<PromisedImage> parts;
-  for (int part = 0; part < most_parts; ++part) {
+  for (int part = 0; part < max_parts; ++part) {
     std::string name = reader.zero_terminated(longest_name);
     if (name.empty() && part > 0) return parts;
     Header header;
@@ -167,7 +167,7 @@ std::vector<PromisedImage> read_exr_headers(ByteReader& reader) {
     parts.push_back(promised_by(header, (version & tiled_flag) != 0, reader));
     if (!(version & multipart_flag)) return parts;
   }
-  reader.fail("has more than " + std::to_string(most_parts) + " parts");
+  reader.fail("has more than " + std::to_string(max_parts) + " parts");
 }
 
 namespace fs = std::filesystem;

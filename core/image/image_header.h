@@ -38,7 +38,7 @@ class ByteReader {
   std::uint64_t size_;
 };
 
-/// What an image file is, told by its first bytes, whatever its name.
+/// What an image file is, identified by its first bytes, whatever its name.
 enum class ImageFormat { exr, hdr, png, jpeg, tiff, pfm };
 
 /// What the header of an image promises, as far as it bears on the memory that decoding takes.
@@ -47,7 +47,7 @@ struct PromisedImage {
   std::int64_t height = 0;  ///< pixels
   std::int64_t channels = 0;
   std::int64_t tile_pixels = 0;  ///< 0: no tiles
-  /// The fewest bytes that a file with so many pixels can have, where the format makes that plain.
+  /// The fewest bytes that a file with that many pixels can have, where the format makes that plain.
   std::uint64_t least_bytes = 0;
 };
 

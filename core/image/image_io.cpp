@@ -38,8 +38,8 @@ void silence_openimageio() {
 }
 
 /// The one decoder that the content asks for. OpenImageIO itself would try all of its decoders on a file that
-/// the one of its name refuses, among them some that a hostile file can crash. RAW files, which are told by
-/// their names, are left to it.
+/// the one of its name refuses, among them some that a hostile file can crash. RAW files, which are
+/// identified by their names, are left to it.
 std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
   const auto fail = [&](const std::string& why) {
     throw FormatError(path, "cannot be read as an image (" + why + "); check that the file is complete");

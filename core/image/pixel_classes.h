@@ -9,7 +9,7 @@
 
 namespace refield {
 
-/// What sort of light transport each pixel shows, so that errors can be told apart by it.
+/// What sort of light transport each pixel shows, so that errors can be distinguished by it.
 struct PixelKinds {
   int width = 0;
   int height = 0;
@@ -20,7 +20,7 @@ struct PixelKinds {
   Mask mask_of(std::size_t kind, const Mask& mask) const;
 };
 
-/// The kinds that refield itself tells apart, in this order.
+/// The kinds that refield itself distinguishes, in this order.
 inline constexpr const char* kind_names[] = {"diffuse", "glossy", "refraction", "hard_shadow", "mixed"};
 
 /// Writes a grey PNG whose levels are 50 × label (8 bits), and beside it NAME.json, which says what the

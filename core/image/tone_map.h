@@ -17,7 +17,7 @@ namespace refield {
 ///  - clip: up to 1 as it is, above it white.
 ///  - reinhard: x (1 + x / w²) / (1 + x) with w = 4, which becomes white. Source: Reinhard et al.,
 ///    "Photographic Tone Reproduction for Digital Images", 2002, eq. 4; deviation: on each channel instead of
-///    luminance, so that bright lamps whiten as on film.
+///    luminance, so that bright area lights whiten as on film.
 ///  - filmic: (x (2.51 x + 0.03)) / (x (2.43 x + 0.59) + 0.14), which deepens shadows and rolls off
 ///    highlights. Source: Narkowicz, "ACES Filmic Tone Mapping Curve", 2016; deviation: none (his input
 ///    scale of 0.6 is the exposure's business).

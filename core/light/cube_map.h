@@ -9,7 +9,7 @@ namespace refield {
 
 inline constexpr int cube_faces = 6;
 
-/// The domain of a cube map of R×R texels a face.
+/// The domain of a cube map of R×R texels per face.
 constexpr LightDomain cube_domain(int resolution) {
   return {resolution, cube_faces * resolution, Parameterisation::cube};
 }

@@ -8,14 +8,14 @@
 
 namespace refield {
 
-Eigen::Matrix3d Turn::matrix() const {
+Eigen::Matrix3d EulerAngles::matrix() const {
   return (Eigen::AngleAxisd(radians_from_degrees(yaw), Eigen::Vector3d::UnitY()) *
           Eigen::AngleAxisd(radians_from_degrees(pitch), Eigen::Vector3d::UnitX()) *
           Eigen::AngleAxisd(radians_from_degrees(roll), Eigen::Vector3d::UnitZ()))
       .toRotationMatrix();
 }
 
-bool Turn::is_none() const {
+bool EulerAngles::is_none() const {
   return std::fmod(yaw, 360.0) == 0.0 && std::fmod(pitch, 360.0) == 0.0 && std::fmod(roll, 360.0) == 0.0;
 }
 

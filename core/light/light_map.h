@@ -68,7 +68,7 @@ struct LightMap {
   LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
 };
 
-/// A light map that somebody else owns.
+/// A light map that another user owns.
 struct LightMapView {
   ImageView radiance;  ///< 3 channels
   Parameterisation parameterisation = Parameterisation::monitor;

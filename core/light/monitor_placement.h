@@ -21,7 +21,7 @@ struct MonitorPlacement {
   double width_mm = 0.0;
   double height_mm = 0.0;
   double distance_mm = 0.0;
-  Turn turn{};
+  EulerAngles turn{};
   double offset_x_mm = 0.0;
   double offset_y_mm = 0.0;
 

@@ -13,7 +13,7 @@ namespace refield {
 
 HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int images) {
   if (options.mode != EstimateMode::refined) return {};
-  return hat_grid_for(domain, std::min(options.most_kernels(), images));
+  return hat_grid_for(domain, std::min(options.max_kernels(), images));
 }
 
 BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
@@ -21,7 +21,7 @@ BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
   if (options.mode == EstimateMode::refined)
     // A part of the images keeps the hats of all; they leave room for rectangles.
     block_.emplace(cache_,
-                   std::min(options.most_kernels(), std::max(table.images(), table.hats().count() + 5)),
+                   std::min(options.max_kernels(), std::max(table.images(), table.hats().count() + 5)),
                    options.mean_square);
   else
     pixel_.emplace(cache_, options);
@@ -40,7 +40,7 @@ std::vector<PixelKernels> BlockModel::fit(std::span<const PixelSamples> samples,
 
 namespace {
 /// Leaves that a tree grows at most: twice what a pixel needs, since pixels share it.
-constexpr int most_leaves = 56;
+constexpr int max_leaves = 56;
 /// And that of a part of a block, or of a single pixel which is not worth full effort. Measured: 36 cost a
 /// fifth more time and take 2 to 3 % off the median pixel's error, nothing off the picture's; 22 save a fifth
 /// at 6 %.
@@ -76,17 +76,17 @@ constexpr int refinements = 2;
 constexpr int fillings = 3;
 }  // namespace
 
-BlockFitter::BlockFitter(KernelCache& cache, int most_kernels, double mean_square)
+BlockFitter::BlockFitter(KernelCache& cache, int max_kernels, double mean_square)
     : cache_(cache),
       smooth_(cache.smooth()),
-      most_kernels_(most_kernels),
+      max_kernels_(max_kernels),
       mean_square_(mean_square),
       images_(cache.table().images()),
       stride_(smooth_.stride()),
       extent_(smooth_.extent()),
       gap_filler_(cache),
-      shared_(cache, most_leaves),
-      single_(cache, most_leaves),
+      shared_(cache, max_leaves),
+      single_(cache, max_leaves),
       weighted_(cache.table(), smooth_) {}
 
 std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples, int width,
@@ -118,11 +118,11 @@ void BlockFitter::load(Pixel& pixel, const PixelSamples& samples) {
     std::copy_n(pixel.samples.values.data() + c * stride_, stride_, b);
     if (pixel.samples.complete) smooth_.extend(b, c);
   }
-  if (!pixel.samples.complete) pixel.gap_boxes = gap_filler_.foresee(samples, pixel.samples, pixel.values);
+  if (!pixel.samples.complete) pixel.gap_boxes = gap_filler_.estimate(samples, pixel.samples, pixel.values);
 }
 
 std::vector<int> BlockFitter::channels_to_search(const Group& pixels) const {
-  if (images_ < enough_samples_a_leaf * most_leaves) return {0, 1, 2};
+  if (images_ < enough_samples_a_leaf * max_leaves) return {0, 1, 2};
   std::array<double, 3> squared{};
   for (const Pixel* pixel : pixels)
     for (int c = 0; c < 3; ++c) squared[c] += pixel->samples.squared[c];
@@ -134,7 +134,7 @@ void BlockFitter::take_or_grow(const Group& pixels) {
     std::vector<Box> boxes;
     for (const Pixel* pixel : pixels)
       for (const Box& box : old_[pixel->index])
-        if (boxes.size() < most_leaves && std::ranges::find(boxes, box) == boxes.end()) boxes.push_back(box);
+        if (boxes.size() < max_leaves && std::ranges::find(boxes, box) == boxes.end()) boxes.push_back(box);
     shared_.selector.prepare(shared_.tree.take(boxes));
     return;
   }
@@ -162,7 +162,7 @@ void BlockFitter::take_or_grow(const Group& pixels) {
     }
   }
   const bool whole_block = count > block_side_px * block_side_px / 4;
-  shared_.selector.prepare(shared_.tree.grow(targets, measured, whole_block ? most_leaves : few_leaves));
+  shared_.selector.prepare(shared_.tree.grow(targets, measured, whole_block ? max_leaves : few_leaves));
 }
 
 bool BlockFitter::matters(const Pixel& pixel, const PixelKernels& fit, double part) const {
@@ -192,7 +192,7 @@ BlockFitter::Fitted BlockFitter::fit_alone(Pixel& pixel) {
   SearchTargets targets;
   for (const int c : searched) targets[c] = {pixel.values.data() + c * extent_};
   const double measured = pixel.count_in(searched);
-  const int leaves = effort == Effort::little ? few_leaves : most_leaves;
+  const int leaves = effort == Effort::little ? few_leaves : max_leaves;
   single_.selector.prepare(single_.tree.grow(targets, measured, leaves));
   return fit_from(pixel, single_);
 }
@@ -205,7 +205,7 @@ AlikeSets BlockFitter::sort_alike(const Group& pixels) const {
     values.push_back({b, b + extent_, b + 2 * extent_});
     squared.push_back(pixel->samples.squared_sum());
   }
-  return refield::sort_alike(values, squared, stride_, TreeSearch::most_targets);
+  return refield::sort_alike(values, squared, stride_, TreeSearch::max_targets);
 }
 
 PixelCoordinates BlockFitter::coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const {
@@ -228,7 +228,7 @@ BlockFitter::Fitted BlockFitter::fit_from(Pixel& pixel, Search& search) {
   Fitted fitted;
   for (int filling = 0; filling < (pixel.samples.complete ? 1 : fillings); ++filling) {
     const PixelCoordinates coordinates = coordinates_of(pixel, search.tree.dictionary());
-    fitted.choice = search.selector.select(coordinates, most_kernels_, guess_);
+    fitted.choice = search.selector.select(coordinates, max_kernels_, guess_);
     set_weights(pixel, coordinates, search, fitted);
     if (!pixel.samples.complete) gap_filler_.fill_in(pixel.samples, weighted_.predicted(), pixel.values);
   }

@@ -29,7 +29,7 @@ class BlockFitter {
  public:
   /// `mean_square`: of the picture's samples, over pixels, channels and images. Pixels whose error is small
   /// beside it are searched with less effort, and in those bright beside it rectangles cost less; 0: neither.
-  BlockFitter(KernelCache& cache, int most_kernels, double mean_square);
+  BlockFitter(KernelCache& cache, int max_kernels, double mean_square);
 
   /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
   /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
@@ -66,13 +66,13 @@ class BlockFitter {
   void fit_group(const Group& pixels, int side);
   /// A tree and what chooses from it.
   struct Search {
-    Search(KernelCache& cache, int most_leaves) : tree(cache, most_leaves), selector(cache.smooth()) {}
+    Search(KernelCache& cache, int max_leaves) : tree(cache, max_leaves), selector(cache.smooth()) {}
     TreeSearch tree;
     KernelSelector selector;
   };
   /// Channels that a tree is grown from: the brightest where its samples are enough, or all.
   std::vector<int> channels_to_search(const Group& pixels) const;
-  /// Takes the old rectangles of the pixels, or grows a tree from the means of alike pixels.
+  /// Takes the old rectangles of the pixels, or grows a tree from the means of similar pixels.
   void take_or_grow(const Group& pixels);
   /// Whether its error with this fit is at least this part of the picture's root mean square.
   bool matters(const Pixel& pixel, const PixelKernels& fit, double part) const;
@@ -94,7 +94,7 @@ class BlockFitter {
 
   KernelCache& cache_;
   const SmoothSpace& smooth_;
-  int most_kernels_;
+  int max_kernels_;
   double mean_square_;
   int images_;
   std::size_t stride_, extent_;

@@ -41,7 +41,7 @@ void MaskedSamples::assign(const PixelSamples& samples, std::size_t stride, int 
 PixelFitter::PixelFitter(KernelCache& cache, const EstimateOptions& options)
     : cache_(cache),
       options_(options),
-      max_leaves_(std::min(options.most_kernels(), cache.table().images())),
+      max_leaves_(std::min(options.max_kernels(), cache.table().images())),
       stride_(cache.table().stride()),
       coordinate_stride_(padded_length(max_leaves_)),
       basis_(std::size_t{3} * max_leaves_ * stride_),

@@ -10,7 +10,7 @@
 namespace refield {
 
 namespace {
-/// How samples that were not measured are foreseen.
+/// How samples that were not measured are estimated.
 EstimateOptions gap_options() {
   EstimateOptions options;
   options.mode = EstimateMode::refined;
@@ -37,18 +37,18 @@ std::size_t dimmest(const PixelKernels& kernels) {
 GapFiller::GapFiller(KernelCache& cache)
     : cache_(cache), smooth_(cache.smooth()), fitter_(cache, gap_options()) {}
 
-std::vector<Box> GapFiller::foresee(const PixelSamples& pixel, const MaskedSamples& samples,
-                                    AlignedFloats& values) {
+std::vector<Box> GapFiller::estimate(const PixelSamples& pixel, const MaskedSamples& samples,
+                                     AlignedFloats& values) {
   const std::size_t stride = smooth_.stride();
   const PixelKernels guess = fitter_.fit(pixel);
-  AlignedFloats foreseen(3 * stride, 0.0f);
+  AlignedFloats estimated(3 * stride, 0.0f);
   for (int c = 0; c < 3; ++c)
     for (std::size_t k = 0; k < guess.boxes.size(); ++k) {
       const float* column = cache_.column(guess.boxes[k], c);
       const float minus_weight = -guess.weights[3 * k + c];
-      subtract_combination(foreseen.data() + c * stride, &column, &minus_weight, 1, stride);
+      subtract_combination(estimated.data() + c * stride, &column, &minus_weight, 1, stride);
     }
-  fill_in(samples, foreseen, values);
+  fill_in(samples, estimated, values);
   return guess.boxes;
 }
 

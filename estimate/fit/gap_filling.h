@@ -9,7 +9,7 @@
 namespace refield {
 
 /// What is done for pixels that lack samples (clipped in every exposure): the search works on complete
-/// vectors, so what was not measured is foreseen by a tree that sees only what was, and filled in anew from
+/// vectors, so what was not measured is estimated by a tree that sees only what was, and filled in anew from
 /// later fits; in the end the rectangles of both are pruned in exact fits to what was measured.
 class GapFiller {
  public:
@@ -17,7 +17,7 @@ class GapFiller {
 
   /// Fills in what was not measured; returns the rectangles of the tree that foresaw it. `values`: extended,
   /// [3 × extent].
-  std::vector<Box> foresee(const PixelSamples& pixel, const MaskedSamples& samples, AlignedFloats& values);
+  std::vector<Box> estimate(const PixelSamples& pixel, const MaskedSamples& samples, AlignedFloats& values);
   /// Fills it in from a fit: `predicted` [3 × stride].
   void fill_in(const MaskedSamples& samples, const AlignedFloats& predicted, AlignedFloats& values) const;
 

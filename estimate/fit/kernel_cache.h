@@ -66,9 +66,9 @@ class KernelCache {
 
  private:
   static constexpr std::size_t block_floats = 1 << 18;
-  static constexpr int most_splits = 6;  // three positions along each side
+  static constexpr int max_splits = 6;  // three positions along each side
   struct Splits {
-    std::array<Split, most_splits> ways;
+    std::array<Split, max_splits> ways;
     int count = 0;
   };
   float* allocate(std::size_t floats);

@@ -6,7 +6,6 @@
 #include <limits>
 #include <optional>
 
-
 namespace refield {
 
 namespace {
@@ -143,16 +142,16 @@ KernelChoice KernelSelector::pursue(const PixelCoordinates& pixel, int smooth_cl
     weights_[c].clear();
   }
   // Weights that fall to zero free their place, so a few more rectangles than `most` may be tried.
-  const int most_tried = std::min(2 * most, dictionary_->size());
+  const int max_tried = std::min(2 * most, dictionary_->size());
   for (int c = 0; c < 3; ++c) {
-    projections_[c].resize(most_tried * padded_size_);
-    chosen_gram_[c].resize(static_cast<std::size_t>(most_tried) * most_tried);
+    projections_[c].resize(max_tried * padded_size_);
+    chosen_gram_[c].resize(static_cast<std::size_t>(max_tried) * max_tried);
     with_chosen_[c].clear();
-    nnls_[c].start(most_tried);
+    nnls_[c].start(max_tried);
   }
-  gram_stride_ = most_tried;
+  gram_stride_ = max_tried;
   int unrewarded = 0;
-  while (static_cast<int>(chosen_.size()) < most_tried && unrewarded < patience) {
+  while (static_cast<int>(chosen_.size()) < max_tried && unrewarded < patience) {
     const int next = best_candidate(current);
     if (next < 0) break;
     add(smooth_class, next);

@@ -34,7 +34,7 @@ Eigen::MatrixXf gram_of(std::span<const std::array<const float*, 3>> values, con
 }  // namespace
 
 AlikeSets sort_alike(std::span<const std::array<const float*, 3>> values, std::span<const double> squared,
-                     std::size_t stride, int most_sets) {
+                     std::size_t stride, int max_sets) {
   const int count = static_cast<int>(values.size());
   AlikeSets sets;
   sets.scale.resize(count);
@@ -51,7 +51,7 @@ AlikeSets sort_alike(std::span<const std::array<const float*, 3>> values, std::s
   sets.count = 1;
   std::vector<float> nearest(count);
   for (int p = 0; p < count; ++p) nearest[p] = distance2(p, centre);
-  while (sets.count < std::min(most_sets, count)) {
+  while (sets.count < std::min(max_sets, count)) {
     std::vector<float> sorted = nearest;
     std::ranges::nth_element(sorted, sorted.begin() + count / 2);
     const int far = static_cast<int>(std::ranges::max_element(nearest) - nearest.begin());

@@ -21,7 +21,7 @@ struct AlikeSets {
 /// set, as long as it is far beyond the usual. `values`: [pixels] of [3][stride] samples each, none missing;
 /// `squared`: [pixels], Σ b² over channels; `stride` as in vector_kernels.h.
 AlikeSets sort_alike(std::span<const std::array<const float*, 3>> values, std::span<const double> squared,
-                     std::size_t stride, int most_sets);
+                     std::size_t stride, int max_sets);
 
 /// Samples of a pixel that shares them with others.
 struct PooledSamples {

@@ -19,9 +19,9 @@ constexpr double length_scale = 0.5;
 constexpr std::array<double, 4> noise_ratios = {1e-4, 1e-3, 1e-2, 1e-1};
 /// Directions that even the strongest class leaves alone but for this part are left out.
 constexpr double negligible = 1e-3;
-constexpr int most_hats = 20;
+constexpr int max_hats = 20;
 /// Hats leave at least this part of a pixel's kernels to rectangles.
-constexpr double most_hats_share = 0.8;
+constexpr double max_hats_share = 0.8;
 
 /// Covariance of the hats' weights.
 Eigen::MatrixXd covariance(const HatGrid& grid, const LightDomain& domain) {
@@ -44,7 +44,7 @@ Eigen::MatrixXd covariance(const HatGrid& grid, const LightDomain& domain) {
 }  // namespace
 
 HatGrid hat_grid_for(const LightDomain& domain, int kernels) {
-  const int most = std::min(most_hats, static_cast<int>(most_hats_share * kernels));
+  const int most = std::min(max_hats, static_cast<int>(max_hats_share * kernels));
   HatGrid best;
   double best_spacing = 0.0;
   for (int columns = 2; columns <= std::min(most / 2, domain.width); ++columns) {
@@ -118,7 +118,7 @@ void SmoothSpace::analyse(const BoxTable& table, int c) {
 
 void SmoothSpace::project(const float* vector, int channel, float* coordinates) const {
   if (rank_ == 0) return;
-  std::array<const float*, most_hats> V;
+  std::array<const float*, max_hats> V;
   for (int k = 0; k < rank_; ++k) V[k] = directions_[channel].data() + k * stride_;
   dots(vector, V.data(), rank_, stride_, coordinates);
   std::fill(coordinates + rank_, coordinates + padded_length(rank_), 0.0f);

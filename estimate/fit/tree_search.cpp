@@ -20,24 +20,24 @@ constexpr double exact_fit = 1e-10;
 constexpr int splits_of_patience = 8;
 }  // namespace
 
-TreeSearch::TreeSearch(KernelCache& cache, int most_leaves)
+TreeSearch::TreeSearch(KernelCache& cache, int max_leaves)
     : cache_(cache),
-      most_leaves_(most_leaves),
+      max_leaves_(max_leaves),
       stride_(cache.smooth().stride()),
-      candidate_stride_(padded_length(most_leaves)),
+      candidate_stride_(padded_length(max_leaves)),
       smooth_rank_(cache.smooth().rank()),
-      scratch_(padded_length(most_leaves)) {
-  lay_out(most_leaves);
+      scratch_(padded_length(max_leaves)) {
+  lay_out(max_leaves);
   for (int c = 0; c < 3; ++c) {
-    dictionary_.coordinates[c].resize(2 * most_leaves * dictionary_.coordinate_stride);
-    dictionary_.basis[c].resize(most_leaves * stride_);
-    newest_[c].resize(most_leaves);
-    gram_[c].resize(static_cast<std::size_t>(most_leaves) * most_leaves);
+    dictionary_.coordinates[c].resize(2 * max_leaves * dictionary_.coordinate_stride);
+    dictionary_.basis[c].resize(max_leaves * stride_);
+    newest_[c].resize(max_leaves);
+    gram_[c].resize(static_cast<std::size_t>(max_leaves) * max_leaves);
     for (Fit& fit : fits_[c])
       for (auto* vector : {&fit.in_basis, &fit.fit_in_basis, &fit.with_target, &fit.weights})
-        vector->resize(most_leaves);
+        vector->resize(max_leaves);
   }
-  pointers_.resize(8 * most_leaves + 8);
+  pointers_.resize(8 * max_leaves + 8);
   products_.resize(pointers_.size());
 }
 
@@ -47,7 +47,7 @@ void TreeSearch::lay_out(int leaves) {
 }
 
 const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double measured, int leaves) {
-  leaves_asked_ = std::min(leaves, most_leaves_);
+  leaves_asked_ = std::min(leaves, max_leaves_);
   lay_out(leaves_asked_);
   start(targets);
   solve();
@@ -74,7 +74,7 @@ const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double meas
 }
 
 const TreeDictionary& TreeSearch::take(std::span<const Box> boxes) {
-  lay_out(most_leaves_);
+  lay_out(max_leaves_);
   target_count_ = {};
   dictionary_.boxes.clear();
   dictionary_.rank = 0;
@@ -82,7 +82,7 @@ const TreeDictionary& TreeSearch::take(std::span<const Box> boxes) {
   const LightDomain& domain = cache_.table().domain();
   std::vector<Box> all = {{0, 0, domain.width, domain.height}};
   for (const Box& box : boxes)
-    if (static_cast<int>(all.size()) < most_leaves_ && !(box == all.front())) all.push_back(box);
+    if (static_cast<int>(all.size()) < max_leaves_ && !(box == all.front())) all.push_back(box);
   for (const Box& box : all) {
     const auto column = cache_.column(box);
     add_direction(column);
@@ -115,7 +115,7 @@ double TreeSearch::squared_residual() const {
 void TreeSearch::start(const SearchTargets& targets) {
   squared_targets_ = 0.0;
   for (int c = 0; c < 3; ++c) {
-    target_count_[c] = std::min(static_cast<int>(targets[c].size()), most_targets);
+    target_count_[c] = std::min(static_cast<int>(targets[c].size()), max_targets);
     for (int t = 0; t < target_count_[c]; ++t) {
       Fit& fit = fits_[c][t];
       fit.target = targets[c][t];
@@ -124,7 +124,7 @@ void TreeSearch::start(const SearchTargets& targets) {
         fit.squared += static_cast<double>(fit.target[j]) * fit.target[j];
       squared_targets_ += fit.squared;
       fit.weights[0] = 0.0;
-      fit.nnls.start(most_leaves_);
+      fit.nnls.start(max_leaves_);
     }
   }
   dictionary_.boxes.clear();
@@ -285,8 +285,8 @@ void TreeSearch::update_gram(int leaf) {
     for (int l = 0; l < count; ++l) pointers_[l] = coordinates(c, leaf_node_[l]);
     dots(scratch_.data(), pointers_.data(), count, length, products_.data());
     for (int l = 0; l < count; ++l)
-      gram_[c][static_cast<std::size_t>(leaf) * most_leaves_ + l] =
-          gram_[c][static_cast<std::size_t>(l) * most_leaves_ + leaf] = products_[l];
+      gram_[c][static_cast<std::size_t>(leaf) * max_leaves_ + l] =
+          gram_[c][static_cast<std::size_t>(l) * max_leaves_ + leaf] = products_[l];
     for (int t = 0; t < target_count_[c]; ++t) {
       Fit& fit = fits_[c][t];
       double h = 0.0;
@@ -301,7 +301,7 @@ void TreeSearch::solve() {
   for (int c = 0; c < 3; ++c)
     for (int t = 0; t < target_count_[c]; ++t) {
       Fit& fit = fits_[c][t];
-      fit.nnls.proceed(gram_[c].data(), most_leaves_, fit.with_target.data(), count, fit.weights.data());
+      fit.nnls.proceed(gram_[c].data(), max_leaves_, fit.with_target.data(), count, fit.weights.data());
       std::fill_n(fit.fit_in_basis.begin(), dictionary_.rank, 0.0);
       for (int l = 0; l < count; ++l) {
         const double x = fit.weights[l];

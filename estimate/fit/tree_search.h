@@ -42,14 +42,14 @@ using SearchTargets = std::array<std::vector<const float*>, 3>;
 /// of the candidates' directions from the second-level cache.
 class TreeSearch {
  public:
-  static constexpr int most_targets = 4;
+  static constexpr int max_targets = 4;
 
-  TreeSearch(KernelCache& cache, int most_leaves);
+  TreeSearch(KernelCache& cache, int max_leaves);
 
   /// At most `leaves` leaves. `measured`: samples behind a target of all its channels, for the criterion that
   /// ends the growth.
   const TreeDictionary& grow(const SearchTargets& targets, double measured, int leaves);
-  /// A dictionary of given rectangles, at most `most_leaves`, instead of a tree's; the whole light map comes
+  /// A dictionary of given rectangles, at most `max_leaves`, instead of a tree's; the whole light map comes
   /// first.
   const TreeDictionary& take(std::span<const Box> boxes);
   /// The last one made.
@@ -59,9 +59,9 @@ class TreeSearch {
   struct Candidate {
     Split* split;
     int leaf;
-    int slot;                                                     // of its coordinates
-    std::array<float, 3> remaining_norm2;                         // ‖d⊥‖²
-    std::array<std::array<float, most_targets>, 3> with_targets;  // ⟨d, target⟩
+    int slot;                                                    // of its coordinates
+    std::array<float, 3> remaining_norm2;                        // ‖d⊥‖²
+    std::array<std::array<float, max_targets>, 3> with_targets;  // ⟨d, target⟩
   };
   /// Of one target and channel.
   struct Fit {
@@ -92,20 +92,20 @@ class TreeSearch {
   float* basis(int channel, int k) { return dictionary_.basis[channel].data() + k * stride_; }
 
   KernelCache& cache_;
-  int most_leaves_;
+  int max_leaves_;
   int leaves_asked_ = 0;
   std::size_t stride_, candidate_stride_;
   int smooth_rank_;
   TreeDictionary dictionary_;
   std::vector<int> leaf_node_;
   std::array<int, 3> target_count_{};
-  std::array<std::array<Fit, most_targets>, 3> fits_;
+  std::array<std::array<Fit, max_targets>, 3> fits_;
   double squared_targets_ = 0.0;
   std::vector<Candidate> candidates_;
   std::vector<int> free_slots_;
   int slots_ = 0;
   std::array<AlignedFloats, 3> candidate_coordinates_;  // [slots × candidate_stride]
-  std::array<std::vector<double>, 3> gram_;             // of the leaves, [most_leaves × most_leaves]
+  std::array<std::vector<double>, 3> gram_;             // of the leaves, [max_leaves × max_leaves]
   std::array<std::vector<float>, 3> newest_;            // coordinates of the newest direction in Q
   AlignedFloats scratch_;
   std::vector<const float*> pointers_;

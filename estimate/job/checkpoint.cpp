@@ -70,7 +70,7 @@ void Checkpoint::remove() const {
   for (const fs::path& path : ours)
     if (fs::remove(path, error); error)
       throw DeviceError(path.string(), error.value(), "cannot remove the finished bands");
-  fs::remove(folder_, error);  // stays where somebody else's files lie in it
+  fs::remove(folder_, error);  // stays where another user's files lie in it
 }
 
 fs::path Checkpoint::band_path(RowRange rows) const {

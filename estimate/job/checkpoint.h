@@ -19,7 +19,7 @@ class Checkpoint {
 
   /// Throws InputError when what is there was made under another description.
   void resume() const;
-  /// Removes the bands that are there, and the folder unless somebody else's files lie in it. The folder
+  /// Removes the bands that are there, and the folder unless another user's files lie in it. The folder
   /// comes into being with the first band.
   void remove() const;
 

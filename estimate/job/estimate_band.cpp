@@ -131,7 +131,7 @@ struct EvidenceGatherer {
 
 }  // namespace
 
-int most_rows_beyond(const EstimateOptions& options) {
+int max_rows_beyond(const EstimateOptions& options) {
   return block_side_px - 1 + options.sweeps();
 }
 

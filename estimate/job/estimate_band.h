@@ -31,7 +31,7 @@ inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 /// Rows of photographs that the estimate of rows [first, last) looks at: whole blocks of pixels; in paper
 /// mode each sweep of spatial correction reaches one row further. So bands overlap and no result depends on
 /// how the image is cut into bands. Rows that rows_needed() adds at most at one side.
-int most_rows_beyond(const EstimateOptions& options);
+int max_rows_beyond(const EstimateOptions& options);
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
 /// Estimates the pixels of `wanted` rows of a picture of `height`, row by row; `band` holds rows_needed().

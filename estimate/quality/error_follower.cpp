@@ -40,7 +40,7 @@ void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisa
   if (lights_.empty()) {
     width_ = radiance.width;
     height_ = radiance.height;
-    pixels_ = lattice_of(width_, height_, most_pixels_);
+    pixels_ = lattice_of(width_, height_, max_pixels_);
     samples_.resize(pixels_.size());
     noise2_.resize(pixels_.size());
   }

@@ -14,7 +14,7 @@ namespace refield {
 /// What the images so far would give.
 struct FollowedError {
   int images = 0;
-  double predicted = 0.0;  ///< relative RMSE of the middle pixel on new photographs
+  double predicted = 0.0;  ///< relative RMSE of the median pixel on new photographs
   double noise = 0.0;      ///< the part of it that is the photographs' own, where they carry it
 };
 
@@ -22,9 +22,9 @@ struct FollowedError {
 /// of a field made from them, as predict_errors() does (leave-one-out and five-fold cross-validation).
 class ErrorFollower {
  public:
-  /// At most about `most_pixels` pixels, evenly spread, are followed.
-  explicit ErrorFollower(const EstimateOptions& options, int most_pixels = 640)
-      : options_(options), most_pixels_(most_pixels) {}
+  /// At most about `max_pixels` pixels, evenly spread, are followed.
+  explicit ErrorFollower(const EstimateOptions& options, int max_pixels = 640)
+      : options_(options), max_pixels_(max_pixels) {}
 
   /// Reads a photograph and its light. Throws InputError when sizes differ from those before.
   void add(const CaptureFrame& frame, Parameterisation parameterisation, const RunContext& run = {});
@@ -41,7 +41,7 @@ class ErrorFollower {
   double mean_square() const;  // of the samples measured
 
   EstimateOptions options_;
-  int most_pixels_;
+  int max_pixels_;
   int width_ = 0, height_ = 0;
   std::vector<std::array<int, 2>> pixels_;
   std::vector<LightMap> lights_;

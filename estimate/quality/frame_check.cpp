@@ -45,7 +45,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   FrameReport report;
   report.drift = job.drift;
   log_drift(job.drift, run);
-  const bool judges = !options.keep_outliers && static_cast<int>(job.frames.size()) >= fewest_frames_to_judge;
+  const bool judges = !options.keep_outliers && static_cast<int>(job.frames.size()) >= min_frames_to_judge;
   if (!judges && options.mode != EstimateMode::refined) return report;
   const auto sample =
       read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);

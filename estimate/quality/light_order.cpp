@@ -55,7 +55,7 @@ std::vector<double> covariance_of(std::span<const LightMap> lights) {
 
 }  // namespace
 
-std::vector<int> most_useful_order(std::span<const LightMap> lights, double noise) {
+std::vector<int> max_useful_order(std::span<const LightMap> lights, double noise) {
   const std::size_t n = lights.size();
   for (const LightMap& light : lights)
     if (light.domain() != lights.front().domain())

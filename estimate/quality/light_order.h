@@ -16,7 +16,7 @@ namespace refield {
 /// (relative; what a sparse field misses counts as noise here, so more than a camera has), the mean relative
 /// variance that remains over all candidates is lowest (Cohn 1996). O(n³) time for n lights. Throws
 /// InputError when sizes differ.
-std::vector<int> most_useful_order(std::span<const LightMap> lights, double noise = 0.1);
+std::vector<int> max_useful_order(std::span<const LightMap> lights, double noise = 0.1);
 
 /// A random order, equal for equal seeds.
 std::vector<int> random_order(int lights, std::uint64_t seed);

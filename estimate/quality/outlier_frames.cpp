@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/quality/outlier_frames.h"
 
-#include <Eigen/Cholesky>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <array>
@@ -100,8 +100,8 @@ PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, i
 namespace {
 
 /// Lights are seen at most so finely: what a pixel shows of finer detail counts as noise here.
-constexpr int most_columns = 40;
-constexpr int most_rows = 30;
+constexpr int max_columns = 40;
+constexpr int max_rows = 30;
 /// Standard deviations of the blurs, in parts of the map's width; 0: none.
 constexpr std::array<double, 3> blurs = {0.0, 0.03, 0.12};
 constexpr std::array<double, 4> ridges = {1e-5, 1e-4, 1e-3, 1e-2};
@@ -222,8 +222,8 @@ void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& miss
 
 LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& domain,
                        const RunContext& run) {
-  const int columns = cells_along(domain.width, most_columns);
-  const int rows = cells_along(domain.height, most_rows);
+  const int columns = cells_along(domain.width, max_columns);
+  const int rows = cells_along(domain.height, max_rows);
   std::vector<std::array<Eigen::VectorXd, 3>> features(frames.size());
   tbb::parallel_for(std::size_t{0}, frames.size(), [&](std::size_t j) {
     run.throw_if_stopped();
@@ -236,8 +236,8 @@ LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& 
 
 LightGrams light_grams(std::span<const LightMap> lights) {
   if (lights.empty()) throw InputError("no light maps were given");
-  const int columns = cells_along(lights[0].radiance.width, most_columns);
-  const int rows = cells_along(lights[0].radiance.height, most_rows);
+  const int columns = cells_along(lights[0].radiance.width, max_columns);
+  const int rows = cells_along(lights[0].radiance.height, max_rows);
   std::vector<std::array<Eigen::VectorXd, 3>> features(lights.size());
   for (std::size_t j = 0; j < lights.size(); ++j) coarsen(lights[j], columns, rows, features[j]);
   return grams_of(features, columns, rows);
@@ -297,7 +297,7 @@ LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen
 
 namespace {
 
-/// A frame is an outlier when the logarithm of its residual lies so many standard deviations, and at least
+/// A frame is an outlier when the logarithm of its residual lies that many standard deviations, and at least
 /// so far, above the median frame's: a factor of 2.2 over the picture, of 2.7 in a cell. In good captures,
 /// noise with heavy tails included, no frame came beyond 1.7 and 2.1.
 struct Limit {
@@ -308,9 +308,9 @@ constexpr Limit limit_whole{6.0, 0.8};
 constexpr Limit limit_cell{7.0, 1.0};
 /// A cell differs in an outlier when its residual is this many times its own typical one.
 constexpr float cell_differs = 3.0f;
-/// An outlier's residual, relative to what the pixels show, is at least so many times the typical frame's.
+/// An outlier's residual, relative to what the pixels show, is at least that many times the typical frame's.
 constexpr double least_residual = 2.0;
-constexpr int most_rounds = 8;
+constexpr int max_rounds = 8;
 /// Frames that stand less out than the worst by this logarithm wait for the next round: the worst may have
 /// made them.
 constexpr double close_to_worst = 1.5;
@@ -523,7 +523,7 @@ std::string description_of(const OutlierFrame& outlier) {
 
 OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample, const RunContext& run) {
   OutlierSearch search;
-  if (sample.images < fewest_frames_to_judge || sample.pixels == 0) return search;
+  if (sample.images < min_frames_to_judge || sample.pixels == 0) return search;
   std::vector<char> left_out =
       worst_fifth(Examination(grams, sample, std::vector<char>(sample.images, 0), run));
   for (int round = 0;; ++round) {
@@ -539,7 +539,7 @@ OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sa
     std::vector<char> next(sample.images, 0);
     for (int j = 0; j < sample.images; ++j)
       next[j] = standing(j) > 1.0 && (left_out[j] || standing(j) > worst / close_to_worst);
-    if (next == left_out || round == most_rounds) {
+    if (next == left_out || round == max_rounds) {
       const auto all = all_pixels(sample);
       const Typical typical = typical_of(found, all, left_out);
       search.typical_residual = typical.residual;

@@ -94,7 +94,7 @@ struct OutlierFrame {
 std::string description_of(const OutlierFrame& outlier);
 
 /// Fewer frames say too little about each other to be judged.
-inline constexpr int fewest_frames_to_judge = 10;
+inline constexpr int min_frames_to_judge = 10;
 
 struct OutlierSearch {
   std::vector<OutlierFrame> outliers;  ///< in the order of frames

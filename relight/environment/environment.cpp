@@ -107,12 +107,13 @@ std::vector<SeenPart> EnvironmentProjector::parts_of(const SphericalPolygon& tex
 }
 
 std::optional<LightMap> EnvironmentProjector::as_it_stands(const LightMap& environment,
-                                                           const Turn& turn) const {
+                                                           const EulerAngles& turn) const {
   if (environment.parameterisation == Parameterisation::monitor)
     throw InputError("the light map of a monitor is not an environment map; give a lat-long or cube map");
   if (environment.domain() != target()) return std::nullopt;
   if (turn.is_none()) return environment;
-  if (target().parameterisation == Parameterisation::lat_long && Turn{0.0, turn.pitch, turn.roll}.is_none())
+  if (target().parameterisation == Parameterisation::lat_long &&
+      EulerAngles{0.0, turn.pitch, turn.roll}.is_none())
     return rotated(environment, turn.yaw / 360.0);
   return std::nullopt;
 }
@@ -463,14 +464,14 @@ EnvironmentProjector::EnvironmentProjector(const LightDomain& target,
   if (grid_.patches().size() > 1 && has_windows) find_shared_texels(run);
 }
 
-EnvironmentLight EnvironmentProjector::project(const LightMap& environment, const Turn& turn,
+EnvironmentLight EnvironmentProjector::project(const LightMap& environment, const EulerAngles& turn,
                                                const RunContext& run) const {
   if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
   return project(PreparedEnvironment(environment, run), turn, run);
 }
 
-EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& environment, const Turn& turn,
-                                               const RunContext& run) const {
+EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& environment,
+                                               const EulerAngles& turn, const RunContext& run) const {
   if (!environment.has_path_sums()) return project_exactly(environment.map(), turn, run);
   if (auto light = as_it_stands(environment.map(), turn)) return {std::move(*light), {}};
   const LightDomain& domain = target();
@@ -603,7 +604,7 @@ BoxProjector::BoxProjector(int resolution, std::span<const SmallBox> boxes)
   });
 }
 
-std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const Turn& turn,
+std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const EulerAngles& turn,
                                          const RunContext& run) const {
   if (!environment.has_path_sums())
     throw InputError("this environment is integrated over texels alone; give a lat-long map of 16 columns");
@@ -652,7 +653,7 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
   return {sums.begin(), sums.end()};
 }
 
-EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const Turn& turn,
+EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const EulerAngles& turn,
                                                        const RunContext& run) const {
   if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
   const LightDomain& domain = grid_.domain();

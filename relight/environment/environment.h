@@ -18,10 +18,10 @@
 
 namespace refield {
 
-/// Which kind of map of the whole surroundings has such proportions; nothing: none has.
+/// Which kind of map of the whole environment has such proportions; nothing: none has.
 std::optional<Parameterisation> environment_kind(int width, int height);
 
-/// Reads a map of the whole surroundings: twice as wide as high is lat-long, six times as high as wide a
+/// Reads a map of the whole environment: twice as wide as high is lat-long, six times as high as wide a
 /// cube. Throws InputError for other proportions, and what read_light_map() does.
 LightMap read_environment(const std::filesystem::path& path, const RunContext& run = {});
 
@@ -62,14 +62,15 @@ class EnvironmentProjector {
   /// turned is not touched. Sums along the edges of texels, see PreparedEnvironment; cubes and maps of fewer
   /// than 16 columns go the way of project_exactly(). Runs on all cores; from several threads at a time.
   /// Throws Interrupted.
-  EnvironmentLight project(const PreparedEnvironment& environment, const Turn& turn,
+  EnvironmentLight project(const PreparedEnvironment& environment, const EulerAngles& turn,
                            const RunContext& run = {}) const;
   /// The same for a map that is needed once. Throws InputError for one that is neither lat-long nor cube.
-  EnvironmentLight project(const LightMap& environment, const Turn& turn, const RunContext& run = {}) const;
+  EnvironmentLight project(const LightMap& environment, const EulerAngles& turn,
+                           const RunContext& run = {}) const;
 
   /// The same by clipping each texel of the target against the texels of the environment. Slow: the
   /// reference.
-  EnvironmentLight project_exactly(const LightMap& environment, const Turn& turn,
+  EnvironmentLight project_exactly(const LightMap& environment, const EulerAngles& turn,
                                    const RunContext& run = {}) const;
 
  private:
@@ -83,7 +84,7 @@ class EnvironmentProjector {
   void find_shared_texels(const RunContext& run);
   const float* solid_angles_of(
       int y) const;  ///< of a row's texels; the first is all texels' on lat-long maps
-  std::optional<LightMap> as_it_stands(const LightMap& environment, const Turn& turn) const;
+  std::optional<LightMap> as_it_stands(const LightMap& environment, const EulerAngles& turn) const;
 
   SphereGrid grid_;
   std::vector<float>
@@ -106,7 +107,7 @@ class BoxProjector {
 
   /// Radiance times solid angle in each box, [boxes × 3]. Throws InputError for an environment without
   /// PreparedEnvironment::has_path_sums(), Interrupted. Runs on all cores.
-  std::vector<float> project(const PreparedEnvironment& environment, const Turn& turn,
+  std::vector<float> project(const PreparedEnvironment& environment, const EulerAngles& turn,
                              const RunContext& run = {}) const;
 
  private:

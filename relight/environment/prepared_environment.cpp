@@ -21,9 +21,11 @@ namespace {
 using Eigen::Vector3d;
 using std::numbers::pi;
 
-/// Below, a texel's columns are so wide that two neighbours cannot be told by the sign of their azimuth.
+/// Below, a texel's columns are so wide that two neighbours cannot be identified by the sign of their
+/// azimuth.
 constexpr int min_columns = 16;
-/// Prefix sums are kept for so many texels: for each row of small maps, every 2nd, 4th or 8th of large ones.
+/// Prefix sums are kept for that many texels: for each row of small maps, every 2nd, 4th or 8th of large
+/// ones.
 constexpr std::size_t max_prefix_texels = std::size_t{1} << 21;
 constexpr int max_block_rows = 8;
 

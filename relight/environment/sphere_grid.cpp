@@ -54,7 +54,7 @@ namespace {
 using std::numbers::pi;
 
 // The solid angle of a strip's texel is off by Δφ²/8 of itself at most, Δφ the strip's width: 3e-7.
-constexpr int fewest_strips = 4096;
+constexpr int min_strips = 4096;
 
 SpherePatch::Edges shared(std::vector<Eigen::Vector2d> edges) {
   return std::make_shared<const std::vector<Eigen::Vector2d>>(std::move(edges));
@@ -86,7 +86,7 @@ SphereGrid::SphereGrid(const LightDomain& domain, std::span<const MonitorPlaceme
 }
 
 void SphereGrid::add_strips() {
-  const int each = (fewest_strips + domain_.width - 1) / domain_.width;
+  const int each = (min_strips + domain_.width - 1) / domain_.width;
   const int count = each * domain_.width;
   const double half = pi / count;
   // Poles are set rather than computed, so that nothing of the sphere is lost to rounding.
@@ -100,7 +100,7 @@ void SphereGrid::add_strips() {
   strip.column_edges = shared({{-std::sin(half), std::cos(half)}, {std::sin(half), std::cos(half)}});
   strip.row_edges = shared(std::move(rows));
   for (int i = 0; i < count; ++i) {
-    strip.axes = Turn{.yaw = 360.0 * (i + 0.5) / count - 180.0}.matrix().transpose();
+    strip.axes = EulerAngles{.yaw = 360.0 * (i + 0.5) / count - 180.0}.matrix().transpose();
     strip.first_column = i / each;
     patches_.push_back(strip);
   }

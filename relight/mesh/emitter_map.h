@@ -7,7 +7,7 @@
 
 namespace refield {
 
-/// Cube map of `resolution` texels a face of what shines, as seen from `middle`: the colours of `emitters`
+/// Cube map of `resolution` texels per face of what shines, as seen from `middle`: the colours of `emitters`
 /// are radiance, both sides shine, the nearest is seen (Fujita and Kanai 2004, section 3.2). Each texel is
 /// the mean over its solid angle of many lines of sight, so that lights keep their power as they move across
 /// texels. No correction for the solid angle of texels is done here: fields with Measure::solid_angle weigh

@@ -63,7 +63,7 @@ class Search {
     std::vector<double> of_bits(probes_.size(), 0.0);
     std::optional<PackResult> best;
     int level = highest_level(of_bits, 0.5), best_level = -1;
-    for (int tries = 0; tries < most_tries; ++tries) {
+    for (int tries = 0; tries < max_tries; ++tries) {
       PackResult made = make(bits, level, run);
       const bool within = made.cost.worst_error() * made.cost.worst_error() <= allowed_;
       for (std::size_t kind = 0; kind < of_bits.size(); ++kind)
@@ -85,7 +85,7 @@ class Search {
   double least_error() const { return least_error_; }
 
  private:
-  static constexpr int most_tries = 6;
+  static constexpr int max_tries = 6;
 
   /// The most pruning that leaves room for the errors of bits in a share of the error allowed (squares); −1
   /// where there is none.

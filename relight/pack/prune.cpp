@@ -71,7 +71,7 @@ LightMap smooth(const LightDomain& domain, Rng& rng) {
   LightMap light = dark(domain);
   for (int nodes = 2; nodes <= std::max(2, std::min(domain.width, domain.height) / 2); nodes *= 2)
     add_octave(light, nodes, 1.0 / nodes, rng);
-  // Bright places few and far between, as lamps and windows are.
+  // Bright places few and far between, as area lights and windows are.
   for (float& value : light.radiance.values) value = value * value * value;
   return light;
 }

@@ -65,7 +65,7 @@ template KernelBlocks::KernelBlocks(const TiledTransfer<std::uint16_t>&);
 
 namespace {
 
-/// Touched kernels lie all over a tile's lists when they are more than one in so many.
+/// Touched kernels lie all over a tile's lists when they are more than one in that many.
 constexpr std::size_t much_touched = 32;
 
 /// The change's part in one tile.
@@ -216,7 +216,7 @@ void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& block
   tbb::parallel_for(tbb::blocked_range<int>(0, transfer.tiles(), 16), [&](const auto& range) {
     ChangeScratch<Weight>& scratch = scratches.local();
     // While a tile is summed, memory brings what the next one needs: touched weights lie too far apart for
-    // the processor to foresee them.
+    // the processor to estimate them.
     const auto look_at = [&](int at, TouchedTile<Weight>& touched) {
       touched.tile = transfer.tile(at);
       scratch.blocks.clear();

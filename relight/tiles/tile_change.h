@@ -12,7 +12,7 @@
 
 namespace refield {
 
-/// Which texels a change of light changed: a lamp that moves leaves most of what it lit as it was.
+/// Which texels a change of light changed: an area light that moves leaves most of what it lit as it was.
 class ChangedTexels {
  public:
   /// `difference`: new less old light, 3 channels; memory is kept from one to the next.

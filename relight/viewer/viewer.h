@@ -26,8 +26,8 @@ bool has_viewer();
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run);
 
-/// The same on a scene of which objects and lamps move, by themselves and by hand. `read` runs in a thread of
-/// its own, with a message in the window where it takes long; what it throws is thrown.
+/// The same on a scene of which objects and light sources move, by themselves and by hand. `read` runs in a
+/// thread of its own, with a message in the window where it takes long; what it throws is thrown.
 void run_scene_viewer(const std::string& name, const std::function<MovingScene()>& read,
                       const WindowOptions& options, const RunContext& run);
 

@@ -19,8 +19,9 @@ namespace refield::dynamic {
 namespace {
 
 constexpr float pi = std::numbers::pi_v<float>;
-/// Rays start and end off surfaces by so much, in lengths of the ray to a lamp, or of the scene's unit.
-constexpr float off_lamp = 1e-3f, off_surface = 1e-4f;
+/// Rays start and end off surfaces by so much, in lengths of the ray to an area light, or of the scene's
+/// unit.
+constexpr float off_area_light = 1e-3f, off_surface = 1e-4f;
 
 /// A point that light leaves towards a viewer.
 struct PathPoint {
@@ -84,23 +85,24 @@ class Directions {
   float glossy_ = 0.0f, exponent_ = 1.0f;
 };
 
-Eigen::Array3f from_lamps(const PathPoint& point, const SceneRays& rays, const AreaPoint& lamp,
-                          std::size_t lamps) {
-  const Eigen::Vector3f way = lamp.position - point.position, local = point.frame * way;
+Eigen::Array3f from_area_lights(const PathPoint& point, const SceneRays& rays, const AreaPoint& area_light,
+                                std::size_t area_lights) {
+  const Eigen::Vector3f way = area_light.position - point.position, local = point.frame * way;
   if (local.z() <= 0.0f) return Eigen::Array3f::Zero();
-  const std::array from{Eigen::Vector3f(point.position + off_lamp * way)};
-  const std::array end{1.0f - 2.0f * off_lamp};
+  const std::array from{Eigen::Vector3f(point.position + off_area_light * way)};
+  const std::array end{1.0f - 2.0f * off_area_light};
   if (rays.unoccluded(from, std::span(&way, 1), end) == 0) return Eigen::Array3f::Zero();
   const float squared = way.squaredNorm(), distance = std::sqrt(squared);
-  const float cosines = std::abs(lamp.normal.dot(way)) * local.z() / squared;
-  return point.reflectance(local / distance) * lamp.power *
-         (static_cast<float>(lamps) * cosines / std::max(squared, lamp.area));
+  const float cosines = std::abs(area_light.normal.dot(way)) * local.z() / squared;
+  return point.reflectance(local / distance) * area_light.power *
+         (static_cast<float>(area_lights) * cosines / std::max(squared, area_light.area));
 }
 
-/// One of the lamps' points from the path's own part of them: all paths of a vertex together see them evenly.
-std::size_t own_part(int path, int paths, std::size_t lamps, Rng& rng) {
+/// One of the area lights' points from the path's own part of them: all paths of a vertex together see them
+/// evenly.
+std::size_t own_part(int path, int paths, std::size_t area_lights, Rng& rng) {
   const std::size_t all = static_cast<std::size_t>(paths), i = static_cast<std::size_t>(path);
-  const std::size_t first = i * lamps / all, end = (i + 1) * lamps / all;
+  const std::size_t first = i * area_lights / all, end = (i + 1) * area_lights / all;
   return first + (end > first ? static_cast<std::size_t>(rng.below(end - first)) : 0);
 }
 
@@ -108,12 +110,12 @@ std::size_t own_part(int path, int paths, std::size_t lamps, Rng& rng) {
 
 std::vector<std::vector<Eigen::Array3f>> trace_bounces(
     const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
-    std::span<const AreaPoint> lamps, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
+    std::span<const AreaPoint> area_lights, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
     const ReferenceOptions& options, const RunContext& run) {
   const auto depths = static_cast<std::size_t>(options.bounces) + 1;
   std::vector<std::vector<Eigen::Array3f>> radiance(
       depths, std::vector<Eigen::Array3f>(vertices.size(), Eigen::Array3f::Zero()));
-  if (lamps.empty()) return radiance;
+  if (area_lights.empty()) return radiance;
   Progress progress(run, "paths of the reference", vertices.size());
   tbb::parallel_for(std::size_t{0}, vertices.size(), [&](std::size_t i) {
     run.throw_if_stopped();
@@ -128,9 +130,11 @@ std::vector<std::vector<Eigen::Array3f>> trace_bounces(
       PathPoint point = start;
       Eigen::Array3f throughput = Eigen::Array3f::Ones();
       for (std::size_t depth = 0; depth < depths; ++depth) {
-        const std::size_t lamp = depth == 0 ? own_part(path, options.paths, lamps.size(), rng)
-                                            : static_cast<std::size_t>(rng.below(lamps.size()));
-        sum[depth] += (throughput * from_lamps(point, rays, lamps[lamp], lamps.size())).cast<double>();
+        const std::size_t area_light = depth == 0 ? own_part(path, options.paths, area_lights.size(), rng)
+                                                  : static_cast<std::size_t>(rng.below(area_lights.size()));
+        sum[depth] +=
+            (throughput * from_area_lights(point, rays, area_lights[area_light], area_lights.size()))
+                .cast<double>();
         if (depth + 1 == depths) break;
         const auto [local, density] = Directions(point).draw(rng);
         if (local.z() <= 0.0f || density <= 0.0f) break;

@@ -23,14 +23,15 @@ struct ReferenceOptions {
   std::uint64_t seed = 1;
 };
 
-/// The reference for light that bounces: radiance of vertices towards an eye, [bounces + 1][vertices], each
-/// bounce by itself, 0 being what lamps light. Paths go from the vertex by the material's own reflection (not
-/// its factors), and at each point one of the `lamps` points (many; they are drawn from) is asked for its
-/// light. Normals and colours are interpolated over triangles, and nothing else is taken from vertices. Path
-/// k of vertex i draws from Rng(seed, i, k). Runs on all cores, with progress. Throws Interrupted.
+/// The reference for indirect light: radiance of vertices towards an eye, [bounces + 1][vertices], each
+/// bounce by itself, 0 being what area lights light. Paths go from the vertex by the material's own
+/// reflection (not its factors), and at each point one of the `area lights` points (many; they are drawn
+/// from) is asked for its light. Normals and colours are interpolated over triangles, and nothing else is
+/// taken from vertices. Path k of vertex i draws from Rng(seed, i, k). Runs on all cores, with progress.
+/// Throws Interrupted.
 std::vector<std::vector<Eigen::Array3f>> trace_bounces(
     const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
-    std::span<const AreaPoint> lamps, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
+    std::span<const AreaPoint> area_lights, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
     const ReferenceOptions& options, const RunContext& run = {});
 
 }  // namespace refield::dynamic

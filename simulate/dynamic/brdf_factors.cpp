@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/dynamic/brdf_factors.h"
 
-#include <Eigen/Eigenvalues>
 #include <tbb/parallel_for.h>
+#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <array>
@@ -155,7 +155,7 @@ struct Selection {
 };
 
 Selection select(const std::vector<Candidate>& candidates, double energy, const FactorOptions& options) {
-  const int largest = options.largest > 0 ? options.largest : FactorOptions::most_terms;
+  const int largest = options.largest > 0 ? options.largest : FactorOptions::max_terms;
   Selection selection;
   int terms = 0;
   double left = energy;
@@ -219,9 +219,9 @@ RadialTerm functions_of(const FourierOrders& orders, const Candidate& candidate)
 }  // namespace
 
 void FactorOptions::check() const {
-  if (largest < 0 || largest > most_terms)
+  if (largest < 0 || largest > max_terms)
     throw InputError("number of BRDF terms " + std::to_string(largest) + ": give one from 1 to " +
-                     std::to_string(most_terms) + ", or 0 for as many as the error bound requires");
+                     std::to_string(max_terms) + ", or 0 for as many as the error bound requires");
   if (!(error >= 0.0 && error < 1.0))
     throw InputError("error of the BRDF's terms " + std::to_string(error) +
                      ": give a share from 0 to less than 1");
@@ -240,7 +240,7 @@ BrdfFactors factor(const Brdf& brdf, const FactorOptions& options, const RunCont
 
 namespace {
 
-constexpr int fewest_nodes = 48, most_nodes = 256, fewest_azimuths = 96, most_azimuths = 256;
+constexpr int min_nodes = 48, max_nodes = 256, min_azimuths = 96, max_azimuths = 256;
 
 /// Radians over which the BRDF changes: of a lobe its standard deviation.
 double width_of(const Brdf& brdf) {
@@ -328,8 +328,8 @@ Eigen::MatrixXf samples_from(const Brdf& brdf, int node, int nodes,
 FourierOrders fourier_orders(const Brdf& brdf, const RunContext& run) {
   const double width = width_of(brdf);
   FourierOrders result;
-  const int nodes = result.nodes = std::clamp(static_cast<int>(4.0 / width), fewest_nodes, most_nodes);
-  const int azimuth_count = std::clamp(static_cast<int>(16.0 / width), fewest_azimuths, most_azimuths);
+  const int nodes = result.nodes = std::clamp(static_cast<int>(4.0 / width), min_nodes, max_nodes);
+  const int azimuth_count = std::clamp(static_cast<int>(16.0 / width), min_azimuths, max_azimuths);
   const int orders = std::clamp(static_cast<int>(3.0 / width), 8, highest_fourier_order) + 1;
   result.weight = weights_of(nodes);
   const Azimuths azimuths = azimuths_of(azimuth_count);

@@ -14,9 +14,9 @@
 namespace refield::dynamic {
 
 struct FactorOptions {
-  static constexpr int most_terms = 256;
+  static constexpr int max_terms = 256;
 
-  int largest = 0;      ///< number of terms K at most; 0: as many as `error` takes, up to most_terms
+  int largest = 0;      ///< number of terms K at most; 0: as many as `error` takes, up to max_terms
   double error = 0.02;  ///< relative, asked for; the fewest terms that meet it are kept
 
   /// Throws InputError for numbers out of range.

@@ -15,10 +15,10 @@ namespace refield::dynamic {
 namespace {
 
 constexpr std::size_t packet = prt::ray_packet;
-/// Rays start off their surface and end before the lamp by so much of their length.
+/// Rays start off their surface and end before the area light by so much of their length.
 constexpr float ray_start = 1e-3f, ray_end = 1.0f - 1e-3f;
 
-/// Up to 16 vertices of which rays go to one lamp at a time.
+/// Up to 16 vertices of which rays go to one area light at a time.
 class Batch {
  public:
   Batch(const MovingObject& object, const Pose& pose, const Eigen::Vector3f& eye, std::size_t first)
@@ -30,14 +30,14 @@ class Batch {
     }
   }
 
-  void add(const AreaPoint& lamp, const BrdfFactors& factors, const SceneRays& rays, std::span<float> h,
+  void add(const AreaPoint& area_light, const BrdfFactors& factors, const SceneRays& rays, std::span<float> h,
            DirectLight& light) const {
     std::array<Eigen::Vector3f, packet> from, way, local;
     std::array<float, packet> end;
     std::array<std::size_t, packet> of;
     std::size_t count = 0;
     for (std::size_t i = 0; i < count_; ++i) {
-      way[count] = lamp.position - at_[i];
+      way[count] = area_light.position - at_[i];
       local[count] = frame_[i] * way[count];
       if (local[count].z() <= 0.0f) continue;
       from[count] = at_[i] + ray_start * way[count];
@@ -51,8 +51,8 @@ class Batch {
       const float squared = way[i].squaredNorm(), distance = std::sqrt(squared);
       const Eigen::Vector3f towards = local[i] / distance;
       factors.incoming(towards, h);
-      const float cosine = std::abs(lamp.normal.dot(way[i])) / distance * towards.z();
-      const Eigen::Array3f arriving = lamp.power * (cosine / std::max(squared, lamp.area));
+      const float cosine = std::abs(area_light.normal.dot(way[i])) / distance * towards.z();
+      const Eigen::Array3f arriving = area_light.power * (cosine / std::max(squared, area_light.area));
       for (std::size_t k = 0; k < h.size(); ++k)
         light.terms.row(static_cast<Eigen::Index>((first_ + of[i]) * h.size() + k)) +=
             h[k] * arriving.matrix().transpose();
@@ -70,7 +70,7 @@ class Batch {
 }  // namespace
 
 DirectLight direct_light(const MovingObject& object, const Pose& pose, const BrdfFactors& factors,
-                         const SceneRays& rays, std::span<const AreaPoint> lamps,
+                         const SceneRays& rays, std::span<const AreaPoint> area_lights,
                          const Eigen::Vector3f& eye) {
   const auto terms = static_cast<std::size_t>(factors.terms());
   const std::size_t vertices = object.mesh.positions.size();
@@ -79,7 +79,7 @@ DirectLight direct_light(const MovingObject& object, const Pose& pose, const Brd
   tbb::parallel_for(std::size_t{0}, (vertices + packet - 1) / packet, [&](std::size_t b) {
     std::vector<float> h(terms);
     const Batch batch(object, pose, eye, b * packet);
-    for (const AreaPoint& lamp : lamps) batch.add(lamp, factors, rays, h, light);
+    for (const AreaPoint& area_light : area_lights) batch.add(area_light, factors, rays, h, light);
   });
   return light;
 }

@@ -14,17 +14,18 @@ namespace refield::dynamic {
 /// L_k of an object's vertices (Iwasaki et al., eq. 4), row v·K + k, RGB.
 using TermLight = Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-/// What lamps bring to an object's vertices.
+/// What area lights bring to an object's vertices.
 struct DirectLight {
   TermLight terms;
   std::vector<Eigen::Array3f>
       to_eye;  ///< [vertices], radiance by the material itself, not its factors; colours not in it
 };
 
-/// Light that comes straight from lamps, ∫ L V h_k cosθ dω as a sum over their points, each seen or not by a
-/// ray: shadows of all objects, wherever they are. Nearer than a point's piece is wide, light stays finite.
-/// `eye` in the scene's axes. Runs on all cores.
+/// Light that comes straight from area lights, ∫ L V h_k cosθ dω as a sum over their points, each seen or not
+/// by a ray: shadows of all objects, wherever they are. Nearer than a point's piece is wide, light stays
+/// finite. `eye` in the scene's axes. Runs on all cores.
 DirectLight direct_light(const MovingObject& object, const Pose& pose, const BrdfFactors& factors,
-                         const SceneRays& rays, std::span<const AreaPoint> lamps, const Eigen::Vector3f& eye);
+                         const SceneRays& rays, std::span<const AreaPoint> area_lights,
+                         const Eigen::Vector3f& eye);
 
 }  // namespace refield::dynamic

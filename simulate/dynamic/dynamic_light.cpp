@@ -36,7 +36,8 @@ double energy_of(std::span<const TermLight> light) {
 }  // namespace
 
 void FrameOptions::check() const {
-  if (lamp_points < 1 || lamp_points > 65536) throw InputError("number of light samples: give 1 to 65536");
+  if (light_samples < 1 || light_samples > 65536)
+    throw InputError("number of light samples: give 1 to 65536");
   if (bounces < 0 || bounces > 64) throw InputError("bounces: give 0 to 64");
   if (!(until >= 0.0 && until < 1.0)) throw InputError("until: give a fraction from 0 to below 1");
 }
@@ -52,9 +53,9 @@ DynamicLight::DynamicLight(const DynamicScene& scene, std::span<const prt::MeshR
       radiance_(scene.objects.size()),
       used_(scene.objects.size()) {}
 
-void DynamicLight::light_directly(const Mesh& lamps) {
+void DynamicLight::light_directly(const Mesh& area_lights) {
   const Stopwatch watch(times_.direct);
-  const std::vector<AreaPoint> points = area_points(lamps, options_.lamp_points);
+  const std::vector<AreaPoint> points = area_points(area_lights, options_.light_samples);
   const bool by_rays = options_.direct == DirectLightBy::rays;
   const FieldShadow shadow =
       options_.direct == DirectLightBy::field_products ? FieldShadow::product : FieldShadow::edge;
@@ -127,7 +128,7 @@ std::vector<TermLight> DynamicLight::bounce(std::span<const TermLight> light) {
   return next;
 }
 
-void DynamicLight::solve(std::span<const Pose> poses, const Mesh& lamps, const Eigen::Vector3f& eye,
+void DynamicLight::solve(std::span<const Pose> poses, const Mesh& area_lights, const Eigen::Vector3f& eye,
                          const FrameOptions& options) {
   options.check();
   poses_.assign(poses.begin(), poses.end());
@@ -136,7 +137,7 @@ void DynamicLight::solve(std::span<const Pose> poses, const Mesh& lamps, const E
   placed_.clear();
   for (std::size_t o = 0; o < poses.size(); ++o) placed_.push_back({&transport_[o], poses[o]});
   light_.assign(1, {});
-  light_directly(lamps);
+  light_directly(area_lights);
   times_.place = times_.bounces = 0.0;
   if (options.bounces == 0) return;
   place();

@@ -12,25 +12,25 @@
 
 namespace refield::dynamic {
 
-/// How shadows of light that comes straight from lamps are found: by rays, or without them by objects'
+/// How shadows of light that comes straight from area lights are found: by rays, or without them by objects'
 /// occlusion fields (FieldShadow: edge, product).
 enum class DirectLightBy { rays, field_edges, field_products };
 
 struct FrameOptions {
   DirectLightBy direct = DirectLightBy::rays;
-  int lamp_points = 32;   ///< that stand for all lamps together
-  int bounces = 3;        ///< at most, between objects and within them
-  double until = 0.0;     ///< bounces end with one that brings less than this share of the direct light
-  bool occlusion = true;  ///< objects hide others from third ones, for light that bounced, too
-  /// Light from lamps goes to the eye by the material itself; else by its K terms, as in the paper.
+  int light_samples = 32;  ///< that stand for all area lights together
+  int bounces = 3;         ///< at most, between objects and within them
+  double until = 0.0;      ///< bounces end with one that brings less than this share of the direct light
+  bool occlusion = true;   ///< objects hide others from third ones, for indirect light, too
+  /// Light from area lights goes to the eye by the material itself; else by its K terms, as in the paper.
   bool exact_direct = true;
 
   /// Throws InputError naming the option and its range.
   void check() const;
 };
 
-/// Light in a scene whose objects and lamps move (Iwasaki et al., sections 3 and 4): direct light from lamps,
-/// then bounce after bounce, each object as a lamp for all others and for itself.
+/// Light in a scene whose objects and area lights move (Iwasaki et al., sections 3 and 4): direct light from
+/// area lights, then bounce after bounce, each object as an area light for all others and for itself.
 class DynamicLight {
  public:
   /// All must outlive it; `rays` and `transport` [objects].
@@ -39,25 +39,25 @@ class DynamicLight {
 
   /// Seconds of a frame's parts.
   struct Times {
-    double direct = 0.0;  ///< from the lamps
+    double direct = 0.0;  ///< from the area lights
     double place = 0.0;   ///< where objects are to one another, who hides whom
     double bounces = 0.0;
     double shade = 0.0;  ///< radiance to the eye
   };
 
-  /// `lamps`: a mesh whose colours are radiance.
-  void solve(std::span<const Pose> poses, const Mesh& lamps, const Eigen::Vector3f& eye,
+  /// `area lights`: a mesh whose colours are radiance.
+  void solve(std::span<const Pose> poses, const Mesh& area_lights, const Eigen::Vector3f& eye,
              const FrameOptions& options);
 
   /// Bounces that the last solve() made.
   int bounces() const { return static_cast<int>(light_.size()) - 1; }
   /// Radiance of all vertices, object after object, towards the eye, of bounces [first, last]; 0 is what
-  /// lamps light. Never negative.
+  /// area lights light. Never negative.
   std::vector<Eigen::Array3f> radiance(int first, int last);
   const Times& times() const { return times_; }
 
  private:
-  void light_directly(const Mesh& lamps);
+  void light_directly(const Mesh& area_lights);
   void place();
   void find_used_points(std::size_t source);
   std::vector<TermLight> bounce(std::span<const TermLight> light);

@@ -107,10 +107,10 @@ Pose Motion::at(double time) const {
       way.before->position + static_cast<float>(way.share) * (way.after->position - way.before->position);
   if (turns.empty()) return pose;
   const auto [before, after, share] = way_at(turns, time);
-  const Turn &a = before->turn, &b = after->turn;
-  const Turn turn = {.yaw = a.yaw + share * (b.yaw - a.yaw),
-                     .pitch = a.pitch + share * (b.pitch - a.pitch),
-                     .roll = a.roll + share * (b.roll - a.roll)};
+  const EulerAngles &a = before->turn, &b = after->turn;
+  const EulerAngles turn = {.yaw = a.yaw + share * (b.yaw - a.yaw),
+                            .pitch = a.pitch + share * (b.pitch - a.pitch),
+                            .roll = a.roll + share * (b.roll - a.roll)};
   pose.linear() = turn.matrix().cast<float>();
   return pose;
 }
@@ -139,8 +139,8 @@ DynamicScene read_dynamic_scene(const fs::path& path, const RunContext& run) {
   for (ConfigSection& section : file.sections("object")) {
     scene.objects.push_back(read_object(section, path.parent_path(), scene.objects.size(), run));
     triangles += scene.objects.back().mesh.triangles.size();
-    if (triangles > prt::most_triangles)
-      throw InputError(path.string() + ": the scene has more than " + std::to_string(prt::most_triangles) +
+    if (triangles > prt::max_triangles)
+      throw InputError(path.string() + ": the scene has more than " + std::to_string(prt::max_triangles) +
                        " triangles; simplify its meshes or refine them less");
   }
   for (ConfigSection& section : file.sections("light"))

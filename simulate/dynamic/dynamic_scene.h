@@ -25,7 +25,7 @@ struct Motion {
   };
   struct Angles {
     double time;
-    Turn turn;
+    EulerAngles turn;
   };
   std::vector<Place> path;    ///< times ascending, at least one
   std::vector<Angles> turns;  ///< may be empty: not turned

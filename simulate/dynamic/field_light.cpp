@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/dynamic/field_light.h"
 
-#include <Eigen/Core>
 #include <tbb/parallel_for.h>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <cmath>
@@ -125,7 +125,7 @@ std::vector<Node> gauss_nodes(int count) {
 
 HarmonicProduct::HarmonicProduct(int order) {
   const int count = harmonics_of(order);
-  // Three factors below `order` each: exact from so many nodes and azimuths on.
+  // Three factors below `order` each: exact from that many nodes and azimuths on.
   const int azimuths = 3 * order;
   Eigen::MatrixXd values(count, 2 * order * azimuths);
   Eigen::VectorXd weights(values.cols());
@@ -164,34 +164,34 @@ Eigen::MatrixXf HarmonicProduct::matrix(std::span<const float> b) const {
 namespace {
 
 using Eigen::Index;
-using HarmonicsOfLight = Eigen::Matrix<float, Eigen::Dynamic, 3, 0, most_harmonics, 3>;
+using HarmonicsOfLight = Eigen::Matrix<float, Eigen::Dynamic, 3, 0, max_harmonics, 3>;
 
 /// Edges are never sharper than that, radians.
 constexpr float least_blur = 0.02f;
 
-/// The lamps' points in some object's axes.
-struct LampPoints {
+/// The area lights' points in some object's axes.
+struct LightSamples {
   Eigen::Matrix3Xf position, normal, power;
   Eigen::ArrayXf area;
 };
 
-LampPoints lamps_seen_from(std::span<const AreaPoint> points, const Pose& to_object) {
+LightSamples area_lights_seen_from(std::span<const AreaPoint> points, const Pose& to_object) {
   const auto count = static_cast<Index>(points.size());
-  LampPoints lamps{Eigen::Matrix3Xf(3, count), Eigen::Matrix3Xf(3, count), Eigen::Matrix3Xf(3, count),
-                   Eigen::ArrayXf(count)};
+  LightSamples area_lights{Eigen::Matrix3Xf(3, count), Eigen::Matrix3Xf(3, count), Eigen::Matrix3Xf(3, count),
+                           Eigen::ArrayXf(count)};
   for (Index j = 0; j < count; ++j) {
     const AreaPoint& point = points[static_cast<std::size_t>(j)];
-    lamps.position.col(j) = to_object * point.position;
-    lamps.normal.col(j) = to_object.linear() * point.normal;
-    lamps.power.col(j) = point.power.matrix();
-    lamps.area[j] = point.area;
+    area_lights.position.col(j) = to_object * point.position;
+    area_lights.normal.col(j) = to_object.linear() * point.normal;
+    area_lights.power.col(j) = point.power.matrix();
+    area_lights.area[j] = point.area;
   }
-  return lamps;
+  return area_lights;
 }
 
 /// Those of them that stand above a vertex' horizon, the first `count` of each array.
-struct LampsAbove {
-  LampsAbove(Index points, Index harmonics)
+struct AreaLightsAbove {
+  AreaLightsAbove(Index points, Index harmonics)
       : number(static_cast<std::size_t>(points)),
         direction(3, points),
         arriving(3, points),
@@ -207,19 +207,20 @@ struct LampsAbove {
   Eigen::ArrayXf cosine, radius;         // radius: of the disc it stands for, radians
   Eigen::ArrayXf behind;                 // 1 where an object may stand before it, else 0
 
-  void look(const LampPoints& lamps, const Eigen::Vector3f& from, const Eigen::Vector3f& normal, int order) {
+  void look(const LightSamples& area_lights, const Eigen::Vector3f& from, const Eigen::Vector3f& normal,
+            int order) {
     count = 0;
-    for (Index j = 0; j < lamps.area.size(); ++j) {
-      const Eigen::Vector3f way = lamps.position.col(j) - from;
+    for (Index j = 0; j < area_lights.area.size(); ++j) {
+      const Eigen::Vector3f way = area_lights.position.col(j) - from;
       const float height = normal.dot(way);
       if (height <= 0.0f) continue;
       const float squared = way.squaredNorm(), distance = std::sqrt(squared);
       number[static_cast<std::size_t>(count)] = j;
       direction.col(count) = way / distance;
       cosine[count] = height / distance;
-      radius[count] = std::sqrt(lamps.area[j] / std::numbers::pi_v<float>) / distance;
-      const float across = std::abs(lamps.normal.col(j).dot(direction.col(count)));
-      arriving.col(count++) = across / std::max(squared, lamps.area[j]) * lamps.power.col(j);
+      radius[count] = std::sqrt(area_lights.area[j] / std::numbers::pi_v<float>) / distance;
+      const float across = std::abs(area_lights.normal.col(j).dot(direction.col(count)));
+      arriving.col(count++) = across / std::max(squared, area_lights.area[j]) * area_lights.power.col(j);
     }
     evaluate_harmonics(order, direction.leftCols(count), harmonic.leftCols(count));
   }
@@ -242,18 +243,18 @@ bool meets_box(const Eigen::Array3f& half_size, const Eigen::Vector3f& from, con
   return enter <= leave;
 }
 
-/// Another object that may stand before lamps.
+/// Another object that may stand before area lights.
 struct Blocker {
   SeenObject seen;
   Eigen::Array3f half_size;
-  Eigen::Matrix3Xf lamps;  // in its axes
+  Eigen::Matrix3Xf area_lights;  // in its axes
 
-  /// Marks the lamps behind it; whether there are any.
-  bool stands_in_the_way(const Eigen::Vector3f& from, LampsAbove& above) const {
+  /// Marks the area lights behind it; whether there are any.
+  bool stands_in_the_way(const Eigen::Vector3f& from, AreaLightsAbove& above) const {
     bool any = false;
     for (Index j = 0; j < above.count; ++j) {
       const bool met =
-          meets_box(half_size, from, lamps.col(above.number[static_cast<std::size_t>(j)]) - from);
+          meets_box(half_size, from, area_lights.col(above.number[static_cast<std::size_t>(j)]) - from);
       above.behind[j] = met ? 1.0f : 0.0f;
       any |= met;
     }
@@ -261,8 +262,8 @@ struct Blocker {
   }
 };
 
-/// Takes from what arrives what an object covers, each lamp by itself.
-void hide_within_edge(const Harmonics& covered, const CapEdges& edges, LampsAbove& above) {
+/// Takes from what arrives what an object covers, each area light by itself.
+void hide_within_edge(const Harmonics& covered, const CapEdges& edges, AreaLightsAbove& above) {
   // ∫ V dω of the harmonic y_00 = 1/√4π
   const float share = covered[0] / std::sqrt(4.0f * std::numbers::pi_v<float>);
   const CapEdges::Edge edge = edges.at(share);
@@ -274,8 +275,8 @@ void hide_within_edge(const Harmonics& covered, const CapEdges& edges, LampsAbov
   }
 }
 
-/// The same by a product, of what is left of the light of all lamps behind it together.
-void hide_by_product(const Harmonics& covered, const HarmonicProduct& product, const LampsAbove& above,
+/// The same by a product, of what is left of the light of all area lights behind it together.
+void hide_by_product(const Harmonics& covered, const HarmonicProduct& product, const AreaLightsAbove& above,
                      HarmonicsOfLight& light) {
   const auto arriving = above.arriving.leftCols(above.count);
   const Eigen::Matrix3Xf behind = arriving * above.behind.head(above.count).matrix().asDiagonal();
@@ -307,21 +308,21 @@ DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_
   const ObjectTransport& own = *objects[target].transport;
   const FirstTerm& first = first_[target];
   const Pose to_own = objects[target].pose.inverse();
-  const LampPoints lamps = lamps_seen_from(points, to_own);
+  const LightSamples area_lights = area_lights_seen_from(points, to_own);
   std::vector<Blocker> blockers;
   for (std::size_t o = 0; o < objects.size(); ++o)
     if (o != target)
       blockers.push_back({seen_object(objects[o], objects[target].pose), half_size_[o],
-                          lamps_seen_from(points, objects[o].pose.inverse()).position});
+                          area_lights_seen_from(points, objects[o].pose.inverse()).position});
   const Index terms = own.terms();
   const std::size_t vertices = mesh.positions.size();
   DirectLight light{TermLight::Zero(static_cast<Index>(vertices) * terms, 3),
                     std::vector<Eigen::Array3f>(vertices, Eigen::Array3f::Zero())};
   const Eigen::Vector3f own_eye = to_own * eye;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, vertices, 64), [&](const auto& range) {
-    LampsAbove above(lamps.area.size(), own.receiving.rows());
+    AreaLightsAbove above(area_lights.area.size(), own.receiving.rows());
     for (std::size_t v = range.begin(); v < range.end(); ++v) {
-      above.look(lamps, mesh.positions[v], mesh.normals[v], own.order);
+      above.look(area_lights, mesh.positions[v], mesh.normals[v], own.order);
       if (above.count == 0) continue;
       HarmonicsOfLight arriving(own.receiving.rows(), 3);
       if (shadow == FieldShadow::product) arriving = above.light();

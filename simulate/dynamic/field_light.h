@@ -54,7 +54,7 @@ struct FirstTerm {
 };
 FirstTerm first_term(const BrdfFactors& factors, int order);
 
-/// Products of two functions told by harmonics of one order, projected onto the same order:
+/// Products of two functions represented by harmonics of one order, projected onto the same order:
 /// c_i = Σ_jk Γ_ijk a_j b_k, Γ_ijk = ∫ y_i y_j y_k dω (Zhou et al. 2005, section 4). Most Γ are zero.
 class HarmonicProduct {
  public:
@@ -72,21 +72,24 @@ class HarmonicProduct {
   std::vector<float> value_;
 };
 
-/// What an occlusion field, n² harmonics of what an object covers, says of a lamp behind the object.
-///  - product: the light of all lamp points behind it times what is left, by products of harmonics (Zhou et
+/// What an occlusion field, n² harmonics of what an object covers, says of an area light behind the object.
+///  - product: the light of all area light points behind it times what is left, by products of harmonics
+///  (Zhou et
 ///    al. 2005, section 4): blurred twice, and what is small hides hardly anything
-///  - edge: each point of a lamp is a small disc, and as much of it is hidden as lies within the edge that
+///  - edge: each point of an area light is a small disc, and as much of it is hidden as lies within the edge
+///  that
 ///    CapEdges finds
 enum class FieldShadow { product, edge };
 
 /// Direct light without rays, from what is computed once for each object (Zhou et al. 2005, "Precomputed
 /// Shadow Fields for Dynamic Scenes"; Iwasaki et al., section 3). Other objects' shadows come of their
-/// occlusion fields, an object's own of ObjectTransport::receiving. An object hides a point of a lamp only if
-/// the line to it meets the object's bounding box, so that nothing hides what stands before it.
+/// occlusion fields, an object's own of ObjectTransport::receiving. An object hides a point of an area light
+/// only if the line to it meets the object's bounding box, so that nothing hides what stands before it.
 ///
 /// Blurred to n² harmonics light would be far too even. So they tell shares alone: L_k are scaled so that the
 /// first is right where nothing hides, and radiance to the eye is that of the material itself times the share
-/// that is left of the first term. Nothing is negative, and all is finite wherever objects and lamps stand.
+/// that is left of the first term. Nothing is negative, and all is finite wherever objects and area lights
+/// stand.
 class FieldLight {
  public:
   /// Both must outlive it.
@@ -94,7 +97,7 @@ class FieldLight {
 
   /// As direct_light(), for the vertices of objects[target]. `objects`: all of the scene. Runs on all cores.
   DirectLight direct(std::span<const PlacedObject> objects, std::size_t target,
-                     std::span<const AreaPoint> lamps, const Eigen::Vector3f& eye, FieldShadow shadow,
+                     std::span<const AreaPoint> area_lights, const Eigen::Vector3f& eye, FieldShadow shadow,
                      const HarmonicProduct& product) const;
 
  private:

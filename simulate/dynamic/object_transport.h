@@ -79,8 +79,8 @@ struct LowRank {
 LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& strength, double error);
 
 /// Patterns of light over an object, by which it shines on others. What a vertex v reflects of the light that
-/// it gets is told by L_k(v), one number for each of the K terms of its material (Iwasaki et al., eq. 4); row
-/// v·K + k of the matrices is that number.
+/// it gets is represented by L_k(v), one number for each of the K terms of its material (Iwasaki et al., eq.
+/// 4); row v·K + k of the matrices is that number.
 struct SurfaceModes {
   using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Rows functions;              ///< [vertices · K × modes]; empty once an object's transport is computed
@@ -102,13 +102,13 @@ SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const Brdf
 enum class ModeKind { joint, separate };
 
 struct TransportOptions {
-  int order = 4;       ///< n: light that arrives at a point is told by n² spherical harmonics
+  int order = 4;       ///< n: light that arrives at a point is represented by n² spherical harmonics
   int functions = 32;  ///< N: patterns an object shines in
-  FactorOptions factors{.largest = 0, .error = 0.2};  ///< K; for light that bounces
+  FactorOptions factors{.largest = 0, .error = 0.2};  ///< K; for indirect light
   ModeKind modes = ModeKind::joint;
   int rings = 8, shells = 14;                         ///< ShellGrid
   float smallest_radius = 0.06f, largest_radius = 4;  ///< of the shells, in radii of the object
-  int directions = 1024;                              ///< rays a point
+  int directions = 1024;                              ///< rays per point
   double compression = 0.03;                          ///< relative error that LowRank may leave; 0: none
 
   /// Throws InputError naming the option and its range.
@@ -117,7 +117,7 @@ struct TransportOptions {
 };
 
 /// What an object does to light, computed once, in its own axes: the same wherever it goes. Angular functions
-/// are told by n² harmonics, of radiance by the direction that it comes from.
+/// are represented by n² harmonics, of radiance by the direction that it comes from.
 struct ObjectTransport {
   BrdfFactors factors;
   SurfaceModes modes;

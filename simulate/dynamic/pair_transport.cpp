@@ -136,7 +136,7 @@ void PairTransport::add(std::size_t vertex, const Eigen::MatrixXf& radiance,
                         Eigen::Ref<TermLight> light) const {
   const ShellGrid::Corners& from = corners[vertex];
   const Index count = receiving.rows(), terms = light.rows();
-  Eigen::Matrix<float, Eigen::Dynamic, 1, 0, 3 * most_harmonics, 1> arriving;
+  Eigen::Matrix<float, Eigen::Dynamic, 1, 0, 3 * max_harmonics, 1> arriving;
   arriving.setZero(3 * count);
   for (std::size_t i = 0; i < from.point.size(); ++i)
     if (from.weight[i] != 0.0f)  // points that nobody looks up hold nothing, not even zero

@@ -7,9 +7,9 @@
 
 namespace refield::dynamic {
 
-inline constexpr int most_harmonics = harmonics_of(8);
+inline constexpr int max_harmonics = harmonics_of(8);
 /// n² harmonics, as many as TransportOptions::order allows, without a heap.
-using Harmonics = Eigen::Matrix<float, Eigen::Dynamic, 1, 0, most_harmonics, 1>;
+using Harmonics = Eigen::Matrix<float, Eigen::Dynamic, 1, 0, max_harmonics, 1>;
 
 /// An object where it stands.
 struct PlacedObject {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/dynamic/point_lights.h"
 
-#include <Eigen/Geometry>
 #include <tbb/parallel_for.h>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <array>
@@ -19,45 +19,48 @@ namespace refield::dynamic {
 
 namespace {
 
-/// Lamps are known by so many samples of equal power, and by as many for each point.
+/// Area lights are known by that many samples of equal power, and by as many for each point.
 constexpr std::size_t least_samples = 2048, least_samples_a_point = 32;
 
-struct LampSample {
+struct AreaLightSample {
   AreaPoint at;
-  std::uint32_t lamp;
+  std::uint32_t area_light;
 };
 
-/// Which lamp a vertex belongs to, named by one of its vertices: triangles that share one are of one lamp.
-std::vector<std::uint32_t> lamps_of_vertices(const Mesh& lamps) {
-  std::vector<std::uint32_t> parent(lamps.positions.size());
+/// Which area light a vertex belongs to, named by one of its vertices: triangles that share one are of one
+/// area light.
+std::vector<std::uint32_t> area_lights_of_vertices(const Mesh& area_lights) {
+  std::vector<std::uint32_t> parent(area_lights.positions.size());
   std::iota(parent.begin(), parent.end(), 0u);
   const auto root = [&](std::uint32_t v) {
     while (parent[v] != v) v = parent[v] = parent[parent[v]];
     return v;
   };
-  for (const auto& triangle : lamps.triangles)
+  for (const auto& triangle : area_lights.triangles)
     for (const std::uint32_t v : triangle) parent[root(v)] = root(triangle[0]);
   for (std::uint32_t v = 0; v < parent.size(); ++v) parent[v] = root(v);
   return parent;
 }
 
 /// Samples of equal power in the order of the triangles, each standing for `power` of area times brightness.
-std::vector<LampSample> draw_samples(const Mesh& lamps, const std::vector<std::uint32_t>& lamp_of,
-                                     std::size_t count) {
+std::vector<AreaLightSample> draw_samples(const Mesh& area_lights,
+                                          const std::vector<std::uint32_t>& area_light_of,
+                                          std::size_t count) {
   struct Piece {
     Eigen::Vector3f doubled;  // normal times twice the area
     double power;             // area × mean radiance of all channels
   };
   std::vector<Piece> pieces;
   double all = 0.0;
-  for (const auto& [a, b, c] : lamps.triangles) {
-    const Eigen::Vector3f side = lamps.positions[b] - lamps.positions[a];
-    const Eigen::Vector3f doubled = side.cross(lamps.positions[c] - lamps.positions[a]);
-    const Eigen::Array3f radiance = (lamps.colours[a] + lamps.colours[b] + lamps.colours[c]) / 3.0f;
+  for (const auto& [a, b, c] : area_lights.triangles) {
+    const Eigen::Vector3f side = area_lights.positions[b] - area_lights.positions[a];
+    const Eigen::Vector3f doubled = side.cross(area_lights.positions[c] - area_lights.positions[a]);
+    const Eigen::Array3f radiance =
+        (area_lights.colours[a] + area_lights.colours[b] + area_lights.colours[c]) / 3.0f;
     pieces.push_back({doubled, 0.5 * doubled.norm() * radiance.mean()});
     all += pieces.back().power;
   }
-  std::vector<LampSample> samples;
+  std::vector<AreaLightSample> samples;
   if (!(all > 0.0)) return samples;
   double before = 0.0;
   std::uint32_t in_triangle = 0;
@@ -72,27 +75,29 @@ std::vector<LampSample> draw_samples(const Mesh& lamps, const std::vector<std::u
     const double u = std::sqrt(std::clamp((at - before) / pieces[t].power, 0.0, 1.0));
     const double v = prt::radical_inverse(++in_triangle);
     const auto share_b = static_cast<float>(u * (1.0 - v)), share_c = static_cast<float>(u * v);
-    const auto [a, b, c] = lamps.triangles[t];
+    const auto [a, b, c] = area_lights.triangles[t];
     const float share_a = 1.0f - share_b - share_c;
-    const Eigen::Array3f radiance =
-        share_a * lamps.colours[a] + share_b * lamps.colours[b] + share_c * lamps.colours[c];
+    const Eigen::Array3f radiance = share_a * area_lights.colours[a] + share_b * area_lights.colours[b] +
+                                    share_c * area_lights.colours[c];
     const Piece& piece = pieces[t];
     const auto area =
         static_cast<float>(0.5 * piece.doubled.norm() / piece.power * all / static_cast<double>(count));
-    samples.push_back(
-        {{share_a * lamps.positions[a] + share_b * lamps.positions[b] + share_c * lamps.positions[c],
-          piece.doubled.normalized(), radiance * area, area},
-         lamp_of[a]});
+    samples.push_back({{share_a * area_lights.positions[a] + share_b * area_lights.positions[b] +
+                            share_c * area_lights.positions[c],
+                        piece.doubled.normalized(), radiance * area, area},
+                       area_light_of[a]});
   }
   return samples;
 }
 
-/// Axes that go with a lamp however it moves: along its first side, across in the plane, and up from it.
-Eigen::Matrix3f axes_of(const Mesh& lamps, std::uint32_t lamp, const std::vector<std::uint32_t>& lamp_of) {
-  for (const auto& [a, b, c] : lamps.triangles) {
-    if (lamp_of[a] != lamp) continue;
-    const Eigen::Vector3f side = lamps.positions[b] - lamps.positions[a];
-    const Eigen::Vector3f normal = side.cross(lamps.positions[c] - lamps.positions[a]);
+/// Axes that go with an area light however it moves: along its first side, across in the plane, and up from
+/// it.
+Eigen::Matrix3f axes_of(const Mesh& area_lights, std::uint32_t area_light,
+                        const std::vector<std::uint32_t>& area_light_of) {
+  for (const auto& [a, b, c] : area_lights.triangles) {
+    if (area_light_of[a] != area_light) continue;
+    const Eigen::Vector3f side = area_lights.positions[b] - area_lights.positions[a];
+    const Eigen::Vector3f normal = side.cross(area_lights.positions[c] - area_lights.positions[a]);
     if (!(normal.norm() > 0.0f)) continue;
     Eigen::Matrix3f axes;
     axes << side.normalized().transpose(), normal.cross(side).normalized().transpose(),
@@ -103,9 +108,9 @@ Eigen::Matrix3f axes_of(const Mesh& lamps, std::uint32_t lamp, const std::vector
 }
 
 /// The middle of some samples, with all of their power.
-AreaPoint middle_of(std::span<const LampSample> samples) {
+AreaPoint middle_of(std::span<const AreaLightSample> samples) {
   AreaPoint middle{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), Eigen::Array3f::Zero(), 0.0f};
-  for (const LampSample& sample : samples) {
+  for (const AreaLightSample& sample : samples) {
     middle.position += sample.at.position / static_cast<float>(samples.size());
     middle.normal += sample.at.normal;
     middle.power += sample.at.power;
@@ -119,11 +124,11 @@ AreaPoint middle_of(std::span<const LampSample> samples) {
 }
 
 /// Halves the samples across where they reach farthest until each part is one point's.
-void part_into_points(std::span<LampSample> samples, std::size_t count, const Eigen::Matrix3f& axes,
+void part_into_points(std::span<AreaLightSample> samples, std::size_t count, const Eigen::Matrix3f& axes,
                       std::vector<AreaPoint>& points) {
   if (count == 1) return points.push_back(middle_of(samples));
   Eigen::AlignedBox3f box;
-  for (const LampSample& sample : samples) box.extend(Eigen::Vector3f(axes * sample.at.position));
+  for (const AreaLightSample& sample : samples) box.extend(Eigen::Vector3f(axes * sample.at.position));
   const Eigen::Vector3f reach = box.sizes();
   constexpr float clearly = 1.01f;  // else rounding would choose between equal sides, and points would jump
   int longest = 0;
@@ -131,31 +136,32 @@ void part_into_points(std::span<LampSample> samples, std::size_t count, const Ei
     if (reach[axis] > clearly * reach[longest]) longest = axis;
   const std::size_t first = count / 2;
   const auto cut = samples.begin() + static_cast<std::ptrdiff_t>(samples.size() * first / count);
-  std::nth_element(samples.begin(), cut, samples.end(), [&](const LampSample& a, const LampSample& b) {
-    return axes.row(longest).dot(a.at.position) < axes.row(longest).dot(b.at.position);
-  });
+  std::nth_element(samples.begin(), cut, samples.end(),
+                   [&](const AreaLightSample& a, const AreaLightSample& b) {
+                     return axes.row(longest).dot(a.at.position) < axes.row(longest).dot(b.at.position);
+                   });
   part_into_points({samples.begin(), cut}, first, axes, points);
   part_into_points({cut, samples.end()}, count - first, axes, points);
 }
 
 }  // namespace
 
-std::vector<AreaPoint> area_points(const Mesh& lamps, int count) {
-  const std::vector<std::uint32_t> lamp_of = lamps_of_vertices(lamps);
+std::vector<AreaPoint> area_points(const Mesh& area_lights, int count) {
+  const std::vector<std::uint32_t> area_light_of = area_lights_of_vertices(area_lights);
   const std::size_t samples_a_point =
       std::max(least_samples_a_point, least_samples / static_cast<std::size_t>(count));
-  std::vector<LampSample> samples =
-      draw_samples(lamps, lamp_of, static_cast<std::size_t>(count) * samples_a_point);
+  std::vector<AreaLightSample> samples =
+      draw_samples(area_lights, area_light_of, static_cast<std::size_t>(count) * samples_a_point);
   std::vector<AreaPoint> points;
   for (std::size_t begin = 0, end = 0; begin < samples.size(); begin = end) {
-    while (end < samples.size() && samples[end].lamp == samples[begin].lamp) ++end;
-    // Whole points alone: what one lamp loses by rounding another one gains.
+    while (end < samples.size() && samples[end].area_light == samples[begin].area_light) ++end;
+    // Whole points alone: what one area light loses by rounding another one gains.
     const auto whole = [=](std::size_t sample) { return (sample + samples_a_point / 2) / samples_a_point; };
     const std::size_t own = whole(end) - whole(begin);
     if (own == 0) continue;
     const std::size_t before = points.size();
     part_into_points(std::span(samples).subspan(begin, end - begin), own,
-                     axes_of(lamps, samples[begin].lamp, lamp_of), points);
+                     axes_of(area_lights, samples[begin].area_light, area_light_of), points);
     const float share = static_cast<float>(own * samples_a_point) / static_cast<float>(end - begin);
     for (std::size_t p = before; p < points.size(); ++p) {
       points[p].power *= share;

@@ -101,7 +101,7 @@ class Reader {
     if (count > 0) std::memcpy(static_cast<void*>(data), bytes_.data(), count * sizeof(T));
     bytes_ = bytes_.subspan(count * sizeof(T));
   }
-  /// Whether so many numbers are still there.
+  /// Whether that many numbers are still there.
   template <class T>
   bool holds(std::uint64_t count) {
     is_good_ = is_good_ && count <= bytes_.size() / sizeof(T);

@@ -35,7 +35,7 @@ void require_room(const fs::path& path, const char* what, double count, std::uin
   std::ostringstream message;
   message.precision(12);
   message << "promises " << count << ' ' << what << ", but a file of " << bytes
-          << " bytes cannot hold so many; it is damaged or cut off";
+          << " bytes cannot hold that many; it is damaged or cut off";
   throw FormatError(path, message.str());
 }
 

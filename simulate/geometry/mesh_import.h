@@ -26,7 +26,7 @@ enum class ColourCoding { srgb, linear };
 /// glTF prescribes linear; what writes colours into OBJ, PLY and OFF takes them from photographs.
 ColourCoding usual_colour_coding(const std::filesystem::path& path);
 
-/// Reads OBJ, PLY, OFF, glTF and GLB, told by the file's name, with all their parts in place.
+/// Reads OBJ, PLY, OFF, glTF and GLB, represented by the file's name, with all their parts in place.
 /// Draco-compressed glTF is read where the library was built with its decoder, as Debian's is. The library
 /// (assimp) is not made for hostile files, so it works in a process of its own with limits (run_isolated()).
 /// Throws FormatError for what is no mesh, breaks its format, holds coordinates that are not finite or asks

@@ -54,7 +54,7 @@ Mesh read_shape(ConfigSection& section) {
   Make make = plane_mesh;
   section.choice<Make>(
       "shape", make,
-      {{"plane", plane_mesh}, {"box", box_mesh}, {"sphere", sphere_mesh}, {"hare", hare_mesh}});
+      {{"plane", plane_mesh}, {"box", box_mesh}, {"sphere", sphere_mesh}, {"rabbit", rabbit_mesh}});
   int resolution = make == plane_mesh || make == box_mesh ? 1 : 32;
   // A few million vertices at most.
   section.integer("resolution", resolution, 1, make == plane_mesh ? 2048 : 512);

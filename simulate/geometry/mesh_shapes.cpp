@@ -78,7 +78,7 @@ std::vector<std::array<Eigen::Vector3d, 3>> icosahedron() {
 Mesh directions_mesh(int resolution) {
   Mesh mesh;
   std::map<std::array<long, 3>, std::uint32_t>
-      number;  // of a point on the faces, told by rounded coordinates
+      number;  // of a point on the faces, represented by rounded coordinates
   const auto vertex = [&](const Eigen::Vector3d& point) {
     const std::array key{std::lround(point.x() * 1e9), std::lround(point.y() * 1e9),
                          std::lround(point.z() * 1e9)};
@@ -98,8 +98,8 @@ Mesh directions_mesh(int resolution) {
   return mesh;
 }
 
-/// Distance of the hare's skin from its middle, in a unit direction; it looks against +Z.
-float hare_radius(const Eigen::Vector3f& direction) {
+/// Distance of the rabbit's skin from its middle, in a unit direction; it looks against +Z.
+float rabbit_radius(const Eigen::Vector3f& direction) {
   const auto lobe = [&](float x, float y, float z, float height, float narrowness) {
     return height * std::exp(narrowness * (direction.dot(Eigen::Vector3f(x, y, z).normalized()) - 1.0f));
   };
@@ -139,9 +139,9 @@ Mesh sphere_mesh(int resolution) {
   return mesh;
 }
 
-Mesh hare_mesh(int resolution) {
+Mesh rabbit_mesh(int resolution) {
   Mesh mesh = directions_mesh(resolution);
-  for (auto& position : mesh.positions) position *= hare_radius(position);
+  for (auto& position : mesh.positions) position *= rabbit_radius(position);
   finish(mesh);
   return mesh;
 }
@@ -163,7 +163,7 @@ class Refinement {
     for (const auto& [a, b, c] : mesh_->triangles)
       area += 0.5 * (at(b) - at(a)).cast<double>().cross((at(c) - at(a)).cast<double>()).norm();
     const double largest = std::sqrt(3.0) / 4.0 * longest_edge_ * longest_edge_;
-    if (!(area <= largest * static_cast<double>(most_triangles))) fail();
+    if (!(area <= largest * static_cast<double>(max_triangles))) fail();
   }
 
   /// Whether anything was halved.
@@ -173,7 +173,7 @@ class Refinement {
     finer.reserve(mesh_->triangles.size());
     for (const Triangle& triangle : mesh_->triangles) {
       split(triangle, finer);
-      if (finer.size() > most_triangles) fail();
+      if (finer.size() > max_triangles) fail();
     }
     mesh_->triangles = std::move(finer);
     return !middles_.empty();
@@ -182,7 +182,7 @@ class Refinement {
  private:
   [[noreturn]] void fail() const {
     std::ostringstream message;
-    message << "refining to edges of " << longest_edge_ << " takes more than " << most_triangles
+    message << "refining to edges of " << longest_edge_ << " takes more than " << max_triangles
             << " triangles; allow longer ones";
     throw InputError(message.str());
   }

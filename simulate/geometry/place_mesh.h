@@ -11,7 +11,7 @@ namespace refield::prt {
 /// Where a mesh stands in a scene, in the order in which it is done.
 struct Placement {
   Eigen::Vector3f stretch = {1.0f, 1.0f, 1.0f};  ///< along the mesh's own axes, all above zero
-  Turn turn = {};
+  EulerAngles turn = {};
   std::optional<float> size = std::nullopt;                ///< the longest side of its bounding box
   std::optional<Eigen::Vector3f> position = std::nullopt;  ///< where the middle of its bounding box comes
   /// Its lowest point comes to height 0; above the origin where no position is given.

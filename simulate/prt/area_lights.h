@@ -11,7 +11,7 @@
 
 namespace refield::prt {
 
-/// A lamp of any shape that moves. Both sides of its triangles shine.
+/// An area light of any shape that moves. Both sides of its triangles shine.
 struct AreaLight {
   struct Stop {
     double time;  ///< seconds

@@ -16,7 +16,7 @@
 
 namespace refield::prt {
 
-/// The transfer of 16 outputs from some squares of light, one byte each weight with a common scale for a
+/// The transfer of 16 outputs from some light clusters, one byte each weight with a common scale for a
 /// square (section 6 of Johan and Nishita has one byte and no zeros; here squares that give nothing to all 16
 /// are dropped).
 struct GroupWeights {
@@ -79,11 +79,11 @@ struct ClusterOptions {
 };
 
 struct ClusterStatistics {
-  std::uint64_t clusters = 0;  ///< squares of light in the basis
+  std::uint64_t clusters = 0;  ///< light clusters in the basis
   std::uint64_t entries = 0;   ///< weights (output × square) that are not zero in some channel
   /// What the paper counts as data: bytes that are not zero once white facing the light is 255, all channels.
   std::uint64_t bytes_of_paper = 0;
-  /// Lights whose transfer vectors were computed; with cuts of groups, so many on average.
+  /// Lights whose transfer vectors were computed; with cuts of groups, that many on average.
   double lights = 0.0;
   std::uint64_t rays = 0;
   std::uint64_t peak_vectors = 0;  ///< transfer vectors held at a time; 0 with cuts of groups

@@ -77,7 +77,7 @@ ArrivingLight all_passes(const Scene& scene, const HarmonicOptions& options, con
   ArrivingLight last = passes.shadow(run);
   ArrivingLight total = last;
   energy = {energy_of(last, areas)};
-  for (int pass = 0; pass < options.most_passes && energy.back() > options.until * energy.front(); ++pass) {
+  for (int pass = 0; pass < options.max_passes && energy.back() > options.until * energy.front(); ++pass) {
     last = passes.interreflection(last, run);
     energy.push_back(energy_of(last, areas));
     add(total, last, scene.mesh.positions.size());
@@ -124,7 +124,7 @@ void HarmonicOptions::check() const {
   require(directions >= 64 && directions <= 1 << 20, "directions " + std::to_string(directions),
           "give 64 to 1048576");
   require(until > 0.0, "until " + std::to_string(until), "give a share above 0, such as 0.002");
-  require(most_passes >= 0, "most_passes " + std::to_string(most_passes), "give 0 or more");
+  require(max_passes >= 0, "max_passes " + std::to_string(max_passes), "give 0 or more");
   require(radius >= 0.0 && std::isfinite(radius), "radius " + std::to_string(radius),
           "give a length in units of the scene, or 0 for distant light");
   require(map_resolution >= 4 && map_resolution <= 4096, "map_resolution " + std::to_string(map_resolution),

@@ -27,12 +27,12 @@ struct HarmonicOptions {
   /// Interreflection ends with the pass that brings the surfaces less than this share of the light that the
   /// first, the shadow pass, brought them (under uniform light); 1 and more: no interreflection.
   double until = 0.002;
-  int most_passes = 16;  ///< of interreflection
+  int max_passes = 16;  ///< of interreflection
   /// Of the sphere that the lights stand on, around the middle() of the mesh; 0: infinitely far.
   double radius = 0.0;
   Emission emission = Emission::towards_all;
   HarmonicWindow window = HarmonicWindow::none;
-  int map_resolution = 32;  ///< of the cube maps that the field is relit with: texels a face
+  int map_resolution = 32;  ///< of the cube maps that the field is relit with: texels per face
 
   /// Throws InputError, naming the value.
   void check() const;
@@ -83,7 +83,7 @@ Eigen::Vector3f middle(const Mesh& mesh);
 HarmonicTransfer harmonic_transfer(const Scene& scene, const HarmonicOptions& options,
                                    HarmonicStatistics& statistics, const RunContext& run = {});
 
-/// The transfer as a field over cube maps of `map_resolution` texels a face, which sums harmonics of the
+/// The transfer as a field over cube maps of `map_resolution` texels per face, which sums harmonics of the
 /// light and relights as all fields do. Output s is number s mod outputs of vertex s ∕ outputs; a positive
 /// value goes to the kernel of its harmonic, a negative one to that of its opposite. Provenance is the
 /// caller's.

@@ -43,17 +43,17 @@ Scene read_description(const fs::path& path, const RunContext& run) {
   const ConfigFile file(path, "scene", "docs/reference/mesh-scenes.md");
   file.check_names({"camera", "mesh"});
   std::vector<ConfigSection> meshes = file.sections("mesh");
-  constexpr std::size_t most_meshes = 65535;  // materials are numbered in 16 bits
-  if (meshes.size() > most_meshes)
-    throw InputError(path.string() + ": a scene takes " + std::to_string(most_meshes) + " meshes; join some");
+  constexpr std::size_t max_meshes = 65535;  // materials are numbered in 16 bits
+  if (meshes.size() > max_meshes)
+    throw InputError(path.string() + ": a scene takes " + std::to_string(max_meshes) + " meshes; join some");
   Scene scene;
   for (ConfigSection& section : meshes) {
     const Material material = read_material(section);
     const Mesh mesh = read_mesh(section, path.parent_path(), run);
     section.finish();
     append(mesh, material, scene);
-    if (scene.mesh.triangles.size() > most_triangles)
-      throw InputError(path.string() + ": the scene has more than " + std::to_string(most_triangles) +
+    if (scene.mesh.triangles.size() > max_triangles)
+      throw InputError(path.string() + ": the scene has more than " + std::to_string(max_triangles) +
                        " triangles; simplify its meshes or refine them less");
   }
   if (file.has("camera")) scene.camera = read_camera(file.section("camera"));

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/transfer_samples.h"
 
-#include <Eigen/Geometry>
 #include <tbb/parallel_for.h>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <array>
@@ -46,9 +46,9 @@ constexpr int directions_of_side = 2;  // of a cell
 using VertexLight = std::vector<Eigen::Array3f>;  // at vertices or points
 
 /// What points see: rows of (vertex, share of its radiance in E ∕ π).
-class Surroundings {
+class Environment {
  public:
-  Surroundings(const MeshRays& rays, std::span<const Gatherer> points, const RunContext& run)
+  Environment(const MeshRays& rays, std::span<const Gatherer> points, const RunContext& run)
       : rows_(points.size()) {
     const std::vector<Eigen::Vector3d> around = hammersley_sphere(gather_rays);
     Progress progress(run, "gathering indirect light", points.size());
@@ -127,7 +127,7 @@ BouncedLight::BouncedLight(const Scene& scene, const MeshRays& rays, std::span<c
     : blocks_((points.size() + block - 1) / block), table_(blocks_ * cells * 3 * block) {
   const std::vector<Gatherer> vertices = gatherers_of(scene, rays);
   const VertexLight reflectance = diffuse_reflectance(scene);
-  const Surroundings of_vertices(rays, vertices, run), of_points(rays, points, run);
+  const Environment of_vertices(rays, vertices, run), of_points(rays, points, run);
   Progress progress(run, "computing indirect light", cells);
   tbb::parallel_for(std::size_t{0}, cells, [&](std::size_t cell) {
     if (run.is_stopped()) return;  // thrown away

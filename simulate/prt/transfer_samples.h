@@ -22,7 +22,7 @@ double radical_inverse(std::uint32_t k);
 /// steradians.
 std::vector<Eigen::Vector3d> hammersley_sphere(int count);
 
-/// A point that gathers light from its surroundings; a zero normal: none.
+/// A point that gathers light from its environment; a zero normal: none.
 struct Gatherer {
   Eigen::Vector3f position = Eigen::Vector3f::Zero();  ///< off its surface
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
@@ -51,7 +51,7 @@ class BouncedLight {
   std::vector<Eigen::half> table_;  // [blocks × cells × 3 × 16]
 };
 
-/// Whether all diffuse reflectance is grey, so that bounced light has the colour of the incident light.
+/// Whether all diffuse reflectance is grey, so that indirect light has the colour of the incident light.
 bool bounces_grey(const Scene& scene);
 
 /// What is relit (Johan and Nishita, section 3.1): a diffuse scene's vertices, seen from anywhere, or the
@@ -86,9 +86,9 @@ struct Lobe {
 };
 
 /// The transfer function of outputs for single directions of light, by ray tracing:
-/// T = V f(ω, ω_o) max(ω · n, 0) (eqs. 2 and 3 of Johan and Nishita), and bounced light. A vertex' f is that
-/// of white, 1/π: its colour multiplies last (core/field/mesh.h), so there is one channel for all unless light
-/// bounces off coloured surfaces.
+/// T = V f(ω, ω_o) max(ω · n, 0) (eqs. 2 and 3 of Johan and Nishita), and indirect light. A vertex' f is that
+/// of white, 1/π: its colour multiplies last (core/field/mesh.h), so there is one channel for all unless
+/// light bounces off coloured surfaces.
 class TransferSamples {
  public:
   static constexpr std::size_t group_outputs = MeshRays::packet;
@@ -131,7 +131,7 @@ class TransferSamples {
   std::size_t packets_ = 1;    // of a group: points of a pixel
   std::vector<Point> points_;  // [groups × packets × 16]
   std::optional<BouncedLight> bounced_;
-  std::vector<Eigen::Array3f> reflectance_;  // [groups × 16], of bounced light
+  std::vector<Eigen::Array3f> reflectance_;  // [groups × 16], of indirect light
 };
 
 }  // namespace refield::prt

@@ -32,7 +32,7 @@ struct MonitorModel {
 
   /// How much brighter each channel is at the end of a capture than at its start, −0.05: 5 % darker.
   std::array<double, 3> drift{};
-  /// Share of the capture in which 1 − 1/e of the change happens, as a lamp warms up; 0: evenly.
+  /// Share of the capture in which 1 − 1/e of the change happens, as an area light warms up; 0: evenly.
   double drift_settling = 0.0;
 
   /// Brightness of a channel, relative to the start, when the share `done` (0 to 1) of the capture is over.
@@ -60,7 +60,7 @@ struct MonitorModel {
 struct SensorModel {
   PixelLayout layout = PixelLayout::rgb;
   int bits = 12;                         ///< 8, 10 or 12; full scale is 2^bits − 1
-  double sensitivity = 200000.0;         ///< electrons a sample for unit radiance and one second
+  double sensitivity = 200000.0;         ///< electrons per sample for unit radiance and one second
   double electrons_per_dn = 4.0;         ///< at gain 1
   double full_well_electrons = 15000.0;  ///< a well holds no more
   double read_noise_electrons = 3.0;     ///< standard deviation

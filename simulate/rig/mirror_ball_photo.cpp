@@ -39,7 +39,7 @@ double fresnel(std::complex<double> index, double cos_incidence) {
   return 0.5 * (std::norm(across) + std::norm(along));
 }
 
-Radiance trace(const Image& surroundings, const MirrorBallScene& scene, double px, double py) {
+Radiance trace(const Image& environment, const MirrorBallScene& scene, double px, double py) {
   const Eigen::Vector3d ray = Eigen::Vector3d((px - 0.5 * scene.width) / scene.focal_px,
                                               (0.5 * scene.height - py) / scene.focal_px, 1.0)
                                   .normalized();
@@ -47,10 +47,10 @@ Radiance trace(const Image& surroundings, const MirrorBallScene& scene, double p
   const double discriminant = along * along - scene.ball_centre.squaredNorm() + 1.0;
   if (discriminant <= 0.0)
     return scene.backdrop ? Radiance(scene.backdrop->cast<double>())
-                          : look_up(surroundings, scene.world_from_camera * ray);
+                          : look_up(environment, scene.world_from_camera * ray);
   const Eigen::Vector3d normal = ray * (along - std::sqrt(discriminant)) - scene.ball_centre;
   const double cos_incidence = -ray.dot(normal);
-  Radiance light = look_up(surroundings, scene.world_from_camera * (ray + 2.0 * cos_incidence * normal));
+  Radiance light = look_up(environment, scene.world_from_camera * (ray + 2.0 * cos_incidence * normal));
   if (scene.refractive_index)
     for (int c = 0; c < 3; ++c) light[c] *= fresnel((*scene.refractive_index)[c], cos_incidence);
   return light;
@@ -67,7 +67,7 @@ bool near_outline(const MirrorBallScene& scene, double px, double py) {
 
 }  // namespace
 
-Image photograph_mirror_ball(const Image& surroundings, const MirrorBallScene& scene) {
+Image photograph_mirror_ball(const Image& environment, const MirrorBallScene& scene) {
   Image photograph(scene.width, scene.height, 3);
   tbb::parallel_for(tbb::blocked_range<int>(0, scene.height, 8), [&](const tbb::blocked_range<int>& rows) {
     for (int y = rows.begin(); y < rows.end(); ++y)
@@ -75,7 +75,7 @@ Image photograph_mirror_ball(const Image& surroundings, const MirrorBallScene& s
         const int n = near_outline(scene, x + 0.5, y + 0.5) ? 4 * scene.samples : scene.samples;
         Radiance sum = Radiance::Zero();
         for (int j = 0; j < n; ++j)
-          for (int i = 0; i < n; ++i) sum += trace(surroundings, scene, x + (i + 0.5) / n, y + (j + 0.5) / n);
+          for (int i = 0; i < n; ++i) sum += trace(environment, scene, x + (i + 0.5) / n, y + (j + 0.5) / n);
         for (int c = 0; c < 3; ++c) photograph.at(x, y, c) = static_cast<float>(sum[c] / (n * n));
       }
   });

@@ -47,8 +47,8 @@ struct Style {
   float buildings;     // number of them
   float leaf_cover;    // mean number of leaves over a point of the lower part
   float leaves_above;  // the same for the sky or ceiling, as a share
-  float lamps;         // number of small lights
-  Rgb lamp_colour;
+  float area_lights;   // number of small lights
+  Rgb area_light_colour;
   float sun;  // radiance; 0: hidden
 };
 
@@ -94,7 +94,7 @@ Style random_style(Rng& rng) {
            {1, 1, 1},
            200};
       break;
-    case 3:  // room with windows and lamps
+    case 3:  // room with windows and area lights
       s = {false,
            {0.30f, 0.28f, 0.25f},
            {0.28f, 0.25f, 0.2f},
@@ -190,7 +190,7 @@ void paint_buildings(Image& image, const Style& style, Rng& rng) {
         Rgb colour = wall * (1.0f + (shade - 1.0f) * static_cast<float>(dx) / static_cast<float>(width));
         if (in_pane) {
           Rng window(windows, dx / pitch_x, dy / pitch_y);
-          colour = window.uniform() < lit ? (style.lamp_colour * real(window, 0.2, 0.9)).eval() : pane;
+          colour = window.uniform() < lit ? (style.area_light_colour * real(window, 0.2, 0.9)).eval() : pane;
         }
         set_pixel(image, (left + dx) % w, y, colour);
       }
@@ -273,18 +273,19 @@ void paint_leaves(Image& image, const Style& style, Rng& rng) {
   }
 }
 
-void paint_lamps(Image& image, const Style& style, Rng& rng) {
-  for (int k = 0; k < static_cast<int>(style.lamps); ++k) {
-    Leaf lamp;
-    lamp.x = real(rng, 0, image.width);
-    lamp.y = static_cast<float>(image.height * (0.5 - 0.16 * rng.normal() - (style.outdoors ? 0.0 : 0.05)));
-    lamp.radius = static_cast<float>(std::max(0.8, image.width / 700.0 * std::exp(0.9 * rng.normal())));
-    lamp.aspect = std::exp(real(rng, -0.6, 0.6));
-    lamp.turn = 0.0f;
-    lamp.shape = static_cast<int>(rng.below(2));
-    lamp.colour = style.lamp_colour * random_colour(rng, 1.2, 0.5);
-    lamp.gradient_x = lamp.gradient_y = lamp.stripe_pitch = lamp.grain = 0.0f;
-    paint_leaf(image, lamp, 0);
+void paint_area_lights(Image& image, const Style& style, Rng& rng) {
+  for (int k = 0; k < static_cast<int>(style.area_lights); ++k) {
+    Leaf area_light;
+    area_light.x = real(rng, 0, image.width);
+    area_light.y =
+        static_cast<float>(image.height * (0.5 - 0.16 * rng.normal() - (style.outdoors ? 0.0 : 0.05)));
+    area_light.radius = static_cast<float>(std::max(0.8, image.width / 700.0 * std::exp(0.9 * rng.normal())));
+    area_light.aspect = std::exp(real(rng, -0.6, 0.6));
+    area_light.turn = 0.0f;
+    area_light.shape = static_cast<int>(rng.below(2));
+    area_light.colour = style.area_light_colour * random_colour(rng, 1.2, 0.5);
+    area_light.gradient_x = area_light.gradient_y = area_light.stripe_pitch = area_light.grain = 0.0f;
+    paint_leaf(image, area_light, 0);
   }
   if (style.outdoors) return;
   for (int k = 0; k < 4; ++k) {  // windows: bright, with crossbars
@@ -320,7 +321,7 @@ Image make_panorama(std::uint64_t seed, std::uint64_t index, int width) {
   paint_background(image, style, rng);
   paint_buildings(image, style, rng);
   paint_leaves(image, style, rng);
-  paint_lamps(image, style, rng);
+  paint_area_lights(image, style, rng);
   return image;
 }
 

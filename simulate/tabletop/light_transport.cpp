@@ -23,7 +23,7 @@ using MaterialKind = MaterialDescription::Kind;
 constexpr int longest_specular_chain = 16;
 // GGX α of surfaces that light meets on its way to what the camera sees.
 constexpr float smallest_alpha_further_on = 0.7f;
-// Light on such a surface is sampled once in every group of so many coarsest boxes in width and height.
+// Light on such a surface is sampled once in every group of that many coarsest boxes in width and height.
 constexpr int group_side = 4;
 // Light wanders about inside translucent things: paths from them are this many times as many.
 constexpr int translucent_factor = 3;

@@ -11,10 +11,10 @@ namespace refield {
 
 /// How much work tracing may spend.
 struct TraceOptions {
-  int pixel_grid = 2;       ///< samples a pixel: pixel_grid², stratified
+  int pixel_grid = 2;       ///< samples per pixel: pixel_grid², stratified
   int specular_grid = 5;    ///< the same for pixels in which a sample meets glass or a mirror
   int secondary_rays = 16;  ///< for interreflection, a sample
-  int caustic_rays = 24;    ///< towards glass and mirrors, a sample: at most so many for each object
+  int caustic_rays = 24;    ///< towards glass and mirrors, a sample: at most that many for each object
   double tolerance =
       0.3;               ///< a box is divided while the integrand varies by more than this share over it ...
   double energy = 4e-4;  ///< ... and that variation is more than this share of the pixel's light

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/tabletop/scene.h"
 
-#include <Eigen/Geometry>
 #include <embree3/rtcore.h>
 #include <tbb/parallel_for.h>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <array>
@@ -259,10 +259,10 @@ Ray Scene::camera_ray(float x, float y) const {
 
 namespace {
 
-constexpr int grid = 4;  // rays a pixel, along a side
+constexpr int grid = 4;  // rays per pixel, along a side
 constexpr int most = 3 * grid * grid / 4;
 constexpr int monitor_columns = 16, monitor_rows = 12;
-constexpr double least_hidden = 0.05, most_hidden = 0.95;
+constexpr double least_hidden = 0.05, max_hidden = 0.95;
 
 enum Label : std::uint8_t { none, diffuse, glossy, refraction, hard_shadow, mixed };
 
@@ -323,7 +323,7 @@ Label label_pixel(const Scene& scene, int x, int y) {
   const auto label = static_cast<Label>(std::distance(counts.begin(), largest));
   if (label != diffuse && label != glossy) return label;
   const double hidden = seen.facing > 0 ? static_cast<double>(seen.hidden) / seen.facing : 0.0;
-  return hidden > least_hidden && hidden < most_hidden ? hard_shadow : label;
+  return hidden > least_hidden && hidden < max_hidden ? hard_shadow : label;
 }
 
 }  // namespace

@@ -67,7 +67,7 @@ std::vector<TransportEntry> TransportRow::take() {
 namespace {
 
 /// A footprint is made of boxes of the level on which it spans at most this many a side.
-constexpr float most_boxes_a_side = 8.0f;
+constexpr float max_boxes_a_side = 8.0f;
 
 /// The part of [low, high) that lies in [begin, end).
 float overlap(float low, float high, int begin, int end) {
@@ -104,7 +104,7 @@ void SpecularFootprints::deposit(const LightHierarchy& hierarchy, TransportRow& 
   for (const Sample& sample : samples_) {
     const Eigen::Vector2f size = extent(sample);
     int level = 0;
-    while (level < hierarchy.coarsest_level() && std::ldexp(most_boxes_a_side, level) < size.maxCoeff())
+    while (level < hierarchy.coarsest_level() && std::ldexp(max_boxes_a_side, level) < size.maxCoeff())
       ++level;
     const auto [left, right] = clipped(sample.position.x(), size.x(), domain.width);
     const auto [top, bottom] = clipped(sample.position.y(), size.y(), domain.height);

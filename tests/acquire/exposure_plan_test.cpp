@@ -106,7 +106,7 @@ CameraCalibration noisy_camera() {
 }
 
 TEST(NoisePlan, OneExposureDoesForANarrowRange) {
-  const NoisePlan plan = fewest_exposures({0.5, 1.0}, with_noise(0.03), camera(), noisy_camera(), 1.0, 1);
+  const NoisePlan plan = min_exposures({0.5, 1.0}, with_noise(0.03), camera(), noisy_camera(), 1.0, 1);
   EXPECT_EQ(plan.exposures.size(), 1u);
   EXPECT_TRUE(plan.reached);
   EXPECT_LE(plan.worst_noise, 0.03);
@@ -115,7 +115,7 @@ TEST(NoisePlan, OneExposureDoesForANarrowRange) {
 TEST(NoisePlan, TakesNoMoreExposuresThanAnySeriesNeeds) {
   const SceneRange range{0.002, 1.0};
   const double bound = 0.02;
-  const NoisePlan plan = fewest_exposures(range, with_noise(bound), camera(), noisy_camera(), 1.0, 1);
+  const NoisePlan plan = min_exposures(range, with_noise(bound), camera(), noisy_camera(), 1.0, 1);
   ASSERT_TRUE(plan.reached) << plan.sentence();
   ASSERT_EQ(plan.exposures.size(), 4u) << plan.sentence();
   // No three exposures do it: the shortest must hold the bright end, the others are tried out.
@@ -139,7 +139,7 @@ TEST(NoisePlan, TakesNoMoreExposuresThanAnySeriesNeeds) {
 TEST(NoisePlan, KeepsToWholePeriodsAndToTheCamera) {
   ExposurePlanOptions options = with_noise(0.05);
   options.multiple_of = Seconds(1.0 / 240);
-  const NoisePlan plan = fewest_exposures({1e-4, 1.0}, options, camera(), noisy_camera(), 1.0, 1);
+  const NoisePlan plan = min_exposures({1e-4, 1.0}, options, camera(), noisy_camera(), 1.0, 1);
   EXPECT_GT(plan.exposures.size(), 1u);
   for (Seconds exposure : plan.exposures) {
     EXPECT_NEAR(std::remainder(exposure.count(), 1.0 / 240), 0.0, 1e-9);
@@ -150,10 +150,10 @@ TEST(NoisePlan, KeepsToWholePeriodsAndToTheCamera) {
 
 TEST(NoisePlan, SaysWhenTheWellIsTooSmall) {
   // 14 500 electrons have 0.8 % of noise by themselves.
-  const NoisePlan plan = fewest_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 1);
+  const NoisePlan plan = min_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 1);
   EXPECT_FALSE(plan.reached);
   EXPECT_NE(plan.sentence().find("more frames per exposure"), std::string::npos) << plan.sentence();
-  EXPECT_TRUE(fewest_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 8).reached);
+  EXPECT_TRUE(min_exposures({0.5, 1.0}, with_noise(0.005), camera(), noisy_camera(), 1.0, 8).reached);
 }
 
 TEST(NoisePlan, RangeIsMeteredFromTheScene) {

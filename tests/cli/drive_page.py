@@ -94,14 +94,14 @@ class Check:
         self.expect(abs(x - 0.75) < 0.02, f"the bar follows the mouse to {x:.2f}")
         self.expect(self.compare("bar dragged") != before, "the image follows the bar")
 
-    def drags_a_lamp(self):
-        self.browser.click("input[value=lamp]")
+    def drags_a_light_source(self):
+        self.browser.click("input[value=light source]")
         self.browser.drag("#light", [(0.2, 0.3), (0.3, 0.4)])
-        self.compare("lamp dragged")
+        self.compare("light source dragged")
         before = self.browser.run("return viewer.state.y")
         self.browser.type("body", "\ue015\ue015")  # arrow down
         self.settle()
-        self.expect(abs(self.browser.run("return viewer.state.y") - before - 0.02) < 1e-9, "arrow keys move the lamp")
+        self.expect(abs(self.browser.run("return viewer.state.y") - before - 0.02) < 1e-9, "arrow keys move the light source")
 
     def exposes(self):
         self.browser.type("#exposure", "\ue014" * 10)  # arrow right: 0.1 stops each
@@ -221,7 +221,7 @@ def main():
         check = Check(refield, field, folder, browser)
         check.environment = environment
         browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(page, "index.html"))})
-        for step in (check.loads, check.drags_the_bar, check.drags_a_lamp, check.exposes, check.loads_a_map, check.takes_a_dropped_map, check.turns_the_map, check.shows_an_environment,
+        for step in (check.loads, check.drags_the_bar, check.drags_a_light_source, check.exposes, check.loads_a_map, check.takes_a_dropped_map, check.turns_the_map, check.shows_an_environment,
                      check.picks_a_pixel, check.prints_times):
             step()
         if len(sys.argv) > 4:

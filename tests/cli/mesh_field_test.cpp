@@ -25,7 +25,7 @@ using test::Succeeded;
 
 class MeshFieldVerbs : public testing::Test {
  protected:
-  MeshFieldVerbs() : field_(test::unshadowed_field(prt::hare_mesh(6))) {
+  MeshFieldVerbs() : field_(test::unshadowed_field(prt::rabbit_mesh(6))) {
     for (auto& colour : field_.mesh.colours) colour = Eigen::Array3f(0.8f, 0.5f, 0.2f);
     write_reflectance_field(path_, field_);
     Rng rng(1);
@@ -42,7 +42,7 @@ class MeshFieldVerbs : public testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  const std::string path_ = folder_ / "hare.rfield", light_path_ = folder_ / "light.exr",
+  const std::string path_ = folder_ / "rabbit.rfield", light_path_ = folder_ / "light.exr",
                     output_ = folder_ / "out.exr";
   ReflectanceField field_;
   LightMap light_;
@@ -126,7 +126,7 @@ TEST_F(MeshFieldVerbs, EnvironmentsOfAnySizeLightIt) {
                        folder_ / "white"}),
               Succeeded());
   const Image shown = read_image(folder_ / "white/rotation_0001.exr");
-  EXPECT_NEAR(shown.at(20, 22, 0), 0.8f, 0.05f);  // sixteen texels a face
+  EXPECT_NEAR(shown.at(20, 22, 0), 0.8f, 0.05f);  // sixteen texels per face
   EXPECT_NEAR(shown.at(20, 22, 2), 0.2f, 0.0125f);
 }
 
@@ -153,7 +153,7 @@ TEST_F(MeshFieldVerbs, PhotographsHaveNoOtherCamera) {
 
 TEST_F(MeshFieldVerbs, VerbsThatNeedPixelsSaySo) {
   EXPECT_THAT(run_refield({"export-web", path_, "-o", folder_ / "page"}),
-              RefusedNaming("hare.rfield", "refield view"));
+              RefusedNaming("rabbit.rfield", "refield view"));
 }
 
 }  // namespace

@@ -60,7 +60,7 @@ def write_png(path, width, height, rgb):
 
 
 def write_hdr(path, width, height, rgbe):
-    """Radiance HDR with run-length encoded channels. `rgbe`: four bytes a pixel."""
+    """Radiance HDR with run-length encoded channels. `rgbe`: four bytes per pixel."""
     with open(path, "wb") as file:
         file.write(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode())
         for y in range(height):

@@ -70,18 +70,19 @@ TEST_P(SimulatePrtVerb, MakesAFieldForTheSameRelighter) {
   EXPECT_TRUE(std::isfinite(sum));
 }
 
-TEST(RelightVerbOnMeshes, ShowsLampsThatMoveAroundThem) {
+TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
   const test::TemporaryFolder folder;
   const std::string field = folder / "f.rfield", out = folder / "out";
   ASSERT_THAT(run_refield({"simulate", "prt", small_scene, "-o", field, "--method", "sh", "--order", "3",
                            "--directions", "64", "--until", "1", "--radius", "4"}),
               Succeeded());
   // From the left to the right.
-  std::ofstream(folder / "lamps.toml") << "[[light]]\nshape = 'sphere'\nsize = 1.5\nradiance = [5, 5, 5]\n"
-                                          "path = [[0, -3, 1.5, -1], [2, 3, 1.5, -1]]\n";
-  ASSERT_THAT(
-      run_refield({"relight", field, "--area-lights", folder / "lamps.toml", "--frames", "2", "-o", out}),
-      Succeeded());
+  std::ofstream(folder / "light sources.toml")
+      << "[[light]]\nshape = 'sphere'\nsize = 1.5\nradiance = [5, 5, 5]\n"
+         "path = [[0, -3, 1.5, -1], [2, 3, 1.5, -1]]\n";
+  ASSERT_THAT(run_refield({"relight", field, "--area-lights", folder / "light sources.toml", "--frames", "2",
+                           "-o", out}),
+              Succeeded());
   const auto left_share = [&](const char* name) {
     const Image image = read_image(std::filesystem::path(out) / name);
     double left = 0.0, all = 0.0;
@@ -92,8 +93,8 @@ TEST(RelightVerbOnMeshes, ShowsLampsThatMoveAroundThem) {
       }
     return left / all;
   };
-  EXPECT_GT(left_share("lamps_0000.exr"), left_share("lamps_0001.exr") + 0.05);
-  EXPECT_THAT(run_refield({"relight", field, "--area-lights", folder / "lamps.toml", "-o", out}),
+  EXPECT_GT(left_share("light_sources_0000.exr"), left_share("light_sources_0001.exr") + 0.05);
+  EXPECT_THAT(run_refield({"relight", field, "--area-lights", folder / "light sources.toml", "-o", out}),
               RefusedNaming("--area-lights", "--frames"));
 }
 

@@ -173,14 +173,14 @@ TEST(ReportRunLog, ReadsWhatStagesWrite) {
   EXPECT_FALSE(read_run_log(path));
   write_text_atomically(path,
                         R"({"stage": "estimate", "seconds": 2.5, "peak_memory_bytes": 1000, "threads": 2,
-                                  "bands": 4, "foreseen_memory_bytes": 2000000, "share": 0.123456})");
+                                  "bands": 4, "estimated_memory_bytes": 2000000, "share": 0.123456})");
   const auto log = read_run_log(path);
   ASSERT_TRUE(log);
   EXPECT_EQ(log->stage, "estimate");
   EXPECT_EQ(log->seconds, 2.5);
   EXPECT_EQ(log->peak_memory_bytes, 1000u);
   EXPECT_EQ(log->threads, 2);
-  EXPECT_EQ(log->details, "bands 4, foreseen memory 2.00 MB, share 0.123");
+  EXPECT_EQ(log->details, "bands 4, estimated memory 2.00 MB, share 0.123");
   EXPECT_EQ(run_log_path("a/b.rfield"), "a/b.rfield.log.json");
   EXPECT_EQ(run_log_path("a/session/"), "a/session.log.json");
   write_run_log(folder / "session/", "acquire", 1.5, {{"lights", 7}});

@@ -68,7 +68,7 @@ TEST(WriteAtomically, FollowsNoLinkThatSomebodyPlaced) {
       temporaries.insert(temporary);
       std::ofstream(temporary) << "new";
     });
-  EXPECT_EQ(temporaries.size(), 2u) << "the name of the temporary can be foreseen";
+  EXPECT_EQ(temporaries.size(), 2u) << "the name of the temporary can be estimated";
   EXPECT_EQ(read_text(folder / "victim"), "precious");
   EXPECT_EQ(read_text(folder / "a.txt"), "new");
 }

@@ -101,7 +101,7 @@ TEST(ToneMap, PixelsInVectorsAreAsValueByValue) {
 
 TEST(ToneMap, WhiteIsThe99thPercentile) {
   Image image(100, 100, 3, 0.5f);
-  for (int x = 0; x < 50; ++x) image.at(x, 0, 1) = 1000.0f;  // half a percent: lamps in the picture
+  for (int x = 0; x < 50; ++x) image.at(x, 0, 1) = 1000.0f;  // half a percent: area lights in the picture
   EXPECT_DOUBLE_EQ(exposure_to_white(image), 2.0);
   EXPECT_DOUBLE_EQ(exposure_to_white(Image(4, 4, 3)), 1.0);
 }

@@ -10,10 +10,10 @@
 namespace refield {
 namespace {
 
-SparseTransfer random_transfer(Rng& rng, int rows, int functions, int most_entries) {
+SparseTransfer random_transfer(Rng& rng, int rows, int functions, int max_entries) {
   SparseTransfer transfer;
   for (int row = 0; row < rows; ++row) {
-    std::vector<std::uint32_t> columns(rng.below(most_entries + 1));
+    std::vector<std::uint32_t> columns(rng.below(max_entries + 1));
     std::vector<float> weights(columns.size() * 3);
     for (auto& column : columns) column = static_cast<std::uint32_t>(rng.below(functions));
     for (auto& weight : weights) weight = static_cast<float>(rng.uniform());

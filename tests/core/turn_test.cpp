@@ -20,18 +20,18 @@ void expect_near(const Vector3d& found, const Vector3d& expected) {
 }
 
 TEST(Turn, YawGoesRightPitchDownRollLiftsTheRight) {
-  expect_near(Turn{.yaw = 90}.matrix() * Vector3d::UnitZ(), Vector3d::UnitX());
-  expect_near(Turn{.pitch = 90}.matrix() * Vector3d::UnitZ(), -Vector3d::UnitY());
-  expect_near(Turn{.roll = 90}.matrix() * Vector3d::UnitX(), Vector3d::UnitY());
+  expect_near(EulerAngles{.yaw = 90}.matrix() * Vector3d::UnitZ(), Vector3d::UnitX());
+  expect_near(EulerAngles{.pitch = 90}.matrix() * Vector3d::UnitZ(), -Vector3d::UnitY());
+  expect_near(EulerAngles{.roll = 90}.matrix() * Vector3d::UnitX(), Vector3d::UnitY());
   // Roll first, yaw last: the head stays rolled about where one looks in the end.
-  const Eigen::Matrix3d all = Turn{90, 0, 90}.matrix();
+  const Eigen::Matrix3d all = EulerAngles{90, 0, 90}.matrix();
   expect_near(all * Vector3d::UnitZ(), Vector3d::UnitX());
   expect_near(all * Vector3d::UnitX(), Vector3d::UnitY());
 }
 
 TEST(Turn, FullCirclesAreNone) {
-  EXPECT_TRUE((Turn{360, -720, 0}.is_none()));
-  EXPECT_FALSE((Turn{0, 0, 1e-9}.is_none()));
+  EXPECT_TRUE((EulerAngles{360, -720, 0}.is_none()));
+  EXPECT_FALSE((EulerAngles{0, 0, 1e-9}.is_none()));
 }
 
 TEST(CubeFaces, StandUprightForSomeoneInside) {

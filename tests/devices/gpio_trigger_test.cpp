@@ -84,7 +84,7 @@ TEST_F(GpioTriggerTest, WaitsForReadyAndReportsTheStrobe) {
   GpioTriggerOptions options{.trigger = line(1)};
   options.ready = line(2);
   options.strobe = line(4);
-  options.lamp = line(5);
+  options.light_source = line(5);
   GpioTrigger trigger(options);
   EXPECT_EQ(level(5), "1");
   const auto begun = std::chrono::steady_clock::now().time_since_epoch();

@@ -28,7 +28,7 @@ class Follow : public ::testing::Test {
     // All pixels see the same four boxes here, so neighbours would help more than in any real scene.
     options_.spatial_passes = 0;
   }
-  /// What the field of the first images has on new photographs as noisy, middle pixel.
+  /// What the field of the first images has on new photographs as noisy, median pixel.
   double actual_error(int images) const {
     CaptureSession first = session_;
     first.frames.resize(images);

@@ -24,9 +24,9 @@ std::vector<int> counted(int count) {
 
 TEST(MostUsefulOrder, NamesEachLightOnce) {
   const auto lights = test::random_lights(20, 16, 12, 3);
-  const auto order = most_useful_order(lights);
+  const auto order = max_useful_order(lights);
   EXPECT_EQ(sorted(order), counted(20));
-  EXPECT_EQ(most_useful_order(lights), order);
+  EXPECT_EQ(max_useful_order(lights), order);
 }
 
 TEST(MostUsefulOrder, RepetitionsAndBlackComeLast) {
@@ -34,7 +34,7 @@ TEST(MostUsefulOrder, RepetitionsAndBlackComeLast) {
   const LightMap black{Image(16, 12, 3), Parameterisation::monitor};
   std::vector<LightMap> candidates = {lights[0], lights[0], black, lights[0]};
   candidates.insert(candidates.end(), lights.begin() + 1, lights.end());
-  const auto order = most_useful_order(candidates, 0.01);
+  const auto order = max_useful_order(candidates, 0.01);
   EXPECT_EQ(sorted(order), counted(11));
   // Of three equal lights one is useful, the others are not, and black shows nothing.
   EXPECT_EQ(order.back(), 2);
@@ -57,14 +57,14 @@ TEST(MostUsefulOrder, ShowsBothHalvesBeforeTheirVariations) {
     for (int x = 8; x < 16; ++x)
       for (int c = 0; c < 3; ++c) right.radiance.at(x, y, c) = 0.5f;
   lights.push_back(right);
-  const auto order = most_useful_order(lights, 0.01);
+  const auto order = max_useful_order(lights, 0.01);
   EXPECT_LT(std::ranges::find(order, 3) - order.begin(), 2);
 }
 
 TEST(MostUsefulOrder, RefusesLightsOfDifferentSizes) {
   std::vector<LightMap> lights = test::random_lights(2, 16, 12, 1);
   lights.push_back(test::random_lights(1, 12, 16, 1).front());
-  EXPECT_THROW(most_useful_order(lights), InputError);
+  EXPECT_THROW(max_useful_order(lights), InputError);
 }
 
 TEST(RandomOrder, IsAPermutationThatTheSeedDecides) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene is captured before a virtual monitor and put into new surroundings. The truth is traced anew with a
-// monitor of sixteen times as many texels, each of which shines as the surroundings do in its direction; that
-// direction follows from the recipe by the formulas here, without the geometry that the field carries.
+// A scene is captured before a virtual monitor and put into new environment. The truth is traced anew with a
+// monitor of sixteen times as many texels, each of which shines as the environment does in its direction;
+// that direction follows from the recipe by the formulas here, without the geometry that the field carries.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -68,11 +68,11 @@ position = [0.0, 0.1, 0.0]
 radius = 0.1
 )";
 
-/// What the surroundings look like from the middle of the scene towards a point, texel by texel: axes and
+/// What the environment looks like from the middle of the scene towards a point, texel by texel: axes and
 /// formulas of docs/guide/relighting.md and docs/reference/conventions.md, written out.
-class Surroundings {
+class Environment {
  public:
-  Surroundings(const Image& map, double yaw_degrees, const CameraInScene& camera)
+  Environment(const Image& map, double yaw_degrees, const CameraInScene& camera)
       : map_(map), yaw_(yaw_degrees * pi / 180.0), middle_(camera.target) {
     ahead_ = camera.target - camera.position;
     ahead_.y() = 0.0;
@@ -110,7 +110,7 @@ class Truth {
   Image in(const Image& map, double yaw_degrees) const {
     constexpr int samples = 4;
     const MonitorSurface screen(scene_.monitor);
-    const Surroundings seen(map, yaw_degrees, scene_.camera);
+    const Environment seen(map, yaw_degrees, scene_.camera);
     LightMap light{Image(scene_.monitor.texels.width, scene_.monitor.texels.height, 3),
                    Parameterisation::monitor};
     const auto at = [](int texel, int sample) {

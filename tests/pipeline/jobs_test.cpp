@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Estimation as jobs: bands of rows estimated by processes of their own join into the bytes of one run;
-// memory stays within what was foreseen; logs are plain lines.
+// memory stays within what was estimated; logs are plain lines.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -125,9 +125,9 @@ TEST_F(Jobs, ADryRunChecksAndForeseesButWritesNothing) {
   const auto figures = nlohmann::json::parse(log());
   EXPECT_EQ(figures["images"], 40);
   EXPECT_EQ(figures["rows"], nlohmann::json({10, 20}));
-  EXPECT_GT(figures["foreseen_memory_bytes"], 0);
-  EXPECT_GT(figures["foreseen_seconds_fit"], 0.0);
-  EXPECT_GT(figures["foreseen_seconds"], figures["foreseen_seconds_fit"]);
+  EXPECT_GT(figures["estimated_memory_bytes"], 0);
+  EXPECT_GT(figures["estimated_seconds_fit"], 0.0);
+  EXPECT_GT(figures["estimated_seconds"], figures["estimated_seconds_fit"]);
   EXPECT_EQ(figures["sampled_pixels"], 160);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield"));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield.log.json"));
@@ -145,7 +145,7 @@ TEST_F(Jobs, TheLogIsMadeOfPlainLinesThatCarryTheTime) {
   const auto kept = nlohmann::json::parse(read_text(folder_ / "x.rfield.log.json"));
   EXPECT_GE(kept["threads"], 1);
   EXPECT_EQ(kept["rows"], nlohmann::json({0, 8}));
-  EXPECT_GT(kept["foreseen_memory_bytes"], 0);
+  EXPECT_GT(kept["estimated_memory_bytes"], 0);
   EXPECT_TRUE(kept.contains("version"));
 }
 
@@ -182,16 +182,16 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
     RunningProgram program(arguments, log);
     ASSERT_EQ(program.wait(), 0) << read_text(log);
     const auto kept = nlohmann::json::parse(read_text(folder / "f.rfield.log.json"));
-    const auto foreseen = kept["foreseen_memory_bytes"].get<std::uint64_t>();
+    const auto estimated = kept["estimated_memory_bytes"].get<std::uint64_t>();
     const auto held = kept["peak_memory_bytes"].get<std::uint64_t>();
-    EXPECT_LE(held, foreseen);
+    EXPECT_LE(held, estimated);
     // Nor is the forecast idle caution: beyond what it holds ready for the program itself and for the caches,
     // which this small work does not fill, it is used.
     constexpr std::uint64_t allowance = 400ull << 20;
-    EXPECT_GE(held + allowance, foreseen);
+    EXPECT_GE(held + allowance, estimated);
     // What wait4() tells may be that of this test, which the program's process was copied from.
     EXPECT_LE(held, program.peak_memory_bytes());
-    std::printf("%s: %.0f MiB foreseen, %.0f MiB held\n", c.name, foreseen / 1048576.0, held / 1048576.0);
+    std::printf("%s: %.0f MiB estimated, %.0f MiB held\n", c.name, estimated / 1048576.0, held / 1048576.0);
   }
 }
 

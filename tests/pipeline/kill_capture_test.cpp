@@ -43,11 +43,11 @@ class CaptureProgram : public ::testing::Test {
 
 TEST_F(CaptureProgram, KilledAtTenMomentsItEndsInTheSameBytes) {
   const int kills_wanted = kills_asked_for();
-  const int most_attempts = 6 * kills_wanted;
+  const int max_attempts = 6 * kills_wanted;
   Rng random(20041);
   int kills = 0;
   int sessions = 0;
-  for (int attempt = 0; kills < kills_wanted && attempt < most_attempts; ++attempt) {
+  for (int attempt = 0; kills < kills_wanted && attempt < max_attempts; ++attempt) {
     const std::string session = "cut_" + std::to_string(sessions);
     RunningProgram program(acquire(session, {"--resume"}), log);
     if (program.kill_after(duration * random.uniform())) {

@@ -35,10 +35,10 @@ TEST(EstimateProgram, KilledAtTenMomentsItEndsInTheSameBytes) {
   const std::string whole = read_text(folder / "whole.rfield");
 
   const int kills_wanted = kills_asked_for();
-  const int most_attempts = 6 * kills_wanted;
+  const int max_attempts = 6 * kills_wanted;
   Rng random(20042);
   int kills = 0, took_over = 0;
-  for (int attempt = 0; kills < kills_wanted && attempt < most_attempts; ++attempt) {
+  for (int attempt = 0; kills < kills_wanted && attempt < max_attempts; ++attempt) {
     RunningProgram program(estimate("cut.rfield", {"--resume"}), log);
     // At any moment, and every other time when the first finished bands lie on disk.
     const bool struck = attempt % 2 == 0 ? program.kill_after(duration * random.uniform())

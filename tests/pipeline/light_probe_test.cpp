@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Known surroundings, photographed on a ray-traced mirror ball, come back as the light map that they were.
+// Known environment, photographed on a ray-traced mirror ball, come back as the light map that they were.
 #include "acquire/light_probe/light_probe.h"
 
 #include <gmock/gmock.h>
@@ -83,10 +83,11 @@ double error_on_sphere(const Image& found, const Image& truth, const Eigen::Vect
 
 struct Rig {
   MirrorBallScene scene;
-  Turn turn;
+  EulerAngles turn;
 
   /// A photograph of `side`² pixels that the ball fills by `fill`.
-  Rig(int side, const Eigen::Vector3d& centre, double fill, const Turn& camera_turn, const Indices& mirror)
+  Rig(int side, const Eigen::Vector3d& centre, double fill, const EulerAngles& camera_turn,
+      const Indices& mirror)
       : turn(camera_turn) {
     scene.width = scene.height = side;
     scene.ball_centre = centre;
@@ -103,47 +104,47 @@ struct Rig {
   Eigen::Vector3d looks() const { return scene.world_from_camera * scene.ball_centre.normalized(); }
 };
 
-SeenLight probed(const Image& surroundings, const Rig& rig, const MirrorReflectance& reflectance) {
+SeenLight probed(const Image& environment, const Rig& rig, const MirrorReflectance& reflectance) {
   UnwrapOptions options;
   options.width = map_width;
   options.reflectance = reflectance;
-  return unwrap({photograph_mirror_ball(surroundings, rig.scene), {}}, rig.ball(), rig.turn, {}, options);
+  return unwrap({photograph_mirror_ball(environment, rig.scene), {}}, rig.ball(), rig.turn, {}, options);
 }
 
 TEST(LightProbe, KnownSurroundingsComeBackFromAfar) {
-  const Image surroundings = make_panorama(11, 0, 128);
+  const Image environment = make_panorama(11, 0, 128);
   const Rig rig(176, {0.0, 0.0, 30.0}, 0.95, {}, chrome);
-  const SeenLight light = probed(surroundings, rig, MirrorReflectance::chrome());
-  EXPECT_LT(error_on_sphere(light.radiance, resampled(surroundings, map_width), rig.looks(), 40.0, 7.0),
+  const SeenLight light = probed(environment, rig, MirrorReflectance::chrome());
+  EXPECT_LT(error_on_sphere(light.radiance, resampled(environment, map_width), rig.looks(), 40.0, 7.0),
             two_per_cent);
 }
 
 TEST(LightProbe, KnownSurroundingsComeBackFromNearAndAside) {
-  const Image surroundings = make_panorama(11, 1, 128);
+  const Image environment = make_panorama(11, 1, 128);
   Rig rig(300, {0.5, -0.4, 4.0}, 0.6, {70.0, 25.0, 10.0}, silver);
   rig.scene.samples = 3;
-  const SeenLight light = probed(surroundings, rig, MirrorReflectance::silver());
-  EXPECT_LT(error_on_sphere(light.radiance, resampled(surroundings, map_width), rig.looks(), 40.0, 7.0),
+  const SeenLight light = probed(environment, rig, MirrorReflectance::silver());
+  EXPECT_LT(error_on_sphere(light.radiance, resampled(environment, map_width), rig.looks(), 40.0, 7.0),
             two_per_cent);
 }
 
 TEST(LightProbe, TwoSidesShowTheWholeSphere) {
-  const Image surroundings = make_panorama(11, 2, 128);
+  const Image environment = make_panorama(11, 2, 128);
   const Rig east(192, {0.0, 0.0, 12.0}, 0.95, {0.0, 0.0, 0.0}, chrome);
   const Rig north(192, {0.0, 0.0, 12.0}, 0.95, {90.0, 0.0, 0.0}, chrome);
-  const SeenLight light = join({probed(surroundings, east, MirrorReflectance::chrome()),
-                                probed(surroundings, north, MirrorReflectance::chrome())});
+  const SeenLight light = join({probed(environment, east, MirrorReflectance::chrome()),
+                                probed(environment, north, MirrorReflectance::chrome())});
   EXPECT_EQ(unseen_fraction(light.weight), 0.0);
-  EXPECT_LT(error_on_sphere(light.radiance, resampled(surroundings, map_width), east.looks(), 0.0, 0.0),
+  EXPECT_LT(error_on_sphere(light.radiance, resampled(environment, map_width), east.looks(), 0.0, 0.0),
             two_per_cent);
 }
 
 TEST(LightProbe, ASmallSunKeepsItsPlaceAndItsEnergy) {
-  Image surroundings(128, 64, 3, 0.2f);
-  for (int c = 0; c < 3; ++c) surroundings.at(25, 20, c) = 2e4f;
+  Image environment(128, 64, 3, 0.2f);
+  for (int c = 0; c < 3; ++c) environment.at(25, 20, c) = 2e4f;
   Rig rig(128, {0.0, 0.0, 10.0}, 0.95, {130.0, 0.0, 0.0}, chrome);
   rig.scene.samples = 6;
-  const SeenLight light = probed(surroundings, rig, MirrorReflectance::chrome());
+  const SeenLight light = probed(environment, rig, MirrorReflectance::chrome());
   const auto flux = [](const Image& map) {
     double sum = 0.0;
     for (int y = 0; y < map.height; ++y)
@@ -156,18 +157,18 @@ TEST(LightProbe, ASmallSunKeepsItsPlaceAndItsEnergy) {
       }
     return sum;
   };
-  EXPECT_NEAR(flux(light.radiance) / flux(resampled(surroundings, map_width)), 1.0, 0.01);
+  EXPECT_NEAR(flux(light.radiance) / flux(resampled(environment, map_width)), 1.0, 0.01);
 }
 
 TEST(LightProbe, FindsTheBallBeforeABackdrop) {
-  const Image surroundings = make_panorama(5, 4, 512);
+  const Image environment = make_panorama(5, 4, 512);
   for (double distance : {6.0, 40.0}) {
     Rig rig(320, {0.1, -0.06, distance}, 0.85, {}, silver);
     rig.scene.backdrop = Eigen::Vector3f(0.6f, 0.6f, 0.6f);
     ProbeOptics optics;
     optics.focal_px = rig.scene.focal_px;
     optics.principal_px = {160.0, 160.0};
-    const Image photograph = photograph_mirror_ball(surroundings, rig.scene);
+    const Image photograph = photograph_mirror_ball(environment, rig.scene);
     const OutlineFit fit = find_ball(photograph, optics);
     constexpr double third_of_a_pixel = 0.34;
     EXPECT_NEAR((fit.ball.centre_px() - rig.ball().centre_px()).norm(), 0.0, third_of_a_pixel);
@@ -211,8 +212,8 @@ class ProbeFiles : public ::testing::Test {
   }
 
   /// `peak`: the camera clips there, 0: nowhere.
-  void add(const std::string& name, const Image& surroundings, float peak = 0.0f) {
-    Photograph photograph{photograph_mirror_ball(surroundings, rig_.scene), Image(128, 128, 3, 0.001f)};
+  void add(const std::string& name, const Image& environment, float peak = 0.0f) {
+    Photograph photograph{photograph_mirror_ball(environment, rig_.scene), Image(128, 128, 3, 0.001f)};
     for (std::size_t i = 0; peak > 0.0f && i < photograph.radiance.values.size(); ++i)
       if (photograph.radiance.values[i] >= peak) {
         photograph.radiance.values[i] = peak;
@@ -235,9 +236,9 @@ class ProbeFiles : public ::testing::Test {
   }
 
   static Image sky(float sun) {
-    Image surroundings(128, 64, 3, 0.3f);
-    for (int c = 0; c < 3; ++c) surroundings.at(10, 20, c) = sun;
-    return surroundings;
+    Image environment(128, 64, 3, 0.3f);
+    for (int c = 0; c < 3; ++c) environment.at(10, 20, c) = sun;
+    return environment;
   }
 
   const TemporaryFolder folder_;
@@ -288,11 +289,11 @@ TEST_F(ProbeFiles, SaysWhatIsWrongWithTheBall) {
 }
 
 TEST_F(ProbeFiles, TheCommandMakesMapsOfTwoSides) {
-  const Image surroundings = sky(3.0f);
+  const Image environment = sky(3.0f);
   rig_.scene.backdrop = Eigen::Vector3f(0.9f, 0.9f, 0.9f);
-  write_exr(folder_ / "east.exr", photograph_mirror_ball(surroundings, rig_.scene));
-  rig_.scene.world_from_camera = Turn{90.0, 0.0, 0.0}.matrix();
-  write_exr(folder_ / "north.exr", photograph_mirror_ball(surroundings, rig_.scene));
+  write_exr(folder_ / "east.exr", photograph_mirror_ball(environment, rig_.scene));
+  rig_.scene.world_from_camera = EulerAngles{90.0, 0.0, 0.0}.matrix();
+  write_exr(folder_ / "north.exr", photograph_mirror_ball(environment, rig_.scene));
   const std::string log = folder_ / "log";
   ASSERT_EQ(test::run_program({"acquire", "probe", folder_ / "east.exr", "--join", folder_ / "north.exr",
                                "--join-yaw", "90", "--distance", "15", "--diameter", "2", "--saturation",
@@ -302,7 +303,7 @@ TEST_F(ProbeFiles, TheCommandMakesMapsOfTwoSides) {
       << read_text(log);
   EXPECT_THAT(read_text(log), HasSubstr("1 light maps of 32×16"));
   EXPECT_THAT(read_text(log), HasSubstr("ball found at --ball"));
-  Image expected = resampled(surroundings, 32);
+  Image expected = resampled(environment, 32);
   for (float& value : expected.values) value *= 10.0f;
   const Image found = read_image(folder_ / "sky" / "east.exr");
   constexpr double outline_of_a_pixel =
@@ -315,13 +316,13 @@ TEST(LightProbe, EnvironmentsOfYourOwn) {
   const char* folder = std::getenv("REFIELD_ENVIRONMENTS");
   if (!folder) GTEST_SKIP() << "set REFIELD_ENVIRONMENTS to a folder of lat-long maps";
   for (const GlobMatch& match : expand_glob(folder)) {
-    const Image surroundings = read_light_map(match.path, Parameterisation::lat_long).radiance;
+    const Image environment = read_light_map(match.path, Parameterisation::lat_long).radiance;
     Rig rig(1200, {0.0, 0.0, 15.0}, 0.95, {30.0, 10.0, 0.0}, chrome);
     rig.scene.backdrop = Eigen::Vector3f(0.6f, 0.6f, 0.6f);
-    const Photograph photograph{photograph_mirror_ball(surroundings, rig.scene), {}};
+    const Photograph photograph{photograph_mirror_ball(environment, rig.scene), {}};
     UnwrapOptions options;
     options.width = 256;
-    const Image truth = resampled(surroundings, options.width);
+    const Image truth = resampled(environment, options.width);
     const auto error = [&](const MirrorBall& ball) {
       return error_on_sphere(unwrap(photograph, ball, rig.turn, {}, options).radiance, truth, rig.looks(),
                              30.0, 7.0);

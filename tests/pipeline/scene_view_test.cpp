@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The viewer on a scene that moves, in a real window on an X server without a screen: scripts drag objects
-// and lamps, and what is seen then is what `simulate dynamic` makes of the scene with all in those places.
+// and area lights, and what is seen then is what `simulate dynamic` makes of the scene with all in those
+// places.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -21,8 +22,8 @@ using testing::HasSubstr;
 constexpr int width = 796, height = 714;
 
 struct Places {
-  Eigen::Vector3f ball = {-0.4f, 0.5f, 0.0f}, lamp = {-0.5f, 2.2f, -0.6f};
-  double lamp_gain = 1.0;
+  Eigen::Vector3f ball = {-0.4f, 0.5f, 0.0f}, area_light = {-0.5f, 2.2f, -0.6f};
+  double area_light_gain = 1.0;
   std::string ball_path = {};  ///< TOML; empty: it stands
 };
 
@@ -40,8 +41,9 @@ std::string scene_text(const Places& places) {
          "[[object]]\nname = \"shiny ball\"\nshape = \"sphere\"\nresolution = 8\nsize = 0.7\n"
          "diffuse = [0.4, 0.2, 0.1]\nspecular = [0.4, 0.4, 0.4]\nexponent = 8\n" +
          place + "\n[[light]]\nshape = \"plane\"\nsize = 0.8\nradiance = [" +
-         std::to_string(12.0 * places.lamp_gain) + ", " + std::to_string(11.0 * places.lamp_gain) + ", " +
-         std::to_string(10.0 * places.lamp_gain) + "]\nposition = " + text_of(places.lamp) +
+         std::to_string(12.0 * places.area_light_gain) + ", " +
+         std::to_string(11.0 * places.area_light_gain) + ", " +
+         std::to_string(10.0 * places.area_light_gain) + "]\nposition = " + text_of(places.area_light) +
          "\ntowards = [0, 0, 0]\n[camera]\nposition = [0.2, 1.6, -3.4]\ntarget = [0, 0.5, 0]\nwidth = " +
          std::to_string(width) + "\nheight = " + std::to_string(height) + "\n";
 }
@@ -100,19 +102,19 @@ TEST_F(ViewScene, AMouseDragsAnObjectOverTheFloor) {
   EXPECT_THAT(output_, HasSubstr(" frames, "));
 }
 
-TEST_F(ViewScene, MouseCommandsAndKeysMoveTheLamp) {
-  const Places start{.lamp = {-0.5f, 1.5f, 0.6f}};
+TEST_F(ViewScene, MouseCommandsAndKeysMoveTheAreaLight) {
+  const Places start{.area_light = {-0.5f, 1.5f, 0.6f}};
   PinholeCamera camera;
   camera.position = {0.2f, 1.6f, -3.4f};
   camera.target = {0.0f, 0.5f, 0.0f};
   camera.width = width;
   camera.height = height;
-  const Eigen::Vector2f seen = *camera.image_point(start.lamp);
+  const Eigen::Vector2f seen = *camera.image_point(start.area_light);
   const std::string from = std::to_string(seen.x()) + " " + std::to_string(seen.y());
   const std::string to = std::to_string(seen.x() + 150.0f) + " " + std::to_string(seen.y());
   ASSERT_EQ(
       view(start, "wait 3\nwhere\nsave " + path("before.exr") +
-                      "\nselect lamp\nplace -0.2 1.5 0.6\nwhere\nsave " + path("placed.exr") +
+                      "\nselect area light\nplace -0.2 1.5 0.6\nwhere\nsave " + path("placed.exr") +
                       "\ngain -1\nsave " + path("dim.exr") + "\npress Reset object\nsave " +
                       path("back.exr") + "\nkey Right\nkey PageUp\nwhere\npress Reset object\ndrag image " +
                       from + " " + to + " 8\nwhere\nsave " + path("dragged.exr") + "\nquit\n"),
@@ -121,14 +123,15 @@ TEST_F(ViewScene, MouseCommandsAndKeysMoveTheLamp) {
   const auto where = places();
   ASSERT_EQ(where.size(), 4u) << output_;
   EXPECT_LT(difference("before.exr", simulated(start)), rounding);
-  EXPECT_LT(difference("placed.exr", simulated({.lamp = {-0.2f, 1.5f, 0.6f}})), rounding);
-  EXPECT_LT(difference("dim.exr", simulated({.lamp = {-0.2f, 1.5f, 0.6f}, .lamp_gain = 0.5})), rounding);
+  EXPECT_LT(difference("placed.exr", simulated({.area_light = {-0.2f, 1.5f, 0.6f}})), rounding);
+  EXPECT_LT(difference("dim.exr", simulated({.area_light = {-0.2f, 1.5f, 0.6f}, .area_light_gain = 0.5})),
+            rounding);
   EXPECT_LT(difference("back.exr", read_image(path("before.exr"))), 1e-6);
   EXPECT_GT(middle_of(where[2], 2).x(), -0.5f);
   EXPECT_GT(middle_of(where[2], 2).y(), 1.5f);
   const Eigen::Vector3f dragged = middle_of(where[3], 2);
   EXPECT_GT(dragged.x(), -0.2f);
-  EXPECT_LT(difference("dragged.exr", simulated({.lamp = dragged})), rounding);
+  EXPECT_LT(difference("dragged.exr", simulated({.area_light = dragged})), rounding);
 }
 
 TEST_F(ViewScene, TheScenesOwnMotionPlaysAndAHandAddsToIt) {
@@ -195,8 +198,8 @@ TEST_F(ViewScene, SaysWhatIsWrong) {
   EXPECT_EQ(view({}, "wait 2\nplace 0 0 0\n"), 2);
   EXPECT_THAT(output_, HasSubstr("script, line 2: nothing is selected"));
   EXPECT_EQ(view({}, "select moon\n"), 2);
-  EXPECT_THAT(output_, HasSubstr("no 'moon'; there are floor, shiny ball, lamp"));
-  EXPECT_EQ(view({}, "select lamp\nrotate 20\n"), 2);
+  EXPECT_THAT(output_, HasSubstr("no 'moon'; there are floor, shiny ball, area light"));
+  EXPECT_EQ(view({}, "select area light\nrotate 20\n"), 2);
   EXPECT_THAT(output_, HasSubstr("looks at a point"));
   EXPECT_EQ(view({}, "drag light 1 1 2 2\n"), 2);
   EXPECT_THAT(output_, HasSubstr("no light map"));

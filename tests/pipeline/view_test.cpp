@@ -70,16 +70,16 @@ constexpr LightDomain monitor{64, 48, Parameterisation::monitor};
 constexpr LightDomain sphere{64, 32, Parameterisation::lat_long};
 
 /// On the monitor, the first one at that place.
-LightSetup lamps_of_the_start(double x, double y) {
+LightSetup light_sources_of_the_start(double x, double y) {
   LightSetup setup(monitor);
   setup.set_ambient(0.03);
-  setup.add({Lamp::Shape::spot, x, y, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  setup.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  setup.add({PaintedLight::Shape::spot, x, y, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  setup.add({PaintedLight::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
   return setup;
 }
 
 TEST_F(ViewField, ACameraGoesAroundAMesh) {
-  const ReflectanceField field = test::unshadowed_field(prt::hare_mesh(10));
+  const ReflectanceField field = test::unshadowed_field(prt::rabbit_mesh(10));
   write_reflectance_field(path("a.rfield"), field);
   // By hand, and by commands; then a click, which turns nothing.
   ASSERT_EQ(play("wait 3\nwhere\ndrag image 300 300 400 250 10\nwhere\nsave " + path("dragged.exr") +
@@ -116,8 +116,8 @@ TEST_F(ViewField, ACameraGoesAroundAMesh) {
   EXPECT_EQ(where[4]["camera"], where[0]["camera"]);
 }
 
-TEST_F(ViewField, DraggedLampRelightsTheScene) {
-  // The first lamp stands at (0.3, 0.35), texel (19.2, 16.8); the texel named is taken by its middle.
+TEST_F(ViewField, DraggedPaintedLightRelightsTheScene) {
+  // The first light source stands at (0.3, 0.35), texel (19.2, 16.8); the texel named is taken by its middle.
   ASSERT_EQ(view(monitor, "wait 3\nkey Z\nwhere\nsave-light " + path("before.exr") + "\nscreenshot " +
                               path("before.png") + "\ndrag light 19 17 39 27 20\nwhere\nsave-light " +
                               path("after.exr") + "\nscreenshot " + path("after.png") + "\nfps\nquit\n"),
@@ -130,7 +130,7 @@ TEST_F(ViewField, DraggedLampRelightsTheScene) {
   expect_shown("before.png", place[0], before);
   expect_shown("after.png", place[1], after);
   LightPainter expected(monitor);
-  expected.paint(lamps_of_the_start(0.3 + 20.0 / 64, 0.35 + 10.0 / 48));
+  expected.paint(light_sources_of_the_start(0.3 + 20.0 / 64, 0.35 + 10.0 / 48));
   constexpr double mouse_rounding = 0.01;  // the pointer stands on whole pixels of the window or nearly so
   EXPECT_LT(test::relative_difference(after.radiance, expected.light().radiance), mouse_rounding);
   EXPECT_GT(test::relative_difference(before.radiance, expected.light().radiance), 0.3);
@@ -209,7 +209,7 @@ TEST_F(ViewField, PicksPixelsAndProbesTheLight) {
   for (int c = 0; c < 3; ++c) alone.radiance.at(20, 30, c) = 1.0f;
   expect_shown("probe.png", place[1], alone);
   LightPainter start(monitor);
-  start.paint(lamps_of_the_start(0.3, 0.35));
+  start.paint(light_sources_of_the_start(0.3, 0.35));
   expect_shown("released.png", place[2], start.light());
   // A constant map of errors is one colour, unlike the scene.
   const Image error = read_image(path("error.png"));
@@ -263,7 +263,7 @@ TEST_F(ViewField, OpensAndSavesByItsDialogsAndRemembersFiles) {
                              "\npress Save\nwait 2\npress Cancel\npress Open\nwait 2\nwhere\nquit\n"),
             0)
       << output_;
-  EXPECT_EQ(places().at(0)["lamps"], 0);  // the map took their place
+  EXPECT_EQ(places().at(0)["light sources"], 0);  // the map took their place
   EXPECT_EQ(read_image(path("saved.exr")).values, read_image(path("expected.exr")).values);
   EXPECT_TRUE(places().at(1)["controls"].contains(path("map.exr")));
   EXPECT_EQ(read_text(path("state/refield/recent")), path("map.exr") + "\n" + path("a.rfield") + "\n");

@@ -113,7 +113,7 @@ TEST(SphereGrid, OverlapsOfAPolygonAddUpToIt) {
     const SphereGrid grid(domain);
     OverlapFinder finder(grid);
     for (int i = 0; i < 300; ++i) {
-      const Turn turn{rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
+      const EulerAngles turn{rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
       const double size = std::exp(rng.uniform(-9.0, 0.0));
       SphericalPolygon quad;
       for (const auto& [x, y] : {std::pair{-1, 1}, {1, 1}, {1, -1}, {-1, -1}})
@@ -135,7 +135,7 @@ TEST(SphereGrid, ThePolesAreNoExceptions) {
                                                      {0.0, 0.1, 0.0, 0.1},
                                                      {-0.1, 0.1, 0.0, 0.1},
                                                      {-0.1, 0.0, -0.1, 0.1}}) {
-        const Eigen::Matrix3d turn = Turn{yaw, pitch, 0}.matrix();
+        const Eigen::Matrix3d turn = EulerAngles{yaw, pitch, 0}.matrix();
         SphericalPolygon quad;
         for (const auto& [x, y] : {std::pair{left, top}, {right, top}, {right, bottom}, {left, bottom}})
           quad.push_back(turn * Eigen::Vector3d(x, y, 1.0));
@@ -195,7 +195,7 @@ TEST(Environment, LightOutsideOfTheWindowIsLeftOutAndTold) {
 // Texel by texel against dense sampling of the map, by formulas of their own.
 TEST(Environment, TexelsAreMeansOverTheirSolidAngles) {
   Rng rng(5);
-  const Turn turn{70, -15, 25};
+  const EulerAngles turn{70, -15, 25};
   const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
   const LightDomain target = window(6, 4);
   for (const LightDomain& source : {lat_long(32), cube(9)}) {
@@ -240,7 +240,8 @@ TEST(Environment, AFullTurnIsNoTurn) {
             map.radiance.values);
   const EnvironmentProjector onto_window(window(20, 10), one_monitor);
   const LightMap once = onto_window.project(map, {}).light;
-  for (const Turn& turn : {Turn{360, 0, 0}, Turn{0, 360, 0}, Turn{0, 0, 360}, Turn{180, 180, 180}}) {
+  for (const EulerAngles& turn :
+       {EulerAngles{360, 0, 0}, EulerAngles{0, 360, 0}, EulerAngles{0, 0, 360}, EulerAngles{180, 180, 180}}) {
     const LightMap again = onto_window.project(map, turn).light;
     for (std::size_t i = 0; i < once.radiance.values.size(); ++i)
       ASSERT_NEAR(again.radiance.values[i], once.radiance.values[i], 1e-6);
@@ -252,13 +253,14 @@ TEST(Environment, TurningTheMapIsTurningTheMonitorTheOtherWay) {
   Rng rng(9);
   const LightMap map = test::random_light(rng, lat_long(64));
   const LightDomain target = window(12, 8);
-  const auto at = [&](const Turn& monitor, const Turn& turn) {
+  const auto at = [&](const EulerAngles& monitor, const EulerAngles& turn) {
     return EnvironmentProjector(target, std::vector{MonitorPlacement{500, 300, 400, monitor}})
         .project(map, turn)
         .light;
   };
   const LightMap straight = at({}, {});
-  for (const Turn& turn : {Turn{40, 0, 0}, Turn{0, 50, 0}, Turn{0, 0, 60}, Turn{40, 50, 60}}) {
+  for (const EulerAngles& turn :
+       {EulerAngles{40, 0, 0}, EulerAngles{0, 50, 0}, EulerAngles{0, 0, 60}, EulerAngles{40, 50, 60}}) {
     const LightMap together = at(turn, turn);
     for (std::size_t i = 0; i < straight.radiance.values.size(); ++i)
       ASSERT_NEAR(together.radiance.values[i], straight.radiance.values[i], 1e-6);
@@ -305,7 +307,7 @@ double largest_difference(const LightMap& a, const LightMap& b) {
   return difference / (sum / static_cast<double>(a.radiance.values.size()));
 }
 
-Turn random_turn(Rng& rng) {
+EulerAngles random_turn(Rng& rng) {
   return {rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)};
 }
 
@@ -315,7 +317,7 @@ constexpr double ways_differ = 2e-5;
 /// Sources coarser than, as fine as and finer than the target.
 void expect_sums_to_agree_with_clipping(const LightDomain& target,
                                         const std::vector<MonitorPlacement>& monitors,
-                                        const std::vector<Turn>& turns) {
+                                        const std::vector<EulerAngles>& turns) {
   Rng rng(20);
   const EnvironmentProjector projector(target, monitors);
   for (const LightDomain& source :
@@ -323,7 +325,7 @@ void expect_sums_to_agree_with_clipping(const LightDomain& target,
     const LightMap map = test::random_light(rng, source);
     const PreparedEnvironment prepared(map);
     ASSERT_TRUE(prepared.has_path_sums());
-    for (const Turn& turn : turns) {
+    for (const EulerAngles& turn : turns) {
       const EnvironmentLight fast = projector.project(prepared, turn),
                              exact = projector.project_exactly(map, turn);
       ASSERT_LT(largest_difference(exact.light, fast.light), ways_differ)
@@ -335,7 +337,7 @@ void expect_sums_to_agree_with_clipping(const LightDomain& target,
 }
 
 /// Poles on corners, on edges and inside of texels, and anywhere.
-std::vector<Turn> turns_of_poles() {
+std::vector<EulerAngles> turns_of_poles() {
   Rng rng(25);
   return {{}, {90, 0, 0}, {33, 0, 0}, {0, 90, 0}, {45, -90, 0}, random_turn(rng), random_turn(rng)};
 }
@@ -365,7 +367,7 @@ TEST(Environment, TexelsOfALatLongMapAreMeansOverTheirSolidAngles) {
   Rng rng(26);
   const LightDomain target = lat_long(6);
   const LightMap map = test::random_light(rng, lat_long(20));
-  for (const Turn& turn : {Turn{0, 90, 0}, random_turn(rng)}) {
+  for (const EulerAngles& turn : {EulerAngles{0, 90, 0}, random_turn(rng)}) {
     const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
     const LightMap light = EnvironmentProjector(target, {}).project(map, turn).light;
     for (int y = 0; y < target.height; ++y)
@@ -394,7 +396,7 @@ TEST(Environment, SumsAlongEdgesKeepASunOfOneTexel) {
     const PreparedEnvironment prepared(map);
     for (const LightDomain& target : {window(32, 20), cube(4)}) {
       const EnvironmentProjector projector(target, one_monitor);
-      const Turn turn = random_turn(rng);
+      const EulerAngles turn = random_turn(rng);
       const LightMap fast = projector.project(prepared, turn).light,
                      exact = projector.project_exactly(map, turn).light;
       // Texels beside the sun as well: differences of large sums must not show.
@@ -411,7 +413,7 @@ TEST(Environment, LargeMapsWithoutAllPrefixSumsAgreeToo) {
   const PreparedEnvironment prepared(map);
   for (const LightDomain& target : {window(3, 2), window(1, 1)}) {
     const EnvironmentProjector projector(target, one_monitor);
-    const Turn turn{20, 70, 10};
+    const EulerAngles turn{20, 70, 10};
     EXPECT_LT(largest_difference(projector.project_exactly(map, turn).light,
                                  projector.project(prepared, turn).light),
               ways_differ);
@@ -435,7 +437,7 @@ TEST(Environment, BoxesOfACubeHoldTheEnergyOfTheirTexels) {
     boxes.push_back({x0, y0, x1, y1});
   }
   const BoxProjector projector(side, boxes);
-  for (const Turn& turn : {Turn{}, Turn{0, 90, 0}, random_turn(rng)}) {
+  for (const EulerAngles& turn : {EulerAngles{}, EulerAngles{0, 90, 0}, random_turn(rng)}) {
     const std::vector<float> sums = projector.project(prepared, turn);
     const LightMap light = EnvironmentProjector(cube(side), {}).project_exactly(map, turn).light;
     for (std::size_t k = 0; k < boxes.size(); ++k)
@@ -500,7 +502,7 @@ TEST(Environment, FineWindowsAgreeWithClipping) {
   constexpr float sun = 1e5f, max_sky = 1.0f;
   Rng rng(28);
   const LightDomain target = window(60, 40);
-  for (const Turn& turn : {Turn{0, 90, 0}, random_turn(rng)}) {
+  for (const EulerAngles& turn : {EulerAngles{0, 90, 0}, random_turn(rng)}) {
     const std::vector monitor{MonitorPlacement{40, 30, 600, turn}};
     const EnvironmentProjector projector(target, monitor);
     LightMap map = test::random_light(rng, lat_long(400));
@@ -518,7 +520,7 @@ TEST(Environment, FineWindowsAgreeWithClipping) {
 TEST(Environment, ThreadsDoNotChangeTheLight) {
   Rng rng(24);
   const LightMap map = test::random_light(rng, lat_long(128));
-  const Turn turn = random_turn(rng);
+  const EulerAngles turn = random_turn(rng);
   const auto lights = [&] {
     const PreparedEnvironment prepared(map);
     std::vector<float> values =

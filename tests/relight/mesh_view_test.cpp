@@ -17,9 +17,9 @@
 namespace refield {
 namespace {
 
-/// A hare above a ground plane that goes on behind the camera.
-Mesh hare_on_ground() {
-  Mesh mesh = prt::hare_mesh(12), plane = prt::plane_mesh(2);
+/// A rabbit above a ground plane that goes on behind the camera.
+Mesh rabbit_on_ground() {
+  Mesh mesh = prt::rabbit_mesh(12), plane = prt::plane_mesh(2);
   prt::place(plane, {.size = 40.0f, .position = Eigen::Vector3f(0, -0.6f, 0)});
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
   mesh.positions.insert(mesh.positions.end(), plane.positions.begin(), plane.positions.end());
@@ -51,7 +51,7 @@ void set_output(Image& outputs, std::size_t output, const Eigen::Array3f& value)
 const PinholeCamera oblique = {{0.9f, 0.5f, -2.2f}, {0.1f, 0.1f, 0.0f}, {0.1f, 1.0f, 0.0f}, 40.0f, 161, 97};
 
 TEST(MeshRaster, SeesWhatRaysMeet) {
-  const Mesh mesh = hare_on_ground();
+  const Mesh mesh = rabbit_on_ground();
   const prt::MeshRays rays(mesh);
   for (const int samples : {1, 4}) {
     const auto seen = rasterise(mesh, oblique, samples);
@@ -159,7 +159,7 @@ TEST(MeshView, GlossyVerticesShineIntoTheMirroredSight) {
 }
 
 TEST(MeshView, FramesAMeshByItself) {
-  const ReflectanceField field = field_over(prt::hare_mesh(8));
+  const ReflectanceField field = field_over(prt::rabbit_mesh(8));
   for (const auto& [width, height] : {std::pair{200, 100}, {100, 200}}) {
     const Image picture =
         MeshView(field, framing_camera(field.mesh, width, height)).show(outputs_of(field, 1.0f));
@@ -195,7 +195,7 @@ TEST(MeshView, RefusesWhatDoesNotFit) {
 }
 
 TEST(FramingCamera, ShowsAMeshOfAnySizeAlike) {
-  const Mesh mesh = prt::hare_mesh(12);
+  const Mesh mesh = prt::rabbit_mesh(12);
   const PinholeCamera usual = framing_camera(mesh, 64, 48);
   for (const float size : {1e-12f, 1e-9f, 1e-6f, 1e6f}) {
     Mesh other = mesh;

@@ -106,9 +106,9 @@ TEST_P(PrecomputedField, IsRelitByTheSameRelighter) {
   EXPECT_LT(relative_rmse(fine.update(changed, part), field.relight(changed)), fine_error);
 }
 
-// Lamps leave most of the rectangle that they moved in as it was: what is passed by there must not be
+// Area lights leave most of the rectangle that they moved in as it was: what is passed by there must not be
 // missing.
-TEST_P(PrecomputedField, FollowsLampsAsIfComputedAnew) {
+TEST_P(PrecomputedField, FollowsAreaLightsAsIfComputedAnew) {
   const ReflectanceField field = random_mesh_field(GetParam());
   LightMap light = random_light(1);
   for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
@@ -179,7 +179,7 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
   EXPECT_FALSE(box_sums_suffice(random_mesh_field(false).basis));
   const auto environment = std::make_shared<const PreparedEnvironment>(
       test::random_light(rng, {64, 32, Parameterisation::lat_long}));
-  const Turn turn{30, 40, 50};
+  const EulerAngles turn{30, 40, 50};
   const LightMap map =
       EnvironmentProjector(field.basis.domain, {}).project_exactly(environment->map(), turn).light;
   const Image expected = field.relight(map);

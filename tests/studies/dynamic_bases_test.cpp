@@ -5,9 +5,9 @@
 #include <array>
 #include <limits>
 
+#include "bench/studies/dynamic/area_light_error.h"
 #include "bench/studies/dynamic/factor_study.h"
 #include "bench/studies/dynamic/fixed_basis.h"
-#include "bench/studies/dynamic/lamp_error.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/geometry/mesh_shapes.h"
 
@@ -29,8 +29,8 @@ Eigen::MatrixXf gram(const SurfaceBasis& basis, const Eigen::VectorXf& areas) {
 }
 
 TEST(FixedBasis, IsOrthonormalAndExactOnWhatItSpans) {
-  const Mesh hare = prt::hare_mesh(10), plane = prt::plane_mesh(20);
-  for (const Mesh& mesh : {hare, plane})
+  const Mesh rabbit = prt::rabbit_mesh(10), plane = prt::plane_mesh(20);
+  for (const Mesh& mesh : {rabbit, plane})
     for (const BasisKind kind : kinds) {
       const Eigen::VectorXf areas = vertex_areas(mesh);
       const SurfaceBasis basis = fixed_basis(kind, mesh, 16);
@@ -64,17 +64,17 @@ TEST(FixedBasis, MeetsMeshesTooCoarseForItsFunctions) {
   }
 }
 
-/// Iwasaki et al., figure 10: a sphere under a lamp.
-TEST(LampError, OfFactorsByFourTermsServeLowExponentsAloneAndMoreTermsMendHighOnes) {
+/// Iwasaki et al., figure 10: a sphere under an area light.
+TEST(AreaLightError, OfFactorsByFourTermsServeLowExponentsAloneAndMoreTermsMendHighOnes) {
   constexpr double radius = 0.6;
   for (const float exponent : {4.0f, 8.0f, 16.0f, 64.0f, 128.0f}) {
     const Brdf brdf = dynamic_chart::half_glossy(exponent);
-    const double error_of_four = lamp_error(brdf, factor(brdf, {.largest = 4}), radius);
+    const double error_of_four = area_light_error(brdf, factor(brdf, {.largest = 4}), radius);
     EXPECT_GT(error_of_four, exponent <= 16.0f ? 0.05 : 0.34) << exponent;
     EXPECT_LT(error_of_four, exponent <= 16.0f ? 0.23 : 1.0) << exponent;
     const BrdfFactors enough = factor(brdf, {.error = 0.1});
     EXPECT_LT(enough.terms(), 2.1 * exponent + 2.0);  // as the lobe's solid angle falls
-    EXPECT_LT(lamp_error(brdf, enough, radius), 0.04) << exponent;
+    EXPECT_LT(area_light_error(brdf, enough, radius), 0.04) << exponent;
   }
 }
 

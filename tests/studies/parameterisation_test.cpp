@@ -27,7 +27,7 @@ Mesh banana() {
 }
 
 TEST(SphericalParameterisation, UnfoldsClosedMeshes) {
-  EXPECT_EQ(folded_share(prt::hare_mesh(12), spherical_parameterisation(prt::hare_mesh(12), 0)), 0.0);
+  EXPECT_EQ(folded_share(prt::rabbit_mesh(12), spherical_parameterisation(prt::rabbit_mesh(12), 0)), 0.0);
   EXPECT_GT(folded_share(banana(), spherical_parameterisation(banana(), 0)), 0.05);
   const auto places = spherical_parameterisation(banana());
   EXPECT_EQ(folded_share(banana(), places), 0.0);

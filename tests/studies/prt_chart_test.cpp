@@ -30,7 +30,7 @@ std::string environment(const test::TemporaryFolder& folder) {
 
 std::string chart_scene(const test::TemporaryFolder& folder) {
   const std::string path = folder / "scene.toml";
-  std::ofstream(path) << "[[mesh]]\nshape = 'hare'\nresolution = 5\non_ground = true\n"
+  std::ofstream(path) << "[[mesh]]\nshape = 'rabbit'\nresolution = 5\non_ground = true\n"
                          "[[mesh]]\nshape = 'plane'\nresolution = 12\nsize = 3.0\n";
   return path;
 }
@@ -40,9 +40,10 @@ std::vector<double> last_errors(const std::string& path) {
   std::ifstream csv(path);
   std::string line;
   std::getline(csv, line);
-  EXPECT_EQ(line,
-            "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_lamps_ms,"
-            "median_error,sky");
+  EXPECT_EQ(
+      line,
+      "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_area_lights_ms,"
+      "median_error,sky");
   std::vector<double> errors;
   while (std::getline(csv, line)) errors.push_back(std::stod(line.substr(line.rfind(',') + 1)));
   return errors;

@@ -63,7 +63,8 @@ TEST(DynamicBasesVerb, ChartsBasesAndTerms) {
     EXPECT_LT(floor.at("principal 16"), floor.at(other));
   EXPECT_LT(small.at("harmonics 64"), 1e-3) << "six functions tell all that six vertices can hold";
   EXPECT_NE(csv.find("inf"), std::string::npos);
-  EXPECT_TRUE(read_text(folder / "bases/factors.csv").starts_with("exponent,terms,error,lamp_error\n4,1,"));
+  EXPECT_TRUE(
+      read_text(folder / "bases/factors.csv").starts_with("exponent,terms,error,area_light_error\n4,1,"));
   for (const char* picture : {"bases/bases-floor.png", "bases/bases-figure.png", "bases/factors.png"})
     EXPECT_GT(read_image(folder / picture).width, 100);
   draws(folder / "bases", {"bases.svg", "factors.svg"});

@@ -34,7 +34,7 @@ TEST(HaarTransform, KeepsLengthsAndLeadsBack) {
 class Wavelets : public testing::Test {
  protected:
   static constexpr int resolution = 16;
-  Scene scene = test::hare_scene();
+  Scene scene = test::rabbit_scene();
   TransferSamples samples{scene, {}, layout_of(scene, Relighting::geometry).outputs};
   LightMap light = [] {
     Rng rng(2);

@@ -27,14 +27,14 @@ Box random_box(Rng& rng, int map_width, int map_height) {
 }
 
 ReflectanceField random_field(Rng& rng, int width, int height, const LightDomain& domain, int boxes,
-                              int most_kernels) {
+                              int max_kernels) {
   ReflectanceField field;
   field.width = width;
   field.height = height;
   field.basis.domain = domain;
   for (int k = 0; k < boxes; ++k) field.basis.boxes.push_back(random_box(rng, domain.width, domain.height));
   for (int pixel = 0; pixel < width * height; ++pixel) {
-    std::vector<std::uint32_t> columns(rng.below(most_kernels + 1));
+    std::vector<std::uint32_t> columns(rng.below(max_kernels + 1));
     std::vector<float> weights(columns.size() * 3);
     for (auto& column : columns) column = static_cast<std::uint32_t>(rng.below(boxes));
     for (float& weight : weights) weight = static_cast<float>(rng.uniform());

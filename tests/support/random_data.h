@@ -15,8 +15,8 @@ LightMap random_light(Rng& rng, const LightDomain& domain);
 /// A box of any size inside a map.
 Box random_box(Rng& rng, int map_width, int map_height);
 
-/// A field of random boxes and weights; pixels have 0 to `most_kernels` kernels.
+/// A field of random boxes and weights; pixels have 0 to `max_kernels` kernels.
 ReflectanceField random_field(Rng& rng, int width, int height, const LightDomain& domain, int boxes,
-                              int most_kernels);
+                              int max_kernels);
 
 }  // namespace refield::test

@@ -22,7 +22,7 @@ constexpr LightDomain domain{32, 24, Parameterisation::monitor};
 constexpr int picture_width = 20;
 constexpr int picture_height = 16;
 
-/// Where a kind of pixel looks on the light map moves with the pixel, as in a scene. All boxes of a pixel get
+/// Where a pixel class looks on the light map moves with the pixel, as in a scene. All boxes of a pixel get
 /// a share of the whole: a texel sum of one.
 void add_pixel(ReflectanceField& field, int x, int y) {
   Rng rng(5, x, y);

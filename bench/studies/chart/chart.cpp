@@ -85,7 +85,7 @@ void sort_rows(std::vector<ChartRow>& rows) {
 
 void derive_kinds(ChartData& data, const ChartOptions& options, const fs::path& folder, bool resume) {
   const fs::path path = folder / "kinds.png";
-  data.kinds_note = "kinds of pixel derived from the spread of our own field's transport, not from the scene";
+  data.kinds_note = "pixel classes derived from the spread of our own field's transport, not from the scene";
   if (resume && fs::exists(path)) {
     data.pixel_kinds = read_pixel_kinds(path, data.session.width, data.session.height);
     return;

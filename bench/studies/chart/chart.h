@@ -12,7 +12,7 @@ namespace refield::chart {
 
 struct ChartOptions {
   std::vector<std::string> methods;  ///< empty: all that the data allow
-  std::vector<int> images;           ///< empty: 25, 50, 100, 180 and all, as far as there are so many
+  std::vector<int> images;           ///< empty: 25, 50, 100, 180 and all, as far as there are that many
   std::vector<int> kernels = {10, 25};
   bool resume = false;            ///< keep the rows of an earlier chart of the same data
   std::vector<std::string> redo;  ///< methods whose rows are measured anew all the same

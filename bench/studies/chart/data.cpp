@@ -57,7 +57,7 @@ void load_kinds(ChartData& data, const Sources& sources) {
     path = sources.truth / "kinds.png";
   if (!path) return;
   data.pixel_kinds = read_pixel_kinds(*path, data.session.width, data.session.height);
-  data.kinds_note = "kinds of pixel from " + path->filename().string();
+  data.kinds_note = "pixel classes from " + path->filename().string();
 }
 
 }  // namespace

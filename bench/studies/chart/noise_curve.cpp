@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t frames_read = 8;
 constexpr double bins_per_octave = 2.0;
-constexpr std::size_t fewest_samples = 50;  // for a median that means something
+constexpr std::size_t min_samples = 50;  // for a median that means something
 
 }  // namespace
 
@@ -30,7 +30,7 @@ NoiseCurve::NoiseCurve(std::span<const CaptureFrame> frames) {
     }
   }
   for (auto& [bin, sigmas] : bins) {
-    if (sigmas.size() < fewest_samples) continue;
+    if (sigmas.size() < min_samples) continue;
     log_radiance_.push_back((bin + 0.5) / bins_per_octave * std::log(2.0));
     log_sigma_.push_back(std::log(quantile(std::move(sigmas), 0.5)));
   }

@@ -30,7 +30,7 @@ using dynamic_chart::StudySurface;
 struct BasesArguments {
   fs::path folder, mesh;
   float exponent = 10.0f;
-  int terms = 4, lamps = 12;
+  int terms = 4, area_lights = 12;
 };
 
 const std::vector<int> numbers_of_functions = {1, 2, 4, 8, 16, 32, 64, 128, 256};
@@ -47,9 +47,9 @@ std::vector<StudySurface> surfaces_of(const BasesArguments& arguments) {
                                        .exponent = arguments.exponent},
                                       {.largest = arguments.terms, .error = 0.0}, run_context());
   const Mesh figure = arguments.mesh.empty()
-                          ? prt::hare_mesh(18)
+                          ? prt::rabbit_mesh(18)
                           : prt::read_mesh_file(arguments.mesh, std::nullopt, run_context());
-  const std::string name = arguments.mesh.empty() ? "hare" : arguments.mesh.stem().string();
+  const std::string name = arguments.mesh.empty() ? "rabbit" : arguments.mesh.stem().string();
   return {{"floor", prt::plane_mesh(63), matte},
           {name, figure, matte},
           {name + ", glossy", figure, glossy},
@@ -70,9 +70,9 @@ std::string csv(const std::vector<BasisRow>& rows) {
 
 std::string csv(const std::vector<FactorRow>& rows) {
   std::ostringstream text;
-  text << "exponent,terms,error,lamp_error\n";
+  text << "exponent,terms,error,area_light_error\n";
   for (const FactorRow& row : rows)
-    text << row.exponent << ',' << row.terms << ',' << row.error << ',' << row.lamp_error << '\n';
+    text << row.exponent << ',' << row.terms << ',' << row.error << ',' << row.area_light_error << '\n';
   return text.str();
 }
 
@@ -98,7 +98,7 @@ void make_bases_chart(const BasesArguments& arguments) {
     const prt::MeshRays rays(surfaces[s].mesh);
     const int most = s + 1 < surfaces.size() ? max_charted : numbers_of_functions.back();
     const auto bases = dynamic_chart::bases_of(surfaces[s], rays, most);
-    const auto light = dynamic_chart::lamp_light(surfaces[s], rays, arguments.lamps);
+    const auto light = dynamic_chart::area_light_terms(surfaces[s], rays, arguments.area_lights);
     std::ranges::copy(dynamic_chart::study(surfaces[s], bases, light, numbers_of_functions),
                       std::back_inserter(rows));
     if (s < 2) {
@@ -106,7 +106,7 @@ void make_bases_chart(const BasesArguments& arguments) {
           s == 0 ? Eigen::Vector3f(0.3f, 0.5f, -0.2f) : Eigen::Vector3f(0.9f, 0.9f, -1.1f);
       write_png(arguments.folder / (s == 0 ? "bases-floor.png" : "bases-figure.png"),
                 dynamic_chart::basis_picture(surfaces[s], bases,
-                                             dynamic_chart::lamp_light(surfaces[s], rays, away)));
+                                             dynamic_chart::area_light_terms(surfaces[s], rays, away)));
     }
   }
   print(rows);
@@ -134,14 +134,14 @@ void add_dynamic_bases(CLI::App& app, Action& action) {
   verb->add_option("-o,--output", arguments->folder, "Folder for bases.csv, factors.csv and pictures")
       ->required();
   verb->add_option("--mesh", arguments->mesh,
-                   "Figure in place of the built-in hare; closed, without handles");
+                   "Figure in place of the built-in rabbit; closed, without handles");
   verb->add_option("--exponent", arguments->exponent, "Phong's exponent of the glossy figure")
       ->capture_default_str()
       ->check(CLI::Range(0.0f, 1e5f));
   verb->add_option("--terms", arguments->terms, "Terms of its BRDF")
       ->capture_default_str()
       ->check(CLI::Range(1, 64));
-  verb->add_option("--lamps", arguments->lamps, "Lamps that errors are the median of")
+  verb->add_option("--area-lights", arguments->area_lights, "Area lights that errors are the median of")
       ->capture_default_str()
       ->check(CLI::Range(1, 1000));
   verb->callback([arguments, &action] { action = [arguments] { make_bases_chart(*arguments); }; });

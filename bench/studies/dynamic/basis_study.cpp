@@ -23,8 +23,8 @@ namespace {
 
 /// Around a solid at 1.4 to 4 radii, above a plane at 0.3 to 1.5.
 Eigen::Vector3f random_place(const std::optional<Eigen::Vector3f>& front, const Eigen::Vector3d& way,
-                             int lamp) {
-  Rng rng(20, lamp);
+                             int area_light) {
+  Rng rng(20, area_light);
   const auto uniform = [&rng](double low, double high) { return static_cast<float>(rng.uniform(low, high)); };
   if (!front) return way.cast<float>() * uniform(1.4, 4.0);
   const Eigen::Vector3f along = front->unitOrthogonal(), across = front->cross(along);
@@ -32,7 +32,7 @@ Eigen::Vector3f random_place(const std::optional<Eigen::Vector3f>& front, const 
   return right * along + ahead * across + uniform(0.3, 1.5) * *front;
 }
 
-/// Evenly over a square lamp.
+/// Evenly over a square area light.
 std::vector<Eigen::Vector3f> points_of(const Eigen::Vector3f& middle, const Eigen::Vector3f& facing,
                                        float side) {
   constexpr int points_a_side = 8;
@@ -48,7 +48,7 @@ double median_error(const SurfaceBasis& basis, const Eigen::VectorXf& root,
                     const std::vector<Eigen::MatrixXf>& light) {
   std::vector<float> errors;
   for (const Eigen::MatrixXf& exact : light) {
-    if ((exact.array() == 0.0f).all()) continue;  // a lamp that meets backs alone
+    if ((exact.array() == 0.0f).all()) continue;  // an area light that meets backs alone
     const Eigen::MatrixXf left = exact - basis.functions * (basis.to_weights * exact);
     errors.push_back((root.asDiagonal() * left).norm() / (root.asDiagonal() * exact).norm());
   }
@@ -89,8 +89,8 @@ std::vector<StudyBasis> bases_of(const StudySurface& surface, const prt::MeshRay
   return bases;
 }
 
-Eigen::MatrixXf lamp_light(const StudySurface& surface, const prt::MeshRays& rays,
-                           const Eigen::Vector3f& away) {
+Eigen::MatrixXf area_light_terms(const StudySurface& surface, const prt::MeshRays& rays,
+                                 const Eigen::Vector3f& away) {
   const dynamic::BoundingBall ball = dynamic::bounding_ball(surface.mesh);
   const auto front = dynamic::facing_of(surface.mesh);
   const Eigen::Vector3f facing = front ? Eigen::Vector3f(-*front) : Eigen::Vector3f(-away.normalized());
@@ -108,13 +108,15 @@ Eigen::MatrixXf lamp_light(const StudySurface& surface, const prt::MeshRays& ray
   return light;
 }
 
-std::vector<Eigen::MatrixXf> lamp_light(const StudySurface& surface, const prt::MeshRays& rays, int lamps) {
+std::vector<Eigen::MatrixXf> area_light_terms(const StudySurface& surface, const prt::MeshRays& rays,
+                                              int area_lights) {
   const auto front = dynamic::facing_of(surface.mesh);
-  const auto ways = prt::hammersley_sphere(lamps);
+  const auto ways = prt::hammersley_sphere(area_lights);
   std::vector<Eigen::MatrixXf> light;
-  Progress progress(run_context(), "lamps on " + surface.name, static_cast<std::uint64_t>(lamps));
-  for (int l = 0; l < lamps; ++l) {
-    light.push_back(lamp_light(surface, rays, random_place(front, ways[static_cast<std::size_t>(l)], l)));
+  Progress progress(run_context(), "area lights on " + surface.name, static_cast<std::uint64_t>(area_lights));
+  for (int l = 0; l < area_lights; ++l) {
+    light.push_back(
+        area_light_terms(surface, rays, random_place(front, ways[static_cast<std::size_t>(l)], l)));
     progress.advance();
   }
   return light;

@@ -27,20 +27,21 @@ struct StudyBasis {
 /// once on (5 % above) the bounding sphere as the paper has them. Throws Interrupted.
 std::vector<StudyBasis> bases_of(const StudySurface& surface, const prt::MeshRays& rays, int functions);
 
-/// L_k [vertices × terms] of a square lamp, half the surface' radius wide, away from the middle, in radii; it
-/// faces the middle, above a flat surface straight down.
-Eigen::MatrixXf lamp_light(const StudySurface& surface, const prt::MeshRays& rays,
-                           const Eigen::Vector3f& away);
-/// Of such lamps at random places that are none of the point lights'.
-std::vector<Eigen::MatrixXf> lamp_light(const StudySurface& surface, const prt::MeshRays& rays, int lamps);
+/// L_k [vertices × terms] of a square area light, half the surface' radius wide, away from the middle, in
+/// radii; it faces the middle, above a flat surface straight down.
+Eigen::MatrixXf area_light_terms(const StudySurface& surface, const prt::MeshRays& rays,
+                                 const Eigen::Vector3f& away);
+/// Of such area lights at random places that are none of the point lights'.
+std::vector<Eigen::MatrixXf> area_light_terms(const StudySurface& surface, const prt::MeshRays& rays,
+                                              int area_lights);
 
-/// Of one basis with so many functions.
+/// Of one basis with that many functions.
 struct BasisRow {
   std::string surface, basis;
   int functions;
-  Eigen::Index kept;                    ///< by orthonormal weights
-  double condition;                     ///< of the matrix of eq. 7
-  double error;                         ///< orthonormal weights: relative RMSE by area, median of the lamps
+  Eigen::Index kept;  ///< by orthonormal weights
+  double condition;   ///< of the matrix of eq. 7
+  double error;       ///< orthonormal weights: relative RMSE by area, median of the area lights
   std::optional<double> inverse_error;  ///< weights by the inverse; none where there is no inverse
 };
 

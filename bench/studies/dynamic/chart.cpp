@@ -77,14 +77,14 @@ std::vector<Setting> settings() {
   }
   for (const int points : {1, 2, 4, 8, 16, 32, 128}) {
     all.push_back({"rays, by points", std::to_string(points) + " points", {}, {}});
-    all.back().frame.lamp_points = points;
+    all.back().frame.light_samples = points;
   }
   const auto add_without_rays = [&](const char* method, dynamic::DirectLightBy way, int order, int points,
                                     const std::string& what) {
     all.push_back({method, what, {}, {}});
     all.back().transport.order = order;
     all.back().frame.direct = way;
-    all.back().frame.lamp_points = points;
+    all.back().frame.light_samples = points;
   };
   for (const int points : {2, 4, 8, 16, 32})
     add_without_rays("fields, by points", dynamic::DirectLightBy::field_edges, 4, points,
@@ -147,7 +147,7 @@ void add_dynamic_chart(CLI::App& app, Action& action) {
       "Settings: number of basis functions, of BRDF terms, of spherical harmonics and of light samples; "
       "shadows by\n"
       "rays and by occlusion fields; the paper's method. Errors are relative to traced paths.\n"
-      "Example: refield-studies dynamic-chart datasets_synthetic/dynamic/hare.toml -o chart");
+      "Example: refield-studies dynamic-chart datasets_synthetic/dynamic/rabbit.toml -o chart");
   verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/mesh-scenes.md)")->required();
   verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv")->required();
   verb->add_option("--time", arguments->time, "At which errors are looked at, seconds")

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <functional>
 
-#include "bench/studies/dynamic/lamp_error.h"
+#include "bench/studies/dynamic/area_light_error.h"
 #include "bench/studies/dynamic/picture_grid.h"
 #include "cli/run_context.h"
 #include "simulate/dynamic/tangent_frame.h"
@@ -23,8 +23,8 @@ using Reflection = std::function<Eigen::Array3f(const Eigen::Vector3f& in, const
 
 /// A sphere seen along +Z from far away, lit from above the viewer's left.
 Image sphere(const Reflection& reflection, int size) {
-  const auto lamp =
-      dynamic::disc_of_directions(Eigen::Vector3f(-0.5f, 0.6f, -0.62f).normalized(), study_lamp_radius, 150);
+  const auto area_light = dynamic::disc_of_directions(Eigen::Vector3f(-0.5f, 0.6f, -0.62f).normalized(),
+                                                      study_area_light_radius, 150);
   Image image(size, size, 3);
   tbb::parallel_for(0, size, [&](int y) {
     for (int x = 0; x < size; ++x) {
@@ -35,12 +35,12 @@ Image sphere(const Reflection& reflection, int size) {
           dynamic::tangent_frame({at.x(), at.y(), -std::sqrt(1.0f - at.squaredNorm())});
       const Eigen::Vector3f out = frame * -Eigen::Vector3f::UnitZ();
       Eigen::Array3f sum = Eigen::Array3f::Zero();
-      for (const Eigen::Vector3f& direction : lamp) {
+      for (const Eigen::Vector3f& direction : area_light) {
         const Eigen::Vector3f in = frame * direction;
         if (in.z() > 0.0f) sum += in.z() * reflection(in, out);
       }
       for (int c = 0; c < 3; ++c)
-        image.at(x, y, c) = std::max(0.0f, 1.6f * sum[c] / static_cast<float>(lamp.size()));
+        image.at(x, y, c) = std::max(0.0f, 1.6f * sum[c] / static_cast<float>(area_light.size()));
     }
   });
   return image;
@@ -60,11 +60,11 @@ std::vector<FactorRow> study_factors(const std::vector<float>& exponents) {
   Progress progress(run_context(), "BRDFs in terms", exponents.size());
   for (const float exponent : exponents) {
     const Brdf brdf = half_glossy(exponent);
-    for (int terms = 1; terms <= dynamic::FactorOptions::most_terms; terms *= 2) {
+    for (int terms = 1; terms <= dynamic::FactorOptions::max_terms; terms *= 2) {
       run_context().throw_if_stopped();
       const BrdfFactors factors = factor(brdf, {.largest = terms, .error = 1e-3}, run_context());
-      rows.push_back(
-          {exponent, factors.terms(), factors.error(), lamp_error(brdf, factors, study_lamp_radius)});
+      rows.push_back({exponent, factors.terms(), factors.error(),
+                      area_light_error(brdf, factors, study_area_light_radius)});
       if (factors.terms() + 1 < terms) break;  // more are not needed
     }
     progress.advance();

@@ -16,7 +16,7 @@ namespace refield::dynamic {
 
 namespace {
 
-constexpr int most_functions = harmonics_of(largest_harmonics_order);
+constexpr int max_functions = harmonics_of(largest_harmonics_order);
 
 Eigen::MatrixXf harmonics(std::span<const SurfacePlace> places, int functions) {
   const int order = static_cast<int>(std::ceil(std::sqrt(functions)));
@@ -77,9 +77,9 @@ Eigen::MatrixXf functions_of(BasisKind kind, std::span<const SurfacePlace> place
 }  // namespace
 
 Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> places, int functions) {
-  if (functions < 1 || functions > most_functions)
+  if (functions < 1 || functions > max_functions)
     throw InputError("surface basis of " + std::to_string(functions) +
-                     " functions: give a number from 1 to " + std::to_string(most_functions));
+                     " functions: give a number from 1 to " + std::to_string(max_functions));
   return functions_of(kind, places, functions);
 }
 

@@ -13,18 +13,18 @@ namespace refield::peers {
 
 namespace {
 
-constexpr double most_oblong = 1.0;  // octaves: a cell is at most twice as long as wide
+constexpr double max_oblong = 1.0;  // octaves: a cell is at most twice as long as wide
 
 }  // namespace
 
 std::vector<Box> light_cells(const LightDomain& domain, int count) {
   int columns = 1, rows = 1;
-  double best_oblong = most_oblong;
+  double best_oblong = max_oblong;
   for (int across = 1; across <= std::min(count, domain.width); ++across) {
     const int down = std::min(count / across, domain.height);
     const double oblong = std::abs(
         std::log2(static_cast<double>(domain.width) * down / (static_cast<double>(domain.height) * across)));
-    const bool more = across * down > columns * rows && oblong <= most_oblong;
+    const bool more = across * down > columns * rows && oblong <= max_oblong;
     const bool squarer = across * down == columns * rows && oblong < best_oblong;
     if (!more && !squarer) continue;
     columns = across;

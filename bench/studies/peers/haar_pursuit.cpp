@@ -22,8 +22,8 @@ namespace {
 constexpr int haar_block_pixels = 64;
 /// What the inner products of chosen wavelets with all others may take. Beyond, they are computed anew.
 constexpr std::uint64_t cache_bytes = 2ull << 30;
-/// A wavelet may be found again, and its weight corrected; so many steps a wavelet are allowed.
-constexpr int most_steps_per_wavelet = 3;
+/// A wavelet may be found again, and its weight corrected; that many steps a wavelet are allowed.
+constexpr int max_steps_per_wavelet = 3;
 
 using Correlations = std::array<Eigen::VectorXf, 3>;  // a channel each, [wavelets]
 
@@ -109,7 +109,7 @@ class HaarFit {
   std::vector<Eigen::Index> pursue(Correlations correlation) {
     std::vector<Eigen::Index> chosen;
     Eigen::ArrayXf gain(dictionary_.atoms());
-    for (int step = 0; step < most_steps_per_wavelet * wavelets_; ++step) {
+    for (int step = 0; step < max_steps_per_wavelet * wavelets_; ++step) {
       gain.setZero();
       for (int c = 0; c < 3; ++c)
         gain += correlation[c].array().square() /

@@ -12,7 +12,7 @@
 namespace refield::peers {
 
 /// A linear predictor in its dual form: a pixel under light l shows Σ_j α_j ⟨L_j, Σ l⟩, with α of the pixel
-/// and channel, and Σ one of a few covariances over the light map. n numbers a pixel and channel, where
+/// and channel, and Σ one of a few covariances over the light map. n numbers per pixel and channel, where
 /// texel weights would be as many as texels; the training lights are kept beside them.
 struct DualModel {
   LightDomain domain;

@@ -95,14 +95,15 @@ struct Row {
 
 std::string csv(const std::vector<Row>& rows, const std::vector<ChartLight>& lights) {
   std::ostringstream text;
-  text << "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_lamps_ms,"
-          "median_error";
+  text
+      << "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_area_lights_ms,"
+         "median_error";
   for (const ChartLight& light : lights) text << ',' << light.name;
   text << '\n';
   for (const Row& row : rows) {
     text << '"' << row.peer->method << "\",\"" << row.peer->setting << "\"," << row.peer->kernels << ','
          << row.peer->weights << ',' << row.peer->bytes / 1e6 << ',' << row.peer->precompute_seconds << ','
-         << row.peer->relight_ms << ',' << row.peer->two_lamps_ms << ',' << row.median();
+         << row.peer->relight_ms << ',' << row.peer->two_area_lights_ms << ',' << row.median();
     for (const double error : row.errors) text << ',' << error;
     text << '\n';
   }
@@ -119,9 +120,9 @@ std::vector<Peer> peers_of(const PrtChartArguments& arguments, const ChartScene&
 }
 
 void print(const Row& row) {
-  std::printf("%-24s %-22s %6.0f weights a vertex %8.2f MB %7.1f s %8.2f ms %6.2f ms   error %.4f\n",
+  std::printf("%-24s %-22s %6.0f weights per vertex %8.2f MB %7.1f s %8.2f ms %6.2f ms   error %.4f\n",
               row.peer->method.c_str(), row.peer->setting.c_str(), row.peer->weights, row.peer->bytes / 1e6,
-              row.peer->precompute_seconds, row.peer->relight_ms, row.peer->two_lamps_ms, row.median());
+              row.peer->precompute_seconds, row.peer->relight_ms, row.peer->two_area_lights_ms, row.median());
 }
 
 void make_chart(const PrtChartArguments& arguments) {
@@ -156,7 +157,7 @@ void add_prt_chart(CLI::App& app, Action& action) {
       "Methods: light clusters (ours and the paper's), wavelets and spherical harmonics, each with settings "
       "from\n"
       "coarse to fine. Errors are relative to the exact sum over all texels.\n"
-      "Example: refield-studies prt-chart datasets_synthetic/prt/hare.toml sky.exr room.exr -o chart");
+      "Example: refield-studies prt-chart datasets_synthetic/prt/rabbit.toml sky.exr room.exr -o chart");
   verb->add_option("scene", arguments->scene, "Diffuse scene (TOML) or mesh")->required();
   verb->add_option("maps", arguments->maps, "Environment maps of any size");
   verb->add_option("-o,--output", arguments->folder, "Folder for prt.csv and pictures")->required();
@@ -169,7 +170,7 @@ void add_prt_chart(CLI::App& app, Action& action) {
           "Before the maps a clear sky, so much of its day being over: 0 sunrise, 0.5 noon, 1 sunset")
       ->check(CLI::Range(0.0, 1.0));
   verb->add_option("--vertices", arguments->vertices,
-                   "Errors are looked at for so many vertices, drawn at random; all: as many as there are. "
+                   "Errors are looked at for that many vertices, drawn at random; all: as many as there are. "
                    "Wavelets are computed for these alone")
       ->capture_default_str()
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 26));

@@ -74,7 +74,7 @@ void show(PackedField packed, const ChartScene& chart, const std::vector<ChartLi
   for (const ChartLight& light : lights)
     peer.shading.push_back(at_vertices(relighter.relight(light.*map), chart.vertices));
   peer.relight_ms = fastest_ms([&] { relighter.relight(lights.front().*map); });
-  peer.two_lamps_ms = measure_relighting(relighter).two_lamps_ms;
+  peer.two_area_lights_ms = measure_relighting(relighter).two_area_lights_ms;
 }
 
 Peer clusters(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution,
@@ -169,7 +169,7 @@ Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
     throw InputError(path.string() + " was not made of this scene by 'refield simulate prt'");
   if (const LightDomain domain = packed->outline.basis.domain; domain != lights.front().fine.domain())
     throw InputError(path.string() + " is lit by cube maps of " + std::to_string(domain.width) +
-                     " texels a side; give --resolution " + std::to_string(domain.width));
+                     " texels per side; give --resolution " + std::to_string(domain.width));
   Peer peer{.method = "fields", .setting = path.stem().string()};
   show(std::move(*packed), chart, lights, &ChartLight::fine, peer);
   return peer;

@@ -38,8 +38,8 @@ struct Peer {
   double weights = 0.0;  ///< a vertex
   double bytes = 0.0;
   double precompute_seconds = 0.0;
-  double relight_ms = 0.0;    ///< of one light, all of the work
-  double two_lamps_ms = 0.0;  ///< RelightTimes; 0 where a method relights whole maps alone
+  double relight_ms = 0.0;          ///< of one light, all of the work
+  double two_area_lights_ms = 0.0;  ///< RelightTimes; 0 where a method relights whole maps alone
   Shading shading = {};
 };
 

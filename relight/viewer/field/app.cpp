@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// What puts a map of the surroundings onto the field's light map; nothing for other maps, and for those
+/// What puts a map of the environment onto the field's light map; nothing for other maps, and for those
 /// that differ from the field's in size alone.
 std::shared_ptr<const EnvironmentProjector> projector_for(LightMap& map, const LightDomain& domain,
                                                           const std::vector<MonitorPlacement>& monitors,
@@ -172,32 +172,32 @@ void turn_light(App& app, double degrees) {
   }
 }
 
-void select_lamp_beside(App& app, int step) {
-  const auto count = static_cast<int>(app.state->setup().lamps().size());
+void select_light_source_beside(App& app, int step) {
+  const auto count = static_cast<int>(app.state->setup().light_sources().size());
   if (count == 0) return app.selected.reset();
   const int next = app.selected ? static_cast<int>(*app.selected) + step : 0;
   app.selected = static_cast<std::size_t>((next + count) % count);
 }
 
-void add_lamp_and_select(App& app, Lamp::Shape shape) {
-  Lamp lamp;
-  lamp.shape = shape;
-  if (shape == Lamp::Shape::bar) lamp.size = 0.125;  // the paper's
-  app.selected = app.state->setup().add(lamp);
+void add_light_source_and_select(App& app, PaintedLight::Shape shape) {
+  PaintedLight light_source;
+  light_source.shape = shape;
+  if (shape == PaintedLight::Shape::bar) light_source.size = 0.125;  // the paper's
+  app.selected = app.state->setup().add(light_source);
 }
 
-void change_selected(App& app, const std::function<void(Lamp&)>& change) {
+void change_selected(App& app, const std::function<void(PaintedLight&)>& change) {
   LightSetup& setup = app.state->setup();
-  if (!app.selected || *app.selected >= setup.lamps().size()) return;
-  Lamp lamp = setup.lamps()[*app.selected];
-  change(lamp);
-  lamp.size = std::clamp(lamp.size, 0.002, 1.0);
-  lamp.y = std::clamp(lamp.y, 0.0, 1.0);
+  if (!app.selected || *app.selected >= setup.light_sources().size()) return;
+  PaintedLight light_source = setup.light_sources()[*app.selected];
+  change(light_source);
+  light_source.size = std::clamp(light_source.size, 0.002, 1.0);
+  light_source.y = std::clamp(light_source.y, 0.0, 1.0);
   if (setup.domain().parameterisation != Parameterisation::monitor)
-    lamp.x -= std::floor(lamp.x);
+    light_source.x -= std::floor(light_source.x);
   else
-    lamp.x = std::clamp(lamp.x, 0.0, 1.0);
-  setup.change(*app.selected, lamp);
+    light_source.x = std::clamp(light_source.x, 0.0, 1.0);
+  setup.change(*app.selected, light_source);
 }
 
 void remove_selected(App& app) {
@@ -211,12 +211,12 @@ void advance_motion(App& app, double seconds) {
   constexpr double turns_a_second = 1.0 / 12.0, sweeps_a_second = 0.15;
   LightSetup& setup = app.state->setup();
   if (setup.can_turn()) setup.set_turns(setup.turns() + turns_a_second * seconds);
-  for (std::size_t i = 0; i < setup.lamps().size(); ++i) {
+  for (std::size_t i = 0; i < setup.light_sources().size(); ++i) {
     if (app.selected && *app.selected != i) continue;  // the selected one alone, or all
-    Lamp lamp = setup.lamps()[i];
-    lamp.x += sweeps_a_second * seconds * (i % 2 == 0 ? 1.0 : -1.0);
-    lamp.x -= std::floor(lamp.x);
-    setup.change(i, lamp);
+    PaintedLight light_source = setup.light_sources()[i];
+    light_source.x += sweeps_a_second * seconds * (i % 2 == 0 ? 1.0 : -1.0);
+    light_source.x -= std::floor(light_source.x);
+    setup.change(i, light_source);
   }
 }
 

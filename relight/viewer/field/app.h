@@ -16,7 +16,7 @@
 
 namespace refield {
 
-/// A light map, read and ready to go behind the lamps.
+/// A light map, read and ready to go behind the light sources.
 struct OpenedLight {
   std::filesystem::path file;
   LightMap map;                                            ///< that fits the field; empty for environments
@@ -46,7 +46,7 @@ struct App : WindowState {
   App(OpenedFile field, const RunContext& context);
 
   std::filesystem::path field_file;
-  std::string light_name;  ///< of the map behind the lamps; empty: none
+  std::string light_name;  ///< of the map behind the light sources; empty: none
   std::filesystem::path light_file;
   RecentFiles recent{RecentFiles::list_from_environment()};
   std::unique_ptr<ViewState> state;
@@ -57,8 +57,8 @@ struct App : WindowState {
   std::vector<std::unique_ptr<BackgroundJob<OpenedFile>>> abandoned;
   bool tells_share = false;  ///< a new environment is being projected: say how much of it the monitor shows
 
-  std::optional<std::size_t> selected;  ///< lamp
-  bool probes = false;                  ///< the left button probes the light instead of moving lamps
+  std::optional<std::size_t> selected;  ///< light source
+  bool probes = false;                  ///< the left button probes the light instead of moving light sources
   int probe_texels = 1;                 ///< side of the probe
   bool shows_kernels = true;            ///< those of the picked pixel over the light map
   bool is_playing = false;
@@ -82,11 +82,11 @@ void save_light(App& app, const std::filesystem::path& file);
 
 void change_exposure(App& app, double stops);
 void turn_light(App& app, double degrees);
-void select_lamp_beside(App& app, int step);
-void add_lamp_and_select(App& app, Lamp::Shape shape);
-void change_selected(App& app, const std::function<void(Lamp&)>& change);
+void select_light_source_beside(App& app, int step);
+void add_light_source_and_select(App& app, PaintedLight::Shape shape);
+void change_selected(App& app, const std::function<void(PaintedLight&)>& change);
 void remove_selected(App& app);
-/// Moves what is in motion: lamps sweep, the map turns.
+/// Moves what is in motion: light sources sweep, the map turns.
 void advance_motion(App& app, double seconds);
 /// Lights by a square of app.probe_texels around a point of the light map alone.
 void probe_at(App& app, const Point& texel);

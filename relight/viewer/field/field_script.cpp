@@ -22,11 +22,12 @@ void print_places(const App& app) {
                                                   std::to_string(state.picked()->y) + "]"
                                             : "null";
   std::printf(
-      "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"lamps\": %zu, \"turn\": %.6f, "
+      "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"light sources\": %zu, \"turn\": "
+      "%.6f, "
       "\"exposure\": %.9g, \"notice\": %s, %s%s}\n",
       canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(),
       canvas_text(app.light, light.width, light.height).c_str(), picked.c_str(), state.kernels().size(),
-      state.setup().lamps().size(), 360.0 * state.setup().turns(), state.tone_in_use().exposure,
+      state.setup().light_sources().size(), 360.0 * state.setup().turns(), state.tone_in_use().exposure,
       app.notice && app.notice->is_error ? "\"error\"" : "null", controls_text(app).c_str(),
       state.view() != nullptr ? (", " + camera_text(state.view()->camera())).c_str() : "");
   std::fflush(stdout);

@@ -22,13 +22,13 @@ class OrbitCamera {
   /// Of the picture, in pixels; the field of view follows the height.
   void set_size(int width, int height);
 
-  /// Around the target: the camera goes so many degrees to its own right and up, as far as 89° above and
+  /// Around the target: the camera goes that many degrees to its own right and up, as far as 89° above and
   /// below the horizon.
   void orbit(double right_degrees, double up_degrees);
   /// Nearer to the target by a factor, or further away below 1; between a thousandth and a thousandfold of
   /// the first distance.
   void approach(double factor);
-  /// What is at the target moves by so many pixels to the right and down.
+  /// What is at the target moves by that many pixels to the right and down.
   void pan(double right_px, double down_px);
   /// Back to the start, in the present size.
   void reset();
@@ -46,7 +46,7 @@ class FreeView {
   using Clock = std::chrono::steady_clock;
   static constexpr auto rest = std::chrono::milliseconds(150);  ///< so long without a move
 
-  /// Finds what a camera sees by so many lines of sight a pixel.
+  /// Finds what a camera sees by that many lines of sight a pixel.
   using Look = std::function<std::unique_ptr<const MeshView>(const PinholeCamera& camera, int samples)>;
 
   /// `field` must outlive this.

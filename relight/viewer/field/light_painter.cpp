@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/field/light_painter.h"
 
-#include <Eigen/Geometry>
 #include <tbb/parallel_for.h>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
@@ -19,18 +19,19 @@ namespace refield {
 
 namespace {
 
-/// The lat-long map in which lamps stand where they stand on a cube map: as fine as the cube's faces are.
+/// The lat-long map in which light sources stand where they stand on a cube map: as fine as the cube's faces
+/// are.
 LightDomain panorama_of(const LightDomain& domain) {
   if (domain.parameterisation != Parameterisation::cube) return domain;
   return {4 * domain.width, 2 * domain.width, Parameterisation::lat_long};
 }
 
-double radius_texels(const Lamp& spot, const LightDomain& domain) {
+double radius_texels(const PaintedLight& spot, const LightDomain& domain) {
   return std::max(spot.size * panorama_of(domain).height, 0.5);
 }
 
 /// The width of the ring in which a spot fades out, half of it outside, as a share of its radius.
-double fading(const Lamp& spot, const LightDomain& domain) {
+double fading(const PaintedLight& spot, const LightDomain& domain) {
   return std::max(0.2, 1.0 / radius_texels(spot, domain));
 }
 
@@ -48,14 +49,15 @@ double overlap(double left, double right, double x) {
 }
 
 /// Share that a bar covers of the column of which a texel is the middle; on a cube, of the panorama's.
-double bar_coverage(const Lamp& lamp, const LightDomain& domain, int x, int y) {
+double bar_coverage(const PaintedLight& light_source, const LightDomain& domain, int x, int y) {
   const LightDomain panorama = panorama_of(domain);
   const double width = panorama.width;
   double column = x;
   if (domain.parameterisation == Parameterisation::cube)
     column =
         lat_long_position(direction_at(x + 0.5, y + 0.5, domain), panorama.width, panorama.height).x() - 0.5;
-  const double left = (lamp.x - 0.5 * lamp.size) * width, right = left + lamp.size * width;
+  const double left = (light_source.x - 0.5 * light_source.size) * width,
+               right = left + light_source.size * width;
   double covered = overlap(left, right, column);
   if (is_around(domain))
     covered += overlap(left - width, right - width, column) + overlap(left + width, right + width, column);
@@ -65,11 +67,11 @@ double bar_coverage(const Lamp& lamp, const LightDomain& domain, int x, int y) {
 /// Distance of a point from a spot's centre, in units of its radius.
 class SpotDistance {
  public:
-  SpotDistance(const Lamp& lamp, const LightDomain& domain)
+  SpotDistance(const PaintedLight& light_source, const LightDomain& domain)
       : domain_(domain), panorama_(panorama_of(domain)) {
-    radius_ = radius_texels(lamp, domain);
-    column_ = lamp.x * panorama_.width;
-    row_ = lamp.y * panorama_.height;
+    radius_ = radius_texels(light_source, domain);
+    column_ = light_source.x * panorama_.width;
+    row_ = light_source.y * panorama_.height;
     if (is_around(domain)) towards_ = direction_at(column_, row_, panorama_);
   }
 
@@ -77,7 +79,7 @@ class SpotDistance {
   double operator()(double column, double row) const {
     return is_around(domain_) ? of(direction_at(column, row, domain_)) : on_monitor(column, row);
   }
-  /// Of a point where lamps stand, in fractions.
+  /// Of a point where light sources stand, in fractions.
   double of_fraction(double x, double y) const {
     const double column = x * panorama_.width, row = y * panorama_.height;
     return is_around(domain_) ? of(direction_at(column, row, panorama_)) : on_monitor(column, row);
@@ -127,7 +129,7 @@ std::optional<std::pair<double, double>> reach_on_face(double along, double ahea
   return std::pair{std::tan(low), std::tan(high)};
 }
 
-std::optional<Box> spot_box_on_cube(const Lamp& spot, const LightDomain& domain) {
+std::optional<Box> spot_box_on_cube(const PaintedLight& spot, const LightDomain& domain) {
   const LightDomain panorama = panorama_of(domain);
   const Eigen::Vector3d towards = direction_at(spot.x * panorama.width, spot.y * panorama.height, panorama);
   const double radius =
@@ -152,53 +154,55 @@ std::optional<Box> spot_box_on_cube(const Lamp& spot, const LightDomain& domain)
 
 }  // namespace
 
-std::optional<Box> lamp_box(const Lamp& lamp, const LightDomain& domain) {
+std::optional<Box> light_source_box(const PaintedLight& light_source, const LightDomain& domain) {
   if (domain.parameterisation == Parameterisation::cube) {
-    if (lamp.shape == Lamp::Shape::bar) return Box{0, 0, domain.width, domain.height};
-    return spot_box_on_cube(lamp, domain);
+    if (light_source.shape == PaintedLight::Shape::bar) return Box{0, 0, domain.width, domain.height};
+    return spot_box_on_cube(light_source, domain);
   }
   const double width = domain.width, height = domain.height;
-  double half_width = 0.5 * lamp.size * width, top = 0.0, bottom = height;
-  if (lamp.shape == Lamp::Shape::spot) {
-    const double reach = radius_texels(lamp, domain) * (1.0 + 0.5 * fading(lamp, domain));
-    top = lamp.y * height - reach;
-    bottom = lamp.y * height + reach;
-    half_width = is_around(domain)
-                     ? width * half_width_of_cap(reach / height * std::numbers::pi, lamp.y * std::numbers::pi)
-                     : reach;
+  double half_width = 0.5 * light_source.size * width, top = 0.0, bottom = height;
+  if (light_source.shape == PaintedLight::Shape::spot) {
+    const double reach = radius_texels(light_source, domain) * (1.0 + 0.5 * fading(light_source, domain));
+    top = light_source.y * height - reach;
+    bottom = light_source.y * height + reach;
+    half_width = is_around(domain) ? width * half_width_of_cap(reach / height * std::numbers::pi,
+                                                               light_source.y * std::numbers::pi)
+                                   : reach;
   }
-  const double left = lamp.x * width - half_width, right = lamp.x * width + half_width;
+  const double left = light_source.x * width - half_width, right = light_source.x * width + half_width;
   if (is_around(domain) && (left < 0.0 || right > width)) return clipped(0.0, top, width, bottom, domain);
   return clipped(left, top, right, bottom, domain);
 }
 
-void add_lamp(const Lamp& lamp, const Box& within, LightMap& light) {
+void add_light_source(const PaintedLight& light_source, const Box& within, LightMap& light) {
   const LightDomain domain = light.domain();
-  const auto lit = lamp_box(lamp, domain);
-  if (!lamp.is_on || !lit) return;
+  const auto lit = light_source_box(light_source, domain);
+  if (!light_source.is_on || !lit) return;
   const Box box{std::max(lit->x0, within.x0), std::max(lit->y0, within.y0), std::min(lit->x1, within.x1),
                 std::min(lit->y1, within.y1)};
-  const SpotDistance distance(lamp, domain);
-  const double ring = fading(lamp, domain);
+  const SpotDistance distance(light_source, domain);
+  const double ring = fading(light_source, domain);
   for (int y = box.y0; y < box.y1; ++y)
     for (int x = box.x0; x < box.x1; ++x) {
-      const double coverage = lamp.shape == Lamp::Shape::bar
-                                  ? bar_coverage(lamp, domain, x, y)
+      const double coverage = light_source.shape == PaintedLight::Shape::bar
+                                  ? bar_coverage(light_source, domain, x, y)
                                   : std::clamp((1.0 - distance(x + 0.5, y + 0.5)) / ring + 0.5, 0.0, 1.0);
       for (int c = 0; c < 3; ++c)
-        light.radiance.at(x, y, c) += static_cast<float>(coverage * lamp.radiance * lamp.colour[c]);
+        light.radiance.at(x, y, c) +=
+            static_cast<float>(coverage * light_source.radiance * light_source.colour[c]);
     }
 }
 
-bool is_on_lamp(const Lamp& lamp, const LightDomain& domain, double x, double y) {
+bool is_on_light_source(const PaintedLight& light_source, const LightDomain& domain, double x, double y) {
   constexpr double least_reach_texels = 6.0;
-  if (lamp.shape == Lamp::Shape::bar) {
-    double apart = std::abs(x - lamp.x);
+  if (light_source.shape == PaintedLight::Shape::bar) {
+    double apart = std::abs(x - light_source.x);
     if (is_around(domain)) apart = std::min(apart, 1.0 - apart);
-    return apart <= std::max(0.5 * lamp.size, least_reach_texels / panorama_of(domain).width);
+    return apart <= std::max(0.5 * light_source.size, least_reach_texels / panorama_of(domain).width);
   }
-  const SpotDistance distance(lamp, domain);
-  return distance.of_fraction(x, y) <= std::max(1.1, least_reach_texels / radius_texels(lamp, domain));
+  const SpotDistance distance(light_source, domain);
+  return distance.of_fraction(x, y) <=
+         std::max(1.1, least_reach_texels / radius_texels(light_source, domain));
 }
 
 namespace {
@@ -286,22 +290,23 @@ void LightSetup::set_turns(double turns) {
   turns_ = turns - std::floor(turns);
 }
 
-std::size_t LightSetup::add(const Lamp& lamp) {
-  lamps_.push_back(lamp);
-  return lamps_.size() - 1;
+std::size_t LightSetup::add(const PaintedLight& light_source) {
+  light_sources_.push_back(light_source);
+  return light_sources_.size() - 1;
 }
 
-void LightSetup::change(std::size_t number, const Lamp& lamp) {
-  if (number < lamps_.size()) lamps_[number] = lamp;
+void LightSetup::change(std::size_t number, const PaintedLight& light_source) {
+  if (number < light_sources_.size()) light_sources_[number] = light_source;
 }
 
 void LightSetup::remove(std::size_t number) {
-  if (number < lamps_.size()) lamps_.erase(lamps_.begin() + static_cast<std::ptrdiff_t>(number));
+  if (number < light_sources_.size())
+    light_sources_.erase(light_sources_.begin() + static_cast<std::ptrdiff_t>(number));
 }
 
-std::optional<std::size_t> LightSetup::lamp_at(double x, double y) const {
-  for (std::size_t i = lamps_.size(); i-- > 0;)
-    if (is_on_lamp(lamps_[i], domain_, x, y)) return i;
+std::optional<std::size_t> LightSetup::light_source_at(double x, double y) const {
+  for (std::size_t i = light_sources_.size(); i-- > 0;)
+    if (is_on_light_source(light_sources_[i], domain_, x, y)) return i;
   return std::nullopt;
 }
 
@@ -337,13 +342,13 @@ std::optional<Box> LightPainter::paint(const LightSetup& setup, const RunContext
   setup_ = setup;
   std::optional<Box> changed;
   if (is_all_new) changed = everything();
-  const std::size_t lamps = std::max(before.lamps().size(), setup.lamps().size());
-  for (std::size_t i = 0; i < lamps && !is_all_new; ++i) {
-    const Lamp* old = i < before.lamps().size() ? &before.lamps()[i] : nullptr;
-    const Lamp* now = i < setup.lamps().size() ? &setup.lamps()[i] : nullptr;
+  const std::size_t light_sources = std::max(before.light_sources().size(), setup.light_sources().size());
+  for (std::size_t i = 0; i < light_sources && !is_all_new; ++i) {
+    const PaintedLight* old = i < before.light_sources().size() ? &before.light_sources()[i] : nullptr;
+    const PaintedLight* now = i < setup.light_sources().size() ? &setup.light_sources()[i] : nullptr;
     if (old && now && *old == *now) continue;
-    for (const Lamp* lamp : {old, now})
-      if (lamp) changed = united(changed, lamp_box(*lamp, setup.domain()));
+    for (const PaintedLight* light_source : {old, now})
+      if (light_source) changed = united(changed, light_source_box(*light_source, setup.domain()));
   }
   if (changed) compose(*changed);
   return changed;
@@ -361,8 +366,8 @@ void LightPainter::compose(const Box& box) {
       const auto behind = std::as_const(behind_.radiance).row(y).subspan(first, count);
       for (std::size_t i = 0; i < count; ++i) texels[i] += static_cast<float>(setup_.map_gain()) * behind[i];
     }
-    for (const Lamp& lamp : setup_.lamps())
-      add_lamp(lamp, {box.x0, rows.begin(), box.x1, rows.end()}, light_);
+    for (const PaintedLight& light_source : setup_.light_sources())
+      add_light_source(light_source, {box.x0, rows.begin(), box.x1, rows.end()}, light_);
   });
 }
 

@@ -15,7 +15,7 @@
 namespace refield {
 
 /// A light that someone places on a light map.
-struct Lamp {
+struct PaintedLight {
   enum class Shape { bar, spot };
 
   Shape shape = Shape::spot;
@@ -31,20 +31,21 @@ struct Lamp {
   double radiance = 1.0;                             ///< factor on the colour
   bool is_on = true;
 
-  bool operator==(const Lamp&) const = default;
+  bool operator==(const PaintedLight&) const = default;
 };
 
-/// The texels that a lamp may light; empty where it lies beside the map. A lamp that goes over the edge of a
-/// lat-long map, where the map's ends meet, takes the whole width.
-std::optional<Box> lamp_box(const Lamp& lamp, const LightDomain& domain);
+/// The texels that a light source may light; empty where it lies beside the map. A light source that goes
+/// over the edge of a lat-long map, where the map's ends meet, takes the whole width.
+std::optional<Box> light_source_box(const PaintedLight& light_source, const LightDomain& domain);
 
-/// Adds a lamp's light to the texels inside `within`, a part of the map. Bars reach from edge to edge, and
-/// columns that they cover in part are lit in part; spots fade out over their outer fifth (at least one
-/// texel), so that what moves slowly moves smoothly.
-void add_lamp(const Lamp& lamp, const Box& within, LightMap& light);
+/// Adds a light source's light to the texels inside `within`, a part of the map. Bars reach from edge to
+/// edge, and columns that they cover in part are lit in part; spots fade out over their outer fifth (at least
+/// one texel), so that what moves slowly moves smoothly.
+void add_light_source(const PaintedLight& light_source, const Box& within, LightMap& light);
 
-/// Whether a point of the map, in fractions, lies on the lamp; spots can be caught a little outside, too.
-bool is_on_lamp(const Lamp& lamp, const LightDomain& domain, double x, double y);
+/// Whether a point of the map, in fractions, lies on the light source; spots can be caught a little outside,
+/// too.
+bool is_on_light_source(const PaintedLight& light_source, const LightDomain& domain, double x, double y);
 
 /// A light map brought to a field's size.
 struct FittedLight {
@@ -60,8 +61,8 @@ FittedLight fit_light(const Image& image, const LightDomain& domain);
 /// The box around both; either may be missing.
 std::optional<Box> united(const std::optional<Box>& a, const std::optional<Box>& b);
 
-/// What a light map is made of: ambient light, a loaded map behind, lamps in front. A value: cheap to change,
-/// to copy (maps are shared) and to compare; LightPainter makes the texels.
+/// What a light map is made of: ambient light, a loaded map behind, light sources in front. A value: cheap to
+/// change, to copy (maps are shared) and to compare; LightPainter makes the texels.
 class LightSetup {
  public:
   explicit LightSetup(const LightDomain& domain) : domain_(domain) {}
@@ -72,18 +73,19 @@ class LightSetup {
   double ambient() const { return ambient_; }
   void set_ambient(double radiance) { ambient_ = radiance; }
 
-  /// The map behind the lamps; none at first. Throws InputError when it does not fit the domain.
+  /// The map behind the light sources; none at first. Throws InputError when it does not fit the domain.
   void set_map(std::optional<LightMap> map);
   bool has_map() const { return map_ || environment_; }
   const std::shared_ptr<const LightMap>& map() const { return map_; }
-  /// An environment behind the lamps instead, of any size, as `projector` puts it onto this light map.
+  /// An environment behind the light sources instead, of any size, as `projector` puts it onto this light
+  /// map.
   void set_environment(std::shared_ptr<const PreparedEnvironment> environment,
                        std::shared_ptr<const EnvironmentProjector> projector);
   bool has_environment() const { return environment_ != nullptr; }
   const std::shared_ptr<const PreparedEnvironment>& environment() const { return environment_; }
   const std::shared_ptr<const EnvironmentProjector>& projector() const { return projector_; }
   /// How the environment is turned.
-  Turn turn() const { return {.yaw = 360.0 * turns_}; }
+  EulerAngles turn() const { return {.yaw = 360.0 * turns_}; }
   /// A factor on the map.
   double map_gain() const { return map_gain_; }
   void set_map_gain(double gain) { map_gain_ = gain; }
@@ -96,15 +98,15 @@ class LightSetup {
   }
   void set_turns(double turns);
 
-  const std::vector<Lamp>& lamps() const { return lamps_; }
-  /// Returns the new lamp's number, the highest.
-  std::size_t add(const Lamp& lamp);
-  /// Numbers that no lamp has are ignored by these two.
-  void change(std::size_t number, const Lamp& lamp);
+  const std::vector<PaintedLight>& light_sources() const { return light_sources_; }
+  /// Returns the new light source's number, the highest.
+  std::size_t add(const PaintedLight& light_source);
+  /// Numbers that no light source has are ignored by these two.
+  void change(std::size_t number, const PaintedLight& light_source);
   void remove(std::size_t number);
-  void remove_all() { lamps_.clear(); }
-  /// The lamp at a point, in fractions of width and height; of several the one added last.
-  std::optional<std::size_t> lamp_at(double x, double y) const;
+  void remove_all() { light_sources_.clear(); }
+  /// The light source at a point, in fractions of width and height; of several the one added last.
+  std::optional<std::size_t> light_source_at(double x, double y) const;
 
   bool operator==(const LightSetup&) const = default;
 
@@ -116,7 +118,7 @@ class LightSetup {
   std::shared_ptr<const EnvironmentProjector> projector_;  // of the environment
   double map_gain_ = 1.0;
   double turns_ = 0.0;
-  std::vector<Lamp> lamps_;
+  std::vector<PaintedLight> light_sources_;
 };
 
 /// Paints setups onto a light map, one after another; each costs what differs from the one before. Texels are

@@ -74,9 +74,9 @@ namespace {
 void light_section(App& app) {
   LightSetup& setup = app.state->setup();
   heading("LIGHT");
-  if (button(app, "Add bar")) add_lamp_and_select(app, Lamp::Shape::bar);
+  if (button(app, "Add bar")) add_light_source_and_select(app, PaintedLight::Shape::bar);
   ImGui::SameLine();
-  if (button(app, "Add spot")) add_lamp_and_select(app, Lamp::Shape::spot);
+  if (button(app, "Add spot")) add_light_source_and_select(app, PaintedLight::Shape::spot);
   ImGui::SameLine();
   if (button(app, "Probe", app.probes)) {
     app.probes = !app.probes;
@@ -115,26 +115,26 @@ void light_section(App& app) {
     app.state->set_light_exposure(shown);
 }
 
-void lamp_section(App& app) {
-  if (!app.selected || *app.selected >= app.state->setup().lamps().size()) return;
-  const Lamp lamp = app.state->setup().lamps()[*app.selected];
-  heading(lamp.shape == Lamp::Shape::bar ? "BAR" : "SPOT");
+void light_source_section(App& app) {
+  if (!app.selected || *app.selected >= app.state->setup().light_sources().size()) return;
+  const PaintedLight light_source = app.state->setup().light_sources()[*app.selected];
+  heading(light_source.shape == PaintedLight::Shape::bar ? "BAR" : "SPOT");
   std::array<float, 3> encoded;
-  for (int c = 0; c < 3; ++c) encoded[c] = srgb_from_linear(lamp.colour[c]);
+  for (int c = 0; c < 3; ++c) encoded[c] = srgb_from_linear(light_source.colour[c]);
   label("Colour");
   if (ImGui::ColorEdit3("##colour", encoded.data(), ImGuiColorEditFlags_DisplayRGB))
-    change_selected(app, [&](Lamp& changed) {
+    change_selected(app, [&](PaintedLight& changed) {
       for (int c = 0; c < 3; ++c) changed.colour[c] = linear_from_srgb(encoded[c]);
     });
-  double radiance = lamp.radiance;
+  double radiance = light_source.radiance;
   if (stops_slider("Radiance", "##radiance", radiance, -6.0f, 10.0f))
-    change_selected(app, [=](Lamp& changed) { changed.radiance = radiance; });
-  label(lamp.shape == Lamp::Shape::bar ? "Width" : "Radius");
-  auto size = static_cast<float>(lamp.size);
+    change_selected(app, [=](PaintedLight& changed) { changed.radiance = radiance; });
+  label(light_source.shape == PaintedLight::Shape::bar ? "Width" : "Radius");
+  auto size = static_cast<float>(light_source.size);
   if (ImGui::SliderFloat("##size", &size, 0.002f, 1.0f, "%.3f", ImGuiSliderFlags_Logarithmic))
-    change_selected(app, [=](Lamp& changed) { changed.size = size; });
-  if (button(app, lamp.is_on ? "Switch off" : "Switch on"))
-    change_selected(app, [](Lamp& changed) { changed.is_on = !changed.is_on; });
+    change_selected(app, [=](PaintedLight& changed) { changed.size = size; });
+  if (button(app, light_source.is_on ? "Switch off" : "Switch on"))
+    change_selected(app, [](PaintedLight& changed) { changed.is_on = !changed.is_on; });
   ImGui::SameLine();
   if (button(app, "Remove")) remove_selected(app);
 }
@@ -255,7 +255,7 @@ void draw_control_panel(App& app, const Area& area) {
   window_buttons(app, "relit");
   picture_section(app);
   light_section(app);
-  lamp_section(app);
+  light_source_section(app);
   end_panel();
   if (kernels <= 0.0) return;
   begin_panel("##kernels", {area.x, area.y + rest.height + gap, area.width, kernels}, true);
@@ -277,12 +277,12 @@ Point window_at(const App& app, double x, double y) {
   return app.light.window_from_image({x * domain.width, y * domain.height});
 }
 
-/// The left button takes the lamp under it, or the map itself.
+/// The left button takes the light source under it, or the map itself.
 void handle_drag(App& app) {
   const ImGuiIO& io = ImGui::GetIO();
   if (ImGui::IsItemActivated()) {
     const Point at = fraction_at(app, io.MousePos);
-    app.selected = app.state->setup().lamp_at(at.x, at.y);
+    app.selected = app.state->setup().light_source_at(at.x, at.y);
     return;
   }
   if (io.MouseDelta.x == 0.0f && io.MouseDelta.y == 0.0f) return;
@@ -290,9 +290,9 @@ void handle_drag(App& app) {
   const double dx = io.MouseDelta.x / (app.light.scale() * domain.width);
   const double dy = io.MouseDelta.y / (app.light.scale() * domain.height);
   if (app.selected)
-    change_selected(app, [=](Lamp& lamp) {
-      lamp.x += dx;
-      lamp.y += dy;
+    change_selected(app, [=](PaintedLight& light_source) {
+      light_source.x += dx;
+      light_source.y += dy;
     });
   else if (app.state->setup().can_turn())
     turn_light(app, 360.0 * dx);
@@ -308,8 +308,9 @@ void handle_wheel(App& app) {
     return;
   }
   const Point at = fraction_at(app, io.MousePos);
-  if (const auto lamp = app.state->setup().lamp_at(at.x, at.y)) app.selected = lamp;
-  change_selected(app, [&](Lamp& lamp) { lamp.size *= std::pow(1.1, io.MouseWheel); });
+  if (const auto light_source = app.state->setup().light_source_at(at.x, at.y)) app.selected = light_source;
+  change_selected(app,
+                  [&](PaintedLight& light_source) { light_source.size *= std::pow(1.1, io.MouseWheel); });
 }
 
 void handle_mouse(App& app) {
@@ -326,39 +327,43 @@ void handle_mouse(App& app) {
   if (!ImGui::IsItemHovered()) return;
   handle_wheel(app);
   const Point at = fraction_at(app, io.MousePos);
-  if (!app.probes && app.state->setup().lamp_at(at.x, at.y)) ImGui::SetMouseCursor(ImGuiMouseCursor_Hand);
+  if (!app.probes && app.state->setup().light_source_at(at.x, at.y))
+    ImGui::SetMouseCursor(ImGuiMouseCursor_Hand);
 }
 
-ImU32 colour_of(const Lamp& lamp) {
-  const float brightest = std::max({lamp.colour[0], lamp.colour[1], lamp.colour[2], 1e-6f});
+ImU32 colour_of(const PaintedLight& light_source) {
+  const float brightest =
+      std::max({light_source.colour[0], light_source.colour[1], light_source.colour[2], 1e-6f});
   std::array<float, 3> encoded;
-  for (int c = 0; c < 3; ++c) encoded[c] = srgb_from_linear(lamp.colour[c] / brightest);
+  for (int c = 0; c < 3; ++c) encoded[c] = srgb_from_linear(light_source.colour[c] / brightest);
   return ImGui::ColorConvertFloat4ToU32(ImVec4(encoded[0], encoded[1], encoded[2], 1.0f));
 }
 
 /// Its outline, and a handle of its colour in the middle.
-void draw_lamp(const App& app, const Lamp& lamp, bool is_selected) {
+void draw_light_source(const App& app, const PaintedLight& light_source, bool is_selected) {
   ImDrawList& list = *ImGui::GetWindowDrawList();
   const LightDomain& domain = app.state->panorama().shown();
   const ImU32 line = is_selected ? accent_colour : 0x90ffffff;
   const float thickness = is_selected ? 2.0f : 1.0f;
   constexpr int smooth = 48;
-  Point middle = window_at(app, lamp.x, lamp.y);
-  if (lamp.shape == Lamp::Shape::bar) {
+  Point middle = window_at(app, light_source.x, light_source.y);
+  if (light_source.shape == PaintedLight::Shape::bar) {
     middle.y = window_at(app, 0.0, 0.5).y;
     for (const double side : {-0.5, 0.5}) {
-      const double x = lamp.x + side * lamp.size;
+      const double x = light_source.x + side * light_source.size;
       list.AddLine(vector(window_at(app, x, 0.0)), vector(window_at(app, x, 1.0)), shadow_colour,
                    thickness + 2.0f);
       list.AddLine(vector(window_at(app, x, 0.0)), vector(window_at(app, x, 1.0)), line, thickness);
     }
   } else {
-    const auto radius = static_cast<float>(std::max(lamp.size * domain.height * app.light.scale(), 3.0));
+    const auto radius =
+        static_cast<float>(std::max(light_source.size * domain.height * app.light.scale(), 3.0));
     list.AddCircle(vector(middle), radius, shadow_colour, smooth, thickness + 2.0f);
     list.AddCircle(vector(middle), radius, line, smooth, thickness);
   }
   list.AddCircleFilled(vector(middle), is_selected ? 6.0f : 5.0f, 0xff101010);
-  list.AddCircleFilled(vector(middle), is_selected ? 4.5f : 3.5f, lamp.is_on ? colour_of(lamp) : 0xff505050);
+  list.AddCircleFilled(vector(middle), is_selected ? 4.5f : 3.5f,
+                       light_source.is_on ? colour_of(light_source) : 0xff505050);
 }
 
 /// The picked pixel's kernels: their density over the map, rectangles framed the stronger the more energy
@@ -417,9 +422,9 @@ void draw_light_panel(App& app, const Textures& textures, const Area& area) {
   list.PushClipRect(corner, far_corner, true);
   const bool shows_kernels = app.shows_kernels && app.state->picked();
   if (shows_kernels) draw_kernels(app, textures, corner, far_corner);
-  const auto& lamps = app.state->setup().lamps();
-  for (std::size_t i = 0; i < lamps.size(); ++i)
-    if (!shows_kernels || app.selected == i) draw_lamp(app, lamps[i], app.selected == i);
+  const auto& light_sources = app.state->setup().light_sources();
+  for (std::size_t i = 0; i < light_sources.size(); ++i)
+    if (!shows_kernels || app.selected == i) draw_light_source(app, light_sources[i], app.selected == i);
   draw_probe(app);
   list.PopClipRect();
   end_panel();

@@ -17,9 +17,9 @@ void draw_panels(App& app, const Textures& textures);
 
 /// The relit image: pick a pixel, zoom, pan.
 void draw_picture_panel(App& app, const Textures& textures, const Area& area);
-/// The light map: move lamps, turn the map, probe.
+/// The light map: move light sources, turn the map, probe.
 void draw_light_panel(App& app, const Textures& textures, const Area& area);
-/// Lamps, light and picture in numbers, and the picked pixel's kernels.
+/// Light sources, light and picture in numbers, and the picked pixel's kernels.
 void draw_control_panel(App& app, const Area& area);
 
 }  // namespace refield

@@ -25,7 +25,7 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
 
 /// Weights of 16 bits are exact to the last level of a screen, those of 8 to three levels in the dark; but
 /// beside a field of more entries they would take more memory than half of its file.
-constexpr std::uint64_t most_fine_entries = 8'000'000;
+constexpr std::uint64_t max_fine_entries = 8'000'000;
 
 void require_content(const ReflectanceField& field) {
   if (field.width < 1 || field.height < 1 || field.basis.domain.width < 1 || field.basis.domain.height < 1)
@@ -67,7 +67,7 @@ Shown shown_from_name(std::string_view name) {
 ViewState::Loaded ViewState::load(ReflectanceField field) {
   require_content(field);
   const auto precision =
-      field.transfer.entries() <= most_fine_entries ? RelightPrecision::fine : RelightPrecision::fast;
+      field.transfer.entries() <= max_fine_entries ? RelightPrecision::fine : RelightPrecision::fast;
   Relighter relighter(std::move(field), precision);
   // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone; rectangles it has its own.
   field.basis.boxes = {};
@@ -101,18 +101,18 @@ ViewState::ViewState(Loaded loaded, const RunContext& run)
                                       .straight = {},
                                       .outputs = {},
                                       .panorama = {}});
-  reset_lamps();
+  reset_light_sources();
   if (!field_.mesh.empty()) view_ = std::make_unique<FreeView>(field_);
   expose_picture();
   refresh();
   is_picture_old_ = is_light_old_ = true;
 }
 
-void ViewState::reset_lamps() {
+void ViewState::reset_light_sources() {
   setup_.remove_all();
   setup_.set_ambient(0.03);
-  setup_.add({Lamp::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  setup_.add({Lamp::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  setup_.add({PaintedLight::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  setup_.add({PaintedLight::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
 }
 
 void ViewState::set_tone(const ToneMapping& tone) {
@@ -264,7 +264,7 @@ ViewState::JobTimes ViewState::relight(const Request& request) {
   }
   run_uncancelled([&] {
     // Beside a summed environment nothing else may shine; then there is nothing to paint.
-    const bool is_dark = is_summed_one && painted.ambient() == 0.0 && painted.lamps().empty();
+    const bool is_dark = is_summed_one && painted.ambient() == 0.0 && painted.light_sources().empty();
     std::optional<Box> changed;
     if (!is_dark) changed = painter_.paint(painted, run_);
     changed_ = united(changed_, changed);

@@ -41,7 +41,7 @@ struct PixelPosition {
   bool operator==(const PixelPosition&) const = default;
 };
 
-/// False colours reach from so many stops below white to so many above.
+/// False colours reach from that many stops below white to that many above.
 inline constexpr double stops_below_white = 8.0;
 inline constexpr double stops_above_white = 2.0;
 
@@ -51,7 +51,8 @@ inline constexpr double stops_above_white = 2.0;
 /// stays. A job begins with what is wanted at that time, so that changes never queue up.
 class ViewState {
  public:
-  /// Starts under a dim ambient light and two lamps, exposed for them. Throws InputError for an empty field.
+  /// Starts under a dim ambient light and two light sources, exposed for them. Throws InputError for an empty
+  /// field.
   explicit ViewState(ReflectanceField field, const RunContext& run = {})
       : ViewState(load(std::move(field)), run) {}
   explicit ViewState(PackedField packed, const RunContext& run = {})
@@ -73,8 +74,8 @@ class ViewState {
   LightMap light() const;
   /// What of the environment reaches the light map, as of the last refresh().
   const EnvironmentShare& share() const { return share_; }
-  /// Back to the lamps of the start.
-  void reset_lamps();
+  /// Back to the light sources of the start.
+  void reset_light_sources();
 
   const ToneMapping& tone() const { return tone_; }
   void set_tone(const ToneMapping& tone);
@@ -115,7 +116,7 @@ class ViewState {
     bool picture = false;
     bool light = false;
     bool kernels = false;
-    double light_ms = 0.0;    ///< in the background: turning or projecting the map, painting lamps
+    double light_ms = 0.0;    ///< in the background: turning or projecting the map, painting light sources
     double relight_ms = 0.0;  ///< in the background
     double view_ms = 0.0;     ///< of what the camera sees, and the picture of it
     double tone_ms = 0.0;
@@ -205,7 +206,7 @@ class ViewState {
   const Image* relit_ = nullptr;  // in the relighter
   std::optional<Box> changed_;    // of what is painted, since a result was taken
   /// Clustered lights: an environment's integrals over the clusters, without a light map. What it lights is
-  /// added to what lamps light.
+  /// added to what light sources light.
   struct SummedEnvironment {
     Relighter relighter;
     BoxProjector boxes;

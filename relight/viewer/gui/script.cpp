@@ -24,7 +24,7 @@ struct Grammar {
   std::string_view name;
   Verb verb;
   bool has_target;
-  int least_numbers, most_numbers;
+  int least_numbers, max_numbers;
   bool has_text;
   std::string_view usage;
 };
@@ -116,7 +116,7 @@ std::optional<ScriptCommand> parse_script_line(const std::string& text, int line
   }
   while (!rest.empty()) command.numbers.push_back(number(take_word(rest), place));
   const auto count = static_cast<int>(command.numbers.size());
-  if (count < grammar.least_numbers || count > grammar.most_numbers ||
+  if (count < grammar.least_numbers || count > grammar.max_numbers ||
       (grammar.has_text && command.text.empty()))
     throw InputError(place + "write " + std::string(grammar.usage));
   return command;

@@ -13,19 +13,19 @@ namespace refield {
 namespace {
 
 constexpr double third_of_a_stop = 1.0 / 3.0;
-constexpr double lamp_step = 0.01;
+constexpr double light_source_step = 0.01;
 constexpr double growth = 1.1;
 constexpr double turn_step_degrees = 5.0;
 
 void move_selected(App& app, double dx, double dy) {
-  change_selected(app, [=](Lamp& lamp) {
-    lamp.x += dx;
-    lamp.y += dy;
+  change_selected(app, [=](PaintedLight& light_source) {
+    light_source.x += dx;
+    light_source.y += dy;
   });
 }
 
 void scale_selected(App& app, double factor) {
-  change_selected(app, [=](Lamp& lamp) { lamp.size *= factor; });
+  change_selected(app, [=](PaintedLight& light_source) { light_source.size *= factor; });
 }
 
 void show(App& app, Shown shown) {
@@ -66,27 +66,31 @@ void fit(App& app) {
 }
 
 std::vector<Shortcut<App>> make_shortcuts() {
-  const std::string lamps = "Area lights", light = "Light map", picture = "Image", rest = "General";
+  const std::string light_sources = "Area lights", light = "Light map", picture = "Image", rest = "General";
   return {
-      {{lamps, "B", GLFW_KEY_B, false, "add a bar"},
-       [](App& a) { add_lamp_and_select(a, Lamp::Shape::bar); }},
-      {{lamps, "N", GLFW_KEY_N, false, "add a spot"},
-       [](App& a) { add_lamp_and_select(a, Lamp::Shape::spot); }},
-      {{lamps, "Tab", GLFW_KEY_TAB, false, "select the next area light"},
-       [](App& a) { select_lamp_beside(a, 1); }},
-      {{lamps, "Left", GLFW_KEY_LEFT, false, "move it left"},
-       [](App& a) { move_selected(a, -lamp_step, 0.0); }},
-      {{lamps, "Right", GLFW_KEY_RIGHT, false, "move it right"},
-       [](App& a) { move_selected(a, lamp_step, 0.0); }},
-      {{lamps, "Up", GLFW_KEY_UP, false, "move it up"}, [](App& a) { move_selected(a, 0.0, -lamp_step); }},
-      {{lamps, "Down", GLFW_KEY_DOWN, false, "move it down"},
-       [](App& a) { move_selected(a, 0.0, lamp_step); }},
-      {{lamps, "]", GLFW_KEY_RIGHT_BRACKET, false, "larger"}, [](App& a) { scale_selected(a, growth); }},
-      {{lamps, "[", GLFW_KEY_LEFT_BRACKET, false, "smaller"},
+      {{light_sources, "B", GLFW_KEY_B, false, "add a bar"},
+       [](App& a) { add_light_source_and_select(a, PaintedLight::Shape::bar); }},
+      {{light_sources, "N", GLFW_KEY_N, false, "add a spot"},
+       [](App& a) { add_light_source_and_select(a, PaintedLight::Shape::spot); }},
+      {{light_sources, "Tab", GLFW_KEY_TAB, false, "select the next area light"},
+       [](App& a) { select_light_source_beside(a, 1); }},
+      {{light_sources, "Left", GLFW_KEY_LEFT, false, "move it left"},
+       [](App& a) { move_selected(a, -light_source_step, 0.0); }},
+      {{light_sources, "Right", GLFW_KEY_RIGHT, false, "move it right"},
+       [](App& a) { move_selected(a, light_source_step, 0.0); }},
+      {{light_sources, "Up", GLFW_KEY_UP, false, "move it up"},
+       [](App& a) { move_selected(a, 0.0, -light_source_step); }},
+      {{light_sources, "Down", GLFW_KEY_DOWN, false, "move it down"},
+       [](App& a) { move_selected(a, 0.0, light_source_step); }},
+      {{light_sources, "]", GLFW_KEY_RIGHT_BRACKET, false, "larger"},
+       [](App& a) { scale_selected(a, growth); }},
+      {{light_sources, "[", GLFW_KEY_LEFT_BRACKET, false, "smaller"},
        [](App& a) { scale_selected(a, 1.0 / growth); }},
-      {{lamps, "O", GLFW_KEY_O, false, "switch it on or off"},
-       [](App& a) { change_selected(a, [](Lamp& lamp) { lamp.is_on = !lamp.is_on; }); }},
-      {{lamps, "Delete", GLFW_KEY_DELETE, false, "remove it"}, remove_selected},
+      {{light_sources, "O", GLFW_KEY_O, false, "switch it on or off"},
+       [](App& a) {
+         change_selected(a, [](PaintedLight& light_source) { light_source.is_on = !light_source.is_on; });
+       }},
+      {{light_sources, "Delete", GLFW_KEY_DELETE, false, "remove it"}, remove_selected},
       {{light, ".", GLFW_KEY_PERIOD, false, "turn by 5°"}, [](App& a) { turn_light(a, turn_step_degrees); }},
       {{light, ",", GLFW_KEY_COMMA, false, "turn back"}, [](App& a) { turn_light(a, -turn_step_degrees); }},
       {{light, "Space", GLFW_KEY_SPACE, false, "start or stop the light motion"},
@@ -121,7 +125,7 @@ std::vector<Shortcut<App>> make_shortcuts() {
       {{rest, "R", GLFW_KEY_R, false, "reset the area lights"},
        [](App& a) {
          a.selected.reset();
-         a.state->reset_lamps();
+         a.state->reset_light_sources();
        }},
       {{rest, "F1", GLFW_KEY_F1, false, "this help"}, [](App& a) { a.shows_help = !a.shows_help; }},
       {{rest, "Escape", GLFW_KEY_ESCAPE, false, "close, deselect"}, leave},

@@ -25,7 +25,7 @@ struct FrameTime {
   double tone_ms = 0.0;
   double draw_ms = 0.0;   ///< textures, panels, OpenGL until the frame is shown
   double view_ms = 0.0;   ///< of fields over a mesh: finding what the camera sees, and its picture
-  double light_ms = 0.0;  ///< making the light map: turning or projecting a map, painting lamps
+  double light_ms = 0.0;  ///< making the light map: turning or projecting a map, painting light sources
   double wait_ms = 0.0;   ///< of the frame: relighting, or waiting for it where it is done in the background
 };
 

@@ -11,19 +11,19 @@
 
 namespace refield {
 
-/// An object or a lamp.
+/// An object or an area light.
 struct SceneThing {
   std::string name;
-  bool is_lamp = false;
+  bool is_area_light = false;
   bool moves = false;     ///< by itself
-  bool can_turn = false;  ///< by hand; lamps that look at a point cannot
+  bool can_turn = false;  ///< by hand; area lights that look at a point cannot
 };
 
 /// What a hand did to a thing, beside what its own motion does.
 struct Handling {
   Eigen::Vector3f shift = Eigen::Vector3f::Zero();  ///< from where its motion has it
   double turn_degrees = 0.0;                        ///< about the vertical through its middle
-  double gain = 1.0;                                ///< of a lamp's radiance
+  double gain = 1.0;                                ///< of an area light's radiance
   bool operator==(const Handling&) const = default;
 };
 

@@ -88,7 +88,7 @@ void SceneState::advance(double seconds) {
 }
 
 void SceneState::set_bounces(int bounces) {
-  const int wanted = std::clamp(bounces, 0, most_bounces);
+  const int wanted = std::clamp(bounces, 0, max_bounces);
   if (wanted == bounces_) return;
   bounces_ = wanted;
   is_light_old_ = true;
@@ -134,7 +134,7 @@ void SceneState::set_tone(const ToneMapping& tone) {
 void SceneState::expose() {
   std::vector<Eigen::Array3f> reflected = frame_.radiance;
   for (std::size_t thing = 0; thing < scene_.things.size(); ++thing)
-    if (scene_.things[thing].is_lamp)
+    if (scene_.things[thing].is_area_light)
       std::fill(reflected.begin() + frame_.first_vertex[thing],
                 reflected.begin() + frame_.first_vertex[thing + 1], Eigen::Array3f::Zero());
   set_tone({exposure_to_white(view_->seen().show(reflected)), tone_.curve});

@@ -32,7 +32,7 @@ Eigen::Vector3f dragged_shift(const PinholeCamera& camera, const Eigen::Vector3f
 /// and how the picture is shown. Setters only note what is outdated; refresh() does the work.
 class SceneState {
  public:
-  static constexpr int most_bounces = 8;
+  static constexpr int max_bounces = 8;
 
   /// At time 0, exposed for it. Throws InputError for a scene without things.
   explicit SceneState(MovingScene scene);
@@ -69,7 +69,7 @@ class SceneState {
 
   const ToneMapping& tone() const { return tone_; }
   void set_tone(const ToneMapping& tone);
-  /// So that 1 % of the picture without lamps is white or more.
+  /// So that 1 % of the picture without area lights is white or more.
   void expose();
 
   /// What it took, and whether there is a new picture.

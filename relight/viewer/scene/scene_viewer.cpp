@@ -48,7 +48,7 @@ void turn(SceneApp& app, double degrees) {
 }
 
 void brighten(SceneApp& app, double stops) {
-  if (app.selected && app.state.scene().things[*app.selected].is_lamp)
+  if (app.selected && app.state.scene().things[*app.selected].is_area_light)
     change_handling(app, [=](Handling& handling) { handling.gain *= std::exp2(stops); });
 }
 
@@ -159,7 +159,7 @@ void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
         throw InputError(state.scene().things[*app.selected].name + " looks at a point and cannot be turned");
       return change_handling(app, [&](Handling& handling) { handling.turn_degrees = n[0]; });
     case Verb::gain:
-      if (!state.scene().things[selected_thing(app)].is_lamp)
+      if (!state.scene().things[selected_thing(app)].is_area_light)
         throw InputError(state.scene().things[*app.selected].name + " is not an area light");
       return change_handling(app, [&](Handling& handling) { handling.gain = std::exp2(n[0]); });
     case Verb::time:
@@ -245,7 +245,7 @@ void take_hold(SceneApp& app) {
   const auto seen = seen_under_pointer(app);
   if (!seen) return;
   const SceneThing& thing = app.state.scene().things[seen->thing];
-  if (!thing.moves && !thing.is_lamp && app.selected != seen->thing) return;
+  if (!thing.moves && !thing.is_area_light && app.selected != seen->thing) return;
   app.selected = app.held->thing = seen->thing;
   app.held->point = seen->point;
 }
@@ -335,7 +335,7 @@ void motion_section(SceneApp& app) {
   }
   label("Bounces");
   int bounces = state.bounces();
-  if (ImGui::SliderInt("##bounces", &bounces, 0, SceneState::most_bounces)) state.set_bounces(bounces);
+  if (ImGui::SliderInt("##bounces", &bounces, 0, SceneState::max_bounces)) state.set_bounces(bounces);
 }
 
 void things_section(SceneApp& app) {
@@ -362,7 +362,7 @@ void things_section(SceneApp& app) {
     if (ImGui::SliderFloat("##turn", &degrees, -180.0f, 180.0f, "%.0f°"))
       change_handling(app, [=](Handling& handling) { handling.turn_degrees = degrees; });
   }
-  if (thing.is_lamp) {
+  if (thing.is_area_light) {
     double gain = state.handling(*app.selected).gain;
     if (stops_slider("Brighter", "##gain", gain, -8.0f, 8.0f))
       change_handling(app, [=](Handling& handling) { handling.gain = gain; });

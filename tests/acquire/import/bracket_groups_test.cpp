@@ -63,7 +63,7 @@ TEST(BracketGroups, ByExposureTimesThatComeAgain) {
   EXPECT_THAT(groups[1].paths, ElementsAre("4.jpg", "5.jpg", "6.jpg"));
   EXPECT_THAT(refusal(files, seconds({0.1, 0.2, 0.0, 0.1, 0.2, 0.4}), {}),
               HasSubstr("3.jpg: does not contain its exposure time"));
-  // One frame was lost: its bracket is told by its length.
+  // One frame was lost: its bracket is identified by its length.
   EXPECT_THAT(refusal(files, seconds({0.1, 0.2, 0.4, 0.1, 0.4, 0.1}), {}),
               HasSubstr("4.jpg: its bracket has 2"));
 }

@@ -82,7 +82,8 @@ TEST(EstimateClocks, DoesNotGuess) {
   const auto one = series(Clouds(1), 2, 400, 0.0, 0.0, 1.0, 0.02);
   EXPECT_THAT(refusal(one, series(Clouds(9), 3, 400, 0.0, 0.0, 1.0, 0.02)), HasSubstr("--offset"));
   EXPECT_THAT(refusal(one, {one.begin(), one.begin() + 5}), HasSubstr("too short"));
-  std::vector<TimedBrightness> blinking;  // a lamp that goes on and off every 20 minutes fits at many offsets
+  std::vector<TimedBrightness>
+      blinking;  // a light source that goes on and off every 20 minutes fits at many offsets
   for (int i = 0; i < 400; ++i) blinking.push_back({morning + 120.0 * i, i / 5 % 2 ? 2.0 : 1.0});
   EXPECT_THAT(refusal(blinking, blinking), HasSubstr("several offsets"));
 }

@@ -100,7 +100,7 @@ class MeshInTheViewer : public testing::Test {
     const Image expected = FieldPictures(field_, {state_.view()->camera()}).picture(state_.light(), 0);
     EXPECT_LT(relative_rmse(state_.radiance(), expected), 1e-4);
   }
-  const ReflectanceField field_ = test::unshadowed_field(prt::hare_mesh(8));
+  const ReflectanceField field_ = test::unshadowed_field(prt::rabbit_mesh(8));
   ViewState state_{ReflectanceField(field_)};
 };
 
@@ -109,17 +109,17 @@ TEST_F(MeshInTheViewer, ShowsWhatTheCameraSees) {
   EXPECT_EQ(state_.picture().size(), 4u * 160 * 120);
   state_.view()->move().orbit(70.0, 20.0);
   expect_picture();
-  Lamp lamp = state_.setup().lamps()[0];
-  lamp.x = 0.9;
-  state_.setup().change(0, lamp);
+  PaintedLight light_source = state_.setup().light_sources()[0];
+  light_source.x = 0.9;
+  state_.setup().change(0, light_source);
   expect_picture();
   EXPECT_EQ(state_.light_picture().size(),
             4u * state_.panorama().shown().width * state_.panorama().shown().height);
   EXPECT_FALSE(state_.refresh().picture);
 }
 
-// An environment's integrals over the field's squares and the lamps' light map make one picture, whichever of
-// them changes or is missing.
+// An environment's integrals over the field's squares and the light sources' light map make one picture,
+// whichever of them changes or is missing.
 TEST_F(MeshInTheViewer, AnEnvironmentNeedsNoLightMap) {
   Rng rng{11};
   const auto environment = std::make_shared<const PreparedEnvironment>(
@@ -128,12 +128,12 @@ TEST_F(MeshInTheViewer, AnEnvironmentNeedsNoLightMap) {
       std::make_shared<const EnvironmentProjector>(field_.basis.domain, std::span<const MonitorPlacement>());
   LightSetup& setup = state_.setup();
   setup.set_environment(environment, projector);
-  expect_picture();  // with the lamps of the start
+  expect_picture();  // with the light sources of the start
   setup.set_turns(0.3);
   expect_picture();
-  Lamp lamp = setup.lamps()[0];
-  lamp.x = 0.8;
-  setup.change(0, lamp);
+  PaintedLight light_source = setup.light_sources()[0];
+  light_source.x = 0.8;
+  setup.change(0, light_source);
   expect_picture();
   setup.remove_all();
   setup.set_ambient(0.0);
@@ -148,10 +148,10 @@ TEST_F(MeshInTheViewer, AnEnvironmentNeedsNoLightMap) {
   state_.probe(std::nullopt);
   setup.set_turns(0.7);
   expect_picture();
-  setup.add(lamp);
+  setup.add(light_source);
   expect_picture();
   setup.set_map(std::nullopt);
-  expect_picture();  // the lamp alone
+  expect_picture();  // the light source alone
 }
 
 TEST_F(MeshInTheViewer, APickedVertexStaysPicked) {

@@ -56,11 +56,13 @@ TEST(DraggedShift, StaysFiniteWherePixelsTellNoPlace) {
   EXPECT_LE(far.norm(), 10.01f * (Eigen::Vector3f(0, 1.2f, 0) - camera.position).norm());
 }
 
-/// Two balls, of which the second one moves, and a small lamp; "light" is each thing's own number plus one.
+/// Two balls, of which the second one moves, and a small area light; "light" is each thing's own number plus
+/// one.
 MovingScene three_things(int& lit) {
   MovingScene scene;
   scene.name = "three";
-  scene.things = {{.name = "left"}, {.name = "right", .moves = true}, {.name = "lamp", .is_lamp = true}};
+  scene.things = {
+      {.name = "left"}, {.name = "right", .moves = true}, {.name = "area light", .is_area_light = true}};
   scene.duration = 2.0;
   scene.camera = {{0, 0, -6}, {0, 0, 0}, {0, 1, 0}, 40.0f, 120, 90};
   scene.middle = [](std::size_t thing, double time) {
@@ -132,19 +134,19 @@ TEST(SceneState, LightsAnewOnlyWhereSomethingChanged) {
   state.refresh();
   EXPECT_EQ(lit, first + 1);
   state.set_bounces(100);
-  EXPECT_EQ(state.bounces(), SceneState::most_bounces);
+  EXPECT_EQ(state.bounces(), SceneState::max_bounces);
   state.refresh();
   EXPECT_EQ(lit, first + 2);
 }
 
-TEST(SceneState, TimeBeginsAnewAndIsExposedWithoutLamps) {
+TEST(SceneState, TimeBeginsAnewAndIsExposedWithoutAreaLights) {
   int lit = 0;
   SceneState state(three_things(lit));
   state.set_time(100.0);
   EXPECT_EQ(state.time(), 2.0);
   state.advance(0.5);
   EXPECT_NEAR(state.time(), 0.5, 1e-12);
-  EXPECT_NEAR(state.tone().exposure, 0.5, 0.01);  // of radiances 1, 2 and, of the lamp, 3
+  EXPECT_NEAR(state.tone().exposure, 0.5, 0.01);  // of radiances 1, 2 and, of the area light, 3
   EXPECT_THROW(SceneState(MovingScene{}), InputError);
 }
 

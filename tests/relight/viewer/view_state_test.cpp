@@ -56,7 +56,7 @@ TEST_F(ViewStateTest, StartsLitAndExposed) {
   const auto first = state_.refresh();
   EXPECT_TRUE(first.picture && first.light);
   expect_painted_light();
-  EXPECT_EQ(state_.setup().lamps().size(), 2U);
+  EXPECT_EQ(state_.setup().light_sources().size(), 2U);
   const auto white = std::ranges::count_if(state_.picture(), [](std::uint8_t level) { return level == 255; });
   EXPECT_GT(white, 600);        // each pixel's alpha, and some of it
   EXPECT_LT(white, 600 + 200);  // but not much
@@ -65,11 +65,11 @@ TEST_F(ViewStateTest, StartsLitAndExposed) {
 }
 
 TEST_F(ViewStateTest, FollowsTheLight) {
-  Lamp lamp = state_.setup().lamps()[0];
+  PaintedLight light_source = state_.setup().light_sources()[0];
   for (int i = 0; i < 40; ++i) {
-    lamp.x = rng_.uniform();
-    lamp.y = rng_.uniform();
-    state_.setup().change(0, lamp);
+    light_source.x = rng_.uniform();
+    light_source.y = rng_.uniform();
+    state_.setup().change(0, light_source);
     const auto done = state_.refresh();
     EXPECT_TRUE(done.picture && done.light);
     expect_painted_light();
@@ -78,7 +78,7 @@ TEST_F(ViewStateTest, FollowsTheLight) {
   expect_painted_light();
   state_.setup().set_turns(0.3);
   expect_painted_light();
-  state_.reset_lamps();
+  state_.reset_light_sources();
   expect_painted_light();
 }
 
@@ -98,9 +98,9 @@ TEST_F(ViewStateTest, ProbeIsAColumnOfTheTransfer) {
       state_.probe(box);
       expect_relit(alone(box));
     }
-    Lamp lamp = state_.setup().lamps()[1];
-    lamp.x = rng_.uniform();
-    state_.setup().change(1, lamp);  // meanwhile
+    PaintedLight light_source = state_.setup().light_sources()[1];
+    light_source.x = rng_.uniform();
+    state_.setup().change(1, light_source);  // meanwhile
     state_.refresh();
     state_.probe(std::nullopt);
     expect_painted_light();

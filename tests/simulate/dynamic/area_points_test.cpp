@@ -11,18 +11,18 @@
 namespace refield::dynamic {
 namespace {
 
-Mesh lamp(float radiance, const Eigen::Vector3f& position) {
+Mesh area_light(float radiance, const Eigen::Vector3f& position) {
   Mesh mesh = prt::plane_mesh(2);
   for (auto& colour : mesh.colours) colour = {radiance, 0.5f * radiance, 0.0f};
   for (auto& point : mesh.positions) point += position;
   return mesh;
 }
 
-TEST(AreaPoints, TogetherHaveThePowerOfTheLamp) {
+TEST(AreaPoints, TogetherHaveThePowerOfTheAreaLight) {
   for (const int count : {1, 3, 16, 100}) {
     Eigen::Array3f power = Eigen::Array3f::Zero();
     Eigen::Vector3f middle = Eigen::Vector3f::Zero();
-    for (const AreaPoint& point : area_points(lamp(2.0f, {0, 0, 0}), count)) {
+    for (const AreaPoint& point : area_points(area_light(2.0f, {0, 0, 0}), count)) {
       power += point.power;
       middle += point.position / static_cast<float>(count);
     }
@@ -34,8 +34,8 @@ TEST(AreaPoints, TogetherHaveThePowerOfTheLamp) {
 }
 
 TEST(AreaPoints, GoWhereMostLightIs) {
-  Mesh both = lamp(9.0f, {-2, 0, 0});
-  const Mesh weak = lamp(1.0f, {2, 0, 0});
+  Mesh both = area_light(9.0f, {-2, 0, 0});
+  const Mesh weak = area_light(1.0f, {2, 0, 0});
   const auto first = static_cast<std::uint32_t>(both.positions.size());
   both.positions.insert(both.positions.end(), weak.positions.begin(), weak.positions.end());
   both.colours.insert(both.colours.end(), weak.colours.begin(), weak.colours.end());
@@ -45,8 +45,8 @@ TEST(AreaPoints, GoWhereMostLightIs) {
   EXPECT_EQ(strong, 90);
 }
 
-TEST(AreaPoints, AreMiddlesOfCellsAndGoWithTheLamp) {
-  const auto points = area_points(lamp(1.0f, {0, 0, 0}), 16);
+TEST(AreaPoints, AreMiddlesOfCellsAndGoWithTheAreaLight) {
+  const auto points = area_points(area_light(1.0f, {0, 0, 0}), 16);
   ASSERT_EQ(points.size(), 16u);
   for (const AreaPoint& point : points) {
     // 4 × 4 cells of a quarter
@@ -54,7 +54,7 @@ TEST(AreaPoints, AreMiddlesOfCellsAndGoWithTheLamp) {
     EXPECT_LT(from_middle(point.position.x()), 0.15f) << point.position.transpose();
     EXPECT_LT(from_middle(point.position.z()), 0.15f) << point.position.transpose();
   }
-  Mesh turned = lamp(1.0f, {0, 0, 0});
+  Mesh turned = area_light(1.0f, {0, 0, 0});
   Eigen::Isometry3f pose =
       Eigen::Translation3f(1, 2, 3) * Eigen::AngleAxisf(0.7f, Eigen::Vector3f(1, 2, 1).normalized());
   for (auto& point : turned.positions) point = pose * point;
@@ -63,7 +63,7 @@ TEST(AreaPoints, AreMiddlesOfCellsAndGoWithTheLamp) {
     EXPECT_LT((moved[i].position - pose * points[i].position).norm(), 0.03f);
 }
 
-TEST(AreaPoints, OfAClosedLampLieOnAllSides) {
+TEST(AreaPoints, OfAClosedAreaLightLieOnAllSides) {
   Mesh ball = prt::sphere_mesh(6);
   Eigen::Vector3f middle = Eigen::Vector3f::Zero();
   for (const AreaPoint& point : area_points(ball, 12)) {
@@ -74,8 +74,8 @@ TEST(AreaPoints, OfAClosedLampLieOnAllSides) {
   EXPECT_LT(middle.norm(), 0.03f);
 }
 
-TEST(AreaPoints, OfDarkLampsAreNone) {
-  EXPECT_TRUE(area_points(lamp(0.0f, {0, 0, 0}), 16).empty());
+TEST(AreaPoints, OfDarkAreaLightsAreNone) {
+  EXPECT_TRUE(area_points(area_light(0.0f, {0, 0, 0}), 16).empty());
   EXPECT_TRUE(area_points(Mesh(), 16).empty());
 }
 

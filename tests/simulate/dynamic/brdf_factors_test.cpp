@@ -101,7 +101,7 @@ TEST(BrdfFactors, HaveTheErrorThatTheyState) {
       const BrdfFactors factors = factor(brdf, {.error = error});
       EXPECT_NEAR(measured_error(brdf, factors, 700), factors.error(), 0.005 + 0.05 * error)
           << factors.terms() << " terms of an exponent of " << brdf.exponent;
-      EXPECT_TRUE(factors.error() <= error || factors.terms() + 1 >= FactorOptions::most_terms);
+      EXPECT_TRUE(factors.error() <= error || factors.terms() + 1 >= FactorOptions::max_terms);
     }
 }
 

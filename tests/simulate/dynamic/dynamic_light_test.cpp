@@ -21,7 +21,7 @@ MovingObject object(Mesh mesh, float size, const Eigen::Vector3f& position, cons
   return result;
 }
 
-Mesh lamp(const Eigen::Vector3f& position, float radiance) {
+Mesh area_light(const Eigen::Vector3f& position, float radiance) {
   Mesh mesh = prt::plane_mesh(1);
   for (auto& point : mesh.positions) point = 0.5f * point + position;
   for (auto& colour : mesh.colours) colour = Eigen::Array3f::Constant(radiance);
@@ -71,9 +71,9 @@ class Prepared {
 const Eigen::Vector3f eye(0.5f, 1.5f, -3.0f);
 
 /// Relative RMSE of one bounce, or of all (bounce < 0), at every `step`th vertex that faces the eye.
-double error_against_paths(Prepared& prepared, const Mesh& lamps, int bounce, int step, int paths) {
+double error_against_paths(Prepared& prepared, const Mesh& area_lights, int bounce, int step, int paths) {
   const std::vector<Pose> poses = prepared.scene.poses(0.0);
-  prepared.light->solve(poses, lamps, eye, {});
+  prepared.light->solve(poses, area_lights, eye, {});
   SceneRays rays(prepared.rays);
   rays.move(poses);
   std::vector<VertexOf> vertices;
@@ -89,8 +89,8 @@ double error_against_paths(Prepared& prepared, const Mesh& lamps, int bounce, in
       }
     before += mesh.positions.size();
   }
-  const auto reference = trace_bounces(prepared.scene, rays, poses, area_points(lamps, 1024), vertices, eye,
-                                       {.paths = paths, .bounces = 3});
+  const auto reference = trace_bounces(prepared.scene, rays, poses, area_points(area_lights, 1024), vertices,
+                                       eye, {.paths = paths, .bounces = 3});
   const auto radiance =
       bounce < 0 ? prepared.light->radiance(0, 3) : prepared.light->radiance(bounce, bounce);
   double error = 0.0, energy = 0.0;
@@ -106,10 +106,10 @@ double error_against_paths(Prepared& prepared, const Mesh& lamps, int bounce, in
 
 TEST(DynamicLightTest, AgreesWithPaths) {
   Prepared prepared(ball_over_floor(red()));
-  const Mesh lamps = lamp({0.3f, 2.5f, -0.5f}, 10.0f);
-  EXPECT_LT(error_against_paths(prepared, lamps, 0, 9, 256), 0.05);
-  EXPECT_LT(error_against_paths(prepared, lamps, 1, 9, 2048), 0.2);
-  EXPECT_LT(error_against_paths(prepared, lamps, -1, 9, 1024), 0.05);
+  const Mesh area_lights = area_light({0.3f, 2.5f, -0.5f}, 10.0f);
+  EXPECT_LT(error_against_paths(prepared, area_lights, 0, 9, 256), 0.05);
+  EXPECT_LT(error_against_paths(prepared, area_lights, 1, 9, 2048), 0.2);
+  EXPECT_LT(error_against_paths(prepared, area_lights, -1, 9, 1024), 0.05);
 }
 
 TEST(DynamicLightTest, GlossyAgreesWithPaths) {
@@ -119,14 +119,14 @@ TEST(DynamicLightTest, GlossyAgreesWithPaths) {
   glossy.lobe = Lobe::phong;
   glossy.exponent = 10.0f;
   Prepared prepared(ball_over_floor(glossy));
-  const Mesh lamps = lamp({0.3f, 2.5f, -0.5f}, 10.0f);
-  EXPECT_LT(error_against_paths(prepared, lamps, 1, 9, 2048), 0.3);
-  EXPECT_LT(error_against_paths(prepared, lamps, -1, 9, 1024), 0.06);
+  const Mesh area_lights = area_light({0.3f, 2.5f, -0.5f}, 10.0f);
+  EXPECT_LT(error_against_paths(prepared, area_lights, 1, 9, 2048), 0.3);
+  EXPECT_LT(error_against_paths(prepared, area_lights, -1, 9, 1024), 0.06);
 }
 
 TEST(DynamicLightTest, ColoursBleed) {
   Prepared prepared(ball_over_floor(red()));
-  prepared.light->solve(prepared.scene.poses(0.0), lamp({0.0f, 2.5f, -1.5f}, 10.0f), eye, {});
+  prepared.light->solve(prepared.scene.poses(0.0), area_light({0.0f, 2.5f, -1.5f}, 10.0f), eye, {});
   const auto bounced = prepared.light->radiance(1, 1);
   Eigen::Array3f floor = Eigen::Array3f::Zero();
   for (std::size_t v = prepared.scene.objects[0].mesh.positions.size(); v < bounced.size(); ++v)
@@ -136,10 +136,10 @@ TEST(DynamicLightTest, ColoursBleed) {
   EXPECT_NEAR(floor[2] / floor[0], 0.125f, 0.01f);
 }
 
-TEST(DynamicLightTest, IsLinearInLamps) {
+TEST(DynamicLightTest, IsLinearInAreaLights) {
   Prepared prepared(ball_over_floor(red()));
   const auto solve = [&](float radiance) {
-    prepared.light->solve(prepared.scene.poses(0.0), lamp({0.3f, 2.5f, 0.0f}, radiance), eye, {});
+    prepared.light->solve(prepared.scene.poses(0.0), area_light({0.3f, 2.5f, 0.0f}, radiance), eye, {});
     return prepared.light->radiance(0, 3);
   };
   const auto one = solve(1.0f), three = solve(3.0f);
@@ -155,11 +155,11 @@ TEST(DynamicLightTest, AThirdObjectHidesLightThatBounced) {
   scene.objects.back().motion.turns = {{0.0, {.pitch = -90.0}}};
   scene.objects.push_back(object(prt::sphere_mesh(6), 0.8f, {0.0f, 0.45f, 0.2f}, {0.05f, 0.05f, 0.05f}));
   Prepared prepared(std::move(scene));
-  const Mesh lamps = lamp({0.0f, 2.0f, -1.0f}, 10.0f);
+  const Mesh area_lights = area_light({0.0f, 2.0f, -1.0f}, 10.0f);
   const auto behind_ball = [&](bool occlusion) {
     FrameOptions options;
     options.occlusion = occlusion;
-    prepared.light->solve(prepared.scene.poses(0.0), lamps, eye, options);
+    prepared.light->solve(prepared.scene.poses(0.0), area_lights, eye, options);
     const auto light = prepared.light->radiance(1, 1);
     float sum = 0.0f;
     const Mesh& floor = prepared.scene.objects[0].mesh;

@@ -32,19 +32,19 @@ struct Moving {
     light.emplace(scene, rays, transport);
   }
 
-  /// Radiance with the second ball and the lamp moved.
-  std::vector<Eigen::Array3f> at(const Eigen::Vector3f& second, const Eigen::Vector3f& lamp_at,
+  /// Radiance with the second ball and the area light moved.
+  std::vector<Eigen::Array3f> at(const Eigen::Vector3f& second, const Eigen::Vector3f& area_light_at,
                                  const FrameOptions& frame = {}) {
     std::vector<Pose> poses = scene.poses(0.0);
     poses[1].translation() = second;
-    Mesh lamp = prt::plane_mesh(1);
-    for (auto& point : lamp.positions) point = 0.3f * point + lamp_at;
-    for (auto& colour : lamp.colours) colour.setConstant(10.0f);
-    light->solve(poses, lamp, {0, 1, -4}, frame);
+    Mesh area_light = prt::plane_mesh(1);
+    for (auto& point : area_light.positions) point = 0.3f * point + area_light_at;
+    for (auto& colour : area_light.colours) colour.setConstant(10.0f);
+    light->solve(poses, area_light, {0, 1, -4}, frame);
     return light->radiance(0, light->bounces());
   }
 
-  /// The largest step of the balls' mean bounced light as the second comes in `steps` from 2 to 0.
+  /// The largest step of the balls' mean indirect light as the second comes in `steps` from 2 to 0.
   float largest_step(int steps) {
     float before = -1.0f, largest = 0.0f, most = 0.0f;
     for (int i = 0; i <= steps; ++i) {
@@ -83,7 +83,7 @@ TEST(DynamicStability, ObjectsThatTouchOverlapAndEncloseOneAnother) {
 
 TEST(DynamicStability, ALampWithinAnObjectAndOnTheFloor) {
   Moving moving{Brdf{}};
-  // The lamp's radiance is 10: nothing that reflects four fifths of it can shine brighter for long.
+  // The area light's radiance is 10: nothing that reflects four fifths of it can shine brighter for long.
   for (const Eigen::Vector3f& place :
        {Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(0, 0.52f, 0), Eigen::Vector3f(1.0f, -0.5f, 0)})
     expect_sound(moving.at({1.5f, 0, 0}, place), 60.0f);
@@ -101,7 +101,7 @@ TEST(DynamicStability, ShadowsByOcclusionFields) {
            {Eigen::Vector3f(1.5f, 0, 0), Eigen::Vector3f(1.0f, 0, 0), Eigen::Vector3f(0, 0, 0),
             Eigen::Vector3f(1.0f, -0.5f, 0), Eigen::Vector3f(1e4f, 0, 0)})
         expect_sound(moving.at(place, {0.3f, 2.0f, -0.5f}, frame), 20.0f);
-      // The lamp in a ball, upon one, with its points at the floor's vertices.
+      // The area light in a ball, upon one, with its points at the floor's vertices.
       for (const Eigen::Vector3f& place :
            {Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(0, 0.52f, 0), Eigen::Vector3f(1.0f, -0.5f, 0)})
         expect_sound(moving.at({1.5f, 0, 0}, place, frame), 60.0f);

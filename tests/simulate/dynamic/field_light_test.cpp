@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Shadows from lamps by occlusion fields: against closed forms, against rays, and where they fail.
+// Shadows from area lights by occlusion fields: against closed forms, against rays, and where they fail.
 #include "simulate/dynamic/field_light.h"
 
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ Mesh sized(Mesh mesh, float size, const Eigen::Vector3f& position = {0, 0, 0}) {
   return mesh;
 }
 
-Mesh lamp(Mesh mesh, float radiance) {
+Mesh area_light(Mesh mesh, float radiance) {
   for (auto& colour : mesh.colours) colour = Eigen::Array3f::Constant(radiance);
   return mesh;
 }
@@ -41,18 +41,18 @@ struct BallOverFloor {
       transport.push_back(object_transport(each, rays.back(), options));
     }
   }
-  DirectLight by_rays(const Mesh& lamps, int points, std::size_t object = 0) const {
+  DirectLight by_rays(const Mesh& area_lights, int points, std::size_t object = 0) const {
     SceneRays all(rays);
     all.move(scene.poses(0.0));
     return direct_light(scene.objects[object], scene.poses(0.0)[object], transport[object].factors, all,
-                        area_points(lamps, points), eye);
+                        area_points(area_lights, points), eye);
   }
-  DirectLight by_fields(const Mesh& lamps, int points, FieldShadow shadow = FieldShadow::edge,
+  DirectLight by_fields(const Mesh& area_lights, int points, FieldShadow shadow = FieldShadow::edge,
                         std::size_t object = 0) const {
     std::vector<PlacedObject> placed;
     for (std::size_t o = 0; o < 2; ++o) placed.push_back({&transport[o], scene.poses(0.0)[o]});
     return FieldLight(scene, transport)
-        .direct(placed, object, area_points(lamps, points), eye, shadow,
+        .direct(placed, object, area_points(area_lights, points), eye, shadow,
                 HarmonicProduct(transport.front().order));
   }
   /// Radiance of the floor's vertex nearest to its middle.
@@ -89,7 +89,7 @@ float sum(const DirectLight& light) {
 TEST(FieldLight, UnderABallUnderAnEvenSky) {
   // A ball of radius r whose middle stands h above hides (r/h)² of the cosine-weighted sky; a floor that
   // reflects 0.8 then has radiance 0.8 (1 − (r/h)²).
-  const Mesh sky = lamp(sized(prt::sphere_mesh(8), 60.0f), 1.0f);
+  const Mesh sky = area_light(sized(prt::sphere_mesh(8), 60.0f), 1.0f);
   for (const float height : {0.6f, 0.8f, 1.2f}) {
     const BallOverFloor scene(5, height);
     const float expected = 0.8f * (1.0f - 0.16f / (height * height));
@@ -106,10 +106,10 @@ TEST(FieldLight, UnderABallUnderAnEvenSky) {
 
 TEST(FieldLight, IsThatOfRaysWhereNothingHides) {
   const BallOverFloor scene(4, 50.0f);
-  const Mesh lamps = lamp(sized(prt::plane_mesh(1), 0.7f, {0.3f, 1.5f, -0.2f}), 10.0f);
-  const DirectLight by_rays = scene.by_rays(lamps, 16);
+  const Mesh area_lights = area_light(sized(prt::plane_mesh(1), 0.7f, {0.3f, 1.5f, -0.2f}), 10.0f);
+  const DirectLight by_rays = scene.by_rays(area_lights, 16);
   for (const FieldShadow shadow : {FieldShadow::edge, FieldShadow::product}) {
-    const DirectLight by_fields = scene.by_fields(lamps, 16, shadow);
+    const DirectLight by_fields = scene.by_fields(area_lights, 16, shadow);
     // What the floor receives was sampled by 1 024 directions.
     EXPECT_LT(difference(by_fields, by_rays), 0.01);
     EXPECT_LT((by_fields.terms - by_rays.terms).norm(), 0.02f * by_rays.terms.norm());
@@ -117,22 +117,22 @@ TEST(FieldLight, IsThatOfRaysWhereNothingHides) {
 }
 
 TEST(FieldLight, SoftShadowsAreThoseOfRays) {
-  const Mesh lamps = lamp(sized(prt::plane_mesh(1), 1.6f, {0.3f, 2.2f, -0.3f}), 5.0f);
+  const Mesh area_lights = area_light(sized(prt::plane_mesh(1), 1.6f, {0.3f, 2.2f, -0.3f}), 5.0f);
   double before = 1.0;
   for (const int order : {3, 5, 8}) {
     const BallOverFloor scene(order);
-    const DirectLight truth = scene.by_rays(lamps, 512);
-    const double error = difference(scene.by_fields(lamps, 64), truth);
+    const DirectLight truth = scene.by_rays(area_lights, 512);
+    const double error = difference(scene.by_fields(area_lights, 64), truth);
     EXPECT_LT(error, 0.08) << order;
     EXPECT_LT(error, before + 0.005) << order;
-    EXPECT_LT(error, difference(scene.by_fields(lamps, 64, FieldShadow::product), truth)) << order;
+    EXPECT_LT(error, difference(scene.by_fields(area_lights, 64, FieldShadow::product), truth)) << order;
     before = error;
   }
 }
 
 TEST(FieldLight, HardShadowsAreBlurredButNotLost) {
-  // A lamp of a hundredth: fields know where the shadow lies to a fraction of what n = 4 resolves.
-  const Mesh small = lamp(sized(prt::plane_mesh(1), 0.02f, {0.3f, 2.2f, -0.3f}), 5e4f);
+  // An area light of a hundredth: fields know where the shadow lies to a fraction of what n = 4 resolves.
+  const Mesh small = area_light(sized(prt::plane_mesh(1), 0.02f, {0.3f, 2.2f, -0.3f}), 5e4f);
   const BallOverFloor scene(4), without(4, 50.0f);
   const DirectLight truth = scene.by_rays(small, 4), unshadowed = without.by_rays(small, 4);
   const DirectLight by_edge = scene.by_fields(small, 4);
@@ -150,7 +150,7 @@ TEST(FieldLight, HardShadowsAreBlurredButNotLost) {
 
 TEST(FieldLight, NothingHidesWhatStandsBeforeIt) {
   const BallOverFloor scene(4, 1.6f), without(4, 50.0f);
-  const Mesh below = lamp(sized(prt::plane_mesh(1), 0.3f, {0.0f, 0.7f, 0.0f}), 5.0f);
+  const Mesh below = area_light(sized(prt::plane_mesh(1), 0.3f, {0.0f, 0.7f, 0.0f}), 5.0f);
   EXPECT_EQ(sum(scene.by_fields(below, 16)), sum(without.by_fields(below, 16)));
 }
 

@@ -75,7 +75,7 @@ TEST(SurfaceBasis, WeightsByTheInverseFailWhereTheMatrixIsBadAndOrthonormalOnesD
 }
 
 TEST(PrincipalBasis, IsThatOfAFullDecomposition) {
-  const Mesh mesh = prt::hare_mesh(6);
+  const Mesh mesh = prt::rabbit_mesh(6);
   const prt::MeshRays rays(mesh);
   const Eigen::VectorXf areas = vertex_areas(mesh);
   const BrdfFactors factors = glossy();
@@ -126,13 +126,13 @@ TEST(LightTerms, AreWhatAPointLightBrings) {
 }
 
 TEST(LightTerms, KnowTheShadowOfAMeshOnItself) {
-  const Mesh hare = prt::hare_mesh(16);
-  const prt::MeshRays rays(hare);
+  const Mesh rabbit = prt::rabbit_mesh(16);
+  const prt::MeshRays rays(rabbit);
   const std::vector<Eigen::Vector3f> above{{0.0f, 5.0f, 0.0f}};
-  const Eigen::MatrixXf terms = light_terms(hare, rays, matte(), above);
+  const Eigen::MatrixXf terms = light_terms(rabbit, rays, matte(), above);
   int shadowed = 0, lit = 0;
-  for (std::size_t v = 0; v < hare.positions.size(); ++v)
-    if (hare.normals[v].dot(above[0] - hare.positions[v]) > 0.0f)
+  for (std::size_t v = 0; v < rabbit.positions.size(); ++v)
+    if (rabbit.normals[v].dot(above[0] - rabbit.positions[v]) > 0.0f)
       ++(terms(static_cast<Eigen::Index>(v), 0) > 0.0f ? lit : shadowed);
   EXPECT_GT(lit, 500);
   EXPECT_GT(shadowed, 20);

@@ -12,7 +12,7 @@ using test::cluster;
 using test::error_of;
 using test::outputs_of;
 
-/// Relative RMSE of a view under small lamps, of its glossy pixels and of the others.
+/// Relative RMSE of a view under small area lights, of its glossy pixels and of the others.
 struct GlossyError {
   double glossy = 0.0, diffuse = 0.0;
   std::uint64_t entries = 0;
@@ -32,7 +32,7 @@ GlossyError glossy_error(Similarity similarity, double epsilon) {
   const TransferSamples transfer(scene, {.relighting = Relighting::image}, layout.outputs);
   std::vector<LightMap> lights;  // that the ball mirrors and the plane sees
   for (const auto& [x, y] : {std::pair{20, 140}, {40, 150}, {32, 160}, {12, 330}, {50, 335}})
-    lights.push_back(test::lamps(resolution, 3, {{x, y}}));
+    lights.push_back(test::area_lights(resolution, 3, {{x, y}}));
   const auto exact = integrate_lights(transfer, lights);
   std::vector<std::uint32_t> apart(16 * layout.outputs.size(),
                                    OutputLayout::none);  // each a group of its own
@@ -46,7 +46,7 @@ GlossyError glossy_error(Similarity similarity, double epsilon) {
     error.glossy += share * error_of(outputs, exact[l], is_glossy);
     error.diffuse += share * error_of(outputs, exact[l], [&](std::size_t i) { return !is_glossy(i); });
   }
-  std::printf("%s, epsilon %g: error of highlights %.3f, of diffuse pixels %.3f, %.0f entries a pixel\n",
+  std::printf("%s, epsilon %g: error of highlights %.3f, of diffuse pixels %.3f, %.0f entries per pixel\n",
               name_of(similarity).data(), epsilon, error.glossy, error.diffuse,
               static_cast<double>(statistics.entries) / static_cast<double>(layout.place_of_pixel.size()));
   return error;
@@ -71,11 +71,11 @@ TEST(ClusterHighlights, OfGroupsFindHighlightsFarNarrowerThanTheSquaresTheyBegin
             {.diffuse = {0.1f, 0.1f, 0.1f}, .specular = {0.1f, 0.1f, 0.1f}, .exponent = 5000.0f});
   scene.camera = PinholeCamera{
       .position = {0.0f, 1.0f, -2.0f}, .vertical_field_of_view_degrees = 0.5f, .width = 8, .height = 8};
-  // A lamp of two texels, a degree wide, seen mirrored in the middle of the view; the lobe is two degrees
-  // wide.
-  const Eigen::Vector2d lamp = cube_position({0.0, 1.0, 2.0}, resolution);
-  const LightMap light =
-      test::lamps(resolution, 2, {{static_cast<int>(lamp.x()), static_cast<int>(lamp.y())}});
+  // An area light of two texels, a degree wide, seen mirrored in the middle of the view; the lobe is two
+  // degrees wide.
+  const Eigen::Vector2d area_light = cube_position({0.0, 1.0, 2.0}, resolution);
+  const LightMap light = test::area_lights(
+      resolution, 2, {{static_cast<int>(area_light.x()), static_cast<int>(area_light.y())}});
   const ReflectanceField field =
       cluster(scene, {.relighting = Relighting::image, .resolution = resolution, .epsilon = 1e-3});
   EXPECT_LT(error_of(field, scene, Relighting::image, light), good);

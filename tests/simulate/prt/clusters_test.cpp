@@ -40,7 +40,7 @@ TEST(Clusters, OfAnOpenPlaneGiveOneUnderWhiteLight) {
 
 TEST(Clusters, WithoutToleranceEqualTheSumOverAllLights) {
   constexpr double bytes = 0.004;  // a weight is rounded to 1/255 of its group's largest
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   Rng rng(3);
   for (const int resolution : {1, 8, 11})  // 11: no power of two
     for (const Similarity similarity : all_ways) {
@@ -66,7 +66,7 @@ TEST(Clusters, OfAViewWithoutToleranceEqualTheSumOverAllLights) {
 }
 
 TEST(Clusters, ErrFurtherTheMoreIsLetPass) {
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   Rng rng(5);
   const LightMap light = refield::test::random_light(rng, cube_domain(32));
   for (const auto& [similarity, first] :
@@ -120,7 +120,7 @@ double left_side_of_eq_11(const TransferSamples& transfer, std::size_t outputs, 
 TEST(Clusters, OfLightsAreThoseSquaresWhoseSamplesAllMeetEquation11) {
   constexpr double epsilon = 3e-3, rounding = 1e-5;
   constexpr int resolution = 64;
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   const std::size_t outputs = scene.mesh.positions.size();
   const ReflectanceField field =
       cluster(scene, {.similarity = Similarity::all_outputs, .resolution = resolution, .epsilon = epsilon});
@@ -141,7 +141,7 @@ TEST(Clusters, OfLightsAreThoseSquaresWhoseSamplesAllMeetEquation11) {
 }
 
 TEST(Clusters, OfLightsTraceNoLightTwiceAndHoldFewVectors) {
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   ClusterStatistics statistics;
   cluster(scene, {.similarity = Similarity::all_outputs, .resolution = 32, .epsilon = 0.0}, &statistics);
   EXPECT_EQ(statistics.lights, 6.0 * 32 * 32);
@@ -151,7 +151,7 @@ TEST(Clusters, OfLightsTraceNoLightTwiceAndHoldFewVectors) {
 
 TEST(Clusters, GrowFarSlowerThanTheNumberOfLights) {
   constexpr double growth = 1.5;  // while the lights are sixteen times as many
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   for (const auto& [similarity, epsilon] :
        {std::pair{Similarity::all_outputs, 1.5e-3}, std::pair{Similarity::all_by_solid_angle, 2e-4},
         std::pair{Similarity::group, 1e-3}}) {
@@ -167,7 +167,7 @@ TEST(Clusters, GrowFarSlowerThanTheNumberOfLights) {
 }
 
 TEST(Clusters, BySolidAngleErrLessAtAsManySquares) {
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   Rng rng(11);
   const LightMap light = refield::test::random_light(rng, cube_domain(64));
   ClusterStatistics paper, ours;
@@ -181,7 +181,7 @@ TEST(Clusters, BySolidAngleErrLessAtAsManySquares) {
 }
 
 TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   for (const Similarity similarity : all_ways) {
     const ClusterOptions options{.similarity = similarity, .resolution = 32, .epsilon = 0.003};
     const auto once = [&](std::size_t threads) {
@@ -197,7 +197,7 @@ TEST(Clusters, DoNotDependOnTheNumberOfThreads) {
 }
 
 TEST(Clusters, StopAtCtrlC) {
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   for (const Similarity similarity : all_ways)
     EXPECT_TRUE(refield::test::heeds_interruption([&](const RunContext& run) {
       ClusterStatistics statistics;
@@ -207,7 +207,7 @@ TEST(Clusters, StopAtCtrlC) {
 }
 
 TEST(Clusters, OfAMeshCarryItsColoursTimesTheirReflectance) {
-  const Scene scene = test::hare_scene();
+  const Scene scene = test::rabbit_scene();
   const ReflectanceField field = cluster(scene, {.resolution = 8, .epsilon = 0.1});
   ASSERT_EQ(field.mesh.colours.size(), scene.mesh.positions.size());
   for (std::size_t v = 0; v < field.mesh.colours.size(); ++v)
@@ -220,13 +220,13 @@ TEST(Clusters, RefuseWhatTheyCannotDo) {
   const auto refusal = [](const Scene& scene, const ClusterOptions& options) {
     return message_of<InputError>([&] { cluster(scene, options); });
   };
-  const Scene hare = test::hare_scene();
-  EXPECT_NE(refusal(hare, {.resolution = 4097}).find("4097"), std::string::npos);
-  EXPECT_NE(refusal(hare, {.resolution = 0}).find("1 to 4096"), std::string::npos);
-  EXPECT_NE(refusal(hare, {.samples = 1}).find("2 to 16"), std::string::npos);
-  EXPECT_NE(refusal(hare, {.epsilon = -1.0}).find("-1"), std::string::npos);
-  EXPECT_NE(refusal(hare, {.epsilon = std::nan("")}).find("nan"), std::string::npos);
-  EXPECT_NE(refusal(hare, {.relighting = Relighting::image}).find("camera"), std::string::npos);
+  const Scene rabbit = test::rabbit_scene();
+  EXPECT_NE(refusal(rabbit, {.resolution = 4097}).find("4097"), std::string::npos);
+  EXPECT_NE(refusal(rabbit, {.resolution = 0}).find("1 to 4096"), std::string::npos);
+  EXPECT_NE(refusal(rabbit, {.samples = 1}).find("2 to 16"), std::string::npos);
+  EXPECT_NE(refusal(rabbit, {.epsilon = -1.0}).find("-1"), std::string::npos);
+  EXPECT_NE(refusal(rabbit, {.epsilon = std::nan("")}).find("nan"), std::string::npos);
+  EXPECT_NE(refusal(rabbit, {.relighting = Relighting::image}).find("camera"), std::string::npos);
   EXPECT_NE(refusal(test::glossy_scene(), {}).find("glossy"), std::string::npos);
   EXPECT_NE(refusal({}, {}).find("no triangles"), std::string::npos);
 }

@@ -131,10 +131,10 @@ TEST_F(MeshFiles, BadMeshesAreNamedWithTheRemedy) {
 
 TEST_F(MeshFiles, GigabytesAskedForAreRefused) {
   EXPECT_THAT(error_of("huge.off", "OFF\n4000000000 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
-              HasSubstr("cannot hold so many"));
+              HasSubstr("cannot hold that many"));
   EXPECT_THAT(error_of("huge.ply",
                        "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n0\n"),
-              HasSubstr("cannot hold so many"));
+              HasSubstr("cannot hold that many"));
 }
 
 TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {

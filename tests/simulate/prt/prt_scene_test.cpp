@@ -66,7 +66,7 @@ class Scenes : public ::testing::Test {
 };
 
 TEST(Shapes, AreClosedAndFaceOutwards) {
-  for (const Mesh& mesh : {sphere_mesh(8), hare_mesh(24)}) {
+  for (const Mesh& mesh : {sphere_mesh(8), rabbit_mesh(24)}) {
     EXPECT_TRUE(fronts_agree(mesh));
     for (const auto& [edge, count] : edges(mesh)) ASSERT_EQ(count, 2);
     for (const auto& triangle : mesh.triangles)  // all of these are seen from the origin
@@ -149,7 +149,7 @@ TEST_F(Scenes, ReadsMeshesBesideIt) {
 
 TEST_F(Scenes, DataSetsAreReadAndOfTheSizeTheySay) {
   const std::filesystem::path folder = REFIELD_SOURCE_DIR "/datasets_synthetic/prt";
-  EXPECT_NEAR(static_cast<double>(read_scene(folder / "hare.toml").mesh.positions.size()), 73000.0, 500.0);
+  EXPECT_NEAR(static_cast<double>(read_scene(folder / "rabbit.toml").mesh.positions.size()), 73000.0, 500.0);
   EXPECT_NEAR(static_cast<double>(read_scene(folder / "small.toml").mesh.positions.size()), 3000.0, 100.0);
   const Scene glossy = read_scene(folder / "glossy.toml");
   EXPECT_EQ(glossy.materials.size(), 4u);
@@ -159,7 +159,7 @@ TEST_F(Scenes, DataSetsAreReadAndOfTheSizeTheySay) {
 TEST_F(Scenes, ErrorsNameKeyAndRemedy) {
   EXPECT_THAT(error_of("[camera]\n"), HasSubstr("mesh"));
   EXPECT_THAT(error_of("[[mesh]]\n"), HasSubstr("either `shape` or `file`"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"cone\"\n"), HasSubstr("use one of plane, box, sphere, hare"));
+  EXPECT_THAT(error_of("[[mesh]]\nshape = \"cone\"\n"), HasSubstr("use one of plane, box, sphere, rabbit"));
   EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\ncolor = 1\n"), HasSubstr("color"));
   EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\nrefine = 1e-5\n"), HasSubstr("allow longer ones"));
   EXPECT_THAT(error_of("[[mesh]]\nshape = \"plane\"\nresolution = 100000\n"), HasSubstr("resolution"));
@@ -188,7 +188,7 @@ double share_within_groups(const Mesh& mesh) {
 
 TEST_F(Scenes, SortedVerticesAreNeighbours) {
   Scene scene;
-  scene.mesh = hare_mesh(30);
+  scene.mesh = rabbit_mesh(30);
   scene.materials = {Material{}, Material{}};
   for (const auto& position : scene.mesh.positions)
     scene.material_of_vertex.push_back(position.y() > 0.0f ? 1 : 0);

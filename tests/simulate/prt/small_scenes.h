@@ -44,10 +44,10 @@ inline Scene plane_scene(int resolution = 8) {
   return scene;
 }
 
-/// A hare's head on a plane, some hundred vertices.
-inline Scene hare_scene() {
+/// A rabbit's head on a plane, some hundred vertices.
+inline Scene rabbit_scene() {
   Scene scene;
-  add(scene, hare_mesh(5), on_ground(1.0f), {.diffuse = {0.9f, 0.6f, 0.3f}});
+  add(scene, rabbit_mesh(5), on_ground(1.0f), {.diffuse = {0.9f, 0.6f, 0.3f}});
   add(scene, plane_mesh(16), stretched(3.0f), {});
   sort_vertices(scene);
   return scene;
@@ -86,7 +86,7 @@ inline ReflectanceField field_of(const FieldRows& rows) {
 
 /// A cube map, black but for squares of side² texels around the given texels, whose radiance gives white
 /// that faces one of them an output of 1.
-inline LightMap lamps(int resolution, int side, const std::vector<Eigen::Vector2i>& texels) {
+inline LightMap area_lights(int resolution, int side, const std::vector<Eigen::Vector2i>& texels) {
   LightMap light{Image(resolution, cube_faces * resolution, 3), Parameterisation::cube};
   for (const Eigen::Vector2i& texel : texels)
     for (int y = texel.y() - side / 2; y < texel.y() - side / 2 + side; ++y)

@@ -39,10 +39,10 @@ std::pair<double, double> under_white_light(const Scene& scene, const TransferOp
 }
 
 TEST(TransferSamples, OfWhiteSurfacesAddUpToOneUnderWhiteLightOnceLightHasBouncedEnough) {
-  Scene scene = test::hare_scene();
+  Scene scene = test::rabbit_scene();
   for (Material& material : scene.materials) material.diffuse.setOnes();
   const auto [direct, unused] = under_white_light(scene, {}, 16);
-  EXPECT_LT(direct, 0.9) << "the hare and the plane hardly hide the light from each other";
+  EXPECT_LT(direct, 0.9) << "the rabbit and the plane hardly hide the light from each other";
   const auto [mean, largest] = under_white_light(scene, {.bounces = 12}, 16);
   EXPECT_NEAR(mean, 1.0, 0.01);
   EXPECT_LT(largest, 0.15);  // 128 rays around a vertex; light on a mesh of few vertices

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/studies/dynamic/lamp_error.h"
+#include "bench/studies/dynamic/area_light_error.h"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -11,7 +11,7 @@ namespace refield::dynamic {
 
 namespace {
 
-constexpr int lamp_positions = 24, lamp_points = 150, sights = 400;
+constexpr int area_light_positions = 24, light_samples = 150, sights = 400;
 
 std::vector<Eigen::Array3f> outgoing_terms(const BrdfFactors& factors, const Eigen::Vector3f& out) {
   std::vector<Eigen::Array3f> terms(static_cast<std::size_t>(factors.terms()));
@@ -19,20 +19,20 @@ std::vector<Eigen::Array3f> outgoing_terms(const BrdfFactors& factors, const Eig
   return terms;
 }
 
-/// Σ h_k cosθ over a lamp's points, [terms].
-Eigen::VectorXf incoming_terms(const BrdfFactors& factors, const std::vector<Eigen::Vector3f>& lamp) {
+/// Σ h_k cosθ over an area light's points, [terms].
+Eigen::VectorXf incoming_terms(const BrdfFactors& factors, const std::vector<Eigen::Vector3f>& area_light) {
   Eigen::VectorXf sum = Eigen::VectorXf::Zero(factors.terms()), terms(factors.terms());
-  for (const Eigen::Vector3f& in : lamp) {
+  for (const Eigen::Vector3f& in : area_light) {
     factors.incoming(in, {terms.data(), static_cast<std::size_t>(terms.size())});
     sum += std::max(in.z(), 0.0f) * terms;
   }
   return sum;
 }
 
-Eigen::Array3f exact_radiance(const Brdf& brdf, const std::vector<Eigen::Vector3f>& lamp,
+Eigen::Array3f exact_radiance(const Brdf& brdf, const std::vector<Eigen::Vector3f>& area_light,
                               const Eigen::Vector3f& out) {
   Eigen::Array3f sum = Eigen::Array3f::Zero();
-  for (const Eigen::Vector3f& in : lamp) sum += std::max(in.z(), 0.0f) * brdf(in, out);
+  for (const Eigen::Vector3f& in : area_light) sum += std::max(in.z(), 0.0f) * brdf(in, out);
   return sum;
 }
 
@@ -50,17 +50,17 @@ std::vector<Eigen::Vector3f> disc_of_directions(const Eigen::Vector3f& middle, d
   return directions;
 }
 
-double lamp_error(const Brdf& brdf, const BrdfFactors& factors, double radius) {
+double area_light_error(const Brdf& brdf, const BrdfFactors& factors, double radius) {
   const auto outs = disc_of_directions(Eigen::Vector3f::UnitZ(), std::numbers::pi / 2, sights);
   std::vector<std::vector<Eigen::Array3f>> g;
   for (const Eigen::Vector3f& out : outs) g.push_back(outgoing_terms(factors, out));
   double wrong = 0.0, all = 0.0;
   for (const auto& middle :
-       disc_of_directions(Eigen::Vector3f::UnitZ(), std::numbers::pi / 2, lamp_positions)) {
-    const auto lamp = disc_of_directions(middle, radius, lamp_points);
-    const Eigen::VectorXf incoming = incoming_terms(factors, lamp);
+       disc_of_directions(Eigen::Vector3f::UnitZ(), std::numbers::pi / 2, area_light_positions)) {
+    const auto area_light = disc_of_directions(middle, radius, light_samples);
+    const Eigen::VectorXf incoming = incoming_terms(factors, area_light);
     for (std::size_t o = 0; o < outs.size(); ++o) {
-      const Eigen::Array3f exact = exact_radiance(brdf, lamp, outs[o]);
+      const Eigen::Array3f exact = exact_radiance(brdf, area_light, outs[o]);
       Eigen::Array3f left = exact;
       for (std::size_t k = 0; k < g[o].size(); ++k) left -= incoming[static_cast<Eigen::Index>(k)] * g[o][k];
       wrong += outs[o].z() * left.matrix().squaredNorm();

@@ -25,52 +25,52 @@ Box all_of(const LightDomain& domain) {
   return {0, 0, domain.width, domain.height};
 }
 
-Lamp random_lamp(Rng& rng) {
-  Lamp lamp;
-  lamp.shape = rng.below(2) == 0 ? Lamp::Shape::bar : Lamp::Shape::spot;
-  lamp.x = rng.uniform();
-  lamp.y = rng.uniform();
-  lamp.size = rng.uniform(0.0, 0.4);
-  lamp.radiance = rng.uniform(0.1, 3.0);
-  for (float& c : lamp.colour) c = static_cast<float>(rng.uniform());
-  return lamp;
+PaintedLight random_light_source(Rng& rng) {
+  PaintedLight light_source;
+  light_source.shape = rng.below(2) == 0 ? PaintedLight::Shape::bar : PaintedLight::Shape::spot;
+  light_source.x = rng.uniform();
+  light_source.y = rng.uniform();
+  light_source.size = rng.uniform(0.0, 0.4);
+  light_source.radiance = rng.uniform(0.1, 3.0);
+  for (float& c : light_source.colour) c = static_cast<float>(rng.uniform());
+  return light_source;
 }
 
-TEST(Lamp, PaintsInPartsWhatItPaintsAtOnce) {
+TEST(PaintedLight, PaintsInPartsWhatItPaintsAtOnce) {
   Rng rng{2};
   for (const LightDomain& domain : {monitor, sphere, LightDomain{10, 60, Parameterisation::cube}})
     for (int i = 0; i < 200; ++i) {
-      const Lamp lamp = random_lamp(rng);
-      const auto box = lamp_box(lamp, domain);
+      const PaintedLight light_source = random_light_source(rng);
+      const auto box = light_source_box(light_source, domain);
       ASSERT_TRUE(box && box->inside(domain.width, domain.height));
       LightMap at_once = dark(domain), in_parts = dark(domain);
-      add_lamp(lamp, all_of(domain), at_once);
-      add_lamp(lamp, {0, 0, domain.width / 2, domain.height}, in_parts);
-      add_lamp(lamp, {domain.width / 2, 0, domain.width, domain.height}, in_parts);
+      add_light_source(light_source, all_of(domain), at_once);
+      add_light_source(light_source, {0, 0, domain.width / 2, domain.height}, in_parts);
+      add_light_source(light_source, {domain.width / 2, 0, domain.width, domain.height}, in_parts);
       ASSERT_EQ(at_once.radiance.values, in_parts.radiance.values);
     }
 }
 
-TEST(Lamp, BarIsTheSequencesBar) {
-  Lamp bar;
-  bar.shape = Lamp::Shape::bar;
+TEST(PaintedLight, BarIsTheSequencesBar) {
+  PaintedLight bar;
+  bar.shape = PaintedLight::Shape::bar;
   bar.size = 0.125;
   bar.x = 0.5 * bar.size + 0.3 * (1.0 - bar.size);
   LightMap light = dark(monitor);
-  add_lamp(bar, all_of(monitor), light);
+  add_light_source(bar, all_of(monitor), light);
   const LightMap expected = sliding_bar(monitor, 0.125, 3, 11);
   for (std::size_t i = 0; i < light.radiance.values.size(); ++i)
     ASSERT_NEAR(light.radiance.values[i], expected.radiance.values[i], 1e-5);
 }
 
-TEST(Lamp, MovingSmoothlyKeepsItsLight) {
-  Lamp spot;
+TEST(PaintedLight, MovingSmoothlyKeepsItsLight) {
+  PaintedLight spot;
   spot.size = 0.2;
   const double area = std::numbers::pi * std::pow(spot.size * monitor.height, 2);
   for (double x = 0.4; x < 0.5; x += 0.003) {
     spot.x = x;
     LightMap light = dark(monitor);
-    add_lamp(spot, all_of(monitor), light);
+    add_light_source(spot, all_of(monitor), light);
     const double sum = std::accumulate(light.radiance.values.begin(), light.radiance.values.end(), 0.0) / 3.0;
     EXPECT_NEAR(sum, area, 0.02 * area) << x;
   }
@@ -78,14 +78,14 @@ TEST(Lamp, MovingSmoothlyKeepsItsLight) {
 
 // From inside, a spot is a disc of the same solid angle wherever it stands, over the map's edge and at the
 // poles, too.
-TEST(Lamp, SpotOnTheSphereKeepsItsSolidAngle) {
+TEST(PaintedLight, SpotOnTheSphereKeepsItsSolidAngle) {
   const auto solid_angle = [](double x, double y) {
-    Lamp spot;
+    PaintedLight spot;
     spot.size = 0.2;
     spot.x = x;
     spot.y = y;
     LightMap light = dark(sphere);
-    add_lamp(spot, all_of(sphere), light);
+    add_light_source(spot, all_of(sphere), light);
     double sum = 0.0;
     for (int row = 0; row < sphere.height; ++row)
       for (int column = 0; column < sphere.width; ++column)
@@ -98,18 +98,18 @@ TEST(Lamp, SpotOnTheSphereKeepsItsSolidAngle) {
 }
 
 // Also on a cube, across its edges; and the texels that it names are all that it lights.
-TEST(Lamp, SpotOnACubeKeepsItsSolidAngleAndItsBox) {
+TEST(PaintedLight, SpotOnACubeKeepsItsSolidAngleAndItsBox) {
   constexpr int side = 40;
   const LightDomain cube = cube_domain(side);
   Rng rng{3};
   for (int i = 0; i < 60; ++i) {
-    Lamp spot;
+    PaintedLight spot;
     spot.size = rng.uniform(0.05, 0.3);
     spot.x = rng.uniform();
     spot.y = rng.uniform();
     LightMap light = dark(cube);
-    add_lamp(spot, all_of(cube), light);
-    const auto box = lamp_box(spot, cube);
+    add_light_source(spot, all_of(cube), light);
+    const auto box = light_source_box(spot, cube);
     double sum = 0.0;
     for (int y = 0; y < cube.height; ++y)
       for (int x = 0; x < side; ++x) {
@@ -133,11 +133,11 @@ TEST(LightPainter, ChangesOnlyWhatItSays) {
     LightPainter painter(domain);
     setup.set_ambient(0.1);
     setup.set_map(test::random_light(rng, domain));
-    for (int i = 0; i < 3; ++i) setup.add(random_lamp(rng));
+    for (int i = 0; i < 3; ++i) setup.add(random_light_source(rng));
     painter.paint(setup);
     for (int i = 0; i < 100; ++i) {
       const LightMap before = painter.light();
-      setup.change(rng.below(3), random_lamp(rng));
+      setup.change(rng.below(3), random_light_source(rng));
       const auto changed = painter.paint(setup);
       ASSERT_TRUE(changed);
       ASSERT_FALSE(painter.paint(setup));
@@ -148,10 +148,10 @@ TEST(LightPainter, ChangesOnlyWhatItSays) {
             ASSERT_EQ(painter.light().radiance.at(x, y, c), before.radiance.at(x, y, c));
           }
     }
-    // Lamps that come and go, too; as if it had been painted so at once.
+    // Light sources that come and go, too; as if it had been painted so at once.
     setup.remove(1);
     painter.paint(setup);
-    setup.add(random_lamp(rng));
+    setup.add(random_light_source(rng));
     setup.set_ambient(0.0);
     setup.set_map(std::nullopt);
     painter.paint(setup);
@@ -183,7 +183,7 @@ TEST(LightPainter, EnvironmentsAreSeenThroughAMonitorsWindow) {
   EXPECT_EQ(painter.share().energy, 1.0);
 }
 
-TEST(LightPainter, TurnsItsMapAndFindsItsLamps) {
+TEST(LightPainter, TurnsItsMapAndFindsItsPaintedLights) {
   Rng rng{9};
   LightSetup setup(sphere);
   LightPainter painter(sphere);
@@ -196,15 +196,15 @@ TEST(LightPainter, TurnsItsMapAndFindsItsLamps) {
   setup.set_turns(0.0);
   painter.paint(setup);
   EXPECT_EQ(painter.light().radiance.values, map.radiance.values);
-  Lamp low, high;
+  PaintedLight low, high;
   low.x = 0.3;
   high.x = 0.32;
   setup.add(low);
   setup.add(high);
-  EXPECT_EQ(setup.lamp_at(0.31, 0.5), 1U);
+  EXPECT_EQ(setup.light_source_at(0.31, 0.5), 1U);
   setup.remove(1);
-  EXPECT_EQ(setup.lamp_at(0.31, 0.5), 0U);
-  EXPECT_FALSE(setup.lamp_at(0.9, 0.5));
+  EXPECT_EQ(setup.light_source_at(0.31, 0.5), 0U);
+  EXPECT_FALSE(setup.light_source_at(0.9, 0.5));
   EXPECT_THROW(setup.set_map(test::random_light(rng, monitor)), std::exception);
 }
 
@@ -219,8 +219,8 @@ TEST(LightPainter, ForgetsMapsThatWereTurnedInVain) {
   painter.paint(setup);
   const std::vector<float> expected = painter.light().radiance.values;
   painter.turn_map(other);
-  Lamp lamp;
-  setup.add(lamp);
+  PaintedLight light_source;
+  setup.add(light_source);
   painter.paint(setup);
   setup.remove_all();
   painter.paint(setup);

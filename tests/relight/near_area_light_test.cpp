@@ -11,39 +11,39 @@
 namespace refield {
 namespace {
 
-constexpr float lamp_radius = 1.0f, lamp_distance = 4.0f;
+constexpr float area_light_radius = 1.0f, area_light_distance = 4.0f;
 
 /// A ball of radiance one, as paths find it.
-prt::PathLight lamp_at(const Eigen::Vector3f& place) {
+prt::PathLight area_light_at(const Eigen::Vector3f& place) {
   return [place](const Eigen::Vector3f& at, const Eigen::Vector3f& from) -> Eigen::Array3f {
     const Eigen::Vector3f to = place - at;
     const float along = to.dot(from);
-    const bool met = along > 0.0f && to.squaredNorm() - along * along < lamp_radius * lamp_radius;
+    const bool met = along > 0.0f && to.squaredNorm() - along * along < area_light_radius * area_light_radius;
     return Eigen::Array3f::Constant(met ? 1.0f : 0.0f);
   };
 }
 
-/// From a lamp's mesh over its cube map, a field of harmonics and the relighter to vertices, against paths
-/// that meet the lamp itself. Harmonics blur what it lights: order 8 comes to some hundredths. Few paths find
-/// the lamp, so many are needed: 8192 a vertex have noise as large as that error.
-TEST(NearLamp, LightsTheSceneWhereverItMoves) {
+/// From an area light's mesh over its cube map, a field of harmonics and the relighter to vertices, against
+/// paths that meet the area light itself. Harmonics blur what it lights: order 8 comes to some hundredths.
+/// Few paths find the area light, that many are needed: 8192 a vertex have noise as large as that error.
+TEST(NearAreaLight, LightsTheSceneWhereverItMoves) {
   const prt::Scene scene = prt::test::ball_scene({});
   const Eigen::Vector3f middle = prt::middle(scene.mesh);
   prt::HarmonicStatistics statistics;
-  const prt::HarmonicOptions options{.order = 8, .until = 0.01, .radius = lamp_distance};
+  const prt::HarmonicOptions options{.order = 8, .until = 0.01, .radius = area_light_distance};
   Relighter relighter(pack_rows(
       prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics), options.map_resolution),
       16));
-  const auto picture = [&](const Mesh& lamp) {
-    return relighter.relight(emitter_map(lamp, middle, options.map_resolution));
+  const auto picture = [&](const Mesh& area_light) {
+    return relighter.relight(emitter_map(area_light, middle, options.map_resolution));
   };
   std::vector<Eigen::Array3f> before;
   for (const Eigen::Vector3f& way : {Eigen::Vector3f(0.2f, 0.9f, -0.4f), Eigen::Vector3f(0.7f, 0.4f, 0.6f)}) {
-    const Eigen::Vector3f place = middle + lamp_distance * way.normalized();
-    Mesh lamp = prt::sphere_mesh(12);
-    for (auto& position : lamp.positions) position = place + 2.0f * lamp_radius * position;
-    const Image& outputs = picture(lamp);
-    const auto traced = prt::test::trace_vertices(scene, 19, lamp_at(place), {.paths = 65536});
+    const Eigen::Vector3f place = middle + area_light_distance * way.normalized();
+    Mesh area_light = prt::sphere_mesh(12);
+    for (auto& position : area_light.positions) position = place + 2.0f * area_light_radius * position;
+    const Image& outputs = picture(area_light);
+    const auto traced = prt::test::trace_vertices(scene, 19, area_light_at(place), {.paths = 65536});
     prt::test::RelativeError error, of_before;
     for (std::size_t k = 0; k < traced.vertices.size(); ++k) {
       const std::size_t v = traced.vertices[k];
