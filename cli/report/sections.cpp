@@ -40,12 +40,12 @@ std::string marked_photograph(const ReportInput& input, const KernelStudy& study
     const ChosenPixel& pixel = study.pixels[i].pixel;
     const double x = pixel.x + 0.5, y = pixel.y + 0.5;
     // The letter goes to the side where there is room.
-    const bool left = x > 0.9 * width;
+    const bool on_the_left = x > 0.9 * width;
     svg += "<g class=\"mark\" style=\"--unit:" + fixed(unit, 3) + "px\"><circle class=\"halo\" cx=\"" +
            fixed(x, 1) + "\" cy=\"" + fixed(y, 1) + "\" r=\"" + fixed(1.6 * unit, 2) + "\"/><circle cx=\"" +
            fixed(x, 1) + "\" cy=\"" + fixed(y, 1) + "\" r=\"" + fixed(1.6 * unit, 2) +
-           "\"/><text text-anchor=\"" + (left ? "end" : "start") + "\" x=\"" +
-           fixed(x + (left ? -2.6 : 2.6) * unit, 1) + "\" y=\"" + fixed(y + 1.7 * unit, 1) + "\">" +
+           "\"/><text text-anchor=\"" + (on_the_left ? "end" : "start") + "\" x=\"" +
+           fixed(x + (on_the_left ? -2.6 : 2.6) * unit, 1) + "\" y=\"" + fixed(y + 1.7 * unit, 1) + "\">" +
            letter(i) + "</text></g>";
   }
   return svg + "</svg>";
