@@ -137,8 +137,10 @@ TEST(PredictedErrorOfAField, ForeseesTheErrorOnNewLights) {
     noise += std::pow(field.photograph_noise[p], 2.0) / field.predicted_error.size();
   }
   const double actual = std::sqrt(own / signal + 0.03 * 0.03);  // on photographs as noisy
-  EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.25);
-  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.3);
+  EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.2);
+  // 1.21: misfit that neighbouring pixels do not share counts as noise, and neighbours choose different
+  // rectangles for the four boxes of this scene.
+  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.25);
 
   options.predict_errors = false;
   const auto without = estimate_field(session, options);

@@ -55,7 +55,11 @@ TEST_F(Follow, PredictsTheErrorOfTheImagesSoFar) {
       follower.add(session_.frames[follower.images()], Parameterisation::monitor);
     const FollowedError error = follower.predict();
     EXPECT_EQ(error.images, images);
-    EXPECT_NEAR(error.predicted / actual_error(images), 1.0, 0.3) << images;
+    // 1.23 from 45 images on, which is the safe side: predictions lie halfway between leave-one-out and
+    // cross-validation, whose fits to four fifths of the images are worse than the field's.
+    const double ratio = error.predicted / actual_error(images);
+    EXPECT_GT(ratio, 0.8) << images;
+    EXPECT_LT(ratio, 1.25) << images;
     EXPECT_LT(error.predicted, before);
     before = error.predicted;
   }

@@ -234,6 +234,8 @@ TEST_F(Estimate, ClippedSamplesAreLeftOut) {
   EstimateOptions knowing = options_;
   knowing.clip_level = level;
   knowing.keep_outliers = true;
+  // 0.385. It was below 0.35 when a rectangle cost the same in bright and in dark pixels. The lower cost in
+  // bright ones, which clip here, also reduces the error of the estimate that does not know the level.
   EXPECT_LT(error_of(knowing), 0.4 * error_of(options_));
 }
 

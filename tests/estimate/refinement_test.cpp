@@ -67,8 +67,11 @@ TEST_F(Refine, ComesNearAFreshStart) {
   const double fresh = error_of(estimate_field(session_, options_));
   const double refined = error_of(estimate_field(session_, refining()));
   EXPECT_LT(fresh, old_error) << "the new images tell nothing: the test shows nothing";
-  EXPECT_LT(refined, 0.5 * (old_error + fresh));
-  EXPECT_LT(refined, 1.4 * fresh);  // 5 % on a real capture; here four boxes make every pixel alike
+  // 0.028 between 0.043 and 0.021. The old rectangles stay, and 24 more images only adjust them, whereas a
+  // fresh start finds the four boxes that make every pixel of this scene. On a real capture, without such
+  // boxes, the difference is 5 %.
+  EXPECT_LT(refined, old_error - 0.6 * (old_error - fresh));
+  EXPECT_LT(refined, 1.4 * fresh);
 }
 
 TEST_F(Refine, KeepsPredictingErrorsAndSaysWhereItCameFrom) {
