@@ -56,6 +56,12 @@ Eigen::Vector3f middle_of(const json& place, std::size_t thing) {
 /// `view` on a moving scene.
 class ViewScene : public test::ViewProgram {
  protected:
+  void SetUp() override {
+    ViewProgram::SetUp();
+    // The scenes of all tests consist of the same two objects.
+    static const test::TemporaryFolder transport;
+    ::setenv("REFIELD_CACHE", transport.path().c_str(), 1);
+  }
   int view(const Places& places, const std::string& script) {
     write_text_atomically(path("scene.toml"), scene_text(places));
     return play(script, "scene.toml");
@@ -173,6 +179,7 @@ TEST_F(ViewScene, DragsBesideThingsTurnTheCameraAndClicksSelect) {
 
 // The second start, and `simulate dynamic`, take the objects' transport from the cache, and show the same.
 TEST_F(ViewScene, OpensFromTheCacheAndWithoutIt) {
+  ::setenv("REFIELD_CACHE", path("cache").c_str(), 1);
   const auto saved_as = [&](const std::string& name) {
     EXPECT_EQ(view({}, "wait 2\nsave " + path(name) + "\nquit\n"), 0) << output_;
     return read_image(path(name));
