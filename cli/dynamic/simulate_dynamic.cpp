@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -137,20 +136,15 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-const std::map<std::string, dynamic::DirectLightBy> direct_ways{
-    {"rays", dynamic::DirectLightBy::rays},
-    {"fields", dynamic::DirectLightBy::field_edges},
-    {"products", dynamic::DirectLightBy::field_products}};
-
 struct DynamicArguments {
   fs::path scene, output;
   dynamic::TransportOptions transport;
   dynamic::FrameOptions frame;
-  std::string modes = "joint", direct = "rays";
+  std::string mode = "refined";
   VideoOptions video;
   std::optional<double> time;
   int reference = 0, traced = 0;
-  bool measure = false, no_occlusion = false, factored_direct = false;
+  bool measure = false, no_occlusion = false;
 };
 
 void check_output(const fs::path& path) {
@@ -309,11 +303,12 @@ void print(const ordered_json& figures) {
 }
 
 void simulate_dynamic(DynamicArguments arguments, const Common& common) {
-  arguments.transport.modes =
-      arguments.modes == "joint" ? dynamic::ModeKind::joint : dynamic::ModeKind::separate;
-  arguments.frame.direct = direct_ways.at(arguments.direct);
+  if (arguments.mode == "paper") {
+    arguments.transport.modes = dynamic::ModeKind::separate;
+    arguments.frame.direct = dynamic::DirectLightBy::field_products;
+    arguments.frame.exact_direct = false;
+  }
   arguments.frame.occlusion = !arguments.no_occlusion;
-  arguments.frame.exact_direct = !arguments.factored_direct;
   arguments.video.check();
   arguments.frame.check();
   check_output(arguments.output);
@@ -374,14 +369,9 @@ void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
       ->check(CLI::Range(2, 8))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--modes", arguments.modes,
-                  "Basis weights: joint (one weight per basis function for all BRDF terms) or separate (N "
-                  "weights per term, as in the paper)")
-      ->check(CLI::IsMember({"joint", "separate"}))
-      ->capture_default_str()
-      ->group(group);
   verb.add_option("--compression", options.compression,
-                  "Maximum relative error of the compression of the precomputed data; 0: no compression")
+                  "Maximum relative error of the compression of the precomputed data; 0: no compression "
+                  "(default in paper mode: 0)")
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str()
       ->group(group);
@@ -403,12 +393,6 @@ void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
       ->check(CLI::Range(1, 65536))
       ->capture_default_str()
       ->group(group);
-  verb.add_option("--direct", arguments.direct,
-                  "Shadows of area lights: rays, or the occlusion fields of the objects by their edges "
-                  "(fields) or by products of spherical harmonics as in the paper")
-      ->check(CLI::IsMember(direct_ways))
-      ->capture_default_str()
-      ->group(group);
   verb.add_option("--bounces", arguments.frame.bounces, "Maximum number of indirect bounces")
       ->check(CLI::Range(0, 64))
       ->capture_default_str()
@@ -420,9 +404,6 @@ void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
       ->group(group);
   verb.add_flag("--no-occlusion", arguments.no_occlusion,
                 "Ignore occlusion of indirect light by third objects")
-      ->group(group);
-  verb.add_flag("--factored-direct", arguments.factored_direct,
-                "Also use the K-term BRDF factorisation for direct light, as in the paper")
       ->group(group);
 }
 
@@ -451,6 +432,13 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--fps", arguments->video.frames_per_second, "Frame rate in frames per second")
       ->capture_default_str();
   add_exposure_option(*verb, arguments->video.exposure);
+  verb->add_option(
+          "--mode", arguments->mode,
+          "refined: basis weights common to all BRDF terms, direct light with shadow rays; paper: "
+          "weights per BRDF term, direct light by the BRDF terms, shadows from occlusion fields by products "
+          "of spherical harmonics, no compression")
+      ->check(CLI::IsMember({"refined", "paper"}))
+      ->capture_default_str();
   verb->add_flag("--measure", arguments->measure, "Measure the computation time of a frame by stage");
   verb->add_option(
           "--traced", arguments->traced,
@@ -461,7 +449,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       ->check(CLI::Range(1, 1 << 24));
   add_transport_options(*verb, *arguments);
   add_frame_options(*verb, *arguments);
-  verb->callback([arguments, &common, &action] {
+  verb->callback([verb, arguments, &common, &action] {
+    if (arguments->mode == "paper" && verb->count("--compression") == 0)
+      arguments->transport.compression = 0.0;
     action = [arguments, &common] { simulate_dynamic(*arguments, common); };
   });
 }

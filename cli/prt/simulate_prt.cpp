@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -29,7 +28,7 @@ using nlohmann::ordered_json;
 
 struct PrtArguments {
   fs::path scene, output;
-  std::string method = "clusters", similarity = "group", window = "none";
+  std::string method = "clusters", mode = "refined", window = "none";
   prt::ClusterOptions clusters;
   prt::HarmonicOptions harmonics;
   std::optional<double> epsilon;
@@ -37,23 +36,13 @@ struct PrtArguments {
   int bits = 8;
 };
 
-struct NamedSimilarity {
-  const char* name;
-  prt::Similarity similarity;
-  double epsilon;  ///< by default
-};
-constexpr NamedSimilarity similarities[] = {
-    {"group", prt::Similarity::group, 1e-4},
-    {"solid-angle", prt::Similarity::all_by_solid_angle, 4e-5},
-    {"all", prt::Similarity::all_outputs, 5e-5}};  // Johan and Nishita, section 6.1, for 73 196 vertices
-
 /// Figures of the computation for the summary; fills in `rows`.
 ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {
   prt::ClusterOptions& options = arguments.clusters;
-  const NamedSimilarity& chosen = *std::ranges::find_if(
-      similarities, [&](const auto& each) { return arguments.similarity == each.name; });
-  options.similarity = chosen.similarity;
-  options.epsilon = arguments.epsilon.value_or(chosen.epsilon);
+  const bool paper = arguments.mode == "paper";
+  options.similarity = paper ? prt::Similarity::all_outputs : prt::Similarity::group;
+  // The paper's ε: Johan and Nishita, section 6.1, for 73 196 vertices.
+  options.epsilon = arguments.epsilon.value_or(paper ? 5e-5 : 1e-4);
   options.relighting = arguments.image ? prt::Relighting::image : prt::Relighting::geometry;
   prt::ClusterStatistics statistics;
   rows = prt::cluster_transfer(scene, options, statistics, run_context());
@@ -79,6 +68,8 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   if (arguments.image && arguments.method == "sh")
     throw InputError("--image requires --method clusters; spherical harmonics support meshes only");
+  if (arguments.mode == "paper" && arguments.method == "sh")
+    throw InputError("--mode paper is for --method clusters; omit it with --method sh");
   const OutputLock lock(arguments.output, {arguments.scene}, ".rfield");
   prt::Scene scene = prt::read_scene(arguments.scene, run_context());
   prt::sort_vertices(scene);
@@ -129,17 +120,17 @@ void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
       ->capture_default_str()
       ->check(CLI::Range(1, 4096))
       ->group(group);
+  verb.add_option(
+          "--mode", arguments.mode,
+          "How light clusters are chosen: refined (per group of 16 neighbouring vertices) or paper (for all "
+          "vertices together, equation 11 of Johan and Nishita)")
+      ->check(CLI::IsMember({"refined", "paper"}))
+      ->capture_default_str()
+      ->group(group);
   verb.add_option("--epsilon", arguments.epsilon,
                   "Clustering error threshold ε; smaller values give smaller errors and larger fields "
-                  "(default: 1e-4 for group, 4e-5 for solid-angle, 5e-5 as in the paper for all)")
+                  "(default: 1e-4; in paper mode 5e-5)")
       ->check(positive_number())
-      ->group(group);
-  verb.add_option("--similarity", arguments.similarity,
-                  "Cluster similarity criterion: group (per group of 16 neighbouring vertices), solid-angle "
-                  "(all vertices together, transfer weighted by solid angle) or all (all vertices together "
-                  "by transfer alone, equation 11 of the paper)")
-      ->check(CLI::IsMember({"group", "solid-angle", "all"}))
-      ->capture_default_str()
       ->group(group);
   verb.add_option("--samples", options.samples, "Number of light samples along each side of a light cluster")
       ->capture_default_str()

@@ -42,7 +42,7 @@ class SimulatePrtVerb : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(
     Methods, SimulatePrtVerb,
     testing::Values(Method{"clusters", {"--resolution", "32", "--epsilon", "2e-3"}},
-                    Method{"clusters", {"--resolution", "16", "--similarity", "all", "--epsilon", "1e-3"}},
+                    Method{"clusters", {"--resolution", "16", "--mode", "paper", "--epsilon", "1e-3"}},
                     Method{"sh", {"--order", "3", "--directions", "128"}}));
 
 TEST_P(SimulatePrtVerb, MakesAFieldForTheSameRelighter) {
@@ -105,6 +105,9 @@ TEST(SimulatePrtVerbErrors, NameTheRemedy) {
   EXPECT_THAT(
       run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh", "--image"}),
       RefusedNaming("--image", "--method clusters"));
+  EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh",
+                           "--mode", "paper"}),
+              RefusedNaming("--mode paper", "--method clusters"));
 }
 
 }  // namespace

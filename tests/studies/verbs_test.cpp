@@ -102,7 +102,8 @@ TEST(DynamicChart, ComparesOurSettingsWithThePapers) {
   const test::TemporaryFolder folder;
   const std::string path = folder / "scene.toml", chart = folder / "chart";
   std::ofstream(path) << moving_scene;
-  ASSERT_THAT(run_studies({"dynamic-chart", path, "-o", chart, "--paths", "16"}), Succeeded());
+  ASSERT_THAT(run_studies({"dynamic-chart", path, "-o", chart, "--paths", "16", "--pictures"}), Succeeded());
+  EXPECT_EQ(read_image(chart + "/shadows.png").width, 3 * 64);
   std::ifstream csv(chart + "/dynamic.csv");
   std::string head, row;
   std::getline(csv, head);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/studies/dynamic/picture_grid.h"
 #include "bench/studies/studies.h"
 #include "cli/common/options.h"
 #include "cli/dynamic/simulate_dynamic.h"
@@ -15,6 +16,8 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/output_lock.h"
+#include "core/image/image_io.h"
+#include "core/image/tone_map.h"
 
 namespace refield::studies {
 
@@ -30,6 +33,7 @@ struct DynamicChartArguments {
   std::filesystem::path scene, folder;
   double time = 0.0;
   int paths = 2048;
+  bool pictures = false;
 };
 
 struct Setting {
@@ -112,10 +116,27 @@ std::string csv(const std::vector<Charted>& rows) {
   return text.str();
 }
 
+/// shadows.png: the scene with shadows by rays, by edges of occlusion fields and by products of harmonics.
+void write_shadow_pictures(const DynamicChartArguments& arguments, const dynamic::DynamicScene& described) {
+  PreparedScene scene(described, {}, dynamic::TransportCache({}));
+  std::vector<Image> pictures;
+  ExposureMeter meter;
+  for (const auto way : {dynamic::DirectLightBy::rays, dynamic::DirectLightBy::field_edges,
+                         dynamic::DirectLightBy::field_products}) {
+    dynamic::FrameOptions options;
+    options.direct = way;
+    scene.solve(arguments.time, cli::camera_of(scene.scene()), options);
+    if (pictures.empty()) meter.add(scene.reflected_picture());
+    pictures.push_back(scene.picture(0, scene.light().bounces()));
+  }
+  write_png(arguments.folder / "shadows.png", dynamic_chart::picture_grid(pictures, 3), {meter.exposure()});
+}
+
 void make_dynamic_chart(const DynamicChartArguments& arguments) {
   const OutputLock lock(arguments.folder, {});
   const dynamic::DynamicScene described = dynamic::read_dynamic_scene(arguments.scene, run_context());
   create_folders(arguments.folder);
+  if (arguments.pictures) write_shadow_pictures(arguments, described);
   std::optional<FrameReference> reference;
   std::vector<Charted> rows;
   std::optional<PreparedScene> scene;
@@ -156,6 +177,9 @@ void add_dynamic_chart(CLI::App& app, Action& action) {
   verb->add_option("--paths", arguments->paths, "Of the reference, a vertex")
       ->check(CLI::Range(1, 1 << 24))
       ->capture_default_str();
+  verb->add_flag(
+      "--pictures", arguments->pictures,
+      "Also write shadows.png: shadows by rays, by edges of occlusion fields, by products of harmonics");
   verb->callback([arguments, &action] { action = [arguments] { make_dynamic_chart(*arguments); }; });
 }
 
