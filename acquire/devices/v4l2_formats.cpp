@@ -140,7 +140,7 @@ std::size_t line_bytes(const V4l2Format& format, int width) {
 }
 
 std::uint8_t to_byte(double value) {
-  return static_cast<std::uint8_t>(std::clamp(value, 0.0, 255.0) + 0.5);
+  return static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0, 255.0)));
 }
 
 /// R'G'B' of Y'CbCr. Source: ITU-R BT.601-7 section 2.5 and BT.709-6 section 3.

@@ -209,7 +209,7 @@ TEST_F(EstimateVerb, ACubeMapThatIsNone) {
 
 TEST_F(EstimateVerb, AnAllBlackLight) {
   write_exr(light_file(8), Image(domain.width, domain.height, 3));
-  expect_refused("light/t_8.exr", "leave it out");
+  expect_refused("light/t_8.exr", "remove it");
 }
 
 TEST_F(EstimateVerb, OneImageOnly) {
