@@ -164,7 +164,7 @@ LightSeries series_of_area_lights(const RelightOptions& options, const Reflectan
   const double last = std::max(1, options.frames - 1), duration = area_lights->duration();
   LightSeries series{.is_sequence = true};
   for (int i = 0; i < options.frames; ++i)
-    series.lights.push_back({frame_name("area lights", i), options.area_lights,
+    series.lights.push_back({frame_name("area_lights", i), options.area_lights,
                              [=, time = duration * i / last, resolution = field.basis.domain.width] {
                                return emitter_map(area_lights->at(time), middle, resolution);
                              }});

@@ -24,7 +24,7 @@ const light = (() => {
   }
 
   /// A disc with an edge one texel wide.
-  function addPaintedLight(map, centreX, centreY, radius, colour, wraps) {
+  function addSpot(map, centreX, centreY, radius, colour, wraps) {
     for (let y = Math.max(0, Math.floor(centreY - radius - 1)); y < Math.min(map.height, centreY + radius + 1); ++y) {
       for (let x = 0; x < map.width; ++x) {
         let dx = Math.abs(x + 0.5 - centreX);
@@ -171,5 +171,5 @@ const light = (() => {
   }
   Projector.width = 2048;
 
-  return {black, addBar, addPaintedLight, rotated, resampled, throughWindow, Projector};
+  return {black, addBar, addSpot, rotated, resampled, throughWindow, Projector};
 })();

@@ -41,7 +41,7 @@ class Viewer {
     if (kind === 'map' && this.panorama) return light.throughWindow(this.panorama, this.field.light.window, width, height, degrees);
     if (kind === 'map' && this.map) return degrees === 0 || !this.latLong ? this.map : light.rotated(this.map, degrees / 360);
     const map = light.black(width, height);
-    if (kind === 'light source') light.addPaintedLight(map, x * width, y * height, size * height / 2, colour, this.latLong);
+    if (kind === 'spot') light.addSpot(map, x * width, y * height, size * height / 2, colour, this.latLong);
     else light.addBar(map, this.barLeft(), size * width, colour, this.latLong);
     return map;
   }

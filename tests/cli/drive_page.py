@@ -95,7 +95,7 @@ class Check:
         self.expect(self.compare("bar dragged") != before, "the image follows the bar")
 
     def drags_a_light_source(self):
-        self.browser.click("input[value=light source]")
+        self.browser.click("input[value=spot]")
         self.browser.drag("#light", [(0.2, 0.3), (0.3, 0.4)])
         self.compare("light source dragged")
         before = self.browser.run("return viewer.state.y")

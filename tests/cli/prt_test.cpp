@@ -77,10 +77,10 @@ TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
                            "--directions", "64", "--until", "1", "--radius", "4"}),
               Succeeded());
   // From the left to the right.
-  std::ofstream(folder / "light sources.toml")
+  std::ofstream(folder / "lights.toml")
       << "[[light]]\nshape = 'sphere'\nsize = 1.5\nradiance = [5, 5, 5]\n"
          "path = [[0, -3, 1.5, -1], [2, 3, 1.5, -1]]\n";
-  ASSERT_THAT(run_refield({"relight", field, "--area-lights", folder / "light sources.toml", "--frames", "2",
+  ASSERT_THAT(run_refield({"relight", field, "--area-lights", folder / "lights.toml", "--frames", "2",
                            "-o", out}),
               Succeeded());
   const auto left_share = [&](const char* name) {
@@ -93,8 +93,8 @@ TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
       }
     return left / all;
   };
-  EXPECT_GT(left_share("light_sources_0000.exr"), left_share("light_sources_0001.exr") + 0.05);
-  EXPECT_THAT(run_refield({"relight", field, "--area-lights", folder / "light sources.toml", "-o", out}),
+  EXPECT_GT(left_share("area_lights_0000.exr"), left_share("area_lights_0001.exr") + 0.05);
+  EXPECT_THAT(run_refield({"relight", field, "--area-lights", folder / "lights.toml", "-o", out}),
               RefusedNaming("--area-lights", "--frames"));
 }
 

@@ -59,7 +59,7 @@ TEST_F(RelightVerb, TheDefaultExposureIsPrintedAndRepeatsThePicture) {
   EXPECT_THAT(result, Succeeded());
   const auto at = result.out.find("--exposure ");
   ASSERT_NE(at, std::string::npos) << result.out;
-  const std::string factor = result.out.substr(at + 11, result.out.find(' ', at + 11) - at - 11);
+  const std::string factor = result.out.substr(at + 11, result.out.find_first_of(" )\n", at + 11) - at - 11);
   const auto again =
       relight({"--light", light_, "-o", folder_ / "again.png", "--exposure", factor, "--json"});
   EXPECT_THAT(again, Succeeded());

@@ -263,7 +263,7 @@ TEST_F(ViewField, OpensAndSavesByItsDialogsAndRemembersFiles) {
                              "\npress Save\nwait 2\npress Cancel\npress Open\nwait 2\nwhere\nquit\n"),
             0)
       << output_;
-  EXPECT_EQ(places().at(0)["light sources"], 0);  // the map took their place
+  EXPECT_EQ(places().at(0)["light_sources"], 0);  // the map took their place
   EXPECT_EQ(read_image(path("saved.exr")).values, read_image(path("expected.exr")).values);
   EXPECT_TRUE(places().at(1)["controls"].contains(path("map.exr")));
   EXPECT_EQ(read_text(path("state/refield/recent")), path("map.exr") + "\n" + path("a.rfield") + "\n");

@@ -22,7 +22,7 @@ void print_places(const App& app) {
                                                   std::to_string(state.picked()->y) + "]"
                                             : "null";
   std::printf(
-      "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"light sources\": %zu, \"turn\": "
+      "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"light_sources\": %zu, \"turn\": "
       "%.6f, "
       "\"exposure\": %.9g, \"notice\": %s, %s%s}\n",
       canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(),
