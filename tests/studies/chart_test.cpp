@@ -18,9 +18,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::draws;
-using test::RefusedNaming;
 using test::run_refield;
 using test::run_studies;
+using test::StudyRefusedNaming;
 using test::Succeeded;
 
 std::size_t lines_of(const fs::path& path) {
@@ -90,7 +90,8 @@ TEST_F(ChartVerb, WithoutTruthPhotographsAreTheReferenceAndKindsAreDerived) {
   EXPECT_NE(json["pixel_kinds"].get<std::string>().find("derived"), std::string::npos);
   EXPECT_TRUE(fs::exists(output_ + "/kinds.png"));
   // Other data, the same folder.
-  EXPECT_THAT(chart({"--truth", truth_, "--methods", "box", "--resume"}), RefusedNaming(output_, "--resume"));
+  EXPECT_THAT(chart({"--truth", truth_, "--methods", "box", "--resume"}),
+              StudyRefusedNaming(output_, "--resume"));
 }
 
 TEST_F(ChartVerb, TakesPatterns) {
@@ -111,14 +112,14 @@ TEST_F(ChartVerb, TakesPatterns) {
 }
 
 TEST_F(ChartVerb, RefusesWhatItCannotUse) {
-  EXPECT_THAT(chart({"--methods", "magic"}), RefusedNaming("magic", "smooth"));
-  EXPECT_THAT(chart({"--images", "31"}), RefusedNaming("--images 31", "30"));
-  EXPECT_THAT(chart({"--images", "1"}), RefusedNaming("--images 1", "from 2"));
-  EXPECT_THAT(chart({"--kernels", "0"}), RefusedNaming("--kernels 0", "1 to 255"));
-  EXPECT_THAT(chart({"--light", "x*.exr"}), RefusedNaming("SESSION", "--test-light"));
+  EXPECT_THAT(chart({"--methods", "magic"}), StudyRefusedNaming("magic", "smooth"));
+  EXPECT_THAT(chart({"--images", "31"}), StudyRefusedNaming("--images 31", "30"));
+  EXPECT_THAT(chart({"--images", "1"}), StudyRefusedNaming("--images 1", "from 2"));
+  EXPECT_THAT(chart({"--kernels", "0"}), StudyRefusedNaming("--kernels 0", "1 to 255"));
+  EXPECT_THAT(chart({"--light", "x*.exr"}), StudyRefusedNaming("SESSION", "--test-light"));
   EXPECT_THAT(run_studies({"chart", "--light", truth_ + "/illumination/train_*.exr", "--observed",
                            truth_ + "/observed/train_*.exr", "-o", output_}),
-              RefusedNaming("--test-light", "--test-observed"));
+              StudyRefusedNaming("--test-light", "--test-observed"));
 }
 
 }  // namespace

@@ -14,9 +14,9 @@ namespace refield {
 namespace {
 
 using test::draws;
-using test::RefusedNaming;
 using test::run_refield;
 using test::run_studies;
+using test::StudyRefusedNaming;
 using test::Succeeded;
 
 const std::string small_scene = REFIELD_SOURCE_DIR "/datasets_synthetic/prt/small.toml";
@@ -93,9 +93,9 @@ TEST(PrtChartVerb, ComparesFieldsThatAreThere) {
   EXPECT_GT(difference_of(2), 0.0);
 
   command.back() = "32";
-  EXPECT_THAT(run_studies(command), RefusedNaming("coarse.rfield", "--resolution 16"));
+  EXPECT_THAT(run_studies(command), StudyRefusedNaming("coarse.rfield", "--resolution 16"));
   command[1] = small_scene;
-  EXPECT_THAT(run_studies(command), RefusedNaming("coarse.rfield", "this scene"));
+  EXPECT_THAT(run_studies(command), StudyRefusedNaming("coarse.rfield", "this scene"));
 }
 
 }  // namespace

@@ -15,6 +15,14 @@ inline CommandResult run_studies(const std::vector<std::string>& arguments) {
   return run_program(REFIELD_STUDIES_PROGRAM, arguments);
 }
 
+/// refield-studies refused its input: exit status 2 and a message that holds both words (the file and the
+/// remedy).
+MATCHER_P2(StudyRefusedNaming, file, remedy,
+           "is refused with status 2, naming '" + std::string(file) + "' and '" + std::string(remedy) + "'") {
+  return arg.status == 2 && arg.err.find("refield-studies: ") != std::string::npos &&
+         arg.err.find(file) != std::string::npos && arg.err.find(remedy) != std::string::npos;
+}
+
 /// Checks that draw.py makes these pictures of the CSV files in a folder, and that each shows points. Without
 /// matplotlib, nothing is checked.
 inline void draws(const std::string& folder, const std::vector<std::string>& pictures) {

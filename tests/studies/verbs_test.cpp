@@ -21,8 +21,8 @@ namespace refield {
 namespace {
 
 using test::draws;
-using test::RefusedNaming;
 using test::run_studies;
+using test::StudyRefusedNaming;
 using test::Succeeded;
 
 /// An octahedron: so few vertices that most functions have none of their own.
@@ -68,7 +68,7 @@ TEST(DynamicBasesVerb, ChartsBasesAndTerms) {
   for (const char* picture : {"bases/bases-floor.png", "bases/bases-figure.png", "bases/factors.png"})
     EXPECT_GT(read_image(folder / picture).width, 100);
   draws(folder / "bases", {"bases.svg", "factors.svg"});
-  EXPECT_THAT(run(folder / "missing.off"), RefusedNaming("missing.off", "No such file"));
+  EXPECT_THAT(run(folder / "missing.off"), StudyRefusedNaming("missing.off", "No such file"));
 }
 
 const char* const moving_scene = R"(
