@@ -196,7 +196,7 @@ struct SeriesFile {
 };
 
 fs::path folder_of(const std::string& pattern) {
-  const fs::path path(pattern);
+  fs::path path(pattern);
   if (fs::is_directory(path)) return path;
   return path.has_parent_path() ? path.parent_path() : fs::path(".");
 }

@@ -28,7 +28,6 @@
 
 namespace {
 
-using refield::Box;
 using refield::Image;
 using refield::LightMap;
 using refield::PreparedEnvironment;

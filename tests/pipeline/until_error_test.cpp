@@ -65,7 +65,7 @@ TEST_F(UntilError, TakesAllWhenItIsNotReached) {
       << log();
   EXPECT_EQ(names_of("hard", FrameRole::train).size(), static_cast<std::size_t>(planned));
   EXPECT_THAT(log(), HasSubstr("after 40 photographs"));
-  EXPECT_THAT(log(), HasSubstr("noise is"));
+  EXPECT_THAT(log(), HasSubstr("noise of the photographs is"));
 }
 
 TEST_F(UntilError, UsefulOrderIsAnotherOrderOfTheSameLights) {
