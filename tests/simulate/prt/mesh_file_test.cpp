@@ -153,18 +153,18 @@ TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {
       {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"}],
     "bufferViews": [{"buffer": 0, "byteLength": 72}, {"buffer": 0, "byteOffset": 72, "byteLength": 6}],
     "buffers": [{"uri": "data.bin", "byteLength": 78}]})");
-  testing::internal::CaptureStderr();
-  const Mesh mesh = read("mesh.gltf", gltf.dump());
-  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  std::string notes;
+  const RunContext run{.on_note = [&](const std::string& note) { notes += note; }};
+  const Mesh mesh = read_mesh_file(file("mesh.gltf", gltf.dump()), std::nullopt, run);
+  EXPECT_EQ(notes, "");
   ASSERT_EQ(mesh.positions.size(), 3u);
   EXPECT_FLOAT_EQ(mesh.positions[0].z(), -5.0f);
   EXPECT_NEAR(mesh.colours[0][1], 0.25f, 1e-6f);
 
   gltf["materials"] = {{{"pbrMetallicRoughness", {{"baseColorFactor", {1, 0, 0, 1}}}}}};
   gltf["meshes"][0]["primitives"][0]["material"] = 0;
-  testing::internal::CaptureStderr();
-  read("mesh.gltf", gltf.dump());
-  EXPECT_THAT(testing::internal::GetCapturedStderr(), HasSubstr("mesh.gltf: its material is not read"));
+  read_mesh_file(file("mesh.gltf", gltf.dump()), std::nullopt, run);
+  EXPECT_THAT(notes, HasSubstr("mesh.gltf: its material is not read"));
 
   gltf["accessors"][0]["count"] = 4000000000u;
   EXPECT_THAT(error_of("huge.gltf", gltf.dump()), HasSubstr("huge.gltf"));
