@@ -10,8 +10,11 @@
 #include <cmath>
 #include <cstdio>
 #include <ctime>
+#include <filesystem>
 #include <mutex>
 #include <string>
+
+#include "core/base/isolated.h"
 
 namespace refield {
 
@@ -115,6 +118,14 @@ class ProgressBar {
   bool is_drawn_ = false;
 };
 
+/// Beside this program; programs elsewhere in the build folder use the one that was built with them.
+std::filesystem::path reader_program() {
+  std::error_code error;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+  const auto beside = self.parent_path() / "refield-reader";
+  return !error && std::filesystem::exists(beside, error) ? beside : std::filesystem::path(REFIELD_READER);
+}
+
 void on_signal(int) {
   stop_requested = true;
 }
@@ -125,7 +136,11 @@ const RunContext& run_context() {
   static ProgressBar bar;
   static const RunContext context{.on_progress = [](const StageProgress& progress) { bar.report(progress); },
                                   .on_note = print_line,
-                                  .stop = &stop_requested};
+                                  .stop = &stop_requested,
+                                  .read_isolated =
+                                      [](const IsolatedReading& reading) {
+                                        return read_in_process(reader_program(), reading, run_context());
+                                      }};
   return context;
 }
 

@@ -5,7 +5,8 @@
 namespace refield {
 
 /// The command line's run context, one per process: progress and notes go to standard error, and SIGINT or
-/// SIGTERM stop it.
+/// SIGTERM stop it. Files of libraries that damaged ones can crash are read by refield-reader in a process of
+/// its own.
 ///  - Progress: a bar with the time left on a terminal; elsewhere lines with percentages, every ten seconds
 ///    at first and at least every ten minutes in a run of hours. Stages shorter than a second and stages
 ///    within others are not shown.

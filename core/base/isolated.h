@@ -1,28 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
-#include <functional>
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "core/base/reader_process.h"
 #include "core/base/run_context.h"
 
 namespace refield {
 
-/// What work in a process of its own may use. Generous for what reads the structure of a file.
-struct IsolationLimits {
-  std::uint64_t memory_bytes = std::uint64_t{1} << 30;  ///< above what the parent has; not kept under ASan
-  int cpu_seconds = 20;
-  unsigned wall_seconds = 120;  ///< ends work that waits for something without using the processor
-  std::size_t answer_bytes = std::size_t{64} << 20;
+/// One file to be read by a library that a hostile file can crash, hang, or make use up memory.
+struct IsolatedReading {
+  std::string reader;                  ///< a name of the reader program's: "hdf5", "mesh"
+  std::vector<std::string> arguments;  ///< the file first
+  IsolationLimits limits = {};
 };
 
-/// Runs `work` in a child process and returns its answer: for libraries that a hostile file can crash, hang
-/// or make eat memory. nullopt where it did any of that, threw, or answered too long. `work` must not use
-/// threads or leave anything behind. Keeps accidents in, not intruders: the child has the parent's rights.
-/// The child ends with the parent. Throws DeviceError when the system gives no process, Interrupted when
-/// `run` is stopped while the child worked.
-std::optional<std::string> run_isolated(const std::function<std::string()>& work,
-                                        const IsolationLimits& limits = {}, const RunContext& run = {});
+/// The answer of a reader: from run.read_isolated where that is set, else from `read` in this process.
+/// nullopt where `read` throws anything but Interrupted, or the other process did not survive.
+std::optional<std::string> answer_of(const IsolatedReading& reading, FileReader read, const RunContext& run);
+
+/// Reads in a new process that runs `program` (see reader_process.h), for RunContext::read_isolated. nullopt
+/// where it crashed, hung, used more than the limits allow or answered too long. Keeps accidents in, not
+/// intruders: the process has the caller's rights. It ends with the calling process. Safe in processes with
+/// threads. Throws DeviceError when the program cannot be started, Interrupted when `run` is stopped.
+std::optional<std::string> read_in_process(const std::filesystem::path& program,
+                                           const IsolatedReading& reading, const RunContext& run);
 
 }  // namespace refield

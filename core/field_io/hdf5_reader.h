@@ -32,10 +32,10 @@ struct Hdf5Outline {
 };
 
 /// Reads attributes of the root and the named data sets, where present. HDF5's library (1.10) crashes on many
-/// damaged files, so it runs in a process of its own (run_isolated()), and the caller reads the values
-/// itself. nullopt where the file is no HDF5 file or the library did not survive it. Links that lead
-/// elsewhere (soft, external) are not followed; they and data sets that are not stored in one piece in this
-/// very file (chunked, compressed, external, virtual) are refused.
+/// damaged files, so where files may be hostile, run.read_isolated calls it in another process; the caller
+/// reads the values itself. nullopt where the file is no HDF5 file or the library did not survive it. Links
+/// that lead elsewhere (soft, external) are not followed; they and data sets that are not stored in one piece
+/// in this very file (chunked, compressed, external, virtual) are refused.
 std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
                                              std::span<const char* const> data_sets, const RunContext& run);
 

@@ -1,31 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/geometry/mesh_import.h"
 
-#include <assimp/DefaultIOSystem.h>
-#include <assimp/importerdesc.h>
-#include <assimp/material.h>
-#include <assimp/postprocess.h>
-#include <assimp/scene.h>
-#include <assimp/DefaultLogger.hpp>
-#include <assimp/Importer.hpp>
-#include <assimp/LogStream.hpp>
-
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <cstring>
-#include <new>
-#include <set>
-#include <span>
-#include <sstream>
-#include <stdexcept>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
 #include "simulate/geometry/mesh_file.h"
+#include "simulate/geometry/mesh_library.h"
 
 namespace refield::prt {
 
@@ -45,190 +30,7 @@ IsolationLimits library_limits(std::uint64_t file_bytes) {
           .answer_bytes = std::min(64 * mebibyte + 100 * file_bytes, 4 * 1024 * mebibyte)};
 }
 
-std::string format_of(const fs::path& path) {
-  std::string format = path.extension().string();
-  if (!format.empty()) format.erase(0, 1);
-  for (char& letter : format) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  return format;
-}
-
-// In the child.
-
-/// Some readers mend wrong indices and only say so in the log.
-class WrongIndexListener final : public Assimp::LogStream {
- public:
-  explicit WrongIndexListener(bool& heard) : heard_(&heard) {}
-  void write(const char* message) override {
-    *heard_ = *heard_ || std::string_view(message).find("out of range") != std::string_view::npos;
-  }
-
- private:
-  bool* heard_;
-};
-
-/// Why a mesh is refused, in words that are not the file's.
-struct MeshFault : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
-
-/// A mesh may name other files: materials, buffers. Only regular ones in its own folder or below are opened,
-/// symbolic links followed before that is decided: a mesh from elsewhere shall not make this program read
-/// other files of the user, nor wait for a pipe.
-class FolderOnly final : public Assimp::DefaultIOSystem {
- public:
-  FolderOnly(fs::path mesh, std::string& refused)
-      : mesh_(std::move(mesh)),
-        folder_(fs::canonical(mesh_.has_parent_path() ? mesh_.parent_path() : fs::path("."))),
-        refused_(&refused) {}
-
-  bool Exists(const char* file) const override { return allowed(file) && DefaultIOSystem::Exists(file); }
-  Assimp::IOStream* Open(const char* file, const char* mode) override {
-    return allowed(file) ? DefaultIOSystem::Open(file, mode) : nullptr;
-  }
-
- private:
-  bool allowed(const char* file) const {
-    const fs::path path(file);
-    if (path == mesh_) return true;
-    std::error_code error;
-    const fs::path real = fs::canonical(path, error);
-    if (error) return false;  // is not there
-    const auto [ours, theirs] = std::ranges::mismatch(folder_, real);
-    if (ours == folder_.end() && fs::is_regular_file(real, error)) return true;
-    *refused_ = ours == folder_.end() ? "what is no regular file" : "a file outside its folder";
-    return false;
-  }
-
-  fs::path mesh_, folder_;
-  std::string* refused_;
-};
-
-/// Leaves the library no other reader to try than those of the format that the name promises.
-void keep_readers_of(Assimp::Importer& importer, const std::string& format) {
-  std::vector<Assimp::BaseImporter*> others;
-  for (std::size_t i = 0; i < importer.GetImporterCount(); ++i) {
-    std::istringstream formats(importer.GetImporterInfo(i)->mFileExtensions);
-    std::string one;
-    bool wanted = false;
-    while (formats >> one) wanted = wanted || one == format;
-    if (!wanted) others.push_back(importer.GetImporter(i));
-  }
-  for (auto* reader : others) importer.UnregisterLoader(reader);
-}
-
-template <class Value>
-void append(std::string& bytes, const std::vector<Value>& values) {
-  const std::uint64_t count = values.size();
-  bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
-  if (count > 0) bytes.append(reinterpret_cast<const char*>(values.data()), count * sizeof(Value));
-}
-
-void append_part(const aiMesh& part, bool normals, bool colours, ImportedMesh& mesh) {
-  const auto first = static_cast<std::uint32_t>(mesh.positions.size());
-  for (unsigned v = 0; v < part.mNumVertices; ++v) {
-    mesh.positions.emplace_back(part.mVertices[v].x, part.mVertices[v].y, part.mVertices[v].z);
-    if (normals) mesh.normals.emplace_back(part.mNormals[v].x, part.mNormals[v].y, part.mNormals[v].z);
-    if (!colours) continue;
-    if (!part.HasVertexColors(0))
-      mesh.colours.push_back(Eigen::Array3f::Ones());
-    else
-      mesh.colours.emplace_back(part.mColors[0][v].r, part.mColors[0][v].g, part.mColors[0][v].b);
-  }
-  for (const aiFace& face : std::span(part.mFaces, part.mNumFaces)) {
-    if (face.mNumIndices != 3) continue;  // points and lines
-    std::array<std::uint32_t, 3> triangle{};
-    for (std::size_t i = 0; i < 3; ++i) {
-      if (face.mIndices[i] >= part.mNumVertices)
-        throw MeshFault("a triangle names vertex " + std::to_string(face.mIndices[i]) + " of " +
-                        std::to_string(part.mNumVertices) + "; export the file again");
-      triangle[i] = first + face.mIndices[i];
-    }
-    mesh.triangles.push_back(triangle);
-  }
-}
-
-/// What the library says may quote the file, so only the kind of fault is passed on.
-std::string kind_of_fault(const std::string& error) {
-  const auto speaks_of = [&](const char* word) { return error.find(word) != std::string::npos; };
-  if (speaks_of("bad_alloc")) throw std::bad_alloc();
-  if (speaks_of("raco"))
-    return "this build of assimp lacks the Draco decoder: export the mesh without compression";
-  for (const auto& [word, kind] : {std::pair{"mpty", "the file is empty"},
-                                   {"too small", "the file is too short"},
-                                   {"ndex", "an index is out of range"},
-                                   {"JSON", "its JSON is damaged"},
-                                   {"open", "a file that it refers to cannot be opened"},
-                                   {"No suitable reader", "its content does not match its file extension"}})
-    if (speaks_of(word)) return kind;
-  return "its content breaks the format";
-}
-
-/// Whether a material says more than the one that the library makes up for parts without.
-bool is_of_the_file(const aiMaterial& material) {
-  for (int type = aiTextureType_NONE + 1; type <= AI_TEXTURE_TYPE_MAX; ++type)
-    if (material.GetTextureCount(static_cast<aiTextureType>(type)) > 0) return true;
-  aiColor4D colour;
-  if (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS &&
-      (colour.r != 1.0f || colour.g != 1.0f || colour.b != 1.0f))
-    return true;
-  aiString name;
-  return material.Get(AI_MATKEY_NAME, name) == AI_SUCCESS && name.length > 0 &&
-         std::string_view(name.C_Str()) != AI_DEFAULT_MATERIAL_NAME;
-}
-
-std::uint64_t materials_of(const aiScene& scene) {
-  std::set<unsigned> used;
-  for (const aiMesh* part : std::span(scene.mMeshes, scene.mNumMeshes)) used.insert(part->mMaterialIndex);
-  return static_cast<std::uint64_t>(std::ranges::count_if(
-      used, [&](unsigned i) { return i < scene.mNumMaterials && is_of_the_file(*scene.mMaterials[i]); }));
-}
-
-ImportedMesh run_library(const fs::path& path) {
-  bool wrong_index = false;
-  // Owned and deleted by the logger, which lasts to the end of the process.
-  Assimp::DefaultLogger::create("", Assimp::Logger::NORMAL, 0)
-      ->attachStream(new WrongIndexListener(wrong_index), Assimp::Logger::Err);
-  Assimp::Importer importer;
-  keep_readers_of(importer, format_of(path));
-  std::string refused;
-  importer.SetIOHandler(new FolderOnly(path, refused));  // owned by the importer
-  const aiScene* scene = importer.ReadFile(path, aiProcess_Triangulate | aiProcess_PreTransformVertices);
-  if (!refused.empty())
-    throw MeshFault("it refers to " + refused + "; put all that belongs to the mesh into one folder");
-  if (scene == nullptr) throw MeshFault(kind_of_fault(importer.GetErrorString()));
-  if (wrong_index)
-    throw MeshFault("a triangle refers to a vertex that does not exist; export the file again");
-  const std::span parts(scene->mMeshes, scene->mNumMeshes);
-  const bool normals = std::ranges::all_of(parts, [](const aiMesh* part) { return part->HasNormals(); });
-  const bool colours =
-      std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasVertexColors(0); });
-  ImportedMesh mesh;
-  for (const aiMesh* part : parts) append_part(*part, normals, colours, mesh);
-  mesh.ignored_materials = materials_of(*scene);
-  return mesh;
-}
-
-/// A text that begins with 'E' is an error, one with 'M' a mesh.
-std::string answer_of_library(const fs::path& path) {
-  try {
-    const ImportedMesh mesh = run_library(path);
-    std::string answer = "M";
-    append(answer, mesh.positions);
-    append(answer, mesh.normals);
-    append(answer, mesh.colours);
-    append(answer, mesh.triangles);
-    append(answer, std::vector{mesh.ignored_materials});
-    return answer;
-  } catch (const std::bad_alloc&) {
-    throw;
-  } catch (const MeshFault& fault) {
-    return "E" + std::string(fault.what());
-  } catch (const std::exception& error) {
-    return "E" + kind_of_fault(error.what());
-  }
-}
-
-// In the parent, which trusts nothing of the answer.
+// Nothing of the answer is trusted.
 
 template <class Value>
 bool take(std::string_view& bytes, std::vector<Value>& values) {
@@ -261,12 +63,12 @@ void require_valid(const ImportedMesh& mesh, const fs::path& path) {
 }  // namespace
 
 ColourCoding usual_colour_coding(const fs::path& path) {
-  const std::string format = format_of(path);
+  const std::string format = mesh_format_of(path);
   return format == "gltf" || format == "glb" ? ColourCoding::linear : ColourCoding::srgb;
 }
 
 ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
-  const std::string format = format_of(path);
+  const std::string format = mesh_format_of(path);
   if (std::ranges::find(known_formats, format) == known_formats.end())
     throw FormatError(path, "meshes are read from .obj, .ply, .off, .gltf and .glb; convert this one");
   std::error_code error;
@@ -276,7 +78,8 @@ ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
   if (bytes > largest_file_bytes) throw FormatError(path, "the file has more than 2 GiB; simplify the mesh");
   check_mesh_header(path, format);
 
-  const auto answer = run_isolated([&] { return answer_of_library(path); }, library_limits(bytes), run);
+  const auto answer =
+      answer_of({"mesh", {path.string()}, library_limits(bytes)}, read_with_mesh_library, run);
   if (!answer)
     throw FormatError(path,
                       "the mesh library failed on this file or exceeded the limits on memory and time; "

@@ -28,7 +28,8 @@ ColourCoding usual_colour_coding(const std::filesystem::path& path);
 
 /// Reads OBJ, PLY, OFF, glTF and GLB, represented by the file's name, with all their parts in place.
 /// Draco-compressed glTF is read where the library was built with its decoder, as Debian's is. The library
-/// (assimp) is not made for hostile files, so it works in a process of its own with limits (run_isolated()).
+/// (assimp) is not made for hostile files, so where files may be hostile, run.read_isolated calls it in
+/// another process, with limits.
 /// Throws FormatError for what is no mesh, breaks its format, holds coordinates that are not finite or asks
 /// for more than the limits; DeviceError where the file cannot be read.
 ImportedMesh import_mesh(const std::filesystem::path& path, const RunContext& run);

@@ -2,72 +2,90 @@
 #include "core/base/isolated.h"
 
 #include <gtest/gtest.h>
-#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <csignal>
-#include <cstdlib>
-#include <stdexcept>
+#include <fstream>
+#include <thread>
+
+#include "core/base/errors.h"
+#include "tests/support/temporary_folder.h"
 
 namespace refield {
 namespace {
 
-TEST(Isolated, GivesTheAnswer) {
-  EXPECT_EQ(run_isolated([] { return std::string("a\0b", 3); }), std::string("a\0b", 3));
-  const std::string longer_than_a_pipe(1 << 20, 'x');
-  EXPECT_EQ(run_isolated([&] { return longer_than_a_pipe; }), longer_than_a_pipe);
+std::optional<std::string> read(const std::string& reader, const std::vector<std::string>& arguments = {},
+                                const IsolationLimits& limits = {}, const RunContext& run = {}) {
+  return read_in_process(TEST_READER, {reader, arguments, limits}, run);
 }
 
-TEST(Isolated, LeavesTheParentAsItIs) {
-  int value = 1;
-  run_isolated([&] { return std::to_string(value = 2); });
-  EXPECT_EQ(value, 1);
+TEST(Isolated, GivesTheAnswer) {
+  EXPECT_EQ(read("text", {"c d"}), std::string("a\0bc d", 6));
+  EXPECT_EQ(read("bytes", {"1048576"}), std::string(1 << 20, 'x'));  // more than a pipe holds
 }
 
 TEST(Isolated, KeepsACrashIn) {
-  EXPECT_FALSE(run_isolated([]() -> std::string { std::raise(SIGSEGV), std::abort(); }));
-  EXPECT_FALSE(run_isolated([]() -> std::string { std::abort(); }));
-  EXPECT_FALSE(run_isolated([]() -> std::string { throw std::runtime_error("no answer"); }));
+  EXPECT_FALSE(read("segmentation fault"));
+  EXPECT_FALSE(read("abort"));
+  EXPECT_FALSE(read("exception"));
+  EXPECT_FALSE(read("no such reader"));
 }
 
 TEST(Isolated, EndsALoop) {
-  IsolationLimits limits;
-  limits.cpu_seconds = 1;
-  EXPECT_FALSE(run_isolated(
-      []() -> std::string {
-        for (;;) std::rand();
-      },
-      limits));
+  EXPECT_FALSE(read("loop", {}, {.cpu_seconds = 1}));
 }
 
 TEST(Isolated, EndsWhatWaitsForEver) {
-  IsolationLimits limits;
-  limits.wall_seconds = 1;
-  EXPECT_FALSE(run_isolated(
-      []() -> std::string {
-        for (;;) ::pause();
-      },
-      limits));
+  EXPECT_FALSE(read("pause", {}, {.wall_seconds = 1}));
+}
+
+TEST(Isolated, StopsWithTheRun) {
+  std::atomic<bool> stop{false};
+  const std::jthread stopper([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    stop = true;
+  });
+  EXPECT_THROW(read("pause", {}, {}, {.stop = &stop}), Interrupted);
+}
+
+TEST(Isolated, NamesAProgramThatIsMissing) {
+  try {
+    read_in_process("/no/such/reader", {"text", {}}, {});
+    FAIL();
+  } catch (const DeviceError& error) {
+    EXPECT_NE(std::string(error.what()).find("/no/such/reader"), std::string::npos);
+  }
+}
+
+TEST(Isolated, ReadsHereUnlessTheCallerIsolates) {
+  const auto here = [](const std::vector<std::string>& arguments) { return "here " + arguments.at(0); };
+  EXPECT_EQ(answer_of({"text", {"x"}}, here, {}), "here x");
+  EXPECT_FALSE(answer_of({"text", {}}, here, {}));  // it throws
+  RunContext run;
+  run.read_isolated = [](const IsolatedReading& reading) { return reading.reader; };
+  EXPECT_EQ(answer_of({"text", {"x"}}, here, run), "text");
 }
 
 // Else what was started to read a file would live on after `kill -9`.
-TEST(Isolated, TheChildEndsWithItsParent) {
+TEST(Isolated, TheProcessEndsWithItsParent) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path file = folder / "pid";
   ::prctl(PR_SET_CHILD_SUBREAPER, 1);  // the grandchild becomes this process's when its parent is gone
-  int ends[2];
-  ASSERT_EQ(::pipe(ends), 0);
   const pid_t parent = ::fork();
   if (parent == 0) {
-    run_isolated([&]() -> std::string {
-      const pid_t self = ::getpid();
-      if (::write(ends[1], &self, sizeof self) != sizeof self) ::_exit(1);
-      for (;;) ::pause();
-    });
+    read("pause", {file.string()});
     ::_exit(0);
   }
   pid_t grandchild = 0;
-  ASSERT_EQ(::read(ends[0], &grandchild, sizeof grandchild), static_cast<ssize_t>(sizeof grandchild));
+  for (int i = 0; i < 500 && grandchild == 0; ++i) {
+    ::usleep(10'000);
+    std::string line;
+    if (std::ifstream stream(file); std::getline(stream, line) && !stream.eof()) grandchild = std::stoi(line);
+  }
+  ASSERT_NE(grandchild, 0);
   ::kill(parent, SIGKILL);
   ::waitpid(parent, nullptr, 0);
   int status = 0;
@@ -80,27 +98,17 @@ TEST(Isolated, TheChildEndsWithItsParent) {
   if (ended == 0) ::kill(grandchild, SIGKILL);
   EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
   ::prctl(PR_SET_CHILD_SUBREAPER, 0);
-  ::close(ends[0]);
-  ::close(ends[1]);
 }
 
 TEST(Isolated, RefusesTooLongAnAnswer) {
-  IsolationLimits limits;
-  limits.answer_bytes = 1000;
-  EXPECT_FALSE(run_isolated([] { return std::string(1001, 'x'); }, limits));
+  EXPECT_FALSE(read("bytes", {"1001"}, {.answer_bytes = 1000}));
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 TEST(Isolated, RefusesTooMuchMemory) {
-  IsolationLimits limits;
-  limits.memory_bytes = 64 << 20;
-  const auto allocate = [](std::size_t bytes) {
-    return ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED;
-  };
-  EXPECT_EQ(run_isolated([&] { return std::string(allocate(32 << 20) ? "given" : "refused"); }, limits),
-            "given");
-  EXPECT_EQ(run_isolated([&] { return std::string(allocate(96 << 20) ? "given" : "refused"); }, limits),
-            "refused");
+  const IsolationLimits limits{.memory_bytes = 64 << 20};
+  EXPECT_EQ(read("allocate", {std::to_string(32 << 20)}, limits), "given");
+  EXPECT_EQ(read("allocate", {std::to_string(96 << 20)}, limits), "refused");
 }
 #endif
 

@@ -14,6 +14,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "tests/fuzz/hdf5_checksums.h"
+#include "tests/support/isolating_run.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/small_disk.h"
@@ -321,7 +322,7 @@ TEST(DamagedField, FlippedBytesAreFoundOrHarmless) {
     flip_some_bits(damaged, rng);
     write_bytes(folder / "damaged.rfield", damaged);
     try {
-      const ReflectanceField back = read_reflectance_field(folder / "damaged.rfield");
+      const ReflectanceField back = read_reflectance_field(folder / "damaged.rfield", test::isolating_run());
       // What is read after all was hit in padding alone.
       EXPECT_EQ(back.transfer.weight, field.transfer.weight) << "round " << round;
       EXPECT_EQ(back.transfer.column, field.transfer.column) << "round " << round;
@@ -346,7 +347,7 @@ TEST(DamagedField, ForgedStructuresAreRefusedOrRead) {
     fuzz::renew_hdf5_checksums({reinterpret_cast<std::uint8_t*>(forged.data()), forged.size()});
     write_bytes(folder / "forged.rfield", forged);
     try {
-      read_reflectance_field(folder / "forged.rfield");
+      read_reflectance_field(folder / "forged.rfield", test::isolating_run());
     } catch (const Error&) {
       continue;
     }

@@ -7,6 +7,7 @@
 #include "core/base/errors.h"
 #include "simulate/geometry/mesh_file.h"
 #include "tests/fuzz/memory_file.h"
+#include "tests/support/isolating_run.h"
 #include "tests/support/temporary_folder.h"
 
 namespace fs = std::filesystem;
@@ -34,7 +35,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   fs::remove(mesh);
   fs::create_symlink(file.path(), mesh);
   try {
-    require_whole(refield::prt::read_mesh_file(mesh));
+    require_whole(refield::prt::read_mesh_file(mesh, std::nullopt, refield::test::isolating_run()));
   } catch (const refield::Error&) {
   }
   return 0;

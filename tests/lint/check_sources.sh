@@ -38,10 +38,10 @@ $found"
 tests/lint/check_links.py || status=1
 tests/lint/check_words.py || status=1
 
-# What a library must leave to its caller: standard error, signals. Progress, notes and stopping go through
-# RunContext (core/base/run_context.h).
+# What a library must leave to its caller: standard error, signals, forks of processes with threads. Progress,
+# notes and stopping go through RunContext (core/base/run_context.h).
 found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' {core,acquire,estimate,relight,simulate}/'*.cpp' |
-  xargs -r grep -nE '\bstderr\b|STDERR_FILENO|std::(cerr|clog)|\bsigaction\(' |
+  xargs -r grep -nE '\bstderr\b|STDERR_FILENO|std::(cerr|clog)|\bsigaction\(|\bv?fork\(' |
   grep -v posix_spawn_file_actions || true)
 [[ -z $found ]] || complain "library code reports through RunContext, not to standard error, and handles no signal:
 $found"
