@@ -155,7 +155,7 @@ TEST(ReflectanceFieldFile, WhatCouldNotBeReadIsNotWritten) {
   };
   expect_refused([](ReflectanceField& field) { field.transfer.weight[5] = INFINITY; }, "weight");
   expect_refused([](ReflectanceField& field) { field.transfer.weight[5] = NAN; }, "weight");
-  expect_refused([](ReflectanceField& field) { field.transfer.column[5] = 60; }, "not there");
+  expect_refused([](ReflectanceField& field) { field.transfer.column[5] = 60; }, "does not exist");
   expect_refused([](ReflectanceField& field) { field.training_error.assign(108, NAN); }, "training_error");
   expect_refused([](ReflectanceField& field) { field.basis.domain.width = 1 << 17; }, "light map");
 }
