@@ -101,7 +101,7 @@ refield::ReflectanceField reflecting_field() {
   const auto interval = [&rng](int middle, int length) {
     const int reach = length / 24;
     const int size = 1 + static_cast<int>(rng.below(static_cast<std::uint64_t>(reach)));
-    const int start = middle - reach + static_cast<int>(rng.below(static_cast<std::uint64_t>(2 * reach)));
+    const int start = middle - reach + static_cast<int>(rng.below(2 * static_cast<std::uint64_t>(reach)));
     const int first = std::clamp(start, 0, length - size);
     return std::pair(first, first + size);
   };
@@ -148,7 +148,8 @@ refield::ReflectanceField scene_like_field() {
     constexpr int grid = 48;
     const auto size =
         std::clamp(static_cast<int>(std::exp2(log2_size + deviation * rng.normal())), 1, length);
-    const int first = static_cast<int>(rng.below(static_cast<std::uint64_t>(length - size + 1)));
+    const int places = length - size + 1;
+    const int first = static_cast<int>(rng.below(static_cast<std::uint64_t>(places)));
     const auto edge = [&](int at) {
       return rng.uniform() < 0.25 ? (at * grid + length / 2) / length * length / grid : at;
     };
@@ -184,7 +185,7 @@ refield::ReflectanceField scene_like_field() {
       for (auto k = static_cast<int>(rng.poisson(shared_of_pixel)); k > 0; --k)
         columns.push_back(shared(rng));
       for (auto k =
-               static_cast<int>(rng.poisson(own[static_cast<std::size_t>(tile_y * tiles_across + tile_x)]));
+               static_cast<int>(rng.poisson(own[static_cast<std::size_t>(tile_y) * tiles_across + tile_x]));
            k > 0; --k)
         columns.push_back(new_box());
       std::ranges::sort(columns);
