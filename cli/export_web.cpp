@@ -52,7 +52,8 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
       const int columns = panorama ? std::min(map.radiance.width, max_columns) : max_columns;
       domain = {columns, columns / 2, Parameterisation::lat_long};
     }
-    if (map.domain() != domain) map = EnvironmentProjector(domain, {}).project(map, {}, run_context()).light;
+    if (map.domain() != domain)
+      map = EnvironmentProjector(domain, {}, run_context()).project(map, {}, run_context()).light;
     maps.push_back({file.stem().string(), std::move(map.radiance)});
   }
   return maps;

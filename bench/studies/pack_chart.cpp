@@ -39,7 +39,7 @@ void make_pack_chart(const PackChartArguments& arguments, const Common& common) 
   const OutputLock lock(arguments.folder, {});
   const fs::path packed_path = arguments.folder / "packing.rfield";
   require_not_an_input(packed_path, {arguments.field});
-  const auto read = read_either_field(arguments.field);
+  const auto read = read_either_field(arguments.field, run_context());
   if (std::holds_alternative<PackedField>(read))
     throw InputError(arguments.field.string() + ": is already packed; give the full field");
   const ReflectanceField& field = std::get<ReflectanceField>(read);
@@ -49,7 +49,7 @@ void make_pack_chart(const PackChartArguments& arguments, const Common& common) 
   Progress progress(run_context(), "pack", error_bounds.size());
   for (const double bound : error_bounds) {
     run_context().throw_if_stopped();
-    const PackResult packed = pack_field(field, bound);
+    const PackResult packed = pack_field(field, bound, run_context());
     write_packed_field(packed_path, packed.field);
     const auto bytes = fs::file_size(packed_path);
     fs::remove(packed_path);
