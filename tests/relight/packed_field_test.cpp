@@ -146,7 +146,7 @@ TEST(DamagedPackedField, EveryNumberIsLookedAt) {
   expect("outside the light map", [](Damaged tile) { writable(tile.support, 0).x0 = -1; });
   expect("outside the light map",
          [](Damaged tile) { writable(tile.support, tile.support.size() - 1).x1 = 51; });
-  expect("not there", [](Damaged tile) { writable(tile.common, 0) = huge; });
+  expect("does not exist", [](Damaged tile) { writable(tile.common, 0) = huge; });
   expect("dense weights", [](Damaged tile) { writable(tile.dense_kernels, 0) = huge; });
   expect("dense weights", [](Damaged tile) { writable(tile.dense_start, 1) = huge; });
   expect("dense weights", [](Damaged tile) { writable(tile.places, 0) = huge; });
