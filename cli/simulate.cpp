@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/run_context.h"
 #include "simulate/tabletop/simulate.h"
+#include "cli/run_context.h"
 
 #include <cstdio>
 #include <memory>

@@ -36,8 +36,8 @@ int usual_kernels(const EstimateOptions& options) {
 
 /// Fits to all images and, where errors are predicted, to parts of them.
 std::uint64_t bytes_of_a_thread(const EstimateOptions& options) {
-  const std::uint64_t parts = options.predict_errors ? ErrorJudge::parts : 0;
-  return cache_limit_bytes + fitter_bytes + parts * (ErrorJudge::part_cache_bytes + fitter_bytes);
+  const std::uint64_t parts = options.predict_errors ? ErrorEvaluator::parts : 0;
+  return cache_limit_bytes + fitter_bytes + parts * (ErrorEvaluator::part_cache_bytes + fitter_bytes);
 }
 
 }  // namespace

@@ -25,8 +25,8 @@ struct EstimatePlan {
   std::uint64_t memory_bytes = 0;  ///< estimated peak
 };
 
-/// Foresees memory and cuts the image into bands that fit, with fewer threads where the number is left to it.
-/// Throws InputError where not even one row does.
+/// Estimates memory and cuts the image into bands that fit, with fewer threads where the number is left to
+/// it. Throws InputError where not even one row does.
 EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options);
 
 /// The bands of the plan's rows, in order.

@@ -12,7 +12,7 @@
 
 namespace refield {
 
-/// How well a field foresaw its own errors, pixel by pixel.
+/// How well a field predicted its own errors, pixel by pixel.
 struct PredictionCheck {
   double rank_correlation = 0.0;  ///< Spearman, predicted against true error
   double median_ratio = 0.0;      ///< of predicted to true error

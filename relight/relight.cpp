@@ -102,7 +102,7 @@ double MeteredPictures::sequence_exposure(const RunContext& run) {
 }
 
 Image MeteredPictures::take(std::size_t i, const RunContext& run) {
-  const auto kept = kept_.find(i);  // nobody else looks for picture i, and the map stays as it is
+  const auto kept = kept_.find(i);  // no one else looks for picture i, and the map stays as it is
   return kept == kept_.end() ? make(i, run) : std::move(kept->second);
 }
 

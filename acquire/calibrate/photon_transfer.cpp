@@ -14,7 +14,7 @@ namespace {
 constexpr int noise_frames = 12;
 constexpr int photon_transfer_exposures = 10;
 constexpr int bins = 40;
-// Of the range. Judged by the mean: leaving out frames or samples by their own spread would make noise look
+// Of the range. Assessed by the mean: leaving out frames or samples by their own spread would make noise look
 // small.
 constexpr double far_from_clipping = 0.8;
 

@@ -131,7 +131,8 @@ double linear_mean(const RawFrame& frame, const Metering& metering, const Camera
 
 }  // namespace
 
-LightChange fit_light_change(const std::vector<ChangeFrame>& frames, Seconds longest, double tolerance) {
+DisplayTransition fit_light_change(const std::vector<ChangeFrame>& frames, Seconds longest,
+                                   double tolerance) {
   double latency = 0.0;
   double settling = 1e-4;
   double best = squared_error(frames, latency, settling);

@@ -32,15 +32,15 @@ struct ChangeFrame {
 };
 
 /// A change of light as capture waits for it.
-struct LightChange {
+struct DisplayTransition {
   Seconds latency{0};     ///< from the flip's time stamp to the first changed light
   Seconds settling{0};    ///< from there to the last
   double residual = 0.0;  ///< RMS of shares about the fit
 };
 
 struct DisplayTiming {
-  LightChange rise;  ///< black to grey
-  LightChange fall;
+  DisplayTransition rise;  ///< black to grey
+  DisplayTransition fall;
   Seconds latency{0};                        ///< the earlier of both
   Seconds settling{0};                       ///< until the later of both has settled
   std::vector<ChangeFrame> rising, falling;  ///< what it rests on
@@ -50,7 +50,7 @@ struct DisplayTiming {
 /// the integral over its exposure, so that frames much longer than the change, and a camera that runs in step
 /// with the display, tell it as well. Settling is then prolonged until no frame beyond it is off by more than
 /// `tolerance` (a slow tail). Times are sought in [0, longest].
-LightChange fit_light_change(const std::vector<ChangeFrame>& frames, Seconds longest, double tolerance);
+DisplayTransition fit_light_change(const std::vector<ChangeFrame>& frames, Seconds longest, double tolerance);
 
 /// Shows black and grey in turn and takes frames with exposures of all lengths across the change; pairs them
 /// by time stamps alone. Throws DeviceError when the light still changes after the bench's patience, or has

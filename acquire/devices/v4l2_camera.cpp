@@ -302,7 +302,7 @@ struct V4l2Camera::State {
     driver_sequence = number;
   }
 
-  /// A camera that was plugged in again began with settings of its own, and takes ours on in its time. Nobody
+  /// A camera that was plugged in again began with settings of its own, and takes ours on in its time. No one
   /// above knows that it was away.
   bool is_unsettled(const V4l2Filled& filled) {
     if (unsettled == 0) return false;

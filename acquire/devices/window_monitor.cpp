@@ -125,7 +125,7 @@ struct WindowMonitor::State {
     SDL_DisableScreenSaver();
   }
 
-  /// Throws when the window was closed: nobody sees what is shown.
+  /// Throws when the window was closed: no one sees what is shown.
   void handle_events() {
     SDL_Event event;
     while (SDL_PollEvent(&event)) {

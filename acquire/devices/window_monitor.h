@@ -24,7 +24,7 @@ struct WindowDisplay {
   double refresh_hz = 0.0;  ///< 0: not known
 };
 
-/// What somebody at the keyboard wants of a window monitor.
+/// What someone at the keyboard wants of a window monitor.
 enum class WindowKey {
   next,   ///< space, arrow right or down
   back,   ///< arrow left or up, backspace

@@ -16,10 +16,10 @@ struct RawLevels {
 
 /// One exposure of a bracketed series, from an ordinary image file.
 struct BracketFile {
-  int bits = 0;                     ///< 8 or 16 for integer formats; 0 for float ones
-  RawFrame frame;                   ///< integer formats: the samples as stored; its exposure is not filled in
-  Image linear;                     ///< float formats: [height × width × 3]
-  Image sigma;                      ///< of `linear`, where the file carries it (core/image/image_io.h, Photograph)
+  int bits = 0;    ///< 8 or 16 for integer formats; 0 for float ones
+  RawFrame frame;  ///< integer formats: the samples as stored; its exposure is not filled in
+  Image linear;    ///< float formats: [height × width × 3]
+  Image sigma;     ///< of `linear`, where the file carries it (core/image/image_io.h, Photograph)
   std::optional<Seconds> exposure;  ///< as the file's metadata state it (EXIF ExposureTime, EXR expTime)
   std::optional<double> iso;
   bool is_raw =

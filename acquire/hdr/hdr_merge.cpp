@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/hdr/hdr_merge.h"
 
-#include <opencv2/imgproc.hpp>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>

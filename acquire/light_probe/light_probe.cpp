@@ -50,7 +50,7 @@ void ProbeLimits::check() const {
                      " degrees; give more than 0, at most 90");
 }
 
-ProbeVerdict judge(const SeenLight& light, const ProbeLimits& limits) {
+ProbeVerdict assess(const SeenLight& light, const ProbeLimits& limits) {
   const Image& map = light.radiance;
   std::size_t brightest = 0;
   for (std::size_t t = 0; t < map.pixel_count(); ++t)
@@ -329,7 +329,7 @@ ProbeSummary probe_light(const ProbeRequest& request, const RunContext& run) {
     }
     SeenLight light = join(views);
     fill_unseen(light);
-    probed.verdict = judge(light, request.limits);
+    probed.verdict = assess(light, request.limits);
     const std::string name = photographs[i].stem().string();
     if (probed.verdict.discarded.empty()) write_exr(request.folder / (name + ".exr"), light.radiance);
     if (const auto known = inherited.find(name); known != inherited.end())

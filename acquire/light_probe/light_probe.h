@@ -31,11 +31,11 @@ struct ProbeVerdict {
   std::string discarded;                                  ///< why; empty: kept
 };
 
-/// Judges a filled light map. Over-exposed ones do not state the light that was there; under a bare sun,
+/// Assesses a filled light map. Over-exposed ones do not state the light that was there; under a bare sun,
 /// almost a point, everything else is lost in its noise, so that such maps teach estimation one direction
 /// only. Source: Matusik et al. 2004, section 6, "we discarded all of the sky images where only the sun was
 /// visible".
-ProbeVerdict judge(const SeenLight& light, const ProbeLimits& limits);
+ProbeVerdict assess(const SeenLight& light, const ProbeLimits& limits);
 
 /// Throws InputError when the ball cannot give a light map: it reaches beyond the photograph, or has too few
 /// pixels. `name` is the photograph's, for the message.

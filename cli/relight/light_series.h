@@ -58,7 +58,7 @@ struct RelightOptions {
   VideoOptions video;  ///< its exposure goes for PNG files too
 };
 
-/// How much of each environment the monitor's windows saw, so that nobody takes a part for the whole.
+/// How much of each environment the monitor's windows saw, so that no one takes a part for the whole.
 class SeenShares {
  public:
   /// From any thread.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/run_context.h"
 #include "relight/relight.h"
+#include "cli/run_context.h"
 
 #include <algorithm>
 #include <array>

@@ -35,7 +35,7 @@ struct ChosenPixel {
 
 /// Pixels of different kind, read off the kernels alone: concentrated (as mirrors and glass are), narrow, a
 /// peak over a broad base (glossy), the middle one, broad and even (diffuse), and one that fits its own
-/// training images badly. Dark pixels are left out, and a pixel is judged by the median of its 3 × 3
+/// training images badly. Dark pixels are left out, and a pixel is assessed by the median of its 3 × 3
 /// neighbourhood, so that no single noisy pixel is taken. Fewer for tiny images.
 std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask& mask,
                                        const RunContext& run = {});

@@ -22,7 +22,7 @@ namespace refield {
 std::string unknown_name_text(const std::string& name, const std::vector<std::string>& known);
 
 /// One table of a TOML file that a person wrote. Values that are absent leave what they are read into as it
-/// is. Every error names file, line, table, key, value and remedy; keys that nobody asked for are errors,
+/// is. Every error names file, line, table, key, value and remedy; keys that no one asked for are errors,
 /// too. All functions throw InputError.
 class ConfigSection {
  public:

@@ -71,7 +71,7 @@ std::optional<std::string> match_wildcards(std::string_view pattern, std::string
   return joined;
 }
 
-/// Creates an empty file beside `path`, named `.partial-RANDOM-NAME`. Nobody can predict that name, and an
+/// Creates an empty file beside `path`, named `.partial-RANDOM-NAME`. No one can predict that name, and an
 /// existing file or link is never opened.
 fs::path create_temporary(const fs::path& path) {
   constexpr std::size_t max_name = 255, max_tail = 200;

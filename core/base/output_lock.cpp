@@ -96,7 +96,7 @@ fs::path lock_file_of(const fs::path& output) {
   return output.parent_path() / lock_name;
 }
 
-/// Temporaries of write_atomically() for this output; nobody writes them now.
+/// Temporaries of write_atomically() for this output; no one writes them now.
 void remove_leftovers(const fs::path& output) {
   constexpr std::string_view prefix = ".partial-";
   constexpr std::size_t digits = 16;

@@ -147,8 +147,8 @@ void fit_channel(const std::vector<std::vector<float>>& samples, int channel,
   }
 }
 
-/// How far each used point lies off the line through its neighbours. The ends are never judged: an area light
-/// that warms up changes fastest there.
+/// How far each used point lies off the line through its neighbours. The ends are never assessed: an area
+/// light that warms up changes fastest there.
 std::vector<double> off_line(const std::vector<DriftPoint>& points, const std::vector<std::size_t>& used) {
   std::vector<double> result(used.size(), 0.0);
   for (std::size_t i = 1; i + 1 < used.size(); ++i) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field/light_basis.h"
 
-#include <Eigen/Core>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <array>

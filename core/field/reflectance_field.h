@@ -55,7 +55,8 @@ struct ReflectanceField {
   /// image of output_image_width (core/field/mesh.h).
   Mesh mesh;
   /// 0: a vertex has one output, its radiance towards everyone (before its colour). n > 0: n² of them, the
-  /// harmonics of its radiance (core/light/harmonics.h) over the direction in which the line of sight is mirrored.
+  /// harmonics of its radiance (core/light/harmonics.h) over the direction in which the line of sight is
+  /// mirrored.
   int outgoing_order = 0;
   std::optional<PinholeCamera> camera;  ///< from where the mesh is to be shown first
   std::size_t mesh_outputs() const {

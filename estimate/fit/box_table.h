@@ -44,7 +44,7 @@ class BoxTable {
   /// The products of these with a vector over the images and with themselves, without writing them down.
   void products(const Box& box, int channel, const float* vector, float& with_vector, float& squared) const;
 
-  /// Asks for the sums at a corner of rectangles ahead of time, from channel `first` to before `last`: most
+  /// Asks for the sums at a corner of rectangles in advance, from channel `first` to before `last`: most
   /// of the time that a column takes is waiting for them.
   void prefetch(int x, int y, int first, int last) const;
 

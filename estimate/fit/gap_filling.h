@@ -15,8 +15,8 @@ class GapFiller {
  public:
   explicit GapFiller(KernelCache& cache);
 
-  /// Fills in what was not measured; returns the rectangles of the tree that foresaw it. `values`: extended,
-  /// [3 × extent].
+  /// Fills in what was not measured; returns the rectangles of the tree that predicted it. `values`:
+  /// extended, [3 × extent].
   std::vector<Box> estimate(const PixelSamples& pixel, const MaskedSamples& samples, AlignedFloats& values);
   /// Fills it in from a fit: `predicted` [3 × stride].
   void fill_in(const MaskedSamples& samples, const AlignedFloats& predicted, AlignedFloats& values) const;

@@ -49,7 +49,7 @@ class KernelCache {
   /// Their directions are made on demand, since reading the table is what costs.
   std::span<Split> splits(const Box& box);
   void make(Split& split, int channel);
-  /// Asks ahead of time for what make() will read.
+  /// Asks in advance for what make() will read.
   void prefetch(const Split& split, int channel) const;
   /// Vᵀd of a split that was made, [smooth rank]: see SmoothSpace. On demand, since few splits are chosen.
   const float* smooth_coordinates(Split& split, int channel);

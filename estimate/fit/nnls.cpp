@@ -125,7 +125,7 @@ bool NnlsSolver::proceed(const double* G, int stride, const double* h, int size,
   double largest_h = 0.0;
   const auto free_or_bar = [&](int i) {
     if (add(i, G, stride, h)) return;
-    // The barred variable's part goes to nobody: the objective may rise for a moment, the next solution
+    // The barred variable's part goes to no one: the objective may rise for a moment, the next solution
     // repairs it.
     barred_[i] = 1;
     x[i] = 0.0;

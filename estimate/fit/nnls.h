@@ -37,7 +37,7 @@ class NnlsSolver {
   bool add(int variable, const double* G, int stride, const double* h);
   void remove(std::size_t position);
   void solve_free();
-  /// Moves x towards the solution as far as all stay non-negative; false when somebody was held at zero.
+  /// Moves x towards the solution as far as all stay non-negative; false when someone was held at zero.
   bool step_to_solution(double* x);
   double* row(std::size_t k) { return root_.data() + k * row_stride_; }
 

@@ -40,7 +40,7 @@ enum class EdgeSteps { to_the_texel, coarse };
 
 /// Moves the edges of a pixel's rectangles to where they explain its samples best: a tree offers edges at
 /// thirds and halves, while what a mirror sees ends anywhere. Coordinate descent over the edges, coarse steps
-/// first; each move is judged with the other kernels' part of the fit held. `residual`: samples minus fit.
+/// first; each move is assessed with the other kernels' part of the fit held. `residual`: samples minus fit.
 /// Limit: reading columns from the table, which is far larger than any cache.
 /// Returns the rectangles in the same order.
 std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels,

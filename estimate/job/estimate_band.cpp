@@ -47,14 +47,14 @@ struct EvidenceGatherer {
   int width;
   int first_row;
   CrossValidationLattice lattice;
-  /// A refinement is judged on a quarter of the lattice: it is to cost less than a fresh start.
+  /// A refinement is assessed on a quarter of the lattice: it is to cost less than a fresh start.
   bool refinement;
 
   PixelKernels& at(int x, int y) const {
     return kernels[static_cast<std::size_t>(y - first_row) * width + x];
   }
 
-  /// Leave-one-out residuals in units of the pixel's √Σb², or false where there is nothing to judge.
+  /// Leave-one-out residuals in units of the pixel's √Σb², or false where there is nothing to assess.
   bool residuals_of(int x, int y, FitWorker& own, MaskedSamples& masked, AlignedFloats& residuals,
                     double& squared) const {
     if (x < 0 || x >= width || !active(x, y)) return false;
@@ -63,24 +63,24 @@ struct EvidenceGatherer {
     own.model.cache().keep_within(cache_limit_bytes);
     masked.assign(samples(x, y), table.stride(), table.images());
     residuals.resize(3 * table.stride());
-    squared =
-        own.judge.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
+    squared = own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) /
+              pixel.squared_samples;
     const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
     for (float& r : residuals) r *= scale;
     return true;
   }
 
   /// Cross-validates a block of the lattice.
-  void judge_block(const PixelTile& block, FitWorker& own, const RunContext& run) const {
+  void evaluate_block(const PixelTile& block, FitWorker& own, const RunContext& run) const {
     const auto b = samples_of(block, samples, active);
     const int block_width = block.x1 - block.x0;
     const bool learns = lattice.is_for_learning(block.x0, block.y0);
     if (refinement && !learns) return;
-    const auto validated = own.judge.cross_validate(b, block_width, 5, run);
+    const auto validated = own.evaluator.cross_validate(b, block_width, 5, run);
     std::vector<double> half, quarter;
     if (!refinement && learns) {
-      half = own.judge.cross_validate(b, block_width, 2, run);
-      quarter = own.judge.validate_folds_alone(b, block_width, 4, run);
+      half = own.evaluator.cross_validate(b, block_width, 2, run);
+      quarter = own.evaluator.validate_folds_alone(b, block_width, 4, run);
     }
     const int last_row = first_row + static_cast<int>(kernels.size()) / width;
     std::size_t i = 0;
@@ -98,7 +98,7 @@ struct EvidenceGatherer {
       }
   }
 
-  void judge_tile(const PixelTile& tile, FitWorker& own, const RunContext& run) const {
+  void evaluate_tile(const PixelTile& tile, FitWorker& own, const RunContext& run) const {
     MaskedSamples masked;
     AlignedFloats before, here;
     for (int y = tile.y0; y < tile.y1; ++y) {
@@ -232,7 +232,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
     const EvidenceGatherer gatherer{table, samples,      active,  result,
                                     width, wanted.first, lattice, refinement != nullptr};
     for_each_tile(wanted,
-                  [&](const PixelTile& tile, FitWorker& own) { gatherer.judge_tile(tile, own, run); });
+                  [&](const PixelTile& tile, FitWorker& own) { gatherer.evaluate_tile(tile, own, run); });
     std::vector<PixelTile> blocks;
     for (int y = wanted.first / block_side_px * block_side_px; y < wanted.last; y += block_side_px)
       for (int x = 0; x < width; x += block_side_px)
@@ -241,7 +241,7 @@ std::vector<PixelKernels> estimate_band(const BoxTable& table, const Observation
               {x, y, std::min(x + block_side_px, width), std::min(y + block_side_px, held.last)});
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t i) {
       run.throw_if_stopped();
-      gatherer.judge_block(blocks[i], worker(), run);
+      gatherer.evaluate_block(blocks[i], worker(), run);
     });
   }
   if (table.unit() != 1.0) {

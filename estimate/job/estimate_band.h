@@ -18,10 +18,10 @@ namespace refield {
 /// What each thread keeps between pixels.
 struct FitWorker {
   FitWorker(const BoxTable& table, const EstimateOptions& options)
-      : model(table, options), weights(table), judge(table, options) {}
+      : model(table, options), weights(table), evaluator(table, options) {}
   BlockModel model;
   WeightFitter weights;
-  ErrorJudge judge;
+  ErrorEvaluator evaluator;
 };
 using FitWorkers = tbb::enumerable_thread_specific<std::unique_ptr<FitWorker>>;
 

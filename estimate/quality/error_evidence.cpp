@@ -15,8 +15,8 @@ namespace {
 constexpr float least_freedom = 0.05f;
 }  // namespace
 
-double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
-                                 const MaskedSamples& samples, float* residuals) {
+double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
+                                     const MaskedSamples& samples, float* residuals) {
   const std::size_t count = kernels.boxes.size();
   const int hats = static_cast<int>(kernels.smooth.size()) / 3;
   orthonormal_.resize(std::max(count, std::size_t{1}) * stride_);
@@ -68,10 +68,10 @@ double ErrorJudge::leave_one_out(const PixelKernels& kernels, KernelCache& cache
   return squared;
 }
 
-ErrorJudge::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options)
+ErrorEvaluator::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options)
     : seen(std::move(seen_images)), table(all.subset(seen)), model(table, options) {}
 
-ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
+ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
   auto& found = parts_[{fold, folds, alone ? 1 : 0}];
   if (!found) {
     std::vector<int> seen;
@@ -82,8 +82,8 @@ ErrorJudge::Part& ErrorJudge::part(int fold, int folds, bool alone) {
   return *found;
 }
 
-std::vector<double> ErrorJudge::cross_validate(std::span<const PixelSamples> block, int width, int folds,
-                                               const RunContext& run) {
+std::vector<double> ErrorEvaluator::cross_validate(std::span<const PixelSamples> block, int width, int folds,
+                                                   const RunContext& run) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
@@ -91,8 +91,8 @@ std::vector<double> ErrorJudge::cross_validate(std::span<const PixelSamples> blo
   return squared;
 }
 
-std::vector<double> ErrorJudge::validate_folds_alone(std::span<const PixelSamples> block, int width,
-                                                     int folds, const RunContext& run) {
+std::vector<double> ErrorEvaluator::validate_folds_alone(std::span<const PixelSamples> block, int width,
+                                                         int folds, const RunContext& run) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
@@ -101,8 +101,8 @@ std::vector<double> ErrorJudge::validate_folds_alone(std::span<const PixelSample
   return squared;
 }
 
-void ErrorJudge::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
-                                      std::vector<double>& squared, const RunContext& run) {
+void ErrorEvaluator::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
+                                          std::vector<double>& squared, const RunContext& run) {
   run.throw_if_stopped();
   const std::size_t stride = part.table.stride();
   std::vector<char> is_seen(images_, 0);

@@ -12,10 +12,10 @@
 
 namespace refield {
 
-/// What a thread needs to judge fits by images that they have not seen.
-class ErrorJudge {
+/// What a thread needs to assess fits by images that they have not seen.
+class ErrorEvaluator {
  public:
-  ErrorJudge(const BoxTable& table, const EstimateOptions& options)
+  ErrorEvaluator(const BoxTable& table, const EstimateOptions& options)
       : table_(table), options_(options), images_(table.images()), stride_(table.stride()) {}
 
   /// Leave-one-out residuals of a pixel's final kernels: r_j / (1 − h_j), channel by channel, where h_j is

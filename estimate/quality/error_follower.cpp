@@ -96,14 +96,14 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
         block[i][c] = values;
       }
     const auto fitted = own->model.fit(block, block_side_px, {}, run);
-    const auto validated = own->judge.cross_validate(block, block_side_px, 5, run);
+    const auto validated = own->evaluator.cross_validate(block, block_side_px, 5, run);
     MaskedSamples masked;
     AlignedFloats residuals(3 * table.stride());
     for (std::size_t i = 0; i < block_size; ++i) {
       const double squared = fitted[i].squared_samples;
       if (!(squared > 0.0)) continue;
       masked.assign(block[i], table.stride(), images());
-      const double left_out = own->judge.leave_one_out(fitted[i], cache, masked, residuals.data());
+      const double left_out = own->evaluator.leave_one_out(fitted[i], cache, masked, residuals.data());
       predicted[b * block_size + i] =
           static_cast<float>(std::sqrt(0.5 * (left_out + validated[i]) / squared));
       noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));

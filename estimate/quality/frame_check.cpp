@@ -45,13 +45,14 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   FrameReport report;
   report.drift = job.drift;
   log_drift(job.drift, run);
-  const bool judges = !options.keep_outliers && static_cast<int>(job.frames.size()) >= min_frames_to_judge;
-  if (!judges && options.mode != EstimateMode::refined) return report;
+  const bool can_assess =
+      !options.keep_outliers && static_cast<int>(job.frames.size()) >= min_frames_to_assess;
+  if (!can_assess && options.mode != EstimateMode::refined) return report;
   const auto sample =
       read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
   job.mean_square = sample.mean_square({});
   require_usual_brightness(job);
-  if (!judges) return report;
+  if (!can_assess) return report;
   const auto grams = light_grams(job.frames, job.session.light, run);
   const OutlierSearch search = find_outlier_frames(grams, sample, run);
   report.typical_residual = search.typical_residual;

@@ -338,7 +338,7 @@ std::vector<double> excess(const std::vector<float>& statistic, const std::vecto
   return result;
 }
 
-/// Residuals of all frames, and what is judged by.
+/// Residuals of all frames, and what is assessed by.
 class Examination {
  public:
   Examination(const LightGrams& grams, const PixelSample& sample, const std::vector<char>& left_out,
@@ -523,7 +523,7 @@ std::string description_of(const OutlierFrame& outlier) {
 
 OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample, const RunContext& run) {
   OutlierSearch search;
-  if (sample.images < min_frames_to_judge || sample.pixels == 0) return search;
+  if (sample.images < min_frames_to_assess || sample.pixels == 0) return search;
   std::vector<char> left_out =
       worst_fifth(Examination(grams, sample, std::vector<char>(sample.images, 0), run));
   for (int round = 0;; ++round) {
@@ -553,7 +553,7 @@ OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sa
       return search;
     }
     left_out = next;
-    if (4 * std::ranges::count(left_out, 1) > 3 * sample.images) return search;  // no judging at all
+    if (4 * std::ranges::count(left_out, 1) > 3 * sample.images) return search;  // no assessing at all
   }
 }
 

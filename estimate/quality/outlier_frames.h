@@ -17,7 +17,7 @@
 
 namespace refield {
 
-/// A few thousand pixels of all photographs, spread over the whole picture in small cells: enough to judge
+/// A few thousand pixels of all photographs, spread over the whole picture in small cells: enough to assess
 /// frames by, at a fraction of the cost of reading everything. Which pixels does not depend on options, rows
 /// or threads.
 struct PixelSample {
@@ -93,8 +93,8 @@ struct OutlierFrame {
 /// "41 times the usual residual in 9 % of the picture around (88, 61)": for people.
 std::string description_of(const OutlierFrame& outlier);
 
-/// Fewer frames say too little about each other to be judged.
-inline constexpr int min_frames_to_judge = 10;
+/// Fewer frames say too little about each other to be assessed.
+inline constexpr int min_frames_to_assess = 10;
 
 struct OutlierSearch {
   std::vector<OutlierFrame> outliers;  ///< in the order of frames

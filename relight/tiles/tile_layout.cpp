@@ -45,8 +45,8 @@ void for_each_pixel(const ReflectanceField& field, int tile_x, int tile_y, const
 std::vector<std::uint32_t> shared_by_tiles(const ReflectanceField& field) {
   const int across = (field.width + tile_side_px - 1) / tile_side_px;
   const int tiles = across * ((field.height + tile_side_px - 1) / tile_side_px);
-  constexpr std::uint32_t nobody = 0, several = std::numeric_limits<std::uint32_t>::max();
-  std::vector<std::uint32_t> owner(field.basis.size(), nobody);
+  constexpr std::uint32_t unowned = 0, several = std::numeric_limits<std::uint32_t>::max();
+  std::vector<std::uint32_t> owner(field.basis.size(), unowned);
   tbb::parallel_for(0, tiles, [&](int tile) {
     const auto self = static_cast<std::uint32_t>(tile) + 1;
     for_each_pixel(field, tile % across, tile / across, [&](int, std::size_t row) {
@@ -54,7 +54,7 @@ std::vector<std::uint32_t> shared_by_tiles(const ReflectanceField& field) {
         std::atomic_ref<std::uint32_t> owned(owner[field.transfer.column[e]]);
         std::uint32_t before = owned.load(std::memory_order_relaxed);
         if (before == self || before == several) continue;
-        if (before == nobody && owned.compare_exchange_strong(before, self, std::memory_order_relaxed))
+        if (before == unowned && owned.compare_exchange_strong(before, self, std::memory_order_relaxed))
           continue;
         if (before != self) owned.store(several, std::memory_order_relaxed);
       }

@@ -139,7 +139,7 @@ void PairTransport::add(std::size_t vertex, const Eigen::MatrixXf& radiance,
   Eigen::Matrix<float, Eigen::Dynamic, 1, 0, 3 * max_harmonics, 1> arriving;
   arriving.setZero(3 * count);
   for (std::size_t i = 0; i < from.point.size(); ++i)
-    if (from.weight[i] != 0.0f)  // points that nobody looks up hold nothing, not even zero
+    if (from.weight[i] != 0.0f)  // points that no one looks up hold nothing, not even zero
       arriving += from.weight[i] * radiance.col(from.point[i]);
   const auto taken = receiving.middleCols(static_cast<Index>(vertex) * terms, terms);
   for (Index k = 0; k < terms; ++k)

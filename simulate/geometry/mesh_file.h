@@ -21,12 +21,12 @@ void check_mesh_header(const std::filesystem::path& path, const std::string& for
 /// cancel out takes the first one's.
 void compute_normals(Mesh& mesh);
 
-/// Reads a mesh (import_mesh()) into the axes of core/field/mesh.h: z is negated and triangles are turned around.
-/// Vertices of equal position and colour become one, unless the file gives them normals that differ: so its
-/// hard edges stay hard. Normals are computed anew, weighted by area. Triangles without area and vertices
-/// without triangle are left out, with a word on standard error. Colours are taken as `coding` says, by
-/// default usual_colour_coding(), and clamped to [0, 1]; a file without is white. Materials and textures are
-/// not read. Throws as import_mesh(), and FormatError where no triangle is left.
+/// Reads a mesh (import_mesh()) into the axes of core/field/mesh.h: z is negated and triangles are turned
+/// around. Vertices of equal position and colour become one, unless the file gives them normals that differ:
+/// so its hard edges stay hard. Normals are computed anew, weighted by area. Triangles without area and
+/// vertices without triangle are left out, with a word on standard error. Colours are taken as `coding` says,
+/// by default usual_colour_coding(), and clamped to [0, 1]; a file without is white. Materials and textures
+/// are not read. Throws as import_mesh(), and FormatError where no triangle is left.
 Mesh read_mesh_file(const std::filesystem::path& path, std::optional<ColourCoding> coding = std::nullopt,
                     const RunContext& run = {});
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/clusters.h"
 
+#include <tbb/parallel_for.h>
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
@@ -120,7 +120,7 @@ class LightClusters {
     return lights;
   }
 
-  /// ‖T_C − T_l‖ that is let pass.
+  /// ‖T_C − T_l‖ that the clustering error threshold allows.
   double limit(const CubeSquare& square) const {
     if (options_.similarity == Similarity::all_outputs) return options_.epsilon * outputs_;  // eq. 11
     return options_.epsilon * std::sqrt(outputs_) / cube_solid_angle(square.box, options_.resolution);

@@ -67,7 +67,7 @@ struct ClusterOptions {
   Similarity similarity = Similarity::group;
   int resolution = 1024;  ///< R: the light has 6 R² texels; 1 to 4096
   int samples = 3;        ///< s: lights tried along a square's side, 2 to 16
-  /// What is let pass.
+  /// Clustering error threshold.
   ///  - all_outputs: ε of eq. 11, ‖T_C − T_l‖ ∕ N < ε for all samples l (and, of an image, each channel).
   ///  - all_by_solid_angle: Ω ‖T_C − T_l‖ ∕ √N < ε for a square of solid angle Ω.
   ///  - group: a square of solid angle Ω is cut while Ω · σ(T) > ε for an output (and channel) of the group,
@@ -108,7 +108,7 @@ std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::s
 /// For each group of 16 outputs its own cut through the quadtrees of light (Similarity::group). Every face
 /// is looked at in squares of an eighth of its side at least, and in squares as narrow as the lobe where
 /// outputs mirror; a square whose samples differ is quadrisected; then squares are joined again from the
-/// bottom up as long as the loss allows, judged by all samples under them. Weights are means over all of
+/// bottom up as long as the loss allows, assessed by all samples under them. Weights are means over all of
 /// these, each counting by its solid angle.
 std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const ClusterOptions& options,
                                      ClusterStatistics& statistics, const RunContext& run);

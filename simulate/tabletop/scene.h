@@ -166,8 +166,8 @@ class Scene {
   Eigen::Vector3f camera_origin_, camera_corner_, camera_right_, camera_down_;
 };
 
-/// Sorts the camera's pixels by what they show (kind_names in core/image/pixel_classes.h), from the first surfaces
-/// that 4 × 4 rays through a pixel meet:
+/// Sorts the camera's pixels by what they show (kind_names in core/image/pixel_classes.h), from the first
+/// surfaces that 4 × 4 rays through a pixel meet:
 ///  - refraction: three quarters or more are mirror or glass, or the monitor itself;
 ///  - diffuse (with translucent), glossy (with metal): the same for these materials ...
 ///  - hard_shadow: ... but from 5 to 95 % of the monitor points that face the surface are hidden from it,

@@ -264,7 +264,7 @@ int status_under_limit(__rlimit_resource resource, rlim_t value, std::vector<std
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-// Libraries throw while they are loaded where nobody can catch it; oneTBB where a thread is refused.
+// Libraries throw while they are loaded where no one can catch it; oneTBB where a thread is refused.
 TEST_F(EstimateVerb, LimitsOfTheSystemEndItWithAMessage) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
   GTEST_SKIP() << "a sanitizer takes the address space and must start first";

@@ -77,12 +77,11 @@ TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
                            "--directions", "64", "--until", "1", "--radius", "4"}),
               Succeeded());
   // From the left to the right.
-  std::ofstream(folder / "lights.toml")
-      << "[[light]]\nshape = 'sphere'\nsize = 1.5\nradiance = [5, 5, 5]\n"
-         "path = [[0, -3, 1.5, -1], [2, 3, 1.5, -1]]\n";
-  ASSERT_THAT(run_refield({"relight", field, "--area-lights", folder / "lights.toml", "--frames", "2",
-                           "-o", out}),
-              Succeeded());
+  std::ofstream(folder / "lights.toml") << "[[light]]\nshape = 'sphere'\nsize = 1.5\nradiance = [5, 5, 5]\n"
+                                           "path = [[0, -3, 1.5, -1], [2, 3, 1.5, -1]]\n";
+  ASSERT_THAT(
+      run_refield({"relight", field, "--area-lights", folder / "lights.toml", "--frames", "2", "-o", out}),
+      Succeeded());
   const auto left_share = [&](const char* name) {
     const Image image = read_image(std::filesystem::path(out) / name);
     double left = 0.0, all = 0.0;

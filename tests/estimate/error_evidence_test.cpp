@@ -78,7 +78,7 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
     const PixelKernels kernels = WeightFitter(table_).fit(set, masked, ones);
     EXPECT_EQ(kernels.boxes.size(), 3u);
     AlignedFloats residuals(3 * table_.stride());
-    return ErrorJudge(table_, fast()).leave_one_out(kernels, cache_, masked, residuals.data());
+    return ErrorEvaluator(table_, fast()).leave_one_out(kernels, cache_, masked, residuals.data());
   }
 
   const std::vector<Box> boxes_ = {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}};
@@ -105,14 +105,14 @@ TEST_F(ErrorEvidenceOfAPixel, UnmeasuredSamplesAreLeftOut) {
 TEST_F(ErrorEvidenceOfAPixel, CrossValidationExceedsTheNoiseAndTheTrainingError) {
   const PixelKernels all = PixelFitter(cache_, fast()).fit(samples());
   const PixelSamples block[] = {samples()};
-  const double cross_validated = ErrorJudge(table_, fast()).cross_validate(block, 1)[0];
+  const double cross_validated = ErrorEvaluator(table_, fast()).cross_validate(block, 1)[0];
   EXPECT_GT(cross_validated, all.squared_residual);
   const double noise = 0.05 * 0.05 * all.squared_samples;
   EXPECT_GT(cross_validated, 0.8 * noise);
   EXPECT_LT(cross_validated, 4.0 * noise);
 }
 
-TEST(PredictedErrorOfAField, ForeseesTheErrorOnNewLights) {
+TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
   const test::TemporaryFolder folder;
   const auto lights = test::random_lights(60, 16, 12, 3);
   const auto truth = test::field_of_boxes(23, 18, lights[0].domain(),

@@ -20,7 +20,7 @@ enum class DualMethod {
   smooth_ridge,   ///< penalty by marginal likelihood, and with it the length scale of a smooth covariance
 };
 
-/// A diagonal method at each of its settings (penalties, or ranks), and what judges a setting.
+/// A diagonal method at each of its settings (penalties, or ranks), and what assesses a setting.
 struct DualFilters {
   Eigen::MatrixXd factors;      ///< [images × settings]: α = U (factors ∘ β)
   Eigen::MatrixXd misfit;       ///< [settings × images]: what β² are weighted with in the criterion

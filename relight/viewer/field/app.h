@@ -53,7 +53,7 @@ struct App : WindowState {
 
   std::unique_ptr<BackgroundJob<OpenedFile>> opening;  ///< the file that is being read
   std::string opening_name;
-  /// Those before it, cancelled: kept until they end, so that nobody has to wait for them.
+  /// Those before it, cancelled: kept until they end, so that no one has to wait for them.
   std::vector<std::unique_ptr<BackgroundJob<OpenedFile>>> abandoned;
   bool tells_share = false;  ///< a new environment is being projected: say how much of it the monitor shows
 

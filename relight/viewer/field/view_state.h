@@ -94,7 +94,7 @@ class ViewState {
   /// The relative error that has the last colour: the 98th percentile of the map that is shown; 0 for others.
   double error_range() const { return error_range_; }
 
-  /// Whose kernels are shown; nothing: nobody's. Positions outside the picture are taken as nothing. On a
+  /// Whose kernels are shown; nothing: no one's. Positions outside the picture are taken as nothing. On a
   /// mesh the vertex is picked that the pixel shows most of, and stays so when the camera moves; picked() is
   /// where it is seen then, through what hides it.
   void pick(std::optional<PixelPosition> pixel);

@@ -94,21 +94,21 @@ ChangeFrame ramp_frame(double start, double exposure, double latency, double set
   return {start, exposure, share};
 }
 
-TEST(LightChange, IsFoundFromFramesInStepWithTheDisplay) {
+TEST(DisplayTransition, IsFoundFromFramesInStepWithTheDisplay) {
   std::vector<ChangeFrame> frames;
   for (double exposure : {0.002, 0.008, 0.02, 0.033, 0.06, 0.1})
     for (double start = 0.0083; start < 0.3; start += std::max(0.0333, exposure))
       frames.push_back(ramp_frame(start, exposure, 0.0412, 0.0087));
-  const LightChange change = fit_light_change(frames, Seconds(0.5), 0.01);
+  const DisplayTransition change = fit_light_change(frames, Seconds(0.5), 0.01);
   EXPECT_NEAR(change.latency.count(), 0.0412, 2e-4);
   EXPECT_NEAR((change.latency + change.settling).count(), 0.0412 + 0.0087, 2e-4);
 }
 
-TEST(LightChange, SettlingCoversASlowTail) {
+TEST(DisplayTransition, SettlingCoversASlowTail) {
   std::vector<ChangeFrame> frames;
   for (double start = 0.0; start < 0.5; start += 0.01)
     frames.push_back({start, 0.004, start < 0.03 ? 0.0 : 1.0 - std::exp(-(start - 0.03) / 0.03)});
-  const LightChange change = fit_light_change(frames, Seconds(0.5), 0.01);
+  const DisplayTransition change = fit_light_change(frames, Seconds(0.5), 0.01);
   EXPECT_GE((change.latency + change.settling).count(), 0.03 + 0.03 * std::log(100.0) - 0.01);
 }
 

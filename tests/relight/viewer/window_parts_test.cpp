@@ -160,7 +160,7 @@ TEST(BackgroundJob, GivesResultsAndErrors) {
   EXPECT_THROW(failing.take(), InputError);
 }
 
-// Parallel loops within it end early, and nobody takes what they left behind.
+// Parallel loops within it end early, and no one takes what they left behind.
 TEST(BackgroundJob, EndsSoonOnceCancelled) {
   std::atomic<int> begun{0};
   BackgroundJob<int> job([&] {

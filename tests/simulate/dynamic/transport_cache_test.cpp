@@ -154,13 +154,13 @@ TEST_F(TransportCacheTest, StandsWhereTheEnvironmentSays) {
   const auto folder = [](const char* own, const char* xdg) {
     ::setenv("REFIELD_CACHE", own, 1);
     ::setenv("XDG_CACHE_HOME", xdg, 1);
-    ::setenv("HOME", "/home/somebody", 1);
+    ::setenv("HOME", "/home/someone", 1);
     return TransportCache::from_environment().folder();
   };
   EXPECT_EQ(folder("", "/tmp/xdg"), "/tmp/xdg/refield");
   EXPECT_EQ(folder("/tmp/own", "/tmp/xdg"), "/tmp/own");
-  EXPECT_EQ(folder("", ""), "/home/somebody/.cache/refield");
-  EXPECT_EQ(folder("", "relative"), "/home/somebody/.cache/refield");
+  EXPECT_EQ(folder("", ""), "/home/someone/.cache/refield");
+  EXPECT_EQ(folder("", "relative"), "/home/someone/.cache/refield");
   EXPECT_EQ(folder("off", "/tmp/xdg"), "");
   const TransportCache none = TransportCache::from_environment();
   none.store(ball_, quick(), transport_);
