@@ -205,7 +205,7 @@ struct FitSample {
       if (count == 0) continue;
       const auto before = Clock::now();
       Progress within(run, "fit", 1);  // not shown: another is
-      estimate_band(table, band, rows, job.session.height, chosen, options, workers, within, nullptr, run);
+      estimate_band({table, band, rows, job.session.height, chosen, options}, workers, within, run);
       seconds += seconds_since(before);
       pixels += count;
     }

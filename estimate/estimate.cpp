@@ -48,8 +48,8 @@ int estimate_bands(const EstimateJob& job, EstimateOptions options, const Estima
   for (const RowRange& rows : missing) {
     const RowRange held = rows_needed(rows, height, options);
     const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
-    keep(rows, estimate_band(*table, band, rows, height, job.mask, options, workers, progress,
-                             job.refinement.get(), run));
+    keep(rows, estimate_band({*table, band, rows, height, job.mask, options, job.refinement.get()}, workers,
+                             progress, run));
   }
   return static_cast<int>(bands.size() - missing.size());
 }

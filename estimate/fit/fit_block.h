@@ -7,6 +7,7 @@
 
 #include "core/base/run_context.h"
 #include "estimate/fit/fit_pixel.h"
+#include "estimate/fit/fit_tuning.h"
 #include "estimate/fit/gap_filling.h"
 #include "estimate/fit/select_kernels.h"
 #include "estimate/fit/similar_pixels.h"
@@ -29,7 +30,7 @@ class BlockFitter {
  public:
   /// `mean_square`: of the picture's samples, over pixels, channels and images. Pixels whose error is small
   /// beside it are searched with less effort, and in those bright beside it rectangles cost less; 0: neither.
-  BlockFitter(KernelCache& cache, int max_kernels, double mean_square);
+  BlockFitter(KernelCache& cache, int max_kernels, double mean_square, const FitTuning& tuning = {});
 
   /// `samples`: of the pixels of a rectangle of `width` pixels, row by row, at most block_side_px in each
   /// direction; an entry of null pointers is a pixel outside the mask. Returns kernels in the same order.
@@ -39,13 +40,20 @@ class BlockFitter {
                                 std::span<const std::vector<Box>> old = {});
 
  private:
+  struct Fitted {
+    PixelKernels kernels;
+    KernelChoice choice;
+    std::array<double, 3> noise{};  // variance of a sample about the fit
+  };
   struct Pixel {
     int index = 0;  // in the block
     int x = 0, y = 0;
     MaskedSamples samples;
-    AlignedFloats values;        // [3 × extent], extended; what was not measured is filled in
-    std::vector<Box> gap_boxes;  // of the tree that sees only what was measured
+    AlignedFloats values;            // [3 × extent], extended; what was not measured is filled in
+    std::vector<Box> gap_boxes;      // of the tree that sees only what was measured
+    std::span<const Box> old_boxes;  // of an earlier fit
     std::array<double, 3> noise_kept = {1.0, 1.0, 1.0};  // part of the noise variance left by pooling
+    Fitted fitted;                                       // the last one accepted
 
     int count_in(const std::vector<int>& channels) const {
       int count = 0;
@@ -53,60 +61,84 @@ class BlockFitter {
       return count;
     }
   };
-  struct Fitted {
-    PixelKernels kernels;
-    KernelChoice choice;
-    std::array<double, 3> noise{};  // variance of a sample about the fit
+  /// Pixels of a square that are fitted together.
+  struct Group {
+    std::vector<Pixel*> pixels;
+    int side_px = block_side_px;
+    bool reuses_old = false;  // old rectangles take the place of a tree
   };
-  using Group = std::vector<Pixel*>;
+  /// What a pixel passes on to the next of its group, which is like it. Changes the time and, through
+  /// FitTuning::class_cutoff, the classes that are tried; so each group starts without any.
+  struct Hints {
+    ClassGuess smooth_class;
+    std::vector<float> hats;  // weights, [hats × 3]
+  };
   /// How thoroughly rectangles are sought: `full` looks at all channels and moves edges to the texel.
   enum class Effort { full, little };
-
-  void load(Pixel& pixel, const PixelSamples& samples);
-  void fit_group(const Group& pixels, int side);
   /// A tree and what chooses from it.
   struct Search {
-    Search(KernelCache& cache, int max_leaves) : tree(cache, max_leaves), selector(cache.smooth()) {}
+    Search(KernelCache& cache, const FitTuning& tuning)
+        : tree(cache, tuning.max_leaves), selector(cache.smooth(), tuning) {}
     TreeSearch tree;
     KernelSelector selector;
   };
+
+  void load(Pixel& pixel, const PixelSamples& samples);
+  /// Fits a group, or its worst pixel alone, and appends the parts that are still to be fitted to `pending`.
+  void fit_group(const Group& group, std::vector<Group>& pending);
+  void fit_single(Pixel& pixel, bool reuses_old);
+  /// Appends the quarters of a group, but for one that holds nothing besides `fitted`.
+  void divide(const Group& group, const Pixel& fitted, std::vector<Group>& pending) const;
+
+  // Steps of fit_group().
+
+  /// Makes the dictionary of shared_: old rectangles of the pixels, or a tree from means of similar pixels.
+  void prepare_shared(const Group& group);
+  void take_old(const std::vector<Pixel*>& pixels);
+  void grow_shared(const std::vector<Pixel*>& pixels);
+  /// The fit with a tree of its own, where it is clearly better than the shared one.
+  std::optional<Fitted> fit_better_alone(Pixel& pixel, bool reuses_old, Hints& hints);
+  /// Reduces the pixels' noise by what they have in common, and solves for the weights again.
+  void pool_and_solve(const std::vector<Pixel*>& pixels, Hints& hints);
+
+  // Of one pixel.
+
+  /// With a tree of its own, or its own old rectangles.
+  Fitted fit_alone(Pixel& pixel, bool reuses_old, Hints& hints);
+  /// With kernels chosen from the dictionary of a search.
+  Fitted fit_from(Pixel& pixel, Search& search, Hints& hints);
+  void set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search, Hints& hints,
+                   Fitted& fitted);
+  /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
+  /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
+  void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
+  /// Moves the edges of the rectangles to where they fit best.
+  void refine(const Pixel& pixel, Fitted& fitted);
+
   /// Channels that a tree is grown from: the brightest where its samples are enough, or all.
-  std::vector<int> channels_to_search(const Group& pixels) const;
-  /// Takes the old rectangles of the pixels, or grows a tree from the means of similar pixels.
-  void take_or_grow(const Group& pixels);
+  std::vector<int> channels_to_search(const std::vector<Pixel*>& pixels) const;
+  /// Sorts pixels into a few sets of similar ones, whose means stand for all in the search.
+  AlikeSets sort_pixels(const std::vector<Pixel*>& pixels) const;
   /// Whether its error with this fit is at least this part of the picture's root mean square.
   bool matters(const Pixel& pixel, const PixelKernels& fit, double part) const;
   /// What a pixel deserves that is fitted like this.
   Effort effort_for(const Pixel& pixel, const PixelKernels& fit) const;
-  /// With a tree of its own, or its own old rectangles.
-  Fitted fit_alone(Pixel& pixel);
-  /// Sorts pixels into a few sets of alike ones, whose means stand for all in the search.
-  AlikeSets sort_alike(const Group& pixels) const;
   double search_penalty_for(const MaskedSamples& samples) const;
   PixelCoordinates coordinates_of(const Pixel& pixel, const TreeDictionary& dictionary) const;
-  Fitted fit_from(Pixel& pixel, Search& search);
-  void set_weights(const Pixel& pixel, const PixelCoordinates& coordinates, Search& search, Fitted& fitted);
-  /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
-  /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
-  void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
-  void refine(const Pixel& pixel, Fitted& fitted);
-  void pool(const Group& pixels);
 
   KernelCache& cache_;
   const SmoothSpace& smooth_;
-  int max_kernels_;
-  double mean_square_;
-  int images_;
-  std::size_t stride_, extent_;
+  const FitTuning tuning_;
+  const int max_kernels_;
+  const double mean_square_;
+  const int images_;
+  const std::size_t stride_, extent_;
+
+  // Memory that is reused; nothing in it passes from one group to the next.
   GapFiller gap_filler_;
   Search shared_;  // of a group of pixels
-  Search single_;  // of its pixel that is explained worst
+  Search single_;  // of one of its pixels
   WeightedFit weighted_;
-  std::span<const std::vector<Box>> old_;
-  ClassGuess guess_;
-  std::vector<float> like_;  // weights of the hats of the pixel before
-  std::vector<Fitted> fitted_;
-  std::vector<AlignedFloats> means_;
 };
 
 /// Hats that an estimation with these options uses.

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "estimate/fit/fit_tuning.h"
 #include "estimate/fit/nnls.h"
 #include "estimate/fit/tree_search.h"
 
@@ -22,18 +23,13 @@ inline double information_criterion(double squared_residual, double squared_samp
   return measured * std::log(std::max(squared_residual, floor) / measured) + parameters * std::log(measured);
 }
 
-/// What a rectangle costs in the information criterion for having been searched: 2 log D, D ≈ 5000 being the
-/// rectangles that a tree could have reached. A constant, so that criteria from different trees can be
-/// compared. Measured on a noisy capture: 17 to 22 are best, 12 costs 10 %; on a clean one 12 is 3 % better.
-constexpr double usual_search_penalty = 17.0;
-
 /// A pixel's samples b as a dictionary sees them.
 struct PixelCoordinates {
   std::array<std::vector<float>, 3> inside;  ///< Qᵀb, [rank]
   std::array<std::vector<float>, 3> smooth;  ///< Vᵀb, [smooth rank]
   std::array<double, 3> squared{};           ///< ‖b‖²
   double measured = 0.0;                     ///< samples that were measured, over channels
-  double search_penalty = usual_search_penalty;
+  double search_penalty = FitTuning{}.search_penalty;
 };
 
 /// What was chosen for a pixel.
@@ -72,13 +68,13 @@ struct PixelWeights {
 /// the dictionary's size instead of the number of images.
 class KernelSelector {
  public:
-  explicit KernelSelector(const SmoothSpace& smooth);
+  explicit KernelSelector(const SmoothSpace& smooth, const FitTuning& tuning = {});
 
   /// The dictionary that the next calls choose from; must outlive them.
   void prepare(const TreeDictionary& dictionary);
-  /// At most `most` kernels, hats included. Looks at the class guessed first, leaves out those guessed to be
-  /// far behind, and brings the guess up to date.
-  KernelChoice select(const PixelCoordinates& pixel, int most, ClassGuess& guess);
+  /// At most `max_kernels` kernels, hats included. Looks at the class guessed first, leaves out those guessed
+  /// to be far behind, and brings the guess up to date.
+  KernelChoice select(const PixelCoordinates& pixel, int max_kernels, ClassGuess& guess);
   /// Non-negative weights of the chosen rectangles together with the hats (eq. 6). `noise_kept`: of each
   /// channel, the part of the noise variance that the samples still have; the prior of the hats weighs that
   /// much less. `like`: empty, or [hats × 3] weights of hats in a fit that is alike; those without any are
@@ -87,45 +83,86 @@ class KernelSelector {
                      const std::array<double, 3>& noise_kept, std::span<const float> like = {});
 
  private:
+  /// Products of the dictionary's rectangles in the metric of a class.
   struct Metric {
+    const SmoothClass* smooth_class = nullptr;
     bool ready = false;
-    std::array<AlignedFloats, 3> norm2;        // [padded size]
-    std::array<AlignedFloats, 3> least_norm2;  // [padded size]; who keeps no more says nothing new
-    std::array<AlignedFloats, 3> gram;         // [size × padded size], rows made on demand
+    std::array<AlignedFloats, 3> norm2;      // [padded size]
+    std::array<AlignedFloats, 3> min_norm2;  // [padded size]; a part with less is spanned by others
+    std::array<AlignedFloats, 3> gram;       // [size × padded size], rows made on demand
     std::vector<char> has_row;
   };
+  /// A pixel's samples in the metric of a class.
+  struct Samples {
+    std::array<double, 3> squared{};        // ‖b‖²
+    std::array<AlignedFloats, 3> products;  // with the rectangles, [padded size]
+  };
+  /// One channel of a matching pursuit.
+  struct PursuitChannel {
+    AlignedFloats correlation;      // of the rectangles with the residual, [padded size]
+    AlignedFloats remaining_norm2;  // of their parts perpendicular to the chosen ones, [padded size]
+    AlignedFloats projections;      // rows of the growing Cholesky factor, [max_chosen × padded size]
+    std::vector<double> weights;    // of the chosen
+    std::vector<double> gram;       // of the chosen, [max_chosen × max_chosen]
+    std::vector<double> products;   // of the chosen with the samples
+    NnlsSolver nnls;                // continues from rectangle to rectangle
+  };
+  struct Pursuit {
+    int max_chosen = 0;
+    std::vector<int> chosen;  // rectangles
+    std::vector<char> is_chosen;
+    std::array<PursuitChannel, 3> channels;
+  };
+  /// What a fit to the chosen rectangles leaves and takes.
+  struct FitSummary {
+    double squared_residual = 0.0;
+    int parameters = 0;  // weights above zero
+    int kernels = 0;     // rectangles with such a weight
+  };
+  /// One channel's normal equations of hats and rectangles, in this order.
+  struct NormalEquations {
+    std::vector<double> raw_gram;  // [size × size]
+    std::vector<double> gram;      // and the hats' prior
+    std::vector<double> products;  // with the samples
+    std::vector<double> x;
+  };
+
   Metric& metric(int smooth_class);
-  /// A vector of coordinates, ready as left factor of products in the metric of a class.
-  void weigh(float* coordinates, int smooth_class, int channel) const;
-  void make_row(int smooth_class, int box);
-  void load_samples(const PixelCoordinates& pixel, int smooth_class);
-  KernelChoice pursue(const PixelCoordinates& pixel, int smooth_class, int most);
+  /// Makes a vector of coordinates the left factor of products in the metric of a class.
+  void weigh(float* coordinates, const SmoothClass& smooth_class, int channel) const;
+  void make_row(Metric& metric, int box);
+  void load_samples(const PixelCoordinates& pixel, const SmoothClass& smooth_class);
+
+  // The pursuit in one class, and its steps.
+  KernelChoice pursue(const PixelCoordinates& pixel, int smooth_class, int max_kernels);
+  void start_pursuit(const Metric& metric, int max_chosen);
+  /// The rectangle that reduces the residual most; -1 for none.
   int best_candidate(const Metric& metric);
-  void add(int smooth_class, int box);
+  /// Chooses it and solves for the weights again.
+  void choose(Metric& metric, int box);
+  /// Takes the direction of the rectangle chosen last out of all others.
+  void remove_direction(const Metric& metric, int channel);
+  void update_weights(const Metric& metric, int channel);
+  FitSummary summarise_pursuit() const;
+
+  /// Sets up the equations of solve() for a channel, in the metric without a smooth part.
+  void load_equations(const Metric& raw, const PixelCoordinates& pixel, const KernelChoice& choice, int hats,
+                      int channel);
 
   const SmoothSpace& smooth_;
+  const FitTuning tuning_;
   const TreeDictionary* dictionary_ = nullptr;
   std::size_t padded_size_ = 0;
-  std::vector<Metric> metrics_;
+  std::vector<Metric> metrics_;  // [classes]
 
-  // Of one pursuit.
-  AlignedFloats left_;
-  std::array<double, 3> squared_{};            // ‖b‖² in the metric
-  std::array<AlignedFloats, 3> with_samples_;  // [padded size]
-  std::array<AlignedFloats, 3> correlation_;   // with the residual
-  std::array<AlignedFloats, 3> remaining_norm2_;
-  std::array<AlignedFloats, 3> projections_;  // rows of the growing Cholesky factor, [chosen × padded size]
-  std::vector<int> chosen_;
-  std::vector<char> is_chosen_;
-  std::array<std::vector<double>, 3> weights_;
-  int gram_stride_ = 0;
-  std::array<std::vector<double>, 3> chosen_gram_;  // [chosen × gram_stride_]
-  std::array<std::vector<double>, 3> with_chosen_;  // products with the samples
-  std::array<NnlsSolver, 3> nnls_;                  // each goes on from rectangle to rectangle
-  AlignedFloats total_gain_;                        // [padded size]
-  std::vector<double> gram_, raw_gram_, h_, x_;
-  std::vector<const float*> pointers_;
+  // Of the pixel and class at hand; memory that is reused.
+  Samples samples_;
+  Pursuit pursuit_;
+  NormalEquations equations_;
+  AlignedFloats left_;                  // factor of products
+  std::vector<const float*> pointers_;  // right factors
   std::vector<float> products_;
+  AlignedFloats total_gain_;  // [padded size]
 };
 
 }  // namespace refield

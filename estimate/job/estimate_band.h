@@ -34,12 +34,20 @@ inline constexpr std::uint64_t cache_limit_bytes = 96ull << 20;
 int max_rows_beyond(const EstimateOptions& options);
 RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options);
 
-/// Estimates the pixels of `wanted` rows of a picture of `height`, row by row; `band` holds rows_needed().
-/// `mask` [height × width] or empty. With a refinement, pixels start from its field's kernels. Throws
-/// Interrupted between tiles when asked to stop.
-std::vector<PixelKernels> estimate_band(const BoxTable& table, const ObservationBand& band, RowRange wanted,
-                                        int height, const Mask& mask, const EstimateOptions& options,
-                                        FitWorkers& workers, Progress& progress,
-                                        const Refinement* refinement = nullptr, const RunContext& run = {});
+/// What a band of rows is estimated from. Refers to the caller's objects.
+struct BandInput {
+  const BoxTable& table;
+  const ObservationBand& band;  ///< holds rows_needed(rows, height, options)
+  RowRange rows;                ///< to be estimated
+  int height = 0;               ///< of the picture
+  const Mask& mask;             ///< [height × width of the band] or empty
+  const EstimateOptions& options;
+  const Refinement* refinement = nullptr;  ///< pixels start from its field's kernels, if any
+};
+
+/// Estimates the pixels of `input.rows`; returns them row by row, with the evidence about their error where
+/// the options ask for it. Throws Interrupted between tiles when asked to stop.
+std::vector<PixelKernels> estimate_band(const BandInput& input, FitWorkers& workers, Progress& progress,
+                                        const RunContext& run = {});
 
 }  // namespace refield
