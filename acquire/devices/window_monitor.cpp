@@ -1,11 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/devices/window_monitor.h"
 
-#include <SDL.h>
+#define GL_GLEXT_PROTOTYPES
+#define GLFW_INCLUDE_NONE
+
+#include <GL/gl.h>
+#include <GL/glext.h>
+#include <GLFW/glfw3.h>
 #include <time.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <optional>
+#include <string_view>
 #include <utility>
 
 #include "core/base/errors.h"
@@ -15,38 +22,34 @@ namespace refield {
 namespace {
 
 [[noreturn]] void fail(const std::string& what) {
-  throw DeviceError("window monitor", ENODEV, what + " (" + SDL_GetError() + ")");
+  const char* reason = nullptr;
+  glfwGetError(&reason);
+  throw DeviceError("window monitor", ENODEV,
+                    reason == nullptr ? what : what + " (" + std::string(reason) + ")");
 }
 
-/// SDL's video part, for as long as it is needed. Signals stay ours.
-class Video {
+/// The connection to the desktop, for as long as it is needed.
+class Desktop {
  public:
-  Video() {
-    SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
-    SDL_SetHint(SDL_HINT_RENDER_SCALE_QUALITY, "nearest");
-    SDL_SetHint(SDL_HINT_VIDEO_HIGHDPI_DISABLED, "0");
-    if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0) fail(no_desktop);
-    // SDL has drivers that draw to nowhere, and takes them where nothing else is.
-    const std::string driver = SDL_GetCurrentVideoDriver() ? SDL_GetCurrentVideoDriver() : "";
-    for (const char* nowhere : {"dummy", "offscreen", "evdev"})
-      if (driver == nowhere) {
-        SDL_QuitSubSystem(SDL_INIT_VIDEO);
-        throw DeviceError("window monitor", ENODEV, no_desktop);
-      }
+  Desktop() {
+    if (glfwInit() == GLFW_FALSE)
+      fail("there is no desktop to open a window on; set DISPLAY or WAYLAND_DISPLAY, or use a KMS monitor");
   }
-  ~Video() { SDL_QuitSubSystem(SDL_INIT_VIDEO); }
-  static constexpr const char* no_desktop =
-      "there is no desktop to open a window on; set DISPLAY or WAYLAND_DISPLAY, or use a KMS monitor";
-  Video(const Video&) = delete;
-  Video& operator=(const Video&) = delete;
+  ~Desktop() { glfwTerminate(); }
+  Desktop(const Desktop&) = delete;
+  Desktop& operator=(const Desktop&) = delete;
+
+  std::vector<GLFWmonitor*> displays() const {
+    int count = 0;
+    GLFWmonitor** all = glfwGetMonitors(&count);
+    return {all, all + count};
+  }
 };
 
-WindowDisplay display_at(int index) {
-  SDL_DisplayMode mode{};
-  if (SDL_GetDesktopDisplayMode(index, &mode) != 0) fail("cannot ask the display for its mode");
-  const char* name = SDL_GetDisplayName(index);
-  return {name ? name : "display " + std::to_string(index), mode.w, mode.h,
-          static_cast<double>(mode.refresh_rate)};
+WindowDisplay description_of(GLFWmonitor* display) {
+  const GLFWvidmode* mode = glfwGetVideoMode(display);
+  if (mode == nullptr) fail("cannot read the display's mode");
+  return {glfwGetMonitorName(display), mode->width, mode->height, static_cast<double>(mode->refreshRate)};
 }
 
 TimePoint monotonic_now() {
@@ -55,48 +58,59 @@ TimePoint monotonic_now() {
   return TimePoint(std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec));
 }
 
-struct Deleter {
-  void operator()(SDL_Window* window) const { SDL_DestroyWindow(window); }
-  void operator()(SDL_Renderer* renderer) const { SDL_DestroyRenderer(renderer); }
-  void operator()(SDL_Texture* texture) const { SDL_DestroyTexture(texture); }
-};
+/// Letters as the keyboard's layout has them.
+std::optional<WindowKey> window_key(int key, int scancode) {
+  switch (key) {
+    case GLFW_KEY_SPACE:
+    case GLFW_KEY_RIGHT:
+    case GLFW_KEY_DOWN:
+      return WindowKey::next;
+    case GLFW_KEY_LEFT:
+    case GLFW_KEY_UP:
+    case GLFW_KEY_BACKSPACE:
+      return WindowKey::back;
+    case GLFW_KEY_ESCAPE:
+      return WindowKey::stop;
+    default:
+      break;
+  }
+  const char* name = glfwGetKeyName(key, scancode);
+  if (name == nullptr) return std::nullopt;
+  if (name == std::string_view("p")) return WindowKey::pause;
+  if (name == std::string_view("q")) return WindowKey::stop;
+  return std::nullopt;
+}
 
 }  // namespace
 
-bool has_window_monitor() {
-  return true;
-}
-
 std::vector<WindowDisplay> window_displays() {
-  const Video video;
+  const Desktop desktop;
   std::vector<WindowDisplay> displays;
-  for (int i = 0; i < SDL_GetNumVideoDisplays(); ++i) displays.push_back(display_at(i));
+  for (GLFWmonitor* display : desktop.displays()) displays.push_back(description_of(display));
   return displays;
 }
 
 struct WindowMonitor::State {
-  Video video;
+  Desktop desktop;
   WindowDisplay display;
   int width = 0, height = 0;  // of light maps
   int screen_width = 0, screen_height = 0;
   int scale = 1;
   bool waits = false;
-  bool covered = false;
+  bool is_exposed = false;  // what was covered must be drawn again
   std::vector<WindowKey> keys;
-  std::unique_ptr<SDL_Window, Deleter> window;
-  std::unique_ptr<SDL_Renderer, Deleter> renderer;
-  std::unique_ptr<SDL_Texture, Deleter> texture;
+  std::unique_ptr<GLFWwindow, decltype(&glfwDestroyWindow)> window{nullptr, glfwDestroyWindow};
 
   explicit State(const WindowMonitorOptions& options) {
-    const int displays = SDL_GetNumVideoDisplays();
-    if (options.display < 0 || options.display >= displays)
-      throw InputError("the desktop has " + std::to_string(displays) + " display(s); there is no display " +
-                       std::to_string(options.display));
-    display = display_at(options.display);
-    open_window(options.display);
+    const auto displays = desktop.displays();
+    if (options.display < 0 || static_cast<std::size_t>(options.display) >= displays.size())
+      throw InputError("the desktop has " + std::to_string(displays.size()) +
+                       " display(s); there is no display " + std::to_string(options.display));
+    GLFWmonitor* chosen = displays[static_cast<std::size_t>(options.display)];
+    display = description_of(chosen);
+    open_window(chosen);
     // Pixels of the screen, not the desktop's points.
-    if (SDL_GetRendererOutputSize(renderer.get(), &screen_width, &screen_height) != 0)
-      fail("cannot ask for the window's size in pixels");
+    glfwGetFramebufferSize(window.get(), &screen_width, &screen_height);
     width = options.width > 0 ? options.width : screen_width;
     height = options.height > 0 ? options.height : screen_height;
     scale = std::min(screen_width / width, screen_height / height);
@@ -104,73 +118,82 @@ struct WindowMonitor::State {
       throw InputError(display.name + ": light maps of " + std::to_string(width) + "×" +
                        std::to_string(height) + " texels are larger than the screen of " +
                        std::to_string(screen_width) + "×" + std::to_string(screen_height) + " pixels");
-    texture.reset(
-        SDL_CreateTexture(renderer.get(), SDL_PIXELFORMAT_RGB24, SDL_TEXTUREACCESS_STREAMING, width, height));
-    if (!texture) fail("cannot create the image");
-    SDL_SetTextureBlendMode(texture.get(), SDL_BLENDMODE_NONE);
-    SDL_SetTextureScaleMode(texture.get(), SDL_ScaleModeNearest);
+    prepare_drawing();
+    waits = swaps_wait();
   }
 
-  void open_window(int index) {
-    const int place = static_cast<int>(SDL_WINDOWPOS_UNDEFINED_DISPLAY(static_cast<unsigned>(index)));
-    window.reset(SDL_CreateWindow("refield", place, place, display.width, display.height,
-                                  SDL_WINDOW_FULLSCREEN_DESKTOP | SDL_WINDOW_BORDERLESS |
-                                      SDL_WINDOW_ALLOW_HIGHDPI | SDL_WINDOW_ALWAYS_ON_TOP));
-    if (!window) fail("cannot open a full-screen window");
-    renderer.reset(SDL_CreateRenderer(window.get(), -1, SDL_RENDERER_PRESENTVSYNC));
-    if (!renderer) fail("cannot draw into the window");
-    SDL_RendererInfo info{};
-    waits = SDL_GetRendererInfo(renderer.get(), &info) == 0 && (info.flags & SDL_RENDERER_PRESENTVSYNC) != 0;
-    SDL_ShowCursor(SDL_DISABLE);
-    SDL_DisableScreenSaver();
+  void open_window(GLFWmonitor* chosen) {
+    glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
+    glfwWindowHint(GLFW_AUTO_ICONIFY, GLFW_FALSE);  // stays where another window takes the keyboard
+    window.reset(glfwCreateWindow(display.width, display.height, "refield", chosen, nullptr));
+    if (!window) fail("cannot open a full-screen window with OpenGL 3.0");
+    glfwFocusWindow(window.get());
+    glfwSetInputMode(window.get(), GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
+    glfwSetWindowUserPointer(window.get(), this);
+    glfwSetKeyCallback(window.get(), [](GLFWwindow* w, int key, int scancode, int action, int) {
+      if (action != GLFW_PRESS) return;
+      if (const auto pressed = window_key(key, scancode)) of(w).keys.push_back(*pressed);
+    });
+    glfwSetWindowRefreshCallback(window.get(), [](GLFWwindow* w) { of(w).is_exposed = true; });
+    glfwMakeContextCurrent(window.get());
+    glfwSwapInterval(1);
+  }
+
+  static State& of(GLFWwindow* w) { return *static_cast<State*>(glfwGetWindowUserPointer(w)); }
+
+  /// The pattern is a texture of a framebuffer, which is copied to the screen without any shading.
+  void prepare_drawing() const {
+    unsigned texture = 0, framebuffer = 0;  // both go with the window
+    glGenTextures(1, &texture);
+    glBindTexture(GL_TEXTURE_2D, texture);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+    glGenFramebuffers(1, &framebuffer);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer);
+    glFramebufferTexture2D(GL_READ_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture, 0);
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
+    glDisable(GL_DITHER);
+    glClearColor(0.0f, 0.0f, 0.0f, 1.0f);
+    if (glCheckFramebufferStatus(GL_READ_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE ||
+        glGetError() != GL_NO_ERROR)
+      fail("cannot create the image");
+  }
+
+  /// Whether swaps, of a black screen, take as long as its refreshes: drivers accept the wish to wait where
+  /// they cannot.
+  bool swaps_wait() const {
+    constexpr int unmeasured = 2, measured = 4;  // the first ones may only fill the queue
+    TimePoint start{};
+    for (int i = 0; i < unmeasured + measured; ++i) {
+      if (i == unmeasured) start = monotonic_now();
+      glClear(GL_COLOR_BUFFER_BIT);
+      glfwSwapBuffers(window.get());
+      glfwPollEvents();
+    }
+    const Seconds one = Seconds(monotonic_now() - start) / measured;
+    constexpr double usual_refresh_hz = 60.0;
+    return one.count() > 0.5 / (display.refresh_hz > 0.0 ? display.refresh_hz : usual_refresh_hz);
   }
 
   /// Throws when the window was closed: no one sees what is shown.
-  void handle_events() {
-    SDL_Event event;
-    while (SDL_PollEvent(&event)) {
-      if (event.type == SDL_QUIT ||
-          (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_CLOSE))
-        throw DeviceError(display.name, ENODEV,
-                          "the window was closed; start again, where it stopped, with --resume or --from");
-      if (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_EXPOSED) covered = true;
-      if (event.type != SDL_KEYDOWN || event.key.repeat != 0) continue;
-      switch (event.key.keysym.sym) {
-        case SDLK_SPACE:
-        case SDLK_RIGHT:
-        case SDLK_DOWN:
-          keys.push_back(WindowKey::next);
-          break;
-        case SDLK_LEFT:
-        case SDLK_UP:
-        case SDLK_BACKSPACE:
-          keys.push_back(WindowKey::back);
-          break;
-        case SDLK_p:
-          keys.push_back(WindowKey::pause);
-          break;
-        case SDLK_ESCAPE:
-        case SDLK_q:
-          keys.push_back(WindowKey::stop);
-          break;
-        default:
-          break;
-      }
-    }
+  void handle_events() const {
+    glfwPollEvents();
+    if (glfwWindowShouldClose(window.get()) == GLFW_TRUE)
+      throw DeviceError(display.name, ENODEV,
+                        "the window was closed; start again, where it stopped, with --resume or --from");
   }
 
-  void draw(const DriveImage& image) const {
-    if (SDL_UpdateTexture(texture.get(), nullptr, image.levels.data(), 3 * width) != 0)
-      fail("cannot draw the pattern");
-    draw_texture();
+  void set_pattern(const DriveImage& image) const {
+    glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, image.levels.data());
   }
 
-  void draw_texture() const {
-    const SDL_Rect place = {(screen_width - width * scale) / 2, (screen_height - height * scale) / 2,
-                            width * scale, height * scale};
-    if (SDL_SetRenderDrawColor(renderer.get(), 0, 0, 0, 255) != 0 || SDL_RenderClear(renderer.get()) != 0 ||
-        SDL_RenderCopy(renderer.get(), texture.get(), nullptr, &place) != 0)
-      fail("cannot draw the pattern");
+  void draw_pattern() const {
+    const int left = (screen_width - width * scale) / 2, top = (screen_height - height * scale) / 2;
+    glClear(GL_COLOR_BUFFER_BIT);
+    // OpenGL counts the screen's lines from below.
+    glBlitFramebuffer(0, 0, width, height, left, screen_height - top, left + width * scale,
+                      screen_height - top - height * scale, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+    if (glGetError() != GL_NO_ERROR) fail("cannot draw the pattern");
+    glfwSwapBuffers(window.get());
   }
 };
 
@@ -195,10 +218,7 @@ bool WindowMonitor::waits_for_blanking() const {
 std::vector<WindowKey> WindowMonitor::keys() {
   State& state = *state_;
   state.handle_events();
-  if (std::exchange(state.covered, false)) {
-    state.draw_texture();
-    SDL_RenderPresent(state.renderer.get());
-  }
+  if (std::exchange(state.is_exposed, false)) state.draw_pattern();
   return std::exchange(state.keys, {});
 }
 
@@ -210,12 +230,11 @@ TimePoint WindowMonitor::show(const DriveImage& image) {
                      std::to_string(image.height) + " does not fit the " + std::to_string(state.width) + "×" +
                      std::to_string(state.height) + " texels of the configured light maps");
   state.handle_events();
+  state.set_pattern(image);
   // Twice: the first swap may only queue the picture behind the one on screen; the second returns once that
   // has given way.
-  for (int i = 0; i < 2; ++i) {
-    state.draw(image);
-    SDL_RenderPresent(state.renderer.get());
-  }
+  for (int i = 0; i < 2; ++i) state.draw_pattern();
+  glFinish();
   state.handle_events();
   return monotonic_now();
 }

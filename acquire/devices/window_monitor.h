@@ -32,24 +32,22 @@ enum class WindowKey {
   stop    ///< Escape, Q
 };
 
-/// Whether this build has a window monitor: SDL2 was there when it was configured.
-bool has_window_monitor();
-
-/// Throws DeviceError where there is no desktop, or this build has no window monitor.
+/// Throws DeviceError where there is no desktop.
 std::vector<WindowDisplay> window_displays();
 
-/// A monitor inside a desktop: a full-screen window without frame or pointer (SDL2), for people who cannot
+/// A monitor inside a desktop: a full-screen window without frame or pointer (GLFW), for people who cannot
 /// give a whole screen to DrmMonitor.
 ///
 /// Levels are sent as they are, one texel to a square of whole pixels, without blending, filtering or a
-/// colour table. The screen saver is held off. A window system that composes may show a picture one or two
-/// refreshes after it was handed over, and may apply a colour profile of its own: turn night light and
-/// profiles off, and let calibration measure latency and tone curve. The time stamp is taken when the swap
-/// that waits for the vertical blanking returns, by CLOCK_MONOTONIC. describe() says 0 for latency and
-/// settling. Only one window monitor exists at a time, and it is used by the thread that made it.
+/// colour table. X11's screen saver is held off; a desktop's own must be turned off. A window system that
+/// composes may show a picture one or two refreshes after it was handed over, and may apply a colour profile
+/// of its own: turn night light and profiles off, and let calibration measure latency and tone curve. The
+/// time stamp is taken when the swap that waits for the vertical blanking returns, by CLOCK_MONOTONIC.
+/// describe() says 0 for latency and settling. Only one window monitor exists at a time, and it is used by
+/// the thread that made it.
 class WindowMonitor final : public Illuminator {
  public:
-  /// Throws InputError for a display or size that is not there, DeviceError without a desktop.
+  /// Throws InputError for a display or size that is not there, DeviceError without a desktop or OpenGL 3.0.
   explicit WindowMonitor(const WindowMonitorOptions& options);
   ~WindowMonitor() override;
 
@@ -63,8 +61,8 @@ class WindowMonitor final : public Illuminator {
 
   /// Side of the square that a texel is shown as, pixels.
   int pixels_per_texel() const;
-  /// Whether frames wait for the vertical blanking; false under a display that cannot (a remote or virtual
-  /// one).
+  /// Whether frames were found to wait for the vertical blanking; false under a display that cannot (a remote
+  /// or virtual one).
   bool waits_for_blanking() const;
 
  private:

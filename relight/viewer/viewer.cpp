@@ -47,10 +47,6 @@ void handle(App& app, const InputEvent& event) {
 
 }  // namespace
 
-bool has_viewer() {
-  return true;
-}
-
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run) {
   BackgroundJob<OpenedFile> reading([=] { return read_field_file(field, light, run); });

@@ -17,9 +17,6 @@ struct WindowOptions {
   int height = 900;
 };
 
-/// Whether this program was built with GLFW and Dear ImGui.
-bool has_viewer();
-
 /// Opens a window on a field, with a light map to begin with, and returns when it is closed. Throws
 /// DeviceError where there is no display or no OpenGL 3.3, what the readers of field and light throw, and
 /// InputError for a wrong line of the script.

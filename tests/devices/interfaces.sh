@@ -11,8 +11,8 @@ mount -t configfs config /sys/kernel/config
 "$REFIELD_BUILD/tests/devices/test_devices" --gtest_color=no ${TEST_FILTER:+--gtest_filter="$TEST_FILTER"}
 
 mkdir -p /tmp/.X11-unix
-# No OpenGL: what Mesa compiles for it crashes in the emulated processor.
-export DISPLAY=:7 SDL_VIDEODRIVER=x11 SDL_RENDER_DRIVER=software SDL_FRAMEBUFFER_ACCELERATION=0
+# Mesa's renderer without a compiler: what that makes crashes in the emulated processor.
+export DISPLAY=:7 LIBGL_ALWAYS_SOFTWARE=1 GALLIUM_DRIVER=softpipe DRAW_USE_LLVM=0
 Xvfb :7 -screen 0 320x240x24 -nolisten tcp -noreset 2>/dev/null &
 for _ in $(seq 100); do [ -S /tmp/.X11-unix/X7 ] && break; sleep 0.2; done
 "$refield" acquire devices --json >/vmshare/devices.json
