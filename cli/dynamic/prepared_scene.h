@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/image/image.h"
-#include "relight/viewer/scene/moving_scene.h"
+#include "relight/viewer/viewer.h"
 #include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/dynamic_light.h"
 #include "simulate/dynamic/transport_cache.h"

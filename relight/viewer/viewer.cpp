@@ -2,9 +2,8 @@
 #include "relight/viewer/viewer.h"
 
 #include "core/base/errors.h"
-#include "relight/viewer/field/field_script.h"
+#include "relight/viewer/field/commands.h"
 #include "relight/viewer/field/panels.h"
-#include "relight/viewer/gui/shortcuts.h"
 #include "relight/viewer/gui/window_loop.h"
 
 namespace refield {

@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <Eigen/Core>
+
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "core/base/run_context.h"
+#include "core/field/mesh.h"
 
 namespace refield {
-
-struct MovingScene;
 
 struct WindowOptions {
   std::optional<std::string> script;  ///< a file of commands, or "-"
@@ -23,8 +27,51 @@ struct WindowOptions {
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run);
 
-/// The same on a scene of which objects and light sources move, by themselves and by hand. `read` runs in a
-/// thread of its own, with a message in the window where it takes long; what it throws is thrown.
+/// An object or an area light.
+struct SceneThing {
+  std::string name;
+  bool is_area_light = false;
+  bool moves = false;     ///< by itself
+  bool can_turn = false;  ///< by hand; area lights that look at a point cannot
+};
+
+/// What a hand did to a thing, beside what its own motion does.
+struct Handling {
+  Eigen::Vector3f shift = Eigen::Vector3f::Zero();  ///< from where its motion has it
+  double turn_degrees = 0.0;                        ///< about the vertical through its middle
+  double gain = 1.0;                                ///< of an area light's radiance
+  bool operator==(const Handling&) const = default;
+};
+
+/// A lit scene as an eye sees it.
+struct SceneFrame {
+  Mesh mesh;                                ///< all things in place, one after another
+  std::vector<std::uint32_t> first_vertex;  ///< [things + 1], in the mesh
+  std::vector<Eigen::Array3f> radiance;     ///< [vertices], towards the eye
+};
+
+/// When, as moved by whom, how often reflected, and seen from where.
+struct SceneMoment {
+  double time = 0.0;                   ///< seconds
+  std::span<const Handling> handling;  ///< [things]
+  int bounces = 3;
+  Eigen::Vector3f eye = Eigen::Vector3f::Zero();
+};
+
+/// A scene of things that move, as the viewer takes it from whoever computes its light.
+struct MovingScene {
+  std::string name;
+  std::vector<SceneThing> things;
+  double duration = 0.0;  ///< of its own motion, seconds; 0: it stands still
+  PinholeCamera camera;   ///< to begin with
+  /// Where the middle of a thing is by its own motion.
+  std::function<Eigen::Vector3f(std::size_t thing, double time)> middle;
+  /// Puts all in place and lights it.
+  std::function<void(const SceneMoment& moment, SceneFrame& frame)> light;
+};
+
+/// Opens a window on a scene of which objects and light sources move, by themselves and by hand. `read` runs
+/// in a thread of its own, with a message in the window where it takes long; what it throws is thrown.
 void run_scene_viewer(const std::string& name, const std::function<MovingScene()>& read,
                       const WindowOptions& options, const RunContext& run);
 

@@ -11,7 +11,6 @@
 #include "relight/viewer/field/view_state.h"
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
-#include "relight/viewer/gui/recent_files.h"
 #include "relight/viewer/gui/window_state.h"
 
 namespace refield {

@@ -10,9 +10,7 @@
 
 #include "core/base/errors.h"
 #include "core/image/tone_map.h"
-#include "relight/viewer/gui/drawing.h"
-#include "relight/viewer/gui/file_dialog.h"
-#include "relight/viewer/gui/shortcuts.h"
+#include "relight/viewer/field/commands.h"
 #include "relight/viewer/gui/widgets.h"
 #include "relight/viewer/gui/window_panels.h"
 
@@ -44,32 +42,6 @@ void take_file(App& app, const std::filesystem::path& file) {
     complain(app, error.what());
   }
 }
-
-}  // namespace
-
-void draw_panels(App& app, const Textures& textures) {
-  const ImVec2 window = ImGui::GetIO().DisplaySize;
-  const LightDomain& domain = app.state->panorama().shown();
-  const double side = std::clamp(0.32 * window.x, 360.0, 560.0);
-  const double inner_height = window.y - 2.0 * gap - status_height;
-  const double left_width = window.x - side - 3.0 * gap, right = left_width + 2.0 * gap;
-  const double light_height =
-      std::min(side * domain.height / domain.width, std::max(140.0, 0.42 * inner_height));
-  const Area left{gap, gap, left_width, inner_height};
-  const Area picture = app.shows_help ? above_help(app, left) : left;
-  draw_picture_panel(app, textures, picture);
-  draw_light_panel(app, textures, {right, gap, side, light_height});
-  draw_control_panel(app, {right, gap + light_height + gap, side, inner_height - light_height - gap});
-  draw_status_bar(app, {0.0, window.y - status_height, window.x, status_height}, name_text(app),
-                  pointer_text(app.picture, app.state->radiance(), "pixel") +
-                      pointer_text(app.light, app.state->shown_light(), "texel"));
-  draw_notice(app, picture);
-  if (app.shows_help) draw_help(app, left, mouse_help, keys_of(shortcuts()));
-  draw_file_dialog(app, left, app.recent.files(),
-                   [&](const std::filesystem::path& file) { take_file(app, file); });
-}
-
-namespace {
 
 void light_section(App& app) {
   LightSetup& setup = app.state->setup();
@@ -240,12 +212,10 @@ void kernel_section(App& app) {
   ImGui::EndTable();
 }
 
-}  // namespace
-
+/// Light sources, light and picture in numbers, and the picked pixel's kernels.
 void draw_control_panel(App& app, const Area& area) {
   app.controls.clear();
   // The kernels have a panel of their own below the others, which stay where they are.
-  constexpr double gap = 8.0;
   const double kernels = app.state->picked() ? std::min(kernel_section_height(app), 0.5 * area.height) : 0.0;
   Area rest = area;
   if (kernels > 0.0) rest.height -= kernels + gap;
@@ -262,8 +232,6 @@ void draw_control_panel(App& app, const Area& area) {
   kernel_section(app);
   end_panel();
 }
-
-namespace {
 
 /// A point of the map in fractions of its width and height.
 Point fraction_at(const App& app, const ImVec2& window) {
@@ -403,8 +371,7 @@ void draw_probe(const App& app) {
                2.0f);
 }
 
-}  // namespace
-
+/// The light map: move light sources, turn the map, probe.
 void draw_light_panel(App& app, const Textures& textures, const Area& area) {
   const LightDomain& domain = app.state->panorama().shown();
   app.light.fit();
@@ -429,8 +396,6 @@ void draw_light_panel(App& app, const Textures& textures, const Area& area) {
   list.PopClipRect();
   end_panel();
 }
-
-namespace {
 
 PixelPosition pixel_at(const Canvas& canvas, const ImVec2& window) {
   const Point p = canvas.image_from_window({window.x, window.y});
@@ -523,8 +488,7 @@ void draw_title(const App& app, const Area& area) {
   }
 }
 
-}  // namespace
-
+/// The relit image: pick a pixel, zoom, pan.
 void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
   if (FreeView* view = app.state->view()) fill_area(area, app.picture, *view);
   const Image& picture = app.state->radiance();
@@ -535,6 +499,30 @@ void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
   draw_shown_legend(app, area);
   draw_title(app, area);
   end_panel();
+}
+
+}  // namespace
+
+void draw_panels(App& app, const Textures& textures) {
+  const ImVec2 window = ImGui::GetIO().DisplaySize;
+  const LightDomain& domain = app.state->panorama().shown();
+  const double side = std::clamp(0.32 * window.x, 360.0, 560.0);
+  const double inner_height = window.y - 2.0 * gap - status_height;
+  const double left_width = window.x - side - 3.0 * gap, right = left_width + 2.0 * gap;
+  const double light_height =
+      std::min(side * domain.height / domain.width, std::max(140.0, 0.42 * inner_height));
+  const Area left{gap, gap, left_width, inner_height};
+  const Area picture = app.shows_help ? above_help(app, left) : left;
+  draw_picture_panel(app, textures, picture);
+  draw_light_panel(app, textures, {right, gap, side, light_height});
+  draw_control_panel(app, {right, gap + light_height + gap, side, inner_height - light_height - gap});
+  draw_status_bar(app, {0.0, window.y - status_height, window.x, status_height}, name_text(app),
+                  pointer_text(app.picture, app.state->radiance(), "pixel") +
+                      pointer_text(app.light, app.state->shown_light(), "texel"));
+  draw_notice(app, picture);
+  if (app.shows_help) draw_help(app, left, mouse_help, keys_of(shortcuts()));
+  draw_file_dialog(app, left, app.recent.files(),
+                   [&](const std::filesystem::path& file) { take_file(app, file); });
 }
 
 }  // namespace refield

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include "core/image/tone_map.h"
 
 namespace refield {
 
@@ -51,6 +52,19 @@ class Canvas {
   double scale_ = 1.0;
   Point origin_;
   bool is_fitted_ = true;
+};
+
+/// The table of the mapping asked for last: making one takes as long as mapping half a million values.
+class ToneTableCache {
+ public:
+  const LevelTable& table(const ToneMapping& mapping) {
+    if (mapping != mapping_) table_ = LevelTable(mapping_ = mapping);
+    return table_;
+  }
+
+ private:
+  ToneMapping mapping_;
+  LevelTable table_{mapping_};
 };
 
 }  // namespace refield

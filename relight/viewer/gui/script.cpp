@@ -18,6 +18,7 @@ namespace refield {
 namespace {
 
 using Verb = ScriptCommand::Verb;
+using Target = ScriptCommand::Target;
 
 /// What follows a verb.
 struct Grammar {
@@ -85,9 +86,9 @@ double number(std::string_view word, const std::string& place) {
   return value;
 }
 
-ScriptCommand::Target target(std::string_view word, const Grammar& grammar, const std::string& place) {
-  if (word == "image") return ScriptCommand::Target::picture;
-  if (word == "light") return ScriptCommand::Target::light;
+Target target_named(std::string_view word, const Grammar& grammar, const std::string& place) {
+  if (word == "image") return Target::picture;
+  if (word == "light") return Target::light;
   throw InputError(place + "'" + std::string(word) + "' is neither image nor light; write " +
                    std::string(grammar.usage));
 }
@@ -101,6 +102,25 @@ const Grammar& grammar_of(std::string_view name, const std::string& place) {
   throw InputError(place + "there is no command '" + std::string(name) + "'; there are " + known);
 }
 
+constexpr int settling_frames = 2;
+constexpr int usual_drag_frames = 30;
+
+/// The middle of a pixel or texel, in the window.
+MouseMoved over(const ScriptStage& stage, Target target, double x, double y) {
+  const Point p = stage.window_point(target, x + 0.5, y + 0.5);
+  return {p.x, p.y};
+}
+
+Point control_named(const WindowState& window, const std::string& name) {
+  const auto found = window.controls.find(name);
+  if (found != window.controls.end() && found->second.is_visible) return found->second.middle;
+  if (found != window.controls.end())
+    throw InputError("the control '" + name + "' is scrolled out of view; take a larger window (--size)");
+  std::string known;
+  for (const auto& [label, control] : window.controls) known.append(known.empty() ? "" : ", ").append(label);
+  throw InputError("there is no control '" + name + "' now; there are " + known);
+}
+
 }  // namespace
 
 std::optional<ScriptCommand> parse_script_line(const std::string& text, int line) {
@@ -109,7 +129,7 @@ std::optional<ScriptCommand> parse_script_line(const std::string& text, int line
   const std::string place = "script, line " + std::to_string(line) + ": ";
   const Grammar& grammar = grammar_of(take_word(rest), place);
   ScriptCommand command{grammar.verb, ScriptCommand::Target::picture, {}, "", line};
-  if (grammar.has_target) command.target = target(take_word(rest), grammar, place);
+  if (grammar.has_target) command.target = target_named(take_word(rest), grammar, place);
   if (grammar.has_text) {
     command.text = rest;
     rest = {};
@@ -158,32 +178,6 @@ std::optional<ScriptCommand> ScriptSource::next() {
   commands_.pop_front();
   return command;
 }
-
-namespace {
-
-using Verb = ScriptCommand::Verb;
-using Target = ScriptCommand::Target;
-
-constexpr int settling_frames = 2;
-constexpr int usual_drag_frames = 30;
-
-/// The middle of a pixel or texel, in the window.
-MouseMoved over(const ScriptStage& stage, Target target, double x, double y) {
-  const Point p = stage.window_point(target, x + 0.5, y + 0.5);
-  return {p.x, p.y};
-}
-
-Point control_named(const WindowState& window, const std::string& name) {
-  const auto found = window.controls.find(name);
-  if (found != window.controls.end() && found->second.is_visible) return found->second.middle;
-  if (found != window.controls.end())
-    throw InputError("the control '" + name + "' is scrolled out of view; take a larger window (--size)");
-  std::string known;
-  for (const auto& [label, control] : window.controls) known.append(known.empty() ? "" : ", ").append(label);
-  throw InputError("there is no control '" + name + "' now; there are " + known);
-}
-
-}  // namespace
 
 void ScriptPlayer::add(const ScriptCommand& command, std::function<void(const Driven&)> run, bool waits) {
   const auto told = [line = command.line, run = std::move(run)](const Driven& driven) {

@@ -1,11 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <imgui.h>
+
 #include <string>
 
+#include "core/image/image.h"
 #include "core/image/tone_map.h"
+#include "relight/viewer/field/free_view.h"
+#include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/gl_window.h"
 #include "relight/viewer/gui/window_state.h"
 
 namespace refield {
+
+/// 0xAABBGGRR, as Dear ImGui takes colours.
+using PackedColour = unsigned;
+inline constexpr PackedColour accent_colour = 0xff3da3f0;  // amber
+inline constexpr PackedColour canvas_colour = 0xff161616;
+inline constexpr PackedColour shadow_colour = 0xb0000000;
+inline constexpr PackedColour text_colour = 0xffdcdcdc;
+
+/// What Dear ImGui takes for a place or an extent.
+inline ImVec2 vector(double x, double y) {
+  return {static_cast<float>(x), static_cast<float>(y)};
+}
+inline ImVec2 vector(const Point& point) {
+  return vector(point.x, point.y);
+}
+
+/// Begins a panel without frame or title in an area of the window. `padded`: room at its edges.
+void begin_panel(const char* name, const Area& area, bool padded);
+void end_panel();
+
+/// Text on a dark plate, the area's corner given; returns the plate's width.
+double draw_plate(const Point& corner, const char* text, PackedColour colour);
+/// The false colours in a row, with a label at either end.
+void draw_legend(const Area& area, const char* low, const char* high);
+
+// A panel that is a picture, for every window of the viewer.
+
+/// The camera's next picture is of the area's size, and stands in it unmoved.
+void fill_area(const Area& area, Canvas& canvas, FreeView& view);
+/// Lays out a picture in a panel of its own, all of which is an item that takes the mouse.
+void begin_picture_panel(const Area& area, Canvas& canvas, const Image& picture);
+void draw_picture(const Canvas& canvas, const Image& picture, const Texture& texture);
 
 // Controls of a panel, for every window of the viewer.
 

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "core/base/run_context.h"
-#include "relight/viewer/gui/drawing.h"
+#include "relight/viewer/gui/widgets.h"
 
 namespace refield {
 

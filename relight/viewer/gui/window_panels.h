@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <filesystem>
+#include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -23,5 +26,10 @@ Area above_help(const WindowState& window, const Area& area);
 
 /// "pixel 3, 4:  0.1  0.2  0.3"; empty where the pointer is not over the image.
 std::string pointer_text(const Canvas& canvas, const Image& image, const char* what);
+
+/// Draws the window's dialog, where it has one, over an area, and calls `take` with the file that was chosen.
+/// `recent`: files that are offered first when one is opened.
+void draw_file_dialog(WindowState& window, const Area& area, std::span<const std::filesystem::path> recent,
+                      const std::function<void(const std::filesystem::path&)>& take);
 
 }  // namespace refield

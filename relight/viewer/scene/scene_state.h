@@ -13,8 +13,8 @@
 #include "core/image/image.h"
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/free_view.h"
-#include "relight/viewer/gui/tone_table_cache.h"
-#include "relight/viewer/scene/moving_scene.h"
+#include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/viewer.h"
 
 namespace refield {
 

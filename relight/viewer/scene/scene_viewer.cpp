@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/scene/scene_viewer.h"
-
 #define GLFW_INCLUDE_NONE
 
 #include <GLFW/glfw3.h>
@@ -10,18 +8,23 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <optional>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/background_job.h"
-#include "relight/viewer/gui/drawing.h"
-#include "relight/viewer/gui/file_dialog.h"
+#include "relight/viewer/gui/gl_window.h"
+#include "relight/viewer/gui/input.h"
+#include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/widgets.h"
 #include "relight/viewer/gui/window_loop.h"
 #include "relight/viewer/gui/window_panels.h"
-#include "relight/viewer/scene/moving_scene.h"
+#include "relight/viewer/gui/window_state.h"
 #include "relight/viewer/scene/scene_state.h"
 #include "relight/viewer/viewer.h"
 
@@ -30,6 +33,52 @@ namespace refield {
 namespace {
 
 using Verb = ScriptCommand::Verb;
+
+/// What the left button holds: a thing by one of its points, or the camera.
+struct HeldThing {
+  std::optional<std::size_t> thing;
+  Eigen::Vector3f point = Eigen::Vector3f::Zero();
+  Point pointer;             ///< in the window, when it was moved last
+  bool is_dragging = false;  ///< further than a click may shake
+};
+
+/// The viewer of moving scenes between frames. Panels draw it and change it; so do shortcuts and scripts.
+struct SceneApp : WindowState {
+  SceneApp(MovingScene scene, const RunContext& context) : state(std::move(scene)) { run = context; }
+
+  SceneState state;
+  std::optional<std::size_t> selected;  ///< thing
+  bool is_playing = false;              ///< the scene's own motion
+  std::optional<HeldThing> held;
+
+  Canvas picture;
+};
+
+/// Throws InputError, which names those that there are.
+std::size_t thing_named(const SceneApp& app, const std::string& name) {
+  const auto& things = app.state.scene().things;
+  const auto found = std::ranges::find(things, name, &SceneThing::name);
+  if (found != things.end()) return static_cast<std::size_t>(found - things.begin());
+  std::string known;
+  for (const SceneThing& thing : things) known.append(known.empty() ? "" : ", ").append(thing.name);
+  throw InputError("the scene has no '" + name + "'; there are " + known);
+}
+
+/// Changes the selected thing, where there is one.
+template <class Change>
+void change_handling(SceneApp& app, const Change& change) {
+  if (!app.selected) return;
+  Handling handling = app.state.handling(*app.selected);
+  change(handling);
+  app.state.handle(*app.selected, handling);
+}
+
+/// The picture at rest as it is (.exr), or tone-mapped (.png).
+void save_scene_picture(SceneApp& app, const std::filesystem::path& file) {
+  app.state.view().settle();
+  app.state.refresh();
+  save_image(app, file, app.state.radiance(), app.state.tone());
+}
 
 constexpr double third_stop = 1.0 / 3.0;
 constexpr double turn_step = 5.0;     // degrees
@@ -183,28 +232,12 @@ void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
   }
 }
 
-}  // namespace
-
-std::size_t thing_named(const SceneApp& app, const std::string& name) {
-  const auto& things = app.state.scene().things;
-  const auto found = std::ranges::find(things, name, &SceneThing::name);
-  if (found != things.end()) return static_cast<std::size_t>(found - things.begin());
-  std::string known;
-  for (const SceneThing& thing : things) known.append(known.empty() ? "" : ", ").append(thing.name);
-  throw InputError("the scene has no '" + name + "'; there are " + known);
-}
-
-void save_scene_picture(SceneApp& app, const std::filesystem::path& file) {
-  app.state.view().settle();
-  app.state.refresh();
-  save_image(app, file, app.state.radiance(), app.state.tone());
-}
-
 const std::vector<Shortcut<SceneApp>>& scene_shortcuts() {
   static const std::vector<Shortcut<SceneApp>> all = make_scene_shortcuts();
   return all;
 }
 
+/// What scripts can do; `app` must outlive it.
 ScriptStage scene_stage(SceneApp& app) {
   return {.window_point =
               [&app](ScriptCommand::Target target, double x, double y) {
@@ -215,8 +248,6 @@ ScriptStage scene_stage(SceneApp& app) {
           .key = [](const std::string& name) { return key_named(keys_of(scene_shortcuts()), name); },
           .perform = [&app](const ScriptCommand& command) { perform_in_scene(app, command); }};
 }
-
-namespace {
 
 constexpr double margin = 8.0, status = 30.0, side = 380.0;
 
@@ -393,8 +424,7 @@ void save_to(SceneApp& app, const std::filesystem::path& file) {
   }
 }
 
-}  // namespace
-
+/// Draws all of a frame into Dear ImGui and lets mouse and controls change `app`.
 void draw_scene_panels(SceneApp& app, const Texture& picture) {
   const ImVec2 window = ImGui::GetIO().DisplaySize;
   const double height = window.y - 2.0 * margin - status, width = window.x - side - 3.0 * margin;
@@ -408,8 +438,6 @@ void draw_scene_panels(SceneApp& app, const Texture& picture) {
   if (app.shows_help) draw_help(app, left, scene_mouse_help, keys_of(scene_shortcuts()));
   draw_file_dialog(app, left, {}, [&](const std::filesystem::path& file) { save_to(app, file); });
 }
-
-namespace {
 
 FrameTime draw_scene(SceneApp& app, Texture& picture) {
   draw_scene_panels(app, picture);

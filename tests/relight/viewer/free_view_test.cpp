@@ -8,7 +8,7 @@
 #include "core/image/metrics.h"
 #include "core/light/cube_map.h"
 #include "relight/field_pictures.h"
-#include "relight/viewer/field/light_panorama.h"
+#include "relight/viewer/field/light_painter.h"
 #include "relight/viewer/field/view_state.h"
 #include "simulate/geometry/mesh_shapes.h"
 #include "tests/support/mesh_field.h"

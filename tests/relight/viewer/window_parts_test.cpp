@@ -15,7 +15,6 @@
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
 #include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/recent_files.h"
 #include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/window_state.h"
 #include "tests/support/random_data.h"

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "relight/viewer/field/field_picture.h"
+
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "core/base/errors.h"
+#include "core/image/false_colour.h"
+
+namespace refield {
+
+std::string_view name_of(Shown shown) {
+  switch (shown) {
+    case Shown::picture:
+      return "picture";
+    case Shown::false_colour:
+      return "false-colour";
+    case Shown::predicted_error:
+      return "error";
+    case Shown::photograph_noise:
+      return "noise";
+    case Shown::training_error:
+      return "training-error";
+  }
+  throw InputError("unknown view");
+}
+
+Shown shown_from_name(std::string_view name) {
+  for (const Shown shown : all_shown)
+    if (name == name_of(shown)) return shown;
+  throw InputError("unknown view '" + std::string(name) +
+                   "'; use picture, false-colour, error, noise or training-error");
+}
+
+namespace {
+
+const std::vector<float>& error_map_of(const ReflectanceField& field, Shown shown) {
+  if (shown == Shown::predicted_error) return field.predicted_error;
+  return shown == Shown::photograph_noise ? field.photograph_noise : field.training_error;
+}
+
+bool is_relit_image(Shown shown) {
+  return shown == Shown::picture || shown == Shown::false_colour;
+}
+
+}  // namespace
+
+bool FieldPicture::has(Shown shown) const {
+  return is_relit_image(shown) || (field_.mesh.empty() && !error_map_of(field_, shown).empty());
+}
+
+void FieldPicture::show(Shown shown) {
+  if (!has(shown))
+    throw InputError("the field contains no map of this error; fields written by 'refield estimate' do");
+  shown_ = shown;
+  is_old_ = true;
+  error_range_ = 0.0;
+  if (is_relit_image(shown)) return;
+  std::vector<float> known;
+  std::ranges::copy_if(error_map_of(field_, shown), std::back_inserter(known),
+                       [](float v) { return std::isfinite(v); });
+  const double high = known.empty() ? 0.0 : quantile(std::move(known), 0.98);
+  error_range_ = high > 0.0 ? high : 1.0;
+}
+
+void FieldPicture::set_tone(const ToneMapping& tone) {
+  if (tone == tone_) return;
+  tone_ = tone;
+  is_old_ = true;
+}
+
+void FieldPicture::set_relit() {
+  is_old_ |= is_relit_image(shown_);
+}
+
+bool FieldPicture::draw(const Image& radiance, double exposure) {
+  if (!std::exchange(is_old_, false)) return false;
+  levels_.resize(std::size_t{4} * radiance.pixel_count());
+  if (shown_ == Shown::picture) {
+    tone_map_rgba(radiance, tone_table_.table({exposure, tone_.curve}), levels_);
+  } else if (shown_ == Shown::false_colour) {
+    const double white = -std::log2(exposure);
+    false_colour_rgba(radiance, stop_levels(white - stops_below_white, white + stops_above_white), levels_);
+  } else {
+    Image map(field_.width, field_.height, 1);
+    map.values = error_map_of(field_, shown_);
+    false_colour_rgba(map, linear_levels(error_range_), levels_);
+  }
+  return true;
+}
+
+KernelPicture::KernelPicture(const ReflectanceField& field, const LightPanorama& panorama)
+    : field_(field),
+      panorama_(panorama),
+      levels_(std::size_t{4} * panorama.shown().width * panorama.shown().height) {}
+
+void KernelPicture::pick(std::optional<PixelPosition> pixel, const Image& picture, const FreeView* view) {
+  if (pixel && (pixel->x < 0 || pixel->y < 0 || pixel->x >= picture.width || pixel->y >= picture.height))
+    pixel.reset();
+  std::optional<std::uint32_t> vertex;
+  if (pixel && view != nullptr) {
+    vertex = view->seen().vertex_at(pixel->x, pixel->y);
+    if (!vertex) pixel.reset();
+  }
+  if (pixel == picked_ && vertex == picked_vertex_) return;
+  picked_ = pixel;
+  picked_vertex_ = vertex;
+  is_old_ = true;
+}
+
+void KernelPicture::follow(const PinholeCamera& camera) {
+  if (!picked_vertex_) return;
+  const auto place = camera.image_point(field_.mesh.positions[*picked_vertex_]);
+  picked_.reset();
+  if (place && Eigen::AlignedBox2f(Eigen::Vector2f::Zero(), Eigen::Vector2f(camera.width, camera.height))
+                   .contains(*place))
+    picked_ = PixelPosition{std::min(static_cast<int>(place->x()), camera.width - 1),
+                            std::min(static_cast<int>(place->y()), camera.height - 1)};
+}
+
+/// The number of the picked pixel among the field's.
+std::size_t KernelPicture::picked_output() const {
+  if (!picked_vertex_) return static_cast<std::size_t>(picked_->y) * field_.width + picked_->x;
+  return pixel_of_output(*picked_vertex_ * (field_.mesh_outputs() / field_.mesh.positions.size()));
+}
+
+bool KernelPicture::draw(const TransferTiles& transfer) {
+  if (!std::exchange(is_old_, false)) return false;
+  kernels_.clear();
+  std::ranges::fill(levels_, std::uint8_t{0});
+  if (!picked_ && !picked_vertex_) return true;
+  kernels_ = kernels_of_pixel(transfer, field_.basis, picked_output());
+  Image density = kernel_density(field_.basis, kernels_);
+  if (panorama_.is_cube()) density = panorama_.show(density);
+  const double high = *std::ranges::max_element(density.values);
+  if (!(high > 0.0)) return true;
+  // Densities of a mirror's reflection and of the dim rest lie far apart.
+  constexpr double stops = 9.0;
+  false_colour_rgba(density, stop_levels(std::log2(high) - stops, std::log2(high)), levels_);
+  return true;
+}
+
+}  // namespace refield
