@@ -132,6 +132,22 @@ class Relighter {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, height, 0, gl.RGBA, gl.FLOAT, values);
   }
 
+  /// The exposure at which fewer than 1 % of the lit pixels are white, as exposure_to_white() of core/image/tone_map.h.
+  exposureToWhite(coefficients) {
+    const {starts, kernels, weights, exponentOffset} = this.field;
+    const brightest = new Float32Array(starts.length - 1), sum = [0, 0, 0];
+    for (let p = 0; p < brightest.length; ++p) {
+      sum.fill(0);
+      for (let i = starts[p]; i < starts[p + 1]; ++i) {
+        const power = 2 ** ((weights[i] >>> 27) - exponentOffset);
+        for (let c = 0; c < 3; ++c) sum[c] += ((weights[i] >>> (9 * c)) & 511) * power * coefficients[4 * kernels[i] + c];
+      }
+      brightest[p] = Math.max(...sum);
+    }
+    const lit = brightest.filter((value) => value > 0).sort();
+    return lit.length === 0 ? 1 : 1 / lit[Math.min(Math.ceil(0.99 * lit.length), lit.length - 1)];
+  }
+
   /// With `spacing` above 1 a draft: every so manieth pixel in each direction, enlarged.
   draw(exposure, spacing = 1) {
     const gl = this.gl, {width, height} = this.field;

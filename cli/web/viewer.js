@@ -85,7 +85,9 @@ class Viewer {
     const start = performance.now();
     if (this.lightChanged) {
       this.light = this.composed();
-      this.relighter.setCoefficients(this.projector.project(this.light));
+      const coefficients = this.projector.project(this.light);
+      this.relighter.setCoefficients(coefficients);
+      if (this.mapExposure === null && this.state.kind === 'map') this.mapExposure = this.relighter.exposureToWhite(coefficients);
     }
     const projected = performance.now();
     this.relighter.draw(this.exposure(), spacing);
@@ -99,8 +101,9 @@ class Viewer {
     else if (spacing > 1) this.refineLater();
   }
 
+  /// Maps are of any brightness; each is exposed for when it is shown first.
   exposure() {
-    return this.field.exposure * 2 ** this.state.stops;
+    return (this.state.kind === 'map' ? this.mapExposure : this.field.exposure) * 2 ** this.state.stops;
   }
 
   /// The bar or light source crosses in eight seconds, there and back; a lat-long map turns in sixteen.
@@ -196,6 +199,7 @@ class Viewer {
     const {width, height, window} = this.field.light;
     this.panorama = window && map.width === 2 * map.height && (map.width !== width || map.height !== height) ? map : null;
     this.map = this.panorama ?? light.resampled(map, width, height);
+    this.mapExposure = null;
     Object.assign(this.state, {kind: 'map', degrees: 0});
     this.changed();
   }

@@ -8,6 +8,7 @@ with `refield relight`.
 Exit status 77: Chromium or its driver is not installed."""
 import array
 import base64
+import json
 import os
 import shutil
 import subprocess
@@ -19,6 +20,7 @@ from webdriver import Browser
 
 SKIPPED = 77
 MEAN_OF_SAMPLING = 1.5  # of 255: the page samples a panorama, the program integrates it
+EXPOSURE_MARGIN = (1.0, 1.04)  # the program takes 2 % less than exposes to white, rounded down to three digits
 LARGEST_DIFFERENCE = 1  # of 255: what the asked accuracy is, and the rounding of two roundings
 
 
@@ -69,6 +71,15 @@ class Check:
 
     def relight(self, light, image, exposure):
         subprocess.run([self.refield, "relight", self.field, "--light", light, "-o", image, "--exposure", repr(exposure)], check=True)
+
+    def expect_exposure(self, what, *light):
+        """The page's exposure is the one that the program chooses, but for its margin and rounding."""
+        image = os.path.join(self.folder, "exposed.png")
+        command = [self.refield, "relight", self.field, *light, "-o", image, "--json"]
+        chosen = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)["exposures"][0]
+        exposure = self.browser.run("return viewer.exposure()")
+        self.expect(EXPOSURE_MARGIN[0] < exposure / chosen < EXPOSURE_MARGIN[1],
+                    f"{what}: exposed by {exposure:.4g}, by the program {chosen:.4g}")
 
     def expect_equal(self, what, seen, expected):
         largest = max(abs(a - b) for a, b in zip(seen, expected))
@@ -123,6 +134,7 @@ class Check:
                 break
             time.sleep(0.1)
         pixels = self.compare("map loaded")
+        self.expect_exposure("map loaded", "--light", path)
         image = os.path.join(self.folder, "map-relit.png")
         self.relight(path, image, self.browser.run("return viewer.exposure()"))
         self.expect_equal("map loaded, read by the program itself", pixels, read_png(image)[2])
@@ -142,6 +154,7 @@ class Check:
                 return new Promise((done) => { const wait = () => viewer.map === before ? setTimeout(wait, 20) : done(); wait(); });""",
                              base64.b64encode(file.read()).decode())
         pixels = self.compare("HDR map dropped")
+        self.expect_exposure("HDR map dropped", "--light", path)
         self.relight(path, image, self.browser.run("return viewer.exposure()"))
         self.expect_equal("HDR map dropped, read by the program itself", pixels, read_png(image)[2])
 
@@ -160,6 +173,8 @@ class Check:
                             "--exposure", repr(self.browser.run("return viewer.exposure()"))], check=True, stdout=subprocess.DEVNULL)
             expected = read_png(image)[2]
             mean = sum(abs(a - b) for a, b in zip(pixels, expected)) / len(expected)
+            if degrees == 0:
+                self.expect_exposure("environment", "--env", self.environment)
             self.expect(mean < MEAN_OF_SAMPLING and sum(expected) / len(expected) > 1,
                         f"environment turned by {degrees}°: {mean:.2f} of 255 from 'refield relight --env' in the mean")
 
