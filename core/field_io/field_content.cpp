@@ -339,8 +339,8 @@ PinholeCamera read_camera(const Hdf5Values& values) {
   if (n.size() != numbers_of_a_camera || !(n[10] >= 1 && n[10] <= max_side_px) ||
       !(n[11] >= 1 && n[11] <= max_side_px))
     values.fail("mesh/camera is not a valid camera");
-  const PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
-                             static_cast<int>(n[10]), static_cast<int>(n[11])};
+  PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
+                       static_cast<int>(n[10]), static_cast<int>(n[11])};
   try {
     camera.check();
   } catch (const InputError& error) {

@@ -525,7 +525,7 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
           of_row[c] += light[c];
         }
       }
-      energy[static_cast<std::size_t>(first_row + y)] = of_row[0] + of_row[1] + of_row[2];
+      energy[static_cast<std::size_t>(first_row) + y] = of_row[0] + of_row[1] + of_row[2];
     }
   };
   for (const SpherePatch& patch : grid_.patches()) {
@@ -577,7 +577,7 @@ BoxProjector::BoxProjector(int resolution, std::span<const SmallBox> boxes)
   for (std::size_t number = 0; number < ends.size(); ++number) {
     auto& stops = ends[number];
     std::ranges::sort(stops);
-    stops.erase(std::ranges::unique(stops).begin(), stops.end());
+    stops.erase(std::unique(stops.begin(), stops.end()), stops.end());
     first_stop[number] = stops_.size();
     if (stops.empty()) continue;
     const std::size_t in_face = number % lines_per_face, columns_from = lines_per_face / 2;

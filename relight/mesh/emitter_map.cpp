@@ -47,7 +47,7 @@ LightMap emitter_map(const Mesh& emitters, const Eigen::Vector3f& middle, int re
       const int x = static_cast<int>(pixel) % side / pixels_of_side,
                 y = static_cast<int>(pixel) / side / pixels_of_side;
       const float share =
-          fine[pixel] / (samples_of_pixel * coarse[static_cast<std::size_t>(y * resolution + x)]);
+          fine[pixel] / (samples_of_pixel * coarse[static_cast<std::size_t>(y) * resolution + x]);
       const Eigen::Array3f light = share * radiance(emitters, seen[k]);
       for (int c = 0; c < 3; ++c) map.radiance.at(x, face * resolution + y, c) += light[c];
     }

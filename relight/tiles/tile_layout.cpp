@@ -213,6 +213,8 @@ class TileLayout {
   }
 
   static Weight rounded(float weight, float scale) {
+    // Half a step up and down to the integer below: exact but for one value, and it vectorises.
+    // NOLINTNEXTLINE(bugprone-incorrect-roundings)
     return scale > 0.0f ? static_cast<Weight>(std::min(weight / scale, steps) + 0.5f) : Weight{0};
   }
 
