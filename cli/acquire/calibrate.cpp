@@ -162,7 +162,7 @@ std::vector<BracketSamples> brackets_of(const CalibrateVerbOptions& given) {
   request.rule = {given.pattern, given.count};
   for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
   constexpr std::size_t enough = 20;
-  const auto brackets = sample_series(views_of(request, run_context()), request, enough, run_context());
+  auto brackets = sample_series(views_of(request, run_context()), request, enough, run_context());
   for (const BracketSamples& bracket : brackets) {
     const std::string first = bracket.paths.front().string();
     if (bracket.is_sensor || bracket.bits == 0)
