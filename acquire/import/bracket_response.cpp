@@ -152,93 +152,6 @@ void add_block_means(const Bracket& bracket, const std::vector<std::size_t>& ord
       }
 }
 
-}  // namespace
-
-BracketSamples samples_of(const Bracket& bracket) {
-  BracketSamples samples;
-  const BracketFile& first = bracket.files.at(0);
-  samples.bits = first.bits;
-  samples.is_sensor =
-      first.is_raw || (first.frame.layout != PixelLayout::rgb && first.frame.layout != PixelLayout::grey);
-  std::vector<std::size_t> order(bracket.files.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return bracket.exposures[i]; });
-  for (const std::size_t i : order) {
-    samples.paths.push_back(bracket.paths[i]);
-    samples.seconds.push_back(bracket.exposures[i].count());
-    samples.values.emplace_back();
-  }
-  const RawFrame& frame = first.frame;
-  // Noise and compression would bias a curve: means of small, even blocks of developed pictures have less.
-  constexpr int largest_block = 4, blocks_across = 16;
-  const int block = std::clamp(std::min(frame.width, frame.height) / blocks_across, 1, largest_block);
-  if (first.bits > 0 && frame.layout == PixelLayout::rgb && block > 1) {
-    add_block_means(bracket, order, block, samples);
-    return samples;
-  }
-  for (std::size_t k = 0; k < order.size(); ++k) {
-    const BracketFile& file = bracket.files[order[k]];
-    const std::size_t size = file.bits == 0 ? file.linear.values.size() : file.frame.samples.size();
-    // An odd step, no multiple of 3: all channels and all colours of a Bayer pattern.
-    std::size_t step = std::max<std::size_t>(1, size / max_samples) | 1;
-    while (step % 3 == 0) step += 2;
-    for (std::size_t s = 0; s < size; s += step)
-      samples.values[k].push_back(file.bits == 0 ? file.linear.values[s]
-                                                 : static_cast<float>(file.frame.samples[s]));
-  }
-  return samples;
-}
-
-void require_brighter_with_time(const BracketSamples& bracket, const BracketCamera& camera) {
-  constexpr std::size_t enough = 100;
-  constexpr double lit = 0.05;  // of the highest: below, noise decides
-  const double clipped = clip_level_of(bracket, camera);
-  for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
-    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
-    std::vector<float> growth;
-    for (std::size_t s = 0; s < bracket.values[i].size(); ++s) {
-      const float shorter = bracket.values[i][s], longer = bracket.values[i + 1][s];
-      if (std::max(shorter, longer) >= lit * clipped && std::max(shorter, longer) < clipped)
-        growth.push_back(longer - shorter);
-    }
-    if (growth.size() < enough) continue;
-    const auto middle = growth.begin() + static_cast<std::ptrdiff_t>(growth.size() / 2);
-    std::ranges::nth_element(growth, middle);
-    if (*middle > 0.0f) continue;
-    throw InputError(bracket.paths[i + 1].string() + ": is " + (*middle < 0.0f ? "darker" : "no brighter") +
-                     " than " + bracket.paths[i].string() + ", though its exposure time is " +
-                     digits(bracket.seconds[i + 1], 6) + " s instead of " + digits(bracket.seconds[i], 6) +
-                     " s; the times are swapped or wrong, or one photograph was given twice: correct "
-                     "--exposures or the files");
-  }
-}
-
-ExposureAgreement compare_exposures(const BracketSamples& bracket, const BracketCamera& camera) {
-  const Linearisation linear(bracket, camera);
-  const double clipped = clip_level_of(bracket, camera);
-  ExposureAgreement agreement;
-  double squares = 0.0, count = 0.0;
-  for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
-    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
-    const PairComparison pair = compare_pair(bracket, i, linear, clipped);
-    if (pair.log_ratio.empty()) continue;
-    agreement.compared += pair.compared;
-    const auto classes = static_cast<double>(pair.log_ratio.size());
-    const double common = std::accumulate(pair.log_ratio.begin(), pair.log_ratio.end(), 0.0) / classes;
-    for (const double ratio : pair.log_ratio) squares += (ratio - common) * (ratio - common);
-    count += classes;
-    if (std::abs(common) > std::abs(std::log(agreement.factor))) {
-      agreement.factor = std::exp(common);
-      agreement.shorter = i;
-      agreement.longer = i + 1;
-    }
-  }
-  agreement.spread = count > 0.0 ? std::expm1(std::sqrt(squares / count)) : 0.0;
-  return agreement;
-}
-
-namespace {
-
 /// A scene point that several exposures hold.
 struct ScenePoint {
   double brightness;
@@ -388,40 +301,6 @@ class LogResponse {
   Eigen::VectorXd coefficients_ = Eigen::VectorXd::Zero(knots);
 };
 
-}  // namespace
-
-ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
-  const double full = range_of(brackets.front());
-  const std::vector<ScenePoint> points = points_of(brackets);
-  double darkest = 1.0, brightest = 0.0;
-  for (const ScenePoint& point : points)
-    for (const auto& exposure : brackets[point.bracket].values)
-      if (const double value = exposure[point.sample]; is_usable(value, full)) {
-        darkest = std::min(darkest, value / full);
-        brightest = std::max(brightest, value / full);
-      }
-  constexpr std::size_t enough = 300;
-  constexpr double dark_enough = 0.25, bright_enough = 0.8;
-  if (points.size() < enough || darkest > dark_enough || brightest < bright_enough)
-    throw InputError("the camera's response cannot be estimated: " + std::to_string(points.size()) +
-                     " samples that two exposures hold reach from " + percent(darkest) + " to " +
-                     percent(brightest) +
-                     " of the range; photograph a view with darks and brights, with more exposures");
-  LogResponse response;
-  response.fit(brackets, points, full);
-  ResponseEstimate estimate;
-  estimate.places = points.size();
-  estimate.residual = response.residual(brackets, points, full);
-  std::vector<double> light;
-  for (double value = 0.0; value <= full; value += 1.0) light.push_back(response.light(value / full));
-  light = never_falling(std::move(light));
-  for (const double value : light)
-    estimate.linear_from_dn.push_back(static_cast<float>(full * value / light.back()));
-  return estimate;
-}
-
-namespace {
-
 ExposureAgreement worst_agreement(std::span<const BracketSamples> brackets, const BracketCamera& camera,
                                   std::size_t& worst) {
   ExposureAgreement result;
@@ -465,6 +344,119 @@ std::string name_of_response(const BracketCamera& camera, int bits) {
 }
 
 }  // namespace
+
+BracketSamples samples_of(const Bracket& bracket) {
+  BracketSamples samples;
+  const BracketFile& first = bracket.files.at(0);
+  samples.bits = first.bits;
+  samples.is_sensor =
+      first.is_raw || (first.frame.layout != PixelLayout::rgb && first.frame.layout != PixelLayout::grey);
+  std::vector<std::size_t> order(bracket.files.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return bracket.exposures[i]; });
+  for (const std::size_t i : order) {
+    samples.paths.push_back(bracket.paths[i]);
+    samples.seconds.push_back(bracket.exposures[i].count());
+    samples.values.emplace_back();
+  }
+  const RawFrame& frame = first.frame;
+  // Noise and compression would bias a curve: means of small, even blocks of developed pictures have less.
+  constexpr int largest_block = 4, blocks_across = 16;
+  const int block = std::clamp(std::min(frame.width, frame.height) / blocks_across, 1, largest_block);
+  if (first.bits > 0 && frame.layout == PixelLayout::rgb && block > 1) {
+    add_block_means(bracket, order, block, samples);
+    return samples;
+  }
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const BracketFile& file = bracket.files[order[k]];
+    const std::size_t size = file.bits == 0 ? file.linear.values.size() : file.frame.samples.size();
+    // An odd step, no multiple of 3: all channels and all colours of a Bayer pattern.
+    std::size_t step = std::max<std::size_t>(1, size / max_samples) | 1;
+    while (step % 3 == 0) step += 2;
+    for (std::size_t s = 0; s < size; s += step)
+      samples.values[k].push_back(file.bits == 0 ? file.linear.values[s]
+                                                 : static_cast<float>(file.frame.samples[s]));
+  }
+  return samples;
+}
+
+void require_brighter_with_time(const BracketSamples& bracket, const BracketCamera& camera) {
+  constexpr std::size_t enough = 100;
+  constexpr double lit = 0.05;  // of the highest: below, noise decides
+  const double clipped = clip_level_of(bracket, camera);
+  for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
+    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
+    std::vector<float> growth;
+    for (std::size_t s = 0; s < bracket.values[i].size(); ++s) {
+      const float shorter = bracket.values[i][s], longer = bracket.values[i + 1][s];
+      if (std::max(shorter, longer) >= lit * clipped && std::max(shorter, longer) < clipped)
+        growth.push_back(longer - shorter);
+    }
+    if (growth.size() < enough) continue;
+    const auto middle = growth.begin() + static_cast<std::ptrdiff_t>(growth.size() / 2);
+    std::ranges::nth_element(growth, middle);
+    if (*middle > 0.0f) continue;
+    throw InputError(bracket.paths[i + 1].string() + ": is " + (*middle < 0.0f ? "darker" : "no brighter") +
+                     " than " + bracket.paths[i].string() + ", though its exposure time is " +
+                     digits(bracket.seconds[i + 1], 6) + " s instead of " + digits(bracket.seconds[i], 6) +
+                     " s; the times are swapped or wrong, or one photograph was given twice: correct "
+                     "--exposures or the files");
+  }
+}
+
+ExposureAgreement compare_exposures(const BracketSamples& bracket, const BracketCamera& camera) {
+  const Linearisation linear(bracket, camera);
+  const double clipped = clip_level_of(bracket, camera);
+  ExposureAgreement agreement;
+  double squares = 0.0, count = 0.0;
+  for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
+    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
+    const PairComparison pair = compare_pair(bracket, i, linear, clipped);
+    if (pair.log_ratio.empty()) continue;
+    agreement.compared += pair.compared;
+    const auto classes = static_cast<double>(pair.log_ratio.size());
+    const double common = std::accumulate(pair.log_ratio.begin(), pair.log_ratio.end(), 0.0) / classes;
+    for (const double ratio : pair.log_ratio) squares += (ratio - common) * (ratio - common);
+    count += classes;
+    if (std::abs(common) > std::abs(std::log(agreement.factor))) {
+      agreement.factor = std::exp(common);
+      agreement.shorter = i;
+      agreement.longer = i + 1;
+    }
+  }
+  agreement.spread = count > 0.0 ? std::expm1(std::sqrt(squares / count)) : 0.0;
+  return agreement;
+}
+
+ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
+  const double full = range_of(brackets.front());
+  const std::vector<ScenePoint> points = points_of(brackets);
+  double darkest = 1.0, brightest = 0.0;
+  for (const ScenePoint& point : points)
+    for (const auto& exposure : brackets[point.bracket].values)
+      if (const double value = exposure[point.sample]; is_usable(value, full)) {
+        darkest = std::min(darkest, value / full);
+        brightest = std::max(brightest, value / full);
+      }
+  constexpr std::size_t enough = 300;
+  constexpr double dark_enough = 0.25, bright_enough = 0.8;
+  if (points.size() < enough || darkest > dark_enough || brightest < bright_enough)
+    throw InputError("the camera's response cannot be estimated: " + std::to_string(points.size()) +
+                     " samples that two exposures hold reach from " + percent(darkest) + " to " +
+                     percent(brightest) +
+                     " of the range; photograph a view with darks and brights, with more exposures");
+  LogResponse response;
+  response.fit(brackets, points, full);
+  ResponseEstimate estimate;
+  estimate.places = points.size();
+  estimate.residual = response.residual(brackets, points, full);
+  std::vector<double> light;
+  for (double value = 0.0; value <= full; value += 1.0) light.push_back(response.light(value / full));
+  light = never_falling(std::move(light));
+  for (const double value : light)
+    estimate.linear_from_dn.push_back(static_cast<float>(full * value / light.back()));
+  return estimate;
+}
 
 std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera) {
   std::vector<std::string> notes;

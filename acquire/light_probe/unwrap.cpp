@@ -33,81 +33,6 @@ double conductor_reflectance(double n, double k, double c) {
   return 0.5 * (across + along);
 }
 
-}  // namespace
-
-template <class Reflectance>
-MirrorReflectance MirrorReflectance::tabulated(const Reflectance& reflectance) {
-  MirrorReflectance result;
-  result.table_.resize(table_size);
-  for (int i = 0; i < table_size; ++i)
-    for (int c = 0; c < 3; ++c)
-      result.table_[i][c] = static_cast<float>(reflectance(c, i / (table_size - 1.0)));
-  return result;
-}
-
-MirrorReflectance MirrorReflectance::conductor(const std::array<double, 3>& n,
-                                               const std::array<double, 3>& k) {
-  return tabulated([&](int c, double cosine) { return conductor_reflectance(n[c], k[c], cosine); });
-}
-
-MirrorReflectance MirrorReflectance::chrome() {
-  return conductor({3.09, 3.18, 2.33}, {3.34, 3.33, 3.14});
-}
-
-MirrorReflectance MirrorReflectance::silver() {
-  return conductor({0.05, 0.06, 0.04}, {4.483, 3.586, 2.657});
-}
-
-MirrorReflectance MirrorReflectance::measured(const std::array<double, 3>& at_normal_incidence) {
-  for (double value : at_normal_incidence)
-    if (!(value > 0.0 && value <= 1.0))
-      throw InputError("the mirror's reflectance is " + std::to_string(value) +
-                       "; give numbers above 0 and at most 1");
-  return tabulated([&](int c, double cosine) {
-    const double r = at_normal_incidence[c];
-    return r + (1.0 - r) * std::pow(1.0 - cosine, 5.0);
-  });
-}
-
-MirrorReflectance MirrorReflectance::from_text(const std::string& text) {
-  if (text == "chrome") return chrome();
-  if (text == "silver") return silver();
-  if (text == "perfect") return measured({1.0, 1.0, 1.0});
-  return measured(channel_numbers(text, "--reflectance (chrome, silver, perfect or measured)"));
-}
-
-std::array<float, 3> MirrorReflectance::at(double cos_incidence) const {
-  const double place = std::clamp(cos_incidence, 0.0, 1.0) * (table_size - 1);
-  const int below = std::min(static_cast<int>(place), table_size - 2);
-  const auto t = static_cast<float>(place - below);
-  std::array<float, 3> result;
-  for (int c = 0; c < 3; ++c) result[c] = (1.0f - t) * table_[below][c] + t * table_[below + 1][c];
-  return result;
-}
-
-std::array<double, 3> channel_numbers(const std::string& text, const std::string& option) {
-  std::array<double, 3> numbers{};
-  const char* at = text.c_str();
-  int count = 0;
-  bool more = true;
-  while (more && count < 3) {
-    char* end = nullptr;
-    numbers[count] = std::strtod(at, &end);
-    if (end == at) break;
-    ++count;
-    more = *end == ',';
-    at = more ? end + 1 : end;
-  }
-  if ((count != 1 && count != 3) || more || *at != '\0' ||
-      !std::ranges::all_of(numbers, [](double number) { return std::isfinite(number); }))
-    throw InputError(option + ": '" + text +
-                     "' is neither one number nor three separated by commas, red,green,blue");
-  if (count == 1) numbers = {numbers[0], numbers[0], numbers[0]};
-  return numbers;
-}
-
-namespace {
-
 constexpr double samples_per_pixel = 3.0;  // along each side of a texel
 constexpr int max_samples = 64;            // along each side of a texel
 
@@ -247,7 +172,127 @@ SeenLight nothing_seen(int width) {
           Mask(static_cast<std::size_t>(width) * (width / 2), 0)};
 }
 
+struct BorderTexel {
+  Eigen::Vector3f direction;
+  Eigen::Vector3f radiance;
+  float solid_angle = 0.0f;
+};
+
+double row_solid_angle(int y, int height) {
+  return std::sin(std::numbers::pi * (y + 0.5) / height);
+}
+
+/// Whether a seen texel touches one that was not; maps wrap around, and go over the poles.
+bool touches_unseen(const Image& weight, int x, int y) {
+  for (int dy = -1; dy <= 1; ++dy)
+    for (int dx = -1; dx <= 1; ++dx) {
+      int nx = x + dx, ny = y + dy;
+      if (ny < 0 || ny >= weight.height) {
+        ny = y;
+        nx += weight.width / 2;
+      }
+      if (weight.at((nx + weight.width) % weight.width, ny, 0) == 0.0f) return true;
+    }
+  return false;
+}
+
+std::vector<BorderTexel> border_of(const SeenLight& light) {
+  std::vector<BorderTexel> border;
+  const Image& weight = light.weight;
+  for (int y = 0; y < weight.height; ++y)
+    for (int x = 0; x < weight.width; ++x) {
+      if (weight.at(x, y, 0) == 0.0f || !touches_unseen(weight, x, y)) continue;
+      border.push_back({lat_long_direction(x + 0.5, y + 0.5, weight.width, weight.height).cast<float>(),
+                        {light.radiance.at(x, y, 0), light.radiance.at(x, y, 1), light.radiance.at(x, y, 2)},
+                        static_cast<float>(row_solid_angle(y, weight.height))});
+    }
+  return border;
+}
+
+Eigen::Vector3d mean_of_border(const std::vector<BorderTexel>& border, const Eigen::Vector3f& direction) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double total = 0.0;
+  for (const BorderTexel& texel : border) {
+    const float squared = (texel.direction - direction).squaredNorm();
+    const float weight = texel.solid_angle / (squared * std::sqrt(squared));
+    sum += (weight * texel.radiance).cast<double>();
+    total += weight;
+  }
+  return sum / total;
+}
+
 }  // namespace
+
+template <class Reflectance>
+MirrorReflectance MirrorReflectance::tabulated(const Reflectance& reflectance) {
+  MirrorReflectance result;
+  result.table_.resize(table_size);
+  for (int i = 0; i < table_size; ++i)
+    for (int c = 0; c < 3; ++c)
+      result.table_[i][c] = static_cast<float>(reflectance(c, i / (table_size - 1.0)));
+  return result;
+}
+
+MirrorReflectance MirrorReflectance::conductor(const std::array<double, 3>& n,
+                                               const std::array<double, 3>& k) {
+  return tabulated([&](int c, double cosine) { return conductor_reflectance(n[c], k[c], cosine); });
+}
+
+MirrorReflectance MirrorReflectance::chrome() {
+  return conductor({3.09, 3.18, 2.33}, {3.34, 3.33, 3.14});
+}
+
+MirrorReflectance MirrorReflectance::silver() {
+  return conductor({0.05, 0.06, 0.04}, {4.483, 3.586, 2.657});
+}
+
+MirrorReflectance MirrorReflectance::measured(const std::array<double, 3>& at_normal_incidence) {
+  for (double value : at_normal_incidence)
+    if (!(value > 0.0 && value <= 1.0))
+      throw InputError("the mirror's reflectance is " + std::to_string(value) +
+                       "; give numbers above 0 and at most 1");
+  return tabulated([&](int c, double cosine) {
+    const double r = at_normal_incidence[c];
+    return r + (1.0 - r) * std::pow(1.0 - cosine, 5.0);
+  });
+}
+
+MirrorReflectance MirrorReflectance::from_text(const std::string& text) {
+  if (text == "chrome") return chrome();
+  if (text == "silver") return silver();
+  if (text == "perfect") return measured({1.0, 1.0, 1.0});
+  return measured(channel_numbers(text, "--reflectance (chrome, silver, perfect or measured)"));
+}
+
+std::array<float, 3> MirrorReflectance::at(double cos_incidence) const {
+  const double place = std::clamp(cos_incidence, 0.0, 1.0) * (table_size - 1);
+  const int below = std::min(static_cast<int>(place), table_size - 2);
+  const auto t = static_cast<float>(place - below);
+  std::array<float, 3> result;
+  for (int c = 0; c < 3; ++c) result[c] = (1.0f - t) * table_[below][c] + t * table_[below + 1][c];
+  return result;
+}
+
+std::array<double, 3> channel_numbers(const std::string& text, const std::string& option) {
+  std::array<double, 3> numbers{};
+  const char* at = text.c_str();
+  int count = 0;
+  bool more = true;
+  while (more && count < 3) {
+    char* end = nullptr;
+    numbers[count] = std::strtod(at, &end);
+    if (end == at) break;
+    ++count;
+    more = *end == ',';
+    at = more ? end + 1 : end;
+  }
+  if ((count != 1 && count != 3) || more || *at != '\0' ||
+      !std::ranges::all_of(numbers, [](double number) { return std::isfinite(number); }))
+    throw InputError(option + ": '" + text +
+                     "' is neither one number nor three separated by commas, red,green,blue");
+  if (count == 1) numbers = {numbers[0], numbers[0], numbers[0]};
+  return numbers;
+}
 
 void UnwrapOptions::check() const {
   if (width < 8 || width > 16384 || width % 2 != 0)
@@ -301,59 +346,6 @@ int natural_width(const MirrorBall& ball) {
   const double width = 2.0 * std::numbers::pi * ball.find(-ball.towards())->pixels_per_radian;
   return std::clamp(static_cast<int>(width / 16.0) * 16, 32, 4096);
 }
-
-namespace {
-
-struct BorderTexel {
-  Eigen::Vector3f direction;
-  Eigen::Vector3f radiance;
-  float solid_angle = 0.0f;
-};
-
-double row_solid_angle(int y, int height) {
-  return std::sin(std::numbers::pi * (y + 0.5) / height);
-}
-
-/// Whether a seen texel touches one that was not; maps wrap around, and go over the poles.
-bool touches_unseen(const Image& weight, int x, int y) {
-  for (int dy = -1; dy <= 1; ++dy)
-    for (int dx = -1; dx <= 1; ++dx) {
-      int nx = x + dx, ny = y + dy;
-      if (ny < 0 || ny >= weight.height) {
-        ny = y;
-        nx += weight.width / 2;
-      }
-      if (weight.at((nx + weight.width) % weight.width, ny, 0) == 0.0f) return true;
-    }
-  return false;
-}
-
-std::vector<BorderTexel> border_of(const SeenLight& light) {
-  std::vector<BorderTexel> border;
-  const Image& weight = light.weight;
-  for (int y = 0; y < weight.height; ++y)
-    for (int x = 0; x < weight.width; ++x) {
-      if (weight.at(x, y, 0) == 0.0f || !touches_unseen(weight, x, y)) continue;
-      border.push_back({lat_long_direction(x + 0.5, y + 0.5, weight.width, weight.height).cast<float>(),
-                        {light.radiance.at(x, y, 0), light.radiance.at(x, y, 1), light.radiance.at(x, y, 2)},
-                        static_cast<float>(row_solid_angle(y, weight.height))});
-    }
-  return border;
-}
-
-Eigen::Vector3d mean_of_border(const std::vector<BorderTexel>& border, const Eigen::Vector3f& direction) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  double total = 0.0;
-  for (const BorderTexel& texel : border) {
-    const float squared = (texel.direction - direction).squaredNorm();
-    const float weight = texel.solid_angle / (squared * std::sqrt(squared));
-    sum += (weight * texel.radiance).cast<double>();
-    total += weight;
-  }
-  return sum / total;
-}
-
-}  // namespace
 
 void fill_unseen(SeenLight& light) {
   const auto border = border_of(light);

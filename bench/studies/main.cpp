@@ -20,6 +20,7 @@ int run(int argc, char** argv) {
       "draws them.\n"
       "docs/method/studies.md lists the command for each chart and table of the documentation.");
   app.name("refield-studies");
+  app.formatter(refield::cli::help_formatter());
   app.require_subcommand(1);
   app.fallthrough();
   refield::cli::Common common;

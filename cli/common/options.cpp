@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <sstream>
 #include <string>
+#include <string_view>
 
 #include "cli/run_context.h"
 #include "core/base/errors.h"
@@ -35,7 +37,85 @@ bool takes_floating_point(const CLI::Option& option) {
   return type.starts_with("FLOAT") || type.starts_with("X,Y,Z");
 }
 
+/// Columns that `text` takes in a terminal: its bytes without the continuation bytes of UTF-8.
+std::size_t columns_of(std::string_view text) {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(text, [](char c) { return (static_cast<unsigned char>(c) & 0xc0u) != 0x80u; }));
+}
+
+/// Consecutive lines of `text` form a paragraph, which is broken at spaces into lines of at most `width`
+/// columns. Lines that begin with a space (examples, tables) and empty lines stay as they are.
+std::string wrapped(const std::string& text, std::size_t width) {
+  std::string result;
+  std::size_t columns = 0;  // of the last line, while it can take more words
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.empty() || line.front() == ' ') {
+      if (columns > 0) result += '\n';
+      result += line + '\n';
+      columns = 0;
+      continue;
+    }
+    std::istringstream words(line);
+    for (std::string word; words >> word;) {
+      const std::size_t word_columns = columns_of(word);
+      const bool fits = columns + 1 + word_columns <= width;
+      if (columns > 0) result += fits ? ' ' : '\n';
+      columns = columns > 0 && fits ? columns + 1 + word_columns : word_columns;
+      result += word;
+    }
+  }
+  while (result.ends_with('\n')) result.pop_back();
+  return result;
+}
+
+/// Help of at most 100 columns, in which a list of verbs shows the first line of each description only.
+class HelpFormatter : public CLI::Formatter {
+ public:
+  std::string make_description(const CLI::App* app) const override {
+    const std::string text = wrapped(app->get_description(), width);
+    return text.empty() ? text : text + "\n\n";
+  }
+
+  std::string make_footer(const CLI::App* app) const override {
+    const std::string text = wrapped(app->get_footer(), width);
+    return text.empty() ? text : text + "\n";
+  }
+
+  std::string make_subcommand(const CLI::App* verb) const override {
+    constexpr std::size_t name_columns = 14;
+    std::string line = "  " + verb->get_name();
+    line.resize(std::max(line.size() + 2, name_columns), ' ');
+    const std::string text = verb->get_description();
+    return line + text.substr(0, text.find('\n')) + '\n';
+  }
+
+  /// The default value follows the description instead of the option's type.
+  std::string make_option_opts(const CLI::Option* option) const override {
+    std::string text = CLI::Formatter::make_option_opts(option);
+    const std::string value = option->get_default_str();
+    if (value.empty()) return text;
+    if (const auto place = text.find("=" + value); place != std::string::npos)
+      text.erase(place, value.size() + 1);
+    return text;
+  }
+
+  std::string make_option_desc(const CLI::Option* option) const override {
+    std::string text = option->get_description();
+    const std::string value = option->get_default_str();
+    if (!value.empty() && text.find("(default:") == std::string::npos) text += " (default: " + value + ")";
+    return wrapped(text, width - get_column_width());
+  }
+
+ private:
+  static constexpr std::size_t width = 100;
+};
+
 }  // namespace
+
+std::shared_ptr<CLI::FormatterBase> help_formatter() {
+  return std::make_shared<HelpFormatter>();
+}
 
 CLI::Validator positive_number() {
   return bounded_number("POSITIVE", "above zero", false);

@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -21,6 +22,9 @@ CLI::Validator non_negative_number();
 /// Makes every option of `app` and of its subcommands whose values are floating-point numbers refuse NaN,
 /// infinity and what is no number. Call it when all options have been added.
 void require_finite_numbers(CLI::App& app);
+
+/// Formats help of at most 100 columns.
+std::shared_ptr<CLI::FormatterBase> help_formatter();
 
 /// Adds `--exposure`, a factor on the radiance above zero or `auto`; empty: automatic.
 CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure);

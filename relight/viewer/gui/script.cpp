@@ -252,58 +252,58 @@ void ScriptPlayer::plan_output(const ScriptCommand& command) {
   add(command, run, command.verb != Verb::quit);
 }
 
+void ScriptPlayer::plan_press(const ScriptCommand& command) {
+  add(command, [=](const Driven& driven) {
+    const Point p = control_named(driven.window, command.text);
+    driven.input.push(MouseMoved{p.x, p.y});
+  });
+  plan_waiting(1);
+  add(command, [](const Driven& driven) {
+    driven.input.push(MouseButtonChanged{MouseButton::left, true});
+    driven.input.push(MouseButtonChanged{MouseButton::left, false});
+  });
+  plan_waiting(settling_frames + 1);
+}
+
+void ScriptPlayer::plan_input(const ScriptCommand& command) {
+  add(command, [=](const Driven& driven) {
+    InputQueue& input = driven.input;
+    if (command.verb == Verb::load) input.push(FilesDropped{{command.text}});
+    if (command.verb == Verb::move || command.verb == Verb::scroll)
+      input.push(over(driven.stage, command.target, command.numbers[0], command.numbers[1]));
+    if (command.verb == Verb::scroll) input.push(MouseScrolled{0.0, command.numbers[2]});
+    if (command.verb == Verb::key) {
+      KeyChanged key = driven.stage.key(command.text);
+      input.push(key);
+      key.is_down = false;
+      input.push(key);
+    }
+    if (command.verb == Verb::type)
+      for (const char c : command.text) input.push(CharacterTyped{static_cast<unsigned char>(c)});
+    if (command.verb == Verb::release)
+      for (const auto button : {MouseButton::left, MouseButton::right, MouseButton::middle})
+        input.push(MouseButtonChanged{button, false});
+  });
+  plan_waiting(command.verb == Verb::release ? settling_frames + 2 : settling_frames);
+}
+
 void ScriptPlayer::plan(const ScriptCommand& command) {
   switch (command.verb) {
     case Verb::load:
-      add(command, [=](const Driven& driven) { driven.input.push(FilesDropped{{command.text}}); });
-      return plan_waiting(settling_frames);
     case Verb::move:
-      add(command, [=](const Driven& driven) {
-        driven.input.push(over(driven.stage, command.target, command.numbers[0], command.numbers[1]));
-      });
-      return plan_waiting(settling_frames);
+    case Verb::scroll:
+    case Verb::release:
+    case Verb::key:
+    case Verb::type:
+      return plan_input(command);
     case Verb::pick:
       return plan_click(command, MouseButton::left);
     case Verb::probe:
       return plan_click(command, MouseButton::right);
     case Verb::drag:
       return plan_drag(command);
-    case Verb::scroll:
-      add(command, [=](const Driven& driven) {
-        driven.input.push(over(driven.stage, command.target, command.numbers[0], command.numbers[1]));
-        driven.input.push(MouseScrolled{0.0, command.numbers[2]});
-      });
-      return plan_waiting(settling_frames);
-    case Verb::release:
-      add(command, [](const Driven& driven) {
-        for (const auto button : {MouseButton::left, MouseButton::right, MouseButton::middle})
-          driven.input.push(MouseButtonChanged{button, false});
-      });
-      return plan_waiting(settling_frames + 2);
     case Verb::press:
-      add(command, [=](const Driven& driven) {
-        const Point p = control_named(driven.window, command.text);
-        driven.input.push(MouseMoved{p.x, p.y});
-      });
-      plan_waiting(1);
-      add(command, [](const Driven& driven) {
-        driven.input.push(MouseButtonChanged{MouseButton::left, true});
-        driven.input.push(MouseButtonChanged{MouseButton::left, false});
-      });
-      return plan_waiting(settling_frames + 1);
-    case Verb::key:
-      add(command, [=](const Driven& driven) {
-        KeyChanged key = driven.stage.key(command.text);
-        driven.input.push(key);
-        key.is_down = false;
-        driven.input.push(key);
-      });
-      return plan_waiting(settling_frames);
-    case Verb::type:
-      add(command, [=](const Driven& driven) {
-        for (const char c : command.text) driven.input.push(CharacterTyped{static_cast<unsigned char>(c)});
-      });
-      return plan_waiting(settling_frames);
+      return plan_press(command);
     case Verb::wait:
       return plan_waiting(static_cast<int>(command.numbers[0]));
     case Verb::fps:

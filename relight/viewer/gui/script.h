@@ -123,6 +123,9 @@ class ScriptPlayer {
   void add(const ScriptCommand& command, std::function<void(const Driven&)> run, bool waits = false);
   void plan_click(const ScriptCommand& command, MouseButton button);
   void plan_drag(const ScriptCommand& command);
+  void plan_press(const ScriptCommand& command);
+  /// What takes events of one frame alone.
+  void plan_input(const ScriptCommand& command);
   void plan_output(const ScriptCommand& command);
   /// Frames in which panels settle.
   void plan_waiting(int frames);

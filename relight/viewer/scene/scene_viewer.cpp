@@ -370,7 +370,7 @@ void motion_section(SceneApp& app) {
 }
 
 void things_section(SceneApp& app) {
-  heading("OBJECTS AND LAMPS");
+  heading("OBJECTS AND AREA LIGHTS");
   const float right = ImGui::GetWindowPos().x + ImGui::GetWindowContentRegionMax().x;
   const auto& things = app.state.scene().things;
   for (std::size_t thing = 0; thing < things.size(); ++thing) {
