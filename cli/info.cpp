@@ -78,13 +78,13 @@ ordered_json describe(const TransferTiles& tiles) {
           {"channels", grey ? 1 : 3}};
 }
 
-ordered_json describe(const Mesh& mesh, int outgoing_order) {
+ordered_json describe(const OutputMesh& mesh) {
   return {{"vertices", mesh.positions.size()},
           {"triangles", mesh.triangles.size()},
-          {"outputs_a_vertex", std::max(1, harmonics_of(outgoing_order))}};
+          {"outputs_a_vertex", mesh.outputs() / std::max<std::size_t>(1, mesh.positions.size())}};
 }
 
-ordered_json provenance_of(const ReflectanceField& field) {
+ordered_json provenance_of(const FieldOutline& field) {
   ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
   if (provenance.is_discarded()) provenance = field.provenance;
   return provenance;
@@ -92,22 +92,22 @@ ordered_json provenance_of(const ReflectanceField& field) {
 
 /// Of precomputed transport: no statistics of estimation, and no rows made from tiles, which memory might
 /// not hold.
-ordered_json describe_precomputed(const fs::path& path, const ReflectanceField& outline) {
+ordered_json describe_precomputed(const fs::path& path, const FieldOutline& outline, ordered_json transfer) {
   ordered_json info{{"kind", "precomputed reflectance field"},
                     {"format_version", reflectance_field_version},
                     {"bytes", fs::file_size(path)}};
-  if (outline.mesh.empty())
-    info["image"] = size_of(outline.width, outline.height);
+  if (outline.mesh)
+    info["mesh"] = describe(*outline.mesh);
   else
-    info["mesh"] = describe(outline.mesh, outline.outgoing_order);
+    info["image"] = size_of(outline.width, outline.height);
   info["light"] = describe(outline.basis.domain, outline.monitors);
   info["basis"] = describe(outline.basis);
-  info["transfer"] = describe(outline.transfer);
+  info["transfer"] = std::move(transfer);
   info["provenance"] = provenance_of(outline);
   return info;
 }
 
-bool is_precomputed(const ReflectanceField& field) {
+bool is_precomputed(const FieldOutline& field) {
   return field.basis.measure == Measure::solid_angle;
 }
 
@@ -131,20 +131,20 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
                       {"percent_for_99_percent_of_energy", 100.0 * kernels.share_of_99_percent},
                       {"percent_for_95_percent_of_energy", 100.0 * kernels.share_of_95_percent},
                       {"pixels_by_number_of_kernels", kernels.histogram}}}};
-  if (!field.training_error.empty())
-    info["training_error"] = {{"median", quantile(field.training_error, 0.5)},
-                              {"percentile_90", quantile(field.training_error, 0.9)}};
-  if (!field.predicted_error.empty()) {
+  if (!field.quality.training_error.empty())
+    info["training_error"] = {{"median", quantile(field.quality.training_error, 0.5)},
+                              {"percentile_90", quantile(field.quality.training_error, 0.9)}};
+  if (!field.quality.predicted_error.empty()) {
     std::vector<float> predicted, noise;
-    for (std::size_t p = 0; p < field.predicted_error.size(); ++p)
-      if (field.predicted_error[p] > 0.0f) {
-        predicted.push_back(field.predicted_error[p]);
-        noise.push_back(field.photograph_noise[p]);
+    for (std::size_t p = 0; p < field.quality.predicted_error.size(); ++p)
+      if (field.quality.predicted_error[p] > 0.0f) {
+        predicted.push_back(field.quality.predicted_error[p]);
+        noise.push_back(field.quality.photograph_noise[p]);
       }
     info["predicted_error"] = {{"median", quantile(predicted, 0.5)},
                                {"percentile_90", quantile(predicted, 0.9)},
                                {"of_it_noise_of_the_photographs_median", quantile(noise, 0.5)}};
-    if (const LearningCurve curve(field.learning_curve, quantile(noise, 0.5)); curve.known())
+    if (const LearningCurve curve(field.quality.learning_curve, quantile(noise, 0.5)); curve.known())
       info["more_images"] = curve.advice();
   }
   info["provenance"] = std::move(provenance);
@@ -155,11 +155,11 @@ ordered_json describe_whole_field(const fs::path& path) {
   auto either = read_either_field(path, run_context());
   if (const auto* field = std::get_if<ReflectanceField>(&either)) {
     if (!is_precomputed(*field)) return describe_field(path, *field);
-    return describe_precomputed(path, *field);
+    return describe_precomputed(path, *field, describe(field->transfer));
   }
   auto& packed = std::get<PackedField>(either);
   const ordered_json transfer = describe(packed.tiles);
-  ordered_json info = is_precomputed(packed.outline) ? describe_precomputed(path, packed.outline)
+  ordered_json info = is_precomputed(packed.outline) ? describe_precomputed(path, packed.outline, transfer)
                                                      : describe_field(path, expand(std::move(packed)));
   if (info["kind"] == "reflectance field") info["kind"] = "packed reflectance field";
   info["format_version"] = packed_field_version;

@@ -12,8 +12,11 @@
 #include "core/base/run_context.h"
 #include "core/field_io/field_shard.h"
 #include "core/field_io/reflectance_field_file.h"
+#include "estimate/cost_estimate.h"
 #include "estimate/job/checkpoint.h"
+#include "estimate/job/estimate_band.h"
 #include "estimate/job/estimate_job.h"
+#include "estimate/quality/frame_check.h"
 
 namespace refield {
 
@@ -62,21 +65,21 @@ void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSu
   for (std::size_t p = 0; p < field.transfer.rows(); ++p) {
     if (!job.mask.empty() && job.mask[before + p] == 0) continue;
     ++active;
-    errors.push_back(field.training_error[p]);
+    errors.push_back(field.quality.training_error[p]);
   }
   summary.mean_kernels = active > 0 ? static_cast<double>(field.transfer.entries()) / active : 0.0;
   summary.median_training_error = quantile(std::move(errors), 0.5);
-  if (field.predicted_error.empty()) return;
+  if (field.quality.predicted_error.empty()) return;
   std::vector<float> predicted, noise;
-  for (std::size_t p = 0; p < field.predicted_error.size(); ++p) {
-    if (!(field.predicted_error[p] > 0.0f)) continue;
-    predicted.push_back(field.predicted_error[p]);
-    noise.push_back(field.photograph_noise[p]);
+  for (std::size_t p = 0; p < field.quality.predicted_error.size(); ++p) {
+    if (!(field.quality.predicted_error[p] > 0.0f)) continue;
+    predicted.push_back(field.quality.predicted_error[p]);
+    noise.push_back(field.quality.photograph_noise[p]);
   }
   if (predicted.empty()) return;
   summary.median_predicted_error = quantile(std::move(predicted), 0.5);
   summary.median_photograph_noise = quantile(std::move(noise), 0.5);
-  summary.learning_curve = field.learning_curve;
+  summary.learning_curve = field.quality.learning_curve;
 }
 
 /// The most memory that this program held. getrusage() would also count what started it held before.
@@ -156,7 +159,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
                        ".partial: a finished band is damaged; run again with --resume to redo it");
     assembler.append(*kernels);
   }
-  FieldPart part{assembler.take(), job.rows, job.session.height, job_key(job, options)};
+  FieldPart part{assembler.take(), job.rows, job.session.height, job_key(job, options),
+                 assembler.take_evidence()};
   const ReflectanceField& field = part.field;
   const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
   if (!options.rows && is_empty) {

@@ -31,7 +31,7 @@ FieldPictures::FieldPictures(const ReflectanceField& field, std::vector<PinholeC
     for (const Box& box : field.basis.boxes) boxes.push_back(small_box(box));
     box_projector_ = std::make_shared<const BoxProjector>(field.basis.domain.width, boxes);
   }
-  if (field.mesh.empty()) {
+  if (!field.mesh) {
     if (!cameras_.empty()) throw InputError("the field belongs to a fixed camera; do not give cameras");
     return;
   }
@@ -87,7 +87,7 @@ Image FieldPictures::picture(const SceneLight& light, std::size_t frame, const R
 
 std::vector<float> FieldPictures::coverage(std::size_t frame) const {
   if (cameras_.empty()) return {};
-  return view_ ? view_->coverage() : MeshView(field_->mesh, cameras_[frame % cameras_.size()]).coverage();
+  return view_ ? view_->coverage() : MeshView(*field_->mesh, cameras_[frame % cameras_.size()]).coverage();
 }
 
 std::vector<PinholeCamera> turntable(const PinholeCamera& start, int frames) {

@@ -67,10 +67,10 @@ PredictionCheck check_prediction(const ReflectanceField& field, const KindSums& 
   std::vector<float> predicted, true_error, ratios;
   for (std::size_t p = 0; p < actual.pixel_count(); ++p) {
     if ((!mask.empty() && mask[p] == 0) || !(sums.signal[p] > 0.0) || !(actual.values[p] > 0.0f)) continue;
-    const double trained_noise = std::pow(field.photograph_noise[p], 2);
+    const double trained_noise = std::pow(field.quality.photograph_noise[p], 2);
     const double noise =
         sums.has_sigma ? sums.noise[p] / sums.signal[p] : noise_scale * noise_scale * trained_noise;
-    const double own = std::max(std::pow(field.predicted_error[p], 2) - trained_noise, 0.0);
+    const double own = std::max(std::pow(field.quality.predicted_error[p], 2) - trained_noise, 0.0);
     predicted.push_back(static_cast<float>(std::sqrt(own + noise)));
     true_error.push_back(actual.values[p]);
     ratios.push_back(predicted.back() / true_error.back());
@@ -145,7 +145,7 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
                      "; compare a field with the session it was estimated from");
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
 
-  const bool predicts = !field.predicted_error.empty();
+  const bool predicts = !field.quality.predicted_error.empty();
   if (truth) noise_scale = 0.0;
   std::vector<KindSums> kinds;
   Progress progress(run, "comparing held-out frames", frames.size());

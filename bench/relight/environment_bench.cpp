@@ -55,22 +55,24 @@ refield::ReflectanceField cluster_field(int resolution) {
     const auto y = static_cast<int>(rng.below(static_cast<std::uint64_t>(6 * resolution / size))) * size;
     field.basis.boxes.push_back({x, y, x + size, y + size});
   }
+  refield::OutputMesh mesh;
   for (int y = 0; y < side; ++y)
     for (int x = 0; x < side; ++x) {
       const float u = static_cast<float>(x) / (side - 1) - 0.5f,
                   v = static_cast<float>(y) / (side - 1) - 0.5f;
-      field.mesh.positions.emplace_back(u, 0.1f * std::sin(9.0f * u) * std::sin(9.0f * v), v);
-      field.mesh.normals.emplace_back(0.0f, 1.0f, 0.0f);
-      field.mesh.colours.emplace_back(0.7f, 0.6f, 0.5f);
+      mesh.positions.emplace_back(u, 0.1f * std::sin(9.0f * u) * std::sin(9.0f * v), v);
+      mesh.normals.emplace_back(0.0f, 1.0f, 0.0f);
+      mesh.colours.emplace_back(0.7f, 0.6f, 0.5f);
       if (x + 1 < side && y + 1 < side) {
         const auto corner = static_cast<std::uint32_t>(y * side + x);
-        field.mesh.triangles.push_back({corner, corner + side, corner + 1});
-        field.mesh.triangles.push_back({corner + 1, corner + side, corner + side + 1});
+        mesh.triangles.push_back({corner, corner + side, corner + 1});
+        mesh.triangles.push_back({corner + 1, corner + side, corner + side + 1});
       }
     }
-  field.camera = refield::framing_camera(field.mesh, 1024, 768);
+  mesh.camera = refield::framing_camera(mesh, 1024, 768);
   field.width = refield::output_image_width;
-  field.height = refield::output_image_height(field.mesh_outputs());
+  field.height = refield::output_image_height(mesh.outputs());
+  field.mesh = std::move(mesh);
   constexpr std::size_t vertices = std::size_t{side} * side;
   std::vector<std::size_t> output(static_cast<std::size_t>(field.width) * field.height, vertices);
   for (std::size_t i = 0; i < vertices; ++i) output[refield::pixel_of_output(i)] = i;
@@ -99,7 +101,7 @@ class Screen {
   explicit Screen(const refield::ReflectanceField& field)
       : relighter_(field),
         boxes_(field.basis.domain.width, relighter_.summed_boxes()),
-        view_(field, *field.camera),
+        view_(field, *field.mesh->camera),
         rgba_(view_.camera().width * static_cast<std::size_t>(view_.camera().height) * 4) {}
 
   void show(const PreparedEnvironment& environment, const refield::EulerAngles& turn) {

@@ -49,13 +49,12 @@ void Harmonics(benchmark::State& state, bool glossy) {
   std::size_t frame = 0;
   const Image* image = nullptr;
   for (auto _ : state) image = &relighter.relight(lights[frame++ % 2]);
-  refield::ReflectanceField whole = rows.outline;
-  whole.transfer = rows.rows({0, whole.height});
+  const refield::ReflectanceField whole{rows.outline, rows.rows({0, rows.outline.height})};
   state.counters["relative_rmse"] = relative_rmse(*image, whole.relight(lights[(frame - 1) % 2]));
   state.counters["MB_a_frame"] = static_cast<double>(relighter.bytes_a_frame()) / 1e6;
   state.counters["frames_a_second"] =
       benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
-  state.SetLabel(std::to_string(rows.outline.mesh.positions.size()) + " vertices");
+  state.SetLabel(std::to_string(rows.outline.mesh->positions.size()) + " vertices");
 }
 BENCHMARK_CAPTURE(Harmonics, diffuse, false)
     ->ArgNames({"order", "size"})

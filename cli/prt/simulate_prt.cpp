@@ -81,7 +81,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
                           {"method", arguments.method}};
   provenance.update(figures);
   rows.outline.provenance = json_text(provenance);
-  if (!rows.outline.mesh.empty()) rows.outline.camera = scene.camera;
+  if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;
   PackedField packed = pack_rows(std::move(rows), arguments.bits, run_context());
   write_packed_field(arguments.output, packed);
 

@@ -55,7 +55,7 @@ void add_camera_options(CLI::App& verb, CameraOptions& options) {
 
 std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const ReflectanceField& field,
                                       const std::filesystem::path& path, int frames) {
-  if (field.mesh.empty()) {
+  if (!field.mesh) {
     if (are_given(options))
       throw InputError(path.string() +
                        ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
@@ -67,7 +67,7 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
     const PictureSize size = read_picture_size(options.size, {1, 1});
     camera.width = size.width;
     camera.height = size.height;
-    if (!field.camera) camera = framing_camera(field.mesh, camera.width, camera.height);
+    if (!field.mesh->camera) camera = framing_camera(*field.mesh, camera.width, camera.height);
   }
   if (!options.position.empty()) camera.position = vector_of(options.position);
   if (!options.target.empty()) camera.target = vector_of(options.target);
@@ -155,12 +155,12 @@ LightSeries series_of_bar(const RelightOptions& options, const LightDomain& doma
 }
 
 LightSeries series_of_area_lights(const RelightOptions& options, const ReflectanceField& field) {
-  if (field.mesh.empty() || field.basis.domain.parameterisation != Parameterisation::cube)
+  if (!field.mesh || field.basis.domain.parameterisation != Parameterisation::cube)
     throw InputError("--area-lights requires a mesh field; " + options.field.string() +
                      " is an image field: use --light or --env");
   const auto area_lights =
       std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights, run_context()));
-  const Eigen::Vector3f middle = prt::middle(field.mesh);
+  const Eigen::Vector3f middle = prt::middle(*field.mesh);
   const double last = std::max(1, options.frames - 1), duration = area_lights->duration();
   LightSeries series{.is_sequence = true};
   for (int i = 0; i < options.frames; ++i)

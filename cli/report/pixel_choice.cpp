@@ -212,8 +212,8 @@ std::vector<ChosenPixel> choose_pixels(const ReflectanceField& field, const Mask
   chooser.take([&](std::size_t p) { return spread[p]; }, 0.5, "middle of all pixels", run);
   chooser.take([&](std::size_t p) { return spread[p] / peak[p]; }, 0.98,
                "broad and even, as diffuse surfaces are", run);
-  if (!field.training_error.empty()) {
-    const auto error = smooth([&](std::size_t p) { return field.training_error[p]; });
+  if (!field.quality.training_error.empty()) {
+    const auto error = smooth([&](std::size_t p) { return field.quality.training_error[p]; });
     chooser.take([&](std::size_t p) { return error[p]; }, 0.99, "fits its training images badly", run);
   }
   return std::move(chooser).chosen();

@@ -113,8 +113,8 @@ namespace {
 /// The noise of a field's median pixel.
 double middle_noise(const ReflectanceField& field) {
   std::vector<float> noise;
-  for (std::size_t p = 0; p < field.photograph_noise.size(); ++p)
-    if (field.predicted_error[p] > 0.0f) noise.push_back(field.photograph_noise[p]);
+  for (std::size_t p = 0; p < field.quality.photograph_noise.size(); ++p)
+    if (field.quality.predicted_error[p] > 0.0f) noise.push_back(field.quality.photograph_noise[p]);
   return noise.empty() ? 0.0 : quantile(std::move(noise), 0.5);
 }
 
@@ -129,11 +129,11 @@ std::string more_images_html(const ReportInput& input) {
   std::string advice;
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
     const FieldEntry& entry = input.fields[f];
-    const LearningCurve curve(entry.field.learning_curve, middle_noise(entry.field));
+    const LearningCurve curve(entry.field.quality.learning_curve, middle_noise(entry.field));
     if (!curve.known()) continue;
     Series measured{entry.label + ": measured", static_cast<int>(f), false, {}};
     Series estimated{entry.label + ": extrapolated", static_cast<int>(f), true, {}};
-    for (const LearningPoint& point : entry.field.learning_curve)
+    for (const LearningPoint& point : entry.field.quality.learning_curve)
       measured.points.push_back({point.share, point.error});
     for (const double share : {0.8, 1.0, 1.25, 1.5, 1.75, 2.0})
       estimated.points.push_back({share, curve.error_at(share)});
@@ -370,8 +370,8 @@ std::string predicted_histogram(const ReportInput& input) {
   constexpr int steps = 12;
   double high = 0.0;
   for (const FieldEntry& entry : input.fields)
-    if (!entry.field.predicted_error.empty())
-      high = std::max(high, quantile(entry.field.predicted_error, 0.95));
+    if (!entry.field.quality.predicted_error.empty())
+      high = std::max(high, quantile(entry.field.quality.predicted_error, 0.95));
   if (!(high > 0.0)) return "";
   high = round_up(high);
   BarChart chart;
@@ -383,7 +383,7 @@ std::string predicted_histogram(const ReportInput& input) {
   for (std::size_t f = 0; f < input.fields.size(); ++f) {
     BarSeries series{input.fields[f].label, static_cast<int>(f), std::vector<double>(steps)};
     double pixels = 0.0;
-    for (const float error : input.fields[f].field.predicted_error)
+    for (const float error : input.fields[f].field.quality.predicted_error)
       if (error > 0.0f) {
         series.values[std::min(static_cast<int>(steps * (error / high)), steps - 1)] += 1.0;
         pixels += 1.0;
@@ -417,14 +417,14 @@ struct ErrorMap {
 /// Errors pixel by pixel, where known: on the training images, on the first kind of held-out light.
 std::vector<ErrorMap> error_maps(const ReportInput& input, const FieldEntry& entry, const RunContext& run) {
   std::vector<ErrorMap> maps;
-  if (!entry.field.training_error.empty()) {
+  if (!entry.field.quality.training_error.empty()) {
     maps.push_back({"relative RMSE on its training images", Image(entry.field.width, entry.field.height, 1)});
-    maps.back().map.values = entry.field.training_error;
+    maps.back().map.values = entry.field.quality.training_error;
   }
-  if (!entry.field.predicted_error.empty()) {
+  if (!entry.field.quality.predicted_error.empty()) {
     maps.push_back(
         {"relative RMSE predicted for new photographs", Image(entry.field.width, entry.field.height, 1)});
-    maps.back().map.values = entry.field.predicted_error;
+    maps.back().map.values = entry.field.quality.predicted_error;
   }
   const auto kinds = kinds_of(input.session);
   if (!kinds.empty())

@@ -100,8 +100,9 @@ struct LatticePoint {
 
 class Prediction {
  public:
-  explicit Prediction(const ReflectanceField& field)
+  Prediction(const FieldOutline& field, std::span<const ErrorEvidence> evidence)
       : field_(field),
+        evidence_(evidence),
         blocks_(field.width, field.height),
         lattice_width_(lattice_size(field.width)),
         lattice_height_(lattice_size(field.height)),
@@ -114,10 +115,10 @@ class Prediction {
         for (int y = blocks_.corner(v); y < std::min(blocks_.corner(v) + blocks_.side_px, field.height); ++y)
           for (int x = blocks_.corner(u); x < std::min(blocks_.corner(u) + blocks_.side_px, field.width);
                ++x) {
-            const ErrorEvidence& evidence = at(x, y);
-            if (!(evidence.leave_one_out > 0.0f) || !(evidence.cross_validated > 0.0f)) continue;
-            log_errors += logarithm(evidence.leave_one_out);
-            log_ratios += logarithm(evidence.cross_validated) - logarithm(evidence.leave_one_out);
+            const ErrorEvidence& pixel = at(x, y);
+            if (!(pixel.leave_one_out > 0.0f) || !(pixel.cross_validated > 0.0f)) continue;
+            log_errors += logarithm(pixel.leave_one_out);
+            log_ratios += logarithm(pixel.cross_validated) - logarithm(pixel.leave_one_out);
             ++known;
           }
         if (known == 0) continue;
@@ -175,10 +176,11 @@ class Prediction {
   }
   static double logarithm(double squared) { return std::log(std::max(squared, least)); }
   const ErrorEvidence& at(int x, int y) const {
-    return field_.error_evidence[static_cast<std::size_t>(y) * field_.width + x];
+    return evidence_[static_cast<std::size_t>(y) * field_.width + x];
   }
 
-  const ReflectanceField& field_;
+  const FieldOutline& field_;
+  std::span<const ErrorEvidence> evidence_;
   CrossValidationLattice blocks_;
   int lattice_width_, lattice_height_;
   std::vector<LatticePoint> lattice_;
@@ -186,7 +188,7 @@ class Prediction {
 };
 
 /// Middle errors over the pixels where fits to parts of the images were tried.
-std::vector<LearningPoint> learning_curve_of(const std::vector<ErrorEvidence>& evidence) {
+std::vector<LearningPoint> learning_curve_of(std::span<const ErrorEvidence> evidence) {
   std::vector<float> quarter, half, most;
   for (const ErrorEvidence& pixel : evidence) {
     if (!(pixel.from_quarter > 0.0f && pixel.from_half > 0.0f && pixel.cross_validated > 0.0f)) continue;
@@ -203,26 +205,24 @@ std::vector<LearningPoint> learning_curve_of(const std::vector<ErrorEvidence>& e
 
 }  // namespace
 
-void predict_errors(ReflectanceField& field) {
-  field.predicted_error.clear();
-  field.photograph_noise.clear();
-  field.learning_curve = learning_curve_of(field.error_evidence);
-  if (field.error_evidence.empty()) return;
-  field.predicted_error.assign(field.error_evidence.size(), 0.0f);
-  field.photograph_noise.assign(field.error_evidence.size(), 0.0f);
-  const Prediction prediction(field);
+void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence) {
+  FieldQuality& quality = field.quality;
+  quality.predicted_error.assign(evidence.size(), 0.0f);
+  quality.photograph_noise.assign(evidence.size(), 0.0f);
+  quality.learning_curve = learning_curve_of(evidence);
+  if (evidence.empty()) return;
+  const Prediction prediction(field, evidence);
   tbb::parallel_for(0, field.height, [&](int y) {
     for (int x = 0; x < field.width; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * field.width + x;
-      const ErrorEvidence& evidence = field.error_evidence[p];
-      if (!(evidence.leave_one_out > 0.0f)) continue;
+      if (!(evidence[p].leave_one_out > 0.0f)) continue;
       const double steadied = prediction.steadied(x, y);
       const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
       const double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
-      const double shared = std::clamp<double>(evidence.shared, 0.0, steadied);
+      const double shared = std::clamp<double>(evidence[p].shared, 0.0, steadied);
       const double own = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
-      field.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
-      field.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - own));
+      quality.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
+      quality.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - own));
     }
   });
 }

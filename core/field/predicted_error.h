@@ -33,7 +33,7 @@ class LearningCurve {
   double floor_ = 0.0, scale_ = 0.0, exponent_ = 0.0;
 };
 
-struct ReflectanceField;
+struct FieldOutline;
 
 /// What a pixel's training images tell about its error on images to come. All three are squared and relative
 /// to Σ b² over the pixel's measured samples: a pixel without kernels misses all of it, one without light has
@@ -80,14 +80,14 @@ class CrossValidationLattice {
   int step_ = 6;  // blocks
 };
 
-/// Fills `predicted_error` and `photograph_noise` and `learning_curve` from `error_evidence`; empties them
-/// where there is none.
+/// Fills predicted_error, photograph_noise and learning_curve of `field.quality` from what each pixel's
+/// training images tell, [pixels]; empties them where `evidence` is empty.
 ///
 /// Every pixel's leave-one-out error is steadied by the median of its 3 × 3 neighbours (geometric mean of the
 /// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
 /// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
 /// images; the prediction is the mean of the two squares, which measurements on two captures bear out
 /// (docs/method/progressive.md). Runs on all cores; the result does not depend on their number.
-void predict_errors(ReflectanceField& field);
+void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence);
 
 }  // namespace refield

@@ -70,7 +70,7 @@ Parameterisation parameterisation_of(const Hdf5Values& values) {
 }
 
 /// Sizes of the picture, the light map and the grid of hats.
-std::string fault_of_sizes(const ReflectanceField& field) {
+std::string fault_of_sizes(const FieldOutline& field) {
   const auto area = [](int width, int height) {
     return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   };
@@ -120,8 +120,7 @@ std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const Ligh
 
 }  // namespace
 
-void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int version,
-                   const FieldPart* part) {
+void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int version, const FieldPart* part) {
   writer.text("format", part ? part_format_name : field_format_name);
   writer.number("version", version);
   writer.number("width", field.width);
@@ -145,21 +144,20 @@ void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int 
   write_precomputed(writer, field);
 }
 
-std::string fault_of_statistics(const ReflectanceField& field) {
+std::string fault_of_statistics(const FieldOutline& field) {
+  const FieldQuality& quality = field.quality;
   const std::uint64_t pixels = static_cast<std::uint64_t>(field.width) * field.height;
   const auto is_no_error = [](float e) { return !std::isfinite(e) || e < 0.0f; };
-  if (!field.training_error.empty() && field.training_error.size() != pixels)
+  if (!quality.training_error.empty() && quality.training_error.size() != pixels)
     return "statistics/training_error does not fit the image size";
-  if (std::ranges::any_of(field.training_error, is_no_error))
+  if (std::ranges::any_of(quality.training_error, is_no_error))
     return "statistics/training_error contains an invalid error";
-  if (!field.error_evidence.empty() && field.error_evidence.size() != pixels)
-    return "statistics/error_evidence does not fit the image size";
-  if (std::ranges::any_of(field.learning_curve, [&](const LearningPoint& point) {
+  if (std::ranges::any_of(quality.learning_curve, [&](const LearningPoint& point) {
         return !(point.share > 0.0f) || is_no_error(point.error);
       }))
     return "statistics/learning_curve contains an invalid error";
-  for (const auto* map : {&field.predicted_error, &field.photograph_noise}) {
-    if (map->size() != field.predicted_error.size() || (!map->empty() && map->size() != pixels))
+  for (const auto* map : {&quality.predicted_error, &quality.photograph_noise}) {
+    if (map->size() != quality.predicted_error.size() || (!map->empty() && map->size() != pixels))
       return "statistics/predicted_error or photograph_noise does not fit the image size";
     if (std::ranges::any_of(*map, is_no_error))
       return "statistics/predicted_error or photograph_noise contains an invalid error";
@@ -195,35 +193,35 @@ void require_readable(const std::string& fault, const fs::path& destination) {
                       "computation; scale them and run again");
 }
 
-void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field) {
-  writer.dataset("statistics/training_error", field.training_error.data(), {field.training_error.size()});
-  if (!field.error_evidence.empty()) {
-    std::vector<float> evidence;
-    for (const ErrorEvidence& pixel : field.error_evidence)
-      evidence.insert(evidence.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated,
-                                       pixel.from_half, pixel.from_quarter});
-    writer.dataset("statistics/error_evidence", evidence.data(), {field.error_evidence.size(), 5});
+void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
+                      std::span<const ErrorEvidence> evidence) {
+  writer.dataset("statistics/training_error", quality.training_error.data(), {quality.training_error.size()});
+  if (!evidence.empty()) {
+    std::vector<float> numbers;
+    for (const ErrorEvidence& pixel : evidence)
+      numbers.insert(numbers.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated,
+                                     pixel.from_half, pixel.from_quarter});
+    writer.dataset("statistics/error_evidence", numbers.data(), {evidence.size(), 5});
   }
-  if (!field.learning_curve.empty()) {
+  if (!quality.learning_curve.empty()) {
     std::vector<float> points;
-    for (const LearningPoint& point : field.learning_curve)
+    for (const LearningPoint& point : quality.learning_curve)
       points.insert(points.end(), {point.share, point.error});
-    writer.dataset("statistics/learning_curve", points.data(), {field.learning_curve.size(), 2});
+    writer.dataset("statistics/learning_curve", points.data(), {quality.learning_curve.size(), 2});
   }
-  if (!field.predicted_error.empty()) {
-    writer.dataset("statistics/predicted_error", field.predicted_error.data(),
-                   {field.predicted_error.size()});
-    writer.dataset("statistics/photograph_noise", field.photograph_noise.data(),
-                   {field.photograph_noise.size()});
+  if (!quality.predicted_error.empty()) {
+    writer.dataset("statistics/predicted_error", quality.predicted_error.data(),
+                   {quality.predicted_error.size()});
+    writer.dataset("statistics/photograph_noise", quality.photograph_noise.data(),
+                   {quality.photograph_noise.size()});
   }
 }
 
-std::uint64_t outline_bytes(const ReflectanceField& field) {
+std::uint64_t outline_bytes(const FieldOutline& field) {
   constexpr std::uint64_t structures = 64 << 10;
   return structures + precomputed_bytes(field) + field.provenance.size() +
-         field.basis.boxes.size() * sizeof(Box) + field.training_error.size() * sizeof(float) +
-         field.error_evidence.size() * sizeof(ErrorEvidence) +
-         (field.predicted_error.size() + field.photograph_noise.size()) * sizeof(float);
+         field.basis.boxes.size() * sizeof(Box) + field.quality.training_error.size() * sizeof(float) +
+         (field.quality.predicted_error.size() + field.quality.photograph_noise.size()) * sizeof(float);
 }
 
 FieldFile open_field(const fs::path& path, const RunContext& run) {
@@ -254,8 +252,8 @@ FieldFile open_field(const fs::path& path, const RunContext& run) {
   return file;
 }
 
-ReflectanceField read_outline(const Hdf5Values& values) {
-  ReflectanceField field;
+FieldOutline read_outline(const Hdf5Values& values) {
+  FieldOutline field;
   field.width = values.number("width");
   field.height = values.number("height");
   field.basis.domain = {values.number("light_width"), values.number("light_height"),
@@ -268,7 +266,7 @@ ReflectanceField read_outline(const Hdf5Values& values) {
   return field;
 }
 
-void read_boxes(const Hdf5Values& values, ReflectanceField& field) {
+void read_boxes(const Hdf5Values& values, FieldOutline& field) {
   const auto corners = values.dataset<std::int32_t>("basis/boxes", 4);
   field.basis.boxes.reserve(corners.size() / 4);
   for (std::size_t k = 0; k < corners.size(); k += 4)
@@ -276,23 +274,29 @@ void read_boxes(const Hdf5Values& values, ReflectanceField& field) {
   require_sound(values, fault_of_boxes(field.basis));
 }
 
-void read_statistics(const Hdf5Values& values, ReflectanceField& field) {
-  field.training_error = values.dataset<float>("statistics/training_error", 1);
-  if (values.has("statistics/error_evidence")) {
-    const auto evidence = values.dataset<float>("statistics/error_evidence", 5);
-    for (std::size_t i = 0; i < evidence.size(); i += 5)
-      field.error_evidence.push_back(
-          {evidence[i], evidence[i + 1], evidence[i + 2], evidence[i + 3], evidence[i + 4]});
-  }
+std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels) {
+  if (!values.has("statistics/error_evidence")) return {};
+  const auto numbers = values.dataset<float>("statistics/error_evidence", 5);
+  if (numbers.size() != pixels * 5) values.fail("statistics/error_evidence does not fit the image size");
+  std::vector<ErrorEvidence> evidence;
+  evidence.reserve(pixels);
+  for (std::size_t i = 0; i < numbers.size(); i += 5)
+    evidence.push_back({numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3], numbers[i + 4]});
+  return evidence;
+}
+
+void read_statistics(const Hdf5Values& values, FieldOutline& field) {
+  FieldQuality& quality = field.quality;
+  quality.training_error = values.dataset<float>("statistics/training_error", 1);
   if (values.has("statistics/learning_curve")) {
     const auto points = values.dataset<float>("statistics/learning_curve", 2);
     for (std::size_t i = 0; i < points.size(); i += 2)
-      field.learning_curve.push_back({points[i], points[i + 1]});
+      quality.learning_curve.push_back({points[i], points[i + 1]});
   }
   if (values.has("statistics/predicted_error"))
-    field.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
+    quality.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
   if (values.has("statistics/photograph_noise"))
-    field.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
+    quality.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
   require_sound(values, fault_of_statistics(field));
 }
 
@@ -349,8 +353,8 @@ PinholeCamera read_camera(const Hdf5Values& values) {
   return camera;
 }
 
-void read_mesh(const Hdf5Values& values, ReflectanceField& field) {
-  Mesh& mesh = field.mesh;
+OutputMesh read_mesh(const Hdf5Values& values, const FieldOutline& field) {
+  OutputMesh mesh;
   mesh.positions = read_triples<Eigen::Vector3f>(values, "mesh/positions");
   mesh.normals = read_triples<Eigen::Vector3f>(values, "mesh/normals");
   mesh.colours = read_triples<Eigen::Array3f>(values, "mesh/colours");
@@ -361,34 +365,38 @@ void read_mesh(const Hdf5Values& values, ReflectanceField& field) {
   for (const auto& triangle : mesh.triangles)
     if (std::ranges::any_of(triangle, [&](std::uint32_t vertex) { return vertex >= vertices; }))
       values.fail("mesh/triangles refers to a vertex that does not exist");
-  if (values.has_number(outgoing_name)) field.outgoing_order = values.number(outgoing_name);
-  if (field.outgoing_order < 0 || field.outgoing_order > largest_harmonics_order)
+  if (values.has_number(outgoing_name)) mesh.outgoing_order = values.number(outgoing_name);
+  if (mesh.outgoing_order < 0 || mesh.outgoing_order > largest_harmonics_order)
     values.fail("has an impossible order of outgoing harmonics");
-  if (field.width != output_image_width || field.height != output_image_height(field.mesh_outputs()))
+  if (field.width != output_image_width || field.height != output_image_height(mesh.outputs()))
     values.fail("has an image that does not fit its mesh");
+  if (values.has("mesh/camera")) mesh.camera = read_camera(values);
+  return mesh;
 }
 
 }  // namespace
 
-void write_precomputed(const Hdf5Writer& writer, const ReflectanceField& field) {
+void write_precomputed(const Hdf5Writer& writer, const FieldOutline& field) {
   if (field.basis.measure == Measure::solid_angle) writer.text(measure_name, solid_angle_name);
   if (field.basis.harmonics.order > 0) writer.number(harmonics_name, field.basis.harmonics.order);
-  if (field.mesh.empty()) return;
-  if (field.outgoing_order > 0) writer.number(outgoing_name, field.outgoing_order);
+  if (!field.mesh) return;
+  const OutputMesh& mesh = *field.mesh;
+  if (mesh.outgoing_order > 0) writer.number(outgoing_name, mesh.outgoing_order);
   writer.group("mesh");
-  write_triples(writer, "mesh/positions", field.mesh.positions);
-  write_triples(writer, "mesh/normals", field.mesh.normals);
-  write_triples(writer, "mesh/colours", field.mesh.colours);
-  write_triples(writer, "mesh/triangles", field.mesh.triangles);
-  if (field.camera) write_camera(writer, *field.camera);
+  write_triples(writer, "mesh/positions", mesh.positions);
+  write_triples(writer, "mesh/normals", mesh.normals);
+  write_triples(writer, "mesh/colours", mesh.colours);
+  write_triples(writer, "mesh/triangles", mesh.triangles);
+  if (mesh.camera) write_camera(writer, *mesh.camera);
 }
 
-std::uint64_t precomputed_bytes(const ReflectanceField& field) {
-  return field.mesh.positions.size() * 9 * sizeof(float) +
-         field.mesh.triangles.size() * 3 * sizeof(std::uint32_t);
+std::uint64_t precomputed_bytes(const FieldOutline& field) {
+  if (!field.mesh) return 0;
+  return field.mesh->positions.size() * 9 * sizeof(float) +
+         field.mesh->triangles.size() * 3 * sizeof(std::uint32_t);
 }
 
-void read_precomputed(const Hdf5Values& values, ReflectanceField& field) {
+void read_precomputed(const Hdf5Values& values, FieldOutline& field) {
   LightBasis& basis = field.basis;
   if (values.outline.texts.contains(measure_name)) {
     if (values.text(measure_name) != solid_angle_name)
@@ -403,9 +411,7 @@ void read_precomputed(const Hdf5Values& values, ReflectanceField& field) {
       basis.harmonics.order > basis.domain.width ||
       (basis.harmonics.order > 0 && basis.measure != Measure::solid_angle))
     values.fail("has impossible harmonics");
-  if (!values.has("mesh/positions")) return;
-  read_mesh(values, field);
-  if (values.has("mesh/camera")) field.camera = read_camera(values);
+  if (values.has("mesh/positions")) field.mesh = read_mesh(values, field);
 }
 
 }  // namespace refield

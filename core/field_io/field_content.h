@@ -2,7 +2,9 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
@@ -14,16 +16,17 @@
 namespace refield {
 
 /// Attributes of the root and the basis' boxes. `part`: null for a whole field.
-void write_outline(const Hdf5Writer& writer, const ReflectanceField& field, int version,
-                   const FieldPart* part);
-void write_statistics(const Hdf5Writer& writer, const ReflectanceField& field);
+void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int version, const FieldPart* part);
+/// `evidence`: of a part, else empty.
+void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
+                      std::span<const ErrorEvidence> evidence = {});
 /// Bytes that all but the transfer takes in a file, HDF5's own structures included.
-std::uint64_t outline_bytes(const ReflectanceField& field);
+std::uint64_t outline_bytes(const FieldOutline& field);
 
 /// The first fault for which a reader would refuse a field kept as rows, or its statistics; "" where there is
 /// none. Writers ask, too: what they wrote must be readable.
 std::string fault_of_rows(const ReflectanceField& field);
-std::string fault_of_statistics(const ReflectanceField& field);
+std::string fault_of_statistics(const FieldOutline& field);
 /// Throws SolverError where a field about to be written has a fault.
 void require_readable(const std::string& fault, const std::filesystem::path& destination);
 
@@ -37,10 +40,12 @@ struct FieldFile {
 FieldFile open_field(const std::filesystem::path& path, const RunContext& run);
 
 /// Sizes, light and provenance: what a reader needs before it asks for the numbers.
-ReflectanceField read_outline(const Hdf5Values& values);
-void read_boxes(const Hdf5Values& values, ReflectanceField& field);
+FieldOutline read_outline(const Hdf5Values& values);
+void read_boxes(const Hdf5Values& values, FieldOutline& field);
 /// `field.height` must be that of the rows held.
-void read_statistics(const Hdf5Values& values, ReflectanceField& field);
+void read_statistics(const Hdf5Values& values, FieldOutline& field);
+/// Of a part: empty where it was estimated without.
+std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels);
 
 }  // namespace refield
 
@@ -48,10 +53,10 @@ void read_statistics(const Hdf5Values& values, ReflectanceField& field);
 /// the mesh. Captured fields have none of it, and their files no trace of it.
 namespace refield {
 
-void write_precomputed(const Hdf5Writer& writer, const ReflectanceField& field);
-std::uint64_t precomputed_bytes(const ReflectanceField& field);
+void write_precomputed(const Hdf5Writer& writer, const FieldOutline& field);
+std::uint64_t precomputed_bytes(const FieldOutline& field);
 /// Fills in what the file holds of it; sizes and domain must stand. Throws FormatError.
-void read_precomputed(const Hdf5Values& values, ReflectanceField& field);
+void read_precomputed(const Hdf5Values& values, FieldOutline& field);
 
 /// Names of the data sets.
 inline constexpr const char* mesh_data_set_names[] = {"mesh/positions", "mesh/normals", "mesh/colours",

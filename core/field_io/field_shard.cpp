@@ -69,7 +69,8 @@ class Joiner {
  public:
   explicit Joiner(const FieldPart& outline) : whole_(outline.field) { whole_.height = outline.image_height; }
 
-  void append(const ReflectanceField& part) {
+  void append(const FieldPart& shard) {
+    const ReflectanceField& part = shard.field;
     std::vector<std::uint32_t> columns;
     for (std::size_t p = 0; p < part.transfer.rows(); ++p) {
       const std::uint64_t first = part.transfer.row_start[p];
@@ -81,15 +82,13 @@ class Joiner {
       }
       whole_.transfer.append_row(columns, std::span(part.transfer.weight).subspan(3 * first, 3 * count));
     }
-    whole_.training_error.insert(whole_.training_error.end(), part.training_error.begin(),
-                                 part.training_error.end());
-    whole_.error_evidence.insert(whole_.error_evidence.end(), part.error_evidence.begin(),
-                                 part.error_evidence.end());
+    std::vector<float>& errors = whole_.quality.training_error;
+    errors.insert(errors.end(), part.quality.training_error.begin(), part.quality.training_error.end());
+    error_evidence_.insert(error_evidence_.end(), shard.error_evidence.begin(), shard.error_evidence.end());
   }
   /// Errors are predicted now that all rows are there, as a run over all of them does at its end.
   ReflectanceField take() {
-    predict_errors(whole_);
-    whole_.error_evidence = {};
+    predict_errors(whole_, error_evidence_);
     return std::move(whole_);
   }
 
@@ -100,6 +99,7 @@ class Joiner {
     return entry->second;
   }
   ReflectanceField whole_;
+  std::vector<ErrorEvidence> error_evidence_;
   std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;
 };
 
@@ -115,7 +115,7 @@ ReflectanceField merge_field_parts(std::span<const fs::path> paths, const RunCon
   Joiner joiner(parts.front().part);
   for (const Outline& part : parts) {
     run.throw_if_stopped();
-    joiner.append(read_field_part(part.path, run).field);
+    joiner.append(read_field_part(part.path, run));
   }
   return joiner.take();
 }

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
@@ -17,6 +18,8 @@ struct FieldPart {
   int image_height = 0;    ///< of the whole picture
   /// Names everything that the whole result depends on: parts go together only where it is the same.
   std::string job;
+  /// [pixels] or empty: what predict_errors() needs once all parts are merged.
+  std::vector<ErrorEvidence> error_evidence{};
 };
 
 /// Whether a file is a part of a field. False for whole fields and for anything else.

@@ -21,9 +21,8 @@ struct Entry {
 };
 
 template <class Weight>
-ReflectanceField expand(ReflectanceField&& outline, const TiledTransfer<Weight>& tiles) {
-  ReflectanceField field = std::move(outline);
-  field.transfer = {};
+ReflectanceField expand(FieldOutline&& outline, const TiledTransfer<Weight>& tiles) {
+  ReflectanceField field{std::move(outline), {}};
   std::size_t max_entries = 0;
   for (int at = 0; at < tiles.tiles(); ++at)
     max_entries += tiles.tile(at).sparse.size() + tiles.tile(at).record_kernel.size() * group_pixels;
@@ -96,7 +95,7 @@ void write_tiles(const Hdf5Writer& writer, const TiledTransfer<Weight>& tiles) {
 
 /// Reads the tiles' memory band by band; looks at no tile itself.
 template <class Weight>
-TiledTransfer<Weight> read_tiles(const Hdf5Values& values, const ReflectanceField& outline) {
+TiledTransfer<Weight> read_tiles(const Hdf5Values& values, const FieldOutline& outline) {
   TiledTransfer<Weight> tiles{outline.width, outline.height, {}, {}};
   const auto starts = values.dataset<std::uint64_t>("tiles/start", 1);
   const Hdf5DataSet& set = values.locate("tiles/memory", "u4", 1);
@@ -138,14 +137,14 @@ void write_packed_field(const fs::path& path, const PackedField& packed) {
     write_outline(writer, packed.outline, packed_field_version, nullptr);
     writer.number("weight_bits", packed.bits());
     std::visit([&](const auto& tiles) { write_tiles(writer, tiles); }, packed.tiles);
-    write_statistics(writer, packed.outline);
+    write_statistics(writer, packed.outline.quality);
     writer.finish();
   });
 }
 
 PackedField read_packed(const Hdf5Values& values) {
   PackedField packed{read_outline(values), {}};
-  ReflectanceField& outline = packed.outline;
+  FieldOutline& outline = packed.outline;
   read_boxes(values, outline);
   if (outline.basis.domain.width > small_box_limit || outline.basis.domain.height > small_box_limit)
     values.fail("has a larger light map than packed fields can");

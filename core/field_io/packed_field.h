@@ -13,9 +13,9 @@ namespace refield {
 /// A reflectance field whose transfer stands in tiles, with weights of 8 or 16 bits: a fourth or half of the
 /// bytes of rows, and ready to be shown.
 struct PackedField {
-  /// All but the transfer, which is empty. Its basis holds the common kernels alone, in the order of
-  /// TiledTransfer::common; those that one tile has for itself stand in that tile.
-  ReflectanceField outline;
+  /// Its basis holds the common kernels alone, in the order of TiledTransfer::common; those that one tile has
+  /// for itself stand in that tile.
+  FieldOutline outline;
   TransferTiles tiles;
 
   int bits() const { return tiles.index() == 0 ? 8 : 16; }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -28,7 +29,11 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
   require_readable(fault_of_rows(field), path);
   require_readable(fault_of_statistics(field), path);
   // HDF5 1.10 does not survive a full disk gracefully when it closes the file: look before.
-  require_free_space(fs::absolute(path).parent_path(), content_bytes(field));
+  std::span<const ErrorEvidence> evidence;
+  if (part) evidence = part->error_evidence;
+  if (!evidence.empty() && evidence.size() != field.transfer.rows())
+    require_readable("statistics/error_evidence does not fit the image size", path);
+  require_free_space(fs::absolute(path).parent_path(), content_bytes(field) + evidence.size_bytes());
   write_atomically(path, [&](const fs::path& temporary) {
     Hdf5Writer writer(temporary, path);
     for (const char* group : {"basis", "transfer", "statistics"}) writer.group(group);
@@ -37,7 +42,7 @@ void write_field(const fs::path& path, const ReflectanceField& field, const Fiel
     writer.dataset("transfer/row_start", transfer.row_start.data(), {transfer.row_start.size()});
     writer.dataset("transfer/column", transfer.column.data(), {transfer.column.size()});
     writer.dataset("transfer/weight", transfer.weight.data(), {transfer.column.size(), 3});
-    write_statistics(writer, field);
+    write_statistics(writer, field.quality, evidence);
     writer.finish();
   });
 }
@@ -60,14 +65,17 @@ FieldPart read_part(const fs::path& path, bool with_content, const RunContext& r
     throw InputError(path.string() +
                      ": is a complete field, not a shard; give files written by 'refield estimate --rows'");
   FieldPart part;
-  part.field = read_outline(values);
+  part.field = {read_outline(values), {}};
   part.image_height = part.field.height;
   part.rows = {values.number("first_row"), values.number("last_row")};
   if (part.rows.first < 0 || part.rows.first >= part.rows.last || part.rows.last > part.image_height)
     values.fail("states impossible rows");
   part.field.height = part.rows.count();
   part.job = values.text("job");
-  if (with_content) read_content(values, part.field);
+  if (with_content) {
+    read_content(values, part.field);
+    part.error_evidence = read_error_evidence(values, part.field.transfer.rows());
+  }
   return part;
 }
 
@@ -82,7 +90,7 @@ FieldFile open_whole_field(const fs::path& path, const RunContext& run) {
 }
 
 ReflectanceField read_rows(const FieldFile& file) {
-  ReflectanceField field = read_outline(file.values);
+  ReflectanceField field{read_outline(file.values), {}};
   read_content(file.values, field);
   return field;
 }
@@ -100,7 +108,7 @@ ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& 
 
 ReflectanceField read_image_field(const fs::path& path, const RunContext& run) {
   ReflectanceField field = read_reflectance_field(path, run);
-  if (!field.mesh.empty())
+  if (field.mesh)
     throw InputError(path.string() +
                      ": is a mesh field, but an image field is required; use 'refield relight' or 'refield "
                      "view' for mesh fields");

@@ -43,19 +43,16 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
       columns.push_back(entry->second);
     }
     field_.transfer.append_row(columns, weights);
-    field_.training_error.push_back(
+    field_.quality.training_error.push_back(
         pixel.squared_samples > 0.0
             ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
             : 0.0f);
-    if (with_evidence_) field_.error_evidence.push_back(pixel.evidence);
+    if (with_evidence_) error_evidence_.push_back(pixel.evidence);
   }
 }
 
 ReflectanceField FieldAssembler::take() {
-  if (is_whole_) {
-    predict_errors(field_);
-    field_.error_evidence = {};
-  }
+  if (is_whole_) predict_errors(field_, error_evidence_);
   return std::move(field_);
 }
 

@@ -78,19 +78,29 @@ PinholeCamera framing_camera(const Mesh& mesh, int width, int height) {
   return camera;
 }
 
-PinholeCamera standard_camera(const ReflectanceField& field) {
-  const PinholeCamera standard;
-  return field.camera ? *field.camera : framing_camera(field.mesh, standard.width, standard.height);
+namespace {
+
+const OutputMesh& mesh_of(const FieldOutline& field) {
+  if (!field.mesh) throw InputError("the field has no mesh, so the view cannot change");
+  return *field.mesh;
 }
 
-MeshView::MeshView(const ReflectanceField& field, const PinholeCamera& camera, int samples)
-    : MeshView(field.mesh, camera, samples) {
-  if (field.outgoing_order > 0) evaluate_mirrored_sight(field.mesh, field.outgoing_order);
+}  // namespace
+
+PinholeCamera standard_camera(const FieldOutline& field) {
+  const PinholeCamera standard;
+  const OutputMesh& mesh = mesh_of(field);
+  return mesh.camera ? *mesh.camera : framing_camera(mesh, standard.width, standard.height);
+}
+
+MeshView::MeshView(const FieldOutline& field, const PinholeCamera& camera, int samples)
+    : MeshView(mesh_of(field), camera, samples) {
+  if (const int order = field.mesh->outgoing_order; order > 0) evaluate_mirrored_sight(*field.mesh, order);
 }
 
 MeshView::MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples)
     : camera_(camera), mesh_(&mesh) {
-  if (mesh.empty()) throw InputError("the field has no mesh, so the view cannot change");
+  if (mesh.empty()) throw InputError("the mesh has no vertices, so there is nothing to be seen");
   gather_shares(mesh, samples);
 }
 

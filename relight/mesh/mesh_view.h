@@ -16,15 +16,16 @@ namespace refield {
 PinholeCamera framing_camera(const Mesh& mesh, int width, int height);
 
 /// The camera that a field brings along, else framing_camera() with its standard size.
-PinholeCamera standard_camera(const ReflectanceField& field);
+/// Throws InputError for a field without a mesh.
+PinholeCamera standard_camera(const FieldOutline& field);
 
 /// Pictures of a field over a mesh from one camera: what the camera sees is found once, and then each light's
 /// outputs become a picture by a sum over the vertices that each pixel shows.
 class MeshView {
  public:
-  /// `samples`: 1 or 4 lines of sight a pixel. Of `field` the mesh and outgoing_order are used; the mesh must
-  /// outlive this. Throws InputError for a field without a mesh and what PinholeCamera::check() throws.
-  MeshView(const ReflectanceField& field, const PinholeCamera& camera, int samples = 4);
+  /// `samples`: 1 or 4 lines of sight a pixel. The field's mesh must outlive this. Throws InputError for a
+  /// field without a mesh and what PinholeCamera::check() throws.
+  MeshView(const FieldOutline& field, const PinholeCamera& camera, int samples = 4);
 
   /// Of a mesh whose vertices' radiance is told to show(); the mesh must outlive this.
   MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples = 4);

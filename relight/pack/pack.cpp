@@ -136,12 +136,8 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
   Search search(field, error, run);
   for (const int bits : {8, 16})
     if (auto result = search.with_bits(bits, run)) {
-      ReflectanceField& outline = result->field.outline;
-      outline.training_error = field.training_error;
-      outline.predicted_error = field.predicted_error;
-      outline.photograph_noise = field.photograph_noise;
-      outline.error_evidence = field.error_evidence;
-      outline.learning_curve = field.learning_curve;
+      FieldOutline& outline = result->field.outline;
+      outline.quality = field.quality;
       outline.provenance = field.provenance;
       outline.monitors = field.monitors;
       return std::move(*result);

@@ -100,7 +100,7 @@ TiledTransfer<Weight> tile_transfer(ReflectanceField&& field) {
 
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(const FieldRows& source, const RunContext& run) {
-  const ReflectanceField& outline = source.outline;
+  const FieldOutline& outline = source.outline;
   require_nameable(outline.basis.domain);
   TiledTransfer<Weight> tiled{outline.width, outline.height, {}, {}};
   std::vector<std::uint32_t> place(outline.basis.size());

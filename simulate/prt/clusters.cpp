@@ -472,8 +472,8 @@ std::string provenance_of(const ClusterOptions& options, const ClusterStatistics
 }
 
 /// With colours as core/field/mesh.h has them: what a vertex' light is multiplied by.
-Mesh coloured(const Scene& scene) {
-  Mesh mesh = scene.mesh;
+OutputMesh coloured(const Scene& scene) {
+  OutputMesh mesh{scene.mesh};
   mesh.colours = diffuse_reflectance(scene);
   return mesh;
 }

@@ -202,18 +202,18 @@ struct SignedRow {
 
 FieldRows harmonic_field(const Scene& scene, HarmonicTransfer transfer, int map_resolution) {
   FieldRows field;
-  ReflectanceField& outline = field.outline;
+  FieldOutline& outline = field.outline;
   outline.basis.domain = cube_domain(map_resolution);
   outline.basis.measure = Measure::solid_angle;
   outline.basis.harmonics = {transfer.order};
-  outline.mesh = scene.mesh;
-  outline.mesh.colours = std::move(transfer.colours);
-  outline.outgoing_order = transfer.outputs == 1 ? 0 : transfer.order;
-  outline.camera = scene.camera;
+  OutputMesh mesh{scene.mesh, transfer.outputs == 1 ? 0 : transfer.order, scene.camera};
+  mesh.colours = std::move(transfer.colours);
   outline.width = output_image_width;
-  outline.height = output_image_height(outline.mesh_outputs());
+  outline.height = output_image_height(mesh.outputs());
+  const std::size_t outputs = mesh.outputs();
+  outline.mesh = std::move(mesh);
   field.rows = [shared = std::make_shared<const HarmonicTransfer>(std::move(transfer)),
-                outputs = outline.mesh_outputs()](RowRange range) {
+                outputs](RowRange range) {
     SparseTransfer rows;
     SignedRow row;
     for (const std::size_t output : outputs_at(range, outputs)) {

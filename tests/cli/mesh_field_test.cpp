@@ -26,7 +26,7 @@ using test::Succeeded;
 class MeshFieldVerbs : public testing::Test {
  protected:
   MeshFieldVerbs() : field_(test::unshadowed_field(prt::rabbit_mesh(6))) {
-    for (auto& colour : field_.mesh.colours) colour = Eigen::Array3f(0.8f, 0.5f, 0.2f);
+    for (auto& colour : field_.mesh->colours) colour = Eigen::Array3f(0.8f, 0.5f, 0.2f);
     write_reflectance_field(path_, field_);
     Rng rng(1);
     light_ = test::random_light(rng, field_.basis.domain);
@@ -52,7 +52,7 @@ TEST_F(MeshFieldVerbs, RelightShowsTheMeshFromInFront) {
   EXPECT_THAT(relight({"--light", light_path_, "-o", output_}), Succeeded());
   const Image shown = read_image(output_);
   EXPECT_EQ(shown.width, 640);
-  EXPECT_EQ(shown.values, picture(framing_camera(field_.mesh, 640, 480)).values);
+  EXPECT_EQ(shown.values, picture(framing_camera(*field_.mesh, 640, 480)).values);
   double sum = 0.0;
   for (const float value : shown.values) sum += value;
   EXPECT_GT(sum, 0.0);
@@ -99,10 +99,10 @@ TEST_F(MeshFieldVerbs, RelightTakesACamera) {
 }
 
 TEST_F(MeshFieldVerbs, TheScenesOwnCameraComesFirst) {
-  field_.camera = PinholeCamera{{1.0f, 1.0f, -2.0f}, {0, 0, 0}, {0, 1, 0}, 40.0f, 100, 80};
+  field_.mesh->camera = PinholeCamera{{1.0f, 1.0f, -2.0f}, {0, 0, 0}, {0, 1, 0}, 40.0f, 100, 80};
   write_reflectance_field(path_, field_);
   EXPECT_THAT(relight({"--light", light_path_, "-o", output_}), Succeeded());
-  EXPECT_EQ(read_image(output_).values, picture(*field_.camera).values);
+  EXPECT_EQ(read_image(output_).values, picture(*field_.mesh->camera).values);
 }
 
 TEST_F(MeshFieldVerbs, ATurntableGoesAround) {
@@ -110,7 +110,7 @@ TEST_F(MeshFieldVerbs, ATurntableGoesAround) {
   EXPECT_THAT(
       relight({"--light", light_path_, "--turntable", "--frames", "4", "--size", "60x60", "-o", around}),
       Succeeded());
-  PinholeCamera camera = framing_camera(field_.mesh, 60, 60);
+  PinholeCamera camera = framing_camera(*field_.mesh, 60, 60);
   EXPECT_EQ(read_image(around / "turntable_0000.exr").values, picture(camera).values);
   // Half a turn later it stands opposite.
   const Eigen::Vector3f offset = camera.position - camera.target;

@@ -40,7 +40,7 @@ ReflectanceField renumbered(const ReflectanceField& field, RowRange rows) {
     }
     result.transfer.append_row(columns,
                                std::span(field.transfer.weight).subspan(3 * first, 3 * (last - first)));
-    result.training_error.push_back(0.25f * static_cast<float>(p));
+    result.quality.training_error.push_back(0.25f * static_cast<float>(p));
   }
   return result;
 }

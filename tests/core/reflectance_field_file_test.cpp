@@ -13,6 +13,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/field_io/field_shard.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/support/isolating_run.h"
 #include "tests/support/message_of.h"
@@ -92,7 +93,7 @@ TEST(ReflectanceFieldFile, RoundTripIsBitExact) {
   EXPECT_EQ(back.transfer.row_start, field.transfer.row_start);
   EXPECT_EQ(back.transfer.column, field.transfer.column);
   EXPECT_EQ(back.transfer.weight, field.transfer.weight);
-  EXPECT_EQ(back.training_error, field.training_error);
+  EXPECT_EQ(back.quality.training_error, field.quality.training_error);
   EXPECT_EQ(back.provenance, field.provenance);
 }
 
@@ -107,38 +108,42 @@ TEST(ReflectanceFieldFile, AFieldWithoutKernelsOrErrorsRoundTrips) {
   write_reflectance_field(folder / "a.rfield", field);
   const ReflectanceField back = read_reflectance_field(folder / "a.rfield");
   EXPECT_EQ(back.transfer.rows(), 2u);
-  EXPECT_TRUE(back.training_error.empty());
+  EXPECT_TRUE(back.quality.training_error.empty());
 }
 
 TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
   const test::TemporaryFolder folder;
   ReflectanceField field = sample_field();
+  std::vector<ErrorEvidence> evidence;
   const CrossValidationLattice lattice(field.width, field.height);
   for (int y = 0; y < field.height; ++y)
     for (int x = 0; x < field.width; ++x) {
-      ErrorEvidence evidence;
-      evidence.leave_one_out = 1e-4f * static_cast<float>(x + 1);
-      evidence.shared = -1e-6f;
-      if (lattice.holds(x, y)) evidence.cross_validated = 2e-4f;
-      if (lattice.is_for_learning(x, y)) evidence.from_half = evidence.from_quarter = 3e-4f;
-      field.error_evidence.push_back(evidence);
+      ErrorEvidence& pixel = evidence.emplace_back();
+      pixel.leave_one_out = 1e-4f * static_cast<float>(x + 1);
+      pixel.shared = -1e-6f;
+      if (lattice.holds(x, y)) pixel.cross_validated = 2e-4f;
+      if (lattice.is_for_learning(x, y)) pixel.from_half = pixel.from_quarter = 3e-4f;
     }
-  predict_errors(field);
+  predict_errors(field, evidence);
   write_reflectance_field(folder / "a.rfield", field);
-  ReflectanceField back = read_reflectance_field(folder / "a.rfield");
-  EXPECT_EQ(back.predicted_error, field.predicted_error);
-  EXPECT_EQ(back.photograph_noise, field.photograph_noise);
-  ASSERT_EQ(back.learning_curve.size(), 3u);
-  EXPECT_EQ(back.learning_curve[1].error, field.learning_curve[1].error);
-  predict_errors(back);  // from the evidence that the file kept
-  EXPECT_EQ(back.predicted_error, field.predicted_error);
+  const ReflectanceField back = read_reflectance_field(folder / "a.rfield");
+  EXPECT_EQ(back.quality.predicted_error, field.quality.predicted_error);
+  EXPECT_EQ(back.quality.photograph_noise, field.quality.photograph_noise);
+  ASSERT_EQ(back.quality.learning_curve.size(), 3u);
+  EXPECT_EQ(back.quality.learning_curve[1].error, field.quality.learning_curve[1].error);
+  const RowRange rows{0, field.height};
+  write_field_part(folder / "part.rfield", {field, rows, field.height, "job", evidence});
+  FieldPart part = read_field_part(folder / "part.rfield");
+  predict_errors(part.field, part.error_evidence);  // that the file kept
+  EXPECT_EQ(part.field.quality.predicted_error, field.quality.predicted_error);
+  part.error_evidence.pop_back();
+  EXPECT_THAT(test::message_of<SolverError>([&] { write_field_part(folder / "part.rfield", part); }),
+              HasSubstr("error_evidence"));
 
   set_first_values<float>(folder / "a.rfield", "statistics/predicted_error", H5T_NATIVE_FLOAT, {-1.0f});
   EXPECT_THAT(message_of(folder / "a.rfield"), HasSubstr("predicted_error"));
-  field.predicted_error.pop_back();
+  field.quality.predicted_error.pop_back();
   EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("predicted_error"));
-  field.error_evidence.pop_back();
-  EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("error_evidence"));
 }
 
 // An estimation of hours shall not end in a file that every verb refuses.
@@ -156,7 +161,8 @@ TEST(ReflectanceFieldFile, WhatCouldNotBeReadIsNotWritten) {
   expect_refused([](ReflectanceField& field) { field.transfer.weight[5] = INFINITY; }, "weight");
   expect_refused([](ReflectanceField& field) { field.transfer.weight[5] = NAN; }, "weight");
   expect_refused([](ReflectanceField& field) { field.transfer.column[5] = 60; }, "does not exist");
-  expect_refused([](ReflectanceField& field) { field.training_error.assign(108, NAN); }, "training_error");
+  expect_refused([](ReflectanceField& field) { field.quality.training_error.assign(108, NAN); },
+                 "training_error");
   expect_refused([](ReflectanceField& field) { field.basis.domain.width = 1 << 17; }, "light map");
 }
 
@@ -327,7 +333,7 @@ TEST(DamagedField, FlippedBytesAreFoundOrHarmless) {
       EXPECT_EQ(back.transfer.weight, field.transfer.weight) << "round " << round;
       EXPECT_EQ(back.transfer.column, field.transfer.column) << "round " << round;
       EXPECT_EQ(back.basis.boxes, field.basis.boxes) << "round " << round;
-      EXPECT_EQ(back.training_error, field.training_error) << "round " << round;
+      EXPECT_EQ(back.quality.training_error, field.quality.training_error) << "round " << round;
     } catch (const Error&) {
       continue;
     }

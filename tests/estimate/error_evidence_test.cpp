@@ -121,7 +121,7 @@ TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
   EstimateOptions options;
   options.kernels = 10;
   const auto field = estimate_field(session, options);
-  ASSERT_EQ(field.predicted_error.size(), field.transfer.rows());
+  ASSERT_EQ(field.quality.predicted_error.size(), field.transfer.rows());
 
   double predicted = 0.0, noise = 0.0, own = 0.0, signal = 0.0;
   for (const LightMap& light : test::random_lights(20, 16, 12, 99)) {
@@ -132,9 +132,9 @@ TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
       signal += std::pow(exact.values[i], 2.0);
     }
   }
-  for (std::size_t p = 0; p < field.predicted_error.size(); ++p) {
-    predicted += std::pow(field.predicted_error[p], 2.0) / field.predicted_error.size();
-    noise += std::pow(field.photograph_noise[p], 2.0) / field.predicted_error.size();
+  for (std::size_t p = 0; p < field.quality.predicted_error.size(); ++p) {
+    predicted += std::pow(field.quality.predicted_error[p], 2.0) / field.quality.predicted_error.size();
+    noise += std::pow(field.quality.photograph_noise[p], 2.0) / field.quality.predicted_error.size();
   }
   const double actual = std::sqrt(own / signal + 0.03 * 0.03);  // on photographs as noisy
   EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.2);
@@ -144,7 +144,7 @@ TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
 
   options.predict_errors = false;
   const auto without = estimate_field(session, options);
-  EXPECT_TRUE(without.predicted_error.empty());
+  EXPECT_TRUE(without.quality.predicted_error.empty());
   EXPECT_EQ(without.transfer.weight, field.transfer.weight);
 }
 

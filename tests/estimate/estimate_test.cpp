@@ -98,10 +98,10 @@ TEST_F(Estimate, SpatialCorrectionNeverRaisesTheTrainingError) {
   const auto plain = estimate_field(session_, without);
   const auto corrected = estimate_field(session_, options_);
   double before = 0.0, after = 0.0;
-  for (std::size_t p = 0; p < plain.training_error.size(); ++p) {
-    EXPECT_LE(corrected.training_error[p], plain.training_error[p] * 1.0001f + 1e-6f);
-    before += plain.training_error[p];
-    after += corrected.training_error[p];
+  for (std::size_t p = 0; p < plain.quality.training_error.size(); ++p) {
+    EXPECT_LE(corrected.quality.training_error[p], plain.quality.training_error[p] * 1.0001f + 1e-6f);
+    before += plain.quality.training_error[p];
+    after += corrected.quality.training_error[p];
   }
   EXPECT_LT(after, before) << "no pixel adopted a neighbour's kernels: the test shows nothing";
 }

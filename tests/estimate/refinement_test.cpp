@@ -76,7 +76,7 @@ TEST_F(Refine, ComesNearAFreshStart) {
 
 TEST_F(Refine, KeepsPredictingErrorsAndSaysWhereItCameFrom) {
   const auto field = estimate_field(session_, refining());
-  EXPECT_EQ(field.predicted_error.size(), field.transfer.rows());
+  EXPECT_EQ(field.quality.predicted_error.size(), field.transfer.rows());
   EXPECT_THAT(field.provenance, AllOf(HasSubstr("\"refined_from_images\":36"), HasSubstr("train_059")));
 }
 

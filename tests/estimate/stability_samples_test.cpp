@@ -160,7 +160,7 @@ TEST_F(PoorSamples, BlackPixelsGetNothing) {
     const auto first = field.transfer.row_start[p];
     for (auto e = first; e < field.transfer.row_start[p + 1]; ++e)
       for (int c = 0; c < 3; ++c) EXPECT_EQ(field.transfer.weight[3 * e + c], 0.0f);
-    EXPECT_EQ(field.training_error[p], 0.0f);
+    EXPECT_EQ(field.quality.training_error[p], 0.0f);
   }
 }
 

@@ -56,12 +56,11 @@ void make_fields(const fs::path& folder) {
   write_in_old_structures(folder / "field.rfield", folder / "old.rfield");
   write_packed_field(folder / "packed.rfield", pack_field(field, 1e-4).field);
   write_packed_field(folder / "pruned.rfield", pack_field(field, 0.1).field);
-  field.predicted_error.assign(12, 0.1f);
-  field.photograph_noise.assign(12, 0.05f);
-  field.error_evidence.assign(12, {});
-  field.learning_curve = {{0.5f, 0.2f}, {1.0f, 0.1f}};
+  field.quality.predicted_error.assign(12, 0.1f);
+  field.quality.photograph_noise.assign(12, 0.05f);
+  field.quality.learning_curve = {{0.5f, 0.2f}, {1.0f, 0.1f}};
   write_reflectance_field(folder / "statistics.rfield", field);
-  write_field_part(folder / "part.rfield", {field, {2, 5}, 9, "{}"});
+  write_field_part(folder / "part.rfield", {field, {2, 5}, 9, "{}", std::vector<ErrorEvidence>(12)});
   write_reflectance_field(folder / "black.rfield",
                           test::random_field(rng, 2, 2, {2, 2, Parameterisation::monitor}, 1, 0));
 }

@@ -31,8 +31,8 @@ constexpr MonitorPlacement placement{
 ReflectanceField small_field(const LightDomain& domain) {
   Rng rng{8};
   ReflectanceField field = test::random_field(rng, width, height, domain, 300, 12);
-  field.predicted_error.assign(static_cast<std::size_t>(width) * height, 0.1f);
-  field.photograph_noise = field.predicted_error;
+  field.quality.predicted_error.assign(static_cast<std::size_t>(width) * height, 0.1f);
+  field.quality.photograph_noise = field.quality.predicted_error;
   if (domain.parameterisation == Parameterisation::monitor) field.monitors = {placement};
   return field;
 }

@@ -84,8 +84,8 @@ TEST_F(HeldOut, ChecksPredictedErrors) {
   EXPECT_FALSE(held_out_errors(field_, session_)[0].prediction);
   // Photographs are 10 % too bright: every pixel of a bar is off by 1 − 1/1.1. The sessions's sigma is 0.01.
   const std::size_t pixels = static_cast<std::size_t>(field_.width) * field_.height;
-  field_.predicted_error.assign(pixels, 0.05f);
-  field_.photograph_noise.assign(pixels, 0.03f);  // 0.04 are the field's own
+  field_.quality.predicted_error.assign(pixels, 0.05f);
+  field_.quality.photograph_noise.assign(pixels, 0.03f);  // 0.04 are the field's own
   const double actual = 1.0 - 1.0 / 1.1;
   const auto against_truth = [&] {
     ReflectanceField bright = field_;

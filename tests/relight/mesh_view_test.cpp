@@ -32,10 +32,9 @@ Mesh rabbit_on_ground() {
 /// A field of which the view alone matters.
 ReflectanceField field_over(Mesh mesh, int outgoing_order = 0) {
   ReflectanceField field;
-  field.mesh = std::move(mesh);
-  field.outgoing_order = outgoing_order;
+  field.mesh = OutputMesh{std::move(mesh), outgoing_order};
   field.width = output_image_width;
-  field.height = output_image_height(field.mesh_outputs());
+  field.height = output_image_height(field.mesh->outputs());
   return field;
 }
 
@@ -101,7 +100,7 @@ TEST(MeshRaster, LeavesNoGapsBetweenTriangles) {
 
 TEST(MeshView, AveragesOverAPixelAndMultipliesByColours) {
   ReflectanceField field = field_over(prt::plane_mesh(1));
-  for (auto& colour : field.mesh.colours) colour = Eigen::Array3f(0.5f, 0.25f, 1.0f);
+  for (auto& colour : field.mesh->colours) colour = Eigen::Array3f(0.5f, 0.25f, 1.0f);
   PinholeCamera camera;
   camera.position = {0, 3, 0};
   camera.up = {0, 0, 1};
@@ -124,8 +123,8 @@ TEST(MeshView, InterpolatesInPerspective) {
   // Light that grows with x: at the point that is seen, not along the image.
   const ReflectanceField field = field_over(prt::plane_mesh(1));
   Image outputs = outputs_of(field, 0.0f);
-  for (std::size_t v = 0; v < field.mesh.positions.size(); ++v)
-    set_output(outputs, v, Eigen::Array3f::Constant(field.mesh.positions[v].z() + 0.5f));
+  for (std::size_t v = 0; v < field.mesh->positions.size(); ++v)
+    set_output(outputs, v, Eigen::Array3f::Constant(field.mesh->positions[v].z() + 0.5f));
   PinholeCamera camera;
   camera.position = {0, 0.4f, -0.7f};
   camera.target = {0, 0, 0};
@@ -145,7 +144,7 @@ TEST(MeshView, GlossyVerticesShineIntoTheMirroredSight) {
   // Radiance over the mirrored direction R: 2 + R_z.
   const double constant = 2.0 * std::sqrt(4.0 * std::numbers::pi),
                along_z = std::sqrt(4.0 * std::numbers::pi / 3.0);
-  for (std::size_t v = 0; v < field.mesh.positions.size(); ++v) {
+  for (std::size_t v = 0; v < field.mesh->positions.size(); ++v) {
     set_output(outputs, 9 * v, Eigen::Array3f::Constant(static_cast<float>(constant)));
     set_output(outputs, 9 * v + 2, Eigen::Array3f::Constant(static_cast<float>(along_z)));
   }
@@ -162,7 +161,7 @@ TEST(MeshView, FramesAMeshByItself) {
   const ReflectanceField field = field_over(prt::rabbit_mesh(8));
   for (const auto& [width, height] : {std::pair{200, 100}, {100, 200}}) {
     const Image picture =
-        MeshView(field, framing_camera(field.mesh, width, height)).show(outputs_of(field, 1.0f));
+        MeshView(field, framing_camera(*field.mesh, width, height)).show(outputs_of(field, 1.0f));
     double covered = 0.0;
     for (std::size_t i = 0; i < picture.pixel_count(); ++i) covered += picture.values[3 * i];
     EXPECT_GT(covered / static_cast<double>(picture.pixel_count()), 0.1);
@@ -181,7 +180,7 @@ TEST(MeshView, TellsTheVertexUnderAPixel) {
   // Upper right of the picture: +x, +z.
   const auto vertex = view.vertex_at(80, 20);
   ASSERT_TRUE(vertex);
-  EXPECT_EQ(field.mesh.positions[*vertex], Eigen::Vector3f(0.5f, 0, 0.5f));
+  EXPECT_EQ(field.mesh->positions[*vertex], Eigen::Vector3f(0.5f, 0, 0.5f));
   EXPECT_FALSE(view.vertex_at(0, 0));
 }
 

@@ -33,7 +33,7 @@ constexpr LightDomain monitor{50, 40, Parameterisation::monitor};
 /// Whole and cut tiles, several bands, both forms of weights.
 PackedField make_sample(double error = 5e-3) {
   ReflectanceField field = test::mixed_field(37, 70, monitor);
-  field.training_error.assign(37 * 70, 0.25f);
+  field.quality.training_error.assign(37 * 70, 0.25f);
   field.provenance = R"({"note": "Übung"})";
   field.monitors = {{520, 320, 600, {90, -5.5, 0.1}, 10, -20}};
   return pack_field(field, error).field;
@@ -64,7 +64,7 @@ TEST(PackedField, ShowsTheSameFromTilesRowsAndFile) {
     write_packed_field(folder / "a.rfield", packed);
     PackedField back = read_packed_field(folder / "a.rfield");
     EXPECT_EQ(back.bits(), error > 1e-3 ? 8 : 16);
-    EXPECT_EQ(back.outline.training_error, packed.outline.training_error);
+    EXPECT_EQ(back.outline.quality.training_error, packed.outline.quality.training_error);
     EXPECT_EQ(back.outline.provenance, packed.outline.provenance);
     EXPECT_EQ(packed.outline.monitors.size(), 1u);
     EXPECT_EQ(back.outline.monitors, packed.outline.monitors);

@@ -33,16 +33,18 @@ ReflectanceField random_mesh_field(bool grey, int order = 3) {
   ReflectanceField field;
   field.basis = {cube_domain(side), {}, {}, Measure::solid_angle, {order}};
   for (int i = 0; i < 60; ++i) field.basis.boxes.push_back(test::random_box(rng, side, cube_faces * side));
+  OutputMesh mesh;
   for (std::size_t i = 0; i < vertices; ++i) {
     const auto angle = static_cast<float>(i);
-    field.mesh.positions.emplace_back(angle, 0.0f, 1.0f);
-    field.mesh.normals.emplace_back(0.0f, 1.0f, 0.0f);
-    field.mesh.colours.emplace_back(0.5f, 0.6f, 0.7f);
+    mesh.positions.emplace_back(angle, 0.0f, 1.0f);
+    mesh.normals.emplace_back(0.0f, 1.0f, 0.0f);
+    mesh.colours.emplace_back(0.5f, 0.6f, 0.7f);
   }
-  field.mesh.triangles = {{0, 1, 2}, {2, 1, 3}};
-  field.camera = PinholeCamera{};
+  mesh.triangles = {{0, 1, 2}, {2, 1, 3}};
+  mesh.camera = PinholeCamera{};
   field.width = output_image_width;
-  field.height = output_image_height(field.mesh_outputs());
+  field.height = output_image_height(mesh.outputs());
+  field.mesh = std::move(mesh);
   std::vector<std::size_t> output(static_cast<std::size_t>(field.width) * field.height, vertices);
   for (std::size_t i = 0; i < vertices; ++i) output[pixel_of_output(i)] = i;
   for (const std::size_t of_pixel : output) {
@@ -68,7 +70,6 @@ LightMap random_light(std::uint64_t seed) {
 
 FieldRows rows_of(const ReflectanceField& field) {
   FieldRows rows{field, {}};
-  rows.outline.transfer = {};
   rows.rows = [&field](RowRange range) {
     SparseTransfer some;
     const auto& all = field.transfer;
@@ -150,13 +151,14 @@ TEST_P(PrecomputedField, ComesBackFromItsFile) {
     EXPECT_LT(relative_rmse(back.relight(light), expected), fine_error);
     EXPECT_EQ(back.basis.measure, Measure::solid_angle);
     EXPECT_EQ(back.basis.harmonics, field.basis.harmonics);
-    ASSERT_EQ(back.mesh.positions.size(), vertices);
-    EXPECT_EQ(back.mesh.positions[77], field.mesh.positions[77]);
-    EXPECT_EQ(back.mesh.normals[77], field.mesh.normals[77]);
-    EXPECT_TRUE((back.mesh.colours[77] == field.mesh.colours[77]).all());
-    EXPECT_EQ(back.mesh.triangles, field.mesh.triangles);
-    ASSERT_TRUE(back.camera);
-    EXPECT_EQ(back.camera->width, field.camera->width);
+    ASSERT_TRUE(back.mesh);
+    ASSERT_EQ(back.mesh->positions.size(), vertices);
+    EXPECT_EQ(back.mesh->positions[77], field.mesh->positions[77]);
+    EXPECT_EQ(back.mesh->normals[77], field.mesh->normals[77]);
+    EXPECT_TRUE((back.mesh->colours[77] == field.mesh->colours[77]).all());
+    EXPECT_EQ(back.mesh->triangles, field.mesh->triangles);
+    ASSERT_TRUE(back.mesh->camera);
+    EXPECT_EQ(back.mesh->camera->width, field.mesh->camera->width);
   }
 }
 
@@ -194,9 +196,8 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
   Relighter copy = relighter;
   EXPECT_EQ(copy.relight(sums).values, relighter.relight(sums).values);
 
-  // Without a camera the outputs themselves.
-  field.mesh = {};
-  field.camera.reset();
+  // Without a mesh the outputs themselves.
+  field.mesh.reset();
   FieldPictures pictures(field);
   EXPECT_LT(relative_rmse(pictures.picture(TurnedEnvironment{environment, turn}, 0), expected), float_error);
   pictures.lay_out(RelightPrecision::fine);

@@ -39,7 +39,7 @@ ReflectanceField random_field(Rng& rng, int width, int height, const LightDomain
     for (auto& column : columns) column = static_cast<std::uint32_t>(rng.below(boxes));
     for (float& weight : weights) weight = static_cast<float>(rng.uniform());
     field.transfer.append_row(columns, weights);
-    field.training_error.push_back(static_cast<float>(rng.uniform()));
+    field.quality.training_error.push_back(static_cast<float>(rng.uniform()));
   }
   return field;
 }

@@ -38,9 +38,9 @@ bool is_charted(const StudyBasis& basis) {
 
 Image basis_picture(const StudySurface& surface, const std::vector<StudyBasis>& bases,
                     const Eigen::MatrixXf& light) {
-  ReflectanceField field;
-  field.mesh = surface.mesh;
-  field.mesh.colours.assign(field.mesh.positions.size(), Eigen::Array3f::Ones());
+  FieldOutline field;
+  field.mesh = OutputMesh{surface.mesh};
+  field.mesh->colours.assign(field.mesh->positions.size(), Eigen::Array3f::Ones());
   const MeshView view(field, camera_of(surface.mesh));
   const Eigen::VectorXf areas = dynamic::vertex_areas(surface.mesh);
   // As bright as a picture can be without losing more than its brightest spots.

@@ -165,7 +165,8 @@ Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
                    const std::vector<ChartLight>& lights) {
   auto field = read_either_field(path, run_context());
   auto* packed = std::get_if<PackedField>(&field);
-  if (packed == nullptr || packed->outline.mesh.positions != chart.scene.mesh.positions)
+  if (packed == nullptr || !packed->outline.mesh ||
+      packed->outline.mesh->positions != chart.scene.mesh.positions)
     throw InputError(path.string() + " was not made of this scene by 'refield simulate prt'");
   if (const LightDomain domain = packed->outline.basis.domain; domain != lights.front().fine.domain())
     throw InputError(path.string() + " is lit by cube maps of " + std::to_string(domain.width) +

@@ -17,7 +17,7 @@ namespace {
 
 constexpr int picture_width = 192;
 
-PinholeCamera small_camera(const ReflectanceField& field) {
+PinholeCamera small_camera(const FieldOutline& field) {
   PinholeCamera camera = standard_camera(field);
   camera.height = std::max(1, camera.height * picture_width / camera.width);
   camera.width = picture_width;
@@ -57,10 +57,9 @@ std::vector<std::vector<const Peer*>> by_method(const std::vector<Peer>& peers) 
 
 void write_comparison(const std::filesystem::path& path, const prt::Scene& scene,
                       const std::vector<Eigen::Array3f>& exact, const std::vector<Peer>& peers) {
-  ReflectanceField field;
-  field.mesh = scene.mesh;
-  field.mesh.colours = prt::diffuse_reflectance(scene);
-  field.camera = scene.camera;
+  FieldOutline field;
+  field.mesh = OutputMesh{scene.mesh, 0, scene.camera};
+  field.mesh->colours = prt::diffuse_reflectance(scene);
   const MeshView view(field, small_camera(field));
   const Image reference = picture(view, exact);
   const double bright = std::max(1e-30, quantile(reference.values, 0.99));

@@ -101,7 +101,7 @@ OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>&
   opened.state =
       std::visit([&](auto content) { return std::make_unique<ViewState>(std::move(content), run); },
                  read_either_field(field, run));
-  const ReflectanceField& shown = opened.state->field();
+  const FieldOutline& shown = opened.state->field();
   if (light) opened.light = read_light_file(*light, shown.basis.domain, shown.monitors, run).light;
   return opened;
 }
@@ -116,7 +116,7 @@ void open_file(App& app, const fs::path& file) {
     app.opening->cancel();
     app.abandoned.push_back(std::move(app.opening));
   }
-  const ReflectanceField& shown = app.state->field();
+  const FieldOutline& shown = app.state->field();
   app.opening = std::make_unique<BackgroundJob<OpenedFile>>(
       [file, domain = shown.basis.domain, monitors = shown.monitors, run = app.run] {
         if (file.extension() == ".rfield") return read_field_file(file, std::nullopt, run);

@@ -38,9 +38,9 @@ Shown shown_from_name(std::string_view name) {
 
 namespace {
 
-const std::vector<float>& error_map_of(const ReflectanceField& field, Shown shown) {
-  if (shown == Shown::predicted_error) return field.predicted_error;
-  return shown == Shown::photograph_noise ? field.photograph_noise : field.training_error;
+const std::vector<float>& error_map_of(const FieldOutline& field, Shown shown) {
+  if (shown == Shown::predicted_error) return field.quality.predicted_error;
+  return shown == Shown::photograph_noise ? field.quality.photograph_noise : field.quality.training_error;
 }
 
 bool is_relit_image(Shown shown) {
@@ -50,7 +50,7 @@ bool is_relit_image(Shown shown) {
 }  // namespace
 
 bool FieldPicture::has(Shown shown) const {
-  return is_relit_image(shown) || (field_.mesh.empty() && !error_map_of(field_, shown).empty());
+  return is_relit_image(shown) || (!field_.mesh && !error_map_of(field_, shown).empty());
 }
 
 void FieldPicture::show(Shown shown) {
@@ -93,7 +93,7 @@ bool FieldPicture::draw(const Image& radiance, double exposure) {
   return true;
 }
 
-KernelPicture::KernelPicture(const ReflectanceField& field, const LightPanorama& panorama)
+KernelPicture::KernelPicture(const FieldOutline& field, const LightPanorama& panorama)
     : field_(field),
       panorama_(panorama),
       levels_(std::size_t{4} * panorama.shown().width * panorama.shown().height) {}
@@ -114,7 +114,7 @@ void KernelPicture::pick(std::optional<PixelPosition> pixel, const Image& pictur
 
 void KernelPicture::follow(const PinholeCamera& camera) {
   if (!picked_vertex_) return;
-  const auto place = camera.image_point(field_.mesh.positions[*picked_vertex_]);
+  const auto place = camera.image_point(field_.mesh->positions[*picked_vertex_]);
   picked_.reset();
   if (place && Eigen::AlignedBox2f(Eigen::Vector2f::Zero(), Eigen::Vector2f(camera.width, camera.height))
                    .contains(*place))
@@ -125,7 +125,7 @@ void KernelPicture::follow(const PinholeCamera& camera) {
 /// The number of the picked pixel among the field's.
 std::size_t KernelPicture::picked_output() const {
   if (!picked_vertex_) return static_cast<std::size_t>(picked_->y) * field_.width + picked_->x;
-  return pixel_of_output(*picked_vertex_ * (field_.mesh_outputs() / field_.mesh.positions.size()));
+  return pixel_of_output(*picked_vertex_ * (field_.mesh->outputs() / field_.mesh->positions.size()));
 }
 
 bool KernelPicture::draw(const TransferTiles& transfer) {

@@ -37,7 +37,7 @@ inline constexpr double stops_above_white = 2.0;
 class FieldPicture {
  public:
   /// `field` must outlive this.
-  explicit FieldPicture(const ReflectanceField& field) : field_(field) {}
+  explicit FieldPicture(const FieldOutline& field) : field_(field) {}
 
   Shown shown() const { return shown_; }
   /// Throws InputError for a map that the field does not hold.
@@ -59,7 +59,7 @@ class FieldPicture {
   std::span<const std::uint8_t> levels() const { return levels_; }
 
  private:
-  const ReflectanceField& field_;
+  const FieldOutline& field_;
   Shown shown_ = Shown::picture;
   double error_range_ = 0.0;
   ToneMapping tone_;
@@ -78,7 +78,7 @@ struct PixelPosition {
 class KernelPicture {
  public:
   /// Both must outlive this. The field's transfer is given to draw().
-  KernelPicture(const ReflectanceField& field, const LightPanorama& panorama);
+  KernelPicture(const FieldOutline& field, const LightPanorama& panorama);
 
   /// Nothing, and positions outside `picture`: no pixel's. On a mesh the vertex is picked that the pixel of
   /// `view` shows most of.
@@ -97,7 +97,7 @@ class KernelPicture {
  private:
   std::size_t picked_output() const;
 
-  const ReflectanceField& field_;
+  const FieldOutline& field_;
   const LightPanorama& panorama_;
   std::optional<PixelPosition> picked_;
   std::optional<std::uint32_t> picked_vertex_;

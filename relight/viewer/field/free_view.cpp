@@ -60,7 +60,7 @@ void OrbitCamera::reset() {
   camera_ = start_;
 }
 
-FreeView::FreeView(const ReflectanceField& field)
+FreeView::FreeView(const FieldOutline& field)
     : FreeView(standard_camera(field), [&field](const PinholeCamera& camera, int samples) {
         return std::make_unique<const MeshView>(field, camera, samples);
       }) {}

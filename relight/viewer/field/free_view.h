@@ -50,7 +50,7 @@ class FreeView {
   using Look = std::function<std::unique_ptr<const MeshView>(const PinholeCamera& camera, int samples)>;
 
   /// `field` must outlive this.
-  explicit FreeView(const ReflectanceField& field);
+  explicit FreeView(const FieldOutline& field);
   /// Of things that move: whoever moves them calls move(), too.
   FreeView(const PinholeCamera& start, Look look);
 

@@ -28,10 +28,10 @@ constexpr const char* mouse_help =
     "Open light maps and fields with the button, or drop them onto the window.";
 
 std::string name_text(const App& app) {
-  const ReflectanceField& field = app.state->field();
+  const FieldOutline& field = app.state->field();
   return app.field_file.filename().string() + "   " +
-         (field.mesh.empty() ? std::to_string(field.width) + "×" + std::to_string(field.height)
-                             : std::to_string(field.mesh.positions.size()) + " vertices");
+         (field.mesh ? std::to_string(field.mesh->positions.size()) + " vertices"
+                     : std::to_string(field.width) + "×" + std::to_string(field.height));
 }
 
 void take_file(App& app, const std::filesystem::path& file) {
@@ -192,7 +192,7 @@ void kernel_section(App& app) {
   if (state.has(Shown::predicted_error)) {
     ImGui::SameLine();
     const std::size_t index = static_cast<std::size_t>(pixel.y) * state.field().width + pixel.x;
-    ImGui::TextDisabled("± %.2g %%", 100.0 * state.field().predicted_error[index]);
+    ImGui::TextDisabled("± %.2g %%", 100.0 * state.field().quality.predicted_error[index]);
   }
   if (button(app, "Over the map", app.shows_kernels)) app.shows_kernels = !app.shows_kernels;
   ImGui::SameLine();

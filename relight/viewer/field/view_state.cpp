@@ -15,7 +15,7 @@ namespace {
 /// beside a field of more entries they would take more memory than half of its file.
 constexpr std::uint64_t max_fine_entries = 8'000'000;
 
-void require_content(const ReflectanceField& field) {
+void require_content(const FieldOutline& field) {
   if (field.width < 1 || field.height < 1 || field.basis.domain.width < 1 || field.basis.domain.height < 1)
     throw InputError("the field is empty; there is nothing to show");
 }
@@ -34,7 +34,7 @@ ViewState::Loaded ViewState::load(ReflectanceField field) {
 
 ViewState::Loaded ViewState::load(PackedField packed) {
   require_content(packed.outline);
-  ReflectanceField outline = packed.outline;
+  FieldOutline outline = packed.outline;
   return {std::move(outline), Relighter(std::move(packed))};
 }
 
@@ -48,7 +48,7 @@ ViewState::ViewState(Loaded loaded, const RunContext& run)
       running_(wanted_),
       light_levels_(kernels_.levels().size()) {
   reset_light_sources();
-  if (!field_.mesh.empty()) view_ = std::make_unique<FreeView>(field_);
+  if (field_.mesh) view_ = std::make_unique<FreeView>(field_);
   expose_picture();
   refresh();
   picture_.outdate();

@@ -32,8 +32,8 @@ class ViewState {
   ViewState(const ViewState&) = delete;  // its parts and the job refer to it
   ViewState& operator=(const ViewState&) = delete;
 
-  /// Without transfer and rectangles, which stand in the relighter alone.
-  const ReflectanceField& field() const { return field_; }
+  /// Without rectangles, which stand in the relighter alone.
+  const FieldOutline& field() const { return field_; }
   /// Of fields over a mesh the user's camera; null for photographs.
   FreeView* view() { return view_.get(); }
   const FreeView* view() const { return view_.get(); }
@@ -110,7 +110,7 @@ class ViewState {
 
  private:
   struct Loaded {
-    ReflectanceField field;
+    FieldOutline field;
     Relighter relighter;
   };
   ViewState(Loaded loaded, const RunContext& run);
@@ -123,7 +123,7 @@ class ViewState {
   void expose_if_current();
   bool draw_light();
 
-  ReflectanceField field_;
+  FieldOutline field_;
   ViewRelighter relighter_;  // the job's alone while it runs
   FieldPicture picture_;
   KernelPicture kernels_;

@@ -21,8 +21,8 @@ class ViewStateTest : public testing::Test {
   ReflectanceField make_field() {
     ReflectanceField field = test::random_field(rng_, 30, 20, domain, 80, 25);
     field.basis.hats = {};
-    field.predicted_error.resize(600);
-    for (std::size_t p = 0; p < 600; ++p) field.predicted_error[p] = static_cast<float>(p) / 600.0f;
+    field.quality.predicted_error.resize(600);
+    for (std::size_t p = 0; p < 600; ++p) field.quality.predicted_error[p] = static_cast<float>(p) / 600.0f;
     return field;
   }
   /// What the state holds is what the field gives under this light.
@@ -149,7 +149,7 @@ TEST_F(ViewStateTest, ShowsErrorsAndFalseColours) {
   EXPECT_NEAR(state_.error_range(), 0.98, 0.01);
   const auto expected = [&](std::size_t pixel, int c) {
     return std::lround(255.0f *
-                       false_colour(state_.field().predicted_error[pixel] / state_.error_range())[c]);
+                       false_colour(state_.field().quality.predicted_error[pixel] / state_.error_range())[c]);
   };
   for (const std::size_t pixel : {0U, 100U, 300U, 599U})
     for (int c = 0; c < 3; ++c) EXPECT_NEAR(state_.picture()[4 * pixel + c], expected(pixel, c), 2);

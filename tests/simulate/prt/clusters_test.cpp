@@ -60,7 +60,7 @@ TEST(Clusters, OfAViewWithoutToleranceEqualTheSumOverAllLights) {
   for (const Similarity similarity : all_ways) {
     const ReflectanceField field = cluster(
         scene, {.relighting = Relighting::image, .similarity = similarity, .resolution = 9, .epsilon = 0.0});
-    EXPECT_TRUE(field.mesh.empty());
+    EXPECT_FALSE(field.mesh);
     EXPECT_LT(error_of(field, scene, Relighting::image, light), bytes) << name_of(similarity);
   }
 }
@@ -209,9 +209,10 @@ TEST(Clusters, StopAtCtrlC) {
 TEST(Clusters, OfAMeshCarryItsColoursTimesTheirReflectance) {
   const Scene scene = test::rabbit_scene();
   const ReflectanceField field = cluster(scene, {.resolution = 8, .epsilon = 0.1});
-  ASSERT_EQ(field.mesh.colours.size(), scene.mesh.positions.size());
-  for (std::size_t v = 0; v < field.mesh.colours.size(); ++v)
-    EXPECT_TRUE((field.mesh.colours[v] ==
+  ASSERT_TRUE(field.mesh);
+  ASSERT_EQ(field.mesh->colours.size(), scene.mesh.positions.size());
+  for (std::size_t v = 0; v < field.mesh->colours.size(); ++v)
+    EXPECT_TRUE((field.mesh->colours[v] ==
                  scene.mesh.colours[v] * scene.materials[scene.material_of_vertex[v]].diffuse)
                     .all());
 }

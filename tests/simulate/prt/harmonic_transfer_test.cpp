@@ -162,7 +162,7 @@ TEST(HarmonicTransfer, AsAFieldIsRelitByMaps) {
     const ReflectanceField field = test::field_of(rows);
     const Image outputs = field.relight(map);
     const auto count = static_cast<std::size_t>(transfer.outputs);
-    ASSERT_EQ(field.mesh_outputs(), scene.mesh.positions.size() * count);
+    ASSERT_EQ(field.mesh->outputs(), scene.mesh.positions.size() * count);
     test::RelativeError error;
     for (std::size_t v = 0; v < scene.mesh.positions.size(); ++v) {
       std::vector<double> over(count, 1.0);  // looked at straight
@@ -171,7 +171,7 @@ TEST(HarmonicTransfer, AsAFieldIsRelitByMaps) {
       for (std::size_t i = 0; i < count; ++i)
         seen += static_cast<float>(over[i]) *
                 Eigen::Map<const Eigen::Array3f>(&outputs.values[3 * pixel_of_output(v * count + i)]);
-      error.add(seen * field.mesh.colours[v],
+      error.add(seen * field.mesh->colours[v],
                 test::radiance(transfer, scene, light, v, scene.mesh.normals[v]));
     }
     EXPECT_LT(error.value(), 0.01);  // of the map's texels

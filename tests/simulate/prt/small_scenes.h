@@ -79,9 +79,7 @@ inline Scene ball_scene(const Material& ball) {
 
 /// The field as a whole.
 inline ReflectanceField field_of(const FieldRows& rows) {
-  ReflectanceField field = rows.outline;
-  field.transfer = rows.rows({0, field.height});
-  return field;
+  return {rows.outline, rows.rows({0, rows.outline.height})};
 }
 
 /// A cube map, black but for squares of side² texels around the given texels, whose radiance gives white
