@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "cli/report/html.h"
-#include "cli/report/page.h"
 #include "cli/report/picture.h"
 #include "cli/report/sections.h"
 
@@ -37,7 +36,7 @@ Series change_series(const std::string& name, int colour, const std::vector<Chan
   return series;
 }
 
-}  // namespace
+// Plots, each an inline SVG with its legend.
 
 std::string change_plot(const DisplayTiming& timing) {
   const Seconds end = timing.latency + timing.settling;
@@ -133,10 +132,6 @@ std::string tone_plot(const ToneCurve& curve) {
   chart.series = drawn;
   return "<div class=\"chart-box\">" + line_chart_svg(chart) + legend_html(named) + "</div>";
 }
-
-namespace {
-
-using namespace report;
 
 std::string milliseconds(Seconds time) {
   return significant(1e3 * time.count(), 3) + "\u00a0ms";

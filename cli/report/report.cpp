@@ -8,7 +8,7 @@
 #include <string>
 
 #include "cli/report/evaluation.h"
-#include "cli/report/page.h"
+#include "cli/report/html.h"
 #include "cli/report/sections.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"

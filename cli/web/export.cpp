@@ -10,11 +10,9 @@
 #include <cstdio>
 #include <limits>
 #include <memory>
-#include <string_view>
 #include <vector>
 
 #include "cli/report/html.h"
-#include "cli/web/page_files.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"

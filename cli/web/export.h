@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -64,5 +66,13 @@ struct PageMap {
 ExportReport export_page(const ReflectanceField& field, const std::string& title,
                          const std::filesystem::path& folder, const std::vector<PageMap>& maps = {},
                          const RunContext& run = {});
+
+/// One of the page's files, as it stood in cli/web when the program was built.
+struct PageFile {
+  const char* name;
+  std::string_view content;
+};
+
+std::span<const PageFile> page_files();
 
 }  // namespace refield::web
