@@ -17,7 +17,6 @@
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
-#include "estimate/cost_estimate.h"
 
 namespace refield::cli {
 

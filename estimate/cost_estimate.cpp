@@ -14,6 +14,7 @@
 #include "core/field/reflectance_field.h"
 #include "core/image/image_io.h"
 #include "estimate/job/estimate_band.h"
+#include "estimate/quality/frame_check.h"
 
 namespace refield {
 

@@ -5,16 +5,43 @@
 #include <filesystem>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
+#include "core/field/drift.h"
 #include "core/field/reflectance_field.h"
 #include "core/session/capture_session.h"
-#include "estimate/cost_estimate.h"
 #include "estimate/options.h"
-#include "estimate/quality/frame_check.h"
+#include "estimate/quality/outlier_frames.h"
 
 namespace refield {
+
+/// A training frame that is not estimated from, and why.
+struct LeftOutFrame {
+  std::string name;
+  std::string why;
+  OutlierFrame found;
+};
+
+/// What the check of the frames against each other found.
+struct FrameReport {
+  std::vector<LeftOutFrame> left_out;
+  /// Frames that disagree but are kept, since they are too many to be the exception.
+  std::vector<LeftOutFrame> doubtful;
+  double typical_residual = 0.0;  ///< relative; 0: frames were not checked
+  Drift drift;                    ///< of the capture, as its reference frames show it
+};
+
+/// What an estimation will need, known before it starts.
+struct EstimatePlan {
+  int images = 0;
+  int threads = 0;
+  RowRange rows;      ///< of the picture
+  int band_rows = 0;  ///< rows of photographs held at a time
+  int bands = 0;
+  std::uint64_t memory_bytes = 0;  ///< estimated peak
+};
 
 /// What an estimation did.
 struct EstimateSummary {
@@ -34,6 +61,25 @@ struct EstimateSummary {
 /// Checks options and input, and estimates memory. Throws InputError for input that cannot be estimated from.
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run = {});
+
+/// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
+struct CostEstimate {
+  EstimatePlan plan;
+  FrameReport frames;
+  double check_seconds = 0.0;        ///< comparing the frames with each other
+  double lights_seconds = 0.0;       ///< reading all lights and building their table
+  double photographs_seconds = 0.0;  ///< reading all bands of all photographs
+  double fit_seconds = 0.0;
+  int sampled_pixels = 0;  ///< that were fitted to find out
+  double seconds() const { return check_seconds + lights_seconds + photographs_seconds + fit_seconds; }
+};
+
+/// Checks options and all input as estimate_to_file() does (the header of every image, the values of every
+/// light, the values of the photographs' rows that the sample reads) and measures on this machine what the
+/// work costs: reads all lights, some rows of all photographs, and fits tiles of pixels spread over the
+/// picture for about two seconds. Writes nothing. Throws InputError for input that cannot be estimated from.
+CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions& options,
+                           const RunContext& run);
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
 /// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). Finished bands

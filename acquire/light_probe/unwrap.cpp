@@ -34,7 +34,7 @@ double conductor_reflectance(double n, double k, double c) {
 }
 
 constexpr double samples_per_pixel = 3.0;  // along each side of a texel
-constexpr int max_samples = 64;            // along each side of a texel
+constexpr int max_samples_per_side = 64;   // along each side of a texel
 
 void require_number(double value, double low, double high, const char* what) {
   if (!(value >= low && value <= high))
@@ -117,12 +117,12 @@ class Unwrapper {
       const auto found =
           ball_.find(camera_from_world_ *
                      lat_long_direction(x + (i & 1), y + (i >> 1), options_.width, options_.width / 2));
-      if (!found) return max_samples;
+      if (!found) return max_samples_per_side;
       corner[i] = found->point;
     }
     const double extent = std::max({(corner[0] - corner[1]).norm(), (corner[0] - corner[2]).norm(),
                                     (corner[3] - corner[1]).norm(), (corner[3] - corner[2]).norm()});
-    return std::clamp(static_cast<int>(std::ceil(samples_per_pixel * extent)), 2, max_samples);
+    return std::clamp(static_cast<int>(std::ceil(samples_per_pixel * extent)), 2, max_samples_per_side);
   }
 
   bool is_usable(int x, int y) const {

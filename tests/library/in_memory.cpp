@@ -5,13 +5,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <random>
 #include <vector>
 
-#include "core/base/errors.h"
-#include "core/base/rng.h"
-#include "core/image/metrics.h"
-#include "estimate/estimate.h"
-#include "relight/relighter.h"
+#include "refield/estimate.h"
+#include "refield/relight.h"
 
 using namespace refield;
 
@@ -20,9 +18,9 @@ namespace {
 constexpr int images = 48;
 constexpr LightDomain domain{16, 8, Parameterisation::monitor};
 
-LightMap random_light(Rng& rng) {
+LightMap random_light(std::mt19937& random) {
   LightMap light{Image(domain.width, domain.height, 3), domain.parameterisation};
-  for (float& value : light.radiance.values) value = static_cast<float>(rng.uniform());
+  for (float& value : light.radiance.values) value = std::uniform_real_distribution(0.0f, 1.0f)(random);
   return light;
 }
 
@@ -46,10 +44,11 @@ bool check(bool holds, const char* what) {
 }  // namespace
 
 int main() {
-  Rng rng(7);
+  std::mt19937 random(7);
   std::vector<LightMap> lights;
   std::vector<Image> photographs;
-  for (int j = 0; j < images; ++j) photographs.push_back(photograph(lights.emplace_back(random_light(rng))));
+  for (int j = 0; j < images; ++j)
+    photographs.push_back(photograph(lights.emplace_back(random_light(random))));
   const std::vector<LightMapView> light_views(lights.begin(), lights.end());
   const std::vector<ImageView> photograph_views(photographs.begin(), photographs.end());
 
@@ -75,7 +74,7 @@ int main() {
   }
   holds &= check(is_stopped, "a second estimate stops when the caller asks for it");
 
-  const LightMap light = random_light(rng);
+  const LightMap light = random_light(random);
   const double error = relative_rmse(Relighter(field).relight(light), photograph(light));
   std::printf("relative error under a new light: %.4f\n", error);
   holds &= check(error < 0.05, "the field predicts the photograph under a new light");

@@ -24,19 +24,20 @@ check_includes() {
 $found"
 }
 check_includes core 'core/'
+check_includes include '(refield|core|acquire/hdr|estimate|relight|simulate)/'
 check_includes acquire '(core|acquire)/'
 check_includes estimate '(core|estimate)/'
 check_includes relight '(core|relight)/'
 check_includes simulate '(core|simulate)/|acquire/(camera|illuminator|trigger)\.h"'
 
 # Headers of other libraries stay in .cpp files, so that no stage's users depend on them.
-found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' |
+found=$(sources {core,acquire,estimate,include,relight,simulate}/'*.h' |
   xargs -r grep -nE '#include <(embree|opencv|hdf5|H5|OpenImageIO|OpenEXR|toml|linux|libdrm|gpiod|xf86drm)' || true)
 [[ -z $found ]] || complain "third-party headers belong in .cpp files:
 $found"
 
 tests/lint/check_links.py || status=1
-tests/lint/check_words.py {core,acquire,estimate,relight,simulate,cli,bench}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
+tests/lint/check_words.py {core,acquire,estimate,include,relight,simulate,cli,bench}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
 
 # What a library must leave to its caller: standard error, signals, forks of processes with threads. Progress,
 # notes and stopping go through RunContext (core/base/run_context.h).
