@@ -10,6 +10,7 @@
 #include "core/base/rng.h"
 #include "core/light/summed_area_table.h"
 #include "estimate/estimate.h"
+#include "estimate/fit/refit.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
 

@@ -7,6 +7,7 @@
 
 #include "core/image/image_io.h"
 #include "estimate/estimate.h"
+#include "estimate/job/estimate_job.h"
 #include "tests/support/stability.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
