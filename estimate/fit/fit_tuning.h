@@ -4,14 +4,14 @@
 namespace refield {
 
 /// The measured constants of the fit in refined mode: what trades time against error. Results depend on all
-/// of them. "Error" is the relative root mean square error on held-out photographs. `bench/` and
-/// docs/method/estimation.md say how to measure it; run both a clean and a noisy capture after a change.
+/// of them. "Error" is the relative root mean square error on held-out photographs;
+/// docs/method/estimation.md says how to measure it. Measure on a clean and on a noisy capture after a
+/// change.
 struct FitTuning {
   // The search for rectangles.
 
   /// Leaves of the tree that a block of pixels shares. Twice what a pixel needs (about 25 kernels), since its
-  /// pixels use different ones. Fewer miss highlights in blocks of mixed material; time grows with its
-  /// square.
+  /// pixels use different ones.
   int max_leaves = 56;
   /// Leaves of the tree of a part of a block, or of a single pixel that is not worth full effort. 36 take a
   /// fifth more time and reduce the median pixel's error by 2 to 3 %, the picture's by nothing; 22 save a
@@ -43,8 +43,7 @@ struct FitTuning {
   /// light and +8 % under bars; 0.01 takes 53 %, +3 % and +6 %; 0.006 takes 60 %, +2 % and +6 %.
   double new_search_error = 0.01;
   /// A block is divided where the criterion of its worst pixel falls by more than this with a tree of its
-  /// own. The criterion is a log-likelihood ratio (twice, in nats), so noise alone reaches 15 about once in
-  /// 2000 blocks (chi-squared, one parameter); lower values divide blocks because of noise.
+  /// own. Lower values divide blocks because of noise.
   double min_criterion_gain = 15.0;
   /// And where that reduces the pixel's relative error by this much, in quadrature: photographs are seldom
   /// less noisy. 0 takes half as much time again (nearly twice on noise-free data) and reduces the median
