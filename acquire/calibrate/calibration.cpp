@@ -10,6 +10,7 @@
 #include <sstream>
 #include <string>
 
+#include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
@@ -174,37 +175,27 @@ toml::array array_of(const std::vector<float>& values) {
   return array;
 }
 
-std::vector<float> floats_of(const toml::array* array, const char* key, const fs::path& path) {
-  if (!array) throw FormatError(path, "lacks the list '" + std::string(key) + "'");
-  std::vector<float> values;
-  values.reserve(array->size());
-  for (const auto& node : *array) {
-    const auto value = node.value<double>();
-    if (!value) throw FormatError(path, "has something else than numbers in '" + std::string(key) + "'");
-    values.push_back(static_cast<float>(*value));
-  }
-  return values;
+constexpr double unlimited = ConfigSection::unlimited;
+constexpr int max_map_nodes = 65536;  // in either direction
+
+ConfigFile open_calibration(const fs::path& path) {
+  return {path, "calibration", "docs/reference/capture-session-format.md"};
 }
 
-double number(const toml::table& table, const char* key, const fs::path& path) {
-  if (const auto value = table[key].value<double>()) return *value;
-  throw FormatError(path, "lacks the number '" + std::string(key) + "'");
+double required_number(ConfigSection& section, const char* key) {
+  double value = 0.0;
+  section.require(key);
+  section.number(key, value, -unlimited, unlimited);
+  return value;
 }
 
-std::optional<toml::table> find_section(const fs::path& path, const char* section) {
-  try {
-    const toml::table whole = toml::parse(read_text(path), path.string());
-    if (const toml::table* found = whole[section].as_table()) return *found;
-    return std::nullopt;
-  } catch (const toml::parse_error& error) {
-    throw FormatError(
-        path, "line " + std::to_string(error.source().begin.line) + ": " + std::string(error.description()));
-  }
-}
-
-toml::table parse_section(const fs::path& path, const char* section) {
-  if (auto found = find_section(path, section)) return *std::move(found);
-  throw FormatError(path, "lacks the section [" + std::string(section) + "]");
+std::vector<float> required_floats(ConfigSection& section, const char* key) {
+  std::vector<double> values;
+  section.require(key);
+  section.numbers(key, values, -unlimited, unlimited);
+  std::vector<float> floats;
+  for (const double value : values) floats.push_back(static_cast<float>(value));
+  return floats;
 }
 
 toml::table table_of(const RelativeMap& map) {
@@ -212,11 +203,16 @@ toml::table table_of(const RelativeMap& map) {
 }
 
 /// The map under `key`; an empty one where there is none.
-RelativeMap map_of(const toml::table& section, const char* key, const fs::path& path) {
-  const toml::table* table = section[key].as_table();
-  if (!table) return {};
-  return {static_cast<int>(number(*table, "columns", path)), static_cast<int>(number(*table, "rows", path)),
-          floats_of((*table)["values"].as_array(), key, path)};
+RelativeMap map_of(ConfigSection& section, const char* key) {
+  RelativeMap map;
+  if (auto table = section.table(key)) {
+    for (const char* required : {"columns", "rows"}) table->require(required);
+    table->integer("columns", map.columns, 1, max_map_nodes);
+    table->integer("rows", map.rows, 1, max_map_nodes);
+    map.values = required_floats(*table, "values");
+    table->finish();
+  }
+  return map;
 }
 
 toml::table table_of(const TimingCalibration& timing) {
@@ -257,42 +253,52 @@ void write_calibration(const fs::path& path, const CameraCalibration& camera,
 }
 
 CameraCalibration read_camera_calibration(const fs::path& path) {
-  const toml::table table = parse_section(path, "camera");
+  const ConfigFile file = open_calibration(path);
+  ConfigSection section = file.section("camera");
   CameraCalibration camera;
-  camera.bits = static_cast<int>(number(table, "bits", path));
-  if (camera.bits < 1 || camera.bits > 16) throw FormatError(path, "bits must be 1 to 16");
-  camera.black_level_dn = number(table, "black_level_dn", path);
-  camera.saturation_dn = number(table, "saturation_dn", path);
-  camera.electrons_per_dn = number(table, "electrons_per_dn", path);
-  camera.read_noise_electrons = number(table, "read_noise_electrons", path);
-  camera.electrons_per_radiance_second = table["electrons_per_radiance_second"].value_or(1.0);
-  camera.linear_from_dn = table["response"].value_or(std::string()) == "linear"
-                              ? linear_response(camera.bits)
-                              : floats_of(table["linear_from_dn"].as_array(), "linear_from_dn", path);
-  camera.flat_field = map_of(table, "flat_field", path);
+  section.require("bits");
+  section.integer("bits", camera.bits, 1, 16);
+  camera.black_level_dn = required_number(section, "black_level_dn");
+  camera.saturation_dn = required_number(section, "saturation_dn");
+  camera.electrons_per_dn = required_number(section, "electrons_per_dn");
+  camera.read_noise_electrons = required_number(section, "read_noise_electrons");
+  section.number("electrons_per_radiance_second", camera.electrons_per_radiance_second, -unlimited,
+                 unlimited);
+  std::string response;
+  section.text("response", response);
+  if (!response.empty() && response != "linear")
+    section.fail("response", "give \"linear\", or the table linear_from_dn instead");
+  camera.linear_from_dn =
+      response.empty() ? required_floats(section, "linear_from_dn") : linear_response(camera.bits);
+  camera.flat_field = map_of(section, "flat_field");
+  section.finish();
   camera.check(path.string());
   return camera;
 }
 
 MonitorCalibration read_monitor_calibration(const fs::path& path) {
-  const toml::table table = parse_section(path, "monitor");
+  const ConfigFile file = open_calibration(path);
+  ConfigSection section = file.section("monitor");
   MonitorCalibration monitor;
-  for (int c = 0; c < 3; ++c)
-    monitor.radiance_from_level[c] = floats_of(table[channel_names[c]].as_array(), channel_names[c], path);
-  monitor.uniformity = map_of(table, "uniformity", path);
+  for (int c = 0; c < 3; ++c) monitor.radiance_from_level[c] = required_floats(section, channel_names[c]);
+  monitor.uniformity = map_of(section, "uniformity");
+  section.finish();
   monitor.check(path.string());
   return monitor;
 }
 
 std::optional<TimingCalibration> read_timing_calibration(const fs::path& path) {
-  const auto table = find_section(path, "timing");
-  if (!table) return std::nullopt;
+  const ConfigFile file = open_calibration(path);
+  if (!file.has("timing")) return std::nullopt;
+  ConfigSection section = file.section("timing");
   TimingCalibration timing;
-  timing.display_latency = Seconds(number(*table, "display_latency_s", path));
-  timing.display_settling = Seconds(number(*table, "display_settling_s", path));
-  timing.control_latency_frames = static_cast<int>(number(*table, "control_latency_frames", path));
-  timing.refresh_period = Seconds((*table)["refresh_period_s"].value_or(0.0));
-  timing.exposure_unit = Seconds((*table)["exposure_unit_s"].value_or(0.0));
+  timing.display_latency = Seconds(required_number(section, "display_latency_s"));
+  timing.display_settling = Seconds(required_number(section, "display_settling_s"));
+  section.require("control_latency_frames");
+  section.integer("control_latency_frames", timing.control_latency_frames, 0, 1'000'000);
+  section.seconds("refresh_period_s", timing.refresh_period, Seconds(1), 0.0, unlimited);
+  section.seconds("exposure_unit_s", timing.exposure_unit, Seconds(1), 0.0, unlimited);
+  section.finish();
   timing.check(path.string());
   return timing;
 }

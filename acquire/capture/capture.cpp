@@ -28,8 +28,7 @@ std::vector<Seconds> choose_exposures(const CaptureRequest& request, const Camer
                                       std::string& note) {
   if (!request.exposures.empty()) return request.exposures;
   if (request.is_metered() && request.if_exists == IfExists::resume)
-    if (const auto plan = stored_plan(request.folder))
-      return exposures_of_plan(*plan, request.folder / "plan.toml");
+    if (stored_plan(request.folder)) return exposures_of_plan(request.folder / "plan.toml");
   ExposurePlanOptions plan = request.exposure_plan;
   if (request.is_metered()) {
     pairing.show(uniform_drive(display.width, display.height, white_level));

@@ -102,6 +102,6 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
                               const CameraDescription& camera, const IlluminatorDescription& display);
 
 /// The exposure times that a plan.toml states.
-std::vector<Seconds> exposures_of_plan(const std::string& plan, const std::filesystem::path& path);
+std::vector<Seconds> exposures_of_plan(const std::filesystem::path& plan);
 
 }  // namespace refield

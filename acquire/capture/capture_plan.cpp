@@ -14,6 +14,7 @@
 #include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/capture/journal.h"
+#include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
@@ -159,19 +160,15 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
   return text.str();
 }
 
-std::vector<Seconds> exposures_of_plan(const std::string& plan, const std::filesystem::path& path) {
-  try {
-    const toml::table table = toml::parse(plan, path.string());
-    if (const toml::array* times = table["exposures"]["seconds"].as_array()) {
-      std::vector<Seconds> exposures;
-      for (const auto& time : *times) exposures.emplace_back(time.value_or(0.0));
-      return exposures;
-    }
-  } catch (const toml::parse_error& error) {
-    throw FormatError(
-        path, "line " + std::to_string(error.source().begin.line) + ": " + std::string(error.description()));
-  }
-  throw FormatError(path, "lacks exposures.seconds; start again with --force");
+std::vector<Seconds> exposures_of_plan(const std::filesystem::path& plan) {
+  const ConfigFile file(plan, "capture plan", "docs/reference/capture-session-format.md");
+  ConfigSection section = file.section("exposures");
+  std::vector<double> seconds;
+  section.require("seconds");
+  section.numbers("seconds", seconds, 0.0, ConfigSection::unlimited);
+  std::vector<Seconds> exposures;
+  for (const double time : seconds) exposures.emplace_back(time);
+  return exposures;
 }
 
 // Exposures planned from the scene's dynamic range and the camera's noise.

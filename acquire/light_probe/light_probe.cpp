@@ -15,6 +15,7 @@
 #include "acquire/light_probe/find_ball.h"
 #include "acquire/light_probe/unwrap.h"
 #include "acquire/series/capture_time.h"
+#include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
@@ -268,11 +269,12 @@ void check(const ProbeRequest& request) {
 /// Removes the maps that an earlier run lists.
 void clear(const fs::path& folder) {
   if (!fs::exists(folder / report_name)) return;
-  const toml::table report = toml::parse(read_text(folder / report_name));
-  if (const toml::array* list = report["photograph"].as_array())
-    for (const auto& node : *list)
-      if (const auto name = node.as_table() ? (*node.as_table())["name"].value<std::string>() : std::nullopt)
-        fs::remove(folder / (fs::path(*name).filename().string() + ".exr"));
+  const ConfigFile report(folder / report_name, "light probe report", "docs/guide/light-probe.md");
+  for (ConfigSection& photograph : report.root().tables("photograph")) {
+    std::string name;
+    photograph.text("name", name);
+    if (!name.empty()) fs::remove(folder / (fs::path(name).filename().string() + ".exr"));
+  }
   fs::remove(folder / times_file_name);
 }
 

@@ -15,6 +15,7 @@
 #include <string>
 
 #include "acquire/capture/scene_mask.h"
+#include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
@@ -205,19 +206,12 @@ fs::path folder_of(const std::string& pattern) {
 std::map<std::string, std::string> discarded_probes(const fs::path& folder) {
   std::map<std::string, std::string> reasons;
   if (!fs::is_regular_file(folder / "probe.toml")) return reasons;
-  try {
-    const toml::table report = toml::parse(read_text(folder / "probe.toml"));
-    if (const toml::array* list = report["photograph"].as_array())
-      for (const auto& node : *list) {
-        const toml::table* entry = node.as_table();
-        if (!entry) continue;
-        const auto name = (*entry)["name"].value<std::string>();
-        const auto reason = (*entry)["discarded"].value<std::string>();
-        if (name && reason) reasons[*name] = *reason;
-      }
-  } catch (const toml::parse_error& error) {
-    throw FormatError(folder / "probe.toml", "line " + std::to_string(error.source().begin.line) + ": " +
-                                                 std::string(error.description()));
+  const ConfigFile report(folder / "probe.toml", "light probe report", "docs/guide/light-probe.md");
+  for (ConfigSection& photograph : report.root().tables("photograph")) {
+    std::string name, reason;
+    photograph.text("name", name);
+    photograph.text("discarded", reason);
+    if (!reason.empty()) reasons[name] = reason;
   }
   return reasons;
 }

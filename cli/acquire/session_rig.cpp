@@ -5,6 +5,7 @@
 
 #include "cli/run_context.h"
 #include "core/base/config_file.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield::cli {
 
@@ -44,33 +45,6 @@ void read_camera(ConfigSection section, V4l2CameraOptions& camera) {
   section.finish();
 }
 
-/// Where the monitor stands, for relighting by environment maps: all of it may be left out.
-std::vector<MonitorPlacement> read_placement(ConfigSection& section) {
-  constexpr double longest_mm = 1e6;
-  MonitorPlacement place;
-  bool given = false;
-  for (const auto& [key, value] : {std::pair{"width_mm", &place.width_mm},
-                                   {"height_mm", &place.height_mm},
-                                   {"distance_mm", &place.distance_mm}}) {
-    section.number(key, *value, 1e-3, longest_mm);
-    given = given || section.has(key);
-  }
-  for (const auto& [key, value] : {std::pair{"yaw_degrees", &place.turn.yaw},
-                                   {"pitch_degrees", &place.turn.pitch},
-                                   {"roll_degrees", &place.turn.roll}}) {
-    section.number(key, *value, -360.0, 360.0);
-    given = given || section.has(key);
-  }
-  for (const auto& [key, value] :
-       {std::pair{"offset_x_mm", &place.offset_x_mm}, {"offset_y_mm", &place.offset_y_mm}}) {
-    section.number(key, *value, -longest_mm, longest_mm);
-    given = given || section.has(key);
-  }
-  if (!given) return {};
-  for (const char* key : {"width_mm", "height_mm", "distance_mm"}) section.require(key);
-  return {place};
-}
-
 void read_monitor(ConfigSection section, SessionFile& session) {
   DrmMonitorOptions& monitor = session.monitor;
   bool is_window = false;
@@ -82,7 +56,8 @@ void read_monitor(ConfigSection section, SessionFile& session) {
   section.text("mode", monitor.mode);
   section.integer("width", monitor.width, 1, max_pixels);
   section.integer("height", monitor.height, 1, max_pixels);
-  session.placements = read_placement(section);
+  // Where the monitor stands, for relighting by environment maps: all of it may be left out.
+  if (MonitorPlacement place; read_placement(section, place)) session.placements = {place};
   if (is_window) {
     for (const char* key : {"card", "connector", "mode"})
       if (section.has(key))

@@ -21,7 +21,8 @@ namespace {
 std::string text_of(const toml::node& node) {
   std::ostringstream text;
   node.visit([&](const auto& value) { text << value; });
-  return text.str();
+  constexpr std::size_t max_length = 100;  // lists can hold thousands of numbers
+  return text.str().size() <= max_length ? text.str() : text.str().substr(0, max_length) + " ...";
 }
 
 std::string range_text(double low, double high) {
@@ -76,7 +77,7 @@ std::string unknown_name_text(const std::string& name, const std::vector<std::st
 void ConfigSection::fail(const std::string& key, const std::string& what) const {
   const toml::table& table = table_of(table_);
   const toml::node* node = table.get(key);
-  throw InputError(place(*file_, node ? *node : table) + "[" + name_ + "] " + key +
+  throw InputError(place(*file_, node ? *node : table) + (name_.empty() ? "" : "[" + name_ + "] ") + key +
                    (node ? " = " + text_of(*node) : std::string()) + ": " + what);
 }
 
@@ -112,11 +113,12 @@ void ConfigSection::flag(const std::string& key, bool& value) {
   value = *read;
 }
 
-void ConfigSection::text(const std::string& key, std::string& value) {
+void ConfigSection::text(const std::string& key, std::string& value, bool may_be_empty) {
   known_.insert(key);
   if (!has(key)) return;
   const auto read = table_of(table_).get(key)->value_exact<std::string>();
-  if (!read || read->empty()) fail(key, "give a string in quotes");
+  const bool is_text = read && read->find('\0') == std::string::npos;  // paths end at a zero
+  if (!is_text || (read->empty() && !may_be_empty)) fail(key, "give a string in quotes");
   value = *read;
 }
 
@@ -196,6 +198,30 @@ void ConfigSection::seconds(const std::string& key, Seconds& value, Seconds unit
   if (has(key)) value = number_of_units * unit;
 }
 
+std::string ConfigSection::path_of(const std::string& key) const {
+  return name_.empty() ? key : name_ + "." + key;
+}
+
+std::optional<ConfigSection> ConfigSection::table(const std::string& key) {
+  known_.insert(key);
+  if (!has(key)) return std::nullopt;
+  const std::string name = path_of(key);
+  if (const toml::table* found = table_of(table_).get(key)->as_table())
+    return ConfigSection(*file_, name, found);
+  fail(key, "give a table, [" + name + "]");
+}
+
+std::vector<ConfigSection> ConfigSection::tables(const std::string& key) {
+  known_.insert(key);
+  if (!has(key)) return {};
+  const std::string name = path_of(key);
+  if (!table_of(table_).get(key)->is_array_of_tables()) fail(key, "give tables, [[" + name + "]]");
+  std::vector<ConfigSection> result;
+  for (const toml::node& node : *table_of(table_).get(key)->as_array())
+    result.push_back({*file_, name, node.as_table()});
+  return result;
+}
+
 std::map<std::string, std::int64_t> ConfigSection::settings() {
   std::map<std::string, std::int64_t> result;
   for (const auto& [key, node] : table_of(table_)) {
@@ -252,6 +278,10 @@ void ConfigFile::check_names(std::initializer_list<const char*> known) const {
 
 bool ConfigFile::has(const std::string& name) const {
   return content_->root.contains(name);
+}
+
+ConfigSection ConfigFile::root() const {
+  return {path_, "", &content_->root};
 }
 
 ConfigSection ConfigFile::section(const std::string& name) const {

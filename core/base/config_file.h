@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -21,9 +22,9 @@ namespace refield {
 /// them.
 std::string unknown_name_text(const std::string& name, const std::vector<std::string>& known);
 
-/// One table of a TOML file that a person wrote. Values that are absent leave what they are read into as it
-/// is. Every error names file, line, table, key, value and remedy; keys that no one asked for are errors,
-/// too. All functions throw InputError.
+/// One table of a TOML file that a person may have written. Values that are absent leave what they are read
+/// into as it is. Every error names file, line, table, key, value and remedy; keys that no one asked for are
+/// errors, too. All functions throw InputError.
 class ConfigSection {
  public:
   static constexpr double unlimited = std::numeric_limits<double>::max();
@@ -36,7 +37,8 @@ class ConfigSection {
   void number(const std::string& key, double& value, double low, double high);
   void integer(const std::string& key, int& value, int low, int high);
   void flag(const std::string& key, bool& value);
-  void text(const std::string& key, std::string& value);
+  /// `may_be_empty`: accepts "".
+  void text(const std::string& key, std::string& value, bool may_be_empty = false);
   /// Three numbers.
   void triple(const std::string& key, std::array<double, 3>& value, double low, double high);
   void vector(const std::string& key, Eigen::Vector3d& value, double low = -1e6, double high = 1e6);
@@ -50,6 +52,10 @@ class ConfigSection {
   void integers(const std::string& key, std::vector<int>& value, int low, int high);
   /// Seconds from a number in units of `unit`.
   void seconds(const std::string& key, Seconds& value, Seconds unit, double low, double high);
+  /// The table under `key`, if there is one.
+  std::optional<ConfigSection> table(const std::string& key);
+  /// The array of tables under `key`; empty where there is none.
+  std::vector<ConfigSection> tables(const std::string& key);
   /// All keys of the table, each a whole number or true or false.
   std::map<std::string, std::int64_t> settings();
 
@@ -69,20 +75,37 @@ class ConfigSection {
     fail(key, "use one of " + names);
   }
 
-  /// Throws when the table holds a key that was not asked for.
+  /// One of `values`, by its name_of().
+  template <class Value>
+  void enumerator(const std::string& key, Value& value, std::initializer_list<Value> values) {
+    std::string name, names;
+    text(key, name);
+    if (name.empty()) return;
+    for (const Value candidate : values) {
+      if (name == name_of(candidate)) {
+        value = candidate;
+        return;
+      }
+      names += (names.empty() ? "" : ", ") + std::string(name_of(candidate));
+    }
+    fail(key, "use one of " + names);
+  }
+
+  /// Throws when the table holds a key that was not read.
   void finish() const;
 
  private:
   friend class ConfigFile;
   ConfigSection(const std::filesystem::path& file, std::string name, const void* table)
       : file_(&file), name_(std::move(name)), table_(table) {}
+  std::string path_of(const std::string& key) const;
   const std::filesystem::path* file_;
   std::string name_;
   const void* table_;  // the TOML library's
   std::set<std::string> known_;
 };
 
-/// A TOML file that a person wrote. Sections refer to it and must not outlive it.
+/// A TOML file that a person may have written. Sections refer to it and must not outlive it.
 class ConfigFile {
  public:
   /// `what` ("recipe", "session file") names the kind in messages, `manual` the page that describes it.
@@ -95,6 +118,8 @@ class ConfigFile {
   /// Throws InputError when the file holds another table or key; `known` are shown in that order.
   void check_names(std::initializer_list<const char*> known) const;
   bool has(const std::string& name) const;
+  /// Keys outside of all tables. check_names() says which there may be, so finish() is not called for it.
+  ConfigSection root() const;
   /// Throws InputError when there is none.
   ConfigSection section(const std::string& name) const;
   /// An empty one when there is none.

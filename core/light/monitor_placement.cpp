@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string_view>
 
+#include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/light/light_map.h"
 
@@ -71,6 +72,25 @@ void check_placements(std::span<const MonitorPlacement> monitors, const LightDom
                      std::to_string(domain.height) +
                      " texels high, which do not divide into as many equal windows");
   for (const MonitorPlacement& monitor : monitors) monitor.check(name);
+}
+
+bool read_placement(ConfigSection& section, MonitorPlacement& place) {
+  bool given = false;
+  const auto read = [&](const char* key, double& value, double low, double high) {
+    section.number(key, value, low, high);
+    given = given || section.has(key);
+  };
+  read("width_mm", place.width_mm, 1e-3, longest_mm);
+  read("height_mm", place.height_mm, 1e-3, longest_mm);
+  read("distance_mm", place.distance_mm, 1e-3, longest_mm);
+  read("yaw_degrees", place.turn.yaw, -360.0, 360.0);
+  read("pitch_degrees", place.turn.pitch, -360.0, 360.0);
+  read("roll_degrees", place.turn.roll, -360.0, 360.0);
+  read("offset_x_mm", place.offset_x_mm, -longest_mm, longest_mm);
+  read("offset_y_mm", place.offset_y_mm, -longest_mm, longest_mm);
+  if (!given) return false;
+  for (const char* key : {"width_mm", "height_mm", "distance_mm"}) section.require(key);
+  return true;
 }
 
 MonitorPlacement monitor_placement_from_text(const std::string& text) {

@@ -9,6 +9,7 @@
 
 namespace refield {
 
+class ConfigSection;
 struct LightDomain;
 
 /// Where a monitor stood, as seen from the scene. The scene's axes are those of light maps: +Y up, +Z level,
@@ -47,6 +48,10 @@ struct MonitorPlacement {
 /// placement is sound and the map's parameterisation and height fit their number; none fits always.
 void check_placements(std::span<const MonitorPlacement> monitors, const LightDomain& domain,
                       const std::string& name);
+
+/// Reads the keys width_mm … offset_y_mm of a table; false where there is none of them. Angles and offsets
+/// may be left out. Throws InputError.
+bool read_placement(ConfigSection& section, MonitorPlacement& place);
 
 /// From "520x320@600,yaw=90,pitch=5,roll=0,x=10,y=-20": width × height @ distance in mm, then turn in degrees
 /// and offsets in mm, all of which may be left out. Throws InputError that says so.

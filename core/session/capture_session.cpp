@@ -5,13 +5,11 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 #include <set>
 #include <sstream>
-#include <type_traits>
 #include <utility>
 
 #include "core/base/config_file.h"
@@ -28,60 +26,6 @@ namespace {
 constexpr const char* format_name = "refield capture session";
 constexpr int format_version = 1;
 
-FrameRole role_from_name(std::string_view name, const fs::path& manifest) {
-  for (auto role : {FrameRole::train, FrameRole::test, FrameRole::reference})
-    if (name == name_of(role)) return role;
-  throw FormatError(manifest, "unknown role '" + std::string(name) + "'; use train, test or reference");
-}
-
-Parameterisation parameterisation(std::string_view name, const fs::path& manifest) {
-  try {
-    return parameterisation_from_name(name);
-  } catch (const InputError& error) {
-    throw FormatError(manifest, error.what());
-  }
-}
-
-std::string line_of(const toml::node& node) {
-  return node.source().begin.line ? "line " + std::to_string(node.source().begin.line) + ": " : std::string();
-}
-
-/// A key that is ignored would be an option that silently does nothing.
-void check_keys(const toml::table& table, const std::string& where, const std::vector<std::string>& known,
-                const fs::path& manifest) {
-  for (const auto& [key, node] : table)
-    if (const std::string name(key.str()); std::ranges::find(known, name) == known.end())
-      throw FormatError(manifest, line_of(node) + where + "'" + name + "' " + unknown_name_text(name, known));
-}
-
-/// Whole numbers alone are taken as such: toml++ would convert others, and overflow where they are large.
-template <class T>
-std::optional<T> value_of(const toml::table& table, const char* key) {
-  if constexpr (std::is_same_v<T, int>) {
-    const auto value = table[key].value_exact<std::int64_t>();
-    return value && std::in_range<int>(*value) ? std::optional(static_cast<int>(*value)) : std::nullopt;
-  } else if constexpr (std::is_same_v<T, std::string>) {
-    const auto value = table[key].value_exact<std::string>();
-    return value && value->find('\0') == std::string::npos ? value : std::nullopt;
-  } else {
-    return table[key].value<T>();
-  }
-}
-
-template <class T>
-T required(const toml::table& table, const char* key, const fs::path& manifest) {
-  if (const auto value = value_of<T>(table, key)) return *value;
-  const toml::node* node = table.get(key);
-  throw FormatError(manifest, line_of(node ? *node : table) + "has no valid '" + std::string(key) + "'" +
-                                  (std::is_same_v<T, std::string> ? "; give a string in quotes" : ""));
-}
-
-void require_exists(const fs::path& path, const fs::path& manifest) {
-  if (!fs::is_regular_file(path))
-    throw InputError(path.string() + ": is missing, though " + manifest.string() +
-                     " lists it; restore the file, or resume the capture");
-}
-
 toml::array tables_of(const std::vector<MonitorPlacement>& monitors) {
   toml::array tables;
   for (const MonitorPlacement& m : monitors)
@@ -96,36 +40,52 @@ toml::array tables_of(const std::vector<MonitorPlacement>& monitors) {
   return tables;
 }
 
-/// [[light.monitor]]: angles and offsets that are left out are zero.
-std::vector<MonitorPlacement> monitors_of(const toml::table& light, const LightDomain& domain,
-                                          const fs::path& manifest) {
-  std::vector<MonitorPlacement> monitors;
-  const toml::node* given = light.get("monitor");
-  if (!given) return monitors;
-  if (!given->is_array_of_tables())
-    throw FormatError(manifest, "light.monitor is not an array of tables; write [[light.monitor]]");
-  for (const toml::node& node : *given->as_array()) {
-    const toml::table& table = *node.as_table();
-    check_keys(table, "[[light.monitor]] ",
-               {"width_mm", "height_mm", "distance_mm", "yaw_degrees", "pitch_degrees", "roll_degrees",
-                "offset_x_mm", "offset_y_mm"},
-               manifest);
-    const auto optional = [&](const char* key) {
-      return table.contains(key) ? required<double>(table, key, manifest) : 0.0;
-    };
-    monitors.push_back({required<double>(table, "width_mm", manifest),
-                        required<double>(table, "height_mm", manifest),
-                        required<double>(table, "distance_mm", manifest),
-                        {optional("yaw_degrees"), optional("pitch_degrees"), optional("roll_degrees")},
-                        optional("offset_x_mm"),
-                        optional("offset_y_mm")});
+constexpr int max_size = std::numeric_limits<int>::max();
+
+/// Throws InputError when the file under `key` is missing.
+fs::path existing_file(ConfigSection& section, const char* key, const fs::path& folder) {
+  std::string name;
+  section.text(key, name);
+  if (!fs::is_regular_file(folder / name))
+    section.fail(key, "this file of " + folder.string() + " is missing; restore it, or resume the capture");
+  return folder / name;
+}
+
+void read_camera_size(ConfigSection camera, CaptureSession& session) {
+  for (const char* key : {"width", "height"}) camera.require(key);
+  camera.integer("width", session.width, 1, max_size);
+  camera.integer("height", session.height, 1, max_size);
+  camera.finish();
+}
+
+void read_light_domain(ConfigSection light, CaptureSession& session) {
+  for (const char* key : {"width", "height", "parameterisation"}) light.require(key);
+  light.integer("width", session.light.width, 1, max_size);
+  light.integer("height", session.light.height, 1, max_size);
+  light.enumerator("parameterisation", session.light.parameterisation,
+                   {Parameterisation::monitor, Parameterisation::lat_long, Parameterisation::cube});
+  for (ConfigSection& table : light.tables("monitor")) {
+    table.require("width_mm");
+    read_placement(table, session.monitors.emplace_back());
+    table.finish();
   }
-  try {
-    check_placements(monitors, domain, "[[light.monitor]]");
-  } catch (const InputError& error) {
-    throw FormatError(manifest, error.what());
-  }
-  return monitors;
+  light.finish();
+  check_placements(session.monitors, session.light,
+                   (session.folder / session_manifest_name).string() + ": [[light.monitor]]");
+}
+
+CaptureFrame read_frame(ConfigSection& entry, const CaptureSession& session) {
+  for (const char* key : {"name", "role", "illumination", "observed"}) entry.require(key);
+  CaptureFrame frame;
+  entry.text("name", frame.name);
+  entry.enumerator("role", frame.role, {FrameRole::train, FrameRole::test, FrameRole::reference});
+  entry.text("kind", frame.kind, true);
+  frame.illumination = existing_file(entry, "illumination", session.folder);
+  frame.observed = existing_file(entry, "observed", session.folder);
+  frame.order = static_cast<double>(session.frames.size());
+  entry.number("order", frame.order, -ConfigSection::unlimited, ConfigSection::unlimited);
+  entry.finish();
+  return frame;
 }
 
 using FilesByKey = std::map<std::string, fs::path>;
@@ -231,64 +191,29 @@ CaptureSession read_capture_session(const fs::path& folder) {
     throw InputError(
         folder.string() + ": is not a capture session (no " + session_manifest_name +
         "); give a folder written by 'refield acquire' or 'refield simulate', or use --light and --observed");
-  toml::table table;
-  try {
-    table = toml::parse(read_text(manifest), manifest.string());
-  } catch (const toml::parse_error& error) {
-    throw FormatError(manifest, "line " + std::to_string(error.source().begin.line) + ": " +
-                                    std::string(error.description()));
-  }
-  if (table["format"].value_or(std::string()) != format_name)
-    throw FormatError(manifest, "is not the manifest of a capture session");
-  if (const int version = value_of<int>(table, "version").value_or(0); version != format_version)
-    throw FormatError(manifest, "has version " + std::to_string(version) + ", this program reads version " +
-                                    std::to_string(format_version));
-  const toml::table* camera = table["camera"].as_table();
-  const toml::table* light = table["light"].as_table();
-  const toml::array* frames = table["frame"].as_array();
-  if (!camera || !light || !frames) throw FormatError(manifest, "lacks [camera], [light] or [[frame]]");
-  check_keys(table, "", {"format", "version", "camera", "light", "frame", "ambient", "mask"}, manifest);
-  check_keys(*camera, "[camera] ", {"width", "height"}, manifest);
-  check_keys(*light, "[light] ", {"width", "height", "parameterisation", "monitor"}, manifest);
+  const ConfigFile file(manifest, "capture session", "docs/reference/capture-session-format.md");
+  ConfigSection root = file.root();
+  std::string format;
+  int version = 0;
+  root.text("format", format);
+  if (format != format_name) root.fail("format", "is not the manifest of a capture session");
+  root.integer("version", version, 0, max_size);
+  if (version != format_version)
+    root.fail("version", "this program reads version " + std::to_string(format_version));
+  file.check_names({"format", "version", "camera", "light", "frame", "ambient", "mask"});
 
   CaptureSession session;
   session.folder = folder;
-  session.width = required<int>(*camera, "width", manifest);
-  session.height = required<int>(*camera, "height", manifest);
-  session.light = {required<int>(*light, "width", manifest), required<int>(*light, "height", manifest),
-                   parameterisation(required<std::string>(*light, "parameterisation", manifest), manifest)};
-  if (session.width <= 0 || session.height <= 0 || session.light.width <= 0 || session.light.height <= 0)
-    throw FormatError(manifest, "states a width or height that is not above zero");
-  session.monitors = monitors_of(*light, session.light, manifest);
+  read_camera_size(file.section("camera"), session);
+  read_light_domain(file.section("light"), session);
   std::set<std::string> names;
-  for (const auto& node : *frames) {
-    const toml::table* entry = node.as_table();
-    if (!entry) throw FormatError(manifest, "a [[frame]] is not a table");
-    check_keys(*entry, "[[frame]] ", {"name", "role", "kind", "illumination", "observed", "order"}, manifest);
-    CaptureFrame frame;
-    frame.name = required<std::string>(*entry, "name", manifest);
-    frame.role = role_from_name(required<std::string>(*entry, "role", manifest), manifest);
-    if (entry->contains("kind")) frame.kind = required<std::string>(*entry, "kind", manifest);
-    frame.illumination = folder / required<std::string>(*entry, "illumination", manifest);
-    frame.observed = folder / required<std::string>(*entry, "observed", manifest);
-    frame.order = static_cast<double>(session.frames.size());
-    if (const toml::node* order = entry->get("order")) {
-      const auto number = order->value<double>();
-      if (!number || !std::isfinite(*number))
-        throw FormatError(manifest, "frame '" + frame.name + "': order is not a finite number");
-      frame.order = *number;
-    }
-    if (!names.insert(frame.name).second)
-      throw FormatError(manifest, "lists frame '" + frame.name + "' twice");
-    require_exists(frame.illumination, manifest);
-    require_exists(frame.observed, manifest);
-    session.frames.push_back(std::move(frame));
+  for (ConfigSection& entry : file.sections("frame")) {
+    session.frames.push_back(read_frame(entry, session));
+    if (!names.insert(session.frames.back().name).second)
+      entry.fail("name", "an earlier frame has this name; give each frame a name of its own");
   }
-  for (auto [key, slot] : {std::pair{"ambient", &session.ambient}, std::pair{"mask", &session.mask}})
-    if (table.contains(key)) {
-      *slot = folder / required<std::string>(table, key, manifest);
-      require_exists(**slot, manifest);
-    }
+  if (root.has("ambient")) session.ambient = existing_file(root, "ambient", folder);
+  if (root.has("mask")) session.mask = existing_file(root, "mask", folder);
   return session;
 }
 

@@ -61,8 +61,8 @@ inline constexpr const char* session_manifest_name = "session.toml";
 /// Writes folder/session.toml, atomically. Paths inside the folder are stored relative to it.
 void write_session_manifest(const CaptureSession& session);
 
-/// Reads a session. Throws FormatError for a broken manifest, InputError when a listed file is missing; the
-/// message names it. Image contents are not read.
+/// Reads a session. Throws InputError for a broken manifest or when a listed file is missing; the message
+/// names the line. Image contents are not read.
 CaptureSession read_capture_session(const std::filesystem::path& folder);
 
 /// Pairs the files of two patterns (or folders) by what their wildcards stood for, else, when no wildcard is

@@ -46,7 +46,7 @@ int check(const fs::path& folder, const fs::path& lights, int logs, char** names
   }
   const CaptureSession session = read_capture_session(folder);
   const MonitorCalibration monitor = read_monitor_calibration(folder / "calibration.toml");
-  const auto exposures = exposures_of_plan(read_text(folder / "plan.toml"), folder / "plan.toml");
+  const auto exposures = exposures_of_plan(folder / "plan.toml");
   std::size_t frames = 0, mispaired = 0, mixed = 0;
   for (const CaptureFrame& frame : session.frames) {
     const Image wanted = read_image(lights / (frame.name + ".exr"));
