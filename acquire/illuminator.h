@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/errors.h"
 #include "core/base/units.h"
 
 namespace refield {
@@ -14,6 +15,15 @@ struct DriveImage {
   int height = 0;
   std::vector<std::uint8_t> levels;
 };
+
+/// Throws InputError naming `display` when the pattern is not of that size.
+inline void require_size(const DriveImage& image, int width, int height, const std::string& display) {
+  if (image.width != width || image.height != height ||
+      image.levels.size() != std::size_t{3} * width * height)
+    throw InputError(display + ": a pattern of " + std::to_string(image.width) + "×" +
+                     std::to_string(image.height) + " does not fit the " + std::to_string(width) + "×" +
+                     std::to_string(height) + " texels of the configured light maps");
+}
 
 struct IlluminatorDescription {
   std::string name;

@@ -77,11 +77,7 @@ int DrmMonitor::pixels_per_texel() const {
 
 TimePoint DrmMonitor::show(const DriveImage& image) {
   State& state = *state_;
-  if (image.width != state.width || image.height != state.height ||
-      image.levels.size() != std::size_t{3} * state.width * state.height)
-    throw InputError(state.connector.name + ": a pattern of " + std::to_string(image.width) + "×" +
-                     std::to_string(image.height) + " does not fit the " + std::to_string(state.width) + "×" +
-                     std::to_string(state.height) + " texels of the configured light maps");
+  require_size(image, state.width, state.height, state.connector.name);
   state.device.require_monitor();
   state.draw(image, state.buffers[state.back]);
   const TimePoint flipped = state.device.flip(state.buffers[state.back]);

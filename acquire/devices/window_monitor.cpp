@@ -224,11 +224,7 @@ std::vector<WindowKey> WindowMonitor::keys() {
 
 TimePoint WindowMonitor::show(const DriveImage& image) {
   State& state = *state_;
-  if (image.width != state.width || image.height != state.height ||
-      image.levels.size() != std::size_t{3} * state.width * state.height)
-    throw InputError(state.display.name + ": a pattern of " + std::to_string(image.width) + "×" +
-                     std::to_string(image.height) + " does not fit the " + std::to_string(state.width) + "×" +
-                     std::to_string(state.height) + " texels of the configured light maps");
+  require_size(image, state.width, state.height, state.display.name);
   state.handle_events();
   state.set_pattern(image);
   // Twice: the first swap may only queue the picture behind the one on screen; the second returns once that

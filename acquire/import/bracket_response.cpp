@@ -343,6 +343,45 @@ std::string name_of_response(const BracketCamera& camera, int bits) {
   return bits == 8 ? "the sRGB curve" : "a linear response";
 }
 
+constexpr const char* unconfirmed_curve =
+    "8-bit files with one exposure per view are taken to have the sRGB curve, which one exposure cannot "
+    "confirm; "
+    "a camera's contrast curve makes errors of 20 % and more. Photograph brackets, or give the camera's "
+    "curve "
+    "with --response (docs/guide/import.md)";
+constexpr const char* check_exposures_text = "; check --exposures, ISO speed and aperture";
+
+/// What to check when exposures contradict a response that is known.
+const char* remedy_without_curve(const BracketSamples& bracket) {
+  return bracket.bits == 0 || bracket.is_sensor
+             ? "; check exposure times, black level, movement and flicker"
+             : "; leave --response and --black out, or estimate the curve with 'refield acquire calibrate "
+               "--from-photographs'; check also exposure times, movement and flicker";
+}
+
+/// Estimates the response and gives it to the camera where the exposures agree with it. Returns what to note;
+/// `wrong` says what the exposures contradict, `bends` that they contradict the response's shape.
+std::string estimate_curve(std::span<const BracketSamples> brackets, const std::string& wrong, bool bends,
+                           BracketCamera& camera) {
+  BracketCamera estimated = camera;
+  try {
+    estimated.curve = estimate_response(brackets).linear_from_dn;
+  } catch (const InputError& error) {
+    return wrong + ", as if by a contrast curve of the camera's, and " + error.what();
+  }
+  std::size_t worst = 0;
+  const ExposureAgreement agreement = worst_agreement(brackets, estimated, worst);
+  if (!bends && std::abs(agreement.factor - 1.0) > tolerated_factor) return wrong + check_exposures_text;
+  if (agreement.spread > tolerated_spread)
+    return wrong + ", and no response curve brings them nearer than " + percent(agreement.spread) +
+           "; check exposure times, automatic white balance, local contrast, movement and flicker";
+  camera.curve = std::move(estimated.curve);
+  return wrong + ": the camera applies a contrast curve of its own. Its response was estimated from " +
+         std::to_string(brackets.size()) + (brackets.size() == 1 ? " bracket" : " brackets") +
+         ", and the exposures now agree to " + percent(agreement.spread) +
+         "; --response overrules the estimate";
+}
+
 }  // namespace
 
 BracketSamples samples_of(const Bracket& bracket) {
@@ -459,7 +498,6 @@ ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
 }
 
 std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera) {
-  std::vector<std::string> notes;
   for (const BracketSamples& bracket : brackets) require_brighter_with_time(bracket, camera);
   const BracketSamples& first = brackets.front();
   const bool assumed = camera.response.empty() && !first.is_sensor && first.bits > 0;
@@ -467,59 +505,22 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
     return bracket.seconds.back() >= another_exposure * bracket.seconds.front();
   });
   if (!several) {
-    if (assumed && first.bits == 8)
-      notes.emplace_back(
-          "8-bit files with one exposure per view are taken to have the sRGB curve, which one exposure "
-          "cannot "
-          "confirm; a camera's contrast curve makes errors of 20 % and more. Photograph brackets, or give "
-          "the camera's curve with --response (docs/guide/import.md)");
-    return notes;
+    if (assumed && first.bits == 8) return {unconfirmed_curve};
+    return {};
   }
   std::size_t worst = 0;
-  const ExposureAgreement before = worst_agreement(brackets, camera, worst);
-  const bool bends = before.spread > tolerated_spread;
-  const bool off = std::abs(before.factor - 1.0) > tolerated_factor;
-  if (!bends && !off) return notes;
-  const std::string off_by = off ? factor_text(brackets[worst], before) : std::string();
-  const bool may_be_a_curve = assumed && !camera.black;
-  if (!bends && !(may_be_a_curve && is_contrast(brackets[worst], before))) {
-    notes.push_back(off_by + "; check --exposures, ISO speed and aperture");
-    return notes;
-  }
+  const ExposureAgreement agreement = worst_agreement(brackets, camera, worst);
+  const bool bends = agreement.spread > tolerated_spread;
+  const bool off = std::abs(agreement.factor - 1.0) > tolerated_factor;
+  if (!bends && !off) return {};
   const std::string wrong = bends ? "the exposures contradict " + name_of_response(camera, first.bits) +
-                                        " by " + percent(before.spread)
-                                  : off_by;
-  if (!may_be_a_curve) {
-    notes.push_back(wrong +
-                    (first.bits == 0 || first.is_sensor
-                         ? "; check exposure times, black level, movement and flicker"
-                         : "; leave --response and --black out, or estimate the curve with 'refield acquire "
-                           "calibrate --from-photographs'; check also exposure times, movement and flicker"));
-    return notes;
-  }
-  BracketCamera estimated = camera;
-  try {
-    estimated.curve = estimate_response(brackets).linear_from_dn;
-  } catch (const InputError& error) {
-    notes.push_back(wrong + ", as if by a contrast curve of the camera's, and " + error.what());
-    return notes;
-  }
-  const ExposureAgreement after = worst_agreement(brackets, estimated, worst);
-  if (!bends && std::abs(after.factor - 1.0) > tolerated_factor) {
-    notes.push_back(off_by + "; check --exposures, ISO speed and aperture");
-    return notes;
-  }
-  if (after.spread > tolerated_spread) {
-    notes.push_back(wrong + ", and no response curve brings them nearer than " + percent(after.spread) +
-                    "; check exposure times, automatic white balance, local contrast, movement and flicker");
-    return notes;
-  }
-  camera.curve = std::move(estimated.curve);
-  notes.push_back(
-      wrong + ": the camera applies a contrast curve of its own. Its response was estimated from " +
-      std::to_string(brackets.size()) + (brackets.size() == 1 ? " bracket" : " brackets") +
-      ", and the exposures now agree to " + percent(after.spread) + "; --response overrules the estimate");
-  return notes;
+                                        " by " + percent(agreement.spread)
+                                  : factor_text(brackets[worst], agreement);
+  const bool may_be_a_curve = assumed && !camera.black;
+  if (!bends && !(may_be_a_curve && is_contrast(brackets[worst], agreement)))
+    return {wrong + check_exposures_text};
+  if (!may_be_a_curve) return {wrong + remedy_without_curve(first)};
+  return {estimate_curve(brackets, wrong, bends, camera)};
 }
 
 }  // namespace refield

@@ -285,11 +285,7 @@ struct VirtualRig::State {
 
   TimePoint show(const DriveImage& image) {
     const LightDomain& domain = transport.basis.domain;
-    const std::size_t levels = std::size_t{3} * domain.width * domain.height;
-    if (image.width != domain.width || image.height != domain.height || image.levels.size() != levels)
-      throw InputError("virtual monitor: a pattern of " + std::to_string(image.width) + "×" +
-                       std::to_string(image.height) + " does not fit its " + std::to_string(domain.width) +
-                       "×" + std::to_string(domain.height) + " texels");
+    require_size(image, domain.width, domain.height, "virtual monitor");
     // Waiting for the frame in progress keeps the time from the flip to the next frame the same, whatever was
     // before.
     now = next_tick(std::max({now, camera_ready, last_flip + Nanoseconds(1)}), period(), {});
