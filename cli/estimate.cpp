@@ -70,10 +70,14 @@ RowRange rows_from_text(const std::string& text, const CaptureSession& session) 
 }
 
 nlohmann::ordered_json plan_figures(const EstimateArguments& arguments, const EstimatePlan& plan) {
-  return {
-      {"mode", arguments.mode},        {"kernels", arguments.options.kernels},       {"images", plan.images},
-      {"threads", plan.threads},       {"rows", {plan.rows.first, plan.rows.last}},  {"bands", plan.bands},
-      {"rows_a_band", plan.band_rows}, {"estimated_memory_bytes", plan.memory_bytes}};
+  return {{"mode", arguments.mode},
+          {"kernels", arguments.options.kernels},
+          {"images", plan.images},
+          {"threads", plan.threads},
+          {"rows", {plan.rows.first, plan.rows.last}},
+          {"bands", plan.bands},
+          {"rows_per_band", plan.band_rows},
+          {"estimated_memory_bytes", plan.memory_bytes}};
 }
 
 /// What was found about the frames, for the log.

@@ -81,7 +81,7 @@ ordered_json describe(const TransferTiles& tiles) {
 ordered_json describe(const OutputMesh& mesh) {
   return {{"vertices", mesh.positions.size()},
           {"triangles", mesh.triangles.size()},
-          {"outputs_a_vertex", mesh.outputs() / std::max<std::size_t>(1, mesh.positions.size())}};
+          {"outputs_per_vertex", mesh.outputs() / std::max<std::size_t>(1, mesh.positions.size())}};
 }
 
 ordered_json provenance_of(const FieldOutline& field) {
@@ -126,7 +126,7 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
                     {"kernels",
                      {{"allowed", kernels.kernels},
                       {"stored", kernels.stored},
-                      {"mean_a_pixel", kernels.mean_stored},
+                      {"mean_per_pixel", kernels.mean_stored},
                       {"nonzero_percent", 100.0 * kernels.nonzero_share},
                       {"percent_for_99_percent_of_energy", 100.0 * kernels.share_of_99_percent},
                       {"percent_for_95_percent_of_energy", 100.0 * kernels.share_of_95_percent},
@@ -143,7 +143,7 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
       }
     info["predicted_error"] = {{"median", quantile(predicted, 0.5)},
                                {"percentile_90", quantile(predicted, 0.9)},
-                               {"of_it_noise_of_the_photographs_median", quantile(noise, 0.5)}};
+                               {"photograph_noise_median", quantile(noise, 0.5)}};
     if (const LearningCurve curve(field.quality.learning_curve, quantile(noise, 0.5)); curve.known())
       info["more_images"] = curve.advice();
   }

@@ -28,10 +28,10 @@ struct PackOptions {
   double error = 1e-3;
 };
 
-ordered_json figures_of(const PackCost& cost, double asked) {
+ordered_json figures_of(const PackCost& cost, double max_error) {
   ordered_json by_kind = ordered_json::object();
   for (const auto& error : cost.errors) by_kind[error.kind] = error.relative_rmse;
-  return {{"error_asked", asked},     {"error", cost.worst_error()}, {"error_by_kind_of_light", by_kind},
+  return {{"max_error", max_error},   {"error", cost.worst_error()}, {"error_by_kind_of_light", by_kind},
           {"weight_bits", cost.bits}, {"weights", cost.entries},     {"pruned", cost.pruned}};
 }
 
@@ -51,7 +51,7 @@ void print(const fs::path& output, const ordered_json& figures) {
               100.0 * figures["pruned"].get<double>() / std::max(1.0, figures["weights"].get<double>()),
               figures["weights"].get<double>());
   std::printf("error against the full field (relative RMSE), maximum %.1e:\n",
-              figures["error_asked"].get<double>());
+              figures["max_error"].get<double>());
   for (const auto& [kind, error] : figures["error_by_kind_of_light"].items())
     std::printf("  %-8s %.2e\n", kind.c_str(), error.get<double>());
 }

@@ -117,7 +117,7 @@ namespace {
 constexpr std::uint64_t max_table_bytes = 192ull << 20;
 constexpr int sampled_bands = 4;
 constexpr int sampled_rows = 16;  ///< rows of a band: the side of a tile, and of an EXR file's block of rows
-constexpr double seconds_a_band = 0.5;
+constexpr double seconds_per_band = 0.5;
 
 using Clock = std::chrono::steady_clock;
 
@@ -193,7 +193,7 @@ struct FitSample {
     const int batch = std::min(tiles, 2 * thread_count(options));
     const int batches = (tiles + batch - 1) / batch;
     const auto start = Clock::now();
-    for (int b = 0; b < batches && seconds_since(start) < seconds_a_band; ++b) {
+    for (int b = 0; b < batches && seconds_since(start) < seconds_per_band; ++b) {
       Mask chosen(static_cast<std::size_t>(width) * job.session.height, 0);
       int count = 0;
       for (int y = rows.first; y < rows.last; ++y)

@@ -247,10 +247,11 @@ Image in_double(const refield::LightMap& light, const refield::ReflectanceField&
   return image;
 }
 
-void report(benchmark::State& state, std::size_t bytes_a_frame, const Image& image, const Image& reference) {
-  state.SetBytesProcessed(state.iterations() * static_cast<std::int64_t>(bytes_a_frame));
-  state.counters["MB_a_frame"] = static_cast<double>(bytes_a_frame) / 1e6;
-  state.counters["frames_a_second"] =
+void report(benchmark::State& state, std::size_t bytes_per_frame, const Image& image,
+            const Image& reference) {
+  state.SetBytesProcessed(state.iterations() * static_cast<std::int64_t>(bytes_per_frame));
+  state.counters["MB_per_frame"] = static_cast<double>(bytes_per_frame) / 1e6;
+  state.counters["frames_per_second"] =
       benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
   state.counters["relative_rmse"] = relative_rmse(image, reference);
 }
@@ -277,7 +278,7 @@ void Whole(benchmark::State& state, GiveField field, refield::RelightPrecision p
   std::size_t frame = 0;
   const Image* image = nullptr;
   for (auto _ : state) image = &relighter.relight(lights[frame++ % 2]);
-  report(state, relighter.bytes_a_frame(), *image, in_double(lights[(frame - 1) % 2], field()));
+  report(state, relighter.bytes_per_frame(), *image, in_double(lights[(frame - 1) % 2], field()));
 }
 BENCHMARK_CAPTURE(Whole, fast, the_field, refield::RelightPrecision::fast)
     ->Unit(benchmark::kMillisecond)
@@ -312,7 +313,7 @@ void RotatedEnvironment(benchmark::State& state) {
     tone_map_rgba(*image, tones, rgba);
   }
   state.counters["limit_ms"] =
-      static_cast<double>(relighter.bytes_a_frame() + rgba.size()) / refield::bench::read_rate() * 1e3;
+      static_cast<double>(relighter.bytes_per_frame() + rgba.size()) / refield::bench::read_rate() * 1e3;
   const Image shown = *image;
   state.counters["relative_rmse"] =
       relative_rmse(shown, relighter.relight(projector.project_exactly(environment.map(), turn).light));
@@ -463,7 +464,7 @@ BENCHMARK(DenseBlas)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 /// What comes before the first frame.
 void LayOut(benchmark::State& state) {
-  for (auto _ : state) benchmark::DoNotOptimize(refield::Relighter(the_field()).bytes_a_frame());
+  for (auto _ : state) benchmark::DoNotOptimize(refield::Relighter(the_field()).bytes_per_frame());
 }
 BENCHMARK(LayOut)->Unit(benchmark::kMillisecond)->UseRealTime();
 

@@ -121,7 +121,7 @@ def draw_chart(rows, output):
     lights = [name for name in ("natural", "bar", "square", "white") if name in rows[0]]
     most = max(int(row["images"]) for row in rows)
     figures = (("time", "Error and estimation time", "estimation time in seconds, including file reading", "seconds"),
-               ("size", "Error and size", "bytes per pixel", "bytes_a_pixel"),
+               ("size", "Error and size", "bytes per pixel", "bytes_per_pixel"),
                ("images", "Error and number of images", "training images", "images"),
                ("relighting", "Error and relighting time", "relighting time in ms per frame", "relight_ms"))
     for name, title, x_label, column in figures:

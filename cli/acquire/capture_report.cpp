@@ -34,22 +34,22 @@ ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) 
                           {"frames_lost", summary.discarded.lost},
                           {"seconds", summary.seconds}};
   if (until && until->last().images > 0)
-    figures["until_error"] = {{"asked", until->asked()},
+    figures["until_error"] = {{"target", until->target()},
                               {"reached", until->reached()},
                               {"predicted", until->last().predicted},
                               {"photograph_noise", until->last().noise},
                               {"images", until->last().images},
-                              {"images_that_would_do", until->images_for()}};
+                              {"images_needed", until->images_for()}};
   return figures;
 }
 
 void print(const UntilError& until, const CaptureSummary& summary) {
   if (until.last().images == 0) return;
   std::printf("predicted error %.2f %% after %d images, target %.2f %%: ", 100.0 * until.last().predicted,
-              until.last().images, 100.0 * until.asked());
+              until.last().images, 100.0 * until.target());
   if (until.reached())
     std::printf("reached, %zu lights skipped\n", summary.left_out);
-  else if (until.last().noise > until.asked())
+  else if (until.last().noise > until.target())
     std::printf(
         "not reachable because the noise of the photographs is %.2f %%; take more frames per exposure\n",
         100.0 * until.last().noise);

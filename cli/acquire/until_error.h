@@ -25,7 +25,7 @@ class UntilError {
   /// Makes `request` ask this rule, which must outlive the capture.
   void attach(CaptureRequest& request);
   bool reached() const { return reached_; }
-  double asked() const { return error_; }
+  double target() const { return error_; }
   const FollowedError& last() const { return last_; }
   int images_for() const { return follower_.images_for(error_); }
 

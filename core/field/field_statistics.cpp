@@ -103,7 +103,7 @@ std::uint64_t count_for_share(const std::vector<float>& energies, double total, 
 
 }  // namespace
 
-KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_pixel) {
+KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_per_pixel) {
   const SparseTransfer& transfer = field.transfer;
   KernelStatistics statistics;
   statistics.stored = transfer.entries();
@@ -116,7 +116,7 @@ KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_
   }
   if (statistics.pixels == 0) return statistics;
   const std::uint64_t most = statistics.histogram.size() - 1;
-  statistics.kernels = statistics.pixels * std::max<std::uint64_t>(most, std::max(kernels_a_pixel, 0));
+  statistics.kernels = statistics.pixels * std::max<std::uint64_t>(most, std::max(kernels_per_pixel, 0));
   statistics.mean_stored = static_cast<double>(statistics.stored) / static_cast<double>(statistics.pixels);
 
   std::vector<double> areas(field.basis.size());

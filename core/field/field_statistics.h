@@ -50,9 +50,9 @@ struct KernelStatistics {
   std::vector<std::uint64_t> histogram;
 };
 
-/// `kernels_a_pixel` is the cap that the field was estimated with: estimation drops kernels of weight zero,
+/// `kernels_per_pixel` is the cap that the field was estimated with: estimation drops kernels of weight zero,
 /// so the field alone does not tell how many there were. 0: the most that any pixel has. Source: Matusik et
 /// al. 2004, table 1.
-KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_a_pixel = 0);
+KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_per_pixel = 0);
 
 }  // namespace refield

@@ -42,7 +42,7 @@ std::vector<double> last_errors(const std::string& path) {
   std::getline(csv, line);
   EXPECT_EQ(
       line,
-      "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_area_lights_ms,"
+      "method,setting,kernels,weights_per_vertex,megabytes,precompute_seconds,relight_ms,two_area_lights_ms,"
       "median_error,sky");
   std::vector<double> errors;
   while (std::getline(csv, line)) errors.push_back(std::stod(line.substr(line.rfind(',') + 1)));

@@ -15,7 +15,7 @@ namespace refield::chart {
 namespace {
 
 constexpr const char* first_columns =
-    "method,setting,images,seconds,relight_ms,bytes_a_pixel,functions_a_pixel";
+    "method,setting,images,seconds,relight_ms,bytes_per_pixel,functions_per_pixel";
 constexpr std::size_t first_column_count = 7;
 
 /// Six significant digits, whatever the locale; empty for what is not known.

@@ -35,12 +35,12 @@ Eigen::Vector3f random_place(const std::optional<Eigen::Vector3f>& front, const 
 /// Evenly over a square area light.
 std::vector<Eigen::Vector3f> points_of(const Eigen::Vector3f& middle, const Eigen::Vector3f& facing,
                                        float side) {
-  constexpr int points_a_side = 8;
+  constexpr int points_per_side = 8;
   const Eigen::Vector3f along = facing.unitOrthogonal(), across = facing.cross(along);
-  const auto at = [side](int k) { return side * ((static_cast<float>(k) + 0.5f) / points_a_side - 0.5f); };
+  const auto at = [side](int k) { return side * ((static_cast<float>(k) + 0.5f) / points_per_side - 0.5f); };
   std::vector<Eigen::Vector3f> points;
-  for (int j = 0; j < points_a_side; ++j)
-    for (int i = 0; i < points_a_side; ++i) points.push_back(middle + at(i) * along + at(j) * across);
+  for (int j = 0; j < points_per_side; ++j)
+    for (int i = 0; i < points_per_side; ++i) points.push_back(middle + at(i) * along + at(j) * across);
   return points;
 }
 

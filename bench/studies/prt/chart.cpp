@@ -95,9 +95,9 @@ struct Row {
 
 std::string csv(const std::vector<Row>& rows, const std::vector<ChartLight>& lights) {
   std::ostringstream text;
-  text
-      << "method,setting,kernels,weights_a_vertex,megabytes,precompute_seconds,relight_ms,two_area_lights_ms,"
-         "median_error";
+  text << "method,setting,kernels,weights_per_vertex,megabytes,precompute_seconds,relight_ms,two_area_lights_"
+          "ms,"
+          "median_error";
   for (const ChartLight& light : lights) text << ',' << light.name;
   text << '\n';
   for (const Row& row : rows) {
