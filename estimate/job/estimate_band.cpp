@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "core/base/run_context.h"
-#include "estimate/fit/spatial_correction.h"
 
 namespace refield {
 
