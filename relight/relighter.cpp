@@ -199,7 +199,7 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   return image_;
 }
 
-std::size_t Relighter::bytes_a_frame() const {
+std::size_t Relighter::bytes_per_frame() const {
   const auto texels = static_cast<std::size_t>(domain_.width) * domain_.height;
   const std::size_t table = double_sums_ ? 3 * sizeof(double) : 4 * sizeof(std::int32_t);
   return std::visit([](const auto& transfer) { return transfer.bytes(); }, *transfer_) +

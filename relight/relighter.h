@@ -60,7 +60,7 @@ class Relighter {
   const TransferTiles& transfer() const { return *transfer_; }
 
   /// Bytes that one call of relight() reads and writes at least: transfer, table, light and image.
-  std::size_t bytes_a_frame() const;
+  std::size_t bytes_per_frame() const;
 
  private:
   /// Without a transfer yet.
