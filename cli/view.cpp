@@ -52,7 +52,7 @@ void add_view(CLI::App& app, const Common&, Action& action) {
       "  refield view scene.rfield --light sky.exr\n"
       "  refield view datasets_synthetic/dynamic/room.toml");
   verb->add_option("scene", options->shown,
-                   "Reflectance field (.rfield) or dynamic scene (.toml, docs/reference/mesh-scenes.md)")
+                   "Reflectance field (.rfield) or dynamic scene (.toml, docs/reference/scene-files.md)")
       ->required();
   verb->add_option("--light", options->light,
                    "Initial light map (EXR, HDR: linear; PNG, JPEG: sRGB; default: white)");

@@ -29,7 +29,7 @@ RelativeMap map_of(const Falloff& falloff) {
 }
 
 /// What a calibration of the virtual camera would find out.
-CameraCalibration calibration_of(const SensorModel& sensor, const CameraInScene& place, double gain) {
+CameraCalibration calibration_of(const SensorModel& sensor, const SceneCamera& place, double gain) {
   CameraCalibration camera;
   camera.bits = sensor.bits;
   camera.linear_from_dn = sensor.response_gamma == 1.0 ? linear_response(sensor.bits)

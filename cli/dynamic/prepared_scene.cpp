@@ -100,25 +100,26 @@ Image PreparedScene::reflected_picture() {
 
 Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
                                     const dynamic::ReferenceOptions& options) const {
-  std::vector<dynamic::VertexOf> vertices;
+  const std::vector<dynamic::Pose> poses = scene_.poses(time);
+  std::vector<dynamic::PathStart> starts;
   for (std::uint32_t o = 0; o < scene_.objects.size(); ++o)
-    for (std::uint32_t v = 0; v < scene_.objects[o].mesh.positions.size(); ++v) vertices.push_back({o, v});
-  std::vector<Eigen::Array3f> radiance(vertices.size(), Eigen::Array3f::Zero());
-  for (const auto& bounce : reference(time, vertices, camera.position, options))
+    for (std::uint32_t v = 0; v < scene_.objects[o].mesh.positions.size(); ++v)
+      starts.push_back(path_start(scene_, poses, o, v, camera.position));
+  std::vector<Eigen::Array3f> radiance(starts.size(), Eigen::Array3f::Zero());
+  for (const auto& bounce : reference(time, starts, options))
     for (std::size_t v = 0; v < radiance.size(); ++v) radiance[v] += bounce[v];
   const Mesh area_lights = scene_.lights.at(time);
-  const Mesh all = mesh_with_area_lights(scene_, scene_.poses(time), area_lights);
+  const Mesh all = mesh_with_area_lights(scene_, poses, area_lights);
   return MeshView(all, camera).show(radiance_with_area_lights(std::move(radiance), area_lights));
 }
 
 std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
-    double time, std::span<const dynamic::VertexOf> vertices, const Eigen::Vector3f& eye,
-    const dynamic::ReferenceOptions& options) const {
+    double time, std::span<const dynamic::PathStart> starts, const dynamic::ReferenceOptions& options) const {
   const std::vector<dynamic::Pose> poses = scene_.poses(time);
   dynamic::SceneRays rays(rays_);
   rays.move(poses);
   const auto area_lights = dynamic::area_points(scene_.lights.at(time), reference_area_light_points);
-  return trace_bounces(scene_, rays, poses, area_lights, vertices, eye, options, run_context());
+  return trace_bounces(scene_, rays, poses, {.area_lights = area_lights}, starts, options, run_context());
 }
 
 PinholeCamera camera_of(const dynamic::DynamicScene& scene) {
@@ -143,7 +144,7 @@ Mesh handled_area_lights(const prt::AreaLights& lights, double time, std::span<c
     const prt::AreaLight& light = lights.lights[i];
     Mesh shape = light.shape;
     for (Eigen::Array3f& colour : shape.colours) colour *= static_cast<float>(handling[i].gain);
-    Eigen::Isometry3f pose = light.pose(light.position(time) + handling[i].shift);
+    Eigen::Isometry3f pose = light.pose(light.motion.position(time) + handling[i].shift);
     if (!light.towards) pose = handled(pose, {.turn_degrees = handling[i].turn_degrees});
     prt::append(shape, pose, all);
   }
@@ -173,7 +174,7 @@ SceneThing thing_of(const dynamic::MovingObject& object) {
 SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t count) {
   return {.name = count == 1 ? "area light" : "area light " + std::to_string(number + 1),
           .is_area_light = true,
-          .moves = light.path.size() > 1,
+          .moves = light.motion.path.size() > 1,
           .can_turn = !light.towards};
 }
 
@@ -202,7 +203,7 @@ MovingScene read_moving_scene(const std::filesystem::path& path) {
     const dynamic::DynamicScene& described = prepared->scene();
     const std::size_t objects = described.objects.size();
     return thing < objects ? described.objects[thing].motion.at(time).translation()
-                           : described.lights.lights[thing - objects].position(time);
+                           : described.lights.lights[thing - objects].motion.position(time);
   };
   moving.light = [prepared, first](const SceneMoment& moment, SceneFrame& frame) {
     light_moment(*prepared, moment, frame);

@@ -45,8 +45,7 @@ class PreparedScene {
   Image traced_picture(double time, const PinholeCamera& camera,
                        const dynamic::ReferenceOptions& options) const;
   /// References for vertices at a time, by bounce.
-  std::vector<std::vector<Eigen::Array3f>> reference(double time, std::span<const dynamic::VertexOf> vertices,
-                                                     const Eigen::Vector3f& eye,
+  std::vector<std::vector<Eigen::Array3f>> reference(double time, std::span<const dynamic::PathStart> starts,
                                                      const dynamic::ReferenceOptions& options) const;
 
  private:
@@ -63,7 +62,7 @@ class PreparedScene {
 /// The scene's camera, or one that sees all of it from in front.
 PinholeCamera camera_of(const dynamic::DynamicScene& scene);
 
-/// A description of a moving scene (TOML, docs/reference/mesh-scenes.md) with all that is precomputed, for
+/// A description of a moving scene (TOML, docs/reference/scene-files.md) with all that is precomputed, for
 /// the viewer. Throws what read_dynamic_scene() throws, and Interrupted.
 MovingScene read_moving_scene(const std::filesystem::path& path);
 

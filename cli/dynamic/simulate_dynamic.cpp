@@ -71,7 +71,7 @@ void draw_facing(const dynamic::DynamicScene& scene, FrameReference& drawn) {
     const Mesh& mesh = scene.objects[o].mesh;
     for (std::uint32_t v = 0; v < mesh.positions.size(); ++v, ++number) {
       if ((poses[o].linear() * mesh.normals[v]).dot(eye - poses[o] * mesh.positions[v]) <= 0.0f) continue;
-      facing.vertices.push_back({o, v});
+      facing.vertices.push_back(path_start(scene, poses, o, v, eye));
       facing.number.push_back(number);
     }
   }
@@ -92,8 +92,7 @@ FrameReference frame_reference(const PreparedScene& scene, double time, int boun
   reference.time = time;
   reference.camera = camera_of(scene.scene());
   draw_facing(scene.scene(), reference);
-  reference.bounces = scene.reference(time, reference.vertices, reference.camera.position,
-                                      {.paths = paths, .bounces = bounces});
+  reference.bounces = scene.reference(time, reference.vertices, {.paths = paths, .bounces = bounces});
   return reference;
 }
 
@@ -417,13 +416,13 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       "\n"
       "Includes diffuse and glossy interreflection between the objects. Precomputed data are stored in "
       "~/.cache/refield for later runs; set REFIELD_CACHE=off in the environment to disable this. "
-      "docs/reference/mesh-scenes.md describes the scene format, docs/method/dynamic.md the method.\n"
+      "docs/reference/scene-files.md describes the scene format, docs/method/dynamic.md the method.\n"
       "\n"
       "Examples:\n"
       "  refield simulate dynamic datasets_synthetic/dynamic/rabbit.toml -o rabbit.mp4\n"
       "  refield simulate dynamic scene.toml --time 1.5 -o picture.png\n"
       "  refield simulate dynamic scene.toml --measure --reference 1024");
-  verb->add_option("scene", arguments->scene, "Scene (.toml, docs/reference/mesh-scenes.md)")->required();
+  verb->add_option("scene", arguments->scene, "Scene (.toml, docs/reference/scene-files.md)")->required();
   verb->add_option("-o,--output", arguments->output,
                    "Video (.mp4), one image (.png, .exr; see --time), or a folder of images");
   verb->add_option("--time", arguments->time,

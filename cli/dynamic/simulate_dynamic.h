@@ -20,8 +20,8 @@ FrameTimes measure_frames(PreparedScene& scene, const dynamic::FrameOptions& opt
 struct FrameReference {
   double time = 0.0;
   PinholeCamera camera;
-  std::vector<dynamic::VertexOf> vertices;  ///< up to 500 that face the camera, drawn evenly by a fixed seed
-  std::vector<std::size_t> number;          ///< [vertices], in all of the scene's
+  std::vector<dynamic::PathStart> vertices;  ///< up to 500 that face the camera, drawn evenly by a fixed seed
+  std::vector<std::size_t> number;           ///< [vertices], in all of the scene's
   std::vector<std::vector<Eigen::Array3f>> bounces;  ///< [bounces + 1][vertices], radiance to the camera
 };
 FrameReference frame_reference(const PreparedScene& scene, double time, int bounces, int paths);

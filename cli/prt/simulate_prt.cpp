@@ -191,7 +191,7 @@ void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
                          "  refield simulate prt scene.toml --image -o glossy.rfield\n"
                          "  refield simulate prt bunny.ply --method sh --order 5 -o bunny.rfield");
   verb->add_option("scene", arguments->scene,
-                   "Scene (.toml, docs/reference/mesh-scenes.md) or mesh (OBJ, PLY, OFF, glTF)")
+                   "Scene (.toml, docs/reference/scene-files.md) or mesh (OBJ, PLY, OFF, glTF)")
       ->required();
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
   verb->add_option("--method", arguments->method,

@@ -155,7 +155,7 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
                 "which integrates along texel edges")
       ->group(group);
   verb.add_option("--area-lights", options.area_lights,
-                  "Area lights that move around a mesh (.toml, docs/reference/mesh-scenes.md)")
+                  "Area lights that move around a mesh (.toml, docs/reference/scene-files.md)")
       ->group(group);
   const auto bar = verb.add_option("--bar", options.bar,
                                    "Width of a white vertical bar that moves from left to right, as a "

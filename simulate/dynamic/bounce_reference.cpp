@@ -12,7 +12,6 @@
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
 #include "simulate/dynamic/tangent_frame.h"
-#include "simulate/geometry/path_trace.h"
 
 namespace refield::dynamic {
 
@@ -58,6 +57,15 @@ PathPoint point_of(const MovingObject& object, const Pose& pose, const prt::Mesh
   return point_on(object, pose, position, normal.normalized(), colour, towards);
 }
 
+/// A unit direction whose cosine with `axis` is drawn in proportion to its power `exponent`.
+Eigen::Vector3f draw_around(const Eigen::Vector3f& axis, float exponent, Rng& rng) {
+  const auto cosine = static_cast<float>(std::pow(rng.uniform(), 1.0 / (exponent + 1.0)));
+  const float sine = std::sqrt(std::max(0.0f, 1.0f - cosine * cosine));
+  const auto phi = static_cast<float>(rng.uniform(0.0, 2.0 * std::numbers::pi));
+  const Eigen::Vector3f side = axis.unitOrthogonal();
+  return sine * std::cos(phi) * side + sine * std::sin(phi) * axis.cross(side) + cosine * axis;
+}
+
 /// Directions in proportion to the cosine and, of what shines, to a power about the mirror direction.
 class Directions {
  public:
@@ -73,8 +81,8 @@ class Directions {
   /// Local, and its density.
   std::pair<Eigen::Vector3f, float> draw(Rng& rng) const {
     const Eigen::Vector3f direction = rng.uniform() < glossy_
-                                          ? prt::draw_around(mirrored_, exponent_, rng)
-                                          : prt::draw_around(Eigen::Vector3f::UnitZ(), 1.0f, rng);
+                                          ? draw_around(mirrored_, exponent_, rng)
+                                          : draw_around(Eigen::Vector3f::UnitZ(), 1.0f, rng);
     const float power = std::pow(std::max(mirrored_.dot(direction), 0.0f), exponent_);
     return {direction, (1.0f - glossy_) * std::max(direction.z(), 0.0f) / pi +
                            glossy_ * (exponent_ + 1.0f) / (2.0f * pi) * power};
@@ -106,46 +114,79 @@ std::size_t own_part(int path, int paths, std::size_t area_lights, Rng& rng) {
   return first + (end > first ? static_cast<std::size_t>(rng.below(end - first)) : 0);
 }
 
+/// All paths of one start, by number of bounces.
+class PathTracer {
+ public:
+  PathTracer(const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
+             const PathLight& light, const ReferenceOptions& options)
+      : scene_(scene), rays_(rays), poses_(poses), light_(light), options_(options) {}
+
+  std::vector<Eigen::Array3d> sum(const PathStart& start, std::size_t number) const {
+    const MovingObject& object = scene_.objects[start.object];
+    const Mesh& mesh = object.mesh;
+    const PathPoint first = point_on(object, poses_[start.object], mesh.positions[start.vertex],
+                                     mesh.normals[start.vertex], mesh.colours[start.vertex], start.to_viewer);
+    std::vector<Eigen::Array3d> sum(static_cast<std::size_t>(options_.bounces) + 1, Eigen::Array3d::Zero());
+    for (int path = 0; path < options_.paths; ++path) {
+      Rng rng(options_.seed, number, path);
+      follow(first, path, rng, sum);
+    }
+    return sum;
+  }
+
+ private:
+  void follow(PathPoint point, int path, Rng& rng, std::vector<Eigen::Array3d>& sum) const {
+    const std::size_t lights = light_.area_lights.size();
+    Eigen::Array3f throughput = Eigen::Array3f::Ones();
+    for (std::size_t depth = 0; depth < sum.size(); ++depth) {
+      if (lights > 0) {
+        const std::size_t drawn = depth == 0 ? own_part(path, options_.paths, lights, rng)
+                                             : static_cast<std::size_t>(rng.below(lights));
+        sum[depth] +=
+            (throughput * from_area_lights(point, rays_, light_.area_lights[drawn], lights)).cast<double>();
+      }
+      if (depth + 1 == sum.size() && !light_.environment) break;
+      const auto [local, density] = Directions(point).draw(rng);
+      if (local.z() <= 0.0f || density <= 0.0f) break;
+      throughput *= point.reflectance(local) * (local.z() / density);
+      const Eigen::Vector3f direction = (point.frame.transpose() * local).normalized();
+      const auto hit = rays_.intersect(point.position + off_surface * point.normal, direction);
+      if (!hit && light_.environment)
+        sum[depth] += (throughput * light_.environment(point.position, direction)).cast<double>();
+      if (!hit || !hit->on.front) break;
+      point = point_of(scene_.objects[hit->object], poses_[hit->object], hit->on, -direction);
+    }
+  }
+
+  const DynamicScene& scene_;
+  const SceneRays& rays_;
+  std::span<const Pose> poses_;
+  const PathLight& light_;
+  const ReferenceOptions& options_;
+};
+
 }  // namespace
 
-std::vector<std::vector<Eigen::Array3f>> trace_bounces(
-    const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
-    std::span<const AreaPoint> area_lights, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
-    const ReferenceOptions& options, const RunContext& run) {
-  const auto depths = static_cast<std::size_t>(options.bounces) + 1;
+PathStart path_start(const DynamicScene& scene, std::span<const Pose> poses, std::uint32_t object,
+                     std::uint32_t vertex, const Eigen::Vector3f& eye) {
+  return {object, vertex, (eye - poses[object] * scene.objects[object].mesh.positions[vertex]).normalized()};
+}
+
+std::vector<std::vector<Eigen::Array3f>> trace_bounces(const DynamicScene& scene, const SceneRays& rays,
+                                                       std::span<const Pose> poses, const PathLight& light,
+                                                       std::span<const PathStart> starts,
+                                                       const ReferenceOptions& options,
+                                                       const RunContext& run) {
   std::vector<std::vector<Eigen::Array3f>> radiance(
-      depths, std::vector<Eigen::Array3f>(vertices.size(), Eigen::Array3f::Zero()));
-  if (area_lights.empty()) return radiance;
-  Progress progress(run, "paths of the reference", vertices.size());
-  tbb::parallel_for(std::size_t{0}, vertices.size(), [&](std::size_t i) {
+      static_cast<std::size_t>(options.bounces) + 1,
+      std::vector<Eigen::Array3f>(starts.size(), Eigen::Array3f::Zero()));
+  if (light.area_lights.empty() && !light.environment) return radiance;
+  const PathTracer tracer(scene, rays, poses, light, options);
+  Progress progress(run, "paths of the reference", starts.size());
+  tbb::parallel_for(std::size_t{0}, starts.size(), [&](std::size_t i) {
     run.throw_if_stopped();
-    const auto [o, v] = vertices[i];
-    const MovingObject& object = scene.objects[o];
-    const Eigen::Vector3f to_eye = (eye - poses[o] * object.mesh.positions[v]).normalized();
-    const PathPoint start = point_on(object, poses[o], object.mesh.positions[v], object.mesh.normals[v],
-                                     object.mesh.colours[v], to_eye);
-    std::vector<Eigen::Array3d> sum(depths, Eigen::Array3d::Zero());
-    for (int path = 0; path < options.paths; ++path) {
-      Rng rng(options.seed, i, path);
-      PathPoint point = start;
-      Eigen::Array3f throughput = Eigen::Array3f::Ones();
-      for (std::size_t depth = 0; depth < depths; ++depth) {
-        const std::size_t area_light = depth == 0 ? own_part(path, options.paths, area_lights.size(), rng)
-                                                  : static_cast<std::size_t>(rng.below(area_lights.size()));
-        sum[depth] +=
-            (throughput * from_area_lights(point, rays, area_lights[area_light], area_lights.size()))
-                .cast<double>();
-        if (depth + 1 == depths) break;
-        const auto [local, density] = Directions(point).draw(rng);
-        if (local.z() <= 0.0f || density <= 0.0f) break;
-        throughput *= point.reflectance(local) * (local.z() / density);
-        const Eigen::Vector3f direction = (point.frame.transpose() * local).normalized();
-        const auto hit = rays.intersect(point.position + off_surface * point.normal, direction);
-        if (!hit || !hit->on.front) break;
-        point = point_of(scene.objects[hit->object], poses[hit->object], hit->on, -direction);
-      }
-    }
-    for (std::size_t depth = 0; depth < depths; ++depth)
+    const std::vector<Eigen::Array3d> sum = tracer.sum(starts[i], i);
+    for (std::size_t depth = 0; depth < radiance.size(); ++depth)
       radiance[depth][i] = (sum[depth] / options.paths).cast<float>();
     progress.advance();
   });

@@ -2,6 +2,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -12,26 +13,37 @@
 
 namespace refield::dynamic {
 
-/// A vertex of an object.
-struct VertexOf {
+/// Where paths start: a vertex of an object, seen from a unit direction.
+struct PathStart {
   std::uint32_t object, vertex;
+  Eigen::Vector3f to_viewer;
+};
+
+PathStart path_start(const DynamicScene& scene, std::span<const Pose> poses, std::uint32_t object,
+                     std::uint32_t vertex, const Eigen::Vector3f& eye);
+
+/// What lights a scene.
+struct PathLight {
+  std::span<const AreaPoint> area_lights = {};  ///< many: at each point of a path one of them is drawn
+  /// Radiance that arrives at a point from a unit direction in which nothing stands; empty: none.
+  std::function<Eigen::Array3f(const Eigen::Vector3f& at, const Eigen::Vector3f& from)> environment = {};
 };
 
 struct ReferenceOptions {
-  int paths = 1024;  ///< a vertex
+  int paths = 1024;  ///< per vertex
   int bounces = 3;
   std::uint64_t seed = 1;
 };
 
-/// The reference for indirect light: radiance of vertices towards an eye, [bounces + 1][vertices], each
-/// bounce by itself, 0 being what area lights light. Paths go from the vertex by the material's own
-/// reflection (not its factors), and at each point one of the `area lights` points (many; they are drawn
-/// from) is asked for its light. Normals and colours are interpolated over triangles, and nothing else is
-/// taken from vertices. Path k of vertex i draws from Rng(seed, i, k). Runs on all cores, with progress.
-/// Throws Interrupted.
-std::vector<std::vector<Eigen::Array3f>> trace_bounces(
-    const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
-    std::span<const AreaPoint> area_lights, std::span<const VertexOf> vertices, const Eigen::Vector3f& eye,
-    const ReferenceOptions& options, const RunContext& run = {});
+/// The reference for precomputed transport and for indirect light: radiance of vertices towards their
+/// viewers, [bounces + 1][starts], each bounce by itself, 0 being direct light. Paths go from the vertex by
+/// the material's own reflection (not its factors). Normals and colours are interpolated over triangles, and
+/// nothing else is taken from vertices; backs of triangles are black. Path k of start i draws from
+/// Rng(seed, i, k). Runs on all cores, with progress. Throws Interrupted.
+std::vector<std::vector<Eigen::Array3f>> trace_bounces(const DynamicScene& scene, const SceneRays& rays,
+                                                       std::span<const Pose> poses, const PathLight& light,
+                                                       std::span<const PathStart> starts,
+                                                       const ReferenceOptions& options,
+                                                       const RunContext& run = {});
 
 }  // namespace refield::dynamic

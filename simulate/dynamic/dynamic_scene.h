@@ -8,31 +8,12 @@
 
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
-#include "core/light/euler_angles.h"
 #include "simulate/dynamic/brdf.h"
 #include "simulate/dynamic/scene_rays.h"
+#include "simulate/geometry/scene_description.h"
 #include "simulate/prt/area_lights.h"
 
 namespace refield::dynamic {
-
-/// Where an object is and how it is turned, by time: evenly between two stops, standing still before the
-/// first and after the last. Angles are interpolated as numbers, so that more than a full turn can be asked
-/// for.
-struct Motion {
-  struct Place {
-    double time;  ///< seconds
-    Eigen::Vector3f position;
-  };
-  struct Angles {
-    double time;
-    EulerAngles turn;
-  };
-  std::vector<Place> path;    ///< times ascending, at least one
-  std::vector<Angles> turns;  ///< may be empty: not turned
-
-  Pose at(double time) const;
-  double duration() const;
-};
 
 /// A rigid object of one material.
 struct MovingObject {
@@ -51,7 +32,7 @@ struct DynamicScene {
   std::vector<Pose> poses(double time) const;
 };
 
-/// Reads a scene's description (TOML, docs/reference/mesh-scenes.md). Throws InputError or FormatError,
+/// Reads a scene's description (TOML, docs/reference/scene-files.md). Throws InputError or FormatError,
 /// naming the file.
 DynamicScene read_dynamic_scene(const std::filesystem::path& path, const RunContext& run);
 

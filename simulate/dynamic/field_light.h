@@ -10,10 +10,33 @@
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/placed_object.h"
+#include "simulate/dynamic/object_transport.h"
 #include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
+
+inline constexpr int max_harmonics = harmonics_of(8);
+/// n² harmonics, as many as TransportOptions::order allows, without a heap.
+using Harmonics = Eigen::Matrix<float, Eigen::Dynamic, 1, 0, max_harmonics, 1>;
+
+/// An object where it stands.
+struct PlacedObject {
+  const ObjectTransport* transport;
+  Pose pose;
+};
+
+/// Another object as one, the target, sees it; all in the target's axes.
+struct SeenObject {
+  const ObjectTransport* transport;
+  Pose from_target;
+  Eigen::Vector3f middle;
+  Eigen::MatrixXf turn, turn_back;  ///< harmonics from the object's axes, and to them
+};
+SeenObject seen_object(const PlacedObject& object, const Pose& target);
+
+/// Share of each direction that an object covers (its occlusion field, Zhou et al. 2005), in the target's
+/// axes; `corners`, of the object's grid, say where.
+Harmonics covered_by(const SeenObject& object, const ShellGrid::Corners& corners);
 
 /// A function of the angle from an axis, by samples spread evenly over its cosine in [−1, 1]; linear between.
 class ZonalTable {

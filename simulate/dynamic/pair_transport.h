@@ -7,7 +7,6 @@
 
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/field_light.h"
-#include "simulate/dynamic/placed_object.h"
 
 namespace refield::dynamic {
 

@@ -2,14 +2,11 @@
 #pragma once
 #include <Eigen/Geometry>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "simulate/geometry/mesh_rays.h"
-
-struct RTCGeometryTy;  // Embree's
 
 namespace refield::dynamic {
 
@@ -40,14 +37,9 @@ class SceneRays {
   std::optional<SceneHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
 
  private:
-  struct Release {
-    void operator()(RTCSceneTy* scene) const;
-    void operator()(RTCGeometryTy* geometry) const;
-  };
   std::span<const prt::MeshRays> objects_;
-  std::vector<std::unique_ptr<RTCGeometryTy, Release>> instances_;
   std::vector<Pose> poses_;
-  std::unique_ptr<RTCSceneTy, Release> scene_;
+  prt::RayScene scene_;
 };
 
 }  // namespace refield::dynamic

@@ -199,7 +199,7 @@ Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding, co
              (file.ignored_materials == 1 ? std::string("material is")
                                           : std::to_string(file.ignored_materials) + " materials are") +
              " not read; give 'diffuse', 'specular' and 'exponent' in a scene file "
-             "(docs/reference/mesh-scenes.md)");
+             "(docs/reference/scene-files.md)");
   compute_normals(mesh);
   return mesh;
 }

@@ -6,16 +6,97 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <string>
 
 #include "core/base/errors.h"
-#include "simulate/geometry/embree_device.h"
 
 namespace refield::prt {
 
-std::uint32_t unoccluded(RTCSceneTy* scene, std::span<const Eigen::Vector3f> points,
-                         std::span<const Eigen::Vector3f> directions, std::span<const float> distance,
-                         bool coherent) {
+namespace {
+
+void on_embree_error(void*, RTCError code, const char* text) {
+  throw InputError("ray tracing library: error " + std::to_string(code) + ": " + (text ? text : ""));
+}
+
+RTCDevice new_device() {
+  const RTCDevice device = rtcNewDevice(nullptr);
+  if (!device)
+    throw InputError("ray tracing library: cannot start (error " +
+                     std::to_string(rtcGetDeviceError(nullptr)) + ")");
+  rtcSetDeviceErrorFunction(device, on_embree_error, nullptr);
+  return device;
+}
+
+/// The program's only one: scenes of one device can hold one another.
+RTCDevice embree_device() {
+  struct ReleaseDevice {
+    void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
+  };
+  static const std::unique_ptr<RTCDeviceTy, ReleaseDevice> device(new_device());
+  return device.get();
+}
+
+std::uint32_t attach(RTCScene scene, RTCGeometry geometry) {
+  rtcCommitGeometry(geometry);
+  const std::uint32_t number = rtcAttachGeometry(scene, geometry);
+  rtcReleaseGeometry(geometry);
+  return number;
+}
+
+}  // namespace
+
+void RayScene::Release::operator()(RTCSceneTy* scene) const {
+  rtcReleaseScene(scene);
+}
+
+RayScene::RayScene(Use use) : scene_(rtcNewScene(embree_device())) {
+  rtcSetSceneFlags(scene_.get(), use == Use::moving ? RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_DYNAMIC
+                                                    : RTC_SCENE_FLAG_ROBUST);
+}
+
+std::uint32_t RayScene::add_mesh(const Mesh& mesh) {
+  RTCGeometry geometry = rtcNewGeometry(embree_device(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* positions = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
+                              std::max<std::size_t>(mesh.positions.size(), 1)));
+  for (const auto& position : mesh.positions) positions = std::copy_n(position.data(), 3, positions);
+  auto* corners = static_cast<std::uint32_t*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t),
+                              std::max<std::size_t>(mesh.triangles.size(), 1)));
+  for (const auto& triangle : mesh.triangles) corners = std::copy_n(triangle.data(), 3, corners);
+  return attach(scene_.get(), geometry);
+}
+
+std::uint32_t RayScene::add_sphere(const Eigen::Vector3f& centre, float radius) {
+  RTCGeometry geometry = rtcNewGeometry(embree_device(), RTC_GEOMETRY_TYPE_SPHERE_POINT);
+  auto* sphere = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT4, 4 * sizeof(float), 1));
+  std::copy_n(centre.data(), 3, sphere);
+  sphere[3] = radius;
+  return attach(scene_.get(), geometry);
+}
+
+std::uint32_t RayScene::add_instance(const RayScene& scene) {
+  RTCGeometry instance = rtcNewGeometry(embree_device(), RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(instance, scene.scene_.get());
+  return attach(scene_.get(), instance);
+}
+
+void RayScene::set_pose(std::uint32_t instance, const Eigen::Isometry3f& pose) {
+  RTCGeometry geometry = rtcGetGeometry(scene_.get(), instance);
+  const Eigen::Matrix<float, 3, 4> columns = pose.affine();
+  rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(geometry);
+}
+
+void RayScene::commit() {
+  rtcCommitScene(scene_.get());
+}
+
+std::uint32_t RayScene::unoccluded(std::span<const Eigen::Vector3f> points,
+                                   std::span<const Eigen::Vector3f> directions,
+                                   std::span<const float> distance, bool coherent) const {
   if (points.empty()) return 0;
   alignas(64) RTCRay16 rays;
   alignas(64) int valid[ray_packet];
@@ -39,14 +120,24 @@ std::uint32_t unoccluded(RTCSceneTy* scene, std::span<const Eigen::Vector3f> poi
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   if (coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-  rtcOccluded16(valid, scene, &context, &rays);
+  rtcOccluded16(valid, scene_.get(), &context, &rays);
   std::uint32_t free = 0;
   for (std::size_t i = 0; i < count; ++i) free |= static_cast<std::uint32_t>(rays.tfar[i] >= 0.0f) << i;
   return free;
 }
 
-std::optional<FirstHit> first_hit(RTCSceneTy* scene, const Eigen::Vector3f& origin,
-                                  const Eigen::Vector3f& direction) {
+bool RayScene::is_occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction,
+                           float length) const {
+  RTCRay ray{origin.x(), origin.y(), origin.z(), 0.0f, direction.x(), direction.y(), direction.z(), 0.0f,
+             length,     ~0u,        0,          0};
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcOccluded1(scene_.get(), &context, &ray);
+  return ray.tfar < 0.0f;  // −∞ where something was hit
+}
+
+std::optional<FirstHit> RayScene::first_hit(const Eigen::Vector3f& origin,
+                                            const Eigen::Vector3f& direction) const {
   RTCRayHit query{};
   query.ray = {.org_x = origin.x(),
                .org_y = origin.y(),
@@ -63,9 +154,15 @@ std::optional<FirstHit> first_hit(RTCSceneTy* scene, const Eigen::Vector3f& orig
   query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcIntersect1(scene, &context, &query);
+  rtcIntersect1(scene_.get(), &context, &query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
-  return FirstHit{query.hit.instID[0], query.hit.primID, query.hit.u, query.hit.v, query.ray.tfar};
+  return FirstHit{query.hit.geomID,
+                  query.hit.instID[0],
+                  query.hit.primID,
+                  query.hit.u,
+                  query.hit.v,
+                  query.ray.tfar,
+                  {query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z}};
 }
 
 namespace {
@@ -78,10 +175,6 @@ constexpr float least_size = 1e-9f;
 
 }  // namespace
 
-void MeshRays::Release::operator()(RTCSceneTy* scene) const {
-  rtcReleaseScene(scene);
-}
-
 MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh) {
   Eigen::AlignedBox3f bounds;
   for (const auto& position : mesh.positions) bounds.extend(position);
@@ -91,21 +184,8 @@ MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh) {
                      "e-9 units across, too small for rays in single precision; give it in larger units, or "
                      "a `size` in a scene's description");
   offset_ = offset_share * size;
-  scene_.reset(rtcNewScene(embree_device()));
-  rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
-  RTCGeometry geometry = rtcNewGeometry(embree_device(), RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* positions = static_cast<float*>(
-      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
-                              std::max<std::size_t>(mesh.positions.size(), 1)));
-  for (const auto& position : mesh.positions) positions = std::copy_n(position.data(), 3, positions);
-  auto* corners = static_cast<std::uint32_t*>(
-      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t),
-                              std::max<std::size_t>(mesh.triangles.size(), 1)));
-  for (const auto& triangle : mesh.triangles) corners = std::copy_n(triangle.data(), 3, corners);
-  rtcCommitGeometry(geometry);
-  rtcAttachGeometry(scene_.get(), geometry);
-  rtcReleaseGeometry(geometry);
-  rtcCommitScene(scene_.get());
+  scene_.add_mesh(mesh);
+  scene_.commit();
 }
 
 std::uint32_t MeshRays::unoccluded(std::span<const Eigen::Vector3f> points,
@@ -114,18 +194,18 @@ std::uint32_t MeshRays::unoccluded(std::span<const Eigen::Vector3f> points,
   std::array<float, packet> distance;
   directions.fill(direction);
   distance.fill(std::numeric_limits<float>::infinity());
-  return prt::unoccluded(scene_.get(), points, directions, distance, true);
+  return scene_.unoccluded(points, directions, distance, true);
 }
 
 std::uint32_t MeshRays::unoccluded(std::span<const Eigen::Vector3f> points,
                                    std::span<const Eigen::Vector3f> directions,
                                    std::span<const float> distance) const {
-  return prt::unoccluded(scene_.get(), points, directions, distance, false);
+  return scene_.unoccluded(points, directions, distance, false);
 }
 
 std::optional<MeshHit> MeshRays::intersect(const Eigen::Vector3f& origin,
                                            const Eigen::Vector3f& direction) const {
-  const auto hit = first_hit(scene_.get(), origin, direction);
+  const auto hit = scene_.first_hit(origin, direction);
   if (!hit) return std::nullopt;
   return mesh_hit(*mesh_, *hit, direction);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include <array>
 #include <cstdint>
@@ -11,27 +11,53 @@
 
 #include "core/field/mesh.h"
 
-struct RTCSceneTy;  // Embree's, whose headers stay in .cpp files
+struct RTCSceneTy;  // Embree's, whose headers stay in mesh_rays.cpp
 
 namespace refield::prt {
 
 inline constexpr std::size_t ray_packet = 16;
 
-/// Which of up to 16 rays meet nothing, a bit each. `distance`: infinity, or where a ray ends, in lengths of
-/// its direction. Coherent ones, which start near each other and go nearly alike, are faster if told to be.
-std::uint32_t unoccluded(RTCSceneTy* scene, std::span<const Eigen::Vector3f> points,
-                         std::span<const Eigen::Vector3f> directions, std::span<const float> distance,
-                         bool coherent);
-
 /// What a ray meets first.
 struct FirstHit {
-  std::uint32_t instance;  ///< of a scene of scenes
+  std::uint32_t part;      ///< of a scene without instances: its mesh or sphere
+  std::uint32_t instance;  ///< of a scene of instances
   std::uint32_t triangle;
   float u, v;  ///< shares of the triangle's second and third vertex
   float distance;
+  Eigen::Vector3f normal;  ///< geometric, of any length
 };
-std::optional<FirstHit> first_hit(RTCSceneTy* scene, const Eigen::Vector3f& origin,
-                                  const Eigen::Vector3f& direction);
+
+/// Triangles and spheres, or instances of other such scenes, ready for ray queries: what the program uses of
+/// Embree. Parts are numbered from 0 in the order in which they are added. Queries take place after commit(),
+/// and may run at the same time. Throws InputError where Embree refuses something.
+class RayScene {
+ public:
+  enum class Use { still, moving };
+  explicit RayScene(Use use = Use::still);
+
+  std::uint32_t add_mesh(const Mesh& mesh);
+  std::uint32_t add_sphere(const Eigen::Vector3f& centre, float radius);
+  /// `scene` must be committed, and outlive this one.
+  std::uint32_t add_instance(const RayScene& scene);
+  /// Takes the instance's own coordinates to those of this scene; before commit().
+  void set_pose(std::uint32_t instance, const Eigen::Isometry3f& pose);
+  void commit();
+
+  std::optional<FirstHit> first_hit(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
+  /// Whether a ray of this length, in lengths of its direction, meets anything.
+  bool is_occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float length) const;
+  /// Which of up to 16 rays meet nothing, a bit each. `distance`: infinity, or where a ray ends, in lengths
+  /// of its direction. `coherent`: they start near each other and go nearly alike, which is faster.
+  std::uint32_t unoccluded(std::span<const Eigen::Vector3f> points,
+                           std::span<const Eigen::Vector3f> directions, std::span<const float> distance,
+                           bool coherent) const;
+
+ private:
+  struct Release {
+    void operator()(RTCSceneTy* scene) const;
+  };
+  std::unique_ptr<RTCSceneTy, Release> scene_;
+};
 
 /// Where a ray meets a mesh first.
 struct MeshHit {
@@ -51,7 +77,7 @@ class MeshRays {
   explicit MeshRays(const Mesh& mesh);
 
   const Mesh& mesh() const { return *mesh_; }
-  RTCSceneTy* embree_scene() const { return scene_.get(); }
+  const RayScene& scene() const { return scene_; }
   /// Start of rays from a point: off its surface by a length that is safe in float and not to be seen.
   Eigen::Vector3f off_surface(const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const {
     return point + offset_ * normal;
@@ -70,12 +96,9 @@ class MeshRays {
   std::optional<MeshHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
 
  private:
-  struct Release {
-    void operator()(RTCSceneTy* scene) const;
-  };
   const Mesh* mesh_;
   float offset_;
-  std::unique_ptr<RTCSceneTy, Release> scene_;
+  RayScene scene_;
 };
 
 }  // namespace refield::prt

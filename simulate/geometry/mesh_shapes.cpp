@@ -7,15 +7,8 @@
 #include <cmath>
 #include <map>
 #include <numbers>
-#include <numeric>
-#include <span>
-#include <sstream>
-#include <unordered_map>
 
-#include "core/base/errors.h"
-#include "core/field/transfer_tiles.h"
 #include "simulate/geometry/mesh_file.h"
-#include "simulate/prt/prt_scene.h"
 
 namespace refield::prt {
 
@@ -148,171 +141,91 @@ Mesh rabbit_mesh(int resolution) {
 
 namespace {
 
-using Triangle = std::array<std::uint32_t, 3>;
+constexpr int lathe_segments = 160;
+constexpr int curve_steps = 8;  // between two points of a smooth profile
 
-constexpr std::uint32_t whole = 0xffffffffu;
-
-class Refinement {
- public:
-  Refinement(Mesh& mesh, float longest_edge) : mesh_(&mesh), longest_edge_(longest_edge) {}
-
-  /// Refuses what cannot end well before memory is spent on it: a triangle with no longer edges covers no
-  /// more than an equilateral one.
-  void check() const {
-    double area = 0.0;
-    for (const auto& [a, b, c] : mesh_->triangles)
-      area += 0.5 * (at(b) - at(a)).cast<double>().cross((at(c) - at(a)).cast<double>()).norm();
-    const double largest = std::sqrt(3.0) / 4.0 * longest_edge_ * longest_edge_;
-    if (!(area <= largest * static_cast<double>(max_triangles))) fail();
-  }
-
-  /// Whether anything was halved.
-  bool pass() {
-    middles_.clear();
-    std::vector<Triangle> finer;
-    finer.reserve(mesh_->triangles.size());
-    for (const Triangle& triangle : mesh_->triangles) {
-      split(triangle, finer);
-      if (finer.size() > max_triangles) fail();
-    }
-    mesh_->triangles = std::move(finer);
-    return !middles_.empty();
-  }
-
- private:
-  [[noreturn]] void fail() const {
-    std::ostringstream message;
-    message << "refining to edges of " << longest_edge_ << " takes more than " << max_triangles
-            << " triangles; allow longer ones";
-    throw InputError(message.str());
-  }
-
-  const Eigen::Vector3f& at(std::uint32_t vertex) const { return mesh_->positions[vertex]; }
-
-  /// The vertex in the middle of an edge, or `whole` where it is short enough.
-  std::uint32_t middle(std::uint32_t a, std::uint32_t b) {
-    if (!((at(a) - at(b)).norm() > longest_edge_)) return whole;
-    const auto [low, high] = std::minmax(a, b);
-    const auto [found, is_new] = middles_.emplace(std::uint64_t{low} << 32 | high,
-                                                  static_cast<std::uint32_t>(mesh_->positions.size()));
-    if (is_new) {
-      mesh_->positions.emplace_back(0.5f * at(low) + 0.5f * at(high));
-      const Eigen::Vector3f normal = mesh_->normals[low] + mesh_->normals[high];
-      mesh_->normals.emplace_back(normal.norm() > 1e-3f ? normal.normalized() : mesh_->normals[low]);
-      mesh_->colours.emplace_back(0.5f * (mesh_->colours[low] + mesh_->colours[high]));
-    }
-    return found->second;
-  }
-
-  void split(const Triangle& triangle, std::vector<Triangle>& finer) {
-    const Triangle middles = {middle(triangle[0], triangle[1]), middle(triangle[1], triangle[2]),
-                              middle(triangle[2], triangle[0])};
-    const auto halved = std::ranges::count_if(middles, [](std::uint32_t m) { return m != whole; });
-    if (halved == 0) {
-      finer.push_back(triangle);
-      return;
-    }
-    // Turned so that edge 0 is halved, and with two of them edge 2 is not.
-    std::size_t turn = 0;
-    while (middles[turn] == whole || (halved == 2 && middles[(turn + 2) % 3] != whole)) ++turn;
-    const auto a = triangle[turn], b = triangle[(turn + 1) % 3], c = triangle[(turn + 2) % 3];
-    const auto ab = middles[turn], bc = middles[(turn + 1) % 3], ca = middles[(turn + 2) % 3];
-    if (halved == 1) {
-      finer.insert(finer.end(), {{a, ab, c}, {ab, b, c}});
-    } else if (halved == 2) {
-      finer.push_back({ab, b, bc});
-      // The quadrangle a, ab, bc, c along its shorter diagonal.
-      if ((at(a) - at(bc)).squaredNorm() < (at(ab) - at(c)).squaredNorm())
-        finer.insert(finer.end(), {{a, ab, bc}, {a, bc, c}});
-      else
-        finer.insert(finer.end(), {{a, ab, c}, {ab, bc, c}});
-    } else {
-      finer.insert(finer.end(), {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
-    }
-  }
-
-  Mesh* mesh_;
-  float longest_edge_;
-  std::unordered_map<std::uint64_t, std::uint32_t> middles_;  // of this pass, by the edge's ends
+// A stretch of the profile without a corner: points and outward normals in (radius, height).
+struct Stretch {
+  std::vector<Eigen::Vector2d> points;
+  std::vector<Eigen::Vector2d> normals;
 };
 
-}  // namespace
-
-void refine(Mesh& mesh, float longest_edge) {
-  if (!(longest_edge > 0.0f)) throw InputError("edges cannot be refined to a length of zero or less");
-  Refinement refinement(mesh, longest_edge);
-  refinement.check();
-  while (refinement.pass()) {
-  }
+Eigen::Vector2d right_of(const Eigen::Vector2d& direction) {
+  return Eigen::Vector2d(direction.y(), -direction.x()).normalized();
 }
 
-namespace {
-
-using Feature = Eigen::Array<float, 6, 1>;
-
-/// Places between which halves are cut: whole tiles as long as there are several, then whole groups.
-std::size_t middle_of(std::size_t count) {
-  const std::size_t unit = count > tile_pixels ? tile_pixels : group_pixels;
-  return (count / 2 + unit - 1) / unit * unit;
+// Uniform Catmull–Rom curve through `points`, with the ends mirrored.
+Stretch smooth_stretch(const std::vector<Eigen::Vector2d>& points) {
+  Stretch stretch;
+  const int last = static_cast<int>(points.size()) - 1;
+  const auto at = [&](int i) -> Eigen::Vector2d {
+    if (i < 0) return 2.0 * points[0] - points[1];
+    if (i > last) return 2.0 * points[last] - points[last - 1];
+    return points[i];
+  };
+  for (int i = 0; i < last; ++i) {
+    const Eigen::Vector2d a = at(i - 1), b = at(i), c = at(i + 1), d = at(i + 2);
+    for (int step = 0; step < curve_steps + (i + 1 == last); ++step) {
+      const double t = static_cast<double>(step) / curve_steps;
+      Eigen::Vector2d p = 0.5 * (2.0 * b + (c - a) * t + (2.0 * a - 5.0 * b + 4.0 * c - d) * t * t +
+                                 (3.0 * b - a - 3.0 * c + d) * t * t * t);
+      const Eigen::Vector2d tangent = 0.5 * ((c - a) + 2.0 * (2.0 * a - 5.0 * b + 4.0 * c - d) * t +
+                                             3.0 * (3.0 * b - a - 3.0 * c + d) * t * t);
+      p.x() = std::max(p.x(), 0.0);
+      stretch.points.push_back(p);
+      stretch.normals.push_back(right_of(tangent));
+    }
+  }
+  return stretch;
 }
 
-/// Halves vertices along the feature that varies most, again and again, until groups are left: a k-d tree's
-/// leaves in order (Bentley 1975).
-void sort_by_features(std::span<std::uint32_t> order, const std::vector<Feature>& features) {
-  if (order.size() <= group_pixels) {
-    std::ranges::sort(order);
-    return;
+std::vector<Stretch> stretches_of(const std::vector<Eigen::Vector2d>& profile, bool smooth) {
+  std::vector<Stretch> stretches;
+  std::vector<Eigen::Vector2d> run;
+  const auto flush = [&] {
+    if (run.size() >= 2) stretches.push_back(smooth_stretch(run));
+    run.clear();
+  };
+  for (const Eigen::Vector2d& p : profile) {
+    if (!run.empty() && (p - run.back()).norm() < 1e-9) flush();  // given twice: a corner
+    run.push_back(p);
+    if (!smooth && run.size() == 2) {
+      stretches.push_back({{run[0], run[1]}, {2, right_of(run[1] - run[0])}});
+      run.erase(run.begin());
+    }
   }
-  Feature low = features[order[0]], high = low;
-  for (const std::uint32_t vertex : order) {
-    low = low.min(features[vertex]);
-    high = high.max(features[vertex]);
-  }
-  Eigen::Index axis = 0;
-  (high - low).maxCoeff(&axis);
-  const std::size_t middle = middle_of(order.size());
-  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(middle), order.end(),
-                   [&](std::uint32_t a, std::uint32_t b) {
-                     const float of_a = features[a][axis], of_b = features[b][axis];
-                     return of_a != of_b ? of_a < of_b : a < b;
-                   });
-  sort_by_features(order.first(middle), features);
-  sort_by_features(order.subspan(middle), features);
-}
-
-template <class Value>
-void reorder(std::vector<Value>& values, const std::vector<std::uint32_t>& order) {
-  std::vector<Value> sorted;
-  sorted.reserve(values.size());
-  for (const std::uint32_t i : order) sorted.push_back(values[i]);
-  values = std::move(sorted);
+  if (smooth) flush();
+  return stretches;
 }
 
 }  // namespace
 
-void sort_vertices(Scene& scene) {
-  Mesh& mesh = scene.mesh;
-  Eigen::AlignedBox3f bounds;
-  for (const auto& position : mesh.positions) bounds.extend(position);
-  const float scale = mesh.empty() ? 1.0f : 1.0f / std::max(bounds.sizes().maxCoeff(), 1e-30f);
-  // How far apart in the scene two vertices are as unlike as two whose normals differ by one: measured on
-  // scanned figures on a ground plane.
-  constexpr float distance_of_a_normal = 0.1f;
-  std::vector<Feature> features(mesh.positions.size());
-  for (std::size_t v = 0; v < features.size(); ++v)
-    features[v] << mesh.positions[v].array() * scale, mesh.normals[v].array() * distance_of_a_normal;
-
-  std::vector<std::uint32_t> order(features.size()), place(features.size());
-  std::iota(order.begin(), order.end(), 0u);
-  sort_by_features(order, features);
-  for (std::uint32_t i = 0; i < order.size(); ++i) place[order[i]] = i;
-  reorder(mesh.positions, order);
-  reorder(mesh.normals, order);
-  reorder(mesh.colours, order);
-  reorder(scene.material_of_vertex, order);
-  for (auto& triangle : mesh.triangles)
-    for (std::uint32_t& vertex : triangle) vertex = place[vertex];
-  std::ranges::sort(mesh.triangles);
+Mesh lathe_mesh(const std::vector<Eigen::Vector2d>& profile, bool smooth) {
+  Mesh mesh;
+  for (const Stretch& stretch : stretches_of(profile, smooth)) {
+    const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+    const auto rings = static_cast<std::uint32_t>(stretch.points.size());
+    for (std::uint32_t k = 0; k < rings; ++k)
+      for (int s = 0; s < lathe_segments; ++s) {
+        const double turn = 2.0 * std::numbers::pi * s / lathe_segments;
+        const auto around = [&](const Eigen::Vector2d& p) {
+          return Eigen::Vector3d(p.x() * std::cos(turn), p.y(), p.x() * std::sin(turn)).cast<float>().eval();
+        };
+        mesh.positions.push_back(around(stretch.points[k]));
+        mesh.normals.push_back(around(stretch.normals[k]).normalized());
+      }
+    for (std::uint32_t k = 0; k + 1 < rings; ++k)
+      for (std::uint32_t s = 0; s < lathe_segments; ++s) {
+        const std::uint32_t next = (s + 1) % lathe_segments;
+        const std::uint32_t a = first + k * lathe_segments + s, b = first + k * lathe_segments + next;
+        const std::uint32_t c = a + lathe_segments, d = b + lathe_segments;
+        // A triangle that has two corners on the axis is none.
+        if (stretch.points[k].x() > 0.0) mesh.triangles.push_back({a, d, b});
+        if (stretch.points[k + 1].x() > 0.0) mesh.triangles.push_back({a, c, d});
+      }
+  }
+  mesh.colours.assign(mesh.positions.size(), Eigen::Array3f::Ones());
+  return mesh;
 }
 
 }  // namespace refield::prt

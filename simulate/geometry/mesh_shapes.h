@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <Eigen/Core>
+
+#include <vector>
+
 #include "core/field/mesh.h"
 
 namespace refield::prt {
@@ -19,13 +23,9 @@ Mesh sphere_mesh(int resolution);
 /// everywhere.
 Mesh rabbit_mesh(int resolution);
 
-/// More triangles than this no mesh is refined to; a field of them would not fit anywhere.
-inline constexpr std::size_t max_triangles = std::size_t{1} << 26;
-
-/// Halves edges longer than `longest_edge`, again and again, until none is: shadows and other changes of
-/// light stand on vertices. An edge is halved for both its triangles, so no gaps arise. New vertices have the
-/// mean position and colour and the mean normal's direction. Throws InputError where that takes more than
-/// max_triangles, or for a length that is not above zero.
-void refine(Mesh& mesh, float longest_edge);
+/// Surface of revolution about +Y. The outside lies to the right of the direction of the profile (radius,
+/// height), so a closed solid starts on the axis at the bottom. With `smooth` a Catmull–Rom curve runs
+/// through the profile; a point given twice stays a sharp corner.
+Mesh lathe_mesh(const std::vector<Eigen::Vector2d>& profile, bool smooth);
 
 }  // namespace refield::prt

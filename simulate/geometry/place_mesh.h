@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <optional>
 
 #include "core/field/mesh.h"
@@ -16,12 +17,31 @@ struct Placement {
   std::optional<Eigen::Vector3f> position = std::nullopt;  ///< where the middle of its bounding box comes
   /// Its lowest point comes to height 0; above the origin where no position is given.
   bool on_ground = false;
+  /// `position` is that of the mesh's own origin instead.
+  bool keeps_origin = false;
 };
+
+/// What `size`, `position` and `on_ground` do to a mesh of these bounds, stretched and turned: it is scaled
+/// about the origin, then shifted.
+struct Settled {
+  float scale;
+  Eigen::Vector3f shift;
+};
+Settled settle(const Eigen::AlignedBox3f& bounds, const Placement& placement);
 
 /// Moves a mesh; normals follow. Throws InputError where coordinates leave what float can hold.
 void place(Mesh& mesh, const Placement& placement);
 
 /// Joins a mesh, moved, to others.
 void append(const Mesh& mesh, const Eigen::Isometry3f& pose, Mesh& all);
+
+/// More triangles than this no mesh is refined to; a field of them would not fit anywhere.
+inline constexpr std::size_t max_triangles = std::size_t{1} << 26;
+
+/// Halves edges longer than `longest_edge`, again and again, until none is: shadows and other changes of
+/// light stand on vertices. An edge is halved for both its triangles, so no gaps arise. New vertices have the
+/// mean position and colour and the mean normal's direction. Throws InputError where that takes more than
+/// max_triangles, or for a length that is not above zero.
+void refine(Mesh& mesh, float longest_edge);
 
 }  // namespace refield::prt

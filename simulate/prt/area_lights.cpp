@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "core/base/config_file.h"
-#include "simulate/geometry/mesh_section.h"
 #include "simulate/geometry/place_mesh.h"
+#include "simulate/geometry/scene_description.h"
 
 namespace refield::prt {
 
@@ -13,27 +13,7 @@ namespace {
 
 constexpr double brightest = 1e6;
 
-std::vector<AreaLight::Stop> read_path(ConfigSection& section) {
-  const char* remedy = "give keyframes [seconds, x, y, z] with ascending times from 0 or later";
-  std::vector<AreaLight::Stop> path;
-  for (const auto& stop : section.rows("path", 4, remedy)) {
-    if (stop[0] < 0.0 || (!path.empty() && stop[0] <= path.back().time)) section.fail("path", remedy);
-    path.push_back({stop[0], Eigen::Vector3d(stop[1], stop[2], stop[3]).cast<float>()});
-  }
-  if (path.empty()) section.fail("path", remedy);
-  return path;
-}
-
 }  // namespace
-
-Eigen::Vector3f AreaLight::position(double time) const {
-  const auto next = std::ranges::find_if(path, [time](const Stop& stop) { return stop.time > time; });
-  if (next == path.begin()) return path.front().position;
-  const Stop& last = *(next - 1);
-  if (next == path.end()) return last.position;
-  const auto share = static_cast<float>((time - last.time) / (next->time - last.time));
-  return last.position + share * (next->position - last.position);
-}
 
 Eigen::Isometry3f AreaLight::pose(const Eigen::Vector3f& position) const {
   Eigen::Isometry3f pose = Eigen::Isometry3f::Identity();
@@ -46,13 +26,13 @@ Eigen::Isometry3f AreaLight::pose(const Eigen::Vector3f& position) const {
 
 double AreaLights::duration() const {
   double duration = 0.0;
-  for (const AreaLight& light : lights) duration = std::max(duration, light.path.back().time);
+  for (const AreaLight& light : lights) duration = std::max(duration, light.motion.duration());
   return duration;
 }
 
 Mesh AreaLights::at(double time) const {
   Mesh all;
-  for (const AreaLight& light : lights) append(light.shape, light.pose(light.position(time)), all);
+  for (const AreaLight& light : lights) append(light.shape, light.pose(light.motion.position(time)), all);
   return all;
 }
 
@@ -62,11 +42,8 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
   section.require("radiance");
   if (section.has("path") == section.has("position"))
     section.fail("path", "give either `position` or, for a moving light, `path`");
-  if (section.has("path"))
-    light.path = read_path(section);
-  else
-    light.path = {{0.0, read_vector(section, "position", Eigen::Vector3f::Zero())}};
-  light.shape = read_mesh(section, folder, run);
+  light.motion = read_motion(section, read_vector(section, "position", Eigen::Vector3f::Zero()), false);
+  light.shape = read_mesh(section, SceneKind::dynamic, folder, run);
   Placement centred;
   centred.position = Eigen::Vector3f::Zero();
   place(light.shape, centred);
@@ -79,7 +56,7 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
 }
 
 AreaLights read_area_lights(const std::filesystem::path& path, const RunContext& run) {
-  const ConfigFile file(path, "lights", "docs/reference/mesh-scenes.md");
+  const ConfigFile file(path, "lights", "docs/reference/scene-files.md");
   file.check_names({"light"});
   AreaLights lights;
   for (ConfigSection& section : file.sections("light"))

@@ -8,23 +8,17 @@
 #include "core/base/config_file.h"
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
+#include "simulate/geometry/scene_description.h"
 
 namespace refield::prt {
 
 /// An area light of any shape that moves. Both sides of its triangles shine.
 struct AreaLight {
-  struct Stop {
-    double time;  ///< seconds
-    Eigen::Vector3f position;
-  };
-  Mesh shape;  ///< the middle of its bounding box at the origin; colours: radiance of the vertices
-  /// Where its middle is, times ascending, at least one: straight and evenly between two stops, standing
-  /// still before the first and after the last.
-  std::vector<Stop> path;
+  Mesh shape;     ///< the middle of its bounding box at the origin; colours: radiance of the vertices
+  Motion motion;  ///< of its middle, without turns
   /// Where its own +Y (the front of a plane) looks all along; it keeps its turn where there is none.
   std::optional<Eigen::Vector3f> towards;
 
-  Eigen::Vector3f position(double time) const;
   /// How its shape stands at a position.
   Eigen::Isometry3f pose(const Eigen::Vector3f& position) const;
 };
@@ -42,7 +36,7 @@ struct AreaLights {
 /// does.
 AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder, const RunContext& run);
 
-/// Reads a description (TOML, docs/reference/mesh-scenes.md). Throws InputError or what read_mesh_file()
+/// Reads a description (TOML, docs/reference/scene-files.md). Throws InputError or what read_mesh_file()
 /// does.
 AreaLights read_area_lights(const std::filesystem::path& path, const RunContext& run = {});
 

@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/prt_scene.h"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cctype>
+#include <numeric>
+#include <span>
 
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
+#include "core/field/transfer_tiles.h"
 #include "simulate/geometry/mesh_file.h"
-#include "simulate/geometry/mesh_section.h"
-#include "simulate/geometry/mesh_shapes.h"
 #include "simulate/geometry/place_mesh.h"
+#include "simulate/geometry/scene_description.h"
 
 namespace refield::prt {
 
@@ -17,19 +21,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-Material read_material(ConfigSection& section) {
-  Material material;
-  material.diffuse = read_vector(section, "diffuse", material.diffuse.matrix(), 0.0, 1.0).array();
-  material.specular = read_vector(section, "specular", material.specular.matrix(), 0.0, 1.0).array();
-  if (!material.is_diffuse()) {
-    section.require("exponent");
-    if ((material.diffuse + material.specular > 1.0f).any())
-      section.fail("specular", "with `diffuse` it must not add up to more than 1");
-  } else if (section.has("exponent")) {
-    section.fail("exponent", "it needs `specular`, too");
-  }
-  material.exponent = read_number(section, "exponent", 0.0f, 1.0, 1e5);
-  return material;
+Material material_of(const MaterialDescription& description) {
+  return {description.colour, description.specular, static_cast<float>(description.exponent)};
 }
 
 void append(const Mesh& mesh, const Material& material, Scene& scene) {
@@ -40,23 +33,23 @@ void append(const Mesh& mesh, const Material& material, Scene& scene) {
 }
 
 Scene read_description(const fs::path& path, const RunContext& run) {
-  const ConfigFile file(path, "scene", "docs/reference/mesh-scenes.md");
-  file.check_names({"camera", "mesh"});
-  std::vector<ConfigSection> meshes = file.sections("mesh");
-  constexpr std::size_t max_meshes = 65535;  // materials are numbered in 16 bits
-  if (meshes.size() > max_meshes)
-    throw InputError(path.string() + ": a scene takes " + std::to_string(max_meshes) + " meshes; join some");
+  const ConfigFile file(path, "scene", "docs/reference/scene-files.md");
+  file.check_names({"camera", "material", "object"});
+  const std::vector<MaterialDescription> materials = read_materials(file, SceneKind::precomputed);
+  std::vector<ConfigSection> objects = file.sections("object");
+  constexpr std::size_t max_objects = 65535;  // materials are numbered in 16 bits
+  if (objects.size() > max_objects)
+    throw InputError(path.string() + ": a scene takes " + std::to_string(max_objects) +
+                     " objects; join some");
   Scene scene;
-  for (ConfigSection& section : meshes) {
-    const Material material = read_material(section);
-    const Mesh mesh = read_mesh(section, path.parent_path(), run);
+  for (ConfigSection& section : objects) {
+    const Material material = material_of(read_material_of(section, materials));
+    const Mesh mesh = read_mesh(section, SceneKind::precomputed, path.parent_path(), run);
     section.finish();
     append(mesh, material, scene);
-    if (scene.mesh.triangles.size() > max_triangles)
-      throw InputError(path.string() + ": the scene has more than " + std::to_string(max_triangles) +
-                       " triangles; simplify its meshes or refine them less");
+    check_triangle_count(path, scene.mesh.triangles.size());
   }
-  if (file.has("camera")) scene.camera = read_camera(file.section("camera"));
+  if (file.has("camera")) scene.camera = read_camera(file.section("camera")).pinhole();
   return scene;
 }
 
@@ -76,6 +69,75 @@ std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene) {
   for (std::size_t v = 0; v < reflectance.size(); ++v)
     reflectance[v] *= scene.materials[scene.material_of_vertex[v]].diffuse;
   return reflectance;
+}
+
+namespace {
+
+using Feature = Eigen::Array<float, 6, 1>;
+
+/// Places between which halves are cut: whole tiles as long as there are several, then whole groups.
+std::size_t middle_of(std::size_t count) {
+  const std::size_t unit = count > tile_pixels ? tile_pixels : group_pixels;
+  return (count / 2 + unit - 1) / unit * unit;
+}
+
+/// Halves vertices along the feature that varies most, again and again, until groups are left: a k-d tree's
+/// leaves in order (Bentley 1975).
+void sort_by_features(std::span<std::uint32_t> order, const std::vector<Feature>& features) {
+  if (order.size() <= group_pixels) {
+    std::ranges::sort(order);
+    return;
+  }
+  Feature low = features[order[0]], high = low;
+  for (const std::uint32_t vertex : order) {
+    low = low.min(features[vertex]);
+    high = high.max(features[vertex]);
+  }
+  Eigen::Index axis = 0;
+  (high - low).maxCoeff(&axis);
+  const std::size_t middle = middle_of(order.size());
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(middle), order.end(),
+                   [&](std::uint32_t a, std::uint32_t b) {
+                     const float of_a = features[a][axis], of_b = features[b][axis];
+                     return of_a != of_b ? of_a < of_b : a < b;
+                   });
+  sort_by_features(order.first(middle), features);
+  sort_by_features(order.subspan(middle), features);
+}
+
+template <class Value>
+void reorder(std::vector<Value>& values, const std::vector<std::uint32_t>& order) {
+  std::vector<Value> sorted;
+  sorted.reserve(values.size());
+  for (const std::uint32_t i : order) sorted.push_back(values[i]);
+  values = std::move(sorted);
+}
+
+}  // namespace
+
+void sort_vertices(Scene& scene) {
+  Mesh& mesh = scene.mesh;
+  Eigen::AlignedBox3f bounds;
+  for (const auto& position : mesh.positions) bounds.extend(position);
+  const float scale = mesh.empty() ? 1.0f : 1.0f / std::max(bounds.sizes().maxCoeff(), 1e-30f);
+  // How far apart in the scene two vertices are as unlike as two whose normals differ by one: measured on
+  // scanned figures on a ground plane.
+  constexpr float distance_of_a_normal = 0.1f;
+  std::vector<Feature> features(mesh.positions.size());
+  for (std::size_t v = 0; v < features.size(); ++v)
+    features[v] << mesh.positions[v].array() * scale, mesh.normals[v].array() * distance_of_a_normal;
+
+  std::vector<std::uint32_t> order(features.size()), place(features.size());
+  std::iota(order.begin(), order.end(), 0u);
+  sort_by_features(order, features);
+  for (std::uint32_t i = 0; i < order.size(); ++i) place[order[i]] = i;
+  reorder(mesh.positions, order);
+  reorder(mesh.normals, order);
+  reorder(mesh.colours, order);
+  reorder(scene.material_of_vertex, order);
+  for (auto& triangle : mesh.triangles)
+    for (std::uint32_t& vertex : triangle) vertex = place[vertex];
+  std::ranges::sort(mesh.triangles);
 }
 
 }  // namespace refield::prt

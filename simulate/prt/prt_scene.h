@@ -33,7 +33,7 @@ struct Scene {
   }
 };
 
-/// Reads a scene's description (TOML, docs/reference/mesh-scenes.md) and the meshes that it names, relative
+/// Reads a scene's description (TOML, docs/reference/scene-files.md) and the meshes that it names, relative
 /// to it; or, of a mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
 Scene read_scene(const std::filesystem::path& path, const RunContext& run = {});
 

@@ -25,28 +25,32 @@ void read_colour(Section& section, const std::string& key, Rgb& value, double hi
   value = Eigen::Array3d(v[0], v[1], v[2]).cast<float>();
 }
 
-void read_camera(Section section, CameraInScene& camera) {
-  for (const char* key : {"width", "height", "position", "target"}) section.require(key);
-  section.integer("width", camera.width, 1, 16384);
-  section.integer("height", camera.height, 1, 16384);
-  section.vector("position", camera.position);
-  section.vector("target", camera.target);
-  section.number("vertical_fov_degrees", camera.vertical_fov_degrees, 1.0, 150.0);
-  if ((camera.target - camera.position).cross(Eigen::Vector3d::UnitY()).norm() < 1e-9)
-    section.fail("target", "the camera must not look straight up, straight down or at itself");
-  section.finish();
+/// From the left-handed axes of scene files to the scene's (scene.h).
+void mirror(Eigen::Vector3d& position) {
+  position.z() = 0.0 - position.z();
+}
+
+SceneCamera read_mirrored_camera(Section section) {
+  SceneCamera camera = read_camera(std::move(section));
+  for (Eigen::Vector3d* vector : {&camera.position, &camera.target, &camera.up}) mirror(*vector);
+  return camera;
 }
 
 void read_monitor(Section section, MonitorInScene& place, MonitorModel& model) {
-  for (const char* key : {"width", "height", "centre", "facing"}) section.require(key);
+  for (const char* key : {"width", "height", "position", "towards"}) section.require(key);
   section.integer("width", place.texels.width, 8, 8192);
   section.integer("height", place.texels.height, 8, 8192);
-  section.vector("centre", place.centre);
-  section.vector("facing", place.facing);
+  Eigen::Vector3d towards;
+  section.vector("position", place.centre);
+  section.vector("towards", towards);
+  place.facing = towards - place.centre;
+  mirror(place.centre);
+  mirror(place.facing);
   section.number("width_m", place.width_m, 1e-3, 100.0);
   section.number("height_m", place.height_m, 1e-3, 100.0);
   if (place.facing.cross(Eigen::Vector3d::UnitY()).norm() < 1e-9)
-    section.fail("facing", "the monitor must not lie flat; give a direction that is not vertical");
+    section.fail("towards",
+                 "the monitor must not lie flat; give a point that is not above or below its position");
   section.triple("gamma", model.gamma, 0.5, 5.0);
   section.number("black_level", model.black_level, 0.0, 0.999);
   section.number("white_radiance", model.white_radiance, 1e-6, 1e5);
@@ -111,59 +115,13 @@ void read_lights(Section section, LightPlan& lights) {
   section.finish();
 }
 
-MaterialDescription read_material(Section section) {
-  using Kind = MaterialDescription::Kind;
-  using TextureKind = TextureDescription::Kind;
-  MaterialDescription material;
-  for (const char* key : {"name", "kind"}) section.require(key);
-  section.text("name", material.name);
-  section.choice("kind", material.kind,
-                 {{"diffuse", Kind::diffuse},
-                  {"glossy", Kind::glossy},
-                  {"metal", Kind::metal},
-                  {"mirror", Kind::mirror},
-                  {"glass", Kind::glass},
-                  {"translucent", Kind::translucent}});
-  if (material.kind == Kind::glass) material.colour = Rgb::Ones();
-  read_colour(section, "colour", material.colour, 1.0);
-  section.choice("texture", material.texture.kind,
-                 {{"plain", TextureKind::plain},
-                  {"checker", TextureKind::checker},
-                  {"noise", TextureKind::noise},
-                  {"wood", TextureKind::wood}});
-  read_colour(section, "second_colour", material.texture.second_colour, 1.0);
-  section.number("scale_m", material.texture.scale_m, 1e-4, 100.0);
-  section.number("roughness", material.roughness, 0.2, 1.0);
-  section.number("index_of_refraction", material.index_of_refraction, 1.01, 4.0);
-  section.number("transmission", material.transmission, 0.0, 1.0);
+ObjectDescription read_mirrored_object(Section section, const std::vector<MaterialDescription>& materials) {
+  ObjectDescription object = read_object(section, SceneKind::traced);
+  object.material = read_material_of(section, materials).name;
   section.finish();
-  return material;
-}
-
-ObjectDescription read_object(Section section, const std::vector<MaterialDescription>& materials) {
-  using Kind = ObjectDescription::Kind;
-  ObjectDescription object;
-  for (const char* key : {"shape", "material"}) section.require(key);
-  section.text("name", object.name);
-  section.choice(
-      "shape", object.kind,
-      {{"quad", Kind::quad}, {"box", Kind::box}, {"sphere", Kind::sphere}, {"lathe", Kind::lathe}});
-  section.text("material", object.material);
-  std::string names;
-  bool found = false;
-  for (const MaterialDescription& material : materials) {
-    found = found || material.name == object.material;
-    names += (names.empty() ? "" : ", ") + material.name;
-  }
-  if (!found) section.fail("material", "there is no [[material]] of this name; there are " + names);
-  section.vector("position", object.position);
-  section.vector("size", object.size, 1e-6, 1e4);
-  section.vector("rotation_degrees", object.rotation_degrees, -360.0, 360.0);
-  section.number("radius", object.radius, 1e-6, 1e4);
-  section.pairs("profile", object.profile);
-  section.flag("smooth", object.smooth);
-  if (object.kind == Kind::lathe) section.require("profile");
-  section.finish();
+  if (object.place.position) object.place.position->z() = 0.0f - object.place.position->z();
+  object.place.turn.yaw *= -1.0;
+  object.place.turn.pitch *= -1.0;
   return object;
 }
 
@@ -177,7 +135,7 @@ Recipe read_recipe(const fs::path& path) {
   Recipe recipe;
   recipe.path = path;
   file.whole_number("seed", recipe.seed);
-  read_camera(file.section("camera"), recipe.scene.camera);
+  recipe.scene.camera = read_mirrored_camera(file.section("camera"));
   read_monitor(file.section("monitor"), recipe.scene.monitor, recipe.rig.monitor);
   Section ambient = file.optional_section("ambient");
   read_colour(ambient, "radiance", recipe.scene.ambient_radiance, 1e5);
@@ -188,10 +146,9 @@ Recipe read_recipe(const fs::path& path) {
   Section reference = file.optional_section("reference");
   reference.integer("every", recipe.rig.reference_every, 0, 9999);
   reference.finish();
-  for (Section section : file.sections("material"))
-    recipe.scene.materials.push_back(read_material(std::move(section)));
+  recipe.scene.materials = read_materials(file, SceneKind::traced);
   for (Section section : file.sections("object"))
-    recipe.scene.objects.push_back(read_object(std::move(section), recipe.scene.materials));
+    recipe.scene.objects.push_back(read_mirrored_object(std::move(section), recipe.scene.materials));
   return recipe;
 }
 

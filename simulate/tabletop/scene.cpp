@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/tabletop/scene.h"
 
-#include <embree3/rtcore.h>
 #include <tbb/parallel_for.h>
 #include <Eigen/Geometry>
 
@@ -9,14 +8,12 @@
 #include <array>
 #include <cmath>
 #include <iterator>
-#include <limits>
 #include <string>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
-#include "simulate/geometry/embree_device.h"
-#include "simulate/tabletop/shapes.h"
+#include "simulate/geometry/place_mesh.h"
 #include "simulate/tabletop/surface.h"
 
 namespace refield {
@@ -71,34 +68,38 @@ namespace {
 // A shadow ray ends this fraction before its target, so that the target does not shadow itself.
 constexpr float before_target = 1.0f - 1e-4f;
 
-struct Placed {       // an object's geometry in world space
-  TriangleMesh mesh;  // empty for spheres
-  Eigen::Isometry3f object_from_world;
-  Eigen::Vector3f centre;
-};
-
-TriangleMesh mesh_of(const ObjectDescription& object) {
-  switch (object.kind) {
-    case ObjectDescription::Kind::quad:
-      return quad_mesh(object.size);
-    case ObjectDescription::Kind::box:
-      return box_mesh(object.size);
-    case ObjectDescription::Kind::lathe:
-      return lathe_mesh(object.profile, object.smooth);
-    case ObjectDescription::Kind::sphere:
-      return {};
+/// An object in the scene. Normals and textures are those of the unturned shape, its stretch included.
+PlacedObject place_object(const ObjectDescription& object) {
+  using Shape = ObjectDescription::Shape;
+  const prt::Placement& place = object.place;
+  const Eigen::Matrix3f turn = place.turn.matrix().cast<float>();
+  PlacedObject result;
+  Eigen::AlignedBox3f bounds;
+  if (object.shape == Shape::sphere) {
+    bounds.extend(Eigen::Vector3f::Constant(-0.5f)).extend(Eigen::Vector3f::Constant(0.5f));
+  } else {
+    result.mesh = shape_mesh(object);
+    if (result.mesh.triangles.empty())
+      throw InputError("object '" + object.name +
+                       "': its shape has no surface; give a profile with some radius");
+    if (place.stretch != Eigen::Vector3f::Ones()) prt::place(result.mesh, {.stretch = place.stretch});
+    for (const Eigen::Vector3f& position : result.mesh.positions) bounds.extend(turn * position);
   }
-  throw InputError("unknown shape");
-}
-
-Eigen::Isometry3d world_from_object(const ObjectDescription& object) {
-  const Eigen::Vector3d angles = object.rotation_degrees * (std::numbers::pi / 180.0);
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.translate(object.position);
-  pose.rotate(Eigen::AngleAxisd(angles.z(), Eigen::Vector3d::UnitZ()) *
-              Eigen::AngleAxisd(angles.y(), Eigen::Vector3d::UnitY()) *
-              Eigen::AngleAxisd(angles.x(), Eigen::Vector3d::UnitX()));
-  return pose;
+  const auto [scale, shift] = prt::settle(bounds, place);
+  Eigen::Isometry3f pose = Eigen::Isometry3f::Identity();
+  pose.linear() = turn;
+  pose.translation() = shift;
+  for (Eigen::Vector3f& position : result.mesh.positions) position = pose * (scale * position);
+  for (Eigen::Vector3f& normal : result.mesh.normals) normal = turn * normal;
+  result.object_from_world = pose.inverse();
+  result.bounds = {shift, 0.5f * scale};
+  if (object.shape == Shape::sphere) return result;
+  Eigen::AlignedBox3f box;
+  for (const Eigen::Vector3f& position : result.mesh.positions) box.extend(position);
+  result.bounds = {box.center(), 0.0f};
+  for (const Eigen::Vector3f& position : result.mesh.positions)
+    result.bounds.radius = std::max(result.bounds.radius, (position - box.center()).norm());
+  return result;
 }
 
 Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
@@ -108,90 +109,28 @@ Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
 
 }  // namespace
 
-struct Scene::Geometry {
-  RTCDevice device = embree_device();
-  RTCScene scene = nullptr;
-  std::vector<Placed> placed;
-  unsigned monitor_id = 0;
-
-  Geometry() {
-    scene = rtcNewScene(device);
-    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
-  }
-  ~Geometry() {
-    if (scene) rtcReleaseScene(scene);
-  }
-  Geometry(const Geometry&) = delete;
-  Geometry& operator=(const Geometry&) = delete;
-
-  unsigned attach(RTCGeometry geometry) {
-    rtcCommitGeometry(geometry);
-    const unsigned id = rtcAttachGeometry(scene, geometry);
-    rtcReleaseGeometry(geometry);
-    return id;
-  }
-  unsigned add_mesh(const TriangleMesh& mesh) {
-    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
-    for (const Eigen::Vector3f& v : mesh.vertices) vertices = std::copy_n(v.data(), 3, vertices);
-    auto* indices = static_cast<std::uint32_t*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                3 * sizeof(std::uint32_t), mesh.triangles.size()));
-    for (const auto& triangle : mesh.triangles) indices = std::ranges::copy(triangle, indices).out;
-    return attach(geometry);
-  }
-  unsigned add_sphere(const Eigen::Vector3f& centre, float radius) {
-    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_SPHERE_POINT);
-    auto* sphere = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
-                                                               RTC_FORMAT_FLOAT4, 4 * sizeof(float), 1));
-    std::copy_n(centre.data(), 3, sphere);
-    sphere[3] = radius;
-    return attach(geometry);
-  }
-};
-
-Scene::Scene(const SceneDescription& description)
-    : description_(description), monitor_(description.monitor), geometry_(std::make_unique<Geometry>()) {
+Scene::Scene(const SceneDescription& description) : description_(description), monitor_(description.monitor) {
   for (const ObjectDescription& object : description_.objects) {
-    const auto material =
-        std::ranges::find(description_.materials, object.material, &MaterialDescription::name);
-    if (material == description_.materials.end())
-      throw InputError("object '" + object.name + "': there is no material '" + object.material + "'");
-    materials_.push_back(&*material);
-
-    const Eigen::Isometry3f pose = world_from_object(object).cast<float>();
-    Placed placed{mesh_of(object), pose.inverse(), object.position.cast<float>()};
-    if (object.kind == ObjectDescription::Kind::sphere) {
-      geometry_->add_sphere(placed.centre, static_cast<float>(object.radius));
-      bounds_.push_back({placed.centre, static_cast<float>(object.radius)});
-    } else {
-      if (placed.mesh.triangles.empty())
-        throw InputError("object '" + object.name +
-                         "': its shape has no surface; give a profile with some radius");
-      Eigen::AlignedBox3f box;
-      for (Eigen::Vector3f& v : placed.mesh.vertices) box.extend(v = pose * v);
-      for (Eigen::Vector3f& n : placed.mesh.normals) n = pose.linear() * n;
-      geometry_->add_mesh(placed.mesh);
-      float radius = 0.0f;
-      for (const Eigen::Vector3f& v : placed.mesh.vertices)
-        radius = std::max(radius, (v - box.center()).norm());
-      bounds_.push_back({box.center(), radius});
-    }
-    geometry_->placed.push_back(std::move(placed));
+    materials_.push_back(&material_named(object.material));
+    placed_.push_back(place_object(object));
+    const PlacedObject& last = placed_.back();
+    if (last.mesh.triangles.empty())
+      rays_.add_sphere(last.bounds.centre, last.bounds.radius);
+    else
+      rays_.add_mesh(last.mesh);
   }
 
-  TriangleMesh screen;
+  Mesh screen;
   const auto w = static_cast<float>(monitor_.texels().width),
              h = static_cast<float>(monitor_.texels().height);
-  screen.vertices = {monitor_.point(0, h), monitor_.point(w, h), monitor_.point(w, 0), monitor_.point(0, 0)};
+  screen.positions = {monitor_.point(0, h), monitor_.point(w, h), monitor_.point(w, 0), monitor_.point(0, 0)};
   screen.triangles = {{0, 1, 2}, {0, 2, 3}};
-  geometry_->monitor_id = geometry_->add_mesh(screen);
-  rtcCommitScene(geometry_->scene);
+  rays_.add_mesh(screen);  // after all objects
+  rays_.commit();
 
-  const CameraInScene& camera = description_.camera;
+  const SceneCamera& camera = description_.camera;
   const Eigen::Vector3d forward = (camera.target - camera.position).normalized();
-  const Eigen::Vector3d right = forward.cross(Eigen::Vector3d::UnitY()).normalized();
+  const Eigen::Vector3d right = forward.cross(camera.up).normalized();
   const Eigen::Vector3d down = forward.cross(right);
   const double pixel =
       2.0 * std::tan(radians_from_degrees(camera.vertical_fov_degrees) / 2.0) / camera.height;
@@ -201,56 +140,41 @@ Scene::Scene(const SceneDescription& description)
   camera_corner_ = (forward - 0.5 * pixel * (camera.width * right + camera.height * down)).cast<float>();
 }
 
-Scene::~Scene() = default;
+const MaterialDescription& Scene::material_named(const std::string& name) const {
+  static const MaterialDescription standard;
+  if (name.empty()) return standard;
+  const auto material = std::ranges::find(description_.materials, name, &MaterialDescription::name);
+  if (material == description_.materials.end())
+    throw InputError("an object refers to the material '" + name + "', which is not in the scene; add it");
+  return *material;
+}
 
 std::optional<Hit> Scene::intersect(const Ray& ray) const {
-  RTCRayHit query;
-  query.ray = {ray.origin.x(),
-               ray.origin.y(),
-               ray.origin.z(),
-               0.0f,
-               ray.direction.x(),
-               ray.direction.y(),
-               ray.direction.z(),
-               0.0f,
-               std::numeric_limits<float>::infinity(),
-               0xffffffffu,
-               0,
-               0};
-  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  rtcIntersect1(geometry_->scene, &context, &query);
-  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
-
+  const auto found = rays_.first_hit(ray.origin, ray.direction);
+  if (!found) return std::nullopt;
   Hit hit;
-  hit.position = ray.origin + query.ray.tfar * ray.direction;
-  if (query.hit.geomID == geometry_->monitor_id) {
+  hit.position = ray.origin + found->distance * ray.direction;
+  if (found->part == placed_.size()) {
     hit.geometric_normal = hit.shading_normal = monitor_.normal();
     hit.object_position = hit.position;
     return hit;
   }
-  hit.object = static_cast<int>(query.hit.geomID);
-  const Placed& placed = geometry_->placed[hit.object];
+  hit.object = static_cast<int>(found->part);
+  const PlacedObject& placed = placed_[found->part];
   if (placed.mesh.triangles.empty()) {
-    hit.geometric_normal = hit.shading_normal = (hit.position - placed.centre).normalized();
+    hit.geometric_normal = hit.shading_normal = (hit.position - placed.bounds.centre).normalized();
   } else {
-    const auto& triangle = placed.mesh.triangles[query.hit.primID];
-    hit.geometric_normal = Eigen::Vector3f(query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z).normalized();
-    hit.shading_normal = at_barycentric(placed.mesh.normals, triangle, query.hit.u, query.hit.v).normalized();
+    hit.geometric_normal = found->normal.normalized();
+    hit.shading_normal =
+        at_barycentric(placed.mesh.normals, placed.mesh.triangles[found->triangle], found->u, found->v)
+            .normalized();
   }
   hit.object_position = placed.object_from_world * hit.position;
   return hit;
 }
 
 bool Scene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const {
-  const Eigen::Vector3f d = to - from;
-  RTCRay ray{from.x(), from.y(), from.z(), 0.0f, d.x(), d.y(), d.z(), 0.0f, before_target, 0xffffffffu, 0, 0};
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  rtcOccluded1(geometry_->scene, &context, &ray);
-  return ray.tfar < 0.0f;  // −inf once something was hit
+  return rays_.is_occluded(from, to - from, before_target);
 }
 
 Ray Scene::camera_ray(float x, float y) const {
@@ -329,7 +253,7 @@ Label label_pixel(const Scene& scene, int x, int y) {
 }  // namespace
 
 PixelKinds scene_kinds(const Scene& scene, const RunContext& run) {
-  const CameraInScene& camera = scene.description().camera;
+  const SceneCamera& camera = scene.description().camera;
   PixelKinds kinds{camera.width, camera.height, {std::begin(kind_names), std::end(kind_names)}, {}};
   kinds.labels.resize(static_cast<std::size_t>(camera.width) * camera.height);
   tbb::parallel_for(0, camera.height, [&](int y) {

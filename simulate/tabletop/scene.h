@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,19 +11,10 @@
 #include "core/image/pixel_classes.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
+#include "simulate/geometry/mesh_rays.h"
+#include "simulate/geometry/scene_description.h"
 
 namespace refield {
-
-using Rgb = Eigen::Array3f;
-
-/// A pinhole camera. Lengths are in metres, +Y is up.
-struct CameraInScene {
-  int width = 0;  ///< pixels
-  int height = 0;
-  Eigen::Vector3d position{0.0, 0.0, 0.0};
-  Eigen::Vector3d target{0.0, 0.0, -1.0};
-  double vertical_fov_degrees = 40.0;
-};
 
 /// A flat emitter whose texels send out equal radiance in all directions of its front side.
 struct MonitorInScene {
@@ -35,48 +25,10 @@ struct MonitorInScene {
   double height_m = 0.45;
 };
 
-/// What a surface's base colour looks like over the surface.
-struct TextureDescription {
-  enum class Kind { plain, checker, noise, wood };
-  Kind kind = Kind::plain;
-  Rgb second_colour = Rgb::Zero();  ///< the other colour of the pattern
-  double scale_m = 0.05;            ///< size of a check, or of the coarsest feature
-};
-
-struct MaterialDescription {
-  enum class Kind {
-    diffuse,      ///< Lambert
-    glossy,       ///< Lambert below a dielectric microfacet coat
-    metal,        ///< microfacet conductor
-    mirror,       ///< perfect conductor
-    glass,        ///< smooth dielectric, refracting
-    translucent,  ///< a thin sheet that reflects and transmits diffusely
-  };
-  std::string name{};
-  Kind kind = Kind::diffuse;
-  Rgb colour = Rgb::Constant(0.5f);  ///< albedo, or normal-incidence reflectance of a metal or mirror
-  TextureDescription texture{};
-  double roughness = 0.2;            ///< of glossy and metal: GGX α = roughness²
-  double index_of_refraction = 1.5;  ///< of glossy and glass
-  double transmission = 0.5;         ///< of translucent: the share of `colour` that goes through
-};
-
-struct ObjectDescription {
-  enum class Kind { quad, box, sphere, lathe };
-  std::string name{};
-  Kind kind = Kind::box;
-  std::string material{};
-  Eigen::Vector3d position{0.0, 0.0, 0.0};  ///< centre of a quad, box or sphere; bottom centre of a lathe
-  Eigen::Vector3d size{1.0, 1.0, 1.0};      ///< of a box; of a quad x and z
-  Eigen::Vector3d rotation_degrees{0.0, 0.0, 0.0};  ///< about x, then y, then z
-  double radius = 0.1;                              ///< of a sphere
-  std::vector<Eigen::Vector2d> profile{};  ///< of a lathe: (radius, height) from one end to the other
-  bool smooth = true;                      ///< of a lathe: round the profile's corners (Catmull–Rom)
-};
-
-/// Everything that light meets.
+/// Everything that light meets. Lengths are in metres; the axes are right-handed: +X right, +Y up, +Z towards
+/// the viewer, against that of scene files. Objects are planes, boxes, spheres and lathes.
 struct SceneDescription {
-  CameraInScene camera;
+  SceneCamera camera;
   MonitorInScene monitor;
   Rgb ambient_radiance = Rgb::Zero();  ///< room light, the same from all directions
   std::vector<MaterialDescription> materials;
@@ -134,19 +86,25 @@ struct BoundingSphere {
   float radius;
 };
 
+/// An object's geometry in the scene.
+struct PlacedObject {
+  Mesh mesh;  ///< empty where `bounds` is the object, a sphere
+  Eigen::Isometry3f object_from_world;
+  BoundingSphere bounds;
+};
+
 /// The scene's surfaces, ready for ray queries. All queries may run at the same time.
 class Scene {
  public:
   /// Throws InputError for a shape that cannot be made.
   explicit Scene(const SceneDescription& description);
-  ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
   const SceneDescription& description() const { return description_; }
   const MonitorSurface& monitor() const { return monitor_; }
   const MaterialDescription& material_of(int object) const { return *materials_[object]; }
-  const BoundingSphere& bounds_of(int object) const { return bounds_[object]; }
+  const BoundingSphere& bounds_of(int object) const { return placed_[object].bounds; }
 
   std::optional<Hit> intersect(const Ray& ray) const;
 
@@ -157,12 +115,13 @@ class Scene {
   Ray camera_ray(float x, float y) const;
 
  private:
-  struct Geometry;
+  const MaterialDescription& material_named(const std::string& name) const;
+
   SceneDescription description_;
   MonitorSurface monitor_;
   std::vector<const MaterialDescription*> materials_;  // of each object
-  std::vector<BoundingSphere> bounds_;
-  std::unique_ptr<Geometry> geometry_;
+  std::vector<PlacedObject> placed_;
+  prt::RayScene rays_;  // parts: the objects, then the monitor
   Eigen::Vector3f camera_origin_, camera_corner_, camera_right_, camera_down_;
 };
 

@@ -22,15 +22,19 @@ using test::run_refield;
 using test::Succeeded;
 
 const char* const ball = R"(
+[[material]]
+name = "shiny"
+kind = "phong"
+diffuse = [0.2, 0.1, 0.1]
+specular = [0.5, 0.5, 0.5]
+exponent = 8
 [[object]]
 name = "ball"
+material = "shiny"
 shape = "sphere"
 resolution = 5
 size = 0.8
 position = [0, 0.6, 0]
-diffuse = [0.2, 0.1, 0.1]
-specular = [0.5, 0.5, 0.5]
-exponent = 8
 path = [[0, 0, 0.6, 0], [0.2, 0.4, 0.6, 0]]
 )";
 const char* const rest = R"(
@@ -171,14 +175,18 @@ TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
   };
   refused("", "object");
   refused(std::string(ball), "light");
-  refused("[[object]]\nshape = \"sphere\"\nspecular = [0.5, 0.5, 0.5]\n", "specular");
-  refused("[[object]]\nshape = \"sphere\"\nexponent = 3\n", "specular");
+  refused("[[object]]\nshape = \"sphere\"\nspecular = [0.5, 0.5, 0.5]\n", "[[material]]");
+  const std::string any = "[[object]]\nshape = \"sphere\"\n[[material]]\nname = \"it\"\n";
+  refused(any + "exponent = 3\n", "the following kinds do: phong");
+  refused(any + "kind = \"phong\"\nexponent = 3\n", "specular");
+  refused(any + "kind = \"glass\"\n", "diffuse, phong, ggx, measured");
+  refused(any + "kind = \"ggx\"\nspecular = [0, 0, 0]\nroughness = 0.3\n", "kind = \"diffuse\"");
   refused("[[object]]\nshape = \"sphere\"\npath = [[1, 0, 0, 0], [0, 0, 0, 0]]\n", "path");
   refused("[[object]]\nshape = \"sphere\"\nturns = []\n", "turns");
-  EXPECT_THAT(
-      run_refield({"simulate", "dynamic",
-                   scene("[[object]]\nshape = \"sphere\"\nspecular = [1, 1, 1]\nbrdf = \"none.txt\"\n")}),
-      RefusedNaming("none.txt", "No such file"));
+  EXPECT_THAT(run_refield({"simulate", "dynamic",
+                           scene("[[material]]\nname = \"it\"\nkind = \"measured\"\nfile = \"none.txt\"\n"
+                                 "[[object]]\nshape = \"sphere\"\nmaterial = \"it\"\n")}),
+              RefusedNaming("none.txt", "No such file"));
   EXPECT_THAT(run_refield(command({"-o", folder_ / "picture.tiff"})), RefusedNaming("picture.tiff", ".exr"));
 }
 

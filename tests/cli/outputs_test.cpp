@@ -72,7 +72,7 @@ TEST_F(Outputs, NoVerbReplacesAnInput) {
   const std::string light = folder_ / "session/illumination/train_000.exr";
   write_text_atomically(folder_ / "tetra.obj",
                         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
-  write_text_atomically(folder_ / "scene.toml", "[[mesh]]\nfile = \"tetra.obj\"\n");
+  write_text_atomically(folder_ / "scene.toml", "[[object]]\nfile = \"tetra.obj\"\n");
   expect_kept(photograph, {"estimate", session_, "-o", photograph}, ".rfield");
   expect_kept(manifest, {"estimate", session_, "-o", manifest}, ".rfield");
   expect_kept(field_,

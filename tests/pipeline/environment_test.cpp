@@ -31,14 +31,14 @@ seed = 12
 [camera]
 width = 32
 height = 24
-position = [-0.2, 0.45, 1.0]
+position = [-0.2, 0.45, -1.0]
 target = [0.02, 0.06, 0.0]
 vertical_fov_degrees = 26.0
 [monitor]
 width = 32
 height = 24
-centre = [0.62, 0.33, 0.1]
-facing = [-1.0, -0.25, 0.15]
+position = [0.62, 0.33, -0.1]
+towards = [-0.38, 0.08, -0.25]
 width_m = 0.8
 height_m = 0.6
 [lights]
@@ -49,30 +49,30 @@ squares = 1
 [[material]]
 name = "clay"
 kind = "diffuse"
-colour = [0.6, 0.4, 0.3]
+diffuse = [0.6, 0.4, 0.3]
 [[material]]
 name = "glaze"
 kind = "glossy"
-colour = [0.2, 0.3, 0.5]
+diffuse = [0.2, 0.3, 0.5]
 roughness = 0.4
 [[object]]
 name = "table"
-shape = "quad"
+shape = "plane"
 material = "clay"
-size = [1.2, 1.0, 1.2]
+stretch = [1.2, 1.0, 1.2]
 [[object]]
 name = "ball"
 shape = "sphere"
 material = "glaze"
 position = [0.0, 0.1, 0.0]
-radius = 0.1
+size = 0.2
 )";
 
 /// What the environment looks like from the middle of the scene towards a point, texel by texel: axes and
 /// formulas of docs/guide/relighting.md and docs/reference/conventions.md, written out.
 class Environment {
  public:
-  Environment(const Image& map, double yaw_degrees, const CameraInScene& camera)
+  Environment(const Image& map, double yaw_degrees, const SceneCamera& camera)
       : map_(map), yaw_(yaw_degrees * pi / 180.0), middle_(camera.target) {
     ahead_ = camera.target - camera.position;
     ahead_.y() = 0.0;

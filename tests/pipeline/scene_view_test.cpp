@@ -36,10 +36,13 @@ std::string text_of(const Eigen::Vector3f& v) {
 std::string scene_text(const Places& places) {
   const std::string place =
       places.ball_path.empty() ? "position = " + text_of(places.ball) : places.ball_path;
-  return "[[object]]\nname = \"floor\"\nshape = \"plane\"\nresolution = 20\nsize = 3.0\n"
-         "diffuse = [0.4, 0.5, 0.7]\n"
+  return "[[material]]\nname = \"blue\"\ndiffuse = [0.4, 0.5, 0.7]\n"
+         "[[material]]\nname = \"shiny\"\nkind = \"phong\"\ndiffuse = [0.4, 0.2, 0.1]\n"
+         "specular = [0.4, 0.4, 0.4]\nexponent = 8\n"
+         "[[object]]\nname = \"floor\"\nshape = \"plane\"\nresolution = 20\nsize = 3.0\n"
+         "material = \"blue\"\n"
          "[[object]]\nname = \"shiny ball\"\nshape = \"sphere\"\nresolution = 8\nsize = 0.7\n"
-         "diffuse = [0.4, 0.2, 0.1]\nspecular = [0.4, 0.4, 0.4]\nexponent = 8\n" +
+         "material = \"shiny\"\n" +
          place + "\n[[light]]\nshape = \"plane\"\nsize = 0.8\nradiance = [" +
          std::to_string(12.0 * places.area_light_gain) + ", " +
          std::to_string(11.0 * places.area_light_gain) + ", " +

@@ -9,14 +9,14 @@ seed = 5
 [camera]
 width = 24
 height = 18
-position = [0.0, 0.3, 1.0]
+position = [0.0, 0.3, -1.0]
 target = [0.0, 0.05, 0.0]
 vertical_fov_degrees = 30.0
 [monitor]
 width = 16
 height = 12
-centre = [0.6, 0.3, 0.1]
-facing = [-1.0, -0.1, 0.1]
+position = [0.6, 0.3, -0.1]
+towards = [-0.4, 0.2, -0.2]
 width_m = 0.8
 height_m = 0.6
 [ambient]
@@ -32,18 +32,18 @@ ratio = 4.0
 [[material]]
 name = "clay"
 kind = "diffuse"
-colour = [0.6, 0.4, 0.3]
+diffuse = [0.6, 0.4, 0.3]
 [[object]]
 name = "table"
-shape = "quad"
+shape = "plane"
 material = "clay"
-size = [1.2, 1.0, 1.2]
+stretch = [1.2, 1.0, 1.2]
 [[object]]
 name = "ball"
 shape = "sphere"
 material = "clay"
 position = [0.0, 0.1, 0.0]
-radius = 0.1
+size = 0.2
 )";
 
 }  // namespace refield::test

@@ -14,7 +14,7 @@ namespace {
 constexpr float area_light_radius = 1.0f, area_light_distance = 4.0f;
 
 /// A ball of radiance one, as paths find it.
-prt::PathLight area_light_at(const Eigen::Vector3f& place) {
+prt::test::PathLight area_light_at(const Eigen::Vector3f& place) {
   return [place](const Eigen::Vector3f& at, const Eigen::Vector3f& from) -> Eigen::Array3f {
     const Eigen::Vector3f to = place - at;
     const float along = to.dot(from);
@@ -37,18 +37,20 @@ TEST(NearAreaLight, LightsTheSceneWhereverItMoves) {
   const auto picture = [&](const Mesh& area_light) {
     return relighter.relight(emitter_map(area_light, middle, options.map_resolution));
   };
+  const std::vector<Eigen::Array3f> reflectance = prt::diffuse_reflectance(scene);
   std::vector<Eigen::Array3f> before;
   for (const Eigen::Vector3f& way : {Eigen::Vector3f(0.2f, 0.9f, -0.4f), Eigen::Vector3f(0.7f, 0.4f, 0.6f)}) {
     const Eigen::Vector3f place = middle + area_light_distance * way.normalized();
     Mesh area_light = prt::sphere_mesh(12);
     for (auto& position : area_light.positions) position = place + 2.0f * area_light_radius * position;
     const Image& outputs = picture(area_light);
-    const auto traced = prt::test::trace_vertices(scene, 19, area_light_at(place), {.paths = 65536});
+    const auto traced =
+        prt::test::trace_vertices(scene, 19, area_light_at(place), {.paths = 65536, .bounces = 7});
     prt::test::RelativeError error, of_before;
     for (std::size_t k = 0; k < traced.vertices.size(); ++k) {
       const std::size_t v = traced.vertices[k];
       const Eigen::Map<const Eigen::Array3f> output(&outputs.values[3 * pixel_of_output(v)]);
-      error.add(output * prt::point_of_vertex(scene, v).diffuse, traced.radiance[k]);
+      error.add(output * reflectance[v], traced.radiance[k]);
       if (!before.empty()) of_before.add(before[k], traced.radiance[k]);
     }
     RecordProperty(before.empty() ? "above" : "aside", std::to_string(error.value()));

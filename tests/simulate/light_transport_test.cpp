@@ -19,6 +19,7 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 using Kind = MaterialDescription::Kind;
+using Shape = ObjectDescription::Shape;
 
 // One pixel that looks through a pinhole at `target`; so narrow that it sees a point.
 SceneDescription one_pixel(const Vector3d& from, const Vector3d& target) {
@@ -36,11 +37,12 @@ MaterialDescription material(Kind kind, const Rgb& colour) {
 
 // A vertical square about `centre` that faces +z, turned about y.
 ObjectDescription upright_square(const Vector3d& centre, double side, double turn_degrees = 0.0) {
-  return {.kind = ObjectDescription::Kind::quad,
+  const auto length = static_cast<float>(side);
+  return {.shape = Shape::plane,
           .material = "it",
-          .position = centre,
-          .size = {side, 1, side},
-          .rotation_degrees = {90, turn_degrees, 0}};
+          .place = {.stretch = {length, 1.0f, length},
+                    .turn = {.yaw = turn_degrees, .pitch = 90.0},
+                    .position = centre.cast<float>()}};
 }
 
 PixelTransport trace(const SceneDescription& description, const TraceOptions& options) {
@@ -129,7 +131,7 @@ TEST(LightTransport, GlassPaneTransmitsAndShiftsLightAsItShould) {
   // At normal incidence a pane transmits (1 − R)/(1 + R), R = 0.04, with all its inner reflections.
   SceneDescription scene = one_pixel({0, 0, 1}, {0, 0, 0});
   scene.materials = {material(Kind::glass, Rgb::Ones())};
-  ObjectDescription pane{.kind = ObjectDescription::Kind::box, .material = "it", .size = {1, 1, 0.1}};
+  ObjectDescription pane{.shape = Shape::box, .material = "it", .place = {.stretch = {1.0f, 1.0f, 0.1f}}};
   scene.objects = {pane};
   scene.monitor.centre = {0.003, 0.003, -1.0};
   scene.monitor.facing = {0, 0, 1};
@@ -174,13 +176,12 @@ TEST(LightTransport, AmbientLightOfAnOpenFloorIsItsAlbedoTimesTheRoom) {
 SceneDescription corner_scene() {
   SceneDescription scene = one_pixel({-0.6, 0.8, 1.2}, {0, 0, 0});
   scene.materials = {material(Kind::diffuse, {0.8f, 0.6f, 0.4f})};
-  const auto square = ObjectDescription::Kind::quad;
-  scene.objects = {{.kind = square, .material = "it", .size = {3, 1, 3}},
-                   upright_square({0, 0.5, -0.3}, 2.0),
-                   {.kind = ObjectDescription::Kind::box,
-                    .material = "it",
-                    .position = {0.25, 0.1, 0},
-                    .size = {0.1, 0.2, 0.12}}};
+  scene.objects = {
+      {.shape = Shape::plane, .material = "it", .place = {.stretch = {3.0f, 1.0f, 3.0f}}},
+      upright_square({0, 0.5, -0.3}, 2.0),
+      {.shape = Shape::box,
+       .material = "it",
+       .place = {.stretch = {0.1f, 0.2f, 0.12f}, .position = Eigen::Vector3f(0.25f, 0.1f, 0.0f)}}};
   scene.monitor.centre = {0.8, 0.4, 0.1};
   scene.monitor.facing = {-1, -0.2, 0};
   return scene;

@@ -18,13 +18,13 @@ const std::string good = R"(seed = 5
 [camera]
 width = 32
 height = 24
-position = [0, 0.4, 1.2]
+position = [0, 0.4, -1.2]
 target = [0, 0.1, 0]
 [monitor]
 width = 64
 height = 48
-centre = [0.6, 0.3, 0]
-facing = [-1, 0, 0]
+position = [0.6, 0.3, 0.0]
+towards = [-0.4, 0.3, 0.0]
 latency_ms = 50
 [sensor]
 layout = "bayer_rggb"
@@ -36,7 +36,7 @@ longest_s = 0.5
 name = "grey"
 kind = "diffuse"
 [[object]]
-shape = "quad"
+shape = "plane"
 material = "grey"
 )";
 
@@ -79,6 +79,18 @@ TEST_F(RecipeTest, ReadsValuesAndKeepsDefaults) {
   EXPECT_EQ(recipe.scene.objects.at(0).material, "grey");
 }
 
+TEST_F(RecipeTest, ScenesAreMirroredIntoRightHandedAxes) {
+  const Recipe recipe = read(good + "position = [1, 2, 3]\nrotation = [30, 20, 10]\n");
+  EXPECT_EQ(recipe.scene.camera.position, Eigen::Vector3d(0, 0.4, 1.2));
+  EXPECT_EQ(recipe.scene.monitor.centre, Eigen::Vector3d(0.6, 0.3, 0.0));
+  EXPECT_LT((recipe.scene.monitor.facing - Eigen::Vector3d(-1, 0, 0)).norm(), 1e-12);
+  const prt::Placement& place = recipe.scene.objects.at(0).place;
+  EXPECT_EQ(*place.position, Eigen::Vector3f(1, 2, -3));
+  const Eigen::Vector3d flip(1, 1, -1);
+  const Eigen::Matrix3d turn = EulerAngles{.yaw = 30, .pitch = 20, .roll = 10}.matrix();
+  EXPECT_LT((place.turn.matrix() - flip.asDiagonal() * turn * flip.asDiagonal()).norm(), 1e-12);
+}
+
 TEST_F(RecipeTest, ErrorsNameFileLineKeyValueAndRemedy) {
   EXPECT_THAT(error_of(replaced(good, "width = 32", "width = -32")),
               AllOf(HasSubstr("recipe.toml:3:"), HasSubstr("[camera] width = -32"), HasSubstr("from 1 to")));
@@ -88,7 +100,7 @@ TEST_F(RecipeTest, ErrorsNameFileLineKeyValueAndRemedy) {
               AllOf(HasSubstr(":21:"), HasSubstr("velvet"), HasSubstr("translucent")));
   EXPECT_THAT(error_of(replaced(good, "material = \"grey\"", "material = \"gray\"")),
               AllOf(HasSubstr("gray"), HasSubstr("there are grey")));
-  EXPECT_THAT(error_of(replaced(good, "[0, 0.4, 1.2]", "[0, 0.4]")), HasSubstr("three numbers"));
+  EXPECT_THAT(error_of(replaced(good, "[0, 0.4, -1.2]", "[0, 0.4]")), HasSubstr("three numbers"));
   EXPECT_THAT(error_of(replaced(good, "ratio = 3.0", "ratio = nan")), HasSubstr("ratio"));
 }
 
@@ -96,6 +108,12 @@ TEST_F(RecipeTest, UnknownKeysAreErrors) {
   EXPECT_THAT(error_of(replaced(good, "latency_ms = 50", "latncy_ms = 50")),
               AllOf(HasSubstr(":12:"), HasSubstr("latncy_ms"), HasSubstr("latency_ms")));
   EXPECT_THAT(error_of(good + "[camra]\n"), HasSubstr("camra"));
+  EXPECT_THAT(error_of(replaced(good, "\"plane\"", "\"sphere\"") + "radius = 0.1\n"),
+              AllOf(HasSubstr("radius"), HasSubstr("size")));
+  EXPECT_THAT(error_of(replaced(good, "\"plane\"", "\"sphere\"") + "stretch = [1, 2, 1]\n"),
+              HasSubstr("give its diameter as `size`"));
+  EXPECT_THAT(error_of(replaced(good, "kind = \"diffuse\"", "roughness = 0.3")),
+              HasSubstr("the following kinds do: glossy, metal"));
 }
 
 TEST_F(RecipeTest, MissingPartsAreErrors) {
@@ -107,9 +125,10 @@ TEST_F(RecipeTest, MissingPartsAreErrors) {
 }
 
 TEST_F(RecipeTest, ScenesThatCannotBeLookedAtAreErrors) {
-  EXPECT_THAT(error_of(replaced(good, "target = [0, 0.1, 0]", "target = [0, 0.1, 1.2]")),
-              HasSubstr("straight"));
-  EXPECT_THAT(error_of(replaced(good, "facing = [-1, 0, 0]", "facing = [0, 1, 0]")), HasSubstr("flat"));
+  EXPECT_THAT(error_of(replaced(good, "target = [0, 0.1, 0]", "target = [0, 0.1, -1.2]")),
+              HasSubstr("up direction"));
+  EXPECT_THAT(error_of(replaced(good, "towards = [-0.4, 0.3, 0.0]", "towards = [0.6, 0.5, 0.0]")),
+              HasSubstr("flat"));
 }
 
 TEST(TabletopRecipe, IsValidAndAsLargeAsTheDemoNeeds) {

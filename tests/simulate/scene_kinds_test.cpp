@@ -9,6 +9,7 @@ namespace refield {
 namespace {
 
 using Kind = MaterialDescription::Kind;
+using Shape = ObjectDescription::Shape;
 
 /// A floor seen from straight above, a monitor on the right, and things on the floor.
 SceneDescription floor_with(std::vector<ObjectDescription> things) {
@@ -29,16 +30,15 @@ SceneDescription floor_with(std::vector<ObjectDescription> things) {
                      MaterialDescription{.name = "glass", .kind = Kind::glass}};
   things.insert(
       things.begin(),
-      ObjectDescription{.kind = ObjectDescription::Kind::quad, .material = "matt", .size = {1.8, 1, 1.8}});
+      ObjectDescription{.shape = Shape::plane, .material = "matt", .place = {.stretch = {1.8f, 1.0f, 1.8f}}});
   scene.objects = std::move(things);
   return scene;
 }
 
-ObjectDescription ball(const char* material, double x, double z, double radius) {
-  return {.kind = ObjectDescription::Kind::sphere,
+ObjectDescription ball(const char* material, float x, float z, float radius) {
+  return {.shape = Shape::sphere,
           .material = material,
-          .position = {x, radius, z},
-          .radius = radius};
+          .place = {.size = 2.0f * radius, .position = Eigen::Vector3f(x, radius, z)}};
 }
 
 std::string kind_at(const PixelKinds& kinds, int x, int y) {
@@ -53,8 +53,9 @@ TEST(SceneKinds, AnOpenFloorIsDiffuseAndItsSurroundingsAreOfNoKind) {
 }
 
 TEST(SceneKinds, MaterialsAreToldApart) {
-  const PixelKinds kinds = scene_kinds(Scene(floor_with(
-      {ball("mirror", -0.5, -0.5, 0.25), ball("glass", -0.5, 0.5, 0.25), ball("coat", 0.5, 0.0, 0.25)})));
+  const PixelKinds kinds =
+      scene_kinds(Scene(floor_with({ball("mirror", -0.5f, -0.5f, 0.25f), ball("glass", -0.5f, 0.5f, 0.25f),
+                                    ball("coat", 0.5f, 0.0f, 0.25f)})));
   // 0.1 m a pixel; x to the right, z downwards.
   EXPECT_EQ(kind_at(kinds, 5, 5), "refraction");
   EXPECT_EQ(kind_at(kinds, 5, 15), "refraction");
@@ -64,10 +65,10 @@ TEST(SceneKinds, MaterialsAreToldApart) {
 
 TEST(SceneKinds, AnObjectsShadowHasAHardEdgeWhereItHidesPartOfTheMonitor) {
   // A plate stands between the monitor and the left of the floor and hides the monitor's lower half from it.
-  ObjectDescription plate{.kind = ObjectDescription::Kind::box,
-                          .material = "matt",
-                          .position = {0.6, 0.15, 0.0},
-                          .size = {0.02, 0.3, 0.6}};
+  const ObjectDescription plate{
+      .shape = Shape::box,
+      .material = "matt",
+      .place = {.stretch = {0.02f, 0.3f, 0.6f}, .position = Eigen::Vector3f(0.6f, 0.15f, 0.0f)}};
   const PixelKinds kinds = scene_kinds(Scene(floor_with({plate})));
   EXPECT_EQ(kind_at(kinds, 4, 10), "hard_shadow") << "the lower half of the monitor is hidden";
   EXPECT_EQ(kind_at(kinds, 13, 10), "diffuse") << "close behind the plate nothing of the monitor is seen";

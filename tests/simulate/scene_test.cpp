@@ -12,6 +12,7 @@ namespace refield {
 namespace {
 
 using Eigen::Vector3f;
+using Shape = ObjectDescription::Shape;
 
 SceneDescription with(ObjectDescription object) {
   SceneDescription scene;
@@ -32,10 +33,10 @@ SceneDescription with(ObjectDescription object) {
 }
 
 ObjectDescription sphere() {
-  return {.kind = ObjectDescription::Kind::sphere, .radius = 0.5};
+  return {.shape = Shape::sphere};  // of diameter 1
 }
 ObjectDescription box() {
-  return {.kind = ObjectDescription::Kind::box, .size = {2, 1, 0.5}};
+  return {.shape = Shape::box, .place = {.stretch = {2.0f, 1.0f, 0.5f}}};
 }
 
 TEST(Scene, SphereIsHitFromOutsideAndFromWithin) {
@@ -66,14 +67,14 @@ TEST(Scene, BoxFacesPointOutwardsAndTurnWithIt) {
       EXPECT_NEAR(hit->position[axis], side * half[axis], 1e-5f);
     }
   ObjectDescription turned = box();
-  turned.rotation_degrees = {0, 90, 0};
+  turned.place.turn = {.yaw = 90.0};
   const auto hit = Scene(with(turned)).intersect({{0, 0, 5}, {0, 0, -1}});
   ASSERT_TRUE(hit);
   EXPECT_NEAR(hit->position.z(), 1.0f, 1e-5f);  // its long side now lies along z
 }
 
 TEST(Scene, LatheOfASemicircleIsASphere) {
-  ObjectDescription lathe{.kind = ObjectDescription::Kind::lathe};
+  ObjectDescription lathe{.shape = Shape::lathe};
   for (int i = 0; i <= 24; ++i) {
     const double t = -M_PI / 2 + M_PI * i / 24;
     lathe.profile.emplace_back(std::max(0.0, 0.5 * std::cos(t)), 0.5 * std::sin(t));
@@ -120,8 +121,7 @@ TEST(Scene, RefusesUnknownMaterialsAndEmptyShapes) {
   SceneDescription scene = with(sphere());
   scene.objects[0].material = "other";
   EXPECT_THROW(Scene{scene}, InputError);
-  EXPECT_THROW(Scene{with({.kind = ObjectDescription::Kind::lathe, .profile = {{0, 0}, {0, 1}}})},
-               InputError);
+  EXPECT_THROW(Scene{with({.shape = Shape::lathe, .profile = {{0, 0}, {0, 1}}})}, InputError);
 }
 
 }  // namespace

@@ -27,9 +27,9 @@ SceneDescription floor_of(MaterialDescription material) {
   material.name = "it";
   scene.materials = {material};
   ObjectDescription floor;
-  floor.kind = ObjectDescription::Kind::quad;
+  floor.shape = ObjectDescription::Shape::plane;
   floor.material = "it";
-  floor.size = {4, 1, 4};
+  floor.place.stretch = {4.0f, 1.0f, 4.0f};
   scene.objects = {floor};
   return scene;
 }

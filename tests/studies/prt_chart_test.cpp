@@ -30,8 +30,8 @@ std::string environment(const test::TemporaryFolder& folder) {
 
 std::string chart_scene(const test::TemporaryFolder& folder) {
   const std::string path = folder / "scene.toml";
-  std::ofstream(path) << "[[mesh]]\nshape = 'rabbit'\nresolution = 5\non_ground = true\n"
-                         "[[mesh]]\nshape = 'plane'\nresolution = 12\nsize = 3.0\n";
+  std::ofstream(path) << "[[object]]\nshape = 'rabbit'\nresolution = 5\non_ground = true\n"
+                         "[[object]]\nshape = 'plane'\nresolution = 12\nsize = 3.0\n";
   return path;
 }
 

@@ -72,15 +72,19 @@ TEST(DynamicBasesVerb, ChartsBasesAndTerms) {
 }
 
 const char* const moving_scene = R"(
+[[material]]
+name = "shiny"
+kind = "phong"
+diffuse = [0.2, 0.1, 0.1]
+specular = [0.5, 0.5, 0.5]
+exponent = 8
 [[object]]
 name = "ball"
+material = "shiny"
 shape = "sphere"
 resolution = 5
 size = 0.8
 position = [0, 0.6, 0]
-diffuse = [0.2, 0.1, 0.1]
-specular = [0.5, 0.5, 0.5]
-exponent = 8
 path = [[0, 0, 0.6, 0], [0.2, 0.4, 0.6, 0]]
 [[object]]
 shape = "plane"

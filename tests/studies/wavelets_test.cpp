@@ -9,7 +9,7 @@
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/light/cube_map.h"
-#include "simulate/prt/integrate.h"
+#include "bench/studies/prt/integrate.h"
 #include "tests/simulate/prt/small_scenes.h"
 #include "tests/support/random_data.h"
 

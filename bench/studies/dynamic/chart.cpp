@@ -169,7 +169,7 @@ void add_dynamic_chart(CLI::App& app, Action& action) {
       "shadows by\n"
       "rays and by occlusion fields; the paper's method. Errors are relative to traced paths.\n"
       "Example: refield-studies dynamic-chart datasets_synthetic/dynamic/rabbit.toml -o chart");
-  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/mesh-scenes.md)")->required();
+  verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/scene-files.md)")->required();
   verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv")->required();
   verb->add_option("--time", arguments->time, "At which errors are looked at, seconds")
       ->check(non_negative_number())

@@ -19,7 +19,7 @@
 #include "core/light/cube_map.h"
 #include "relight/environment/environment.h"
 #include "relight/environment/sky.h"
-#include "simulate/prt/integrate.h"
+#include "bench/studies/prt/integrate.h"
 
 namespace refield::studies {
 

@@ -76,7 +76,7 @@ double error_against_paths(Prepared& prepared, const Mesh& area_lights, int boun
   prepared.light->solve(poses, area_lights, eye, {});
   SceneRays rays(prepared.rays);
   rays.move(poses);
-  std::vector<VertexOf> vertices;
+  std::vector<PathStart> starts;
   std::vector<std::size_t> number;
   std::size_t before = 0;
   for (std::uint32_t o = 0; o < prepared.scene.objects.size(); ++o) {
@@ -84,17 +84,18 @@ double error_against_paths(Prepared& prepared, const Mesh& area_lights, int boun
     for (std::uint32_t v = 0; v < mesh.positions.size(); ++v)
       if (v % static_cast<std::uint32_t>(step) == 0 &&
           mesh.normals[v].dot(eye - poses[o] * mesh.positions[v]) > 0.0f) {
-        vertices.push_back({o, v});
+        starts.push_back(path_start(prepared.scene, poses, o, v, eye));
         number.push_back(before + v);
       }
     before += mesh.positions.size();
   }
-  const auto reference = trace_bounces(prepared.scene, rays, poses, area_points(area_lights, 1024), vertices,
-                                       eye, {.paths = paths, .bounces = 3});
+  const auto points = area_points(area_lights, 1024);
+  const auto reference = trace_bounces(prepared.scene, rays, poses, {.area_lights = points}, starts,
+                                       {.paths = paths, .bounces = 3});
   const auto radiance =
       bounce < 0 ? prepared.light->radiance(0, 3) : prepared.light->radiance(bounce, bounce);
   double error = 0.0, energy = 0.0;
-  for (std::size_t i = 0; i < vertices.size(); ++i) {
+  for (std::size_t i = 0; i < starts.size(); ++i) {
     Eigen::Array3f truth = Eigen::Array3f::Zero();
     for (int b = std::max(bounce, 0); b <= (bounce < 0 ? 3 : bounce); ++b)
       truth += reference[static_cast<std::size_t>(b)][i];

@@ -38,10 +38,10 @@ radiance = [1, 1, 1]
   ASSERT_EQ(lights.lights.size(), 2u);
   EXPECT_EQ(lights.duration(), 3.0);
   const AreaLight& ball = lights.lights[0];
-  EXPECT_LT((ball.position(-1.0) - Eigen::Vector3f(0, 3, 0)).norm(), 1e-6f);
-  EXPECT_LT((ball.position(0.5) - Eigen::Vector3f(1, 3, 0)).norm(), 1e-6f);
-  EXPECT_LT((ball.position(2.25) - Eigen::Vector3f(4, 3, 2)).norm(), 1e-6f);
-  EXPECT_LT((ball.position(9.0) - Eigen::Vector3f(4, 3, 8)).norm(), 1e-6f);
+  EXPECT_LT((ball.motion.position(-1.0) - Eigen::Vector3f(0, 3, 0)).norm(), 1e-6f);
+  EXPECT_LT((ball.motion.position(0.5) - Eigen::Vector3f(1, 3, 0)).norm(), 1e-6f);
+  EXPECT_LT((ball.motion.position(2.25) - Eigen::Vector3f(4, 3, 2)).norm(), 1e-6f);
+  EXPECT_LT((ball.motion.position(9.0) - Eigen::Vector3f(4, 3, 8)).norm(), 1e-6f);
   const Mesh mesh = lights.at(0.5);
   const std::size_t corners = ball.shape.positions.size();
   ASSERT_EQ(mesh.positions.size(), corners + lights.lights[1].shape.positions.size());

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "simulate/prt/clusters.h"
-#include "simulate/prt/integrate.h"
+#include "bench/studies/prt/integrate.h"
 #include "tests/simulate/prt/small_scenes.h"
 
 /// Errors of clusters against the sum over all lights.

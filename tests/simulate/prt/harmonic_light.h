@@ -2,7 +2,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "simulate/geometry/path_trace.h"
+#include "core/base/rng.h"
 #include "simulate/prt/harmonic_transfer.h"
 
 namespace refield::prt::test {

@@ -22,7 +22,7 @@ using refield::test::message_of;
 const Material white = {{0.8f, 0.8f, 0.8f}, {0.0f, 0.0f, 0.0f}, 0.0f};
 const Material glossy = {{0.2f, 0.3f, 0.2f}, {0.5f, 0.5f, 0.4f}, 10.0f};
 
-PathLight distant(const test::HarmonicLight& light) {
+test::PathLight distant(const test::HarmonicLight& light) {
   return [&light](const Eigen::Vector3f&, const Eigen::Vector3f& from) { return light(from); };
 }
 
@@ -52,7 +52,7 @@ TEST(HarmonicTransfer, OfAConvexBodyIsTheIrradianceConvolution) {
 }
 
 constexpr double smooth_error = 0.02;  // what the paths' noise, some 0.008, and the mesh may take of it
-const PathOptions many_paths = {.paths = 8192};
+const dynamic::ReferenceOptions many_paths = {.paths = 8192, .bounces = 7};
 
 TEST(HarmonicTransfer, IsWhatTracedPathsSeeUnderSmoothLight) {
   const Scene scene = test::ball_scene(white);
@@ -63,7 +63,7 @@ TEST(HarmonicTransfer, IsWhatTracedPathsSeeUnderSmoothLight) {
   options.until = 1.0;
   const HarmonicTransfer direct = transfer_of(scene, options);
   EXPECT_EQ(direct.channels, 1);
-  const auto once = test::trace_vertices(scene, 19, distant(light), {.paths = 8192, .reflections = 1});
+  const auto once = test::trace_vertices(scene, 19, distant(light), {.paths = 8192, .bounces = 0});
   EXPECT_LT(test::error_of(direct, scene, light, once), smooth_error);
   // The test would see it if interreflection were missing.
   EXPECT_GT(test::error_of(direct, scene, light, all), 0.2);
@@ -85,7 +85,7 @@ TEST(HarmonicTransfer, OfALobeComesNearerTheIntegralByOrder) {
   Scene scene;
   test::add(scene, sphere_mesh(9), {}, {{0.0f, 0.0f, 0.0f}, {0.5f, 0.6f, 0.7f}, 12.0f});
   const test::HarmonicLight light = test::random_harmonic_light(3, 8);
-  const auto traced = test::trace_vertices(scene, 5, distant(light), {.paths = 16384, .reflections = 1});
+  const auto traced = test::trace_vertices(scene, 5, distant(light), {.paths = 16384, .bounces = 0});
   double before = 1.0;
   for (const int order : {3, 5, 7}) {
     const HarmonicTransfer transfer = transfer_of(scene, {.order = order});

@@ -102,7 +102,8 @@ TEST(NearLight, FarAwayIsDistant) {
 }
 
 /// What paths that leave the scene find on the sphere of lights.
-PathLight on_sphere(const test::HarmonicLight& light, const Eigen::Vector3f& centre, Emission emission) {
+test::PathLight on_sphere(const test::HarmonicLight& light, const Eigen::Vector3f& centre,
+                          Emission emission) {
   return
       [&light, centre, emission](const Eigen::Vector3f& at, const Eigen::Vector3f& from) -> Eigen::Array3f {
         const Eigen::Vector3f off = at - centre;
@@ -121,8 +122,8 @@ TEST(NearLight, IsWhatTracedPathsSee) {
       const Scene scene = test::ball_scene(ball);
       const HarmonicOptions options{
           .order = 5, .directions = 512, .until = 0.02, .radius = radius, .emission = emission};
-      const auto traced =
-          test::trace_vertices(scene, 53, on_sphere(light, middle(scene.mesh), emission), {.paths = 6000});
+      const auto traced = test::trace_vertices(scene, 53, on_sphere(light, middle(scene.mesh), emission),
+                                               {.paths = 6000, .bounces = 7});
       const double error = test::error_of(transfer_of(scene, options), scene, light, traced);
       EXPECT_LT(error, 0.02);
     }

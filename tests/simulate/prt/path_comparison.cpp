@@ -14,19 +14,47 @@ double RelativeError::value() const {
   return std::sqrt(wrong_ / all_);
 }
 
+namespace {
+
+/// An object for each material, each with all vertices.
+dynamic::DynamicScene dynamic_scene(const Scene& scene) {
+  dynamic::DynamicScene result;
+  for (const Material& material : scene.materials) {
+    dynamic::MovingObject& object = result.objects.emplace_back();
+    object.mesh = scene.mesh;
+    object.mesh.triangles.clear();
+    object.brdf.diffuse = material.diffuse;
+    object.brdf.specular = material.specular;
+    object.brdf.exponent = material.exponent;
+    object.brdf.lobe = material.is_diffuse() ? dynamic::Lobe::none : dynamic::Lobe::phong;
+    object.motion.path = {{0.0, Eigen::Vector3f::Zero()}};
+  }
+  for (const auto& triangle : scene.mesh.triangles)
+    result.objects[scene.material_of_vertex[triangle[0]]].mesh.triangles.push_back(triangle);
+  return result;
+}
+
+}  // namespace
+
 TracedVertices trace_vertices(const Scene& scene, std::size_t step, const PathLight& light,
-                              const PathOptions& options) {
+                              const dynamic::ReferenceOptions& options) {
   TracedVertices traced;
-  std::vector<SurfacePoint> points;
+  std::vector<dynamic::PathStart> starts;
   for (std::size_t v = step / 2; v < scene.mesh.positions.size(); v += step) {
     traced.vertices.push_back(v);
-    points.push_back(point_of_vertex(scene, v));
     const auto angle = static_cast<float>(v);
     const Eigen::Vector3f aside(std::sin(angle), std::cos(angle), std::sin(2.0f * angle));
-    traced.to_viewer.push_back((points.back().normal + 0.6f * aside).normalized());
+    traced.to_viewer.push_back((scene.mesh.normals[v] + 0.6f * aside).normalized());
+    starts.push_back({scene.material_of_vertex[v], static_cast<std::uint32_t>(v), traced.to_viewer.back()});
   }
-  const MeshRays rays(scene.mesh);
-  traced.radiance = path_trace(scene, rays, points, traced.to_viewer, light, options);
+  const dynamic::DynamicScene objects = dynamic_scene(scene);
+  std::vector<MeshRays> of_objects;
+  for (const dynamic::MovingObject& object : objects.objects) of_objects.emplace_back(object.mesh);
+  const dynamic::SceneRays rays(of_objects);
+  traced.radiance.assign(starts.size(), Eigen::Array3f::Zero());
+  for (const auto& bounce :
+       trace_bounces(objects, rays, objects.poses(0.0), {.environment = light}, starts, options))
+    for (std::size_t k = 0; k < bounce.size(); ++k) traced.radiance[k] += bounce[k];
   return traced;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "simulate/dynamic/bounce_reference.h"
 #include "tests/simulate/prt/harmonic_light.h"
 
 namespace refield::prt::test {
@@ -16,15 +17,17 @@ class RelativeError {
   double wrong_ = 0.0, all_ = 0.0;
 };
 
+using PathLight = decltype(dynamic::PathLight::environment);
+
 /// Some vertices of a scene, each with a viewer of its own, and what traced paths say they look like.
 struct TracedVertices {
   std::vector<std::size_t> vertices;
   std::vector<Eigen::Vector3f> to_viewer;
   std::vector<Eigen::Array3f> radiance;
 };
-/// Every `step`-th vertex.
+/// Every `step`-th vertex, under a distant or near light, of a scene without vertex colours.
 TracedVertices trace_vertices(const Scene& scene, std::size_t step, const PathLight& light,
-                              const PathOptions& options);
+                              const dynamic::ReferenceOptions& options);
 
 /// Of a transfer against them.
 double error_of(const HarmonicTransfer& transfer, const Scene& scene, const HarmonicLight& light,

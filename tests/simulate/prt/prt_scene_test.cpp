@@ -12,6 +12,7 @@
 #include "core/base/files.h"
 #include "core/field/transfer_tiles.h"
 #include "simulate/geometry/mesh_shapes.h"
+#include "simulate/geometry/place_mesh.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
 
@@ -83,6 +84,24 @@ TEST(Shapes, AreClosedAndFaceOutwards) {
   for (const auto& normal : plane.normals) EXPECT_EQ(normal, Eigen::Vector3f::UnitY());
 }
 
+TEST_F(Scenes, LathesKeepTheirProfilesOrigin) {
+  const Scene scene = read(R"(
+[[object]]
+shape = "lathe"
+profile = [[0, 0], [0.5, 0], [0.5, 1], [0, 1]]
+smooth = false
+position = [2, 3, 4]
+)");
+  Eigen::AlignedBox3f box;
+  for (const auto& position : scene.mesh.positions) box.extend(position);
+  EXPECT_LT((box.min() - Eigen::Vector3f(1.5f, 3, 3.5f)).norm(), 1e-5f);
+  EXPECT_LT((box.max() - Eigen::Vector3f(2.5f, 4, 4.5f)).norm(), 1e-5f);
+  EXPECT_TRUE(fronts_agree(scene.mesh));
+  EXPECT_NEAR(area(scene.mesh), 1.5 * std::numbers::pi, 0.01);  // the wall is π, each end π/4
+  EXPECT_THAT(error_of("[[object]]\nshape = \"lathe\"\nprofile = [[0, 0], [0, 1]]\n"),
+              HasSubstr("encloses no surface"));
+}
+
 TEST(Refinement, KeepsTheSurfaceAndLeavesNoGaps) {
   for (const float limit : {0.4f, 0.11f}) {
     Mesh sphere = sphere_mesh(3);
@@ -105,19 +124,26 @@ TEST(Refinement, RefusesWhatNoFieldCouldHold) {
 
 TEST_F(Scenes, PlacesMeshes) {
   const Scene scene = read(R"(
-[[mesh]]
+[[material]]
+name = "brown"
+diffuse = [0.5, 0.25, 0.0]
+[[material]]
+name = "shiny"
+kind = "phong"
+specular = [0.1, 0.1, 0.1]
+exponent = 20
+[[object]]
 shape = "box"
+material = "brown"
 stretch = [1.0, 2.0, 1.0]
 size = 4.0
 position = [3.0, 9.0, -1.0]
 on_ground = true
-diffuse = [0.5, 0.25, 0.0]
-[[mesh]]
+[[object]]
 shape = "plane"
 resolution = 4
 rotation = [0, 90, 0]
-specular = [0.1, 0.1, 0.1]
-exponent = 20
+material = "shiny"
 [camera]
 position = [0, 1, -5]
 target = [0, 1, 0]
@@ -139,7 +165,7 @@ width = 320
 
 TEST_F(Scenes, ReadsMeshesBesideIt) {
   write_text_atomically(folder_ / "one.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
-  const Scene scene = read("[[mesh]]\nfile = \"one.off\"\nrefine = 0.5\n");
+  const Scene scene = read("[[object]]\nfile = \"one.off\"\nrefine = 0.5\n");
   EXPECT_EQ(scene.mesh.triangles.size(),
             8u);  // the longest edge is √2: 4 triangles, whose longest are halved
   const Scene alone = read_scene(folder_ / "one.off");
@@ -157,16 +183,26 @@ TEST_F(Scenes, DataSetsAreReadAndOfTheSizeTheySay) {
 }
 
 TEST_F(Scenes, ErrorsNameKeyAndRemedy) {
-  EXPECT_THAT(error_of("[camera]\n"), HasSubstr("mesh"));
-  EXPECT_THAT(error_of("[[mesh]]\n"), HasSubstr("either `shape` or `file`"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"cone\"\n"), HasSubstr("use one of plane, box, sphere, rabbit"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\ncolor = 1\n"), HasSubstr("color"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\nrefine = 1e-5\n"), HasSubstr("allow longer ones"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"plane\"\nresolution = 100000\n"), HasSubstr("resolution"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\nspecular = [0.5, 0.5, 0.5]\nexponent = 9\n"),
-              HasSubstr("add up to more than 1"));
-  EXPECT_THAT(error_of("[[mesh]]\nfile = \"absent.obj\"\n"), HasSubstr("absent.obj"));
-  EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\n[camera]\nposition = [0, 0, 0]\ntarget = [0, 5, 0]\n"),
+  EXPECT_THAT(error_of("[camera]\n"), HasSubstr("[[object]]"));
+  EXPECT_THAT(error_of("[[object]]\n"), HasSubstr("either `shape` or `file`"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"cone\"\n"),
+              HasSubstr("use one of plane, box, sphere, lathe, rabbit"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"box\"\ncolor = 1\n"), HasSubstr("color"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"box\"\nrefine = 1e-5\n"), HasSubstr("allow longer ones"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"plane\"\nresolution = 100000\n"), HasSubstr("resolution"));
+  EXPECT_THAT(
+      error_of("[[material]]\nname = \"it\"\nkind = \"phong\"\nspecular = [0.5, 0.5, 0.5]\nexponent = 9\n"),
+      HasSubstr("add up to more than 1"));
+  EXPECT_THAT(error_of("[[object]]\nfile = \"absent.obj\"\n"), HasSubstr("absent.obj"));
+  EXPECT_THAT(error_of("[[mesh]]\nshape = \"box\"\n"), HasSubstr("camera, material, object"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"box\"\ndiffuse = [1, 1, 1]\n"),
+              HasSubstr("name such a material by the key `material`"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"box\"\nmaterial = \"gold\"\n"),
+              HasSubstr("no [[material]] of this name"));
+  EXPECT_THAT(error_of("[[material]]\nname = \"it\"\nkind = \"glass\"\n[[object]]\nshape = \"box\"\n"),
+              HasSubstr("scenes of this type support diffuse, phong"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"box\"\nturns = [[0, 0, 0, 0]]\n"), HasSubstr("turns"));
+  EXPECT_THAT(error_of("[[object]]\nshape = \"box\"\n[camera]\nposition = [0, 0, 0]\ntarget = [0, 5, 0]\n"),
               HasSubstr("[camera] target"));
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/prt/integrate.h"
+#include "bench/studies/prt/integrate.h"
 
 #include <tbb/parallel_for.h>
 

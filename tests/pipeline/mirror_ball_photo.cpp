@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/rig/mirror_ball_photo.h"
+#include "tests/pipeline/mirror_ball_photo.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
