@@ -52,74 +52,71 @@ struct Style {
   float sun;  // radiance; 0: hidden
 };
 
+const std::array styles{
+    // Day in a city.
+    Style{true,
+          {0.16f, 0.32f, 0.75f},
+          {0.6f, 0.7f, 0.8f},
+          {0.18f, 0.17f, 0.16f},
+          0.5f,
+          90,
+          0.70f,
+          0.35f,
+          10,
+          {1, 1, 1},
+          300},
+    // Evening.
+    Style{true,
+          {0.10f, 0.12f, 0.35f},
+          {0.95f, 0.42f, 0.16f},
+          {0.09f, 0.07f, 0.07f},
+          0.7f,
+          60,
+          0.65f,
+          0.35f,
+          60,
+          {2.5f, 1.6f, 0.7f},
+          90},
+    // Wood or garden.
+    Style{true,
+          {0.35f, 0.5f, 0.7f},
+          {0.7f, 0.75f, 0.7f},
+          {0.10f, 0.16f, 0.05f},
+          0.4f,
+          6,
+          2.20f,
+          0.8f,
+          0,
+          {1, 1, 1},
+          200},
+    // Room with windows and area lights.
+    Style{false,
+          {0.30f, 0.28f, 0.25f},
+          {0.28f, 0.25f, 0.2f},
+          {0.16f, 0.10f, 0.06f},
+          0.0f,
+          40,
+          1.10f,
+          0.6f,
+          40,
+          {3.0f, 2.3f, 1.4f},
+          0},
+    // Town at night, signs and neon.
+    Style{true,
+          {0.01f, 0.012f, 0.03f},
+          {0.09f, 0.05f, 0.08f},
+          {0.03f, 0.03f, 0.04f},
+          0.2f,
+          160,
+          0.80f,
+          0.3f,
+          260,
+          {1.6f, 1.6f, 1.6f},
+          0},
+};
+
 Style random_style(Rng& rng) {
-  Style s;
-  switch (rng.below(5)) {
-    case 0:  // day in a city
-      s = {true,
-           {0.16f, 0.32f, 0.75f},
-           {0.6f, 0.7f, 0.8f},
-           {0.18f, 0.17f, 0.16f},
-           0.5f,
-           90,
-           0.70f,
-           0.35f,
-           10,
-           {1, 1, 1},
-           300};
-      break;
-    case 1:  // evening
-      s = {true,
-           {0.10f, 0.12f, 0.35f},
-           {0.95f, 0.42f, 0.16f},
-           {0.09f, 0.07f, 0.07f},
-           0.7f,
-           60,
-           0.65f,
-           0.35f,
-           60,
-           {2.5f, 1.6f, 0.7f},
-           90};
-      break;
-    case 2:  // wood or garden
-      s = {true,
-           {0.35f, 0.5f, 0.7f},
-           {0.7f, 0.75f, 0.7f},
-           {0.10f, 0.16f, 0.05f},
-           0.4f,
-           6,
-           2.20f,
-           0.8f,
-           0,
-           {1, 1, 1},
-           200};
-      break;
-    case 3:  // room with windows and area lights
-      s = {false,
-           {0.30f, 0.28f, 0.25f},
-           {0.28f, 0.25f, 0.2f},
-           {0.16f, 0.10f, 0.06f},
-           0.0f,
-           40,
-           1.10f,
-           0.6f,
-           40,
-           {3.0f, 2.3f, 1.4f},
-           0};
-      break;
-    default:  // town at night, signs and neon
-      s = {true,
-           {0.01f, 0.012f, 0.03f},
-           {0.09f, 0.05f, 0.08f},
-           {0.03f, 0.03f, 0.04f},
-           0.2f,
-           160,
-           0.80f,
-           0.3f,
-           260,
-           {1.6f, 1.6f, 1.6f},
-           0};
-  }
+  Style s = styles[rng.below(styles.size())];
   const auto vary = [&](Rgb& colour) {
     for (int c = 0; c < 3; ++c) colour[c] *= static_cast<float>(std::exp(0.25 * rng.normal()));
   };

@@ -103,15 +103,171 @@ TraceOptions TraceOptions::of_quality(int level, std::uint64_t seed) {
   }
 }
 
+namespace {
+
+using TraceMemory = TraceScratch::Memory;
+
+/// Light that falls straight from the monitor on a surface, into the boxes of a pixel's row.
+class MonitorLight {
+ public:
+  MonitorLight(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
+               TraceMemory& memory)
+      : scene_(scene), monitor_(scene.monitor()), hierarchy_(hierarchy), options_(options), memory_(memory) {}
+
+  /// By all boxes, divided where the integrand varies. `share`: how much of the pixel the surface makes up.
+  void integrate(const Surface& surface, const Rgb& throughput, double share, Rng& rng) {
+    ++memory_.stamp;
+    shift_x_ = static_cast<float>(rng.uniform(-0.5, 0.5));
+    shift_y_ = static_cast<float>(rng.uniform(-0.5, 0.5));
+    const int top = hierarchy_.coarsest_level();
+    double total = 0.0;
+    for (int row = 0; row < hierarchy_.rows(top); ++row)
+      for (int column = 0; column < hierarchy_.columns(top); ++column) {
+        const Box box = hierarchy_.box(top, column, row);
+        total += estimate(surface, box).mean.sum() * static_cast<double>(box.area());
+      }
+    if (!(total > 0.0 && share > 0.0)) return;
+    const auto spread_limit = static_cast<float>(options_.energy * total / share);
+    for (int row = 0; row < hierarchy_.rows(top); ++row)
+      for (int column = 0; column < hierarchy_.columns(top); ++column)
+        divide(surface, throughput, top, column, row, spread_limit);
+  }
+
+  /// By one random point in one random box of each group of the coarsest boxes.
+  void sample(const Surface& surface, const Rgb& weight, Rng& rng) {
+    const int top = hierarchy_.coarsest_level();
+    const int columns = hierarchy_.columns(top), rows = hierarchy_.rows(top);
+    for (int row = 0; row < rows; row += group_side)
+      for (int column = 0; column < columns; column += group_side) {
+        const int across = std::min(group_side, columns - column), down = std::min(group_side, rows - row);
+        const auto chosen = static_cast<int>(rng.below(static_cast<std::uint64_t>(across) * down));
+        const int i = column + chosen % across, j = row + chosen / across;
+        const Box box = hierarchy_.box(top, i, j);
+        const auto x = static_cast<float>(rng.uniform(box.x0, box.x1));
+        const auto y = static_cast<float>(rng.uniform(box.y0, box.y1));
+        const Rgb found = integrand(surface, x, y);
+        if (found.maxCoeff() > 0.0f)
+          memory_.row.add(hierarchy_.node(top, i, j),
+                          weight * found * (monitor_.texel_area() * static_cast<float>(across * down)));
+      }
+  }
+
+ private:
+  // The monitor's radiance at a point (column, row) of it, times the result and a texel's area, is what the
+  // surface scatters from there to the viewer: f cos θ · cos θ' / r² · visibility.
+  Rgb integrand(const Surface& surface, float column, float row) {
+    const Vector3f target = monitor_.point(column, row);
+    Vector3f direction = target - surface.position();
+    const float distance2 = direction.squaredNorm();
+    direction /= std::sqrt(distance2);
+    const float emission_cosine = -direction.dot(monitor_.normal());
+    if (emission_cosine <= 0.0f) return Rgb::Zero();
+    const Rgb scattered = surface.scattering(direction);
+    if (!(scattered.maxCoeff() > 0.0f)) return Rgb::Zero();
+    ++memory_.rays;
+    if (scene_.occluded(surface.off_surface(direction), target)) return Rgb::Zero();
+    return scattered * (emission_cosine / distance2);
+  }
+
+  // The integrand at a lattice point, in half texels. All points of a sample are shifted together by a random
+  // part of a half texel: so their mean over samples has no grid.
+  const Rgb& lattice_value(const Surface& surface, int column, int row) {
+    const LightDomain& domain = hierarchy_.domain();
+    LatticeValue& known = memory_.lattice[static_cast<std::size_t>(row) * (2 * domain.width + 1) + column];
+    if (known.stamp != memory_.stamp) {
+      known.stamp = memory_.stamp;
+      const auto position = [](int half_texels, float shift, int count) {
+        return std::clamp(0.5f * (static_cast<float>(half_texels) + shift), 0.0f, static_cast<float>(count));
+      };
+      known.value = integrand(surface, position(column, shift_x_, domain.width),
+                              position(row, shift_y_, domain.height));
+    }
+    return known.value;
+  }
+
+  // Mean of the integrand over a box, and its spread.
+  struct BoxEstimate {
+    Rgb mean;
+    float spread, largest;  // of the sum of channels
+  };
+  BoxEstimate estimate(const Surface& surface, const Box& box) {
+    const std::array<Rgb, 4> corners{
+        lattice_value(surface, 2 * box.x0, 2 * box.y0), lattice_value(surface, 2 * box.x1, 2 * box.y0),
+        lattice_value(surface, 2 * box.x0, 2 * box.y1), lattice_value(surface, 2 * box.x1, 2 * box.y1)};
+    float low = corners[0].sum(), high = low;
+    Rgb sum = corners[0];
+    for (int i = 1; i < 4; ++i) {
+      sum += corners[i];
+      low = std::min(low, corners[i].sum());
+      high = std::max(high, corners[i].sum());
+    }
+    if (!options_.centre_samples) return {0.25f * sum, high - low, high};
+    const Rgb& centre = lattice_value(surface, box.x0 + box.x1, box.y0 + box.y1);
+    low = std::min(low, centre.sum());
+    high = std::max(high, centre.sum());
+    // Simpson's weights in the plane: exact for cubic integrands.
+    return {(2.0f / 3.0f) * centre + (1.0f / 12.0f) * sum, high - low, high};
+  }
+
+  void divide(const Surface& surface, const Rgb& weight, int level, int column, int row, float spread_limit) {
+    const Box box = hierarchy_.box(level, column, row);
+    const BoxEstimate found = estimate(surface, box);
+    if (found.largest <= 0.0f) return;
+    if (level > 0 && found.spread > options_.tolerance * found.largest &&
+        found.spread * static_cast<float>(box.area()) > spread_limit) {
+      for (int j = 2 * row; j < std::min(2 * row + 2, hierarchy_.rows(level - 1)); ++j)
+        for (int i = 2 * column; i < std::min(2 * column + 2, hierarchy_.columns(level - 1)); ++i)
+          divide(surface, weight, level - 1, i, j, spread_limit);
+      return;
+    }
+    memory_.row.add(hierarchy_.node(level, column, row), weight * found.mean * monitor_.texel_area());
+  }
+
+  const Scene& scene_;
+  const MonitorSurface& monitor_;
+  const LightHierarchy& hierarchy_;
+  const TraceOptions& options_;
+  TraceMemory& memory_;
+  float shift_x_ = 0.0f, shift_y_ = 0.0f;
+};
+
+/// The two rays that leave a mirror or glass surface for one that arrives.
+struct SpecularRays {
+  Ray mirrored, transmitted;
+  float reflectance;  // of the mirrored ray: 1 of mirrors and beyond the critical angle
+  bool can_transmit;
+};
+
+SpecularRays specular_rays(const MaterialDescription& material, const Hit& hit, const Ray& ray) {
+  const bool outside = hit.geometric_normal.dot(ray.direction) < 0.0f;
+  const Vector3f facing = outside ? hit.geometric_normal : (-hit.geometric_normal).eval();
+  Vector3f normal = outside ? hit.shading_normal : (-hit.shading_normal).eval();
+  if (normal.dot(ray.direction) >= 0.0f) normal = facing;
+  const Ray mirrored{moved_off(hit.position, facing), reflected(ray.direction, normal)};
+  if (material.kind == MaterialKind::mirror) return {mirrored, ray, 1.0f, false};
+  // Radiance changes by the squared ratio of indices on entering and back on leaving: the factors cancel.
+  const auto index = static_cast<float>(material.index_of_refraction);
+  const float ratio = outside ? 1.0f / index : index;
+  const auto direction = refracted(ray.direction, normal, ratio);
+  const float reflectance = direction ? dielectric_reflectance(-ray.direction.dot(normal), ratio) : 1.0f;
+  return {mirrored,
+          {moved_off(hit.position, -facing), direction.value_or(ray.direction)},
+          reflectance,
+          direction.has_value()};
+}
+
+/// One pixel's paths: samples of the pixel, chains of mirrors and glass, and light by way of further
+/// surfaces.
 class PixelTracer {
  public:
   PixelTracer(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options, int x, int y,
-              TraceScratch& scratch)
+              TraceMemory& memory)
       : scene_(scene),
         monitor_(scene.monitor()),
         hierarchy_(hierarchy),
         options_(options),
-        memory_(*scratch.memory_),
+        memory_(memory),
+        direct_(scene, hierarchy, options, memory),
         rng_(options.seed, x, y),
         x_(x),
         y_(y),
@@ -186,36 +342,21 @@ class PixelTracer {
                          diffuse_depth);
         return;
       }
-      const bool outside = hit->geometric_normal.dot(ray.direction) < 0.0f;
-      const Vector3f facing = outside ? hit->geometric_normal : (-hit->geometric_normal).eval();
-      Vector3f normal = outside ? hit->shading_normal : (-hit->shading_normal).eval();
-      if (normal.dot(ray.direction) >= 0.0f) normal = facing;
-      const Ray mirrored{moved_off(hit->position, facing), reflected(ray.direction, normal)};
-      if (material.kind == MaterialKind::mirror) {
+      const SpecularRays next = specular_rays(material, *hit, ray);
+      const bool is_mirror = material.kind == MaterialKind::mirror;
+      bool reflects = is_mirror;
+      if (is_mirror) {
         throughput *= material.colour;
-        ray = mirrored;
-        path = path << 1 | 1;
-        continue;
-      }
-      // Radiance changes by the squared ratio of indices on entering and back on leaving: the factors cancel.
-      const auto index = static_cast<float>(material.index_of_refraction);
-      const float ratio = outside ? 1.0f / index : index;
-      const auto direction = refracted(ray.direction, normal, ratio);
-      const float reflectance = direction ? dielectric_reflectance(-ray.direction.dot(normal), ratio) : 1.0f;
-      const Ray transmitted{moved_off(hit->position, -facing), direction.value_or(ray.direction)};
-      if (chain == 0 && diffuse_depth == 0 && direction) {  // both ways where the camera sees them directly
-        follow(mirrored, throughput * reflectance, diffuse_depth, chain + 1, path << 1 | 1);
-        throughput *= (1.0f - reflectance) * material.colour;
-        ray = transmitted;
-        path <<= 1;
-      } else if (rng_.uniform() < reflectance) {
-        ray = mirrored;
-        path = path << 1 | 1;
+      } else if (chain == 0 && diffuse_depth == 0 && next.can_transmit) {
+        // Both ways where the camera sees them directly.
+        follow(next.mirrored, throughput * next.reflectance, diffuse_depth, chain + 1, path << 1 | 1);
+        throughput *= (1.0f - next.reflectance) * material.colour;
       } else {
-        throughput *= material.colour;
-        ray = transmitted;
-        path <<= 1;
+        reflects = rng_.uniform() < next.reflectance;
+        if (!reflects) throughput *= material.colour;
       }
+      ray = reflects ? next.mirrored : next.transmitted;
+      path = path << 1 | (reflects ? 1 : 0);
     }
   }
 
@@ -231,96 +372,11 @@ class PixelTracer {
                          throughput);
   }
 
-  // The monitor's radiance at a point (column, row) of it, times the result and a texel's area, is what the
-  // surface scatters from there to the viewer: f cos θ · cos θ' / r² · visibility.
-  Rgb integrand(const Surface& surface, float column, float row) {
-    const Vector3f target = monitor_.point(column, row);
-    Vector3f direction = target - surface.position();
-    const float distance2 = direction.squaredNorm();
-    direction /= std::sqrt(distance2);
-    const float emission_cosine = -direction.dot(monitor_.normal());
-    if (emission_cosine <= 0.0f) return Rgb::Zero();
-    const Rgb scattered = surface.scattering(direction);
-    if (!(scattered.maxCoeff() > 0.0f)) return Rgb::Zero();
-    ++memory_.rays;
-    if (scene_.occluded(surface.off_surface(direction), target)) return Rgb::Zero();
-    return scattered * (emission_cosine / distance2);
-  }
-
-  // The integrand at a lattice point, in half texels. All points of a sample are shifted together by a random
-  // part of a half texel: so their mean over samples has no grid.
-  const Rgb& lattice_value(const Surface& surface, int column, int row) {
-    const LightDomain& domain = hierarchy_.domain();
-    LatticeValue& known = memory_.lattice[static_cast<std::size_t>(row) * (2 * domain.width + 1) + column];
-    if (known.stamp != memory_.stamp) {
-      known.stamp = memory_.stamp;
-      const auto position = [](int half_texels, float shift, int count) {
-        return std::clamp(0.5f * (static_cast<float>(half_texels) + shift), 0.0f, static_cast<float>(count));
-      };
-      known.value = integrand(surface, position(column, shift_x_, domain.width),
-                              position(row, shift_y_, domain.height));
-    }
-    return known.value;
-  }
-
-  // Mean of the integrand over a box, and its spread.
-  struct BoxEstimate {
-    Rgb mean;
-    float spread, largest;  // of the sum of channels
-  };
-  BoxEstimate estimate(const Surface& surface, const Box& box) {
-    const std::array<Rgb, 4> corners{
-        lattice_value(surface, 2 * box.x0, 2 * box.y0), lattice_value(surface, 2 * box.x1, 2 * box.y0),
-        lattice_value(surface, 2 * box.x0, 2 * box.y1), lattice_value(surface, 2 * box.x1, 2 * box.y1)};
-    float low = corners[0].sum(), high = low;
-    Rgb sum = corners[0];
-    for (int i = 1; i < 4; ++i) {
-      sum += corners[i];
-      low = std::min(low, corners[i].sum());
-      high = std::max(high, corners[i].sum());
-    }
-    if (!options_.centre_samples) return {0.25f * sum, high - low, high};
-    const Rgb& centre = lattice_value(surface, box.x0 + box.x1, box.y0 + box.y1);
-    low = std::min(low, centre.sum());
-    high = std::max(high, centre.sum());
-    // Simpson's weights in the plane: exact for cubic integrands.
-    return {(2.0f / 3.0f) * centre + (1.0f / 12.0f) * sum, high - low, high};
-  }
-
-  void divide(const Surface& surface, const Rgb& weight, int level, int column, int row, float spread_limit) {
-    const Box box = hierarchy_.box(level, column, row);
-    const BoxEstimate found = estimate(surface, box);
-    if (found.largest <= 0.0f) return;
-    if (level > 0 && found.spread > options_.tolerance * found.largest &&
-        found.spread * static_cast<float>(box.area()) > spread_limit) {
-      for (int j = 2 * row; j < std::min(2 * row + 2, hierarchy_.rows(level - 1)); ++j)
-        for (int i = 2 * column; i < std::min(2 * column + 2, hierarchy_.columns(level - 1)); ++i)
-          divide(surface, weight, level - 1, i, j, spread_limit);
-      return;
-    }
-    memory_.row.add(hierarchy_.node(level, column, row), weight * found.mean * monitor_.texel_area());
-  }
-
   // A surface that the camera sees, directly or in a mirror.
   void shade_finely(const Surface& surface, const Rgb& throughput) {
-    ++memory_.stamp;
-    shift_x_ = static_cast<float>(rng_.uniform(-0.5, 0.5));
-    shift_y_ = static_cast<float>(rng_.uniform(-0.5, 0.5));
-    const int top = hierarchy_.coarsest_level();
-    double total = 0.0;
-    for (int row = 0; row < hierarchy_.rows(top); ++row)
-      for (int column = 0; column < hierarchy_.columns(top); ++column) {
-        const Box box = hierarchy_.box(top, column, row);
-        total += estimate(surface, box).mean.sum() * static_cast<double>(box.area());
-      }
     const double full_share = 1.0 / (options_.pixel_grid * options_.pixel_grid);
     const double share = std::min(1.0, throughput.maxCoeff() / full_share);
-    if (total > 0.0 && share > 0.0) {
-      const auto spread_limit = static_cast<float>(options_.energy * total / share);
-      for (int row = 0; row < hierarchy_.rows(top); ++row)
-        for (int column = 0; column < hierarchy_.columns(top); ++column)
-          divide(surface, throughput, top, column, row, spread_limit);
-    }
+    direct_.integrate(surface, throughput, share, rng_);
     scatter_further(surface, throughput, share);
   }
 
@@ -385,24 +441,9 @@ class PixelTracer {
     return true;
   }
 
-  // A surface further along a path: its light from the monitor by one random point in one of every four
-  // boxes.
+  // A surface further along a path.
   void shade_coarsely(const Surface& surface, const Rgb& weight, int depth) {
-    const int top = hierarchy_.coarsest_level();
-    const int columns = hierarchy_.columns(top), rows = hierarchy_.rows(top);
-    for (int row = 0; row < rows; row += group_side)
-      for (int column = 0; column < columns; column += group_side) {
-        const int across = std::min(group_side, columns - column), down = std::min(group_side, rows - row);
-        const auto chosen = static_cast<int>(rng_.below(static_cast<std::uint64_t>(across) * down));
-        const int i = column + chosen % across, j = row + chosen / across;
-        const Box box = hierarchy_.box(top, i, j);
-        const auto x = static_cast<float>(rng_.uniform(box.x0, box.x1));
-        const auto y = static_cast<float>(rng_.uniform(box.y0, box.y1));
-        const Rgb found = integrand(surface, x, y);
-        if (found.maxCoeff() > 0.0f)
-          memory_.row.add(hierarchy_.node(top, i, j),
-                          weight * found * (monitor_.texel_area() * static_cast<float>(across * down)));
-      }
+    direct_.sample(surface, weight, rng_);
     if (depth >= options_.depth) return;
     const auto u = static_cast<float>(rng_.uniform()), v = static_cast<float>(rng_.uniform());
     const auto sample = surface.sample(u, v, static_cast<float>(rng_.uniform()));
@@ -416,22 +457,24 @@ class PixelTracer {
   const MonitorSurface& monitor_;
   const LightHierarchy& hierarchy_;
   const TraceOptions& options_;
-  TraceScratch::Memory& memory_;
+  TraceMemory& memory_;
+  MonitorLight direct_;
   Rng rng_;
   int x_, y_;
   Rgb room_;
   Rgb ambient_ = Rgb::Zero();
   SpecularFootprints footprints_;
   int cell_x_ = 0, cell_y_ = 0;  // of the sample that is being followed
-  float shift_x_ = 0.0f, shift_y_ = 0.0f;
   SpreadPoints scattered_points_{rng_};
   std::vector<SpreadPoints> aimed_points_;  // of each object
   std::vector<char> aimed_;
 };
 
+}  // namespace
+
 PixelTransport trace_pixel(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
                            int x, int y, TraceScratch& scratch) {
-  return PixelTracer(scene, hierarchy, options, x, y, scratch).trace();
+  return PixelTracer(scene, hierarchy, options, x, y, scratch.memory()).trace();
 }
 
 }  // namespace refield

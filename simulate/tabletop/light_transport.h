@@ -41,9 +41,10 @@ class TraceScratch {
 
   std::uint64_t rays() const;  ///< traced so far
 
+  struct Memory;  ///< of light_transport.cpp
+  Memory& memory() { return *memory_; }
+
  private:
-  friend class PixelTracer;
-  struct Memory;
   std::unique_ptr<Memory> memory_;
 };
 

@@ -158,73 +158,114 @@ SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options)
   return plan;
 }
 
+namespace {
+
+CaptureSession session_of(const Recipe& recipe, const std::vector<LightSpec>& lights,
+                          const fs::path& folder) {
+  CaptureSession session;
+  session.folder = folder;
+  session.light = recipe.scene.monitor.texels;
+  session.monitors = monitor_placements(recipe.scene);
+  session.width = recipe.scene.camera.width;
+  session.height = recipe.scene.camera.height;
+  for (const LightSpec& light : lights)
+    session.frames.push_back({light.name, light.role, light.kind,
+                              folder / "illumination" / (light.name + ".exr"),
+                              folder / "observed" / (light.name + ".exr")});
+  return session;
+}
+
+/// What all lights add up to. Writes them.
+LightSums write_lights(const Recipe& recipe, const std::vector<LightSpec>& lights,
+                       const CaptureSession& session, const LightHierarchy& hierarchy, Precision precision,
+                       const RunContext& run) {
+  LightSums sums(hierarchy, lights.size());
+  make_lights(
+      lights, hierarchy.domain(), recipe.seed,
+      [&](std::size_t place, LightMap&& light) {
+        write_exr(session.frames[place].illumination, light.radiance, precision);
+        if (precision == Precision::half)  // photographs are of the light that was written
+          light = read_light_map(session.frames[place].illumination, light.parameterisation, run);
+        sums.set(place, light);
+      },
+      run);
+  return sums;
+}
+
+/// What a camera takes of a traced scene, row by row.
+struct Photographs {
+  Photographs(const LightSums& all, int width, int height)
+      : sums(all), ambient(width, height, 3), images(all.lights(), ambient) {}
+
+  void take(int first_row, const std::vector<PixelTransport>& pixels) {
+    const std::size_t first = static_cast<std::size_t>(first_row) * ambient.width, lights = sums.lights();
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pixels.size(), 64), [&](const auto& range) {
+      std::vector<float> row(3 * lights);
+      for (std::size_t p = range.begin(); p != range.end(); ++p) {
+        apply_row(pixels[p].entries, sums, row.data());
+        for (std::size_t l = 0; l < lights; ++l)
+          for (int c = 0; c < 3; ++c) images[l].values[3 * (first + p) + c] = row[c * lights + l];
+      }
+    });
+    for (std::size_t p = 0; p < pixels.size(); ++p) {
+      entries += pixels[p].entries.size();
+      for (int c = 0; c < 3; ++c) ambient.values[3 * (first + p) + c] = pixels[p].ambient[c];
+    }
+  }
+
+  const LightSums& sums;
+  Image ambient;
+  std::vector<Image> images;  ///< [lights]
+  std::uint64_t entries = 0;  ///< of the transport
+};
+
+/// With noise, each freed once it is written.
+void write_photographs(const Recipe& recipe, const SimulateOptions& options, const CaptureSession& session,
+                       std::vector<Image>& photographs, const RunContext& run) {
+  Progress progress(run, "writing photographs", photographs.size());
+  tbb::parallel_for(std::size_t{0}, photographs.size(), [&](std::size_t l) {
+    run.throw_if_stopped();
+    if (options.noise > 0.0) add_noise(photographs[l], options.noise, recipe.seed, l);
+    write_exr(session.frames[l].observed, photographs[l], options.precision);
+    photographs[l] = Image();
+    progress.advance();
+  });
+}
+
+}  // namespace
+
 SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options, const fs::path& folder,
                                  const RunContext& run) {
   const ThreadLimit limit(run);
   options.check();
-  const CameraInScene& camera = recipe.scene.camera;
   const LightHierarchy hierarchy(recipe.scene.monitor.texels);
   const std::vector<LightSpec> lights = list_lights(recipe.lights);
   const Scene scene(recipe.scene);
   create_folders(folder / "illumination");
   create_folders(folder / "observed");
-
+  const CaptureSession session = session_of(recipe, lights, folder);
   SimulateSummary summary{
-      .width = camera.width, .height = camera.height, .lights = static_cast<int>(lights.size())};
-  CaptureSession session;
-  session.folder = folder;
-  session.light = hierarchy.domain();
-  session.monitors = monitor_placements(recipe.scene);
-  session.width = camera.width;
-  session.height = camera.height;
-  for (const LightSpec& light : lights)
-    session.frames.push_back({light.name, light.role, light.kind,
-                              folder / "illumination" / (light.name + ".exr"),
-                              folder / "observed" / (light.name + ".exr")});
+      .width = session.width, .height = session.height, .lights = static_cast<int>(lights.size())};
 
-  Stopwatch making_lights;
-  LightSums sums(hierarchy, lights.size());
-  make_lights(
-      lights, hierarchy.domain(), recipe.seed,
-      [&](std::size_t place, LightMap&& light) {
-        write_exr(session.frames[place].illumination, light.radiance, options.precision);
-        if (options.precision == Precision::half)  // photographs are of the light that was written
-          light = read_light_map(session.frames[place].illumination, light.parameterisation, run);
-        sums.set(place, light);
-      },
-      run);
+  const Stopwatch making_lights;
+  const LightSums sums = write_lights(recipe, lights, session, hierarchy, options.precision, run);
   summary.light_seconds = making_lights.seconds();
 
-  Stopwatch tracing;
-  const auto trace_options = TraceOptions::of_quality(options.quality, recipe.seed);
-  FieldBuilder builder(hierarchy, camera.width, camera.height);
-  Image ambient(camera.width, camera.height, 3);
-  std::vector<Image> photographs(lights.size(), Image(camera.width, camera.height, 3));
-  std::uint64_t entries = 0;
+  const Stopwatch tracing;
+  FieldBuilder builder(hierarchy, session.width, session.height);
+  Photographs photographs(sums, session.width, session.height);
   summary.rays = trace_rows(
-      scene, hierarchy, trace_options,
+      scene, hierarchy, TraceOptions::of_quality(options.quality, recipe.seed),
       [&](int first_row, std::vector<PixelTransport>& pixels) {
-        const std::size_t first = static_cast<std::size_t>(first_row) * camera.width;
-        tbb::parallel_for(tbb::blocked_range<std::size_t>(0, pixels.size(), 64), [&](const auto& range) {
-          std::vector<float> row(3 * lights.size());
-          for (std::size_t p = range.begin(); p != range.end(); ++p) {
-            apply_row(pixels[p].entries, sums, row.data());
-            for (std::size_t l = 0; l < lights.size(); ++l)
-              for (int c = 0; c < 3; ++c)
-                photographs[l].values[3 * (first + p) + c] = row[c * lights.size() + l];
-          }
-        });
-        for (std::size_t p = 0; p < pixels.size(); ++p) {
-          entries += pixels[p].entries.size();
-          for (int c = 0; c < 3; ++c) ambient.values[3 * (first + p) + c] = pixels[p].ambient[c];
-        }
+        photographs.take(first_row, pixels);
         if (options.keep_transport) builder.append(pixels);
       },
       run);
-  summary.entries_per_pixel = static_cast<double>(entries) / static_cast<double>(ambient.pixel_count());
+  summary.entries_per_pixel =
+      static_cast<double>(photographs.entries) / static_cast<double>(photographs.ambient.pixel_count());
   summary.trace_seconds = tracing.seconds();
 
-  Stopwatch writing;
+  const Stopwatch writing;
   if (options.keep_transport) {
     ReflectanceField field = builder.finish();
     field.provenance = options.provenance;
@@ -232,16 +273,9 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
     write_reflectance_field(folder / transport_file_name, field);
     summary.transport_bytes = fs::file_size(folder / transport_file_name);
   }
-  write_exr(folder / ambient_file_name, ambient);
+  write_exr(folder / ambient_file_name, photographs.ambient);
   write_pixel_kinds(folder / kinds_file_name, scene_kinds(scene, run));
-  Progress progress(run, "writing photographs", lights.size());
-  tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t l) {
-    run.throw_if_stopped();
-    if (options.noise > 0.0) add_noise(photographs[l], options.noise, recipe.seed, l);
-    write_exr(session.frames[l].observed, photographs[l], options.precision);
-    photographs[l] = Image();
-    progress.advance();
-  });
+  write_photographs(recipe, options, session, photographs.images, run);
   write_session_manifest(session);  // last: a folder with a manifest is complete
   summary.write_seconds = writing.seconds();
   return summary;
@@ -252,7 +286,7 @@ TracedScene trace_scene(const SceneDescription& description, const TraceOptions&
   const ThreadLimit limit(run);
   const Scene scene(description);
   const LightHierarchy hierarchy(description.monitor.texels);
-  const CameraInScene& camera = description.camera;
+  const SceneCamera& camera = description.camera;
   FieldBuilder builder(hierarchy, camera.width, camera.height);
   TracedScene traced;
   traced.ambient = Image(camera.width, camera.height, 3);

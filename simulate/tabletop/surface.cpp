@@ -87,7 +87,7 @@ namespace {
 using Eigen::Vector3f;
 using MaterialKind = MaterialDescription::Kind;
 
-constexpr float pi = std::numbers::pi_v<float>;
+constexpr float float_pi = std::numbers::pi_v<float>;
 constexpr float ray_offset = 1e-4f;  // of a metre-sized scene: above float rounding, below any visible gap
 
 struct Frame {
@@ -103,7 +103,7 @@ struct Frame {
 float ggx(float half_cosine, float alpha) {
   const float a2 = alpha * alpha;
   const float d = half_cosine * half_cosine * (a2 - 1.0f) + 1.0f;
-  return a2 / (pi * d * d);
+  return a2 / (float_pi * d * d);
 }
 
 // Smith's Λ for GGX.
@@ -120,7 +120,7 @@ Vector3f sample_visible_normal(const Vector3f& view, float alpha, float u, float
                           ? (Vector3f(-stretched.y(), stretched.x(), 0.0f) / std::sqrt(length2)).eval()
                           : Vector3f::UnitX().eval();
   const Vector3f t2 = stretched.cross(t1);
-  const float r = std::sqrt(u), phi = 2.0f * pi * v;
+  const float r = std::sqrt(u), phi = 2.0f * float_pi * v;
   const float p1 = r * std::cos(phi);
   const float s = 0.5f * (1.0f + stretched.z());
   const float p2 = (1.0f - s) * std::sqrt(1.0f - p1 * p1) + s * r * std::sin(phi);
@@ -161,7 +161,8 @@ float dielectric_reflectance(float cosine, float ratio) {
 Vector3f sample_cone(const Vector3f& axis, float cosine_limit, float u, float v) {
   const float cosine = 1.0f - u * (1.0f - cosine_limit);
   const float sine = std::sqrt(std::max(0.0f, 1.0f - cosine * cosine));
-  return Frame(axis).to_world({sine * std::cos(2.0f * pi * v), sine * std::sin(2.0f * pi * v), cosine});
+  return Frame(axis).to_world(
+      {sine * std::cos(2.0f * float_pi * v), sine * std::sin(2.0f * float_pi * v), cosine});
 }
 
 Surface::Surface(const Scene& scene, const Hit& hit, const Vector3f& to_viewer, float smallest_alpha)
@@ -205,26 +206,26 @@ Rgb Surface::scattering(const Vector3f& to_light) const {
   const float side = to_light.dot(geometric_normal_);
   if (material_->kind == MaterialKind::translucent) {
     const auto t = static_cast<float>(material_->transmission);
-    return colour_ * ((side > 0.0f ? 1.0f - t : t) * std::abs(cosine) / pi);
+    return colour_ * ((side > 0.0f ? 1.0f - t : t) * std::abs(cosine) / float_pi);
   }
   if (cosine <= 0.0f || side <= 0.0f) return Rgb::Zero();
-  if (material_->kind == MaterialKind::diffuse) return colour_ * (cosine / pi);
+  if (material_->kind == MaterialKind::diffuse) return colour_ * (cosine / float_pi);
 
   const Vector3f half = (to_light + to_viewer_).normalized();
   const float smith = 1.0f / (1.0f + smith_lambda(view_cosine_, alpha_) + smith_lambda(cosine, alpha_));
   const Rgb coat = fresnel(std::max(0.0f, half.dot(to_light))) *
                    (ggx(half.dot(normal_), alpha_) * smith / (4.0f * view_cosine_));
   if (material_->kind == MaterialKind::metal) return coat;
-  return coat + (1.0f - fresnel(cosine)) * (1.0f - fresnel(view_cosine_)) * colour_ * (cosine / pi);
+  return coat + (1.0f - fresnel(cosine)) * (1.0f - fresnel(view_cosine_)) * colour_ * (cosine / float_pi);
 }
 
 float Surface::density(const Vector3f& to_light) const {
   const float cosine = to_light.dot(normal_);
   if (material_->kind == MaterialKind::translucent) {
     const auto t = static_cast<float>(material_->transmission);
-    return (to_light.dot(geometric_normal_) > 0.0f ? 1.0f - t : t) * std::abs(cosine) / pi;
+    return (to_light.dot(geometric_normal_) > 0.0f ? 1.0f - t : t) * std::abs(cosine) / float_pi;
   }
-  const float lambert = std::max(0.0f, cosine) / pi;
+  const float lambert = std::max(0.0f, cosine) / float_pi;
   if (coat_probability_ == 0.0f) return lambert;
   const Vector3f half = (to_light + to_viewer_).normalized();
   const float visible =
@@ -239,7 +240,7 @@ std::optional<Surface::Sample> Surface::sample(float u, float v, float choice) c
     const Vector3f facet = frame.to_world(sample_visible_normal(frame.to_local(to_viewer_), alpha_, u, v));
     direction = reflected(-to_viewer_, facet);
   } else {
-    const float r = std::sqrt(u), phi = 2.0f * pi * v;
+    const float r = std::sqrt(u), phi = 2.0f * float_pi * v;
     const bool through = material_->kind == MaterialKind::translucent && choice < material_->transmission;
     const float z = std::sqrt(std::max(0.0f, 1.0f - u));
     direction = frame.to_world({r * std::cos(phi), r * std::sin(phi), through ? -z : z});
