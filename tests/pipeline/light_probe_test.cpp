@@ -15,8 +15,8 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/units.h"
-#include "tests/pipeline/mirror_ball_photo.h"
 #include "simulate/rig/panorama.h"
+#include "tests/pipeline/mirror_ball_photo.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"
 

@@ -6,10 +6,10 @@
 #include <cmath>
 #include <numeric>
 
+#include "bench/studies/prt/integrate.h"
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/light/cube_map.h"
-#include "bench/studies/prt/integrate.h"
 #include "tests/simulate/prt/small_scenes.h"
 #include "tests/support/random_data.h"
 

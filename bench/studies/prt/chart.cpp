@@ -7,6 +7,7 @@
 #include <sstream>
 #include <string>
 
+#include "bench/studies/prt/integrate.h"
 #include "bench/studies/prt/peers.h"
 #include "bench/studies/prt/pictures.h"
 #include "bench/studies/studies.h"
@@ -19,7 +20,6 @@
 #include "core/light/cube_map.h"
 #include "relight/environment/environment.h"
 #include "relight/environment/sky.h"
-#include "bench/studies/prt/integrate.h"
 
 namespace refield::studies {
 

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <vector>
 
-#include "simulate/prt/clusters.h"
 #include "bench/studies/prt/integrate.h"
+#include "simulate/prt/clusters.h"
 #include "tests/simulate/prt/small_scenes.h"
 
 /// Errors of clusters against the sum over all lights.
