@@ -169,9 +169,8 @@ struct WindowMonitor::State {
       glfwSwapBuffers(window.get());
       glfwPollEvents();
     }
-    const Seconds one = Seconds(monotonic_now() - start) / measured;
-    constexpr double usual_refresh_hz = 60.0;
-    return one.count() > 0.5 / (display.refresh_hz > 0.0 ? display.refresh_hz : usual_refresh_hz);
+    const double refreshes = Seconds(monotonic_now() - start).count() / measured * display.refresh_hz;
+    return refreshes > 0.5 && refreshes < 1.5;  // not where the rate is unknown or drawing is slow
   }
 
   /// Throws when the window was closed: no one sees what is shown.
