@@ -20,7 +20,12 @@ namespace {
 
 std::string text_of(const toml::node& node) {
   std::ostringstream text;
-  node.visit([&](const auto& value) { text << value; });
+  node.visit([&](const auto& value) {
+    if constexpr (toml::is_floating_point<decltype(value)>)
+      text << *value;  // the library itself writes 2.2 as 2.2000000000000002
+    else
+      text << value;
+  });
   constexpr std::size_t max_length = 100;  // lists can hold thousands of numbers
   return text.str().size() <= max_length ? text.str() : text.str().substr(0, max_length) + " ...";
 }

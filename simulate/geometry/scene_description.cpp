@@ -230,7 +230,8 @@ void read_placement(ConfigSection& section, prt::Placement& placement) {
   placement.stretch = read_vector(section, "stretch", placement.stretch, 1e-6, farthest);
   const auto turn = read_triple(section, "rotation", -360.0, 360.0);
   placement.turn = {turn[0], turn[1], turn[2]};
-  if (section.has("size")) placement.size = read_number(section, "size", 1.0f, 1e-6, farthest);
+  const auto size = read_number(section, "size", 1.0f, 1e-6, farthest);
+  if (section.has("size")) placement.size = size;
   if (section.has("position")) placement.position = read_vector(section, "position", {0, 0, 0});
   section.flag("on_ground", placement.on_ground);
 }

@@ -58,11 +58,10 @@ TEST(PredictedError, NoiseIsWhatNeighboursDoNotShare) {
   const auto predicted = field_with([](int) { return 1.0; }, 0.36f * leave_one_out);
   for (const float noise : predicted.quality().photograph_noise) EXPECT_NEAR(noise, 0.8 * 0.01, rounding);
   // Chance may make the shared part negative, or larger than the whole.
-  for (const float noise : field_with([](int) { return 1.0; }, -leave_one_out).quality().photograph_noise)
-    EXPECT_NEAR(noise, 0.01, rounding);
-  for (const float noise :
-       field_with([](int) { return 1.0; }, 2.0f * leave_one_out).quality().photograph_noise)
-    EXPECT_EQ(noise, 0.0f);
+  const auto negative = field_with([](int) { return 1.0; }, -leave_one_out);
+  for (const float noise : negative.quality().photograph_noise) EXPECT_NEAR(noise, 0.01, rounding);
+  const auto larger = field_with([](int) { return 1.0; }, 2.0f * leave_one_out);
+  for (const float noise : larger.quality().photograph_noise) EXPECT_EQ(noise, 0.0f);
 }
 
 TEST(PredictedError, ASingleOddPixelIsSteadiedByItsNeighbours) {
