@@ -112,9 +112,9 @@ class Prediction {
       for (int u = 0; u < lattice_width_; ++u) {
         double log_errors = 0.0, log_ratios = 0.0;
         int known = 0;
-        for (int y = blocks_.corner(v); y < std::min(blocks_.corner(v) + blocks_.side_px, field.height); ++y)
-          for (int x = blocks_.corner(u); x < std::min(blocks_.corner(u) + blocks_.side_px, field.width);
-               ++x) {
+        const int y0 = blocks_.corner(v), x0 = blocks_.corner(u), side_px = CrossValidationLattice::side_px;
+        for (int y = y0; y < std::min(y0 + side_px, field.height); ++y)
+          for (int x = x0; x < std::min(x0 + side_px, field.width); ++x) {
             const ErrorEvidence& pixel = at(x, y);
             if (!(pixel.leave_one_out > 0.0f) || !(pixel.cross_validated > 0.0f)) continue;
             log_errors += logarithm(pixel.leave_one_out);
@@ -170,7 +170,9 @@ class Prediction {
   }
 
  private:
-  double place(int lattice) const { return blocks_.corner(lattice) + 0.5 * (blocks_.side_px - 1); }
+  double place(int lattice) const {
+    return blocks_.corner(lattice) + 0.5 * (CrossValidationLattice::side_px - 1);
+  }
   int lattice_size(int pixels) const {
     return (pixels - blocks_.corner(0) + blocks_.step_px() - 1) / blocks_.step_px();
   }

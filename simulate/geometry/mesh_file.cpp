@@ -98,7 +98,7 @@ std::array<float, 9> identity_of(const ImportedMesh& file, std::uint32_t vertex)
   if (!file.colours.empty()) std::copy_n(file.colours[vertex].data(), 3, identity.begin() + 3);
   if (!file.normals.empty() && file.normals[vertex].allFinite())
     for (int i = 0; i < 3; ++i)
-      identity[static_cast<std::size_t>(6 + i)] = std::round(32.0f * file.normals[vertex][i]);
+      identity[6 + static_cast<std::size_t>(i)] = std::round(32.0f * file.normals[vertex][i]);
   for (float& value : identity)
     if (!std::isfinite(value)) value = 0.0f;  // colours; an order needs comparable values
   return identity;

@@ -169,7 +169,8 @@ void BouncedLight::add(std::size_t of_block, const Eigen::Vector3f& direction,
   for (int k = 0; k < 4; ++k) {
     const int dx = k % 2, dy = k / 2;
     const auto share = static_cast<float>((dx ? x - x0 : 1.0 - (x - x0)) * (dy ? y - y0 : 1.0 - (y - y0)));
-    const auto cell = static_cast<std::size_t>(face * cells_of_face + (y0 + dy) * cells_of_side + x0 + dx);
+    const std::size_t cell =
+        static_cast<std::size_t>(face) * cells_of_face + (y0 + dy) * cells_of_side + x0 + dx;
     const Eigen::half* from = &table_[(of_block * cells + cell) * 3 * block];
     for (std::size_t i = 0; i < values.size(); ++i) values[i] += share * static_cast<float>(from[i]);
   }

@@ -153,7 +153,7 @@ std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds ex
     double dn = black_level_dn + dn_per_electron * std::min(electrons, full_well_electrons);
     dn = std::clamp(dn, 0.0, full);
     if (response_gamma != 1.0) dn = full * std::pow(dn / full, 1.0 / response_gamma);
-    return static_cast<std::uint16_t>(dn + 0.5);
+    return static_cast<std::uint16_t>(std::lround(dn));
   };
   tbb::parallel_for(0, radiance.height, [&](int y) {
     Rng noise(noise_key, y);

@@ -213,8 +213,8 @@ Rgb Surface::scattering(const Vector3f& to_light) const {
 
   const Vector3f half = (to_light + to_viewer_).normalized();
   const float smith = 1.0f / (1.0f + smith_lambda(view_cosine_, alpha_) + smith_lambda(cosine, alpha_));
-  const Rgb coat = fresnel(std::max(0.0f, half.dot(to_light))) *
-                   (ggx(half.dot(normal_), alpha_) * smith / (4.0f * view_cosine_));
+  Rgb coat = fresnel(std::max(0.0f, half.dot(to_light))) *
+             (ggx(half.dot(normal_), alpha_) * smith / (4.0f * view_cosine_));
   if (material_->kind == MaterialKind::metal) return coat;
   return coat + (1.0f - fresnel(cosine)) * (1.0f - fresnel(view_cosine_)) * colour_ * (cosine / float_pi);
 }
