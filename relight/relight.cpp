@@ -70,6 +70,12 @@ MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSo
 Image MeteredPictures::make(std::size_t i, const RunContext& run) const {
   run.throw_if_stopped();
   const SceneLight light = lights_[i]();
+  if (const auto* map = std::get_if<LightMap>(&light)) {
+    const double share = field_.unobserved_share(*map);
+    double largest = unobserved_;
+    while (share > largest && !unobserved_.compare_exchange_weak(largest, share)) {
+    }
+  }
   Image image = field_.picture(light, i, run);
   if (!std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) {
     char brightest[32];
@@ -151,8 +157,10 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
     }
     progress.advance();
   });
-  if (pngs == 0) return {};
-  ExposureReport report{shared ? std::vector{*shared} : std::move(factors)};
+  ExposureReport report;
+  report.unobserved = pictures.unobserved();
+  if (pngs == 0) return report;
+  report.factors = shared ? std::vector{*shared} : std::move(factors);
   report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) / static_cast<double>(pngs);
   return report;
 }

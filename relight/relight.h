@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <atomic>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -32,12 +33,13 @@ struct ExposureOptions {
   bool is_sequence = false;
 };
 
-/// How PNG files and videos were exposed.
+/// How PNG files and videos were exposed, and whether the field knows the light.
 struct ExposureReport {
   std::vector<double> factors{};  ///< one for all, or one per picture; empty: no PNG and no video
   /// Share of the pixels that show light and are clipped in some channel, mean over the pictures; 0 for
   /// automatic exposures, which clip fewer than 1 %.
   double clipped = 0.0;
+  double unobserved = 0.0;  ///< FieldOutline::unobserved_share() of the picture where it is largest
 };
 
 /// Relights `field` for each job and writes the images, several at a time, with progress. A file appears when
@@ -57,6 +59,8 @@ class MeteredPictures {
   double sequence_exposure(const RunContext& run);
   /// Picture i. Throws InputError where a pixel is not finite.
   Image take(std::size_t i, const RunContext& run);
+  /// Largest share of a light so far that the field does not know, see FieldOutline::unobserved_share().
+  double unobserved() const { return unobserved_; }
 
  private:
   Image make(std::size_t i, const RunContext& run) const;
@@ -65,6 +69,7 @@ class MeteredPictures {
   std::vector<LightSource> lights_;
   std::string name_;
   std::map<std::size_t, Image> kept_;
+  mutable std::atomic<double> unobserved_ = 0.0;
 };
 
 }  // namespace refield

@@ -171,6 +171,14 @@ void print_exposures(std::span<const std::string> files, std::span<const double>
   }
 }
 
+void warn_of_unobserved_light(double share) {
+  if (share > 0.01)
+    std::fprintf(stderr,
+                 "refield: warning: %.0f %% of the light comes from texels that were black in all training "
+                 "light maps; the field does not contain its effect\n",
+                 100.0 * share);
+}
+
 void warn_of_clipping(double clipped_share) {
   if (clipped_share > 0.5)
     std::fprintf(stderr,

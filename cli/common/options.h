@@ -32,6 +32,8 @@ CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure
 /// Prints automatic exposures so that they can be repeated: one for all files, or one per file.
 void print_exposures(std::span<const std::string> files, std::span<const double> exposures);
 
+/// Warns on standard error where more than 1 % of the light has an effect that the field does not know.
+void warn_of_unobserved_light(double share);
 /// Warns on standard error where more than half of the pixels that show light are clipped.
 void warn_of_clipping(double clipped_share);
 

@@ -112,9 +112,11 @@ void relight(const RelightOptions& options, const Common& common) {
   const Written written =
       is_video ? write_video(options, field, series) : write_images(options, field, series);
   warn_of_clipping(written.exposure.clipped);
+  warn_of_unobserved_light(written.exposure.unobserved);
   if (common.json) {
     nlohmann::ordered_json figures{{is_video ? "videos" : "images", written.files}};
     if (!written.exposure.factors.empty()) figures["exposures"] = written.exposure.factors;
+    if (written.exposure.unobserved > 0.0) figures["unobserved_light"] = written.exposure.unobserved;
     if (series.seen) figures["seen_by_monitor"] = series.seen->json();
     std::printf("%s\n", json_text(figures, 2).c_str());
     return;

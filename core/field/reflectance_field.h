@@ -57,10 +57,17 @@ struct FieldOutline {
   /// Where the monitor stood, for a basis over monitor texels: one placement for each window of the light map
   /// (check_placements()); empty where that is not known.
   std::vector<MonitorPlacement> monitors;
+  /// Rectangles of the light map outside which all training lights were black: the field does not know what
+  /// light from there does. Empty where light came from everywhere, or where that is not known.
+  std::vector<Box> observed_light;
   std::optional<OutputMesh> mesh;  ///< where the outputs are no pixels of a camera
   /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal
   /// inputs give equal files.
   std::string provenance = "{}";
+
+  /// Share of the energy of `radiance`, a light map of the basis' domain, that is outside observed_light: its
+  /// sum over texels and channels. 0 where observed_light is empty.
+  double unobserved_share(const Image& radiance) const;
 };
 
 /// How a scene turns incident light into pixels: B = T L with T = transfer · basis (Matusik et al. 2004, eqs.

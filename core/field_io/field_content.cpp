@@ -33,6 +33,7 @@ constexpr std::uint64_t max_hats = 1ull << 24;
 constexpr std::array data_set_names = {
     "basis/boxes",
     "basis/monitors",
+    "basis/observed_light",
     "transfer/row_start",
     "transfer/column",
     "transfer/weight",
@@ -50,8 +51,10 @@ constexpr std::array data_set_names = {
     mesh_data_set_names[4],
 };
 
+constexpr const char* boxes_name = "basis/boxes";
 constexpr const char* monitors_name = "basis/monitors";
 constexpr std::size_t numbers_of_a_monitor = 8;
+constexpr const char* observed_name = "basis/observed_light";
 
 void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
   std::vector<double> numbers;
@@ -89,9 +92,16 @@ std::string fault_of_sizes(const FieldOutline& field) {
   return "";
 }
 
-std::string fault_of_boxes(const LightBasis& basis) {
-  const auto inside = [&](const Box& box) { return box.inside(basis.domain.width, basis.domain.height); };
-  return std::ranges::all_of(basis.boxes, inside) ? "" : "basis/boxes reaches outside the light map";
+std::string fault_of_boxes(const std::vector<Box>& boxes, const char* name, const LightDomain& domain) {
+  const auto inside = [&](const Box& box) { return box.inside(domain.width, domain.height); };
+  return std::ranges::all_of(boxes, inside) ? "" : std::string(name) + " reaches outside the light map";
+}
+
+void write_boxes(const Hdf5Writer& writer, const char* name, const std::vector<Box>& boxes) {
+  std::vector<std::int32_t> corners;
+  corners.reserve(boxes.size() * 4);
+  for (const Box& box : boxes) corners.insert(corners.end(), {box.x0, box.y0, box.x1, box.y1});
+  writer.dataset(name, corners.data(), {boxes.size(), 4});
 }
 
 std::string fault_of_monitors(const std::vector<MonitorPlacement>& monitors, const LightDomain& domain) {
@@ -105,6 +115,16 @@ std::string fault_of_monitors(const std::vector<MonitorPlacement>& monitors, con
 
 void require_sound(const Hdf5Values& values, const std::string& fault) {
   if (!fault.empty()) values.fail(fault);
+}
+
+std::vector<Box> read_box_list(const Hdf5Values& values, const char* name, const LightDomain& domain) {
+  const auto corners = values.dataset<std::int32_t>(name, 4);
+  std::vector<Box> boxes;
+  boxes.reserve(corners.size() / 4);
+  for (std::size_t k = 0; k < corners.size(); k += 4)
+    boxes.push_back({corners[k], corners[k + 1], corners[k + 2], corners[k + 3]});
+  require_sound(values, fault_of_boxes(boxes, name, domain));
+  return boxes;
 }
 
 std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const LightDomain& domain) {
@@ -136,10 +156,8 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
   writer.number("hat_rows", field.basis.hats.rows);
   writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
   writer.text("provenance", field.provenance);
-  std::vector<std::int32_t> corners;
-  corners.reserve(field.basis.boxes.size() * 4);
-  for (const Box& box : field.basis.boxes) corners.insert(corners.end(), {box.x0, box.y0, box.x1, box.y1});
-  writer.dataset("basis/boxes", corners.data(), {field.basis.boxes.size(), 4});
+  write_boxes(writer, boxes_name, field.basis.boxes);
+  if (!field.observed_light.empty()) write_boxes(writer, observed_name, field.observed_light);
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
   write_precomputed(writer, field);
 }
@@ -168,7 +186,8 @@ std::string fault_of_statistics(const FieldOutline& field) {
 std::string fault_of_rows(const ReflectanceField& field) {
   const SparseTransfer& transfer = field.transfer;
   if (std::string fault = fault_of_sizes(field); !fault.empty()) return fault;
-  if (std::string fault = fault_of_boxes(field.basis); !fault.empty()) return fault;
+  if (std::string fault = fault_of_boxes(field.basis.boxes, boxes_name, field.basis.domain); !fault.empty())
+    return fault;
   if (!field.monitors.empty())
     if (std::string fault = fault_of_monitors(field.monitors, field.basis.domain); !fault.empty())
       return fault;
@@ -263,15 +282,13 @@ FieldOutline read_outline(const Hdf5Values& values) {
   field.provenance = values.text("provenance");
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
+  if (values.has(observed_name))
+    field.observed_light = read_box_list(values, observed_name, field.basis.domain);
   return field;
 }
 
 void read_boxes(const Hdf5Values& values, FieldOutline& field) {
-  const auto corners = values.dataset<std::int32_t>("basis/boxes", 4);
-  field.basis.boxes.reserve(corners.size() / 4);
-  for (std::size_t k = 0; k < corners.size(); k += 4)
-    field.basis.boxes.push_back({corners[k], corners[k + 1], corners[k + 2], corners[k + 3]});
-  require_sound(values, fault_of_boxes(field.basis));
+  field.basis.boxes = read_box_list(values, boxes_name, field.basis.domain);
 }
 
 std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels) {

@@ -30,7 +30,8 @@ void require_same_job(const Outline& one, const Outline& other) {
   const ReflectanceField& b = other.part.field;
   const std::string names = other.path.string() + " and " + one.path.string() + ": ";
   if (a.width != b.width || one.part.image_height != other.part.image_height ||
-      a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats || a.monitors != b.monitors)
+      a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats || a.monitors != b.monitors ||
+      a.observed_light != b.observed_light)
     throw InputError(names +
                      "are shards of captures with different image sizes, light maps or monitor placements; "
                      "merge shards of one capture");

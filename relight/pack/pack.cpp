@@ -140,6 +140,7 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
       outline.quality = field.quality;
       outline.provenance = field.provenance;
       outline.monitors = field.monitors;
+      outline.observed_light = field.observed_light;
       return std::move(*result);
     }
   char least[32];

@@ -179,6 +179,30 @@ TEST(ReflectanceFieldFile, MonitorPlacementsRoundTrip) {
   EXPECT_THAT(message_of_writing(folder / "f.rfield", field), HasSubstr("basis/monitors"));
 }
 
+TEST(ReflectanceFieldFile, ObservedLightRoundTrips) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  ReflectanceField field = test::random_field(rng, 4, 3, {16, 8, Parameterisation::monitor}, 20, 5);
+  field.observed_light = {{0, 0, 1, 1}, {14, 6, 16, 8}};
+  write_reflectance_field(folder / "f.rfield", field);
+  EXPECT_EQ(read_reflectance_field(folder / "f.rfield").observed_light, field.observed_light);
+  set_first_values<std::int32_t>(folder / "f.rfield", "basis/observed_light", H5T_NATIVE_INT32, {5, 5, 5, 6});
+  EXPECT_THAT(message_of(folder / "f.rfield"),
+              AllOf(HasSubstr("basis/observed_light"), HasSubstr("outside the light map")));
+}
+
+TEST(ReflectanceField, UnobservedShareIsOfTheLightsEnergy) {
+  ReflectanceField field = sample_field();
+  Image light(16, 8, 3);
+  std::ranges::fill(light.values, 1.0f);
+  EXPECT_EQ(field.unobserved_share(light), 0.0) << "where nothing is stated";
+  field.observed_light = {{0, 0, 4, 8}, {8, 0, 12, 4}};
+  EXPECT_NEAR(field.unobserved_share(light), 1.0 - (32.0 + 16.0) / 128.0, 1e-12);
+  for (int c = 0; c < 3; ++c) light.at(2, 3, c) = 81.0f;
+  EXPECT_NEAR(field.unobserved_share(light), 80.0 / 208.0, 1e-12);
+  EXPECT_EQ(field.unobserved_share(Image(16, 8, 3)), 0.0) << "of darkness";
+}
+
 TEST(ReflectanceFieldFile, EqualFieldsGiveEqualBytes) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "a.rfield", sample_field());

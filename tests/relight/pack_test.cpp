@@ -43,6 +43,12 @@ TEST(Pack, KeepsTheErrorAskedFor) {
   }
 }
 
+TEST(Pack, KeepsWhereLightWasObserved) {
+  ReflectanceField field = test::mixed_field(20, 10, monitor);
+  field.observed_light = {{0, 0, 25, 40}};
+  EXPECT_EQ(pack_field(field, 1e-2).field.outline.observed_light, field.observed_light);
+}
+
 TEST(Pack, KeepsTheErrorAskedForWithWeightsOfBothSigns) {
   const ReflectanceField field = test::with_both_signs(test::mixed_field(40, 21, monitor));
   Rng rng(9);

@@ -97,6 +97,24 @@ TEST_F(Relight, FilesHoldWhatTheFieldGives) {
   EXPECT_EQ(read_image(folder / "0.png").width, field_.width);
 }
 
+TEST_F(Relight, ReportsTheLightThatTheFieldDoesNotKnow) {
+  const test::TemporaryFolder folder;
+  LightMap left{Image(domain.width, domain.height, 3), domain.parameterisation};
+  LightMap whole = left;
+  for (int y = 0; y < domain.height; ++y)
+    for (int x = 0; x < domain.width; ++x)
+      for (int c = 0; c < 3; ++c) {
+        whole.radiance.at(x, y, c) = 1.0f;
+        if (x == 0) left.radiance.at(x, y, c) = 1.0f;
+      }
+  const std::vector<RelightJob> known = {{[=] { return left; }, folder / "left.exr"}};
+  const std::vector<RelightJob> both = {known[0], {[=] { return whole; }, folder / "whole.exr"}};
+  EXPECT_EQ(relight_to_files(field_, both).unobserved, 0.0) << "where nothing is stated";
+  field_.observed_light = {{0, 0, 1, domain.height}};
+  EXPECT_NEAR(relight_to_files(field_, known).unobserved, 0.0, 1e-12);
+  EXPECT_NEAR(relight_to_files(field_, both).unobserved, 1.0 - 1.0 / domain.width, 1e-12);
+}
+
 TEST_F(Relight, PicturesAreExposedByThemselvesAndSequencesAsOne) {
   const test::TemporaryFolder folder;
   std::vector<RelightJob> jobs;

@@ -27,11 +27,18 @@ constexpr const char* mouse_help =
     "right button to see the contribution of a region, the wheel changes its size.\n"
     "Open light maps and fields with the button, or drop them onto the window.";
 
+/// A warning where more than 1 % of the light comes from where no training light came from.
+std::string unobserved_text(double share) {
+  if (!(share > 0.01)) return "";
+  return "   " + std::to_string(std::lround(100.0 * share)) + " % of the light is unobserved";
+}
+
 std::string name_text(const App& app) {
   const FieldOutline& field = app.state->field();
   return app.field_file.filename().string() + "   " +
          (field.mesh ? std::to_string(field.mesh->positions.size()) + " vertices"
-                     : std::to_string(field.width) + "×" + std::to_string(field.height));
+                     : std::to_string(field.width) + "×" + std::to_string(field.height)) +
+         unobserved_text(app.state->unobserved_light());
 }
 
 void take_file(App& app, const std::filesystem::path& file) {

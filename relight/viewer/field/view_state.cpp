@@ -127,7 +127,11 @@ void ViewState::take_result(Refreshed& done) {
   const auto job = std::exchange(job_, nullptr);
   done_ = running_;  // also where it failed: it would fail again
   const ViewRelighter::Times times = job->take();
-  is_light_old_ |= relighter_.show(relit_);
+  if (relighter_.show(relit_)) {
+    is_light_old_ = true;
+    if (field_.basis.domain.parameterisation != Parameterisation::cube)
+      unobserved_light_ = field_.unobserved_share(relit_.light);
+  }
   ++relit_count_;
   done.light_ms += times.light_ms;
   done.relight_ms += times.relight_ms;

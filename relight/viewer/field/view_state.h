@@ -46,6 +46,8 @@ class ViewState {
   void reset_light_sources();
   /// The light map that the image shows. Only while is_current(). Throws Interrupted.
   LightMap light() const { return relighter_.light(); }
+  /// FieldOutline::unobserved_share() of the light map, as of the last refresh(). 0 for cube maps.
+  double unobserved_light() const { return unobserved_light_; }
   /// What of the environment reaches the light map, as of the last refresh().
   const EnvironmentShare& share() const { return relit_.share; }
 
@@ -139,6 +141,7 @@ class ViewState {
   ToneTableCache light_tone_;
   std::vector<std::uint8_t> light_levels_;
   bool is_light_old_ = true;
+  double unobserved_light_ = 0.0;
 
   std::unique_ptr<BackgroundJob<ViewRelighter::Times>> job_;  // ends before what it works on
 };
