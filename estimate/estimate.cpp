@@ -24,15 +24,27 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Estimates all bands that `find` does not already have, handing each to `keep`. Returns the number taken
-/// over.
+/// Where training lights of few degrees of freedom were not black; empty if nowhere was.
+std::vector<Box> observed_by(const BoxTable& table, const std::optional<TexelRegressions>& texels) {
+  if (!texels) return {};
+  std::int64_t lit = 0;
+  for (const Box& cell : texels->cells()) lit += cell.area();
+  return lit < std::int64_t{table.domain().width} * table.domain().height ? texels->cells()
+                                                                          : std::vector<Box>{};
+}
+
+struct BandsDone {
+  int resumed = 0;                  ///< taken over
+  std::vector<Box> observed_light;  ///< see FieldOutline
+};
+
+/// Estimates all bands that `find` does not already have, handing each to `keep`.
 template <class Find, class Keep>
-int estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
-                   Keep keep, const RunContext& run) {
+BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
+                         Keep keep, const RunContext& run) {
   options.mean_square = job.mean_square;
   const int width = job.session.width;
   const int height = job.session.height;
-  std::optional<BoxTable> table;  // built only when there is work to do
   FitWorkers workers;
   std::uint64_t pixels = 0;
   std::vector<RowRange> missing;
@@ -43,18 +55,20 @@ int estimate_bands(const EstimateJob& job, EstimateOptions options, const Estima
       const RowRange held = rows_needed(rows, height, options);
       pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
     }
-  if (!missing.empty())
-    table.emplace(job.frames, job.session.light,
-                  hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
+  const BoxTable table(job.frames, job.session.light,
+                       hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
+  std::optional<TexelRegressions> texels;
+  if (options.mode == EstimateMode::refined) texels.emplace(table);
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress(run, "estimate", pixels);
   for (const RowRange& rows : missing) {
     const RowRange held = rows_needed(rows, height, options);
     const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
-    keep(rows, estimate_band({*table, band, rows, height, job.mask, options, job.refinement.get()}, workers,
-                             progress, run));
+    keep(rows, estimate_band({table, band, rows, height, job.mask, options, job.refinement.get(),
+                              texels ? &*texels : nullptr},
+                             workers, progress, run));
   }
-  return static_cast<int>(bands.size() - missing.size());
+  return {static_cast<int>(bands.size() - missing.size()), observed_by(table, texels)};
 }
 
 /// `field` holds the job's rows alone, the mask the whole picture.
@@ -119,10 +133,10 @@ ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const 
   const auto limit = limit_threads(plan_job(job, options).threads);
   check_frames(job, options, run);
   FieldAssembler assembler(job, options);
-  estimate_bands(
+  BandsDone done = estimate_bands(
       job, options, plan_job(job, options), [](RowRange) { return false; },
       [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); }, run);
-  return assembler.take();
+  return assembler.take(std::move(done.observed_light));
 }
 
 }  // namespace
@@ -147,9 +161,10 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   else
     checkpoint.remove();
   const int width = job.session.width;
-  summary.resumed_bands = estimate_bands(
+  BandsDone done = estimate_bands(
       job, options, summary.plan, [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
       [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); }, run);
+  summary.resumed_bands = done.resumed;
 
   FieldAssembler assembler(job, options);
   for (const RowRange& rows : bands_of(summary.plan)) {
@@ -159,8 +174,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
                        ".partial: a finished band is damaged; run again with --resume to redo it");
     assembler.append(*kernels);
   }
-  FieldPart part{assembler.take(), job.rows, job.session.height, job_key(job, options),
-                 assembler.take_evidence()};
+  FieldPart part{assembler.take(std::move(done.observed_light)), job.rows, job.session.height,
+                 job_key(job, options), assembler.take_evidence()};
   const ReflectanceField& field = part.field;
   const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
   if (!options.rows && is_empty) {

@@ -14,8 +14,9 @@ HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int i
   return hat_grid_for(domain, std::min(options.max_kernels(), images));
 }
 
-BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
-    : smooth_(table), cache_(table, smooth_, options.mode) {
+BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options,
+                       std::shared_ptr<const TexelRegression> texels)
+    : smooth_(table), cache_(table, smooth_, options.mode), texels_(std::move(texels)) {
   if (options.mode == EstimateMode::refined)
     // A part of the images keeps the hats of all; they leave room for rectangles.
     block_.emplace(cache_,
@@ -27,8 +28,20 @@ BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options)
 
 std::vector<PixelKernels> BlockModel::fit(std::span<const PixelSamples> samples, int width,
                                           std::span<const std::vector<Box>> old, const RunContext& run) {
-  if (block_) return block_->fit(samples, width, old);
   std::vector<PixelKernels> kernels(samples.size());
+  if (block_) {
+    if (!texels_) return block_->fit(samples, width, old);
+    // Where the samples alone determine the weights of all light cells, no rectangles are needed.
+    if (!texels_->is_interpolating()) kernels = block_->fit(samples, width, old);
+    for (std::size_t p = 0; p < samples.size(); ++p) {
+      run.throw_if_stopped();
+      if (samples[p][0] == nullptr) continue;
+      auto texels = texels_->fit(samples[p]);
+      if (texels_->is_interpolating() || texels.criterion < texels_->criterion_of(kernels[p], samples[p]))
+        kernels[p] = std::move(texels.kernels);
+    }
+    return kernels;
+  }
   for (std::size_t p = 0; p < samples.size(); ++p) {
     run.throw_if_stopped();
     if (samples[p][0] != nullptr) kernels[p] = pixel_->fit(samples[p]);

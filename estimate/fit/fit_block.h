@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "estimate/fit/gap_filling.h"
 #include "estimate/fit/select_kernels.h"
 #include "estimate/fit/similar_pixels.h"
+#include "estimate/fit/texel_regression.h"
 #include "estimate/fit/tree_search.h"
 #include "estimate/fit/weighted_fit.h"
 #include "estimate/options.h"
@@ -148,7 +150,9 @@ HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int i
 /// that a thread keeps between blocks.
 class BlockModel {
  public:
-  BlockModel(const BoxTable& table, const EstimateOptions& options);
+  /// `texels`: what refined mode chooses from beside rectangles; null for light with many degrees of freedom.
+  BlockModel(const BoxTable& table, const EstimateOptions& options,
+             std::shared_ptr<const TexelRegression> texels = nullptr);
 
   KernelCache& cache() { return cache_; }
   /// See BlockFitter::fit(); in the paper's modes, pixel by pixel and without `old`.
@@ -159,6 +163,7 @@ class BlockModel {
   SmoothSpace smooth_;
   KernelCache cache_;
   std::optional<BlockFitter> block_;  // refined mode
+  std::shared_ptr<const TexelRegression> texels_;
   std::optional<PixelFitter> pixel_;  // other modes
 };
 

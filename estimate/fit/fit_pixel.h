@@ -23,6 +23,9 @@ struct PixelKernels {
   std::vector<float> smooth;      ///< [hats × 3], ≥ 0; empty without a smooth part
   double squared_residual = 0.0;  ///< over images and channels
   double squared_samples = 0.0;   ///< Σ b² over images and channels
+  /// Weights of light cells and not of rectangles that a search found: what TexelRegression chose; else −1.
+  /// Not kept on disk.
+  int texel_prior = -1;
   ErrorEvidence evidence = {};    ///< filled by estimate_band() where it was asked for
 };
 

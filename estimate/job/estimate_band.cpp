@@ -51,7 +51,7 @@ class BandEstimator {
     Rows kernels = fit_blocks();
     for (int sweep = 1; sweep <= input_.options.sweeps(); ++sweep) kernels = correct(kernels, sweep);
     Rows result = wanted_rows(std::move(kernels));
-    if (input_.options.predict_errors) gather_evidence(result);
+    if (input_.options.predict_errors && is_error_known()) gather_evidence(result);
     to_texel_sums(result);
     return std::move(result.pixels);
   }
@@ -92,9 +92,15 @@ class BandEstimator {
       for (int x = tile.x0; x < tile.x1; ++x) result.push_back(active(x, y) ? samples(x, y) : PixelSamples{});
     return result;
   }
+  /// Photographs of one light source at a time do not tell how noisy they are, and the regression passes
+  /// through all of them.
+  bool is_error_known() const {
+    const auto texels = input_.texels ? input_.texels->of_all() : nullptr;
+    return !texels || !texels->is_interpolating();
+  }
   FitWorker& worker() const {
     auto& own = workers_.local();
-    if (!own) own = std::make_unique<FitWorker>(input_.table, input_.options);
+    if (!own) own = std::make_unique<FitWorker>(input_.table, input_.options, input_.texels);
     own->model.cache().keep_within(cache_limit_bytes);
     return *own;
   }
@@ -278,7 +284,9 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
       const auto relative = [&](double squared) {
         return static_cast<float>(squared / pixel.squared_samples);
       };
-      pixel.evidence.cross_validated = relative(validated[i]);
+      // Leave-one-out is right where no rectangles were selected with the samples that it leaves out.
+      pixel.evidence.cross_validated =
+          pixel.texel_prior >= 0 ? pixel.evidence.leave_one_out : relative(validated[i]);
       if (half.empty()) continue;
       pixel.evidence.from_half = relative(half[i]);
       pixel.evidence.from_quarter = relative(quarter[i]);

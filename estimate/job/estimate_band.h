@@ -17,8 +17,10 @@ namespace refield {
 
 /// What each thread keeps between pixels.
 struct FitWorker {
-  FitWorker(const BoxTable& table, const EstimateOptions& options)
-      : model(table, options), weights(table), evaluator(table, options) {}
+  FitWorker(const BoxTable& table, const EstimateOptions& options, TexelRegressions* texels = nullptr)
+      : model(table, options, texels ? texels->of_all() : nullptr),
+        weights(table),
+        evaluator(table, options, texels) {}
   BlockModel model;
   WeightFitter weights;
   ErrorEvaluator evaluator;
@@ -43,6 +45,7 @@ struct BandInput {
   const Mask& mask;             ///< [height × width of the band] or empty
   const EstimateOptions& options;
   const Refinement* refinement = nullptr;  ///< pixels start from its field's kernels, if any
+  TexelRegressions* texels = nullptr;      ///< see BlockModel; null: rectangles alone
 };
 
 /// Estimates the pixels of `input.rows`; returns them row by row, with the evidence about their error where

@@ -51,7 +51,8 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
   }
 }
 
-ReflectanceField FieldAssembler::take() {
+ReflectanceField FieldAssembler::take(std::vector<Box> observed_light) {
+  field_.observed_light = std::move(observed_light);
   if (is_whole_) predict_errors(field_, error_evidence_);
   return std::move(field_);
 }

@@ -67,7 +67,7 @@ class FieldAssembler {
   FieldAssembler(const EstimateJob& job, const EstimateOptions& options);
   void append(std::span<const PixelKernels> kernels);
   /// The field, with its errors predicted where it is whole and the pixels came with evidence.
-  ReflectanceField take();
+  ReflectanceField take(std::vector<Box> observed_light);
   /// [pixels] or empty.
   std::vector<ErrorEvidence> take_evidence() { return std::move(error_evidence_); }
 

@@ -17,6 +17,7 @@ constexpr float least_freedom = 0.05f;
 
 double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
                                      const MaskedSamples& samples, float* residuals) {
+  if (kernels.texel_prior >= 0) return texels_->of_all()->leave_one_out(kernels, samples, residuals);
   const std::size_t count = kernels.boxes.size();
   const int hats = static_cast<int>(kernels.smooth.size()) / 3;
   orthonormal_.resize(std::max(count, std::size_t{1}) * stride_);
@@ -68,8 +69,11 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
   return squared;
 }
 
-ErrorEvaluator::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options)
-    : seen(std::move(seen_images)), table(all.subset(seen)), model(table, options) {}
+ErrorEvaluator::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options,
+                           TexelRegressions* texels)
+    : seen(std::move(seen_images)),
+      table(all.subset(seen)),
+      model(table, options, texels ? texels->of_part(seen) : nullptr) {}
 
 ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
   auto& found = parts_[{fold, folds, alone ? 1 : 0}];
@@ -77,7 +81,7 @@ ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
     std::vector<int> seen;
     for (int j = 0; j < images_; ++j)
       if ((j % folds == fold) == alone) seen.push_back(j);
-    found = std::make_unique<Part>(table_, std::move(seen), options_);
+    found = std::make_unique<Part>(table_, std::move(seen), options_, texels_);
   }
   return *found;
 }

@@ -15,8 +15,9 @@ namespace refield {
 /// What a thread needs to assess fits by images that they have not seen.
 class ErrorEvaluator {
  public:
-  ErrorEvaluator(const BoxTable& table, const EstimateOptions& options)
-      : table_(table), options_(options), images_(table.images()), stride_(table.stride()) {}
+  /// `texels`: see BlockModel; null for none.
+  ErrorEvaluator(const BoxTable& table, const EstimateOptions& options, TexelRegressions* texels = nullptr)
+      : table_(table), options_(options), texels_(texels), images_(table.images()), stride_(table.stride()) {}
 
   /// Leave-one-out residuals of a pixel's final kernels: r_j / (1 − h_j), channel by channel, where h_j is
   /// the diagonal of the projection onto the columns with a weight above zero. Exact for least squares with
@@ -43,7 +44,8 @@ class ErrorEvaluator {
  private:
   /// A fit to some of the images.
   struct Part {
-    Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options);
+    Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options,
+         TexelRegressions* texels);
     std::vector<int> seen;
     BoxTable table;
     BlockModel model;
@@ -54,6 +56,7 @@ class ErrorEvaluator {
 
   const BoxTable& table_;
   EstimateOptions options_;
+  TexelRegressions* texels_;
   std::map<std::array<int, 3>, std::unique_ptr<Part>> parts_;  // by fold, number of folds, alone or not
   int images_;
   std::size_t stride_;

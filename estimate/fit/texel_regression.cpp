@@ -1,0 +1,444 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/fit/texel_regression.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/light/cube_map.h"
+#include "core/light/light_map.h"
+
+namespace refield {
+
+namespace {
+
+/// Prior covariance of the weights: the length of its smooth part, as a part of the light map's width (of the
+/// sphere's diameter for maps of directions), and the share of its independent part.
+struct Prior {
+  double length;
+  double independent;
+};
+constexpr std::array<Prior, 8> priors = {{{1.0, 1.0},
+                                          {0.125, 0.3},
+                                          {0.125, 0.003},
+                                          {0.5, 0.1},
+                                          {0.5, 0.003},
+                                          {2.0, 0.03},
+                                          {2.0, 0.003},
+                                          {2.0, 0.0003}}};
+
+/// Ratio of noise variance to the mean variance of a sample, level by level.
+constexpr int all_noise_levels = 20;
+double noise_ratio(int level) {
+  return std::pow(10.0, -9.0 + 0.5 * level);
+}
+/// Lights whose Gram matrix has eigenvalues within this factor do not tell noise from detail.
+constexpr double nearly_orthogonal = 100.0;
+/// Samples that are filled in, so that incomplete pixels can choose a prior, come from this one.
+constexpr int usual_prior = 4;
+constexpr int usual_noise = 8;
+/// Of a rectangle: see "Selection of rectangles" in docs/method/estimation.md.
+constexpr double rectangle_penalty = 17.0;
+/// Covariances of weights that are kept, of each regression.
+constexpr std::size_t max_posterior_bytes = 64 << 20;
+/// Residuals below this part of the samples, squared, are rounding.
+constexpr double rounding = 1e-13;
+
+Eigen::Vector3d place_of(const Box& cell, const LightDomain& domain) {
+  const double x = 0.5 * (cell.x0 + cell.x1), y = 0.5 * (cell.y0 + cell.y1);
+  switch (domain.parameterisation) {
+    case Parameterisation::lat_long:
+      return 0.5 * lat_long_direction(x, y, domain.width, domain.height);
+    case Parameterisation::cube:
+      return 0.5 * cube_direction(x, y, domain.width);
+    case Parameterisation::monitor:
+      break;
+  }
+  return {x / domain.width, y / domain.width, 0.0};
+}
+
+Eigen::MatrixXd covariance_of(const Prior& prior, std::span<const Box> cells, const LightDomain& domain) {
+  const auto count = static_cast<Eigen::Index>(cells.size());
+  Eigen::MatrixXd covariance(count, count);
+  for (Eigen::Index i = 0; i < count; ++i)
+    for (Eigen::Index j = 0; j < count; ++j) {
+      const double distance = (place_of(cells[i], domain) - place_of(cells[j], domain)).norm();
+      const double t = std::numbers::sqrt3 * distance / prior.length;
+      covariance(i, j) =
+          (1.0 - prior.independent) * (1.0 + t) * std::exp(-t) + (i == j ? prior.independent : 0.0);
+    }
+  return covariance;
+}
+
+/// Most probable weights without negative ones, from the unconstrained ones and their covariance S: those
+/// that are held at zero move the others by their multipliers ν ≥ 0, w = μ + S ν. Block principal pivoting
+/// (Júdice and Pires 1994), which seldom takes more than three steps since few weights are negative.
+Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covariance) {
+  constexpr int max_steps = 100;
+  const double negligible = 1e-9 * mean.cwiseAbs().maxCoeff();
+  std::vector<char> held(static_cast<std::size_t>(mean.size()), 0);
+  for (Eigen::Index k = 0; k < mean.size(); ++k) held[k] = mean(k) < 0.0;
+  Eigen::VectorXd weights = mean;
+  for (int step = 0; step < max_steps; ++step) {
+    std::vector<Eigen::Index> zeros;
+    for (Eigen::Index k = 0; k < mean.size(); ++k)
+      if (held[k]) zeros.push_back(k);
+    if (zeros.empty()) break;
+    const Eigen::VectorXd multipliers = covariance(zeros, zeros).llt().solve(-mean(zeros));
+    weights = mean + covariance(Eigen::all, zeros) * multipliers;
+    weights(zeros).setZero();
+    bool changed = false;
+    for (std::size_t i = 0; i < zeros.size(); ++i)
+      if (multipliers(static_cast<Eigen::Index>(i)) < 0.0) {
+        held[zeros[i]] = 0;
+        changed = true;
+      }
+    for (Eigen::Index k = 0; k < mean.size(); ++k)
+      if (!held[k] && weights(k) < -negligible) {
+        held[k] = 1;
+        changed = true;
+      }
+    if (!changed) break;
+  }
+  return weights.cwiseMax(0.0);
+}
+
+std::vector<int> measured_in(const float* samples, int images) {
+  std::vector<int> measured;
+  for (int j = 0; j < images; ++j)
+    if (!std::isnan(samples[j])) measured.push_back(j);
+  return measured;
+}
+
+}  // namespace
+
+std::vector<Box> light_cells(const BoxTable& table) {
+  const LightDomain& domain = table.domain();
+  const std::size_t length = 3 * table.stride();
+  AlignedFloats totals(length), first(length), other(length);
+  table.column({0, 0, domain.width, domain.height}, totals.data());
+  // Differences of a summed-area table in double carry this much rounding.
+  constexpr float negligible = 1e-10f, equal = 1e-6f;
+  const auto is_lit = [&](const AlignedFloats& column) {
+    for (std::size_t i = 0; i < length; ++i)
+      if (column[i] > negligible * totals[i]) return true;
+    return false;
+  };
+  std::vector<char> visited(static_cast<std::size_t>(domain.width) * domain.height, 0);
+  const auto at = [&](int x, int y) -> char& {
+    return visited[static_cast<std::size_t>(y) * domain.width + x];
+  };
+  const auto matches = [&](int x, int y) {
+    if (at(x, y)) return false;
+    table.column({x, y, x + 1, y + 1}, other.data());
+    for (std::size_t i = 0; i < length; ++i)
+      if (std::abs(other[i] - first[i]) > equal * std::abs(first[i]) + negligible * totals[i]) return false;
+    return true;
+  };
+  std::vector<Box> cells;
+  for (int y = 0; y < domain.height; ++y)
+    for (int x = 0; x < domain.width; ++x) {
+      if (at(x, y)) continue;
+      table.column({x, y, x + 1, y + 1}, first.data());
+      if (!is_lit(first)) continue;
+      Box cell{x, y, x + 1, y + 1};
+      while (cell.x1 < domain.width && matches(cell.x1, y)) ++cell.x1;
+      const auto row_matches = [&](int row) {
+        for (int column = cell.x0; column < cell.x1; ++column)
+          if (!matches(column, row)) return false;
+        return true;
+      };
+      while (cell.y1 < domain.height && row_matches(cell.y1)) ++cell.y1;
+      for (int row = cell.y0; row < cell.y1; ++row)
+        for (int column = cell.x0; column < cell.x1; ++column) at(column, row) = 1;
+      cells.push_back(cell);
+      if (cells.size() > max_light_cells) return {};
+    }
+  return cells.size() < 2 ? std::vector<Box>{} : cells;
+}
+
+TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cells)
+    : table_(&table), cells_(cells.begin(), cells.end()), images_(table.images()) {
+  const auto count = static_cast<Eigen::Index>(cells.size());
+  AlignedFloats column(3 * table.stride());
+  for (auto& lights : lights_) lights.resize(images_, count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    table.column(cells[k], column.data());
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < images_; ++j) lights_[c](j, k) = column[c * table.stride() + j];
+  }
+  is_grey_ = lights_[1] == lights_[0] && lights_[2] == lights_[0];
+  const int channels = is_grey_ ? 1 : 3;
+  bool is_orthogonal = images_ <= count;
+  for (int c = 0; c < channels && is_orthogonal; ++c) {
+    const Eigen::MatrixXd gram = lights_[c] * lights_[c].transpose();
+    const Eigen::VectorXd values =
+        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(gram, Eigen::EigenvaluesOnly).eigenvalues();
+    is_orthogonal = values.minCoeff() * nearly_orthogonal > values.maxCoeff();
+  }
+  noise_levels_ = is_orthogonal ? 1 : all_noise_levels;
+  spectra_.resize(3 * priors.size());
+  for (std::size_t p = 0; p < priors.size(); ++p) {
+    covariances_.push_back(covariance_of(priors[p], cells, table.domain()));
+    for (int c = 0; c < channels; ++c) {
+      Spectrum& spectrum = spectra_[3 * p + c];
+      if (images_ <= count) {
+        Eigen::MatrixXd samples = lights_[c] * covariances_[p] * lights_[c].transpose();
+        const double trace = samples.trace();
+        spectrum.scale = trace > 0.0 ? images_ / trace : 1.0;
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(spectrum.scale * samples);
+        spectrum.values = solver.eigenvalues().cwiseMax(0.0);
+        spectrum.vectors = solver.eigenvectors();
+      } else {
+        // F = L C^½ has the same left singular vectors, and fewer columns.
+        const Eigen::MatrixXd factor = lights_[c] * covariances_[p].llt().matrixL().toDenseMatrix();
+        const double trace = factor.squaredNorm();
+        spectrum.scale = trace > 0.0 ? images_ / trace : 1.0;
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(spectrum.scale * factor.transpose() *
+                                                                    factor);
+        // Directions that the lights do not tell apart are left to the rest, which has no signal.
+        const double least = 1e-12 * solver.eigenvalues().maxCoeff();
+        const Eigen::Index rank = (solver.eigenvalues().array() > least).count();
+        spectrum.values = solver.eigenvalues().tail(rank);
+        spectrum.vectors = std::sqrt(spectrum.scale) * factor * solver.eigenvectors().rightCols(rank) *
+                           spectrum.values.cwiseSqrt().cwiseInverse().asDiagonal();
+      }
+      for (int level = 0; level < noise_levels_; ++level)
+        spectrum.log_determinant[level] =
+            (spectrum.values.array() + noise_ratio(level)).log().sum() +
+            static_cast<double>(images_ - spectrum.values.size()) * std::log(noise_ratio(level));
+    }
+  }
+}
+
+Eigen::VectorXd TexelRegression::weights_of(int prior, int channel, const Eigen::VectorXd& dual) const {
+  return spectrum(prior, channel).scale * (covariances_[prior] * (lights_[channel].transpose() * dual));
+}
+
+std::shared_ptr<const Eigen::MatrixXd> TexelRegression::posterior(int prior, int noise, int channel,
+                                                                  const std::vector<int>& measured) const {
+  const bool is_complete = static_cast<int>(measured.size()) == images_;
+  const std::array<int, 3> key = {prior, noise, is_grey_ ? 0 : channel};
+  if (is_complete) {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = posteriors_.find(key); found != posteriors_.end()) return found->second;
+  }
+  const auto count = static_cast<Eigen::Index>(cells_.size());
+  const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(count, count);
+  const Eigen::MatrixXd seen = lights_[channel](measured, Eigen::all);
+  const Eigen::MatrixXd precision = seen.transpose() * seen / noise_ratio(noise) +
+                                    covariances_[prior].llt().solve(one) / spectrum(prior, channel).scale;
+  const auto result = std::make_shared<const Eigen::MatrixXd>(precision.llt().solve(one));
+  if (is_complete) {
+    const std::lock_guard lock(mutex_);
+    if (posteriors_.size() * count * count * sizeof(double) > max_posterior_bytes) posteriors_.clear();
+    posteriors_[key] = result;
+  }
+  return result;
+}
+
+Eigen::MatrixXd TexelRegression::inverse_covariance(int prior, int noise, int channel,
+                                                    const std::vector<int>& measured) const {
+  const Spectrum& own = spectrum(prior, channel);
+  const Eigen::MatrixXd vectors = own.vectors(measured, Eigen::all);
+  Eigen::MatrixXd covariance = vectors * own.values.asDiagonal() * vectors.transpose();
+  covariance.diagonal().array() += noise_ratio(noise);
+  return covariance.llt().solve(Eigen::MatrixXd::Identity(covariance.rows(), covariance.cols()));
+}
+
+Eigen::VectorXd TexelRegression::solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
+                                       const std::vector<int>& measured) const {
+  if (static_cast<int>(measured.size()) < images_) {
+    Eigen::VectorXd dual = Eigen::VectorXd::Zero(images_);
+    dual(measured) = inverse_covariance(prior, noise, channel, measured) * samples(measured);
+    return dual;
+  }
+  const Spectrum& own = spectrum(prior, channel);
+  const Eigen::VectorXd coordinates = own.vectors.transpose() * samples;
+  const double lambda = noise_ratio(noise);
+  // (K + λI)⁻¹ b = V (1/(v + λ) − 1/λ) Vᵀb + b/λ; with all directions in V the rest is nothing but rounding.
+  if (own.values.size() == images_)
+    return own.vectors * (coordinates.array() / (own.values.array() + lambda)).matrix();
+  return own.vectors * (coordinates.array() / (own.values.array() + lambda)).matrix() +
+         (samples - own.vectors * coordinates) / lambda;
+}
+
+TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
+  Fit result;
+  result.criterion = std::numeric_limits<double>::infinity();
+  std::array<Eigen::VectorXd, 3> values;
+  std::array<std::vector<int>, 3> measured;
+  std::array<double, 3> squared{};
+  for (int c = 0; c < 3; ++c) {
+    measured[c] = measured_in(samples[c], images_);
+    values[c] = Eigen::VectorXd::Zero(images_);
+    for (const int j : measured[c]) values[c](j) = samples[c][j];
+    squared[c] = values[c].squaredNorm();
+    result.kernels.squared_samples += squared[c];
+    if (squared[c] > 0.0 && static_cast<int>(measured[c].size()) < images_) {
+      const int noise = std::min(usual_noise, noise_levels_ - 1);
+      const Eigen::VectorXd dual = solve(usual_prior, noise, c, values[c], measured[c]);
+      const Eigen::VectorXd predicted = lights_[c] * weights_of(usual_prior, c, dual);
+      for (int j = 0; j < images_; ++j)
+        if (std::isnan(samples[c][j])) values[c](j) = predicted(j);
+    }
+  }
+  if (!(result.kernels.squared_samples > 0.0)) return result;
+  int best_prior = 0, best_noise = 0;
+  for (int prior = 0; prior < static_cast<int>(priors.size()); ++prior) {
+    std::array<double, 32> criterion{};
+    for (int c = 0; c < 3; ++c) {
+      if (!(squared[c] > 0.0)) continue;
+      const Spectrum& own = spectrum(prior, c);
+      const Eigen::ArrayXd coordinates = (own.vectors.transpose() * values[c]).array().square();
+      const double total = values[c].squaredNorm();
+      const double rest =
+          own.values.size() < images_ ? std::max(total - coordinates.sum(), rounding * total) : 0.0;
+      for (int level = 0; level < noise_levels_; ++level) {
+        const double lambda = noise_ratio(level);
+        const double q = (coordinates / (own.values.array() + lambda)).sum() + rest / lambda;
+        criterion[level] += images_ * std::log(q / images_) + own.log_determinant[level];
+      }
+    }
+    for (int level = 0; level < noise_levels_; ++level)
+      if (criterion[level] < result.criterion) {
+        result.criterion = criterion[level];
+        best_prior = prior;
+        best_noise = level;
+      }
+  }
+  PixelKernels& kernels = result.kernels;
+  kernels.texel_prior = best_prior * all_noise_levels + best_noise;
+  std::vector<float> all_weights(3 * cells_.size());
+  for (int c = 0; c < 3; ++c) {
+    if (!(squared[c] > 0.0)) continue;
+    Eigen::VectorXd weights =
+        weights_of(best_prior, c, solve(best_prior, best_noise, c, values[c], measured[c]));
+    if (weights.minCoeff() < 0.0)
+      weights = without_negative(weights, *posterior(best_prior, best_noise, c, measured[c]));
+    for (std::size_t k = 0; k < cells_.size(); ++k)
+      all_weights[3 * k + c] = static_cast<float>(weights(static_cast<Eigen::Index>(k)));
+    const Eigen::VectorXd residual = values[c] - lights_[c] * weights;
+    kernels.squared_residual += residual(measured[c]).squaredNorm();
+  }
+  for (std::size_t k = 0; k < cells_.size(); ++k) {
+    const float* weight = all_weights.data() + 3 * k;
+    if (weight[0] == 0.0f && weight[1] == 0.0f && weight[2] == 0.0f) continue;
+    kernels.boxes.push_back(cells_[k]);
+    kernels.weights.insert(kernels.weights.end(), weight, weight + 3);
+  }
+  return result;
+}
+
+double TexelRegression::criterion_of(const PixelKernels& kernels, const PixelSamples& samples) const {
+  std::vector<double> residual(images_);
+  AlignedFloats column(table_->stride());
+  double criterion = 0.0;
+  const std::size_t hats = kernels.smooth.size() / 3;
+  for (int c = 0; c < 3; ++c) {
+    std::copy_n(samples[c], images_, residual.begin());
+    int weights = 0;
+    for (std::size_t k = 0; k < kernels.boxes.size(); ++k) {
+      const double weight = kernels.weights[3 * k + c];
+      if (weight == 0.0) continue;
+      ++weights;
+      table_->channel_column(kernels.boxes[k], c, column.data());
+      for (int j = 0; j < images_; ++j) residual[j] -= weight * column[j];
+    }
+    for (std::size_t h = 0; h < hats; ++h) {
+      const double weight = kernels.smooth[3 * h + c];
+      if (weight == 0.0) continue;
+      ++weights;
+      for (int j = 0; j < images_; ++j) residual[j] -= weight * table_->hat_sums(static_cast<int>(h), c)[j];
+    }
+    double squared = 0.0, error = 0.0;
+    int measured = 0;
+    for (int j = 0; j < images_; ++j) {
+      if (std::isnan(samples[c][j])) continue;
+      ++measured;
+      squared += static_cast<double>(samples[c][j]) * samples[c][j];
+      error += residual[j] * residual[j];
+    }
+    if (!(squared > 0.0)) continue;
+    // Of the filled-in samples that fit() counts, nothing is known here: their share is left as it is.
+    criterion +=
+        images_ * std::log(std::max(error, rounding * squared) / measured) + weights * std::log(images_);
+  }
+  return criterion + rectangle_penalty * static_cast<double>(kernels.boxes.size());
+}
+
+double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples,
+                                      float* residuals) const {
+  const std::size_t stride = table_->stride();
+  const int prior = kernels.texel_prior / all_noise_levels, noise = kernels.texel_prior % all_noise_levels;
+  std::fill_n(residuals, 3 * stride, 0.0f);
+  double squared = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    if (!(samples.squared[c] > 0.0)) continue;
+    std::vector<int> measured;
+    Eigen::VectorXd values(images_);
+    for (int j = 0; j < images_; ++j) {
+      values(j) = samples.values[c * stride + j];
+      if (samples.complete || samples.measured[c * stride + j] > 0.0f) measured.push_back(j);
+    }
+    const Eigen::VectorXd dual = solve(prior, noise, c, values, measured);
+    // (K + λI)⁻¹ on the diagonal: (1 − h) / λ of each sample, with all weights free.
+    Eigen::VectorXd diagonal = Eigen::VectorXd::Ones(images_);
+    const double lambda = noise_ratio(noise);
+    if (static_cast<int>(measured.size()) < images_) {
+      diagonal(measured) = inverse_covariance(prior, noise, c, measured).diagonal();
+    } else {
+      const Spectrum& own = spectrum(prior, c);
+      const Eigen::MatrixXd taken = own.vectors.cwiseAbs2();
+      diagonal = taken * (own.values.array() + lambda).inverse().matrix();
+      if (own.values.size() < images_) diagonal.array() += (1.0 - taken.rowwise().sum().array()) / lambda;
+    }
+    Eigen::VectorXd misfit = dual;  // b − K α = λ α, in units of λ
+    Eigen::VectorXd weights = weights_of(prior, c, dual);
+    if (weights.minCoeff() < 0.0) {
+      // Weights that are held at zero take no part of the samples.
+      const auto covariance = posterior(prior, noise, c, measured);
+      weights = without_negative(weights, *covariance);
+      std::vector<Eigen::Index> zeros;
+      for (Eigen::Index k = 0; k < weights.size(); ++k)
+        if (weights(k) == 0.0) zeros.push_back(k);
+      if (!zeros.empty()) {
+        const Eigen::MatrixXd shares = lights_[c] * (*covariance)(Eigen::all, zeros);
+        const Eigen::MatrixXd held = (*covariance)(zeros, zeros);
+        diagonal += held.llt().matrixL().solve(shares.transpose()).colwise().squaredNorm().transpose() /
+                    (lambda * lambda);
+      }
+      misfit = (values - lights_[c] * weights) / lambda;
+    }
+    for (const int j : measured) {
+      const double residual = misfit(j) / diagonal(j);
+      residuals[c * stride + j] = static_cast<float>(residual);
+      squared += residual * residual;
+    }
+  }
+  return squared;
+}
+
+std::shared_ptr<const TexelRegression> TexelRegressions::of_all() {
+  if (cells_.empty()) return nullptr;
+  const std::lock_guard lock(mutex_);
+  auto& found = parts_[{}];
+  if (!found) found = std::make_shared<TexelRegression>(table_, cells_);
+  return found;
+}
+
+std::shared_ptr<const TexelRegression> TexelRegressions::of_part(const std::vector<int>& seen) {
+  if (cells_.empty()) return nullptr;
+  const std::lock_guard lock(mutex_);
+  auto& found = parts_[seen];
+  if (!found) {
+    tables_.push_back(std::make_unique<BoxTable>(table_.subset(seen)));
+    found = std::make_shared<TexelRegression>(*tables_.back(), cells_);
+  }
+  return found;
+}
+
+}  // namespace refield

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <vector>
+
+#include "estimate/fit/box_table.h"
+#include "estimate/fit/fit_pixel.h"
+
+namespace refield {
+
+/// Cells of a light map: rectangles whose texels have equal values in every training light (a light source, a
+/// block of a coarse display). Empty if there are more than `max_light_cells`, so that light has many degrees
+/// of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
+std::vector<Box> light_cells(const BoxTable& table);
+inline constexpr int max_light_cells = 512;
+
+/// Gaussian process regression with one weight per light cell, for light with few degrees of freedom. The
+/// prior covariance of the weights is smooth over the light map (Matérn, ν = 3/2) plus independent. Each
+/// pixel selects the length, the share of the independent part and the ratio of noise to signal by the
+/// evidence of its samples in all channels (Rasmussen and Williams 2006, eqs. 2.25, 4.17 and 5.8; the scale
+/// of the prior is integrated out by its maximum). The independent part alone is ridge regression. The
+/// weights are the most probable non-negative ones. Threads share it.
+class TexelRegression {
+ public:
+  /// `cells`: of the table that this one may be a part of.
+  TexelRegression(const BoxTable& table, std::span<const Box> cells);
+
+  /// Whether the lights are nearly orthogonal, as photographs of one light source at a time are. Nothing then
+  /// tells noise from detail, and the regression interpolates the samples.
+  bool is_interpolating() const { return noise_levels_ == 1; }
+
+  struct Fit {
+    PixelKernels kernels;    ///< of the cells with a weight
+    double criterion = 0.0;  ///< −2 log evidence, comparable with criterion_of()
+  };
+  /// Fits a pixel; unmeasured samples are left out. No kernels where all measured samples are zero.
+  Fit fit(const PixelSamples& samples) const;
+
+  /// The same criterion of another model: the Bayesian information criterion with a penalty for the search of
+  /// rectangles, as the selection of rectangles uses it.
+  double criterion_of(const PixelKernels& kernels, const PixelSamples& samples) const;
+
+  /// Leave-one-out residuals of a pixel that fit() fitted, [3 × stride], zero where not measured. Returns
+  /// their squared sum.
+  double leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples, float* residuals) const;
+
+ private:
+  /// Of one prior and channel: the covariance of the samples is V diag(values) Vᵀ.
+  struct Spectrum {
+    Eigen::MatrixXd vectors;                   ///< [images × rank]
+    Eigen::VectorXd values;                    ///< ≥ 0; their sum is the number of images
+    double scale = 1.0;                        ///< of the prior
+    std::array<double, 32> log_determinant{};  ///< at each noise level
+  };
+  const Spectrum& spectrum(int prior, int channel) const {
+    return spectra_[static_cast<std::size_t>(prior) * 3 + (is_grey_ ? 0 : channel)];
+  }
+  /// Most probable weights, of either sign, from the dual coefficients.
+  Eigen::VectorXd weights_of(int prior, int channel, const Eigen::VectorXd& dual) const;
+  /// Covariance of the weights given the measured samples, in the unit of the prior; where all samples were
+  /// measured it depends on the lights alone and is kept.
+  std::shared_ptr<const Eigen::MatrixXd> posterior(int prior, int noise, int channel,
+                                                   const std::vector<int>& measured) const;
+  /// (K + λI)⁻¹ of the measured samples.
+  Eigen::MatrixXd inverse_covariance(int prior, int noise, int channel,
+                                     const std::vector<int>& measured) const;
+  /// Dual coefficients, zero where not measured.
+  Eigen::VectorXd solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
+                        const std::vector<int>& measured) const;
+
+  const BoxTable* table_;
+  std::vector<Box> cells_;
+  int images_;
+  int noise_levels_;
+  bool is_grey_ = true;                       // the lights of the three channels are equal
+  std::array<Eigen::MatrixXd, 3> lights_;     // [images × cells]
+  std::vector<Eigen::MatrixXd> covariances_;  // of the weights, of each prior
+  std::vector<Spectrum> spectra_;             // [priors × 3]
+  mutable std::mutex mutex_;                  // of posteriors_
+  mutable std::map<std::array<int, 3>, std::shared_ptr<const Eigen::MatrixXd>> posteriors_;
+};
+
+/// The regressions of a capture and of its parts for cross-validation, each prepared when first used.
+class TexelRegressions {
+ public:
+  explicit TexelRegressions(const BoxTable& table) : table_(table), cells_(light_cells(table)) {}
+
+  const std::vector<Box>& cells() const { return cells_; }
+  /// Null for light with many degrees of freedom.
+  std::shared_ptr<const TexelRegression> of_all();
+  /// Of the images `seen`.
+  std::shared_ptr<const TexelRegression> of_part(const std::vector<int>& seen);
+
+ private:
+  const BoxTable& table_;
+  std::vector<Box> cells_;
+  std::mutex mutex_;
+  std::map<std::vector<int>, std::shared_ptr<const TexelRegression>> parts_;  // by images, all: empty
+  std::vector<std::unique_ptr<BoxTable>> tables_;
+};
+
+}  // namespace refield
