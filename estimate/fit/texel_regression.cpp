@@ -227,11 +227,24 @@ std::shared_ptr<const Eigen::MatrixXd> TexelRegression::posterior(int prior, int
     if (const auto found = posteriors_.find(key); found != posteriors_.end()) return found->second;
   }
   const auto count = static_cast<Eigen::Index>(cells_.size());
-  const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(count, count);
-  const Eigen::MatrixXd seen = lights_[channel](measured, Eigen::all);
-  const Eigen::MatrixXd precision = seen.transpose() * seen / noise_ratio(noise) +
-                                    covariances_[prior].llt().solve(one) / spectrum(prior, channel).scale;
-  const auto result = std::make_shared<const Eigen::MatrixXd>(precision.llt().solve(one));
+  const double scale = spectrum(prior, channel).scale;
+  const auto result = std::make_shared<Eigen::MatrixXd>(scale * covariances_[prior]);
+  // s K less what the samples tell: Hᵀ H, where H = R s L K and Rᵀ R is the inverse covariance of the
+  // samples. By way of the samples, since there are often fewer of them than weights.
+  Eigen::MatrixXd told;
+  if (is_complete) {
+    const Spectrum& own = spectrum(prior, channel);
+    told = (own.values.array() + noise_ratio(noise)).rsqrt().matrix().asDiagonal() *
+           (own.vectors.transpose() * lights_[channel]);
+  } else {
+    told = sample_covariance(prior, noise, channel, measured)
+               .llt()
+               .matrixL()
+               .solve(Eigen::MatrixXd(lights_[channel](measured, Eigen::all)));
+  }
+  told = told * *result;
+  result->selfadjointView<Eigen::Lower>().rankUpdate(told.transpose(), -1.0);
+  result->triangularView<Eigen::StrictlyUpper>() = result->transpose();
   if (is_complete) {
     const std::lock_guard lock(mutex_);
     if (posteriors_.size() * count * count * sizeof(double) > max_posterior_bytes) posteriors_.clear();
@@ -240,20 +253,22 @@ std::shared_ptr<const Eigen::MatrixXd> TexelRegression::posterior(int prior, int
   return result;
 }
 
-Eigen::MatrixXd TexelRegression::inverse_covariance(int prior, int noise, int channel,
-                                                    const std::vector<int>& measured) const {
+Eigen::MatrixXd TexelRegression::sample_covariance(int prior, int noise, int channel,
+                                                   const std::vector<int>& measured) const {
   const Spectrum& own = spectrum(prior, channel);
   const Eigen::MatrixXd vectors = own.vectors(measured, Eigen::all);
   Eigen::MatrixXd covariance = vectors * own.values.asDiagonal() * vectors.transpose();
   covariance.diagonal().array() += noise_ratio(noise);
-  return covariance.llt().solve(Eigen::MatrixXd::Identity(covariance.rows(), covariance.cols()));
+  return covariance;
 }
 
 Eigen::VectorXd TexelRegression::solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
                                        const std::vector<int>& measured) const {
   if (static_cast<int>(measured.size()) < images_) {
     Eigen::VectorXd dual = Eigen::VectorXd::Zero(images_);
-    dual(measured) = inverse_covariance(prior, noise, channel, measured) * samples(measured);
+    const Eigen::VectorXd seen = samples(measured);
+    const Eigen::VectorXd solved = sample_covariance(prior, noise, channel, measured).llt().solve(seen);
+    dual(measured) = solved;
     return dual;
   }
   const Spectrum& own = spectrum(prior, channel);
@@ -389,7 +404,10 @@ double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedS
     Eigen::VectorXd diagonal = Eigen::VectorXd::Ones(images_);
     const double lambda = noise_ratio(noise);
     if (static_cast<int>(measured.size()) < images_) {
-      diagonal(measured) = inverse_covariance(prior, noise, c, measured).diagonal();
+      const auto count = static_cast<Eigen::Index>(measured.size());
+      const Eigen::MatrixXd inverse =
+          sample_covariance(prior, noise, c, measured).llt().solve(Eigen::MatrixXd::Identity(count, count));
+      diagonal(measured) = inverse.diagonal();
     } else {
       const Spectrum& own = spectrum(prior, c);
       const Eigen::MatrixXd taken = own.vectors.cwiseAbs2();

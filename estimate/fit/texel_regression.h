@@ -17,7 +17,9 @@ namespace refield {
 /// block of a coarse display). Empty if there are more than `max_light_cells`, so that light has many degrees
 /// of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
 std::vector<Box> light_cells(const BoxTable& table);
-inline constexpr int max_light_cells = 512;
+/// Light stages have up to about this many sources; time grows with the square. With 432 cells, a pixel takes
+/// four times as long as with rectangles alone.
+inline constexpr int max_light_cells = 256;
 
 /// Gaussian process regression with one weight per light cell, for light with few degrees of freedom. The
 /// prior covariance of the weights is smooth over the light map (Matérn, ν = 3/2) plus independent. Each
@@ -66,9 +68,9 @@ class TexelRegression {
   /// measured it depends on the lights alone and is kept.
   std::shared_ptr<const Eigen::MatrixXd> posterior(int prior, int noise, int channel,
                                                    const std::vector<int>& measured) const;
-  /// (K + λI)⁻¹ of the measured samples.
-  Eigen::MatrixXd inverse_covariance(int prior, int noise, int channel,
-                                     const std::vector<int>& measured) const;
+  /// K + λI of the measured samples.
+  Eigen::MatrixXd sample_covariance(int prior, int noise, int channel,
+                                    const std::vector<int>& measured) const;
   /// Dual coefficients, zero where not measured.
   Eigen::VectorXd solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
                         const std::vector<int>& measured) const;
