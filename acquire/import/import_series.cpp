@@ -125,8 +125,10 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Light above the monitor's black that a file stands for.
-Image emitted(const ImportRequest& request, const fs::path& file, const RunContext& run) {
+/// Light that a view was taken under: of its light source, or above the monitor's black as its file says.
+Image emitted(const ImportRequest& request, const ImportedView& view, const RunContext& run) {
+  if (!request.stage.sources.empty()) return light_map_of(request.stage, view.source);
+  const fs::path& file = view.light;
   if (request.light_content == LightContent::radiance)
     return read_light_map(file, request.parameterisation, run).radiance;
   const BracketFile levels = read_bracket_file(file);
@@ -198,7 +200,7 @@ class SessionImport {
     if (writer_.is_done(view.name)) return;
     Photograph observed = merger_.merge(view.bracket.paths, true);
     if (ambient_) subtract_ambient(observed, *ambient_);
-    write_exr(request_.folder / files[0], emitted(request_, view.light, run));
+    write_exr(request_.folder / files[0], emitted(request_, view, run));
     write_photograph(request_.folder / files[1], observed, request_.precision);
     writer_.finish_step(view.name, files);
   }
@@ -281,8 +283,10 @@ void check(const ImportRequest& request) {
       request.monitor.empty())
     throw InputError(
         "drive levels need the monitor's calibration; give a calibration.toml with --monitor-calibration");
+  if (!request.stage.sources.empty() && !request.lights.empty())
+    throw InputError("give --lights or --light-sources, not both");
   if (!request.makes_session() && request.mask)
-    throw InputError("a mask belongs to a session; give --lights as well");
+    throw InputError("a mask belongs to a session; give --lights or --light-sources as well");
   if (request.makes_session()) check_session_folder(request.folder, request.if_exists);
 }
 
@@ -295,6 +299,29 @@ void settle_camera(const std::vector<ImportedView>& views, ImportRequest& reques
     return;  // the merge will name the file
   summary.notes = settle_response(brackets, request.camera);
   summary.response_estimated = !request.camera.curve.empty();
+  if (!request.stage.sources.empty() && brackets[0].bits == 8 && request.camera.response == "linear")
+    summary.notes.emplace_back(
+        "8-bit photographs are treated as linear (--response linear), but most cameras encode them as sRGB; "
+        "sums of light sources are then wrong. Leave --response out unless the files are known to be linear");
+}
+
+/// Photographs under single light sources often state no exposure time, because it was the same for all.
+/// Throws InputError where only some state it.
+void settle_exposures(const std::vector<ImportedView>& views, ImportRequest& request) {
+  if (request.stage.sources.empty() || !request.exposures.empty() || views.front().bracket.paths.size() != 1)
+    return;
+  std::vector<const fs::path*> stating, silent;
+  for (const ImportedView& view : views) {
+    const fs::path& file = view.bracket.paths.front();
+    (stated_exposure(file) ? stating : silent).push_back(&file);
+  }
+  if (silent.empty()) return;
+  if (!stating.empty())
+    throw InputError(silent.front()->string() + ": does not state its exposure time, but " +
+                     stating.front()->string() + " does; give --exposures 1 if all have the same");
+  request.exposures = {Seconds(1.0)};
+  request.stage.notes.emplace_back(
+      "the photographs do not state their exposure times, which are taken to be equal");
 }
 
 }  // namespace
@@ -304,11 +331,14 @@ ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
   check(given);
   ImportRequest request = given;
   ImportSummary summary;
+  if (!request.stage.sources.empty()) request.parameterisation = Parameterisation::lat_long;
   const auto views = views_of(request, run);
+  settle_exposures(views, request);
   settle_camera(views, request, summary, run);
+  summary.notes.insert(summary.notes.begin(), request.stage.notes.begin(), request.stage.notes.end());
   // What is wrong with the options shows in the first photograph, before anything is written.
   SeriesMerger(request).merge(views.front().bracket.paths, false);
-  if (request.makes_session()) emitted(request, views.front().light, run);
+  if (request.makes_session()) emitted(request, views.front(), run);
   summary.photographs = views.size();
   summary.timed = static_cast<std::size_t>(
       std::ranges::count_if(views, [](const auto& view) { return view.time.has_value(); }));

@@ -8,6 +8,7 @@
 
 #include "acquire/capture/session_writer.h"
 #include "acquire/import/bracket_merge.h"
+#include "acquire/import/light_sources.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/image/image_io.h"
@@ -62,6 +63,11 @@ struct ImportRequest {
   LightContent light_content = LightContent::radiance;
   std::filesystem::path monitor;  ///< calibration.toml with [monitor], for drive levels
   Parameterisation parameterisation = Parameterisation::monitor;
+  /// Light sources of a dome or light stage, in place of `lights`; the parameterisation is lat-long then.
+  /// Each belongs to the bracket with the file of its name, else to the bracket of that name (with or without
+  /// extension), or, without names, to the bracket of its place. Photographs that belong to none are left
+  /// out, with a note.
+  LightStage stage;
   std::optional<std::filesystem::path> mask;
   int test_every =
       0;  ///< every that many frames one is held out, beside those whose light is named test…; 0: none
@@ -69,7 +75,7 @@ struct ImportRequest {
   std::filesystem::path folder;
   IfExists if_exists = IfExists::refuse;
 
-  bool makes_session() const { return !lights.empty(); }
+  bool makes_session() const { return !lights.empty() || !stage.sources.empty(); }
 };
 
 struct ImportSummary {

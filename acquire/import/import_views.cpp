@@ -29,7 +29,9 @@ std::vector<BracketGroup> group(const ImportRequest& request, const RunContext& 
     if (std::ranges::none_of(request.ambient, [&](const fs::path& other) { return same_file(file, other); }))
       files.push_back(file);
   std::vector<std::optional<Seconds>> exposures(files.size());
-  if (request.rule.pattern.empty() && request.rule.count == 0) {
+  GroupRule rule = request.rule;
+  if (rule.pattern.empty() && rule.count == 0 && !request.stage.sources.empty()) rule.count = 1;
+  if (rule.pattern.empty() && rule.count == 0) {
     Progress progress(run, "reading exposure times", files.size());
     for (std::size_t i = 0; i < files.size(); ++i) {
       run.throw_if_stopped();
@@ -37,7 +39,7 @@ std::vector<BracketGroup> group(const ImportRequest& request, const RunContext& 
       progress.advance();
     }
   }
-  return group_brackets(files, exposures, request.rule);
+  return group_brackets(files, exposures, rule);
 }
 
 std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups) {
@@ -81,6 +83,69 @@ std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
   return views;
 }
 
+/// Index of the bracket that has a file of that name or else, for lists that name another format, is named
+/// like it without extension.
+std::optional<std::size_t> bracket_of(const std::string& photograph,
+                                      const std::vector<BracketGroup>& groups) {
+  const auto has_file = [&](const BracketGroup& group) {
+    return std::ranges::any_of(group.paths,
+                               [&](const fs::path& path) { return path.filename() == photograph; });
+  };
+  const std::string stem = fs::path(photograph).stem().string();
+  auto found = std::ranges::find_if(groups, has_file);
+  if (found == groups.end())
+    found = std::ranges::find_if(
+        groups, [&](const BracketGroup& group) { return group.name == photograph || group.name == stem; });
+  if (found == groups.end()) return std::nullopt;
+  return static_cast<std::size_t>(found - groups.begin());
+}
+
+std::vector<ImportedView> with_light_sources(LightStage& stage, const std::vector<BracketGroup>& groups) {
+  const bool named = !stage.sources.front().photograph.empty();
+  if (!named && groups.size() != stage.sources.size())
+    throw InputError(std::to_string(groups.size()) + " photographs (the last is " +
+                     groups.back().paths.front().string() + ") but " + std::to_string(stage.sources.size()) +
+                     " light sources in " + stage.file.string() +
+                     "; give as many of each, or name the photographs in "
+                     "filenames.txt beside it");
+  std::vector<ImportedView> views;
+  std::vector<bool> used(groups.size(), false);
+  for (std::size_t i = 0; i < stage.sources.size(); ++i) {
+    const LightSource& source = stage.sources[i];
+    const std::string& name = source.photograph;
+    const auto bracket = named ? bracket_of(name, groups) : i;
+    if (!bracket)
+      throw InputError(stage.file.string() + ":" + std::to_string(source.line) + ": the photograph '" + name +
+                       "' is not among the " + std::to_string(groups.size()) + " given (the first is " +
+                       groups.front().paths.front().string() +
+                       "); add it, or take its light source out of the list");
+    if (used[*bracket])
+      throw InputError(groups[*bracket].paths.front().string() + ": belongs to two light sources of " +
+                       stage.file.string() + ", the second is '" + name +
+                       "'; give each one photograph or bracket");
+    used[*bracket] = true;
+    views.push_back({groups[*bracket], groups[*bracket].name, {}, {}, i});
+  }
+  const auto left_out = std::ranges::count(used, false);
+  if (left_out > 0) {
+    const auto first = static_cast<std::size_t>(std::ranges::find(used, false) - used.begin());
+    stage.notes.push_back(
+        "photographs without a light source, which were left out: " + std::to_string(left_out) +
+        " (first: " + groups[first].paths.front().string() + ")");
+  }
+  return views;
+}
+
+/// What the plan records of a view's light.
+std::string source_text(const LightStage& stage, std::size_t index) {
+  const LightSource& source = stage.sources[index];
+  std::ostringstream text;
+  text << "texel " << source.column << " " << source.row << " of " << stage.domain.width << "×"
+       << stage.domain.height << ", intensity";
+  for (const float value : source.intensity) text << " " << value;
+  return text.str();
+}
+
 }  // namespace
 
 std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run) {
@@ -94,7 +159,9 @@ std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run
     request.ambient = groups.front().paths;
     groups.erase(groups.begin());
   }
-  std::vector<ImportedView> views = !request.makes_session()  ? without_lights(groups)
+  std::vector<ImportedView> views = !request.makes_session() ? without_lights(groups)
+                                    : !request.stage.sources.empty()
+                                        ? with_light_sources(request.stage, groups)
                                     : request.lights_by_order ? with_lights_by_order(request, groups)
                                                               : with_lights_by_name(request, groups);
   std::set<std::string> names;
@@ -144,10 +211,12 @@ std::string plan_of(const ImportRequest& request, const std::vector<ImportedView
   };
   toml::array frames, exposures;
   for (std::size_t i = 0; i < views.size(); ++i)
-    frames.push_back(toml::table{{"name", views[i].name},
-                                 {"role", std::string(name_of(role_of(request, views[i].name, i)))},
-                                 {"light", file_text(views[i].light)},
-                                 {"photographs", list_of(views[i].bracket.paths)}});
+    frames.push_back(
+        toml::table{{"name", views[i].name},
+                    {"role", std::string(name_of(role_of(request, views[i].name, i)))},
+                    {"light", request.stage.sources.empty() ? file_text(views[i].light)
+                                                            : source_text(request.stage, views[i].source)},
+                    {"photographs", list_of(views[i].bracket.paths)}});
   for (const Seconds exposure : request.exposures) exposures.push_back(exposure.count());
   const BracketCamera& camera = request.camera;
   const auto optional_text = [](const std::optional<double>& value) {

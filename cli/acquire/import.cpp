@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// refield acquire import: bracketed photographs of other tools to a capture session or a series of HDR
-// photographs.
+// refield acquire import: photographs of other tools, bracketed or of a light stage, to a capture session or
+// a series of HDR photographs.
 #include <algorithm>
 #include <cstdio>
 #include <memory>
@@ -31,6 +31,7 @@ struct ImportOptions {
   std::vector<std::string> photographs;
   std::string ambient;
   std::string lights;
+  fs::path light_sources;
   std::string lights_by;
   std::string lights_hold = "radiance";
   std::string parameterisation = "monitor";
@@ -44,6 +45,7 @@ ImportRequest request_of(const ImportOptions& options) {
   request.photographs = expand_globs(options.photographs);
   if (!options.ambient.empty()) request.ambient = expand_globs({options.ambient});
   if (!options.lights.empty()) request.lights = expand_globs({options.lights});
+  if (!options.light_sources.empty()) request.stage = read_light_stage(options.light_sources);
   for (double seconds : options.exposures) request.exposures.emplace_back(seconds);
   request.lights_by_order =
       options.lights_by.empty() ? request.rule.pattern.empty() : options.lights_by == "order";
@@ -92,7 +94,7 @@ void run_import(const ImportOptions& options, const Common& common) {
   const ImportRequest request = request_of(options);
   const OutputLock lock(request.folder, {});
   if (request.if_exists == IfExists::replace) {
-    std::vector<fs::path> inputs = {options.mask, options.lights, options.ambient};
+    std::vector<fs::path> inputs = {options.mask, options.lights, options.light_sources, options.ambient};
     inputs.insert(inputs.end(), options.photographs.begin(), options.photographs.end());
     require_outside(request.folder, inputs);
   }
@@ -110,10 +112,11 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
   ImportRequest& request = options->request;
   CLI::App* verb =
       group.add_subcommand("import",
-                           "Import bracketed photographs taken with other software.\n"
+                           "Import bracketed or light-stage photographs taken with other software.\n"
                            "\n"
-                           "With --lights, writes a capture session for 'refield estimate'; without it, a "
-                           "folder of HDR photographs (.exr) with their times, for 'refield acquire probe' "
+                           "With --lights or --light-sources, writes a capture session for 'refield "
+                           "estimate'; without them, a folder of HDR photographs (.exr) with their times, "
+                           "for 'refield acquire probe' "
                            "and 'refield acquire match'. Reads TIFF, PNG, JPEG, EXR and camera RAW files, "
                            "with exposure times from EXIF. docs/guide/import.md explains the rules.\n"
                            "\n"
@@ -127,6 +130,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
                            "  refield acquire import shots --lights shown --lights-hold drive --count 4 \\\n"
                            "      --ambient 'dark/*.tif' --response calibration.toml -o session\n"
                            "  refield acquire import shots --lights patterns --ambient-first -o session\n"
+                           "  refield acquire import dome --light-sources dome/dome.lp -o session\n"
                            "  refield acquire import roof -o roof-hdr");
   verb->add_option("photographs", options->photographs,
                    "Photographs to import: folders, files or quoted patterns")
@@ -143,6 +147,13 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
                    "of their names (default: from the metadata of the files)")
       ->delimiter(',');
   verb->add_option("--lights", options->lights, "Light maps that were shown: folder or quoted pattern");
+  verb->add_option(
+      "--light-sources", options->light_sources,
+      "Light sources of a dome or light stage, one per photograph: a .lp file (count, then 'name x "
+      "y z' per line), or directions 'x y z' per line with filenames.txt and "
+      "light_intensities.txt in the same folder. Axes: x right, y up, z towards the camera. Of "
+      "near light sources at 3D positions only the direction is used. The light maps are "
+      "lat_long");
   verb->add_option("--lights-by", options->lights_by,
                    "How brackets are assigned to lights: name or order (default: name with --pattern, "
                    "otherwise order)")

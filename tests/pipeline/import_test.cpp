@@ -13,6 +13,7 @@
 #include "acquire/import/import_series.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/image/metrics.h"
 #include "core/session/capture_session.h"
 #include "tests/pipeline/program.h"
 #include "tests/pipeline/tiny_recipe.h"
@@ -214,6 +215,84 @@ TEST_F(Import, NamesTheFileAndTheRemedy) {
   wrong.photographs = {out_ / "train_000-9.tif"};
   wrong.lights = {at("session/illumination/train_000.exr")};
   EXPECT_THAT(message(wrong), HasSubstr("train_000-9.tif"));
+}
+
+/// A matt sphere on black under a distant light source of radiance 1 [height × width × 3]; x right, y up, z
+/// towards the camera.
+Image lit_sphere(const Eigen::Vector3d& direction) {
+  constexpr int width = 16, height = 12;
+  constexpr std::array<float, 3> albedo = {0.5f, 0.4f, 0.2f};
+  Image image(width, height, 3);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const double u = (x + 0.5 - width / 2.0) / 5.5, v = (height / 2.0 - y - 0.5) / 5.5;
+      if (u * u + v * v >= 1.0) continue;
+      const double cosine = direction.dot(Eigen::Vector3d(u, v, std::sqrt(1.0 - u * u - v * v)));
+      for (int c = 0; c < 3; ++c)
+        image.at(x, y, c) = albedo[static_cast<std::size_t>(c)] * static_cast<float>(std::max(0.0, cosine));
+    }
+  return image;
+}
+
+TEST(ImportLightStage, SumsOfLightSourcesAreRelitFromPhotographsUnderSingleOnes) {
+  const TemporaryFolder folder;
+  const std::string log = folder / "log", stage = folder / "stage";
+  fs::create_directories(stage);
+  constexpr int sources = 24;
+  std::vector<Eigen::Vector3d> directions;
+  std::string positions, names, intensities;
+  for (int i = 0; i < sources; ++i) {
+    const double z = (i + 0.5) / sources, r = std::sqrt(1.0 - z * z), angle = 2.399963 * i;
+    directions.emplace_back(r * std::cos(angle), r * std::sin(angle), z);
+    // A radius of 300 millimetres, and light sources of different brightness and colour.
+    char line[128];
+    std::snprintf(line, sizeof line, "%.6f %.6f %.6f\n", 300.0 * directions[i].x(), 300.0 * directions[i].y(),
+                  300.0 * z);
+    positions += line;
+    const std::array<double, 3> intensity = {1.0 + 0.03 * i, 1.0, 1.6 - 0.02 * i};
+    std::snprintf(line, sizeof line, "%.6f %.6f %.6f\n", intensity[0], intensity[1], intensity[2]);
+    intensities += line;
+    const std::string name = std::to_string(i) + ".png";
+    names += name + "\n";
+    const Image radiance = lit_sphere(directions[i]);
+    RawFrame frame;
+    frame.width = radiance.width;
+    frame.height = radiance.height;
+    for (std::size_t k = 0; k < radiance.values.size(); ++k)
+      frame.samples.push_back(
+          static_cast<std::uint16_t>(std::lround(65535.0 * radiance.values[k] * intensity[k % 3])));
+    write_raw_frame(fs::path(stage) / name, frame);
+  }
+  write_text_atomically(fs::path(stage) / "light_directions.txt", positions);
+  write_text_atomically(fs::path(stage) / "filenames.txt", names);
+  write_text_atomically(fs::path(stage) / "light_intensities.txt", intensities);
+  ASSERT_EQ(run_program({"acquire", "import", stage, "--light-sources", stage + "/light_directions.txt", "-o",
+                         folder / "session"},
+                        log),
+            0)
+      << read_text(log);
+  EXPECT_THAT(read_text(log),
+              HasSubstr("light directions that were normalised: 24 (first: light_directions.txt:1"));
+  ASSERT_EQ(run_program({"estimate", folder / "session", "-o", folder / "scene.rfield"}, log), 0)
+      << read_text(log);
+
+  // White light of three of the sources, placed in the map by the axes of docs/reference/conventions.md.
+  const LightDomain domain = read_capture_session(folder / "session").light;
+  Image light(domain.width, domain.height, 3), expected(16, 12, 3);
+  for (const int source : {2, 9, 20}) {
+    const Eigen::Vector3d& d = directions[static_cast<std::size_t>(source)];
+    const Eigen::Vector2d at = lat_long_position({d.x(), d.y(), -d.z()}, domain.width, domain.height);
+    for (int c = 0; c < 3; ++c) light.at(static_cast<int>(at.x()), static_cast<int>(at.y()), c) = 1.0f;
+    const Image alone = lit_sphere(d);
+    for (std::size_t k = 0; k < alone.values.size(); ++k) expected.values[k] += alone.values[k];
+  }
+  write_exr(folder / "light.exr", light);
+  ASSERT_EQ(run_program({"relight", folder / "scene.rfield", "--light", folder / "light.exr", "-o",
+                         folder / "relit.exr"},
+                        log),
+            0)
+      << read_text(log);
+  EXPECT_LT(relative_rmse(read_image(folder / "relit.exr"), expected), 1e-3);
 }
 
 }  // namespace
