@@ -26,7 +26,7 @@ struct PixelKernels {
   /// Weights of light cells and not of rectangles that a search found: what TexelRegression chose; else −1.
   /// Not kept on disk.
   int texel_prior = -1;
-  ErrorEvidence evidence = {};    ///< filled by estimate_band() where it was asked for
+  ErrorEvidence evidence = {};  ///< filled by estimate_band() where it was asked for
 };
 
 /// Samples with the unmeasured ones taken out: zero in `values`, zero in `measured`, so that every product
