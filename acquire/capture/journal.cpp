@@ -7,27 +7,19 @@
 
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstdio>
 #include <fstream>
 #include <optional>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
 namespace fs = std::filesystem;
 
 namespace {
-
-template <class T>
-std::optional<T> parse(std::string_view text, int base) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, base);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
 
 /// step, then path, bytes and checksum of each file, then the line's own checksum; separated by tabs.
 std::string line_of(const JournalEntry& entry) {
@@ -40,7 +32,7 @@ std::string line_of(const JournalEntry& entry) {
 std::optional<JournalEntry> entry_of(std::string_view line) {
   const auto last_tab = line.rfind('\t');
   if (last_tab == std::string_view::npos) return std::nullopt;
-  if (parse<std::uint32_t>(line.substr(last_tab + 1), 16) != crc32_of(line.substr(0, last_tab)))
+  if (number_from_text<std::uint32_t>(line.substr(last_tab + 1), 16) != crc32_of(line.substr(0, last_tab)))
     return std::nullopt;
   std::vector<std::string> fields(1);
   for (char c : line.substr(0, last_tab))
@@ -51,8 +43,8 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
   if (fields.size() % 3 != 1) return std::nullopt;
   JournalEntry entry{fields[0], {}};
   for (std::size_t i = 1; i < fields.size(); i += 3) {
-    const auto bytes = parse<std::uint64_t>(fields[i + 1], 10);
-    const auto checksum = parse<std::uint32_t>(fields[i + 2], 16);
+    const auto bytes = number_from_text<std::uint64_t>(fields[i + 1], 10);
+    const auto checksum = number_from_text<std::uint32_t>(fields[i + 2], 16);
     if (!bytes || !checksum) return std::nullopt;
     entry.files.push_back({fields[i], *bytes, *checksum});
   }

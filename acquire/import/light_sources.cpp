@@ -3,17 +3,18 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <numbers>
 #include <optional>
 #include <sstream>
+#include <string_view>
 #include <utility>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
+#include "core/base/units.h"
 
 namespace refield {
 
@@ -55,14 +56,10 @@ std::vector<std::string> words_of(const std::string& text) {
   return words;
 }
 
-/// A whole word as a number, which may be NaN or infinite.
+/// A whole word as a number, which may be NaN or infinite and may have a plus sign.
 template <class Number>
-std::optional<Number> parsed(const std::string& word) {
-  const char* first = word.data() + (word.starts_with("+") ? 1 : 0);
-  Number value{};
-  const auto [end, error] = std::from_chars(first, word.data() + word.size(), value);
-  if (error != std::errc() || end != word.data() + word.size()) return std::nullopt;
-  return value;
+std::optional<Number> parsed(std::string_view word) {
+  return number_from_text<Number>(word.substr(word.starts_with('+') ? 1 : 0));
 }
 
 double finite_number(const fs::path& file, int line, const std::string& word) {
@@ -224,8 +221,8 @@ std::optional<std::pair<std::size_t, std::size_t>> sources_in_one_texel(LightSta
 }
 
 double degrees_between(const LightSource& a, const LightSource& b) {
-  return std::atan2(a.direction.cross(b.direction).norm(), a.direction.dot(b.direction)) * 180.0 /
-         std::numbers::pi;
+  return degrees_from_radians(
+      std::atan2(a.direction.cross(b.direction).norm(), a.direction.dot(b.direction)));
 }
 
 [[noreturn]] void refuse_pair(const LightStage& stage, const LightSource& first, const LightSource& second) {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/image/pixel_classes.h"
 
-#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_io.h"
 
 namespace refield {
@@ -28,10 +28,8 @@ std::vector<std::pair<int, std::string>> read_names(const fs::path& path) {
   if (!json.is_object()) throw FormatError(path, "is not a JSON object; " + form);
   std::vector<std::pair<int, std::string>> names;
   for (const auto& [key, value] : json.items()) {
-    int level = -1;
-    const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), level);
-    if (error != std::errc() || end != key.data() + key.size() || level < 0 || level > 255 ||
-        !value.is_string())
+    const int level = number_from_text<int>(key).value_or(-1);
+    if (level < 0 || level > 255 || !value.is_string())
       throw FormatError(path, "'" + key + "' does not name a grey level from 0 to 255; " + form);
     names.emplace_back(level, value.get<std::string>());
   }

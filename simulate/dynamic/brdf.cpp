@@ -13,6 +13,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 
 namespace refield::dynamic {
 
@@ -64,25 +65,22 @@ class Words {
   int count(const char* name) {
     expect(name);
     const std::string_view word = next().value_or("");
-    int value = 0;
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size() || value < BrdfTable::least ||
-        value > BrdfTable::most)
+    const auto value = number_from_text<int>(word);
+    if (!value || *value < BrdfTable::least || *value > BrdfTable::most)
       throw FormatError(path_,
                         std::string(name) + " \"" + std::string(word) + "\": give a number from 2 to 181");
-    return value;
+    return *value;
   }
 
   float reflectance(std::size_t sample) {
     const auto word = next();
     if (!word)
       throw FormatError(path_, "ends in sample " + std::to_string(sample) + "; it has been cut short");
-    float value = 0.0f;
-    const auto [end, error] = std::from_chars(word->data(), word->data() + word->size(), value);
-    if (error != std::errc() || end != word->data() + word->size() || !is_reflectance(value))
+    const auto value = number_from_text<float>(*word);
+    if (!value || !is_reflectance(*value))
       throw FormatError(path_, "sample " + std::to_string(sample) + " has the value \"" + std::string(*word) +
                                    "\"; give finite numbers that are not negative");
-    return value;
+    return *value;
   }
 
  private:

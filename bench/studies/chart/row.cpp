@@ -9,6 +9,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 
 namespace refield::chart {
 
@@ -43,11 +44,10 @@ std::vector<std::string> cells_of(const std::string& line) {
 
 double value_of(const std::string& cell, const std::filesystem::path& path) {
   if (cell.empty()) return std::numeric_limits<double>::quiet_NaN();
-  double value = 0.0;
-  const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
-  if (error != std::errc() || end != cell.data() + cell.size())
+  const auto value = number_from_text<double>(cell);
+  if (!value)
     throw FormatError(path, "'" + cell + "' is no number; delete the file, or run without --resume");
-  return value;
+  return *value;
 }
 
 }  // namespace

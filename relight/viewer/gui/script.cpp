@@ -5,13 +5,13 @@
 #include <unistd.h>
 
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <string_view>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -79,11 +79,9 @@ std::string_view take_word(std::string_view& rest) {
 }
 
 double number(std::string_view word, const std::string& place) {
-  double value = 0.0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value))
-    throw InputError(place + "'" + std::string(word) + "' is no number");
-  return value;
+  const auto value = number_from_text<double>(word);
+  if (!value || !std::isfinite(*value)) throw InputError(place + "'" + std::string(word) + "' is no number");
+  return *value;
 }
 
 Target target_named(std::string_view word, const Grammar& grammar, const std::string& place) {
