@@ -282,8 +282,14 @@ FieldOutline read_outline(const Hdf5Values& values) {
   field.provenance = values.text("provenance");
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
-  if (values.has(observed_name))
+  if (values.has(observed_name)) {
     field.observed_light = read_box_list(values, observed_name, field.basis.domain);
+    // Each texel of them is visited for each light.
+    std::int64_t area = 0;
+    for (const Box& box : field.observed_light) area += box.area();
+    if (area > std::int64_t{field.basis.domain.width} * field.basis.domain.height)
+      values.fail(std::string(observed_name) + " has rectangles that overlap");
+  }
   return field;
 }
 

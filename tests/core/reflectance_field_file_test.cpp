@@ -189,6 +189,10 @@ TEST(ReflectanceFieldFile, ObservedLightRoundTrips) {
   set_first_values<std::int32_t>(folder / "f.rfield", "basis/observed_light", H5T_NATIVE_INT32, {5, 5, 5, 6});
   EXPECT_THAT(message_of(folder / "f.rfield"),
               AllOf(HasSubstr("basis/observed_light"), HasSubstr("outside the light map")));
+  field.observed_light = {{0, 0, 16, 8}, {14, 6, 16, 8}};
+  write_reflectance_field(folder / "f.rfield", field);
+  EXPECT_THAT(message_of(folder / "f.rfield"),
+              AllOf(HasSubstr("basis/observed_light"), HasSubstr("overlap")));
 }
 
 TEST(ReflectanceField, UnobservedShareIsOfTheLightsEnergy) {
