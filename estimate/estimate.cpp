@@ -25,12 +25,11 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Where training lights of few degrees of freedom were not black; empty if nowhere was.
-std::vector<Box> observed_by(const BoxTable& table, const std::optional<TexelRegressions>& texels) {
+std::vector<Box> observed_by(const std::optional<TexelRegressions>& texels, const LightDomain& domain) {
   if (!texels) return {};
   std::int64_t lit = 0;
   for (const Box& cell : texels->cells()) lit += cell.area();
-  return lit < std::int64_t{table.domain().width} * table.domain().height ? texels->cells()
-                                                                          : std::vector<Box>{};
+  return lit < std::int64_t{domain.width} * domain.height ? texels->cells() : std::vector<Box>{};
 }
 
 struct BandsDone {
@@ -55,20 +54,23 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
       const RowRange held = rows_needed(rows, height, options);
       pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
     }
-  const BoxTable table(job.frames, job.session.light,
-                       hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
+  const bool refined = options.mode == EstimateMode::refined;
+  std::optional<BoxTable> table;  // where no band is missing, for the light that refined mode observed
+  if (refined || !missing.empty())
+    table.emplace(job.frames, job.session.light,
+                  hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
   std::optional<TexelRegressions> texels;
-  if (options.mode == EstimateMode::refined) texels.emplace(table);
+  if (refined) texels.emplace(*table);
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress(run, "estimate", pixels);
   for (const RowRange& rows : missing) {
     const RowRange held = rows_needed(rows, height, options);
     const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
-    keep(rows, estimate_band({table, band, rows, height, job.mask, options, job.refinement.get(),
+    keep(rows, estimate_band({*table, band, rows, height, job.mask, options, job.refinement.get(),
                               texels ? &*texels : nullptr},
                              workers, progress, run));
   }
-  return {static_cast<int>(bands.size() - missing.size()), observed_by(table, texels)};
+  return {static_cast<int>(bands.size() - missing.size()), observed_by(texels, job.session.light)};
 }
 
 /// `field` holds the job's rows alone, the mask the whole picture.

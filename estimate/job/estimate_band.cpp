@@ -269,7 +269,17 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
   if (refines && !learns) return;
   const auto b = samples_of(block);
   const int block_width = block.x1 - block.x0;
-  const auto validated = own.evaluator.cross_validate(b, block_width, 5, run_);
+  const auto in_rows = [&](int x, int y) {
+    return y >= input_.rows.first && y < input_.rows.last && active(x, y) &&
+           rows.at(x, y).squared_samples > 0.0;
+  };
+  // Leave-one-out is right where no rectangles were selected with the samples that it leaves out.
+  bool has_rectangles = false;
+  for (int y = block.y0; y < block.y1; ++y)
+    for (int x = block.x0; x < block.x1; ++x)
+      has_rectangles = has_rectangles || (in_rows(x, y) && rows.at(x, y).texel_prior < 0);
+  std::vector<double> validated;
+  if (has_rectangles) validated = own.evaluator.cross_validate(b, block_width, 5, run_);
   std::vector<double> half, quarter;
   if (!refines && learns) {
     half = own.evaluator.cross_validate(b, block_width, 2, run_);
@@ -278,13 +288,11 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
   std::size_t i = 0;
   for (int y = block.y0; y < block.y1; ++y)
     for (int x = block.x0; x < block.x1; ++x, ++i) {
-      if (y < input_.rows.first || y >= input_.rows.last || !active(x, y)) continue;
+      if (!in_rows(x, y)) continue;
       PixelKernels& pixel = rows.at(x, y);
-      if (!(pixel.squared_samples > 0.0)) continue;
       const auto relative = [&](double squared) {
         return static_cast<float>(squared / pixel.squared_samples);
       };
-      // Leave-one-out is right where no rectangles were selected with the samples that it leaves out.
       pixel.evidence.cross_validated =
           pixel.texel_prior >= 0 ? pixel.evidence.leave_one_out : relative(validated[i]);
       if (half.empty()) continue;
