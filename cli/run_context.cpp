@@ -118,12 +118,14 @@ class ProgressBar {
   bool is_drawn_ = false;
 };
 
-/// Beside this program; programs elsewhere in the build folder use the one that was built with them.
+/// Beside this program, or where it is installed; programs elsewhere in the build folder use the one that was
+/// built with them.
 std::filesystem::path reader_program() {
   std::error_code error;
-  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
-  const auto beside = self.parent_path() / "refield-reader";
-  return !error && std::filesystem::exists(beside, error) ? beside : std::filesystem::path(REFIELD_READER);
+  const auto folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  for (const char* place : {"refield-reader", "../libexec/refield/refield-reader"})
+    if (!folder.empty() && std::filesystem::exists(folder / place, error)) return folder / place;
+  return REFIELD_READER;
 }
 
 void on_signal(int) {

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+# The manual, and Debian packages by CPack: refield, librefield-dev, and python3-refield where the module is built.
+# `./dev package` makes them.
+find_package(Python3 3.9 REQUIRED COMPONENTS Interpreter)
+
+# The newest entry of the change log must be this version; its date is that of the packages.
+file(STRINGS CHANGELOG.md releases REGEX "^## ")
+list(GET releases 0 release)
+if(NOT release MATCHES "^## ${PROJECT_VERSION} \\(([0-9-]+)\\)$")
+  message(FATAL_ERROR "CHANGELOG.md begins with '${release}', not with '## ${PROJECT_VERSION} (YYYY-MM-DD)'")
+endif()
+set(release_date ${CMAKE_MATCH_1})
+
+# Man pages and completion, from what the program prints as help.
+set(manual "${PROJECT_BINARY_DIR}/manual")
+add_custom_command(OUTPUT "${manual}/refield.bash"
+  COMMAND ${Python3_EXECUTABLE} "${PROJECT_SOURCE_DIR}/cli/manual.py" $<TARGET_FILE:refield> "${manual}" --date ${release_date}
+  DEPENDS refield cli/manual.py CHANGELOG.md COMMENT "Writing the man pages" VERBATIM)
+add_custom_target(manual ALL DEPENDS "${manual}/refield.bash")
+install(DIRECTORY "${manual}/man/" DESTINATION share/man/man1 COMPONENT program)
+install(FILES "${manual}/refield.bash" DESTINATION share/bash-completion/completions RENAME refield COMPONENT program)
+install(FILES "${manual}/_refield" DESTINATION share/zsh/vendor-completions COMPONENT program)
+
+# The viewer and fields on the desktop.
+install(FILES cmake/package/refield-view.desktop DESTINATION share/applications COMPONENT program)
+install(FILES cmake/package/refield.xml DESTINATION share/mime/packages COMPONENT program)
+install(FILES cmake/package/refield.thumbnailer DESTINATION share/thumbnailers COMPONENT program)
+install(FILES cmake/package/refield.svg DESTINATION share/icons/hicolor/scalable/apps COMPONENT program)
+
+# The documents and scenes that the help and the man pages name.
+install(FILES README.md DESTINATION share/doc/refield COMPONENT program)
+install(DIRECTORY docs datasets_synthetic DESTINATION share/doc/refield COMPONENT program)
+
+set(components program library)
+if(REFIELD_PYTHON)
+  list(APPEND components python)
+endif()
+
+set(CPACK_COMPONENTS_ALL ${components})
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME refield)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION graphics)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ffmpeg, fonts-dejavu-core")
+set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "measure and relight reflectance fields
+refield photographs a scene under many light patterns, or reads such
+photographs, estimates how the scene transforms light into pixel values,
+and renders it under new illumination: images, video, an interactive
+viewer and web pages. It also precomputes the light transport of meshes.")
+
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME librefield-dev)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
+# Static libraries leave what they link to their users: the packages of cmake/dependencies.cmake.
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libassimp-dev, libeigen3-dev, libembree-dev, libhdf5-dev, libhwy-dev, libopencv-core-dev, libopencv-imgproc-dev, libopenimageio-dev, openimageio-tools, libraw-dev, libtbb-dev, libtomlplusplus-dev, nlohmann-json3-dev, pkg-config, zlib1g-dev")
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SUGGESTS "refield")
+set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "estimate and relight reflectance fields (C++ library)
+Headers and static libraries for C++ programs that estimate reflectance
+fields from images in memory, read and write field files, relight fields
+and precompute the light transport of meshes. CMake finds the library by
+find_package(refield).")
+
+set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-refield)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}~), python3 (<< ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}.99), python3-numpy")
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS "refield, python3-scipy, python3-sklearn")
+set(CPACK_DEBIAN_PYTHON_PACKAGE_CONTROL_EXTRA "${PROJECT_SOURCE_DIR}/cmake/package/postinst;${PROJECT_SOURCE_DIR}/cmake/package/prerm")
+set(CPACK_COMPONENT_PYTHON_DESCRIPTION "estimate and relight reflectance fields (Python module)
+The module refield estimates reflectance fields from NumPy arrays, files
+or capture sessions, relights them, and precomputes the light transport
+of meshes. Long calls report progress and release the interpreter lock.")
+
+# What every package of Debian has: copyright and the two change logs.
+set(stamp "${PROJECT_BINARY_DIR}/package-doc")
+execute_process(COMMAND date -u -R -d "${release_date}" OUTPUT_VARIABLE date_in_words OUTPUT_STRIP_TRAILING_WHITESPACE)
+set(CPACK_PACKAGE_CONTACT "refield maintainers <maintainers@refield.example>")
+foreach(component IN LISTS components)
+  string(TOUPPER ${component} upper)
+  set(package ${CPACK_DEBIAN_${upper}_PACKAGE_NAME})
+  file(WRITE "${stamp}/${package}/changelog.Debian" "refield (${PROJECT_VERSION}-1) bookworm; urgency=medium
+
+  * Version ${PROJECT_VERSION}; changelog.gz lists the changes.
+
+ -- ${CPACK_PACKAGE_CONTACT}  ${date_in_words}
+")
+  configure_file(CHANGELOG.md "${stamp}/${package}/changelog" COPYONLY)
+  execute_process(COMMAND gzip -9nf changelog changelog.Debian WORKING_DIRECTORY "${stamp}/${package}")
+  install(FILES cmake/package/copyright "${stamp}/${package}/changelog.gz" "${stamp}/${package}/changelog.Debian.gz"
+          DESTINATION share/doc/${package} COMPONENT ${component})
+endforeach()
+
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "")  # it would stand before those of the packages
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
+    OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+# Not the tests and benchmarks of target `all`; ./dev package builds what is installed.
+set(CPACK_CMAKE_GENERATOR Ninja)
+set(CPACK_INSTALL_CMAKE_PROJECTS "${PROJECT_BINARY_DIR};refield;ALL;/")
+set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
+add_custom_target(packaged DEPENDS manual refield-reader refield-thumbnailer refield_core refield_estimate refield_hdr
+                  refield_relight refield_simulate)
+include(CPack)
