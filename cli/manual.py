@@ -287,7 +287,8 @@ def zsh_completion(verbs):
 
 def markdown_page(verb):
     def escaped(text):
-        return re.sub(r"([<>|*_`\[\]])", r"\\\1", text)
+        text = re.sub(r"([<>|*_`\[\]])", r"\\\1", text)
+        return re.sub(r"\bdocs/((?:guide|reference|method)/[\w-]+\.md)", r"[\1](../../\1)", text)
 
     lines = [f"# refield {' '.join(verb.path)}".rstrip(), ""]
     for paragraph in verb.paragraphs + [verb.usage and "Usage:\n  " + verb.usage]:

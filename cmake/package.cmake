@@ -29,7 +29,7 @@ install(FILES cmake/package/refield.svg DESTINATION share/icons/hicolor/scalable
 
 # The documents and scenes that the help and the man pages name.
 install(FILES README.md DESTINATION share/doc/refield COMPONENT program)
-install(DIRECTORY docs datasets_synthetic DESTINATION share/doc/refield COMPONENT program)
+install(DIRECTORY docs datasets_synthetic DESTINATION share/doc/refield COMPONENT program PATTERN site EXCLUDE)
 
 set(components program library)
 if(REFIELD_PYTHON)

@@ -12,7 +12,7 @@ ELEMENT = "element-6066-11e4-a52e-4f735466cecf"  # W3C WebDriver, 11
 class Browser:
     """Chromium behind chromedriver's HTTP interface."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, arguments=()):
         self.driver = subprocess.Popen(
             ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
@@ -24,7 +24,7 @@ class Browser:
         if not self.base:
             raise RuntimeError("chromedriver does not start")
         arguments = [
-            "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,860", "--force-device-scale-factor=1",
+            *arguments, "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,860", "--force-device-scale-factor=1",
             "--use-angle=swiftshader", "--enable-unsafe-swiftshader", f"--user-data-dir={folder}", "--no-first-run",
         ]
         capabilities = {"alwaysMatch": {"goog:chromeOptions": {"args": arguments}, "goog:loggingPrefs": {"browser": "ALL"}}}
