@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Opens pages of the documentation site in headless Chromium, without a network, on a wide and a narrow window.
 
-usage: tests/docs/site_test.py SITE [--pictures FOLDER] [--axe AXE.js] [PAGE...]
+usage: tests/site/site_test.py SITE [--pictures FOLDER] [--axe AXE.js] [PAGE...]
 
 A page must load nothing from elsewhere, show all its images, and be no wider than the window. AXE.js (npm:
 axe-core) also checks contrast, texts and headings.
