@@ -345,6 +345,11 @@ img.kernel { image-rendering: pixelated; border-radius: 0; outline: 1px solid va
 .chart .grid { stroke: var(--line); display: inline; } .chart .tick { stroke: var(--soft); }
 .chart .tick-x, .chart .axis-label, .chart .bar-value { text-anchor: middle; } .chart .tick-y { text-anchor: end; }
 .chart .bar-value { font-size: 10.5px; fill: var(--ink); }
+.chart-box { position: relative; max-width: 620px; } .chart:focus-visible { outline: 2px solid var(--accent); }
+.hairline { stroke: var(--soft); stroke-dasharray: 2 3; }
+.tip { position: absolute; top: 22px; max-width: 60%; pointer-events: none; background: var(--panel); border: 1px solid var(--line); border-radius: 6px;
+  padding: 5px 9px; font-size: 12.5px; line-height: 1.45; box-shadow: 0 2px 8px rgb(0 0 0 / 0.18); font-variant-numeric: tabular-nums; }
+.tip div::before { content: ""; display: inline-block; width: 9px; height: 9px; border-radius: 50%; margin-right: 6px; background: var(--colour); }
 .series path { fill: none; stroke: var(--colour); stroke-width: 2.2; stroke-linejoin: round; }
 .series circle { fill: var(--colour); stroke: var(--panel); stroke-width: 1.2; } .series.dashed path { stroke-dasharray: 6 4; }
 .bar { fill: var(--colour); }
@@ -359,13 +364,78 @@ footer { color: var(--soft); font-size: 13px; } footer p { max-width: none; }
   :root { color-scheme: light; --ground: #fff; --panel: #fff; --ink: #000; --soft: #444; --line: #bbb; --accent: #0f5fae;
     --c0: #0f6cbd; --c1: #d9680f; --c2: #14866d; --c3: #a3439a; --c4: #8a6d00; --c5: #6b7280; }
   * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
-  body { font-size: 9.5pt; } main { max-width: none; padding: 0; } table { font-size: 8.5pt; }
+  .tip, .hairline { display: none; } body { font-size: 9.5pt; } main { max-width: none; padding: 0; } table { font-size: 8.5pt; }
   section { border: 0; padding: 0; } .wide { overflow: visible; } .kernels td { min-width: 0; }
   .split { grid-template-columns: 1fr 1fr; } .tiles { grid-template-columns: repeat(5, 1fr); } .tile { padding: 6px 10px; }
   .tile b { font-size: 15pt; }
   .row, .chart-box, .split, figure, tr { break-inside: avoid; } h2, h3, .row-title { break-after: avoid; }
 }
 )css";
+
+// Shows the values of a chart at the pointer, or at the position that the arrow keys choose. The values are
+// those of the marks' titles, which browsers without scripts show.
+constexpr const char* script = R"js(
+for (const svg of document.querySelectorAll('svg.chart')) {
+  const groups = new Map();  // position on the x axis -> its marks
+  for (const mark of svg.querySelectorAll('circle, .bar')) {
+    const title = mark.querySelector('title'), parts = /^(.*), ([^,]*): (.*)$/.exec(title.textContent);
+    if (!parts) continue;
+    const [, name, place, value] = parts, box = mark.getBBox();
+    if (!groups.has(place)) groups.set(place, {place, marks: []});
+    groups.get(place).marks.push({name, value, x: box.x + box.width / 2, colour: getComputedStyle(mark).fill});
+    mark.setAttribute('aria-label', title.textContent);
+    title.remove();
+  }
+  const places = [...groups.values()];
+  if (!places.length) continue;
+  for (const p of places) p.x = p.marks.reduce((sum, mark) => sum + mark.x, 0) / p.marks.length;
+  places.sort((a, b) => a.x - b.x);
+  const ground = [...svg.querySelectorAll('.grid')].map(line => +line.getAttribute('y1'));
+  const hairline = document.createElementNS(svg.namespaceURI, 'line'), tip = document.createElement('div');
+  hairline.setAttribute('class', 'hairline');
+  hairline.setAttribute('y1', Math.min(...ground));
+  hairline.setAttribute('y2', Math.max(...ground));
+  tip.className = 'tip';
+  tip.setAttribute('role', 'status');
+  let chosen = -1;
+  const hide = () => { chosen = -1; hairline.remove(); tip.remove(); };
+  const show = index => {
+    if (index === chosen) return;
+    chosen = index;
+    const {x, place, marks} = places[index], width = svg.viewBox.baseVal.width;
+    hairline.setAttribute('x1', x);
+    hairline.setAttribute('x2', x);
+    svg.prepend(hairline);
+    const heading = document.createElement('b'), axis = svg.querySelector('.axis-label').textContent;
+    heading.textContent = axis ? axis + ': ' + place : place;
+    tip.replaceChildren(heading, ...marks.map(mark => {
+      const row = document.createElement('div');
+      row.style.setProperty('--colour', mark.colour);
+      row.textContent = mark.name + ': ' + mark.value;
+      return row;
+    }));
+    const [near, far] = x < width / 2 ? ['left', 'right'] : ['right', 'left'];
+    tip.style[near] = `calc(${100 * (near === 'left' ? x : width - x) / width}% + 10px)`;
+    tip.style[far] = 'auto';
+    svg.parentNode.append(tip);
+  };
+  const nearest = event => {
+    const x = new DOMPoint(event.clientX, 0).matrixTransform(svg.getScreenCTM().inverse()).x;
+    show(places.reduce((best, p, i) => Math.abs(p.x - x) < Math.abs(places[best].x - x) ? i : best, 0));
+  };
+  svg.tabIndex = 0;
+  svg.addEventListener('pointermove', nearest);
+  svg.addEventListener('pointerdown', nearest);
+  svg.addEventListener('pointerleave', hide);
+  svg.addEventListener('blur', hide);
+  svg.addEventListener('keydown', event => {
+    const step = {ArrowLeft: -1, ArrowRight: 1}[event.key];
+    if (!step) return;
+    event.preventDefault();
+    show(Math.min(places.length - 1, Math.max(0, chosen + step)));
+  });
+}
+)js";
 
 }  // namespace
 
@@ -378,7 +448,8 @@ std::string page_html(const std::string& title, const std::string& body, const s
          "Illumination, Eurographics Symposium on Rendering 2004. Page made by <code>" +
          escaped(made_by) +
          "</code>.</p></footer>\n"
-         "</main>\n</body>\n</html>\n";
+         "</main>\n<script>" +
+         script + "</script>\n</body>\n</html>\n";
 }
 
 }  // namespace refield::report

@@ -102,8 +102,9 @@ std::string bar_chart_svg(const BarChart& chart);
 std::string legend_html(const std::vector<Series>& series);
 std::string legend_html(const std::vector<BarSeries>& series);
 
-/// The whole HTML document around a body: one file, nothing loaded from elsewhere, no script. Follows the
-/// reader's light or dark scheme and prints on white. `made_by`: the command.
+/// The whole HTML document around a body: one file, nothing loaded from elsewhere. A script shows the values
+/// of charts at the pointer; without scripts the page is complete. Follows the reader's light or dark scheme
+/// and prints on white. `made_by`: the command.
 std::string page_html(const std::string& title, const std::string& body,
                       const std::string& made_by = "refield report");
 
