@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
@@ -183,7 +184,8 @@ struct FitSample {
   const EstimateJob& job;
   const EstimateOptions& options;
   const BoxTable& table;
-  FitWorkers workers;
+  TexelRegressions* texels;
+  FitWorkers workers{};
   double seconds = 0.0;
   int pixels = 0;
 
@@ -206,7 +208,8 @@ struct FitSample {
       if (count == 0) continue;
       const auto before = Clock::now();
       Progress within(run, "fit", 1);  // not shown: another is
-      estimate_band({table, band, rows, job.session.height, chosen, options}, workers, within, run);
+      estimate_band({table, band, rows, job.session.height, chosen, options, nullptr, texels}, workers,
+                    within, run);
       seconds += seconds_since(before);
       pixels += count;
     }
@@ -237,11 +240,17 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
   const double read_seconds = seconds_since(start);
   const BoxTable table(lights, hats_of(options, job.session.light, images), run);
   cost.lights_seconds = read_seconds + (seconds_since(start) - read_seconds) * step * step;
+  std::optional<TexelRegressions> texels;
+  if (options.mode == EstimateMode::refined) {
+    const auto before = Clock::now();
+    texels.emplace(table).of_all();
+    cost.lights_seconds += seconds_since(before);
+  }
 
   const Work work = work_of(job, options, cost.plan);
   EstimateOptions fitting = options;
   fitting.mean_square = job.mean_square;
-  FitSample sample{job, fitting, table, {}};
+  FitSample sample{job, fitting, table, texels ? &*texels : nullptr};
   double reading = 0.0;
   double rows_read = 0.0;
   const auto bands = bands_to_sample(cost.plan.rows);

@@ -10,6 +10,7 @@
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/scene_mask.h"
 #include "acquire/import/bracket_response.h"
+#include "acquire/import/flat_field.h"
 #include "acquire/import/import_views.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -143,9 +144,11 @@ Image emitted(const ImportRequest& request, const ImportedView& view, const RunC
 /// A session while it is imported.
 class SessionImport {
  public:
-  SessionImport(const ImportRequest& request, const std::vector<ImportedView>& views)
+  SessionImport(const ImportRequest& request, const std::vector<ImportedView>& views,
+                const std::optional<MirrorBall>& ball)
       : request_(request),
         views_(views),
+        ball_(ball),
         merger_(request),
         writer_(request.folder, plan_of(request, views), steps(request, views), request.if_exists) {
     session_.folder = request.folder;
@@ -175,7 +178,7 @@ class SessionImport {
     std::vector<std::string> names;
     if (!request.ambient.empty()) names.emplace_back("ambient");
     for (const ImportedView& view : views) names.push_back(view.name);
-    if (request.mask) names.emplace_back("mask");
+    if (request.mask || request.ball) names.emplace_back("mask");
     return names;
   }
 
@@ -200,17 +203,41 @@ class SessionImport {
     if (writer_.is_done(view.name)) return;
     Photograph observed = merger_.merge(view.bracket.paths, true);
     if (ambient_) subtract_ambient(observed, *ambient_);
+    if (!view.card.paths.empty()) divide_by_card_of(view, observed);
     write_exr(request_.folder / files[0], emitted(request_, view, run));
     write_photograph(request_.folder / files[1], observed, request_.precision);
     writer_.finish_step(view.name, files);
   }
 
+  void divide_by_card_of(const ImportedView& view, Photograph& observed) {
+    Photograph card = merger_.merge(view.card.paths, false);
+    if (ambient_) subtract_ambient(card, *ambient_);
+    const Image& size = observed.radiance;
+    if (!mask_) mask_ = mask_of(size.width, size.height);
+    try {
+      // The card faces the camera, which is at −Z.
+      divide_by_card(observed, card, -request_.stage.sources[view.source].direction.z(), *mask_);
+    } catch (const InputError& error) {
+      throw InputError(view.card.paths.front().string() + ": " + error.what());
+    }
+  }
+
+  /// Empty: all pixels.
+  Mask mask_of(int width, int height) const {
+    Mask mask;
+    if (request_.mask) mask = read_mask(*request_.mask, width, height);
+    if (ball_) {
+      if (mask.empty()) mask.assign(static_cast<std::size_t>(width) * height, 1);
+      exclude_ball(mask, width, height, *ball_);
+    }
+    return mask;
+  }
+
   void take_mask() {
-    if (!request_.mask) return;
+    if (!request_.mask && !ball_) return;
     session_.mask = request_.folder / "mask.png";
     if (writer_.is_done("mask")) return;
-    write_mask(*session_.mask, read_mask(*request_.mask, session_.width, session_.height), session_.width,
-               session_.height);
+    write_mask(*session_.mask, mask_of(session_.width, session_.height), session_.width, session_.height);
     writer_.finish_step("mask", {"mask.png"});
   }
 
@@ -226,10 +253,12 @@ class SessionImport {
 
   const ImportRequest& request_;
   const std::vector<ImportedView>& views_;
+  const std::optional<MirrorBall>& ball_;
   SeriesMerger merger_;
   SessionWriter writer_;
   CaptureSession session_;
   std::optional<Photograph> ambient_;
+  std::optional<Mask> mask_;  // where white cards must be usable
 };
 
 /// Photographs alone. Those that are there already are kept on resume: each landed whole.
@@ -283,8 +312,10 @@ void check(const ImportRequest& request) {
       request.monitor.empty())
     throw InputError(
         "drive levels need the monitor's calibration; give a calibration.toml with --monitor-calibration");
-  if (!request.stage.sources.empty() && !request.lights.empty())
-    throw InputError("give --lights or --light-sources, not both");
+  if (!request.lights.empty() + !request.stage.sources.empty() + request.ball.has_value() > 1)
+    throw InputError("give --lights, --light-sources or --ball, not several of them");
+  if (!request.flat_fields.empty() && !request.has_light_sources())
+    throw InputError("flat fields belong to light sources; give --light-sources or --ball as well");
   if (!request.makes_session() && request.mask)
     throw InputError("a mask belongs to a session; give --lights or --light-sources as well");
   if (request.makes_session()) check_session_folder(request.folder, request.if_exists);
@@ -299,7 +330,7 @@ void settle_camera(const std::vector<ImportedView>& views, ImportRequest& reques
     return;  // the merge will name the file
   summary.notes = settle_response(brackets, request.camera);
   summary.response_estimated = !request.camera.curve.empty();
-  if (!request.stage.sources.empty() && brackets[0].bits == 8 && request.camera.response == "linear")
+  if (request.has_light_sources() && brackets[0].bits == 8 && request.camera.response == "linear")
     summary.notes.emplace_back(
         "8-bit photographs are treated as linear (--response linear), but most cameras encode them as sRGB; "
         "sums of light sources are then wrong. Leave --response out unless the files are known to be linear");
@@ -308,13 +339,12 @@ void settle_camera(const std::vector<ImportedView>& views, ImportRequest& reques
 /// Photographs under single light sources often state no exposure time, because it was the same for all.
 /// Throws InputError where only some state it.
 void settle_exposures(const std::vector<ImportedView>& views, ImportRequest& request) {
-  if (request.stage.sources.empty() || !request.exposures.empty() || views.front().bracket.paths.size() != 1)
+  if (!request.has_light_sources() || !request.exposures.empty() || views.front().bracket.paths.size() != 1)
     return;
   std::vector<const fs::path*> stating, silent;
-  for (const ImportedView& view : views) {
-    const fs::path& file = view.bracket.paths.front();
-    (stated_exposure(file) ? stating : silent).push_back(&file);
-  }
+  for (const ImportedView& view : views)
+    for (const auto* paths : {&view.bracket.paths, &view.card.paths})
+      for (const fs::path& file : *paths) (stated_exposure(file) ? stating : silent).push_back(&file);
   if (silent.empty()) return;
   if (!stating.empty())
     throw InputError(silent.front()->string() + ": does not state its exposure time, but " +
@@ -324,6 +354,65 @@ void settle_exposures(const std::vector<ImportedView>& views, ImportRequest& req
       "the photographs do not state their exposure times, which are taken to be equal");
 }
 
+/// Directions of the light sources from the highlights on the ball, one per view.
+MirrorBall read_ball(const std::vector<ImportedView>& views, ImportRequest& request, const RunContext& run) {
+  SeriesMerger merger(request);
+  std::optional<Photograph> ambient;
+  if (!request.ambient.empty()) ambient = merger.merge(request.ambient, false);
+  const auto read = [&](const ImportedView& view) {
+    run.throw_if_stopped();
+    Photograph photograph = merger.merge(view.bracket.paths, false);
+    if (ambient) subtract_ambient(photograph, *ambient);
+    return std::move(photograph.radiance);
+  };
+  Image mean = read(views.front());
+  if (!request.ball->circle) {
+    Progress progress(run, "finding the ball", views.size());
+    for (std::size_t i = 1; i < views.size(); ++i) {
+      const Image next = read(views[i]);
+      for (std::size_t k = 0; k < mean.values.size(); ++k) mean.values[k] += next.values[k];
+      progress.advance();
+    }
+  }
+  const MirrorBall ball = locate_ball(*request.ball, mean);
+  LightStage& stage = request.stage;
+  char text[240];
+  std::snprintf(text, sizeof text, "mirror ball at --ball %.2f,%.2f,%.2f", ball.centre_px().x(),
+                ball.centre_px().y(), ball.radius_px());
+  stage.notes.emplace_back(text);
+  if (!request.ball->field_of_view_degrees)
+    stage.notes.emplace_back(
+        "without --field-of-view, directions are relative to the direction from the ball to the camera");
+  if (request.flat_fields.empty())
+    stage.notes.emplace_back("all light sources have intensity 1, since the ball shows directions alone");
+  Progress progress(run, "reading highlights on the ball", views.size());
+  for (const ImportedView& view : views) {
+    LightSource source;
+    source.photograph = view.bracket.paths.front().string();
+    try {
+      source.direction = light_direction(read(view), ball);
+    } catch (const InputError& error) {
+      throw InputError(source.photograph + ": " + error.what());
+    }
+    stage.sources.push_back(std::move(source));
+    progress.advance();
+  }
+  place_sources(stage);
+  return ball;
+}
+
+/// White cards measure what the list may state as well.
+void use_cards_for_intensity(ImportRequest& request) {
+  bool differ = false;
+  for (LightSource& source : request.stage.sources) {
+    differ |= source.intensity != std::array<float, 3>{1.0f, 1.0f, 1.0f};
+    source.intensity = {1.0f, 1.0f, 1.0f};
+  }
+  if (differ)
+    request.stage.notes.emplace_back(
+        "the flat fields measure the intensities of the light sources; those of the list are not used");
+}
+
 }  // namespace
 
 ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
@@ -331,10 +420,13 @@ ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
   check(given);
   ImportRequest request = given;
   ImportSummary summary;
-  if (!request.stage.sources.empty()) request.parameterisation = Parameterisation::lat_long;
+  if (request.has_light_sources()) request.parameterisation = Parameterisation::lat_long;
   const auto views = views_of(request, run);
   settle_exposures(views, request);
   settle_camera(views, request, summary, run);
+  std::optional<MirrorBall> ball;
+  if (request.ball) ball = read_ball(views, request, run);
+  if (!request.flat_fields.empty()) use_cards_for_intensity(request);
   summary.notes.insert(summary.notes.begin(), request.stage.notes.begin(), request.stage.notes.end());
   // What is wrong with the options shows in the first photograph, before anything is written.
   SeriesMerger(request).merge(views.front().bracket.paths, false);
@@ -343,7 +435,7 @@ ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
   summary.timed = static_cast<std::size_t>(
       std::ranges::count_if(views, [](const auto& view) { return view.time.has_value(); }));
   if (request.makes_session())
-    SessionImport(request, views).run(summary, run);
+    SessionImport(request, views, ball).run(summary, run);
   else
     import_photographs(request, views, summary, run);
   return summary;

@@ -8,6 +8,7 @@
 
 #include "acquire/capture/session_writer.h"
 #include "acquire/import/bracket_merge.h"
+#include "acquire/import/chrome_ball.h"
 #include "acquire/import/light_sources.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
@@ -68,6 +69,12 @@ struct ImportRequest {
   /// extension), or, without names, to the bracket of its place. Photographs that belong to none are left
   /// out, with a note.
   LightStage stage;
+  /// In place of both: each bracket is a light source, whose direction the ball shows. The ball is excluded
+  /// from the session's mask.
+  std::optional<ChromeBall> ball;
+  /// White cards under the light sources, see divide_by_card(); grouped and named like the photographs, or as
+  /// many. Intensities of `stage` do not count then. May be empty.
+  std::vector<std::filesystem::path> flat_fields;
   std::optional<std::filesystem::path> mask;
   int test_every =
       0;  ///< every that many frames one is held out, beside those whose light is named test…; 0: none
@@ -75,7 +82,8 @@ struct ImportRequest {
   std::filesystem::path folder;
   IfExists if_exists = IfExists::refuse;
 
-  bool makes_session() const { return !lights.empty() || !stage.sources.empty(); }
+  bool has_light_sources() const { return !stage.sources.empty() || ball; }
+  bool makes_session() const { return !lights.empty() || has_light_sources(); }
 };
 
 struct ImportSummary {

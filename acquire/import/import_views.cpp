@@ -23,14 +23,15 @@ bool same_file(const fs::path& a, const fs::path& b) {
   return fs::equivalent(a, b, error);
 }
 
-std::vector<BracketGroup> group(const ImportRequest& request, const RunContext& run) {
+std::vector<BracketGroup> group(const std::vector<fs::path>& photographs, const ImportRequest& request,
+                                const RunContext& run) {
   std::vector<fs::path> files;
-  for (const fs::path& file : request.photographs)
+  for (const fs::path& file : photographs)
     if (std::ranges::none_of(request.ambient, [&](const fs::path& other) { return same_file(file, other); }))
       files.push_back(file);
   std::vector<std::optional<Seconds>> exposures(files.size());
   GroupRule rule = request.rule;
-  if (rule.pattern.empty() && rule.count == 0 && !request.stage.sources.empty()) rule.count = 1;
+  if (rule.pattern.empty() && rule.count == 0 && request.has_light_sources()) rule.count = 1;
   if (rule.pattern.empty() && rule.count == 0) {
     Progress progress(run, "reading exposure times", files.size());
     for (std::size_t i = 0; i < files.size(); ++i) {
@@ -44,7 +45,7 @@ std::vector<BracketGroup> group(const ImportRequest& request, const RunContext& 
 
 std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups) {
   std::vector<ImportedView> views;
-  for (const BracketGroup& bracket : groups) views.push_back({bracket, bracket.name, {}, {}});
+  for (std::size_t i = 0; i < groups.size(); ++i) views.push_back({groups[i], groups[i].name, {}, {}, i});
   return views;
 }
 
@@ -136,6 +137,34 @@ std::vector<ImportedView> with_light_sources(LightStage& stage, const std::vecto
   return views;
 }
 
+/// Gives each view the white card of its name or, where no name is the same, of its place.
+void assign_cards(ImportRequest& request, std::vector<ImportedView>& views, const RunContext& run) {
+  const auto cards = group(request.flat_fields, request, run);
+  const auto card_of = [&](const ImportedView& view) {
+    return std::ranges::find(cards, view.bracket.name, &BracketGroup::name);
+  };
+  const ImportedView* without = nullptr;
+  std::size_t found = 0;
+  for (ImportedView& view : views) {
+    if (const auto card = card_of(view); card != cards.end()) {
+      view.card = *card;
+      ++found;
+    } else if (!without) {
+      without = &view;
+    }
+  }
+  if (!without) return;
+  if (found > 0 || cards.size() != views.size())
+    throw InputError(
+        without->bracket.paths.front().string() + ": none of the " + std::to_string(cards.size()) +
+        " photographs of a white card (--flat-fields, the first is " + cards.front().paths.front().string() +
+        ") is named '" + without->name + "'; give one card for each of the " + std::to_string(views.size()) +
+        " light sources, under the name of its photograph");
+  for (std::size_t i = 0; i < views.size(); ++i) views[i].card = cards[i];
+  request.stage.notes.emplace_back(
+      "the photographs of the white card have other names; they are assigned in the order of names");
+}
+
 /// What the plan records of a view's light.
 std::string source_text(const LightStage& stage, std::size_t index) {
   const LightSource& source = stage.sources[index];
@@ -149,7 +178,7 @@ std::string source_text(const LightStage& stage, std::size_t index) {
 }  // namespace
 
 std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run) {
-  auto groups = group(request, run);
+  auto groups = group(request.photographs, request, run);
   if (request.ambient_first) {
     if (!request.ambient.empty())
       throw InputError("the ambient photographs are given twice: give --ambient or --ambient-first");
@@ -160,6 +189,7 @@ std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run
     groups.erase(groups.begin());
   }
   std::vector<ImportedView> views = !request.makes_session() ? without_lights(groups)
+                                    : request.ball           ? without_lights(groups)
                                     : !request.stage.sources.empty()
                                         ? with_light_sources(request.stage, groups)
                                     : request.lights_by_order ? with_lights_by_order(request, groups)
@@ -171,6 +201,7 @@ std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run
                        view.name + "'; rename one");
     view.time = capture_time(view.bracket.paths.front());
   }
+  if (!request.flat_fields.empty()) assign_cards(request, views, run);
   return views;
 }
 
@@ -210,13 +241,15 @@ std::string plan_of(const ImportRequest& request, const std::vector<ImportedView
     return list;
   };
   toml::array frames, exposures;
-  for (std::size_t i = 0; i < views.size(); ++i)
-    frames.push_back(
-        toml::table{{"name", views[i].name},
-                    {"role", std::string(name_of(role_of(request, views[i].name, i)))},
-                    {"light", request.stage.sources.empty() ? file_text(views[i].light)
-                                                            : source_text(request.stage, views[i].source)},
-                    {"photographs", list_of(views[i].bracket.paths)}});
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    toml::table frame{{"name", views[i].name},
+                      {"role", std::string(name_of(role_of(request, views[i].name, i)))},
+                      {"light", request.stage.sources.empty() ? file_text(views[i].light)
+                                                              : source_text(request.stage, views[i].source)},
+                      {"photographs", list_of(views[i].bracket.paths)}};
+    if (!views[i].card.paths.empty()) frame.insert("white_card", list_of(views[i].card.paths));
+    frames.push_back(std::move(frame));
+  }
   for (const Seconds exposure : request.exposures) exposures.push_back(exposure.count());
   const BracketCamera& camera = request.camera;
   const auto optional_text = [](const std::optional<double>& value) {

@@ -19,12 +19,14 @@ struct ImportedView {
   std::filesystem::path light;  ///< empty without a session and under light sources
   std::optional<ClockSeconds> time{};
   std::size_t source = 0;  ///< of ImportRequest::stage, where that has sources
+  BracketGroup card{};     ///< white card under the same light, if any
 };
 
-/// The request's photographs in brackets, each with its light where a session is made. With `ambient_first`
-/// the first bracket becomes the request's ambient one. Adds to the notes of the request's stage. Throws
-/// InputError naming the file when brackets and lights do not belong together or two views would have one
-/// name.
+/// The request's photographs in brackets, each with its light where a session is made; light sources that a
+/// ball is to show are those of the request's stage that are yet to come, in the order of the views. With
+/// `ambient_first` the first bracket becomes the request's ambient one. Adds to the notes of the request's
+/// stage. Throws InputError naming the file when brackets and lights do not belong together or two views
+/// would have one name.
 std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run);
 
 /// Samples of at most `max_brackets` of the views' brackets, evenly spread over the series, with progress.

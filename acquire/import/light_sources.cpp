@@ -15,6 +15,7 @@
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/units.h"
+#include "core/light/light_cells.h"
 
 namespace refield {
 
@@ -80,34 +81,69 @@ struct Deviations {
   }
 };
 
+/// Reads directions or, where the object's position is known, positions.
 struct DirectionReader {
   const fs::path& file;
-  Deviations lengths, below{};
+  const std::optional<Eigen::Vector3d>& object;
+  Deviations lengths{}, below{};
+  std::vector<double> distances{};  // from the object, where its position is known
 
   /// Of three words, x right, y up, z towards the camera; converted to the axes of lat-long maps.
   Eigen::Vector3d read(int line, const std::string* words) {
     const Eigen::Vector3d given(finite_number(file, line, words[0]), finite_number(file, line, words[1]),
                                 finite_number(file, line, words[2]));
-    const double length = given.norm();
+    const Eigen::Vector3d towards = object ? given - *object : given;
+    const double length = towards.norm();
+    const std::string vector = words[0] + " " + words[1] + " " + words[2];
     if (!(length > 1e-12) || !std::isfinite(length))
-      refuse_line(file, line,
-                  "the direction " + words[0] + " " + words[1] + " " + words[2] +
-                      " has no length; give the vector from the object to the light source");
+      refuse_line(
+          file, line,
+          object ? "the light source " + vector + " is at the position of the object; correct one of them"
+                 : "the direction " + vector +
+                       " has no length; give the vector from the object to the light source");
     constexpr double rounding = 1e-3;  // lists are written with three digits and more
     char text[64];
     std::snprintf(text, sizeof text, "length %.4g", length);
-    if (std::abs(length - 1.0) > rounding) lengths.add(file, line, text);
-    if (given.z() < 0.0) below.add(file, line, "z = " + words[2]);
-    return Eigen::Vector3d(given.x(), given.y(), -given.z()) / length;
+    if (object)
+      distances.push_back(length);
+    else if (std::abs(length - 1.0) > rounding)
+      lengths.add(file, line, text);
+    std::snprintf(text, sizeof text, "z = %.4g", towards.z());
+    if (towards.z() < 0.0) below.add(file, line, text);
+    return Eigen::Vector3d(towards.x(), towards.y(), -towards.z()) / length;
   }
 
-  void report(std::vector<std::string>& notes) const {
+  void finish(LightStage& stage) const {
+    if (object) weaken_with_distance(stage);
     if (lengths.count > 0)
-      notes.push_back("light directions that were normalised: " + std::to_string(lengths.count) +
-                      lengths.first + "; positions of near light sources are reduced to directions");
+      stage.notes.push_back("light directions that were normalised: " + std::to_string(lengths.count) +
+                            lengths.first +
+                            "; for light sources at near positions, give the position of the object with "
+                            "--object-at");
     if (below.count > 0)
-      notes.push_back("light sources behind the object, z < 0: " + std::to_string(below.count) + below.first +
-                      "; they are kept. If the z axis of the list points away from the camera, negate z");
+      stage.notes.push_back(
+          "light sources behind the object, z < 0: " + std::to_string(below.count) + below.first +
+          "; they are kept. If the z axis of the list points away from the camera, negate z");
+  }
+
+ private:
+  /// Irradiance falls with the square of the distance; at the mean distance the intensity is the listed one.
+  void weaken_with_distance(LightStage& stage) const {
+    double mean = 0.0;
+    for (const double distance : distances) mean += distance / static_cast<double>(distances.size());
+    double weakest = 1.0, strongest = 1.0;
+    for (std::size_t i = 0; i < distances.size(); ++i) {
+      const double factor = std::pow(mean / distances[i], 2);
+      weakest = std::min(weakest, factor);
+      strongest = std::max(strongest, factor);
+      for (float& value : stage.sources[i].intensity) value *= static_cast<float>(factor);
+    }
+    char text[200];
+    std::snprintf(text, sizeof text,
+                  "light sources at a mean distance of %.4g from the object, in the unit of the list; their "
+                  "intensities are multiplied by (mean distance / distance)², %.3g to %.3g",
+                  mean, weakest, strongest);
+    stage.notes.emplace_back(text);
   }
 };
 
@@ -116,14 +152,14 @@ std::string file_name_of(const std::string& path) {
   return path.substr(path.find_last_of("/\\") + 1);
 }
 
-void read_named_positions(LightStage& stage, const std::vector<ListLine>& lines) {
+void read_named_positions(LightStage& stage, const std::vector<ListLine>& lines,
+                          DirectionReader& directions) {
   const int stated = *parsed<int>(lines.front().text);
   const auto listed = static_cast<int>(lines.size()) - 1;
   if (stated != listed || listed < 1)
     refuse_line(stage.file, lines.front().number,
                 "states " + std::to_string(stated) + " light sources, but the file lists " +
                     std::to_string(listed) + "; correct the count, or add the missing lines");
-  DirectionReader directions{stage.file, {}, {}};
   for (std::size_t i = 1; i < lines.size(); ++i) {
     const auto& [number, text] = lines[i];
     const auto words = words_of(text);
@@ -138,7 +174,6 @@ void read_named_positions(LightStage& stage, const std::vector<ListLine>& lines)
     }
     stage.sources.push_back({number, file_name_of(name), directions.read(number, last)});
   }
-  directions.report(stage.notes);
 }
 
 /// Throws InputError unless `file` has one line per direction.
@@ -151,6 +186,14 @@ std::vector<ListLine> lines_beside(const LightStage& stage, const fs::path& file
   return lines;
 }
 
+float positive_intensity(const fs::path& file, int line, const std::string& word) {
+  const auto value = static_cast<float>(finite_number(file, line, word));
+  if (!(value > 0.0f) || !std::isfinite(value))
+    refuse_line(file, line,
+                "the intensity " + word + " is not positive; correct it, or leave the light source out");
+  return value;
+}
+
 void read_intensities(LightStage& stage, const fs::path& file) {
   const auto lines = lines_beside(stage, file);
   for (std::size_t i = 0; i < lines.size(); ++i) {
@@ -158,26 +201,19 @@ void read_intensities(LightStage& stage, const fs::path& file) {
     if (words.size() != 3 && words.size() != 1)
       refuse_line(file, lines[i].number,
                   "'" + lines[i].text + "' is neither an intensity 'r g b' nor one value; correct the line");
-    for (std::size_t c = 0; c < 3; ++c) {
-      const std::string& word = words[words.size() == 3 ? c : 0];
-      const auto value = static_cast<float>(finite_number(file, lines[i].number, word));
-      if (!(value > 0.0f) || !std::isfinite(value))
-        refuse_line(file, lines[i].number,
-                    "the intensity " + word + " is not positive; correct it, or leave the light source out");
-      stage.sources[i].intensity[c] = value;
-    }
+    for (std::size_t c = 0; c < 3; ++c)
+      stage.sources[i].intensity[c] =
+          positive_intensity(file, lines[i].number, words[words.size() == 3 ? c : 0]);
   }
 }
 
-void read_directions(LightStage& stage, const std::vector<ListLine>& lines) {
-  DirectionReader directions{stage.file, {}, {}};
+void read_directions(LightStage& stage, const std::vector<ListLine>& lines, DirectionReader& directions) {
   for (const auto& [number, text] : lines) {
     const auto words = words_of(text);
     if (words.size() != 3)
       refuse_line(stage.file, number, "'" + text + "' is not a direction 'x y z'; correct the line");
     stage.sources.push_back({number, "", directions.read(number, words.data())});
   }
-  directions.report(stage.notes);
   const fs::path names = stage.file.parent_path() / "filenames.txt";
   const fs::path intensities = stage.file.parent_path() / "light_intensities.txt";
   if (fs::exists(names)) {
@@ -192,6 +228,76 @@ void read_directions(LightStage& stage, const std::vector<ListLine>& lines) {
     read_intensities(stage, intensities);
   else
     stage.notes.push_back(intensities.string() + " does not exist; all light sources have intensity 1");
+}
+
+/// Fields of a line, without spaces around them; a field in double quotes may hold the separator.
+std::vector<std::string> fields_of(const std::string& text, char separator) {
+  std::vector<std::string> fields(1);
+  bool quoted = false;
+  for (const char character : text) {
+    if (character == '"')
+      quoted = !quoted;
+    else if (character == separator && !quoted)
+      fields.emplace_back();
+    else
+      fields.back() += character;
+  }
+  for (std::string& field : fields) {
+    field.erase(0, std::min(field.find_first_not_of(blanks), field.size()));
+    field.erase(field.find_last_not_of(blanks) + 1);
+  }
+  return fields;
+}
+
+/// The separator of a table whose first line names the columns, if that is what the line is.
+std::optional<char> separator_of(const std::string& header) {
+  for (const char separator : {',', ';', '\t'}) {
+    const auto names = fields_of(header, separator);
+    if (std::ranges::count(names, "x") == 1 && std::ranges::count(names, "y") == 1 &&
+        std::ranges::count(names, "z") == 1)
+      return separator;
+  }
+  return std::nullopt;
+}
+
+void read_table(LightStage& stage, const std::vector<ListLine>& lines, char separator,
+                DirectionReader& directions) {
+  const ListLine& header = lines.front();
+  const auto names = fields_of(header.text, separator);
+  const auto column_of = [&](const char* name) {
+    return static_cast<std::size_t>(std::ranges::find(names, name) - names.begin());
+  };
+  const std::size_t file = column_of("file");
+  if (file == names.size())
+    refuse_line(stage.file, header.number,
+                "'" + header.text +
+                    "' has no column 'file'; name the columns file, x, y, z and, for intensities, r, g, b");
+  const std::array<std::size_t, 3> place = {column_of("x"), column_of("y"), column_of("z")};
+  const std::array<std::size_t, 3> colour = {column_of("r"), column_of("g"), column_of("b")};
+  const auto colours = std::ranges::count_if(colour, [&](std::size_t c) { return c < names.size(); });
+  if (colours != 0 && colours != 3)
+    refuse_line(stage.file, header.number,
+                "'" + header.text + "' has only some of the columns r, g and b; give all three or none");
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    const auto& [number, text] = lines[i];
+    const auto fields = fields_of(text, separator);
+    if (fields.size() != names.size())
+      refuse_line(stage.file, number,
+                  "'" + text + "' has " + std::to_string(fields.size()) + " fields, the first line names " +
+                      std::to_string(names.size()) + " columns; correct the line");
+    if (fields[file].empty())
+      refuse_line(stage.file, number, "names no file; name the photograph of the light source");
+    const std::array<std::string, 3> position = {fields[place[0]], fields[place[1]], fields[place[2]]};
+    LightSource source;
+    source.line = number;
+    source.photograph = file_name_of(fields[file]);
+    source.direction = directions.read(number, position.data());
+    for (std::size_t c = 0; colours == 3 && c < 3; ++c)
+      source.intensity[c] = positive_intensity(stage.file, number, fields[colour[c]]);
+    stage.sources.push_back(source);
+  }
+  if (stage.sources.empty())
+    refuse_line(stage.file, header.number, "no light source follows; add one line for each");
 }
 
 void require_different_names(const LightStage& stage) {
@@ -228,11 +334,17 @@ double degrees_between(const LightSource& a, const LightSource& b) {
 [[noreturn]] void refuse_pair(const LightStage& stage, const LightSource& first, const LightSource& second) {
   char angle[64];
   std::snprintf(angle, sizeof angle, "%.3g°", degrees_between(first, second));
+  if (stage.file.empty())
+    throw InputError(second.photograph + ": the light source is " + angle + " from that of " +
+                     first.photograph +
+                     ", too close to have a texel of its own; leave out one of the two photographs");
   refuse_line(stage.file, second.line,
               std::string("the light source is ") + angle + " from that of line " +
                   std::to_string(first.line) +
                   ", too close to have a texel of its own; correct the direction, or remove one of the two");
 }
+
+}  // namespace
 
 void place_sources(LightStage& stage) {
   constexpr double same = 0.1;  // degrees; directions are rarely measured better
@@ -248,24 +360,30 @@ void place_sources(LightStage& stage) {
   stage.notes.push_back(std::to_string(stage.sources.size()) +
                         " light sources, one texel each in lat-long maps of " +
                         std::to_string(stage.domain.width) + "×" + std::to_string(stage.domain.height));
+  if (stage.sources.size() > max_single_light_cells)
+    stage.notes.push_back("there are more than " + std::to_string(max_single_light_cells) +
+                          " light sources, so 'refield estimate' does not give each a weight of its own: it "
+                          "fits rectangles over several of them, which is less accurate");
 }
 
-}  // namespace
-
-LightStage read_light_stage(const fs::path& file) {
+LightStage read_light_stage(const fs::path& file, const std::optional<Eigen::Vector3d>& object) {
   LightStage stage;
   stage.file = file;
   const auto lines = lines_of(file);
   const auto first = words_of(lines.front().text);
-  if (first.size() == 1 && parsed<int>(first[0]))
-    read_named_positions(stage, lines);
+  DirectionReader directions{stage.file, object};
+  if (const auto separator = separator_of(lines.front().text))
+    read_table(stage, lines, *separator, directions);
+  else if (first.size() == 1 && parsed<int>(first[0]))
+    read_named_positions(stage, lines, directions);
   else if (first.size() == 3 && parsed<double>(first[0]))
-    read_directions(stage, lines);
+    read_directions(stage, lines, directions);
   else
     refuse_line(file, lines.front().number,
                 "'" + lines.front().text +
                     "' is neither the number of light sources, with which a .lp file begins, nor a direction "
-                    "'x y z'; add or correct that line");
+                    "'x y z', nor the names of columns 'file,x,y,z'; add or correct that line");
+  directions.finish(stage);
   require_different_names(stage);
   place_sources(stage);
   return stage;

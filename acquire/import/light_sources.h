@@ -4,6 +4,7 @@
 
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,13 +18,14 @@ struct LightSource {
   int line = 0;               ///< of the list, for messages
   std::string photograph;     ///< file name, without folder; empty where the list has no names
   Eigen::Vector3d direction;  ///< towards the source, unit length, in the axes of lat-long maps
-  std::array<float, 3> intensity = {1.0f, 1.0f, 1.0f};  ///< R, G, B, relative, positive
-  int column = 0, row = 0;                              ///< its texel
+  /// R, G, B, relative, positive: of the irradiance at the object
+  std::array<float, 3> intensity = {1.0f, 1.0f, 1.0f};
+  int column = 0, row = 0;  ///< its texel
 };
 
 /// The light sources of a dome or light stage, photographed one at a time.
 struct LightStage {
-  std::filesystem::path file;  ///< the list, for messages
+  std::filesystem::path file;  ///< the list, for messages; empty: directions from a mirror ball
   std::vector<LightSource> sources;
   LightDomain domain;              ///< lat-long
   std::vector<std::string> notes;  ///< what the user should know, one sentence each
@@ -32,14 +34,21 @@ struct LightStage {
 /// Reads the light sources of `file`, recognised from its first line:
 ///  - one integer: an RTI list (.lp), the number of sources, then `name x y z` per line;
 ///  - three numbers: directions as in DiLiGenT, `x y z` per line. `filenames.txt` and `light_intensities.txt`
-///    (`r g b`, or one value, per line) are read from the same folder, if they exist.
-/// Axes of both: x right, y up, z towards the camera. Z is negated, since +Z of a lat-long map is the viewing
-/// direction. Lengths are normalised; positions of near sources are thus reduced to directions from the
-/// origin. The map has the smallest height of 32, 64, … 512 texels, and twice the width, at which each source
-/// has a texel of its own. Throws InputError naming file, line, value and remedy: a wrong count, a value that
+///    (`r g b`, or one value, per line) are read from the same folder, if they exist;
+///  - names of columns, separated by commas, semicolons or tabs: file, x, y, z and, for intensities, r, g, b
+///    in any order; others are ignored.
+/// Axes: x right, y up, z towards the camera. Z is negated, since +Z of a lat-long map is the viewing
+/// direction. Without `object`, vectors are directions and their lengths are normalised. With `object`, its
+/// position in the axes and unit of the list, they are positions, and the intensities are multiplied by (mean
+/// distance / distance)². Throws InputError naming file, line, value and remedy: a wrong count, a value that
 /// is no number, no direction, a photograph named twice, two sources in one direction; DeviceError for a
 /// missing file.
-LightStage read_light_stage(const std::filesystem::path& file);
+LightStage read_light_stage(const std::filesystem::path& file,
+                            const std::optional<Eigen::Vector3d>& object = {});
+
+/// Gives each source a texel of its own, in the map with the smallest height of 32, 64, … 512 texels, and
+/// twice the width, at which that is possible. Throws InputError naming two sources that are too close.
+void place_sources(LightStage& stage);
 
 /// Light map of one source: black but for its texel, which holds its intensity.
 Image light_map_of(const LightStage& stage, std::size_t source);

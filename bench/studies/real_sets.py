@@ -248,6 +248,8 @@ def build(options):
     photographs, directions, mask = SETS[options.set](options.data)
     texels, directions = texels_of(directions)
     photographs = numpy.array(photographs, numpy.float32)
+    step = options.stride
+    mask, photographs = mask[step // 2::step, step // 2::step], photographs[:, step // 2::step, step // 2::step]
     rows, columns = numpy.nonzero(mask)
     side = options.crop
     if side:
@@ -320,6 +322,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1, help="of light and noise; tests use seed + 1000 (default: 1)")
     parser.add_argument("--tests", type=int, default=24, help="test photographs of each kind (default: 24)")
     parser.add_argument("--crop", type=int, default=24, help="side of the square around the object's middle, in pixels; 0: all (default: 24)")
+    parser.add_argument("--stride", type=int, default=1, help="measure every n-th pixel of every n-th row, before --crop (default: 1)")
     parser.add_argument("--keep-sources", type=int, default=0, help="use the first light sources only; 0: all (default: 0)")
     parser.add_argument("--methods", default="least squares,ridge,NNLS", help="other methods (default: all)")
     parser.add_argument("--ranks", help="print the errors of exact weights truncated to these ranks, and nothing else")

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/texel_regression.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -37,6 +36,8 @@ double noise_ratio(int level) {
 }
 /// Lights whose Gram matrix has eigenvalues within this factor do not tell noise from detail.
 constexpr double nearly_orthogonal = 100.0;
+/// Any prior gives the same weights where the lights determine them.
+constexpr int independent_prior = 0;
 /// Samples that are filled in, so that incomplete pixels can choose a prior, come from this one.
 constexpr int usual_prior = 4;
 constexpr int usual_noise = 8;
@@ -106,6 +107,42 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
   return weights.cwiseMax(0.0);
 }
 
+/// [images × cells] of each channel.
+std::array<Eigen::MatrixXd, 3> lights_of(const BoxTable& table, std::span<const Box> cells) {
+  std::array<Eigen::MatrixXd, 3> lights;
+  for (Eigen::MatrixXd& channel : lights)
+    channel.resize(table.images(), static_cast<Eigen::Index>(cells.size()));
+  AlignedFloats column(3 * table.stride());
+  for (std::size_t k = 0; k < cells.size(); ++k) {
+    table.column(cells[k], column.data());
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < table.images(); ++j)
+        lights[c](j, static_cast<Eigen::Index>(k)) = column[c * table.stride() + j];
+  }
+  return lights;
+}
+
+bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
+  return std::ranges::all_of(lights, [](const Eigen::MatrixXd& channel) {
+    if (channel.rows() > channel.cols()) return false;
+    const Eigen::MatrixXd gram = channel * channel.transpose();
+    const Eigen::VectorXd values =
+        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(gram, Eigen::EigenvaluesOnly).eigenvalues();
+    return values.minCoeff() * nearly_orthogonal > values.maxCoeff();
+  });
+}
+
+/// Of one channel, [cells]; `kernels` has those with a weight, in their order.
+Eigen::VectorXd weights_on_cells(const PixelKernels& kernels, std::span<const Box> cells, int channel) {
+  Eigen::VectorXd weights = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(cells.size()));
+  std::size_t cell = 0;
+  for (std::size_t k = 0; k < kernels.boxes.size(); ++k) {
+    while (cells[cell] != kernels.boxes[k]) ++cell;
+    weights(static_cast<Eigen::Index>(cell)) = kernels.weights[3 * k + channel];
+  }
+  return weights;
+}
+
 std::vector<int> measured_in(const float* samples, int images) {
   std::vector<int> measured;
   for (int j = 0; j < images; ++j)
@@ -155,7 +192,7 @@ std::vector<Box> light_cells(const BoxTable& table) {
       for (int row = cell.y0; row < cell.y1; ++row)
         for (int column = cell.x0; column < cell.x1; ++column) at(column, row) = 1;
       cells.push_back(cell);
-      if (cells.size() > max_light_cells) return {};
+      if (cells.size() > max_single_light_cells) return {};
     }
   return cells.size() < 2 ? std::vector<Box>{} : cells;
 }
@@ -163,23 +200,10 @@ std::vector<Box> light_cells(const BoxTable& table) {
 TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cells)
     : table_(&table), cells_(cells.begin(), cells.end()), images_(table.images()) {
   const auto count = static_cast<Eigen::Index>(cells.size());
-  AlignedFloats column(3 * table.stride());
-  for (auto& lights : lights_) lights.resize(images_, count);
-  for (Eigen::Index k = 0; k < count; ++k) {
-    table.column(cells[k], column.data());
-    for (int c = 0; c < 3; ++c)
-      for (int j = 0; j < images_; ++j) lights_[c](j, k) = column[c * table.stride() + j];
-  }
+  lights_ = lights_of(table, cells);
   is_grey_ = lights_[1] == lights_[0] && lights_[2] == lights_[0];
   const int channels = is_grey_ ? 1 : 3;
-  bool is_orthogonal = images_ <= count;
-  for (int c = 0; c < channels && is_orthogonal; ++c) {
-    const Eigen::MatrixXd gram = lights_[c] * lights_[c].transpose();
-    const Eigen::VectorXd values =
-        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(gram, Eigen::EigenvaluesOnly).eigenvalues();
-    is_orthogonal = values.minCoeff() * nearly_orthogonal > values.maxCoeff();
-  }
-  noise_levels_ = is_orthogonal ? 1 : all_noise_levels;
+  noise_levels_ = are_nearly_orthogonal(lights_) ? 1 : all_noise_levels;
   spectra_.resize(3 * priors.size());
   for (std::size_t p = 0; p < priors.size(); ++p) {
     covariances_.push_back(covariance_of(priors[p], cells, table.domain()));
@@ -206,6 +230,10 @@ TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cel
         spectrum.vectors = std::sqrt(spectrum.scale) * factor * solver.eigenvectors().rightCols(rank) *
                            spectrum.values.cwiseSqrt().cwiseInverse().asDiagonal();
       }
+      if (p == independent_prior && is_interpolating() && images_ == count)
+        determined_[c] = spectrum.scale * covariances_[p] * lights_[c].transpose() * spectrum.vectors *
+                         (spectrum.values.array() + noise_ratio(0)).inverse().matrix().asDiagonal() *
+                         spectrum.vectors.transpose();
       for (int level = 0; level < noise_levels_; ++level)
         spectrum.log_determinant[level] =
             (spectrum.values.array() + noise_ratio(level)).log().sum() +
@@ -218,59 +246,60 @@ Eigen::VectorXd TexelRegression::weights_of(int prior, int channel, const Eigen:
   return spectrum(prior, channel).scale * (covariances_[prior] * (lights_[channel].transpose() * dual));
 }
 
+TexelRegression::Gap TexelRegression::gap_of(int prior, int noise, int channel,
+                                             const std::vector<int>& measured) const {
+  Gap gap;
+  auto next = measured.begin();
+  for (int j = 0; j < images_; ++j)
+    if (next != measured.end() && *next == j)
+      ++next;
+    else
+      gap.unmeasured.push_back(j);
+  Eigen::MatrixXd units = Eigen::MatrixXd::Zero(images_, static_cast<Eigen::Index>(gap.unmeasured.size()));
+  for (std::size_t i = 0; i < gap.unmeasured.size(); ++i)
+    units(gap.unmeasured[i], static_cast<Eigen::Index>(i)) = 1.0;
+  const Spectrum& own = spectrum(prior, channel);
+  const double lambda = noise_ratio(noise);
+  const Eigen::MatrixXd rows = own.vectors(gap.unmeasured, Eigen::all).transpose();
+  gap.columns = own.vectors * ((own.values.array() + lambda).inverse().matrix().asDiagonal() * rows);
+  if (own.values.size() < images_) gap.columns += (units - own.vectors * rows) / lambda;
+  gap.factor.compute(gap.columns(gap.unmeasured, Eigen::all));
+  return gap;
+}
+
 std::shared_ptr<const Eigen::MatrixXd> TexelRegression::posterior(int prior, int noise, int channel,
                                                                   const std::vector<int>& measured) const {
-  const bool is_complete = static_cast<int>(measured.size()) == images_;
-  const std::array<int, 3> key = {prior, noise, is_grey_ ? 0 : channel};
-  if (is_complete) {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = posteriors_.find(key); found != posteriors_.end()) return found->second;
-  }
   const auto count = static_cast<Eigen::Index>(cells_.size());
   const double scale = spectrum(prior, channel).scale;
-  const auto result = std::make_shared<Eigen::MatrixXd>(scale * covariances_[prior]);
-  // s K less what the samples tell: Hᵀ H, where H = R s L K and Rᵀ R is the inverse covariance of the
-  // samples. By way of the samples, since there are often fewer of them than weights.
-  Eigen::MatrixXd told;
-  if (is_complete) {
-    const Spectrum& own = spectrum(prior, channel);
-    told = (own.values.array() + noise_ratio(noise)).rsqrt().matrix().asDiagonal() *
-           (own.vectors.transpose() * lights_[channel]);
-  } else {
-    told = sample_covariance(prior, noise, channel, measured)
-               .llt()
-               .matrixL()
-               .solve(Eigen::MatrixXd(lights_[channel](measured, Eigen::all)));
+  const std::array<int, 3> key = {prior, noise, is_grey_ ? 0 : channel};
+  std::shared_ptr<const Eigen::MatrixXd> complete;
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = posteriors_.find(key); found != posteriors_.end()) complete = found->second;
   }
-  told = told * *result;
-  result->selfadjointView<Eigen::Lower>().rankUpdate(told.transpose(), -1.0);
-  result->triangularView<Eigen::StrictlyUpper>() = result->transpose();
-  if (is_complete) {
+  if (!complete) {
+    // s K less what the samples tell: Hᵀ H, where H = R s L K and Rᵀ R is the inverse covariance of the
+    // samples. By way of the samples, since there are often fewer of them than weights.
+    auto result = std::make_shared<Eigen::MatrixXd>(scale * covariances_[prior]);
+    const Spectrum& own = spectrum(prior, channel);
+    const Eigen::MatrixXd told = (own.values.array() + noise_ratio(noise)).rsqrt().matrix().asDiagonal() *
+                                 (own.vectors.transpose() * lights_[channel]) * *result;
+    result->selfadjointView<Eigen::Lower>().rankUpdate(told.transpose(), -1.0);
+    result->triangularView<Eigen::StrictlyUpper>() = result->transpose();
+    complete = result;
     const std::lock_guard lock(mutex_);
     if (posteriors_.size() * count * count * sizeof(double) > max_posterior_bytes) posteriors_.clear();
-    posteriors_[key] = result;
+    posteriors_[key] = complete;
   }
-  return result;
+  if (static_cast<int>(measured.size()) == images_) return complete;
+  const Gap gap = gap_of(prior, noise, channel, measured);
+  const Eigen::MatrixXd lost = gap.factor.matrixL().solve(
+      Eigen::MatrixXd(scale * gap.columns.transpose() * lights_[channel] * covariances_[prior]));
+  return std::make_shared<Eigen::MatrixXd>(*complete + lost.transpose() * lost);
 }
 
-Eigen::MatrixXd TexelRegression::sample_covariance(int prior, int noise, int channel,
-                                                   const std::vector<int>& measured) const {
-  const Spectrum& own = spectrum(prior, channel);
-  const Eigen::MatrixXd vectors = own.vectors(measured, Eigen::all);
-  Eigen::MatrixXd covariance = vectors * own.values.asDiagonal() * vectors.transpose();
-  covariance.diagonal().array() += noise_ratio(noise);
-  return covariance;
-}
-
-Eigen::VectorXd TexelRegression::solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
-                                       const std::vector<int>& measured) const {
-  if (static_cast<int>(measured.size()) < images_) {
-    Eigen::VectorXd dual = Eigen::VectorXd::Zero(images_);
-    const Eigen::VectorXd seen = samples(measured);
-    const Eigen::VectorXd solved = sample_covariance(prior, noise, channel, measured).llt().solve(seen);
-    dual(measured) = solved;
-    return dual;
-  }
+Eigen::VectorXd TexelRegression::dual_of(int prior, int noise, int channel,
+                                         const Eigen::VectorXd& samples) const {
   const Spectrum& own = spectrum(prior, channel);
   const Eigen::VectorXd coordinates = own.vectors.transpose() * samples;
   const double lambda = noise_ratio(noise);
@@ -279,6 +308,18 @@ Eigen::VectorXd TexelRegression::solve(int prior, int noise, int channel, const 
     return own.vectors * (coordinates.array() / (own.values.array() + lambda)).matrix();
   return own.vectors * (coordinates.array() / (own.values.array() + lambda)).matrix() +
          (samples - own.vectors * coordinates) / lambda;
+}
+
+Eigen::VectorXd TexelRegression::solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
+                                       const std::vector<int>& measured) const {
+  if (static_cast<int>(measured.size()) == images_) return dual_of(prior, noise, channel, samples);
+  Eigen::VectorXd seen = Eigen::VectorXd::Zero(images_);
+  seen(measured) = samples(measured);
+  Eigen::VectorXd dual = dual_of(prior, noise, channel, seen);
+  const Gap gap = gap_of(prior, noise, channel, measured);
+  dual -= gap.columns * gap.factor.solve(Eigen::VectorXd(dual(gap.unmeasured)));
+  dual(gap.unmeasured).setZero();
+  return dual;
 }
 
 TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
@@ -302,8 +343,12 @@ TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
     }
   }
   if (!(result.kernels.squared_samples > 0.0)) return result;
-  int best_prior = 0, best_noise = 0;
-  for (int prior = 0; prior < static_cast<int>(priors.size()); ++prior) {
+  int best_prior = independent_prior, best_noise = 0;
+  const bool is_complete =
+      std::ranges::all_of(measured, [&](const auto& m) { return static_cast<int>(m.size()) == images_; });
+  const bool is_determined = is_complete && determined_[0].size() > 0;
+  if (is_determined) result.criterion = 0.0;  // nothing to compare with
+  for (int prior = 0; !is_determined && prior < static_cast<int>(priors.size()); ++prior) {
     std::array<double, 32> criterion{};
     for (int c = 0; c < 3; ++c) {
       if (!(squared[c] > 0.0)) continue;
@@ -331,7 +376,8 @@ TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
   for (int c = 0; c < 3; ++c) {
     if (!(squared[c] > 0.0)) continue;
     Eigen::VectorXd weights =
-        weights_of(best_prior, c, solve(best_prior, best_noise, c, values[c], measured[c]));
+        is_determined ? determined_[is_grey_ ? 0 : c] * values[c]
+                      : weights_of(best_prior, c, solve(best_prior, best_noise, c, values[c], measured[c]));
     if (weights.minCoeff() < 0.0)
       weights = without_negative(weights, *posterior(best_prior, best_noise, c, measured[c]));
     for (std::size_t k = 0; k < cells_.size(); ++k)
@@ -401,34 +447,31 @@ double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedS
     }
     const Eigen::VectorXd dual = solve(prior, noise, c, values, measured);
     // (K + λI)⁻¹ on the diagonal: (1 − h) / λ of each sample, with all weights free.
-    Eigen::VectorXd diagonal = Eigen::VectorXd::Ones(images_);
     const double lambda = noise_ratio(noise);
+    const Spectrum& own = spectrum(prior, c);
+    const Eigen::MatrixXd taken = own.vectors.cwiseAbs2();
+    Eigen::VectorXd diagonal = taken * (own.values.array() + lambda).inverse().matrix();
+    if (own.values.size() < images_) diagonal.array() += (1.0 - taken.rowwise().sum().array()) / lambda;
     if (static_cast<int>(measured.size()) < images_) {
-      const auto count = static_cast<Eigen::Index>(measured.size());
-      const Eigen::MatrixXd inverse =
-          sample_covariance(prior, noise, c, measured).llt().solve(Eigen::MatrixXd::Identity(count, count));
-      diagonal(measured) = inverse.diagonal();
-    } else {
-      const Spectrum& own = spectrum(prior, c);
-      const Eigen::MatrixXd taken = own.vectors.cwiseAbs2();
-      diagonal = taken * (own.values.array() + lambda).inverse().matrix();
-      if (own.values.size() < images_) diagonal.array() += (1.0 - taken.rowwise().sum().array()) / lambda;
+      const Gap gap = gap_of(prior, noise, c, measured);
+      diagonal -= gap.factor.matrixL()
+                      .solve(Eigen::MatrixXd(gap.columns.transpose()))
+                      .colwise()
+                      .squaredNorm()
+                      .transpose();
     }
     Eigen::VectorXd misfit = dual;  // b − K α = λ α, in units of λ
-    Eigen::VectorXd weights = weights_of(prior, c, dual);
-    if (weights.minCoeff() < 0.0) {
+    const Eigen::VectorXd weights = weights_on_cells(kernels, cells_, c);
+    std::vector<Eigen::Index> zeros;
+    for (Eigen::Index k = 0; k < weights.size(); ++k)
+      if (weights(k) == 0.0) zeros.push_back(k);
+    if (!zeros.empty()) {
       // Weights that are held at zero take no part of the samples.
       const auto covariance = posterior(prior, noise, c, measured);
-      weights = without_negative(weights, *covariance);
-      std::vector<Eigen::Index> zeros;
-      for (Eigen::Index k = 0; k < weights.size(); ++k)
-        if (weights(k) == 0.0) zeros.push_back(k);
-      if (!zeros.empty()) {
-        const Eigen::MatrixXd shares = lights_[c] * (*covariance)(Eigen::all, zeros);
-        const Eigen::MatrixXd held = (*covariance)(zeros, zeros);
-        diagonal += held.llt().matrixL().solve(shares.transpose()).colwise().squaredNorm().transpose() /
-                    (lambda * lambda);
-      }
+      const Eigen::MatrixXd shares = lights_[c] * (*covariance)(Eigen::all, zeros);
+      const Eigen::MatrixXd held = (*covariance)(zeros, zeros);
+      diagonal += held.llt().matrixL().solve(shares.transpose()).colwise().squaredNorm().transpose() /
+                  (lambda * lambda);
       misfit = (values - lights_[c] * weights) / lambda;
     }
     for (const int j : measured) {
@@ -438,6 +481,10 @@ double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedS
     }
   }
   return squared;
+}
+
+TexelRegressions::TexelRegressions(const BoxTable& table) : table_(table), cells_(light_cells(table)) {
+  if (cells_.size() > max_light_cells && !are_nearly_orthogonal(lights_of(table, cells_))) cells_.clear();
 }
 
 std::shared_ptr<const TexelRegression> TexelRegressions::of_all() {

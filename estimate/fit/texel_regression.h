@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <array>
 #include <map>
@@ -8,18 +9,16 @@
 #include <span>
 #include <vector>
 
+#include "core/light/light_cells.h"
 #include "estimate/fit/box_table.h"
 #include "estimate/fit/fit_pixel.h"
 
 namespace refield {
 
 /// Cells of a light map: rectangles whose texels have equal values in every training light (a light source, a
-/// block of a coarse display). Empty if there are more than `max_light_cells`, so that light has many degrees
-/// of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
+/// block of a coarse display). Empty if there are more than `max_single_light_cells`, so that light has many
+/// degrees of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
 std::vector<Box> light_cells(const BoxTable& table);
-/// Light stages have up to about this many sources; time grows with the square. With 432 cells, a pixel takes
-/// four times as long as with rectangles alone.
-inline constexpr int max_light_cells = 256;
 
 /// Gaussian process regression with one weight per light cell, for light with few degrees of freedom. The
 /// prior covariance of the weights is smooth over the light map (Matérn, ν = 3/2) plus independent. Each
@@ -62,15 +61,22 @@ class TexelRegression {
   const Spectrum& spectrum(int prior, int channel) const {
     return spectra_[static_cast<std::size_t>(prior) * 3 + (is_grey_ ? 0 : channel)];
   }
+  /// What leaving out the unmeasured samples u takes, from the inverse P of K + λI: P_u, and the Cholesky
+  /// factor of P_uu. With these the inverse for the measured samples alone is P − P_u P_uu⁻¹ P_uᵀ.
+  struct Gap {
+    std::vector<int> unmeasured;
+    Eigen::MatrixXd columns;  ///< [images × unmeasured]
+    Eigen::LLT<Eigen::MatrixXd> factor;
+  };
+  Gap gap_of(int prior, int noise, int channel, const std::vector<int>& measured) const;
+  /// P · samples.
+  Eigen::VectorXd dual_of(int prior, int noise, int channel, const Eigen::VectorXd& samples) const;
   /// Most probable weights, of either sign, from the dual coefficients.
   Eigen::VectorXd weights_of(int prior, int channel, const Eigen::VectorXd& dual) const;
   /// Covariance of the weights given the measured samples, in the unit of the prior; where all samples were
   /// measured it depends on the lights alone and is kept.
   std::shared_ptr<const Eigen::MatrixXd> posterior(int prior, int noise, int channel,
                                                    const std::vector<int>& measured) const;
-  /// K + λI of the measured samples.
-  Eigen::MatrixXd sample_covariance(int prior, int noise, int channel,
-                                    const std::vector<int>& measured) const;
   /// Dual coefficients, zero where not measured.
   Eigen::VectorXd solve(int prior, int noise, int channel, const Eigen::VectorXd& samples,
                         const std::vector<int>& measured) const;
@@ -83,14 +89,16 @@ class TexelRegression {
   std::array<Eigen::MatrixXd, 3> lights_;     // [images × cells]
   std::vector<Eigen::MatrixXd> covariances_;  // of the weights, of each prior
   std::vector<Spectrum> spectra_;             // [priors × 3]
-  mutable std::mutex mutex_;                  // of posteriors_
+  /// Weights of complete pixels from samples, where the lights determine them; else empty. [cells × images]
+  std::array<Eigen::MatrixXd, 3> determined_;
+  mutable std::mutex mutex_;  // of posteriors_
   mutable std::map<std::array<int, 3>, std::shared_ptr<const Eigen::MatrixXd>> posteriors_;
 };
 
 /// The regressions of a capture and of its parts for cross-validation, each prepared when first used.
 class TexelRegressions {
  public:
-  explicit TexelRegressions(const BoxTable& table) : table_(table), cells_(light_cells(table)) {}
+  explicit TexelRegressions(const BoxTable& table);
 
   const std::vector<Box>& cells() const { return cells_; }
   /// Null for light with many degrees of freedom.

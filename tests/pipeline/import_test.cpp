@@ -295,5 +295,100 @@ TEST(ImportLightStage, SumsOfLightSourcesAreRelitFromPhotographsUnderSingleOnes)
   EXPECT_LT(relative_rmse(read_image(folder / "relit.exr"), expected), 1e-3);
 }
 
+TEST(ImportLightStage, OptionsWithoutEffectAreRefused) {
+  const TemporaryFolder folder;
+  const std::string log = folder / "log";
+  const auto refusal = [&](std::vector<std::string> options) {
+    options.insert(options.begin(), {"acquire", "import", "shots", "-o", folder / "session"});
+    EXPECT_EQ(run_program(options, log), 2);
+    return read_text(log);
+  };
+  for (const std::vector<std::string>& without_effect : {std::vector<std::string>{"--lights-by", "order"},
+                                                         {"--lights-hold", "drive"},
+                                                         {"--parameterisation", "cube"}})
+    EXPECT_THAT(refusal({"--light-sources", "dome.lp", without_effect[0], without_effect[1]}),
+                HasSubstr(without_effect[0] + " requires --lights"));
+  EXPECT_THAT(refusal({"--ball", "find", "--object-at", "0,0,0"}), HasSubstr("requires --light-sources"));
+  EXPECT_THAT(refusal({"--light-sources", "dome.lp", "--ball", "find"}),
+              HasSubstr("--light-sources excludes --ball"));
+  EXPECT_THAT(refusal({"--light-sources", "dome.lp", "--field-of-view", "40"}), HasSubstr("requires --ball"));
+}
+
+/// Near light sources in a table, brackets of two exposures, ambient light, and a white card under each
+/// source: together the options give the reflection of the scene.
+TEST(ImportLightStage, NearSourcesBracketsAmbientLightAndFlatFields) {
+  const TemporaryFolder folder;
+  const std::string log = folder / "log";
+  constexpr int sources = 3, width = 24, height = 16;
+  constexpr float ambient = 0.02f;  // no sample is within 2 % of clipping, where merging is uncertain
+  const auto reflection = [](int source, int x) {
+    return 0.2f + 0.02f * static_cast<float>(x) + 0.1f * source;
+  };
+  const std::array<Eigen::Vector3d, sources> places = {{{0, 0, 400}, {300, 0, 500}, {0, -240, 420}}};
+  const auto write = [&](const std::string& name, const auto& radiance) {
+    for (const double seconds : {0.5, 2.0}) {
+      RawFrame frame;
+      frame.width = width;
+      frame.height = height;
+      for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x)
+          for (int c = 0; c < 3; ++c)
+            frame.samples.push_back(static_cast<std::uint16_t>(
+                std::clamp(std::lround(65535.0 * seconds * (ambient + radiance(x))), 0L, 65535L)));
+      write_raw_frame(name + (seconds < 1.0 ? "_1.png" : "_2.png"), frame);
+    }
+  };
+  std::string list = "file,x,y,z\n";
+  for (const char* name : {"shots", "cards", "dark"}) fs::create_directories(folder / name);
+  write(folder / "dark/dark", [](int) { return 0.0f; });
+  for (int i = 0; i < sources; ++i) {
+    const Eigen::Vector3d& place = places[static_cast<std::size_t>(i)];
+    char line[80];
+    std::snprintf(line, sizeof line, "light%d_1.png,%g,%g,%g\n", i, place.x(), place.y(), place.z());
+    list += line;
+    const double distance = (place - Eigen::Vector3d(0, 0, 100)).norm();
+    const auto irradiance = [=](int x) {
+      return static_cast<float>(5.1e4 / (distance * distance) * (1.0 + 0.01 * x));
+    };
+    const auto cosine = static_cast<float>((place.z() - 100.0) / distance);
+    const std::string name = "light" + std::to_string(i);
+    write(folder / ("shots/" + name), [&](int x) { return irradiance(x) * reflection(i, x); });
+    write(folder / ("cards/" + name), [&](int x) { return irradiance(x) * cosine; });
+  }
+  write_text_atomically(folder / "dome.csv", list);
+  const std::vector<std::string> options = {
+      "acquire",     "import",    folder / "shots", "--light-sources", folder / "dome.csv",
+      "--object-at", "0,0,100",   "--pattern",      "{light}_?.png",   "--exposures",
+      "0.5,2",       "--ambient", folder / "dark"};
+  const auto import_to = [&](const std::string& session, std::vector<std::string> more) {
+    more.insert(more.begin(), options.begin(), options.end());
+    more.insert(more.end(), {"-o", folder / session});
+    ASSERT_EQ(run_program(more, log), 0) << read_text(log);
+  };
+  constexpr double rounding = 1e-3;  // to 16 bits
+  import_to("flat", {"--flat-fields", folder / "cards"});
+  import_to("falling", {});
+  const CaptureSession flat = read_capture_session(folder / "flat"),
+                       falling = read_capture_session(folder / "falling");
+  double mean = 0.0;
+  for (const Eigen::Vector3d& place : places) mean += (place - Eigen::Vector3d(0, 0, 100)).norm() / sources;
+  for (std::size_t i = 0; i < sources; ++i) {
+    const Image observed = read_observed(flat.frames[i]).radiance;
+    for (int x = 0; x < width; ++x) {
+      const float expected = reflection(static_cast<int>(i), x);
+      EXPECT_NEAR(observed.at(x, 3, 1), expected, rounding * expected);
+    }
+    const Image light = read_light_map(flat.frames[i].illumination, Parameterisation::lat_long, {}).radiance;
+    EXPECT_EQ(*std::ranges::max_element(light.values), 1.0f);
+    // Without cards the light map holds the fall-off.
+    const Image weakened =
+        read_light_map(falling.frames[i].illumination, Parameterisation::lat_long, {}).radiance;
+    const double brightness = *std::ranges::max_element(weakened.values);
+    EXPECT_NEAR(brightness, std::pow(mean / (places[i] - Eigen::Vector3d(0, 0, 100)).norm(), 2), 1e-5);
+    EXPECT_NEAR(read_observed(falling.frames[i]).radiance.at(0, 3, 1) / brightness,
+                5.1e4 / (mean * mean) * reflection(static_cast<int>(i), 0), rounding);
+  }
+}
+
 }  // namespace
 }  // namespace refield

@@ -30,6 +30,7 @@ NOT_RUN = {
     "refield acquire match": "MatchSeries.TheSessionIsEstimatedFrom",
     "refield acquire import roof": "needs photographs of a mirror ball: ProbeFiles.*",
     "refield acquire import city": "MatchSeries.*",
+    "refield acquire import stage --ball": "needs photographs of a mirror ball: ChromeBallImport.*",
     "refield acquire probe": "ProbeFiles.TheCommandMakesMapsOfTwoSides",
     "refield acquire calibrate session.toml": "needs a camera: tests/devices/closed_loop.sh",
     "refield acquire run": "needs a camera: tests/devices/closed_loop.sh",
@@ -134,16 +135,18 @@ class Reader:
             shutil.copy(root / "docs/examples/relight_with_h5py.py", folder)
         elif page == "import.md":
             take("session/calibration.toml>calibration.toml")
-            for name in ("shots", "lights", "dome", "cat"):
+            for name in ("shots", "lights", "dome", "cat", "near", "card"):
                 (folder / name).mkdir()
             lines = []
             for i, photograph in enumerate(photographs()):
                 x, y = 0.5 - i % 4 / 3, 0.5 - i // 4 / 3
                 lines.append((f"p{i:02}", f"{x:.3f} {y:.3f} {(1 - x * x - y * y) ** 0.5:.3f}"))
-            levels = " ".join(f"{photograph} --ch R,G,B --mulc 0.5 --clamp:min=0:max=1 -d uint16 -o dome/p{i:02}.tif -o cat/p{i:02}.tif"
+            levels = " ".join(f"{photograph} --ch R,G,B --mulc 0.5 --clamp:min=0:max=1 -d uint16 -o dome/p{i:02}.tif -o cat/p{i:02}.tif "
+                              f"-o near/p{i:02}.tif --mulc 0 --addc 0.5 -d uint16 -o card/p{i:02}.tif"
                               for i, photograph in enumerate(photographs()))
             self.run(f"oiiotool {levels}", folder)
             (folder / "dome/dome.lp").write_text(f"{len(lines)}\n" + "".join(f"{name}.tif {xyz}\n" for name, xyz in lines))
+            (folder / "near.csv").write_text("file,x,y,z\n" + "".join(f"{name}.tif,{xyz.replace(' ', ',')}\n" for name, xyz in lines))
             (folder / "cat/light_directions.txt").write_text("".join(f"{xyz}\n" for _, xyz in lines))
             (folder / "cat/filenames.txt").write_text("".join(f"{name}.tif\n" for name, _ in lines))
             self.run("oiiotool cat/p00.tif --mulc 0 --addc 1 --ch 0 -d uint8 -o cat/mask.png", folder)

@@ -3,12 +3,18 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <set>
 
+#include "acquire/capture/scene_mask.h"
 #include "acquire/hdr/bracket_files.h"
 #include "acquire/import/import_series.h"
 #include "core/base/files.h"
+#include "core/base/rng.h"
+#include "core/base/units.h"
+#include "core/light/light_cells.h"
 #include "core/session/capture_session.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
@@ -115,13 +121,68 @@ TEST_F(LightList, NotesWhatItCorrects) {
                     Not(Contains(HasSubstr("normalised"))), Not(Contains(HasSubstr("behind the object")))));
 }
 
+TEST_F(LightList, TableWithNamedColumns) {
+  const LightStage stage =
+      read_light_stage(write("dome.csv",
+                             "\xEF\xBB\xBFz;\"file\";x;rack;y;b;g;r\r\n"
+                             "1;\"/dome/a;1.png\";0;A1;0;3;2;1\r\n0.8; b.png ;-0.6;A2;0;1;1;1\r\n"));
+  ASSERT_EQ(stage.sources.size(), 2U);
+  EXPECT_EQ(stage.sources[0].photograph, "a;1.png");
+  EXPECT_EQ(stage.sources[0].intensity, (std::array<float, 3>{1.0f, 2.0f, 3.0f}));
+  EXPECT_EQ(stage.sources[1].photograph, "b.png");
+  EXPECT_TRUE(stage.sources[1].direction.isApprox(Eigen::Vector3d(-0.6, 0, -0.8)));
+  EXPECT_EQ(read_light_stage(write("tabs.csv", "file\tx\ty\tz\na b.png\t0\t0\t1\n")).sources[0].photograph,
+            "a b.png");
+}
+
+TEST_F(LightList, NearSourcesFallWithTheSquareOfTheDistance) {
+  // Millimetres; the object is 100 above the origin of the list.
+  const fs::path list = write("dome.csv",
+                              "file,x,y,z,r,g,b\na,0,0,300,1,1,1\nb,300,0,500,2,1,1\n"
+                              "c,0,-300,100,1,1,1\n");
+  const LightStage stage = read_light_stage(list, Eigen::Vector3d(0.0, 0.0, 100.0));
+  const std::array<double, 3> distances = {200.0, 500.0, 300.0};
+  constexpr double mean = 1000.0 / 3.0;
+  for (std::size_t i = 0; i < 3; ++i)
+    EXPECT_NEAR(stage.sources[i].intensity[1], std::pow(mean / distances[i], 2), 1e-6);
+  EXPECT_NEAR(stage.sources[1].intensity[0], 2.0 * std::pow(mean / 500.0, 2), 1e-6);
+  EXPECT_TRUE(stage.sources[1].direction.isApprox(Eigen::Vector3d(0.6, 0.0, -0.8)));
+  EXPECT_TRUE(stage.sources[2].direction.isApprox(Eigen::Vector3d(0.0, -1.0, 0.0)));
+  EXPECT_THAT(stage.notes, AllOf(Contains(HasSubstr("mean distance of 333.3 from the object")),
+                                 Not(Contains(HasSubstr("normalised")))));
+  EXPECT_THAT(message_of([&] { read_light_stage(list, Eigen::Vector3d(300.0, 0.0, 500.0)); }),
+              HasSubstr("dome.csv:3: the light source 300 0 500 is at the position of the object"));
+  EXPECT_THAT(read_light_stage(list).notes, Contains(HasSubstr("--object-at")));
+}
+
+TEST_F(LightList, WarnsOfMoreSourcesThanHaveAWeight) {
+  const auto notes_of = [&](int count) {
+    std::string text = std::to_string(count) + "\n";
+    for (int i = 0; i < count; ++i) {
+      const double z = (i + 0.5) / count, r = std::sqrt(1.0 - z * z), angle = 2.399963 * i;
+      text += "p" + std::to_string(i) + ".png " + std::to_string(r * std::cos(angle)) + " " +
+              std::to_string(r * std::sin(angle)) + " " + std::to_string(z) + "\n";
+    }
+    return read_light_stage(write("dome.lp", text)).notes;
+  };
+  EXPECT_THAT(notes_of(max_single_light_cells), Not(Contains(HasSubstr("a weight of its own"))));
+  EXPECT_THAT(notes_of(max_single_light_cells + 1), Contains(HasSubstr("a weight of its own")));
+}
+
 TEST_F(LightList, NamesFileLineValueAndRemedy) {
   EXPECT_THAT(refusal("3\na 0 0 1\nb 1 0 0\n"),
               AllOf(HasSubstr("list:1: states 3 light sources, but the file lists 2"), HasSubstr("correct")));
   EXPECT_THAT(refusal("-1\n"), HasSubstr("list:1: states -1"));
   EXPECT_THAT(refusal("0\n"), HasSubstr("list:1: states 0"));
   EXPECT_THAT(refusal(" \n"), HasSubstr("is empty"));
-  EXPECT_THAT(refusal("photograph,x,y,z\n"), HasSubstr("list:1: 'photograph,x,y,z' is neither the number"));
+  EXPECT_THAT(refusal("a.png,0,0,1\n"), HasSubstr("list:1: 'a.png,0,0,1' is neither the number"));
+  EXPECT_THAT(refusal("photograph,x,y,z\n"), HasSubstr("list:1: 'photograph,x,y,z' has no column 'file'"));
+  EXPECT_THAT(refusal("file,x,y,z,r,b\na,0,0,1,1,1\n"), HasSubstr("list:1: 'file,x,y,z,r,b' has only some"));
+  EXPECT_THAT(refusal("file,x,y,z\n"), HasSubstr("list:1: no light source follows"));
+  EXPECT_THAT(refusal("file,x,y,z\na,0,0\n"), HasSubstr("list:2: 'a,0,0' has 3 fields"));
+  EXPECT_THAT(refusal("file,x,y,z\n,0,0,1\n"), HasSubstr("list:2: names no file"));
+  EXPECT_THAT(refusal("file;x;y;z\na;0;0,5;1\n"), HasSubstr("list:2: '0,5' is not a finite number"));
+  EXPECT_THAT(refusal("file,x,y,z,r,g,b\na,0,0,1,1,-1,1\n"), HasSubstr("list:2: the intensity -1"));
   EXPECT_THAT(refusal("2\na 0 0 1\nb 0 1\n"), HasSubstr("list:3: 'b 0 1' is not 'name x y z'"));
   EXPECT_THAT(refusal("1\na\rb\v1\f2"), HasSubstr("list:2: "));
   EXPECT_THAT(refusal("2\na 0 0 1\nb 0 nan 1\n"), HasSubstr("list:3: 'nan' is not a finite number"));
@@ -243,7 +304,7 @@ TEST_F(LightStageImport, MissingOrUnfitPhotographs) {
                                HasSubstr("take its light source out")));
   ImportRequest both = request();
   both.lights = {folder_ / "light.exr"};
-  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not both"));
+  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not several"));
 }
 
 TEST_F(LightStageImport, WarnsOfEightBitsTakenAsLinear) {
@@ -261,6 +322,290 @@ TEST_F(LightStageImport, WarnsOfEightBitsTakenAsLinear) {
   const auto frames = read_capture_session(folder_ / "decoded").frames;
   constexpr double rounding = 0.01;  // of 8 bits at these brightnesses, relative
   EXPECT_NEAR(read_observed(frames[0]).radiance.values[0], 0.2, 0.2 * rounding);
+}
+
+/// 16 bits, full scale 1.
+void write_sixteen_bits(const fs::path& path, const Image& radiance) {
+  RawFrame frame;
+  frame.width = radiance.width;
+  frame.height = radiance.height;
+  for (const float value : radiance.values)
+    frame.samples.push_back(static_cast<std::uint16_t>(std::lround(65535.0 * std::clamp(value, 0.0f, 1.0f))));
+  write_raw_frame(path, frame);
+}
+
+/// Four near light sources, through a lens with vignetting; the object's reflection depends on pixel and
+/// source.
+class FlatFieldImport : public ::testing::Test {
+ protected:
+  static constexpr int sources = 4, width = 120, height = 90;
+  static constexpr double white = 0.9;  // of the card
+  const std::array<Eigen::Vector3d, sources> directions_ = {
+      {{0.0, 0.0, 1.0}, {0.6, 0.0, 0.8}, {0.0, 0.8, 0.6}, {-0.8, 0.0, 0.6}}};
+
+  /// Of a diffuser that faces the source, with vignetting; red is brightest.
+  static double irradiance(int source, int x, int y, int c) {
+    const double u = (x + 0.5) / width - 0.5, v = (y + 0.5) / height - 0.5;
+    const double distance = 1.0 + 0.3 * source + 0.4 * u - 0.2 * v;
+    return 0.5 / (distance * distance) * (1.0 - 0.5 * (u * u + v * v)) * (1.0 - 0.2 * c);
+  }
+  static double reflection(int source, int x, int y) {
+    return 0.1 + 0.8 * ((x / 8 + y / 8 + source) % 2) * (source + 1.0) / sources;
+  }
+  void photograph(const fs::path& folder, int source, bool card, double exposure = 1.0, int left = 0) const {
+    Image image(width, height, 3);
+    for (int y = 0; y < height; ++y)
+      for (int x = left; x < width; ++x)
+        for (int c = 0; c < 3; ++c)
+          image.at(x, y, c) = static_cast<float>(
+              exposure * irradiance(source, x, y, c) *
+              (card ? white * directions_[static_cast<std::size_t>(source)].z() : reflection(source, x, y)));
+    write_sixteen_bits(folder_ / folder / (std::to_string(source) + ".png"), image);
+  }
+  void SetUp() override {
+    std::string list = "file,x,y,z,r,g,b\n";
+    for (int i = 0; i < sources; ++i) {
+      const Eigen::Vector3d& d = directions_[static_cast<std::size_t>(i)];
+      list += std::to_string(i) + ".png," + std::to_string(d.x()) + "," + std::to_string(d.y()) + "," +
+              std::to_string(d.z()) + ",2,1,1\n";
+    }
+    write_text_atomically(folder_ / "dome.csv", list);
+    for (const char* folder : {"shots", "cards"}) {
+      fs::create_directories(folder_ / folder);
+      for (int i = 0; i < sources; ++i) photograph(folder, i, folder == std::string("cards"));
+    }
+  }
+  ImportRequest request(const std::string& cards = "cards") const {
+    ImportRequest request;
+    request.photographs = expand_globs({(folder_ / "shots").string()});
+    request.flat_fields = expand_globs({(folder_ / cards).string()});
+    request.stage = read_light_stage(folder_ / "dome.csv");
+    request.folder = folder_ / "session";
+    return request;
+  }
+  std::string refusal() const {
+    fs::remove_all(folder_ / "session");
+    return message_of([&] { import_series(request()); });
+  }
+  const TemporaryFolder folder_;
+};
+
+TEST_F(FlatFieldImport, RemovesFallOffIntensityAndVignetting) {
+  const ImportSummary summary = import_series(request());
+  EXPECT_THAT(summary.notes, Contains(HasSubstr("those of the list are not used")));
+  const CaptureSession session = read_capture_session(folder_ / "session");
+  for (int i = 0; i < sources; ++i) {
+    const CaptureFrame& frame = session.frames[static_cast<std::size_t>(i)];
+    const LightMap light = read_illumination(frame, session.light.parameterisation, {});
+    EXPECT_EQ(*std::ranges::max_element(light.radiance.values), 1.0f);
+    const Image observed = read_observed(frame).radiance;
+    double worst = 0.0;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int c = 0; c < 3; ++c)
+          worst = std::max(worst, std::abs(observed.at(x, y, c) * white / reflection(i, x, y) - 1.0));
+    EXPECT_LT(worst, 0.003);  // rounding to 16 bits; the card is fitted piecewise bilinear
+  }
+}
+
+TEST_F(FlatFieldImport, CardsOfOtherNamesFollowTheOrder) {
+  fs::create_directories(folder_ / "white");
+  for (int i = 0; i < sources; ++i)
+    fs::copy(folder_ / "cards" / (std::to_string(i) + ".png"),
+             folder_ / "white" / ("card" + std::to_string(i) + ".png"));
+  EXPECT_THAT(import_series(request("white")).notes, Contains(HasSubstr("assigned in the order of names")));
+  fs::remove(folder_ / "white/card2.png");
+  fs::remove_all(folder_ / "session");
+  EXPECT_THAT(
+      message_of([&] { import_series(request("white")); }),
+      AllOf(HasSubstr("0.png: none of the 3 photographs of a white card"), HasSubstr("one card for each")));
+}
+
+TEST_F(FlatFieldImport, MissingOrUnfitCards) {
+  photograph("cards", 2, true, 12.0);
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("2.png: the white card is clipped in"), HasSubstr("shorter")));
+  photograph("cards", 2, true, 1.0, 40);
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("2.png: the white card is dark in 3"), HasSubstr("larger card")));
+  // Outside the mask no card is needed, and nothing is measured.
+  Mask right(static_cast<std::size_t>(width) * height, 0);
+  for (std::size_t p = 0; p < right.size(); ++p) right[p] = p % width >= 45;
+  write_mask(folder_ / "mask.png", right, width, height);
+  ImportRequest masked = request();
+  masked.mask = folder_ / "mask.png";
+  masked.if_exists = IfExists::replace;
+  import_series(masked);
+  const Photograph seen = read_observed(read_capture_session(folder_ / "session").frames[2]);
+  EXPECT_TRUE(std::isinf(seen.sigma.at(5, 5, 0)));
+  EXPECT_TRUE(std::isfinite(seen.sigma.at(60, 5, 0)));
+  photograph("cards", 2, true, 0.0);
+  EXPECT_THAT(refusal(), HasSubstr("2.png: the white card is dark in 100.0 %"));
+  write_sixteen_bits(folder_ / "cards/2.png", Image(width, 80, 3, 0.5f));
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("2.png: is 120×80"), HasSubstr("120×90")));
+  fs::remove(folder_ / "cards/2.png");
+  EXPECT_THAT(refusal(), AllOf(HasSubstr("2.png: none of the 3"), HasSubstr("is named '2'")));
+  // A source behind the card.
+  photograph("cards", 2, true);
+  ImportRequest behind = request();
+  behind.stage.sources[1].direction.z() = 0.1;
+  EXPECT_THAT(message_of([&] { import_series(behind); }),
+              HasSubstr("1.png: the light source is not in front"));
+}
+
+/// Photographs of a mirror ball beside a plain background, by the law of reflection, under light sources of
+/// 1.2° at 200 radii of the ball. The camera looks along +z, and the ball is near a corner of the picture.
+class ChromeBallImport : public ::testing::Test {
+ protected:
+  static constexpr int width = 320, height = 240, sources = 12;
+  static constexpr double field_of_view = 40.0, distance = 12.0;  // of the ball, in its radii
+
+  static double focal_px() { return 0.5 * width / std::tan(radians_from_degrees(field_of_view) / 2.0); }
+  static Eigen::Vector3d ray(double x, double y) {
+    return Eigen::Vector3d(x - width / 2.0, height / 2.0 - y, focal_px()).normalized();
+  }
+  static Eigen::Vector3d ball_centre() { return distance * ray(75.0, 170.0); }
+  /// Towards the camera's side, in camera axes.
+  static Eigen::Vector3d direction(int source) {
+    const double z = 0.25 + 0.72 * (source + 0.5) / sources, r = std::sqrt(1.0 - z * z);
+    return {r * std::cos(2.399963 * source), r * std::sin(2.399963 * source), -z};
+  }
+  double radiance(const Eigen::Vector3d& along, const std::vector<Eigen::Vector3d>& lights) const {
+    const Eigen::Vector3d centre = ball_centre();
+    const double b = along.dot(centre), root = b * b - centre.squaredNorm() + 1.0;
+    if (root < 0.0) return 0.08;  // the background
+    const Eigen::Vector3d point = (b - std::sqrt(root)) * along, normal = point - centre;
+    const Eigen::Vector3d mirrored = along - 2.0 * along.dot(normal) * normal;
+    double sum = 0.01 + 0.005 * mirrored.y();  // the room
+    for (const Eigen::Vector3d& light : lights) {
+      const Eigen::Vector3d towards = (centre + 200.0 * light - point).normalized();
+      if (towards.dot(mirrored) > std::cos(radians_from_degrees(0.6))) sum += source_radiance_;
+    }
+    return sum;
+  }
+  void photograph(const std::string& name, const std::vector<Eigen::Vector3d>& lights) const {
+    Image image(width, height, 3);
+    Rng random(5);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        // The lens blurs like a tent over two pixels.
+        double sum = 0.0, total = 0.0;
+        const int side = std::abs(x - 75) < 45 && std::abs(y - 170) < 45 ? 12 : 1;
+        for (int i = 0; i < side * side; ++i) {
+          const double dx = 2.0 * (i % side + 0.5) / side - 1.0, dy = 2.0 * (i / side + 0.5) / side - 1.0;
+          const double weight = (1.0 - std::abs(dx)) * (1.0 - std::abs(dy));
+          sum += weight * radiance(ray(x + 0.5 + dx, y + 0.5 + dy), lights);
+          total += weight;
+        }
+        for (int c = 0; c < 3; ++c)
+          image.at(x, y, c) = static_cast<float>(sum / total + 5e-4 * random.normal());
+      }
+    write_sixteen_bits(folder_ / "shots" / name, image);
+  }
+  void SetUp() override { fs::create_directories(folder_ / "shots"); }
+  double source_radiance_ = 6.0;  // not clipped: the highlight is smaller than a pixel
+  static std::string name(int source) { return std::string(1, static_cast<char>('a' + source)) + ".png"; }
+  ImportRequest request(std::optional<ImageCircle> circle, bool with_view = true) const {
+    ImportRequest request;
+    request.photographs = expand_globs({(folder_ / "shots").string()});
+    request.ball = ChromeBall{circle, std::nullopt};
+    if (with_view) request.ball->field_of_view_degrees = field_of_view;
+    request.folder = folder_ / "session";
+    request.if_exists = IfExists::replace;
+    return request;
+  }
+  /// Of the brightest texel of each light map, and the largest angle from the light sources in degrees.
+  double worst_angle(const Eigen::Matrix3d& turn) const {
+    const CaptureSession session = read_capture_session(folder_ / "session");
+    double worst = 0.0;
+    for (int i = 0; i < sources; ++i) {
+      const Image light =
+          read_illumination(session.frames[static_cast<std::size_t>(i)], session.light.parameterisation, {})
+              .radiance;
+      for (int y = 0; y < light.height; ++y)
+        for (int x = 0; x < light.width; ++x)
+          if (light.at(x, y, 0) > 0.0f) {
+            const double cosine =
+                lat_long_direction(x + 0.5, y + 0.5, light.width, light.height).dot(turn * direction(i));
+            worst = std::max(worst, degrees_from_radians(std::acos(std::min(1.0, cosine))));
+          }
+    }
+    return worst;
+  }
+  const TemporaryFolder folder_;
+};
+
+TEST_F(ChromeBallImport, HighlightsShowTheDirections) {
+  for (int i = 0; i < sources; ++i) photograph(name(i), {direction(i)});
+  const ProbeCamera camera{focal_px(), {width / 2.0, height / 2.0}};
+  const MirrorBall truth(camera, ball_centre().normalized(), distance);
+  ImageCircle circle;  // around the outline, whose middle is not the image of the centre
+  for (int i = 0; i < 360; ++i) circle.centre += truth.outline_point(radians_from_degrees(i)) / 360.0;
+  for (int i = 0; i < 360; ++i)
+    circle.radius += (truth.outline_point(radians_from_degrees(i)) - circle.centre).norm() / 360.0;
+  // Of the highlight's direction, not of its texel, which is up to 4° away.
+  constexpr double accuracy = 1.5;  // degrees, 0.4 pixels on a ball of 37 pixels radius
+  const MirrorBall given = locate_ball({circle, field_of_view}, Image(width, height, 3));
+  const MirrorBall far = locate_ball({circle, std::nullopt}, Image(width, height, 3));
+  Image mean(width, height, 3);
+  const Eigen::Matrix3d turn =
+      Eigen::Quaterniond::FromTwoVectors(ball_centre(), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  double worst = 0.0, worst_far = 0.0;
+  const auto angle = [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+    return degrees_from_radians(std::atan2(a.cross(b).norm(), a.dot(b)));
+  };
+  const auto image_of = [&](const std::string& file) {
+    const RawFrame frame = read_bracket_file(folder_ / "shots" / file).frame;
+    Image image(width, height, 3);
+    for (std::size_t k = 0; k < image.values.size(); ++k)
+      image.values[k] = static_cast<float>(frame.samples[k]) / 65535.0f;
+    return image;
+  };
+  for (int i = 0; i < sources; ++i) {
+    const Image image = image_of(name(i));
+    for (std::size_t k = 0; k < mean.values.size(); ++k) mean.values[k] += image.values[k];
+    worst = std::max(worst, angle(light_direction(image, given), direction(i)));
+    worst_far = std::max(worst_far, angle(light_direction(image, far), turn * direction(i)));
+  }
+  EXPECT_LT(worst, accuracy);
+  // With a camera at infinity perspective is left out, which grows towards the rim of the ball.
+  EXPECT_LT(worst_far, degrees_from_radians(std::asin(1.0 / distance)) + accuracy);
+  // The centre of a clipped highlight of two by two pixels is not known better.
+  source_radiance_ = 60.0;
+  for (const int i : {1, 5, 9}) {
+    photograph("clipped.png", {direction(i)});
+    EXPECT_LT(angle(light_direction(image_of("clipped.png"), given), direction(i)), 2.0 * accuracy);
+  }
+  fs::remove(folder_ / "shots/clipped.png");
+  const MirrorBall found = locate_ball({std::nullopt, field_of_view}, mean);
+  EXPECT_LT((found.centre_px() - truth.centre_px()).norm(), 0.5);
+
+  const ImportSummary summary = import_series(request(std::nullopt));
+  EXPECT_EQ(summary.photographs, static_cast<std::size_t>(sources));
+  EXPECT_THAT(summary.notes, Contains(HasSubstr("mirror ball at --ball 7")));
+  EXPECT_LT(worst_angle(Eigen::Matrix3d::Identity()), accuracy + 4.0);
+  const CaptureSession session = read_capture_session(folder_ / "session");
+  const Mask mask = read_mask(*session.mask, width, height);
+  EXPECT_EQ(mask[170 * width + 75], 0);
+  EXPECT_NE(mask[60 * width + 200], 0);
+}
+
+TEST_F(ChromeBallImport, UnfitPhotographs) {
+  const ImageCircle circle{{75.0, 170.0}, 37.0};
+  const auto refusal = [&](const std::optional<ImageCircle>& at) {
+    return message_of([&] { import_series(request(at)); });
+  };
+  photograph("a.png", {direction(3)});
+  photograph("b.png", {});
+  EXPECT_THAT(refusal(circle), AllOf(HasSubstr("b.png: the ball at 7"), HasSubstr("shows no highlight"),
+                                     HasSubstr("leave the photograph out")));
+  photograph("b.png", {direction(3), direction(9)});
+  EXPECT_THAT(refusal(circle), HasSubstr("b.png: the ball shows two highlights"));
+  photograph("b.png", {direction(3)});
+  EXPECT_THAT(refusal(circle),
+              AllOf(HasSubstr("b.png: the light source is 0° from that of"), HasSubstr("a.png")));
+  EXPECT_THAT(refusal(ImageCircle{{20.0, 170.0}, 37.0}), HasSubstr("beyond the photograph"));
+  ImportRequest both = request(circle);
+  both.lights = {folder_ / "light.exr"};
+  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not several"));
 }
 
 }  // namespace
