@@ -32,7 +32,7 @@ install(FILES README.md DESTINATION share/doc/refield COMPONENT program)
 install(DIRECTORY docs datasets_synthetic DESTINATION share/doc/refield COMPONENT program PATTERN site EXCLUDE)
 
 set(components program library)
-if(REFIELD_PYTHON)
+if(TARGET refield_python)
   list(APPEND components python)
 endif()
 
@@ -102,4 +102,7 @@ set(CPACK_INSTALL_CMAKE_PROJECTS "${PROJECT_BINARY_DIR};refield;ALL;/")
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
 add_custom_target(packaged DEPENDS manual refield-reader refield-thumbnailer refield_core refield_estimate refield_hdr
                   refield_relight refield_simulate)
+if(TARGET refield_python)
+  add_dependencies(packaged refield_python)
+endif()
 include(CPack)

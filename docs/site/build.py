@@ -30,7 +30,7 @@ GALLERY = [
     ("Live: relight a captured scene",
      "Drag on the light map to move the light; click a pixel of the scene to see which light reaches it. This is the folder "
      "that [`refield export-web`](guide/web.md) writes, embedded in this page ([full window](gallery/page/index.html)).",
-     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --width 128 --height 96 --train 90",
+     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --width 128 --height 96 --train 90 --quality 1",
       "refield estimate truth -o scene.rfield", "refield export-web scene.rfield -o page --title 'Table top'"],
      "gallery/page/index.html"),
     ("The report on its error",
@@ -38,12 +38,12 @@ GALLERY = [
      "[open the report](gallery/report.html), [how to read it](guide/report.md).",
      ["refield report truth --field scene.rfield --truth truth -o report.html"], None),
     ("A day", "The scene from sunrise to sunset, lit through the window of the monitor.",
-     ["refield relight scene.rfield --day --latitude 65 --yaw 90 --frames 120 -o day.mp4"], "gallery/day.mp4"),
+     ["refield relight scene.rfield --day --latitude 65 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
     ("A bar of light", "The experiment of the paper: a white bar moves over the monitor.",
-     ["refield relight scene.rfield --bar 0.125 --frames 120 -o bar.mp4"], "gallery/bar.mp4"),
+     ["refield relight scene.rfield --bar 0.125 --frames 60 --fps 15 -o bar.mp4"], "gallery/bar.mp4"),
     ("Precomputed transport", "Meshes with soft and hard shadows and interreflection, from a moving camera during a day.",
      ["refield simulate prt datasets_synthetic/prt/small.toml -o small.rfield",
-      "refield relight small.rfield --day --yaw 30 --turntable --frames 90 --size 400x300 -o turntable.mp4"],
+      "refield relight small.rfield --day --yaw 30 --turntable --frames 60 --fps 15 --size 400x300 -o turntable.mp4"],
      "gallery/turntable.mp4"),
     ("Moving objects and lights", "Objects, area lights and the camera move; the materials are glossy.",
      [], "images/dynamic-room.mp4"),
@@ -289,36 +289,53 @@ def cpp_pages(sources, work):
 # ---- Python
 
 
+def from_numpydoc(text):
+    """A docstring of NumPy's convention as Markdown."""
+    parts = re.split(r"^(\w[\w ]*)\n-{3,}\n", text, flags=re.M)
+    lines = [parts[0].strip(), ""]
+    for heading, content in zip(parts[1::2], parts[2::2]):
+        lines += [f"**{heading}**", ""]
+        if heading == "Examples":
+            lines += ["```python", content.strip(), "```", ""]
+        elif re.search(r"^\S.*\n {2,}\S", content, flags=re.M):
+            for name, description in re.findall(r"^(\S.*)\n((?:(?: .*)?(?:\n|$))*)", content, flags=re.M):
+                paragraphs = [" ".join(paragraph.split()) for paragraph in re.split(r"\n\s*\n", description)]
+                description = "\n\n    ".join(paragraph for paragraph in paragraphs if paragraph)
+                lines += [f"`{name.strip()}`", f":   {description or '–'}", ""]
+        else:
+            lines += [content.strip(), ""]
+    return "\n".join(lines)
+
+
 def python_page(sources, folder):
     """The module's docstrings."""
     sys.path.insert(0, folder)
     module = importlib.import_module("refield")
-    lines = ["# Python module", "", inspect.getdoc(module) or "", ""]
+    lines = ["# Python module", "", from_numpydoc(inspect.getdoc(module) or ""), ""]
 
-    def entry(name, value, level):
-        text = inspect.getdoc(value) or ""
-        try:
-            signature = str(inspect.signature(value))
-        except (TypeError, ValueError):
-            # pybind11 writes the signature as the first line.
-            first, _, rest = text.partition("\n")
-            signature, text = (first[first.index("("):], rest.strip()) if "(" in first and name in first else ("", text)
-        lines.extend([f"{'#' * level} {name}", "", "```python", name + signature, "```", ""])
-        lines.extend(["```text", text, "```", ""] if "----" in text else [text, ""])
-
-    names = getattr(module, "__all__", None) or [n for n in dir(module) if not n.startswith("_")]
-    for name in names:
-        value = getattr(module, name)
+    def add(name, value, level):
+        lines.extend([f"{'#' * level} {name.removeprefix('refield.')}", ""])
+        if not isinstance(value, property):
+            try:
+                lines.extend(["```python", name + str(inspect.signature(value)), "```", ""])
+            except (TypeError, ValueError):
+                pass  # written in C, without a signature
+        lines.extend([from_numpydoc(inspect.getdoc(value) or ""), ""])
         if inspect.isclass(value):
-            lines.extend([f"## {name}", "", inspect.getdoc(value) or "", ""])
-            for member, item in sorted(vars(value).items()):
-                if not member.startswith("_") and (callable(item) or isinstance(item, (property, staticmethod, classmethod))):
-                    if isinstance(item, property):
-                        lines.extend([f"### {name}.{member}", "", inspect.getdoc(item) or "", ""])
-                    else:
-                        entry(f"{name}.{member}", getattr(value, member), 3)
-        elif callable(value):
-            entry(name, value, 2)
+            for member, item in vars(value).items():
+                if not member.startswith("_") and (isinstance(item, (property, staticmethod, classmethod)) or callable(item)):
+                    add(f"{name}.{member}", item if isinstance(item, property) else getattr(value, member), level + 1)
+
+    def add_all(module, names):
+        for name in names:
+            value = getattr(module, name)
+            if inspect.ismodule(value):
+                lines.extend([f"## {value.__name__}", "", from_numpydoc(inspect.getdoc(value) or ""), ""])
+                add_all(value, getattr(value, "__all__", [n for n in dir(value) if not n.startswith("_")]))
+            elif callable(value):
+                add(f"{module.__name__}.{name}", value, 2)
+
+    add_all(module, getattr(module, "__all__", [n for n in dir(module) if not n.startswith("_")]))
     sources.write("reference/python.md", "\n".join(lines))
 
 
@@ -441,7 +458,7 @@ def build(settings, work):
         if 'class="md-search"' in text:
             text = text.replace('role="dialog"', 'role="dialog" aria-label="Search"')
             text = text.replace('class="md-search__scrollwrap"', 'class="md-search__scrollwrap" tabindex="0"')
-            page.write_text(re.sub(r"(<pre>(?:<span></span>)?<code)>", r'\1 tabindex="0">', text), encoding="utf-8")
+            page.write_text(text.replace("<pre><", '<pre tabindex="0"><'), encoding="utf-8")
 
 
 if __name__ == "__main__":
