@@ -9,6 +9,7 @@
 #include <cmath>
 #include <thread>
 
+#include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
 #include "acquire/devices/v4l2_stream.h"
 #include "core/base/errors.h"
@@ -121,7 +122,7 @@ constexpr int max_restarts_in_a_row = 3;
 constexpr Seconds look_again{0.25};  // for an unplugged camera
 constexpr Seconds usual_interval{1.0 / 30.0};
 
-TimePoint monotonic_now() {
+TimePoint v4l2_now() {
   return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
 }
 
@@ -132,7 +133,7 @@ MonotonicClock::duration rounded_up(Seconds s) {
 /// The best format for measuring of those that the camera offers and this program reads.
 std::uint32_t best_format(const V4l2Device& device) {
   const auto offered = formats_of(device);
-  for (const V4l2Format& format : v4l2_formats())
+  for (const PixelFormat& format : v4l2_formats())
     if (std::ranges::find(offered, format.fourcc, &V4l2FormatInfo::fourcc) != offered.end())
       return format.fourcc;
   std::string names;
@@ -162,9 +163,9 @@ struct V4l2Camera::State {
   RunContext run;
   V4l2Identity identity;
   std::unique_ptr<OpenCamera> open;
-  V4l2Format format{};
+  PixelFormat format{};
   FrameWindow window;
-  V4l2CameraTroubles troubles;
+  CameraTroubles troubles;
 
   Seconds exposure{0};         // in effect from settings_made on, as read back
   Seconds exposure_before{0};  // may still be in effect for a while after
@@ -261,7 +262,7 @@ struct V4l2Camera::State {
       const std::int64_t made = open->settings.set(*control, std::llround(wanted_gain * options.unit_gain));
       gain = static_cast<double>(made) / options.unit_gain;
     }
-    settings_made = monotonic_now();
+    settings_made = v4l2_now();
   }
 
   void check_settings(Seconds wanted, double wanted_gain) const {
@@ -335,8 +336,8 @@ struct V4l2Camera::State {
       return RawFrame{window.width,
                       window.height,
                       format.layout,
-                      unpack_v4l2(filled.bytes, format, stream.width, stream.height, stream.bytes_per_line,
-                                  window, {stream.bt709, stream.full_range}, identity.node.string()),
+                      unpack_frame(filled.bytes, format, stream.width, stream.height, stream.bytes_per_line,
+                                   window, {stream.bt709, stream.full_range}, identity.node.string()),
                       start_of_exposure(filled),
                       exposure,
                       gain,
@@ -392,7 +393,7 @@ CameraDescription V4l2Camera::describe() const {
   return state_->describe();
 }
 
-const V4l2CameraTroubles& V4l2Camera::troubles() const {
+const CameraTroubles& V4l2Camera::troubles() const {
   return state_->troubles;
 }
 

@@ -8,9 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "acquire/camera.h"
+#include "acquire/devices/tethered_camera.h"
 #include "acquire/devices/v4l2_device.h"
-#include "acquire/devices/v4l2_formats.h"
 #include "core/base/run_context.h"
 
 namespace refield {
@@ -44,26 +43,13 @@ class V4l2Settings {
   std::optional<V4l2ControlInfo> exposure_, gain_;
 };
 
-struct V4l2CameraOptions {
-  std::string device;  ///< node, bus or card name, see find_v4l2_camera()
-  std::string format;  ///< "RGGB"; empty: the one that is best for measuring
-  int width = 0;       ///< 0: what the driver is set to
+/// `device` is a node, bus or card name, see find_v4l2_camera(); `format` a code such as "RGGB". Without
+/// `unit_gain` the gain control stays as it is, and only gain 1 is taken.
+struct V4l2CameraOptions : CameraOptions {
+  int width = 0;  ///< 0: what the driver is set to
   int height = 0;
-  double rate = 0.0;                             ///< frames per second; 0: what the driver is set to
-  std::optional<FrameWindow> window;             ///< part of the frame to keep; the whole without it
   std::map<std::string, std::int64_t> controls;  ///< by v4l2-ctl's names; all are read back
-  /// Value of the gain control that stands for gain 1; other gains are multiples of it. 0: the gain control
-  /// stays as it is, and only gain 1 is taken.
-  double unit_gain = 0.0;
-  Seconds fixed_exposure{0};    ///< of a camera without an exposure control
-  Seconds replug_patience{30};  ///< how long an unplugged camera is waited for
-};
-
-/// What went wrong on the way and was mended; frames in it are lost, never wrong.
-struct V4l2CameraTroubles {
-  std::uint64_t damaged = 0;   ///< frames that the driver marked as damaged, or that were torn
-  std::uint64_t restarts = 0;  ///< streaming broke and was started anew
-  std::uint64_t replugs = 0;   ///< the camera was gone and came back
+  Seconds fixed_exposure{0};                     ///< of a camera without an exposure control
 };
 
 /// A camera through Linux's V4L2, with memory-mapped streaming.
@@ -72,7 +58,7 @@ struct V4l2CameraTroubles {
 /// frame is taken to have read it out for a whole frame interval, after the longest exposure that may have
 /// been in effect. Sequence numbers go on across restarts and replugging. Damaged frames, frames handed over
 /// twice and the first frames after a start are left out.
-class V4l2Camera final : public Camera {
+class V4l2Camera final : public TetheredCamera {
  public:
   /// Throws InputError for options that the camera cannot do, DeviceError when it refuses. `run` receives
   /// notes about damaged frames and an unplugged camera, and stops waiting.
@@ -85,7 +71,7 @@ class V4l2Camera final : public Camera {
   /// time, or when stamps are not of the monotonic clock.
   RawFrame next_frame(Seconds timeout) override;
 
-  const V4l2CameraTroubles& troubles() const;
+  const CameraTroubles& troubles() const override;
 
  private:
   struct State;

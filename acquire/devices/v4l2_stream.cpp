@@ -9,7 +9,7 @@
 #include <cerrno>
 #include <cmath>
 
-#include "acquire/devices/v4l2_formats.h"
+#include "acquire/devices/pixel_formats.h"
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 

@@ -4,9 +4,10 @@
 #include <nlohmann/json.hpp>
 
 #include "acquire/devices/drm_device.h"
+#include "acquire/devices/genicam_camera.h"
 #include "acquire/devices/gpio_trigger.h"
+#include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
-#include "acquire/devices/v4l2_formats.h"
 #include "acquire/devices/window_monitor.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -56,6 +57,34 @@ ordered_json cameras() {
                       {"controls", controls}});
     } catch (const DeviceError&) {  // unplugged meanwhile
     }
+  return list;
+}
+
+/// null where there is no support for them.
+ordered_json genicam_cameras() {
+  if (!has_genicam()) return nullptr;
+  ordered_json list = ordered_json::array();
+  for (const GenicamIdentity& camera : find_genicam_cameras()) {
+    ordered_json entry = {{"device", "genicam:" + camera.serial},
+                          {"vendor", camera.vendor},
+                          {"model", camera.model},
+                          {"serial", camera.serial},
+                          {"address", camera.address},
+                          {"protocol", camera.protocol}};
+    try {
+      const GenicamAbilities abilities = abilities_of(camera);
+      ordered_json formats = ordered_json::array(), features = ordered_json::array();
+      for (const std::string& format : abilities.formats)
+        formats.push_back({{"format", format}, {"supported", find_genicam_format(format).has_value()}});
+      for (const GenicamFeature& feature : abilities.features)
+        features.push_back({{"name", feature.name}, {"value", feature.value}, {"limits", feature.limits}});
+      entry["formats"] = formats;
+      entry["features"] = features;
+    } catch (const DeviceError& error) {
+      entry["error"] = error.what();
+    }
+    list.push_back(entry);
+  }
   return list;
 }
 
@@ -129,10 +158,33 @@ void print_control(const ordered_json& control) {
   std::printf("\n");
 }
 
+void print_genicam(const ordered_json& camera) {
+  std::printf("Camera %s: %s %s, %s at %s\n", word(camera["device"]).c_str(), word(camera["vendor"]).c_str(),
+              word(camera["model"]).c_str(), word(camera["protocol"]).c_str(),
+              word(camera["address"]).c_str());
+  if (camera.contains("error")) {
+    std::printf("  %s\n", word(camera["error"]).c_str());
+    return;
+  }
+  std::printf("  formats (default: the raw format with the most bits):");
+  for (const auto& format : camera["formats"])
+    std::printf(" %s%s", word(format["format"]).c_str(),
+                format["supported"].get<bool>() ? "" : " (not supported by refield)");
+  std::printf("\n  features:\n");
+  for (const auto& feature : camera["features"])
+    std::printf("    %-24s %s  (%s)\n", word(feature["name"]).c_str(), word(feature["value"]).c_str(),
+                word(feature["limits"]).c_str());
+}
+
 void print(const ordered_json& devices) {
-  if (devices["cameras"].empty())
+  if (devices["genicam_cameras"].is_null())
+    std::printf("Support for GenICam cameras is not built in (it needs Aravis 0.8).\n");
+  for (const auto& camera : devices["genicam_cameras"]) print_genicam(camera);
+  if (devices["cameras"].empty() && devices["genicam_cameras"].empty())
     std::printf(
-        "No camera was found. Check that it is connected and that you may open /dev/video* (group video).\n");
+        "No camera was found. Check that it is connected and that you may open /dev/video* (group video); of "
+        "a "
+        "GenICam camera, that its address is of the computer's network (docs/guide/genicam.md).\n");
   for (const auto& camera : devices["cameras"]) {
     std::printf("Camera %s: %s at %s, driver %s\n  formats (default: the raw format with the most bits):\n",
                 word(camera["node"]).c_str(), word(camera["card"]).c_str(), word(camera["bus"]).c_str(),
@@ -175,12 +227,14 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
       group.add_subcommand("devices",
                            "List cameras, monitors, displays and GPIO chips with their modes.\n"
                            "\n"
-                           "Prints cameras (V4L2) with formats, sizes, rates and controls, monitors (KMS) "
-                           "with modes, the displays of the desktop and GPIO chips, with the names that "
+                           "Prints cameras (V4L2) with formats, sizes, rates and controls, GenICam cameras "
+                           "with formats and features, monitors (KMS) with modes, the displays of the "
+                           "desktop and GPIO chips, with the names that "
                            "session files use (docs/reference/devices.md). Changes nothing.");
   verb->callback([&common, &action] {
     action = [&common] {
       const ordered_json devices = {{"cameras", cameras()},
+                                    {"genicam_cameras", genicam_cameras()},
                                     {"monitors", monitors()},
                                     {"window_displays", window_displays_of_desktop()},
                                     {"gpio_chips", gpio_chips()}};

@@ -30,11 +30,21 @@ struct RunOptions {
 /// again.
 std::string rig_text(const SessionFile& session, const CameraDescription& camera,
                      const IlluminatorDescription& monitor) {
-  std::string text = "camera " + camera.name + " " + session.camera.format;
-  if (session.camera.window)
-    text += " window " + std::to_string(session.camera.window->x) + "," +
-            std::to_string(session.camera.window->y);
-  for (const auto& [name, value] : session.camera.controls) text += " " + name + "=" + std::to_string(value);
+  const auto text_of = [](const auto& value) {
+    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
+      return value;
+    else
+      return std::to_string(value);
+  };
+  std::string text = "camera " + camera.name + " ";
+  std::visit(
+      [&](const auto& options) {
+        text += options.format;
+        if (options.window)
+          text += " window " + std::to_string(options.window->x) + "," + std::to_string(options.window->y);
+        for (const auto& [name, value] : options.controls) text += " " + name + "=" + text_of(value);
+      },
+      session.camera);
   text += "; monitor " + monitor.name;
   return text + (session.trigger ? "; trigger " + session.trigger->trigger.text() : "");
 }
@@ -127,7 +137,7 @@ void run_session(const RunOptions& options, const Common& common) {
     until->attach(request);
   }
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());
-  const V4l2CameraTroubles& troubles = rig.camera().troubles();
+  const CameraTroubles& troubles = rig.camera().troubles();
   if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
     tell("the camera delivered " + std::to_string(troubles.damaged) +
          " damaged frames, restarted its stream " + std::to_string(troubles.restarts) +

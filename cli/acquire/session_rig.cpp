@@ -29,20 +29,41 @@ void read_pattern(ConfigSection& section, const std::string& key, const fs::path
   if (!path.empty()) pattern = path;
 }
 
-void read_camera(ConfigSection section, V4l2CameraOptions& camera) {
-  section.require("device");
-  section.text("device", camera.device);
+/// The keys that all cameras have; `section` knows of no others yet.
+void read_camera_options(ConfigSection& section, CameraOptions& camera) {
   section.text("format", camera.format);
-  section.integer("width", camera.width, 1, max_pixels);
-  section.integer("height", camera.height, 1, max_pixels);
   section.number("rate", camera.rate, 0.01, 10'000.0);
   std::vector<int> window(4, 0);
   section.integers("window", window, 0, max_pixels);
   if (section.has("window")) camera.window = FrameWindow{window[0], window[1], window[2], window[3]};
   section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
-  section.seconds("fixed_exposure", camera.fixed_exposure, Seconds(1), 1e-6, 3600.0);
   section.seconds("replug_patience", camera.replug_patience, Seconds(1), 0.0, 86'400.0);
+}
+
+std::variant<V4l2CameraOptions, GenicamCameraOptions> read_camera(ConfigSection section,
+                                                                  ConfigSection controls) {
+  const std::string genicam = "genicam:";
+  std::string device;
+  section.require("device");
+  section.text("device", device);
+  if (device.starts_with(genicam)) {
+    GenicamCameraOptions camera;
+    camera.device = device.substr(genicam.size());
+    read_camera_options(section, camera);
+    section.text("trigger", camera.trigger);
+    section.finish();
+    camera.controls = controls.texts();
+    return camera;
+  }
+  V4l2CameraOptions camera;
+  camera.device = device;
+  read_camera_options(section, camera);
+  section.integer("width", camera.width, 1, max_pixels);
+  section.integer("height", camera.height, 1, max_pixels);
+  section.seconds("fixed_exposure", camera.fixed_exposure, Seconds(1), 1e-6, 3600.0);
   section.finish();
+  camera.controls = controls.settings();
+  return camera;
 }
 
 void read_monitor(ConfigSection section, SessionFile& session) {
@@ -148,8 +169,7 @@ SessionFile read_session_file(const fs::path& path) {
   session.path = path;
   const fs::path folder = fs::absolute(path).parent_path();
   read_session(file.section("session"), folder, session);
-  read_camera(file.section("camera"), session.camera);
-  session.camera.controls = file.optional_section("controls").settings();
+  session.camera = read_camera(file.section("camera"), file.optional_section("controls"));
   read_monitor(file.optional_section("monitor"), session);
   if (file.has("trigger")) session.trigger = read_trigger(file.section("trigger"));
   read_lights(file.section("lights"), folder, session.lights);
@@ -165,6 +185,12 @@ RunContext run_with_notices() {
   return run;
 }
 
+std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session) {
+  if (const auto* genicam = std::get_if<GenicamCameraOptions>(&session.camera))
+    return std::make_unique<GenicamCamera>(*genicam, run_with_notices());
+  return std::make_unique<V4l2Camera>(std::get<V4l2CameraOptions>(session.camera), run_with_notices());
+}
+
 std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
   if (!session.window) return std::make_unique<DrmMonitor>(session.monitor);
   auto window = std::make_unique<WindowMonitor>(*session.window);
@@ -178,7 +204,7 @@ std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
 }  // namespace
 
 SessionRig::SessionRig(const SessionFile& session)
-    : camera_(session.camera, run_with_notices()), monitor_(monitor_of(session)) {
+    : camera_(camera_of(session)), monitor_(monitor_of(session)) {
   if (session.trigger) trigger_.emplace(*session.trigger, run_context());
 }
 

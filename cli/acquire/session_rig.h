@@ -5,9 +5,11 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "acquire/devices/drm_monitor.h"
+#include "acquire/devices/genicam_camera.h"
 #include "acquire/devices/gpio_trigger.h"
 #include "acquire/devices/v4l2_camera.h"
 #include "acquire/devices/window_monitor.h"
@@ -32,7 +34,7 @@ struct SessionFile {
   std::filesystem::path path;
   std::filesystem::path output;
   std::filesystem::path calibration;
-  V4l2CameraOptions camera;
+  std::variant<V4l2CameraOptions, GenicamCameraOptions> camera;  ///< by the prefix "genicam:"
   DrmMonitorOptions monitor;
   std::optional<WindowMonitorOptions> window;  ///< instead of `monitor`
   std::vector<MonitorPlacement> placements;    ///< where the monitor stands, one or, if it is not known, none
@@ -66,12 +68,12 @@ class SessionRig {
   /// Throws InputError for what a device cannot do, DeviceError where one is missing or refuses.
   explicit SessionRig(const SessionFile& session);
 
-  V4l2Camera& camera() { return camera_; }
+  TetheredCamera& camera() { return *camera_; }
   Illuminator& monitor() { return *monitor_; }
   Trigger* trigger() { return trigger_ ? &*trigger_ : nullptr; }
 
  private:
-  V4l2Camera camera_;
+  std::unique_ptr<TetheredCamera> camera_;
   std::unique_ptr<Illuminator> monitor_;
   std::optional<GpioTrigger> trigger_;
 };

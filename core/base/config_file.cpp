@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
 #include <optional>
 #include <sstream>
 
@@ -237,6 +238,25 @@ std::map<std::string, std::int64_t> ConfigSection::settings() {
         flag_value ? std::optional<std::int64_t>(*flag_value) : node.value_exact<std::int64_t>();
     if (!read) fail(name, "give a whole number, or true or false");
     result[name] = *read;
+  }
+  return result;
+}
+
+std::map<std::string, std::string> ConfigSection::texts() {
+  std::map<std::string, std::string> result;
+  for (const auto& [key, node] : table_of(table_)) {
+    const std::string name(key.str());
+    known_.insert(name);
+    if (const auto text = node.value_exact<std::string>())
+      result[name] = *text;
+    else if (const auto flag_value = node.value_exact<bool>())
+      result[name] = *flag_value ? "true" : "false";
+    else if (const auto whole = node.value_exact<std::int64_t>())
+      result[name] = std::to_string(*whole);
+    else if (const auto number_value = node.value_exact<double>())
+      result[name] = (std::ostringstream() << std::setprecision(12) << *number_value).str();
+    else
+      fail(name, "give a text, a number, or true or false");
   }
   return result;
 }

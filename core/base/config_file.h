@@ -58,6 +58,8 @@ class ConfigSection {
   std::vector<ConfigSection> tables(const std::string& key);
   /// All keys of the table, each a whole number or true or false.
   std::map<std::string, std::int64_t> settings();
+  /// All keys of the table as text, each a text, a number, or true or false.
+  std::map<std::string, std::string> texts();
 
   template <class Value>
   void choice(const std::string& key, Value& value,

@@ -32,7 +32,7 @@ check_includes simulate '(core|simulate)/|acquire/(camera|illuminator|trigger)\.
 
 # Headers of other libraries stay in .cpp files, so that no stage's users depend on them.
 found=$(sources {core,acquire,estimate,include,relight,simulate}/'*.h' |
-  xargs -r grep -nE '#include <(embree|opencv|hdf5|H5|OpenImageIO|OpenEXR|toml|linux|libdrm|gpiod|xf86drm)' || true)
+  xargs -r grep -nE '#include <(embree|opencv|hdf5|H5|OpenImageIO|OpenEXR|toml|linux|arv|libdrm|gpiod|xf86drm)' || true)
 [[ -z $found ]] || complain "third-party headers belong in .cpp files:
 $found"
 

@@ -32,6 +32,25 @@ TEST_P(SessionFileMistake, IsNamedWithLineAndRemedy) {
   EXPECT_FALSE(std::filesystem::exists(folder / "out"));
 }
 
+TEST(SessionFile, GenicamCamerasHaveKeysOfTheirOwn) {
+  const auto message = [](const std::string& camera) {
+    const test::TemporaryFolder folder;
+    write_text_atomically(
+        folder / "session.toml",
+        "[session]\noutput = \"out\"\ncalibration = \"c.toml\"\n[camera]\n" + camera +
+            "\n[controls]\nGamma = 1.0\nGainAuto = \"Off\"\n[lights]\nimages = \"lights\"\n");
+    EXPECT_EQ(test::run_program({"acquire", "run", folder / "session.toml"}, folder / "log"), 2);
+    return read_text(folder / "log");
+  };
+  EXPECT_THAT(message("device = \"genicam:S1\"\ntrigger = \"Line1\"\nwidth = 640"),
+              HasSubstr("session.toml:7: [camera] width"));
+  EXPECT_THAT(message("device = \"video0\"\ntrigger = \"Line1\""),
+              HasSubstr("session.toml:6: [camera] trigger"));
+  EXPECT_THAT(message("device = \"genicam:127.0.0.99\""),
+              ::testing::AnyOf(HasSubstr("genicam:127.0.0.99: cannot be opened"),
+                               HasSubstr("built without support")));
+}
+
 constexpr const char* some_lights = "images = \"lights\"";
 INSTANTIATE_TEST_SUITE_P(
     Tables, SessionFileMistake,

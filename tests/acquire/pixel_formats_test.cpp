@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/v4l2_formats.h"
+#include "acquire/devices/pixel_formats.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -20,11 +20,11 @@ using Samples = std::vector<std::uint16_t>;
 
 Samples unpack(const Bytes& bytes, std::uint32_t fourcc, int width, int height, std::size_t bytes_per_line,
                std::optional<FrameWindow> window = std::nullopt, YuvCoding coding = {}) {
-  return unpack_v4l2(bytes, find_v4l2_format(fourcc).value(), width, height, bytes_per_line,
-                     window.value_or(FrameWindow{0, 0, width, height}), coding, "camera");
+  return unpack_frame(bytes, find_v4l2_format(fourcc).value(), width, height, bytes_per_line,
+                      window.value_or(FrameWindow{0, 0, width, height}), coding, "camera");
 }
 
-TEST(V4l2Formats, CodesAreTextAndBack) {
+TEST(PixelFormats, CodesAreTextAndBack) {
   EXPECT_EQ(fourcc_from_text("RGGB"), V4L2_PIX_FMT_SRGGB8);
   EXPECT_EQ(fourcc_from_text("Y10"), V4L2_PIX_FMT_Y10);
   EXPECT_EQ(fourcc_text(V4L2_PIX_FMT_Y10), "Y10");
@@ -33,7 +33,7 @@ TEST(V4l2Formats, CodesAreTextAndBack) {
   EXPECT_EQ(find_v4l2_format(V4L2_PIX_FMT_NV12), std::nullopt);
 }
 
-TEST(V4l2Formats, EveryCodeIsThereOnceAndTheRawOnesComeFirst) {
+TEST(PixelFormats, EveryCodeIsThereOnceAndTheRawOnesComeFirst) {
   const auto formats = v4l2_formats();
   bool raw = true;
   for (std::size_t i = 0; i < formats.size(); ++i) {
@@ -43,7 +43,7 @@ TEST(V4l2Formats, EveryCodeIsThereOnceAndTheRawOnesComeFirst) {
   }
 }
 
-TEST(V4l2Formats, BytesAndWordsWithLinePadding) {
+TEST(PixelFormats, BytesAndWordsWithLinePadding) {
   EXPECT_THAT(unpack({1, 2, 99, 3, 255, 99}, V4L2_PIX_FMT_GREY, 2, 2, 3), ElementsAre(1, 2, 3, 255));
   const Bytes words = {0x34, 0x12, 0xff, 0xff};
   EXPECT_THAT(unpack(words, V4L2_PIX_FMT_Y16, 2, 1, 4), ElementsAre(0x1234, 0xffff));
@@ -52,7 +52,44 @@ TEST(V4l2Formats, BytesAndWordsWithLinePadding) {
   EXPECT_THAT(unpack(words, V4L2_PIX_FMT_Y12, 2, 1, 4), ElementsAre(0x234, 0xfff));
 }
 
-TEST(V4l2Formats, PackedTenAndTwelveBits) {
+TEST(PixelFormats, GenicamNames) {
+  const auto check = [](const char* name, PixelLayout layout, int bits, SamplePacking packing) {
+    const auto format = find_genicam_format(name);
+    ASSERT_TRUE(format) << name;
+    EXPECT_EQ(format->layout, layout) << name;
+    EXPECT_EQ(format->bits, bits) << name;
+    EXPECT_EQ(format->packing, packing) << name;
+  };
+  check("Mono8", PixelLayout::grey, 8, SamplePacking::bytes);
+  check("Mono16", PixelLayout::grey, 16, SamplePacking::words);
+  check("BayerGB14", PixelLayout::bayer_gbrg, 14, SamplePacking::words);
+  check("BayerBG12p", PixelLayout::bayer_bggr, 12, SamplePacking::lsb_first);
+  check("BayerRG10Packed", PixelLayout::bayer_rggb, 10, SamplePacking::gige_packed);
+  check("RGB8", PixelLayout::rgb, 8, SamplePacking::bytes);
+  check("BGR8Packed", PixelLayout::rgb, 8, SamplePacking::bgr);
+  for (const char* name :
+       {"Mono1p", "Mono8Signed", "Mono8p", "Mono16p", "Mono14Packed", "YUV422_8", "Coord3D_C16", ""})
+    EXPECT_EQ(find_genicam_format(name), std::nullopt) << name;
+}
+
+TEST(PixelFormats, GenicamPackings) {
+  const auto unpack_genicam = [](const Bytes& bytes, const char* name, int width) {
+    const PixelFormat format = find_genicam_format(name).value();
+    EXPECT_EQ(line_bytes(format, width), bytes.size()) << name;
+    return unpack_frame(bytes, format, width, 1, bytes.size(), {0, 0, width, 1}, {}, "camera");
+  };
+  // Samples 0x155, 0x2aa, 0x3ff, 0x001, low bits first.
+  EXPECT_THAT(unpack_genicam({0x55, 0xa9, 0xfa, 0x7f, 0x00}, "Mono10p", 4),
+              ElementsAre(0x155, 0x2aa, 0x3ff, 0x001));
+  EXPECT_THAT(unpack_genicam({0xbc, 0x3a, 0x12}, "Mono12p", 2), ElementsAre(0xabc, 0x123));
+  EXPECT_THAT(unpack_genicam({0xff, 0x7f, 0x00, 0x00, 0xd0, 0xff, 0x8f}, "Mono14p", 4),
+              ElementsAre(0x3fff, 0x0001, 0x3d00, 0x23ff));
+  // High bytes outside, low bits between them.
+  EXPECT_THAT(unpack_genicam({0xab, 0x3c, 0x12}, "Mono12Packed", 2), ElementsAre(0xabc, 0x123));
+  EXPECT_THAT(unpack_genicam({0x55, 0x21, 0xaa}, "Mono10Packed", 2), ElementsAre(0x155, 0x2aa));
+}
+
+TEST(PixelFormats, PackedTenAndTwelveBits) {
   // Samples 0x3ff, 0x000, 0x155, 0x2aa.
   EXPECT_THAT(unpack({0xff, 0x00, 0x55, 0xaa, 0b10'01'00'11}, V4L2_PIX_FMT_Y10P, 4, 1, 5),
               ElementsAre(0x3ff, 0x000, 0x155, 0x2aa));
@@ -61,12 +98,12 @@ TEST(V4l2Formats, PackedTenAndTwelveBits) {
   EXPECT_THAT(unpack(two_lines, V4L2_PIX_FMT_SBGGR12P, 2, 2, 3), ElementsAre(0xabc, 0x123, 0xabc, 0x123));
 }
 
-TEST(V4l2Formats, ColoursInBothOrders) {
+TEST(PixelFormats, ColoursInBothOrders) {
   EXPECT_THAT(unpack({1, 2, 3}, V4L2_PIX_FMT_RGB24, 1, 1, 3), ElementsAre(1, 2, 3));
   EXPECT_THAT(unpack({1, 2, 3}, V4L2_PIX_FMT_BGR24, 1, 1, 3), ElementsAre(3, 2, 1));
 }
 
-TEST(V4l2Formats, YuyvOfKnownColours) {
+TEST(PixelFormats, YuyvOfKnownColours) {
   const auto yuyv = [](const Bytes& bytes, YuvCoding coding) {
     return unpack(bytes, V4L2_PIX_FMT_YUYV, 2, 2, 4, FrameWindow{0, 0, 2, 2}, coding);
   };
@@ -80,7 +117,7 @@ TEST(V4l2Formats, YuyvOfKnownColours) {
               ElementsAre(255, 255, 255, 0, 0, 0, 254, 0, 0, 254, 0, 0));
 }
 
-TEST(V4l2Formats, AWindowOfTheFrame) {
+TEST(PixelFormats, AWindowOfTheFrame) {
   const Bytes frame = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   EXPECT_THAT(unpack(frame, V4L2_PIX_FMT_GREY, 4, 4, 4, FrameWindow{1, 2, 2, 1}), ElementsAre(9, 10));
   EXPECT_THAT(unpack(frame, V4L2_PIX_FMT_SGBRG8, 4, 4, 4, FrameWindow{2, 2, 2, 2}),
@@ -89,7 +126,7 @@ TEST(V4l2Formats, AWindowOfTheFrame) {
   EXPECT_THROW(unpack(frame, V4L2_PIX_FMT_GREY, 4, 4, 4, FrameWindow{3, 0, 2, 1}), InputError);
 }
 
-TEST(V4l2Formats, ATornFrameIsRefused) {
+TEST(PixelFormats, ATornFrameIsRefused) {
   EXPECT_THROW(unpack({1, 2, 3}, V4L2_PIX_FMT_GREY, 2, 2, 2), DeviceError);
   EXPECT_THROW(unpack({1, 2, 3, 4}, V4L2_PIX_FMT_GREY, 2, 2, 1), DeviceError);
 }
@@ -120,7 +157,7 @@ Bytes jpeg_of(const Bytes& rgb, int width, int height) {
   return jpeg;
 }
 
-TEST(V4l2Formats, MjpegIsDecodedAndTornOnesAreRefused) {
+TEST(PixelFormats, MjpegIsDecodedAndTornOnesAreRefused) {
   constexpr int width = 32, height = 16;
   Bytes rgb;
   for (int i = 0; i < width * height; ++i) rgb.insert(rgb.end(), {200, 100, 50});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/v4l2_formats.h"
+#include "acquire/devices/pixel_formats.h"
 
 #include <jpeglib.h>
 #include <linux/videodev2.h>
@@ -82,62 +82,46 @@ using enum PixelLayout;
 using enum SamplePacking;
 
 constexpr std::array formats = {
-    V4l2Format{V4L2_PIX_FMT_SRGGB16, bayer_rggb, 16, words},
-    V4l2Format{V4L2_PIX_FMT_SGRBG16, bayer_grbg, 16, words},
-    V4l2Format{V4L2_PIX_FMT_SGBRG16, bayer_gbrg, 16, words},
-    V4l2Format{V4L2_PIX_FMT_SBGGR16, bayer_bggr, 16, words},
-    V4l2Format{V4L2_PIX_FMT_SRGGB14, bayer_rggb, 14, words},
-    V4l2Format{V4L2_PIX_FMT_SGRBG14, bayer_grbg, 14, words},
-    V4l2Format{V4L2_PIX_FMT_SGBRG14, bayer_gbrg, 14, words},
-    V4l2Format{V4L2_PIX_FMT_SBGGR14, bayer_bggr, 14, words},
-    V4l2Format{V4L2_PIX_FMT_SRGGB12, bayer_rggb, 12, words},
-    V4l2Format{V4L2_PIX_FMT_SGRBG12, bayer_grbg, 12, words},
-    V4l2Format{V4L2_PIX_FMT_SGBRG12, bayer_gbrg, 12, words},
-    V4l2Format{V4L2_PIX_FMT_SBGGR12, bayer_bggr, 12, words},
-    V4l2Format{V4L2_PIX_FMT_SRGGB12P, bayer_rggb, 12, mipi_12},
-    V4l2Format{V4L2_PIX_FMT_SGRBG12P, bayer_grbg, 12, mipi_12},
-    V4l2Format{V4L2_PIX_FMT_SGBRG12P, bayer_gbrg, 12, mipi_12},
-    V4l2Format{V4L2_PIX_FMT_SBGGR12P, bayer_bggr, 12, mipi_12},
-    V4l2Format{V4L2_PIX_FMT_SRGGB10, bayer_rggb, 10, words},
-    V4l2Format{V4L2_PIX_FMT_SGRBG10, bayer_grbg, 10, words},
-    V4l2Format{V4L2_PIX_FMT_SGBRG10, bayer_gbrg, 10, words},
-    V4l2Format{V4L2_PIX_FMT_SBGGR10, bayer_bggr, 10, words},
-    V4l2Format{V4L2_PIX_FMT_SRGGB10P, bayer_rggb, 10, mipi_10},
-    V4l2Format{V4L2_PIX_FMT_SGRBG10P, bayer_grbg, 10, mipi_10},
-    V4l2Format{V4L2_PIX_FMT_SGBRG10P, bayer_gbrg, 10, mipi_10},
-    V4l2Format{V4L2_PIX_FMT_SBGGR10P, bayer_bggr, 10, mipi_10},
-    V4l2Format{V4L2_PIX_FMT_SRGGB8, bayer_rggb, 8, bytes},
-    V4l2Format{V4L2_PIX_FMT_SGRBG8, bayer_grbg, 8, bytes},
-    V4l2Format{V4L2_PIX_FMT_SGBRG8, bayer_gbrg, 8, bytes},
-    V4l2Format{V4L2_PIX_FMT_SBGGR8, bayer_bggr, 8, bytes},
-    V4l2Format{V4L2_PIX_FMT_Y16, grey, 16, words},
-    V4l2Format{V4L2_PIX_FMT_Y14, grey, 14, words},
-    V4l2Format{V4L2_PIX_FMT_Y12, grey, 12, words},
-    V4l2Format{V4L2_PIX_FMT_Y10, grey, 10, words},
-    V4l2Format{V4L2_PIX_FMT_Y10P, grey, 10, mipi_10},
-    V4l2Format{V4L2_PIX_FMT_GREY, grey, 8, bytes},
-    V4l2Format{V4L2_PIX_FMT_RGB24, rgb, 8, bytes},
-    V4l2Format{V4L2_PIX_FMT_BGR24, rgb, 8, bgr},
-    V4l2Format{V4L2_PIX_FMT_YUYV, rgb, 8, yuyv},
-    V4l2Format{V4L2_PIX_FMT_MJPEG, rgb, 8, mjpeg},
-    V4l2Format{V4L2_PIX_FMT_JPEG, rgb, 8, mjpeg},
+    PixelFormat{V4L2_PIX_FMT_SRGGB16, bayer_rggb, 16, words},
+    PixelFormat{V4L2_PIX_FMT_SGRBG16, bayer_grbg, 16, words},
+    PixelFormat{V4L2_PIX_FMT_SGBRG16, bayer_gbrg, 16, words},
+    PixelFormat{V4L2_PIX_FMT_SBGGR16, bayer_bggr, 16, words},
+    PixelFormat{V4L2_PIX_FMT_SRGGB14, bayer_rggb, 14, words},
+    PixelFormat{V4L2_PIX_FMT_SGRBG14, bayer_grbg, 14, words},
+    PixelFormat{V4L2_PIX_FMT_SGBRG14, bayer_gbrg, 14, words},
+    PixelFormat{V4L2_PIX_FMT_SBGGR14, bayer_bggr, 14, words},
+    PixelFormat{V4L2_PIX_FMT_SRGGB12, bayer_rggb, 12, words},
+    PixelFormat{V4L2_PIX_FMT_SGRBG12, bayer_grbg, 12, words},
+    PixelFormat{V4L2_PIX_FMT_SGBRG12, bayer_gbrg, 12, words},
+    PixelFormat{V4L2_PIX_FMT_SBGGR12, bayer_bggr, 12, words},
+    PixelFormat{V4L2_PIX_FMT_SRGGB12P, bayer_rggb, 12, mipi_12},
+    PixelFormat{V4L2_PIX_FMT_SGRBG12P, bayer_grbg, 12, mipi_12},
+    PixelFormat{V4L2_PIX_FMT_SGBRG12P, bayer_gbrg, 12, mipi_12},
+    PixelFormat{V4L2_PIX_FMT_SBGGR12P, bayer_bggr, 12, mipi_12},
+    PixelFormat{V4L2_PIX_FMT_SRGGB10, bayer_rggb, 10, words},
+    PixelFormat{V4L2_PIX_FMT_SGRBG10, bayer_grbg, 10, words},
+    PixelFormat{V4L2_PIX_FMT_SGBRG10, bayer_gbrg, 10, words},
+    PixelFormat{V4L2_PIX_FMT_SBGGR10, bayer_bggr, 10, words},
+    PixelFormat{V4L2_PIX_FMT_SRGGB10P, bayer_rggb, 10, mipi_10},
+    PixelFormat{V4L2_PIX_FMT_SGRBG10P, bayer_grbg, 10, mipi_10},
+    PixelFormat{V4L2_PIX_FMT_SGBRG10P, bayer_gbrg, 10, mipi_10},
+    PixelFormat{V4L2_PIX_FMT_SBGGR10P, bayer_bggr, 10, mipi_10},
+    PixelFormat{V4L2_PIX_FMT_SRGGB8, bayer_rggb, 8, bytes},
+    PixelFormat{V4L2_PIX_FMT_SGRBG8, bayer_grbg, 8, bytes},
+    PixelFormat{V4L2_PIX_FMT_SGBRG8, bayer_gbrg, 8, bytes},
+    PixelFormat{V4L2_PIX_FMT_SBGGR8, bayer_bggr, 8, bytes},
+    PixelFormat{V4L2_PIX_FMT_Y16, grey, 16, words},
+    PixelFormat{V4L2_PIX_FMT_Y14, grey, 14, words},
+    PixelFormat{V4L2_PIX_FMT_Y12, grey, 12, words},
+    PixelFormat{V4L2_PIX_FMT_Y10, grey, 10, words},
+    PixelFormat{V4L2_PIX_FMT_Y10P, grey, 10, mipi_10},
+    PixelFormat{V4L2_PIX_FMT_GREY, grey, 8, bytes},
+    PixelFormat{V4L2_PIX_FMT_RGB24, rgb, 8, bytes},
+    PixelFormat{V4L2_PIX_FMT_BGR24, rgb, 8, bgr},
+    PixelFormat{V4L2_PIX_FMT_YUYV, rgb, 8, yuyv},
+    PixelFormat{V4L2_PIX_FMT_MJPEG, rgb, 8, mjpeg},
+    PixelFormat{V4L2_PIX_FMT_JPEG, rgb, 8, mjpeg},
 };
-
-std::size_t line_bytes(const V4l2Format& format, int width) {
-  const auto pixels = static_cast<std::size_t>(width);
-  switch (format.packing) {
-    case bytes:
-      return pixels * (format.layout == rgb ? 3 : 1);
-    case bgr:
-      return pixels * 3;
-    case mipi_10:
-      return (pixels * 10 + 7) / 8;
-    case mipi_12:
-      return (pixels * 12 + 7) / 8;
-    default:
-      return pixels * 2;
-  }
-}
 
 std::uint8_t to_byte(double value) {
   return static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0, 255.0)));
@@ -157,7 +141,7 @@ void put_rgb(double y, double cb, double cr, const YuvCoding& coding, std::uint1
 }
 
 /// Samples of pixel x of a line: one, or three of RGB.
-void unpack_pixel(Line line, const V4l2Format& format, int x, const YuvCoding& coding, std::uint16_t* out) {
+void unpack_pixel(Line line, const PixelFormat& format, int x, const YuvCoding& coding, std::uint16_t* out) {
   const auto mask = static_cast<std::uint16_t>((1u << format.bits) - 1u);
   switch (format.packing) {
     case bytes:
@@ -178,6 +162,20 @@ void unpack_pixel(Line line, const V4l2Format& format, int x, const YuvCoding& c
       *out = static_cast<std::uint16_t>(line[x / 2 * 3 + x % 2] << 4 |
                                         (line[x / 2 * 3 + 2] >> (4 * (x % 2)) & 15));
       return;
+    case lsb_first: {
+      const int first = x * format.bits, end = first + format.bits;
+      unsigned bits = 0;
+      for (int byte = first / 8; 8 * byte < end; ++byte)
+        bits |= unsigned{line[byte]} << 8 * (byte - first / 8);
+      *out = static_cast<std::uint16_t>(bits >> first % 8 & mask);
+      return;
+    }
+    case gige_packed: {
+      const int low_bits = format.bits - 8;
+      const int low = line[x / 2 * 3 + 1] >> 4 * (x % 2) & ((1 << low_bits) - 1);
+      *out = static_cast<std::uint16_t>(line[x / 2 * 3 + x % 2 * 2] << low_bits | low);
+      return;
+    }
     case bgr:
       std::reverse_copy(line + 3 * x, line + 3 * x + 3, out);
       return;
@@ -186,7 +184,7 @@ void unpack_pixel(Line line, const V4l2Format& format, int x, const YuvCoding& c
   }
 }
 
-void check_window(const FrameWindow& window, const V4l2Format& format, int width, int height) {
+void check_window(const FrameWindow& window, const PixelFormat& format, int width, int height) {
   const std::string text = "window " + std::to_string(window.x) + ", " + std::to_string(window.y) + ", " +
                            std::to_string(window.width) + ", " + std::to_string(window.height);
   if (window.x < 0 || window.y < 0 || window.width < 1 || window.height < 1 ||
@@ -200,7 +198,7 @@ void check_window(const FrameWindow& window, const V4l2Format& format, int width
 
 }  // namespace
 
-bool V4l2Format::is_raw() const {
+bool PixelFormat::is_raw() const {
   return packing != yuyv && packing != mjpeg && layout != rgb;
 }
 
@@ -223,18 +221,57 @@ std::string fourcc_text(std::uint32_t fourcc) {
   return text;
 }
 
-std::optional<V4l2Format> find_v4l2_format(std::uint32_t fourcc) {
-  const auto* found = std::ranges::find(formats, fourcc, &V4l2Format::fourcc);
+std::optional<PixelFormat> find_v4l2_format(std::uint32_t fourcc) {
+  const auto* found = std::ranges::find(formats, fourcc, &PixelFormat::fourcc);
   return found == formats.end() ? std::nullopt : std::optional(*found);
 }
 
-std::span<const V4l2Format> v4l2_formats() {
+std::span<const PixelFormat> v4l2_formats() {
   return formats;
 }
 
-Samples unpack_v4l2(std::span<const std::uint8_t> data, const V4l2Format& format, int width, int height,
-                    std::size_t bytes_per_line, const FrameWindow& window, const YuvCoding& coding,
-                    const std::string& device) {
+std::optional<PixelFormat> find_genicam_format(const std::string& name) {
+  if (name == "RGB8" || name == "RGB8Packed") return PixelFormat{0, rgb, 8, bytes};
+  if (name == "BGR8" || name == "BGR8Packed") return PixelFormat{0, rgb, 8, bgr};
+  constexpr std::pair<const char*, PixelLayout> kinds[] = {{"Mono", grey},
+                                                           {"BayerRG", bayer_rggb},
+                                                           {"BayerGR", bayer_grbg},
+                                                           {"BayerGB", bayer_gbrg},
+                                                           {"BayerBG", bayer_bggr}};
+  for (const auto& [kind, layout] : kinds)
+    for (const int bits : {8, 10, 12, 14, 16}) {
+      const std::string plain = kind + std::to_string(bits);
+      if (name == plain) return PixelFormat{0, layout, bits, bits == 8 ? bytes : words};
+      if (name == plain + "p" && bits > 8 && bits < 16) return PixelFormat{0, layout, bits, lsb_first};
+      if (name == plain + "Packed" && (bits == 10 || bits == 12))
+        return PixelFormat{0, layout, bits, gige_packed};
+    }
+  return std::nullopt;
+}
+
+std::size_t line_bytes(const PixelFormat& format, int width) {
+  const auto pixels = static_cast<std::size_t>(width);
+  switch (format.packing) {
+    case bytes:
+      return pixels * (format.layout == rgb ? 3 : 1);
+    case bgr:
+      return pixels * 3;
+    case mipi_10:
+    case lsb_first:
+      return (pixels * static_cast<std::size_t>(format.bits) + 7) / 8;
+    case mipi_12:
+    case gige_packed:
+      return (pixels * 12 + 7) / 8;
+    case mjpeg:
+      return 0;
+    default:
+      return pixels * 2;
+  }
+}
+
+Samples unpack_frame(std::span<const std::uint8_t> data, const PixelFormat& format, int width, int height,
+                     std::size_t bytes_per_line, const FrameWindow& window, const YuvCoding& coding,
+                     const std::string& device) {
   check_window(window, format, width, height);
   Samples decoded;
   if (format.packing == mjpeg) decoded = decode_jpeg_frame(data, width, height, device);

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acquire/devices/tethered_camera.h"
+#include "core/base/run_context.h"
+
+namespace refield {
+
+/// GenICam cameras (GigE Vision, USB3 Vision) through Aravis. False: this program was built without it;
+/// everything that talks to a camera then throws InputError and says so.
+bool has_genicam();
+
+struct GenicamIdentity {
+  std::string address;  ///< "192.168.0.7"; of USB cameras the id
+  std::string id, vendor, model, serial;
+  std::string protocol;  ///< "GigEVision" or "USB3Vision"
+};
+
+/// A feature of the camera's own description, by the names of the GenICam standard features (SFNC).
+struct GenicamFeature {
+  std::string name, value;
+  std::string limits;  ///< "10 to 1e+07 us", or the choices
+};
+
+/// What a camera can do.
+struct GenicamAbilities {
+  std::vector<std::string> formats;      ///< by the names of the Pixel Format Naming Convention
+  std::vector<GenicamFeature> features;  ///< those that matter for measuring
+};
+
+/// Cameras that answer within a second, in the order of their serial numbers. Empty without Aravis.
+std::vector<GenicamIdentity> find_genicam_cameras();
+
+/// Throws DeviceError when the camera cannot be reached.
+GenicamAbilities abilities_of(const GenicamIdentity& camera);
+
+/// `device` is an address, a serial number, an id or a model name. `format` is a name such as "BayerRG12p".
+/// `window` is what the sensor reads out. Where the feature Gain is in decibels, gain 1 is 0 dB; elsewhere
+/// gains need `unit_gain`, and without it the gain stays as it is and only gain 1 is taken.
+struct GenicamCameraOptions : CameraOptions {
+  std::map<std::string, std::string> controls;  ///< features by name; all are read back
+  std::string trigger;  ///< empty: the camera runs freely; "Software", or its line such as "Line1"
+};
+
+/// Maps time stamps of a camera's own clock to the host's, of which nothing is known but that no frame
+/// arrives before its exposure has ended. Arrival less exposure less stamp bounds the offset of the clocks
+/// from above; the least of all frames is kept, and raised by more than any quartz drifts, so that it follows
+/// the drift and a late arrival does not count. How long a frame is read out and sent at least is not known
+/// to it: the caller allows for it.
+class CameraClock {
+ public:
+  /// Start of the exposure of the frame with this stamp, in nanoseconds, also where the camera stamps the end
+  /// of exposures. `shortest` and `longest` are equal unless it is not certain what the exposure was.
+  TimePoint start_of(std::int64_t stamp_ns, TimePoint arrival, Seconds shortest, Seconds longest);
+
+ private:
+  std::optional<std::int64_t> offset_ns_;
+  std::int64_t last_stamp_ns_ = 0;
+  TimePoint last_arrival_{};
+};
+
+/// Consecutive numbers from frame ids, which wrap at 65535 in GigE Vision and skip 0.
+class FrameCounter {
+ public:
+  /// Returns the number of the frame with this id. Ids that go back by more than half a round begin anew.
+  std::uint64_t number_of(std::uint64_t id);
+  /// The next id may be any: the camera was started again.
+  void restart() { last_id_.reset(); }
+
+ private:
+  std::optional<std::uint64_t> last_id_;
+  std::uint64_t number_ = 0;
+};
+
+/// A GenICam camera. Whatever it would choose by itself is switched off, and every setting is read back.
+///
+/// RawFrame::exposure_start never lies after the true start of exposure, as long as the camera needs no more
+/// than a frame interval to read out and send a frame. Incomplete frames are left out: a camera that runs
+/// freely sends the next, a software trigger is sent again, and after a hardware trigger a frame with the
+/// earliest of time stamps is returned, so that whoever pulled the line does so again. An unplugged camera is
+/// waited for and gets all its settings anew; sequence numbers go on.
+class GenicamCamera final : public TetheredCamera {
+ public:
+  /// Throws InputError for options that the camera cannot do, DeviceError when it cannot be reached or
+  /// refuses. `run` receives notes and stops waiting.
+  explicit GenicamCamera(GenicamCameraOptions options, RunContext run = {});
+  ~GenicamCamera() override;
+
+  CameraDescription describe() const override;
+  TimePoint set_exposure(Seconds exposure, double gain) override;
+  RawFrame next_frame(Seconds timeout) override;
+  const CameraTroubles& troubles() const override;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace refield
