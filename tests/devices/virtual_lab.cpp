@@ -2,28 +2,20 @@
 // The laboratory between the kernel's virtual monitor and its virtual camera: reads back what the monitor
 // shows, lets the scene of a recipe answer to it and a sensor expose it, and hands the frames, late by 0 to 4
 // of them at random, to the camera. usage: virtual_lab TRUTH RECIPE CARD OUTPUT_NODE CAMERA_NODE LOG [steady]
-// LOG gets a line for each frame: checksum of its samples, checksum of the pattern shown while it was exposed
-// (or "mixed"), exposure in microseconds, time stamp. With "steady" noise follows from pattern and settings
-// alone: then two sessions under the same lights must be equal to the byte.
+// LOG and "steady" as LabScene says.
 #include <linux/videodev2.h>
 
 #include <algorithm>
-#include <bit>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
-#include <filesystem>
-#include <map>
 #include <optional>
 #include <thread>
 
-#include "acquire/capture/journal.h"
-#include "acquire/devices/v4l2_formats.h"
+#include "acquire/devices/v4l2_device.h"
 #include "core/base/errors.h"
 #include "core/base/rng.h"
-#include "core/field_io/reflectance_field_file.h"
-#include "core/image/image_io.h"
-#include "simulate/tabletop/recipe.h"
+#include "tests/devices/lab_scene.h"
 #include "tests/devices/screen_reader.h"
 #include "tests/devices/video_output.h"
 
@@ -36,11 +28,6 @@ constexpr int longest_delay = 4;                        // frames
 
 TimePoint now() {
   return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
-}
-
-template <class T>
-std::uint32_t checksum(const std::vector<T>& values) {
-  return crc32_of({reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)});
 }
 
 /// The drive levels on the screen: one of each texel's pixels, which must all be equal.
@@ -70,25 +57,15 @@ struct Frame {
   TimePoint stamp;
 };
 
-class Laboratory {
+/// The camera's controls as they stand; the last ones while it is gone.
+class CameraSettings {
  public:
-  Laboratory(const std::filesystem::path& truth, const char* recipe, const char* camera, const char* log,
-             bool steady)
-      : steady_(steady),
-        recipe_(read_recipe(recipe)),
-        transport_(read_reflectance_field(truth / "transport.rfield")),
-        ambient_(read_image(truth / "ambient.exr")),
-        camera_node_(camera),
-        log_(std::fopen(log, "w")) {}
+  explicit CameraSettings(std::string camera) : node_(std::move(camera)) {}
 
-  const LightDomain& domain() const { return transport_.basis.domain; }
-  int columns() const { return transport_.width; }
-
-  /// The camera's controls as they stand; the last ones while it is gone.
-  std::pair<Seconds, double> settings() {
+  std::pair<Seconds, double> now() {
     v4l2_control exposure{V4L2_CID_EXPOSURE_ABSOLUTE, 0}, gain{V4L2_CID_GAIN, 0};
     try {
-      if (!camera_) camera_.emplace(camera_node_);
+      if (!camera_) camera_.emplace(node_);
       camera_->call(VIDIOC_G_CTRL, &exposure, "tells no exposure");
       camera_->call(VIDIOC_G_CTRL, &gain, "tells no gain");
       settings_ = {Seconds(exposure.value * 1e-4), gain.value / 100.0};
@@ -98,58 +75,18 @@ class Laboratory {
     return settings_;
   }
 
-  /// A frame that saw `first` and then `second`.
-  Frame expose(const DriveImage& first, const DriveImage& second, TimePoint start, Seconds exposure,
-               double gain) {
-    const bool clean = first.levels == second.levels;
-    Image light = scene_under(first);
-    if (!clean) {
-      const Image& other = scene_under(second);
-      const auto share = static_cast<float>(random_.uniform());
-      for (std::size_t i = 0; i < light.values.size(); ++i)
-        light.values[i] += share * (other.values[i] - light.values[i]);
-    }
-    for (std::size_t i = 0; i < light.values.size(); ++i) light.values[i] += ambient_.values[i];
-    const std::uint64_t noise =
-        steady_ && clean ? checksum(first.levels) + std::bit_cast<std::uint64_t>(exposure.count() * gain)
-                         : random_.next();
-    Frame frame{recipe_.rig.sensor.expose(light, exposure, gain, noise), start};
-    const auto stamp = std::chrono::floor<std::chrono::microseconds>(start.time_since_epoch());
-    if (clean)
-      std::fprintf(log_, "%08x %08x %.0f %lld\n", checksum(frame.samples), checksum(first.levels),
-                   exposure.count() * 1e6, static_cast<long long>(stamp.count()));
-    else
-      std::fprintf(log_, "%08x mixed %.0f %lld\n", checksum(frame.samples), exposure.count() * 1e6,
-                   static_cast<long long>(stamp.count()));
-    std::fflush(log_);
-    return frame;
-  }
-
  private:
-  const Image& scene_under(const DriveImage& drive) {
-    const std::uint32_t key = checksum(drive.levels);
-    if (scenes_.size() > 8) scenes_.clear();
-    auto [place, is_new] = scenes_.try_emplace(key);
-    if (is_new) place->second = transport_.relight(recipe_.rig.monitor.emitted(drive));
-    return place->second;
-  }
-  bool steady_;
-  Recipe recipe_;
-  ReflectanceField transport_;
-  Image ambient_;
-  std::string camera_node_;
+  std::string node_;
   std::optional<V4l2Device> camera_;
   std::pair<Seconds, double> settings_{0.01, 1.0};
-  std::FILE* log_;
-  Rng random_{2004};
-  std::map<std::uint32_t, Image> scenes_;
 };
 
 void run(char** arguments, bool steady) {
-  Laboratory laboratory(arguments[1], arguments[2], arguments[5], arguments[6], steady);
+  LabScene scene(arguments[1], arguments[2], arguments[6], steady);
+  CameraSettings settings(arguments[5]);
   ScreenReader reader("refield", arguments[3], screen_width, screen_height);
   std::optional<VideoOutput> output;
-  const auto [width, height, parameterisation] = laboratory.domain();
+  const auto [width, height, parameterisation] = scene.domain();
   const DriveImage dark{width, height, std::vector<std::uint8_t>(std::size_t{3} * width * height)};
   const auto shown = [&] {
     const auto screen = reader.read();
@@ -163,16 +100,16 @@ void run(char** arguments, bool steady) {
   TimePoint start = now();
   DriveImage before = shown();
   while (true) {
-    const auto [exposure, gain] = laboratory.settings();
+    const auto [exposure, gain] = settings.now();
     std::this_thread::sleep_until(std::chrono::steady_clock::time_point(
         (start + std::chrono::ceil<std::chrono::nanoseconds>(exposure)).time_since_epoch()));
     const TimePoint next = now();
     DriveImage after = shown();
-    late.push_back(laboratory.expose(before, after, start, exposure, gain));
+    late.push_back({scene.expose(before, after, start, exposure, gain), start});
     const auto delay = static_cast<std::size_t>(random.uniform() * (longest_delay + 1));
     for (; late.size() > delay; late.pop_front()) try {
         if (!output) output.emplace(arguments[4], V4L2_PIX_FMT_SRGGB12, output_width, output_height);
-        output->send(late.front().samples, laboratory.columns(), late.front().stamp);
+        output->send(late.front().samples, scene.columns(), late.front().stamp);
       } catch (const DeviceError&) {  // vivid's faults strike its output, too: this frame is lost
         output.reset();
       }
