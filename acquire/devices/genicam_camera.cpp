@@ -58,8 +58,8 @@ constexpr int genicam_frames_after_start = 2;  // sensors need a frame or two to
 constexpr int genicam_buffers = 8;
 constexpr Seconds genicam_usual_interval{1.0 / 30.0};
 constexpr Seconds genicam_look_again{0.25};
-constexpr Seconds control_patience{6};  // a camera frees itself from a program that died after three seconds
-constexpr Seconds slice{0.1};           // of waiting: how soon a stop or a lost camera is noticed
+constexpr Seconds control_patience{10};  // a camera frees itself from a program that died after three seconds
+constexpr Seconds slice{0.1};            // of waiting: how soon a stop or a lost camera is noticed
 
 TimePoint genicam_now() {
   return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
@@ -221,6 +221,8 @@ class OpenGenicam {
     arv_camera_set_range_check_policy(camera(), ARV_RANGE_CHECK_POLICY_ENABLE);
     arv_camera_set_access_check_policy(camera(), ARV_ACCESS_CHECK_POLICY_ENABLE);
     g_signal_connect(arv_camera_get_device(camera()), "control-lost", G_CALLBACK(on_control_lost), &lost_);
+    // A program that died may have left it streaming, to itself.
+    arv_camera_stop_acquisition(camera(), nullptr);
     arv_camera_set_acquisition_mode(camera(), ARV_ACQUISITION_MODE_CONTINUOUS, nullptr);
     for (const auto& [feature, value] : options.controls) set_feature(feature, value);
     switch_off_automatic_modes();
