@@ -194,6 +194,21 @@ TEST(TexelRegression, SumsOfSingleLightsAreExact) {
   EXPECT_LT(error_of(field, stage, singles), float32_weights);
 }
 
+TEST(TexelRegression, SingleLightsMayBeMoreThanLightsAtOnce) {
+  constexpr int sources = max_light_cells + 44;
+  const LightStage stage(sources);
+  const Eigen::MatrixXd singles = Eigen::MatrixXd::Identity(sources, sources);
+  const auto field = estimate_stage(stage, singles, photographs_of(stage, singles, 0.0));
+  EXPECT_LT(error_of(field, stage, stage.natural_light(5, 99)), 1e-5);
+  // Of light under several sources at once, so many degrees of freedom are left to rectangles.
+  std::vector<LightMap> maps;
+  const Eigen::MatrixXd lights = stage.natural_light(40, 1);
+  for (Eigen::Index j = 0; j < lights.rows(); ++j) maps.push_back(stage.light_map(lights.row(j)));
+  const BoxTable table(maps);
+  EXPECT_GT(light_cells(table).size(), static_cast<std::size_t>(max_light_cells));
+  EXPECT_TRUE(TexelRegressions(table).cells().empty());
+}
+
 TEST(TexelRegression, IsAtLeastAsGoodAsLeastSquaresAndRidge) {
   const LightStage stage(60);
   for (const int images : {30, 100}) {
