@@ -200,7 +200,7 @@ TEST(TexelRegression, SingleLightsMayBeMoreThanLightsAtOnce) {
   const Eigen::MatrixXd singles = Eigen::MatrixXd::Identity(sources, sources);
   const auto field = estimate_stage(stage, singles, photographs_of(stage, singles, 0.0));
   EXPECT_LT(error_of(field, stage, stage.natural_light(5, 99)), 1e-5);
-  // Of light under several sources at once, so many degrees of freedom are left to rectangles.
+  // Of light under several sources at once, as many degrees of freedom are left to rectangles.
   std::vector<LightMap> maps;
   const Eigen::MatrixXd lights = stage.natural_light(40, 1);
   for (Eigen::Index j = 0; j < lights.rows(); ++j) maps.push_back(stage.light_map(lights.row(j)));
