@@ -401,6 +401,14 @@ def complaints_about(site):
             yield f"{path.relative_to(site)}: loads {url[0] or url[1]}"
 
 
+def pages_without_entry(navigation):
+    listed = yaml.safe_dump(navigation)
+    for document in sorted((root / "docs").glob("*/*.md")):
+        name = document.relative_to(root / "docs").as_posix()
+        if name not in listed:
+            yield f"docs/site/mkdocs.yml: the navigation lacks {name}"
+
+
 def main():
     if len(sys.argv) not in (4, 5):
         sys.exit(__doc__.split("\n\n")[1])
@@ -442,7 +450,7 @@ def main():
     settings.update(docs_dir=str(sources.folder), site_dir=str(site))
     settings["nav"].append({"Project": [{"Changes": "changelog.md"}, {"Contributing": "contributing.md"}]})
     build(settings, work)
-    complaints = sorted(set(complaints_about(site)))
+    complaints = sorted(set(complaints_about(site)) | set(pages_without_entry(settings["nav"])))
     print("\n".join(complaints))
     sys.exit(1 if complaints else 0)
 
