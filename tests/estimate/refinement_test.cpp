@@ -126,5 +126,30 @@ TEST_F(Refine, RefusesWhatDoesNotBelongTogether) {
   EXPECT_THAT(message_of(session_, refining()), AllOf(HasSubstr("5×4"), HasSubstr("18×14")));
 }
 
+/// Photographs of single light sources determine a weight each: there is no search to save, and the result is
+/// that of a fresh start.
+TEST(RefineLightStage, NewLightSourcesGiveTheWeightsOfAFreshStart) {
+  const test::TemporaryFolder folder;
+  constexpr int sources = 24, known = 15;
+  std::vector<LightMap> lights(sources, LightMap{Image(16, 12, 3), Parameterisation::monitor});
+  for (int k = 0; k < sources; ++k)
+    for (int c = 0; c < 3; ++c) lights[static_cast<std::size_t>(k)].radiance.at(k * 5 % 16, k / 2, c) = 1.0f;
+  const auto truth =
+      test::field_of_boxes(9, 7, lights[0].domain(), {{0, 0, 8, 6}, {4, 0, 8, 12}, {1, 7, 3, 11}}, 9);
+  const CaptureSession session = test::write_capture(folder / "session", truth, lights, 0.0);
+  CaptureSession first = session;
+  first.frames.resize(known);
+  EstimateOptions options;
+  estimate_to_file(first, options, folder / "old.rfield", false);
+  const auto fresh = estimate_field(session, options);
+  options.refine = folder / "old.rfield";
+  const auto refined = estimate_field(session, options);
+  EXPECT_EQ(refined.transfer.weight, fresh.transfer.weight);
+  EXPECT_EQ(refined.transfer.column, fresh.transfer.column);
+  EXPECT_EQ(read_reflectance_field(folder / "old.rfield").observed_light.size(),
+            static_cast<std::size_t>(known));
+  EXPECT_EQ(refined.observed_light.size(), static_cast<std::size_t>(sources));
+}
+
 }  // namespace
 }  // namespace refield
