@@ -80,11 +80,11 @@ class FrameCounter {
 
 /// A GenICam camera. Whatever it would choose by itself is switched off, and every setting is read back.
 ///
-/// RawFrame::exposure_start never lies after the true start of exposure, as long as the camera needs no more
-/// than a frame interval to read out and send a frame. Incomplete frames are left out: a camera that runs
-/// freely sends the next, a software trigger is sent again, and after a hardware trigger a frame with the
-/// earliest of time stamps is returned, so that whoever pulled the line does so again. An unplugged camera is
-/// waited for and gets all its settings anew; sequence numbers go on.
+/// RawFrame::exposure_start never lies after the true start of exposure, as long as no more than a frame
+/// interval, or 20 ms where that is longer, passes until a frame is read out, sent and noticed. Incomplete
+/// frames are left out: a camera that runs freely sends the next, a software trigger is sent again, and after
+/// a hardware trigger a frame with the earliest of time stamps is returned, so that whoever pulled the line
+/// does so again. An unplugged camera is waited for and gets all its settings anew; sequence numbers go on.
 class GenicamCamera final : public TetheredCamera {
  public:
   /// Throws InputError for options that the camera cannot do, DeviceError when it cannot be reached or
