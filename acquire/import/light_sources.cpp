@@ -352,7 +352,9 @@ void place_sources(LightStage& stage) {
     for (std::size_t a = 0; a < b; ++a)
       if (degrees_between(stage.sources[a], stage.sources[b]) < same)
         refuse_pair(stage, stage.sources[a], stage.sources[b]);
-  constexpr int lowest = 32, highest = 512;  // 5.6° and 0.35° per texel
+  // 1.4° and 0.35° per texel. Directions are rounded to texels: at 5.6°, the error of interpolation between
+  // the 96 sources of a light stage 6° apart was 26 % larger than with the exact directions, at 1.4° 4 %.
+  constexpr int lowest = 128, highest = 512;
   auto shared = sources_in_one_texel(stage, lowest);
   for (int height = 2 * lowest; shared && height <= highest; height *= 2)
     shared = sources_in_one_texel(stage, height);
@@ -392,7 +394,9 @@ LightStage read_light_stage(const fs::path& file, const std::optional<Eigen::Vec
 Image light_map_of(const LightStage& stage, std::size_t source) {
   Image map(stage.domain.width, stage.domain.height, 3);
   const LightSource& lit = stage.sources.at(source);
-  for (int c = 0; c < 3; ++c) map.at(lit.column, lit.row, c) = lit.intensity[static_cast<std::size_t>(c)];
+  const double solid_angle = lat_long_solid_angle(lit.row, stage.domain.width, stage.domain.height);
+  for (std::size_t c = 0; c < 3; ++c)
+    map.at(lit.column, lit.row, static_cast<int>(c)) = static_cast<float>(lit.intensity[c] / solid_angle);
   return map;
 }
 

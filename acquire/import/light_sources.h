@@ -18,7 +18,7 @@ struct LightSource {
   int line = 0;               ///< of the list, for messages
   std::string photograph;     ///< file name, without folder; empty where the list has no names
   Eigen::Vector3d direction;  ///< towards the source, unit length, in the axes of lat-long maps
-  /// R, G, B, relative, positive: of the irradiance at the object
+  /// R, G, B, positive: of the irradiance of a surface at the object that faces the source, in any unit
   std::array<float, 3> intensity = {1.0f, 1.0f, 1.0f};
   int column = 0, row = 0;  ///< its texel
 };
@@ -46,11 +46,11 @@ struct LightStage {
 LightStage read_light_stage(const std::filesystem::path& file,
                             const std::optional<Eigen::Vector3d>& object = {});
 
-/// Gives each source a texel of its own, in the map with the smallest height of 32, 64, … 512 texels, and
-/// twice the width, at which that is possible. Throws InputError naming two sources that are too close.
+/// Gives each source a texel of its own, in the map with the smallest height of 128, 256 or 512 texels,
+/// and twice the width, at which that is possible. Throws InputError naming two sources that are too close.
 void place_sources(LightStage& stage);
 
-/// Light map of one source: black but for its texel, which holds its intensity.
+/// Light map of one source: black but for its texel, whose radiance × solid angle is the intensity.
 Image light_map_of(const LightStage& stage, std::size_t source);
 
 }  // namespace refield

@@ -51,6 +51,11 @@ Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, i
   return {turn * width, theta / std::numbers::pi * height};
 }
 
+double lat_long_solid_angle(int row, int width, int height) {
+  const double step = std::numbers::pi / height;
+  return 2.0 * std::numbers::pi / width * (std::cos(step * row) - std::cos(step * (row + 1)));
+}
+
 Eigen::Matrix3d cube_face_axes(int face) {
   Eigen::Matrix3d axes;
   switch (face) {

@@ -92,6 +92,9 @@ Eigen::Vector3d lat_long_direction(double column, double row, int width, int hei
 /// Inverse of lat_long_direction: (column, row) of a unit direction, column in [0, width).
 Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, int height);
 
+/// Solid angle of each texel in `row` of a lat-long map, in steradians.
+double lat_long_solid_angle(int row, int width, int height);
+
 /// Axes of a cube map's face (0 to 5), as rows: where its columns grow to, opposite to where its rows grow
 /// to, and what its middle looks at. Someone inside sees faces +X −X +Z −Z upright; he who looks up from +Z
 /// sees +Y with −Z at its top edge, he who looks down sees −Y with +Z at its top edge. With u, v from −1 to 1

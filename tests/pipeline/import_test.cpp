@@ -276,13 +276,16 @@ TEST(ImportLightStage, SumsOfLightSourcesAreRelitFromPhotographsUnderSingleOnes)
   ASSERT_EQ(run_program({"estimate", folder / "session", "-o", folder / "scene.rfield"}, log), 0)
       << read_text(log);
 
-  // White light of three of the sources, placed in the map by the axes of docs/reference/conventions.md.
+  // Irradiance 1 from three of the sources, placed in the map by the axes of docs/reference/conventions.md.
   const LightDomain domain = read_capture_session(folder / "session").light;
   Image light(domain.width, domain.height, 3), expected(16, 12, 3);
   for (const int source : {2, 9, 20}) {
     const Eigen::Vector3d& d = directions[static_cast<std::size_t>(source)];
     const Eigen::Vector2d at = lat_long_position({d.x(), d.y(), -d.z()}, domain.width, domain.height);
-    for (int c = 0; c < 3; ++c) light.at(static_cast<int>(at.x()), static_cast<int>(at.y()), c) = 1.0f;
+    const auto row = static_cast<int>(at.y());
+    const double solid_angle = lat_long_solid_angle(row, domain.width, domain.height);
+    for (int c = 0; c < 3; ++c)
+      light.at(static_cast<int>(at.x()), row, c) = static_cast<float>(1.0 / solid_angle);
     const Image alone = lit_sphere(d);
     for (std::size_t k = 0; k < alone.values.size(); ++k) expected.values[k] += alone.values[k];
   }
@@ -370,6 +373,15 @@ TEST(ImportLightStage, NearSourcesBracketsAmbientLightAndFlatFields) {
   import_to("falling", {});
   const CaptureSession flat = read_capture_session(folder / "flat"),
                        falling = read_capture_session(folder / "falling");
+  /// The largest radiance × solid angle of a texel.
+  const auto irradiance_of = [](const CaptureFrame& frame) {
+    const Image light = read_light_map(frame.illumination, Parameterisation::lat_long, {}).radiance;
+    double largest = 0.0;
+    for (int y = 0; y < light.height; ++y)
+      largest = std::max(largest, *std::ranges::max_element(light.row(y)) *
+                                      lat_long_solid_angle(y, light.width, light.height));
+    return largest;
+  };
   double mean = 0.0;
   for (const Eigen::Vector3d& place : places) mean += (place - Eigen::Vector3d(0, 0, 100)).norm() / sources;
   for (std::size_t i = 0; i < sources; ++i) {
@@ -378,12 +390,9 @@ TEST(ImportLightStage, NearSourcesBracketsAmbientLightAndFlatFields) {
       const float expected = reflection(static_cast<int>(i), x);
       EXPECT_NEAR(observed.at(x, 3, 1), expected, rounding * expected);
     }
-    const Image light = read_light_map(flat.frames[i].illumination, Parameterisation::lat_long, {}).radiance;
-    EXPECT_EQ(*std::ranges::max_element(light.values), 1.0f);
+    EXPECT_NEAR(irradiance_of(flat.frames[i]), 1.0, 1e-6);
     // Without cards the light map holds the fall-off.
-    const Image weakened =
-        read_light_map(falling.frames[i].illumination, Parameterisation::lat_long, {}).radiance;
-    const double brightness = *std::ranges::max_element(weakened.values);
+    const double brightness = irradiance_of(falling.frames[i]);
     EXPECT_NEAR(brightness, std::pow(mean / (places[i] - Eigen::Vector3d(0, 0, 100)).norm(), 2), 1e-5);
     EXPECT_NEAR(read_observed(falling.frames[i]).radiance.at(0, 3, 1) / brightness,
                 5.1e4 / (mean * mean) * reflection(static_cast<int>(i), 0), rounding);

@@ -56,11 +56,11 @@ TEST_F(LightList, NamesAndAxesOfAnRtiList) {
   // Towards the camera is against the viewing direction, which is +Z of a lat-long map.
   EXPECT_TRUE(stage.sources[2].direction.isApprox(Eigen::Vector3d(0, 0, -1)));
   EXPECT_TRUE(stage.sources[3].direction.isApprox(Eigen::Vector3d(0.6, 0, 0.8)));
-  EXPECT_EQ(stage.domain, (LightDomain{64, 32, Parameterisation::lat_long}));
-  EXPECT_EQ(stage.sources[0].column, 48);  // +X, a quarter right of the centre column
+  EXPECT_EQ(stage.domain, (LightDomain{256, 128, Parameterisation::lat_long}));
+  EXPECT_EQ(stage.sources[0].column, 192);  // +X, a quarter right of the centre column
   EXPECT_EQ(stage.sources[1].row, 0);
   EXPECT_EQ(stage.sources[2].column, 0);  // −Z, the left edge
-  EXPECT_EQ(stage.sources[2].row, 16);
+  EXPECT_EQ(stage.sources[2].row, 64);
 }
 
 TEST_F(LightList, DirectionsWithNamesAndIntensities) {
@@ -70,10 +70,11 @@ TEST_F(LightList, DirectionsWithNamesAndIntensities) {
   ASSERT_EQ(stage.sources.size(), 2U);
   EXPECT_EQ(stage.sources[1].photograph, "002.png");
   const Image map = light_map_of(stage, 0);
-  double sum = 0.0;
-  for (const float value : map.values) sum += value;
-  EXPECT_EQ(sum, 6.0);  // nothing but the three channels of one texel
-  EXPECT_EQ(map.at(stage.sources[0].column, stage.sources[0].row, 2), 2.5f);
+  EXPECT_EQ(std::ranges::count_if(map.values, [](float value) { return value != 0.0f; }), 3)
+      << "the channels of one texel";
+  // The texel's irradiance on a surface that faces the source; its solid angle is (2π/256) · (π/128) · sin θ.
+  const double solid_angle = 2.0 * M_PI / 256.0 * M_PI / 128.0 * 0.8;  // of the direction (0, 0.6, 0.8)
+  EXPECT_NEAR(solid_angle * map.at(stage.sources[0].column, stage.sources[0].row, 2), 2.5, 0.03);
   EXPECT_EQ(stage.sources[1].intensity, (std::array<float, 3>{3.0f, 3.0f, 3.0f}));
   write("light_intensities.txt", "1.5 2 2.5\n0 1 1\n");
   EXPECT_THAT(message_of([&] { read_light_stage(folder_ / "light_directions.txt"); }),
@@ -92,7 +93,7 @@ TEST_F(LightList, TheMapIsLargeEnoughForOneTexelPerSource) {
             std::to_string(r * std::sin(angle)) + " " + std::to_string(z) + "\n";
   }
   for (const auto& [list, lowest] :
-       {std::pair<std::string, int>(text, 32), {"2\na 0.01 0.01 1\nb 0.03 0.03 1\n", 128}}) {
+       {std::pair<std::string, int>(text, 128), {"2\na 0.001 0.001 1\nb 0.01 0.01 1\n", 256}}) {
     const LightStage stage = read_light_stage(write("dome.lp", list));
     EXPECT_GE(stage.domain.height, lowest);
     EXPECT_EQ(stage.domain.width, 2 * stage.domain.height);
@@ -244,9 +245,9 @@ TEST_F(LightStageImport, MakesASessionOfOneLitTexelPerPhotograph) {
               AllOf(Contains(AllOf(HasSubstr("photographs without a light source, which were left out: 1"),
                                    HasSubstr("mask.png"))),
                     Contains(HasSubstr("do not state their exposure times")),
-                    Contains(HasSubstr("lat-long maps of 64×32"))));
+                    Contains(HasSubstr("lat-long maps of 256×128"))));
   const CaptureSession session = read_capture_session(folder_ / "session");
-  EXPECT_EQ(session.light, (LightDomain{64, 32, Parameterisation::lat_long}));
+  EXPECT_EQ(session.light, (LightDomain{256, 128, Parameterisation::lat_long}));
   ASSERT_EQ(session.frames.size(), 4U);
   for (int i = 0; i < sources; ++i) {
     const CaptureFrame& frame = session.frames[static_cast<std::size_t>(i)];
