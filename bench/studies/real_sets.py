@@ -20,6 +20,8 @@ light sources.
 Writes light/ and observed/ (pairs by name: train_*, natural_*, bar_*, single_*) and mask.png, runs `refield estimate`
 and prints the relative RMSE of each kind of light inside the mask, median over pixels, beside least squares, ridge
 regression (parameter per pixel and channel by leave-one-out) and non-negative least squares over the lit texels.
+With --leave-one-out it prints the errors of interpolation between the light sources instead: each source is predicted from
+the others by PTM, hemispherical harmonics, radial basis functions, Delaunay weights and refield.
 Needs numpy, scipy and the Python module of OpenImageIO.
 """
 import argparse
@@ -299,6 +301,184 @@ def relight(program, folder, field, kind, count, shape):
     return numpy.array([read_rgb(output / f"{kind}_{number:04}.exr").reshape(-1, 3) for number in range(count)])
 
 
+# ---- interpolation between light sources: weights [tests, sources] of the sources at directions `at`, from directions of
+# sources `to`. Plane: the first two components of a direction, as in Malzbender et al. 2001.
+
+
+def fitted_weights(functions, to, at):
+    """Least squares of functions of the direction."""
+    return functions(at) @ numpy.linalg.pinv(functions(to))
+
+
+def ptm_terms(d):
+    u, v = d[:, 0], d[:, 1]
+    return numpy.column_stack([u * u, v * v, u * v, u, v, numpy.ones(len(d))])
+
+
+def hsh_terms(d, order):
+    """Hemispherical harmonics: spherical ones with the cosine of the angle from the axis stretched from 0..1 to -1..1."""
+    from scipy.special import lpmv
+    cosine, azimuth = 2.0 * numpy.clip(d[:, 2], 0.0, 1.0) - 1.0, numpy.arctan2(d[:, 1], d[:, 0])
+    terms = []
+    for l in range(order):
+        for m in range(-l, l + 1):
+            scale = math.sqrt((2 * l + 1) * math.factorial(l - abs(m)) / (2 * math.pi * math.factorial(l + abs(m))))
+            around = 1.0 if m == 0 else math.sqrt(2.0) * (numpy.cos(m * azimuth) if m > 0 else numpy.sin(-m * azimuth))
+            terms.append(scale * lpmv(abs(m), l, cosine) * around)
+    return numpy.column_stack(terms)
+
+
+def rbf_weights(kernel, dimensions, to, at):
+    from scipy.interpolate import RBFInterpolator
+    return RBFInterpolator(to[:, :dimensions], numpy.eye(len(to)), kernel=kernel)(at[:, :dimensions])
+
+
+def delaunay_weights(to, at):
+    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+    weights = LinearNDInterpolator(to[:, :2], numpy.eye(len(to)))(at[:, :2])
+    outside = numpy.isnan(weights).any(axis=1)
+    weights[outside] = NearestNDInterpolator(to[:, :2], numpy.eye(len(to)))(at[outside, :2])
+    return weights
+
+
+INTERPOLATORS = {
+    "PTM": functools.partial(fitted_weights, ptm_terms),
+    **{f"HSH {n * n} terms": functools.partial(fitted_weights, functools.partial(hsh_terms, order=n)) for n in (2, 3, 4, 5)},
+    **{f"RBF {kernel}": functools.partial(rbf_weights, kernel, 2) for kernel in ("linear", "thin_plate_spline", "cubic")},
+    "RBF linear, sphere": functools.partial(rbf_weights, "linear", 3),
+    "Delaunay": delaunay_weights,
+}
+
+
+def texel_directions(directions, height):
+    """The middles of the sources' texels in a lat-long map, as `refield acquire import` places them; y is up."""
+    d = directions / numpy.linalg.norm(directions, axis=1, keepdims=True)
+    columns = numpy.floor(numpy.arctan2(-d[:, 0], d[:, 2]) / (2 * math.pi) % 1.0 * 2 * height).astype(int)
+    rows = numpy.floor(numpy.arccos(numpy.clip(d[:, 1], -1, 1)) / math.pi * height).astype(int)
+    phi, theta = (columns + 0.5) / height * math.pi, (rows + 0.5) / height * math.pi
+    middle = numpy.column_stack([-numpy.sin(theta) * numpy.sin(phi), numpy.cos(theta), numpy.sin(theta) * numpy.cos(phi)])
+    return middle, columns, rows
+
+
+def matern_mixture(chords, length, share, fine_length):
+    def matern(x):
+        return (1.0 + math.sqrt(3.0) * x) * numpy.exp(-math.sqrt(3.0) * x)
+    return (1.0 - share) * matern(chords / length) + share * matern(chords / fine_length)
+
+
+def chords_of(a, b):
+    return numpy.sqrt(numpy.maximum(2.0 - 2.0 * a @ b.T, 0.0))
+
+
+def gaussian_process(sources, directions):
+    """The interpolation of refield (core/field/light_interpolation.h) in numpy: its lengths and share."""
+    chords = chords_of(directions, directions)
+    numpy.fill_diagonal(chords, 0.0)
+    spacing = numpy.sort((chords + 2.0 * numpy.eye(len(chords))).min(axis=1))[len(chords) // 2]
+    responses = sources / numpy.sqrt(numpy.maximum(numpy.sum(sources**2, axis=(0, 2), keepdims=True), 1e-30))
+    responses = responses[:, :300].reshape(len(chords), -1)
+    best = (math.inf, None)
+    for length in (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4):
+        for share in (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1):
+            covariance = matern_mixture(chords, length, share, 0.25 * spacing) + 1e-9 * numpy.eye(len(chords))
+            inverse = numpy.linalg.inv(covariance)
+            residuals = (inverse @ responses / numpy.diag(inverse)[:, None]).reshape(len(chords), -1, 3)
+            error = numpy.log(numpy.maximum(numpy.sum(residuals**2, axis=(0, 2)), 1e-12)).mean()
+            best = min(best, (error, (length, share, 0.25 * spacing)))
+    return best[1]
+
+
+def gaussian_process_weights(parameters, to, at):
+    covariance = matern_mixture(chords_of(to, to), *parameters) + 1e-9 * numpy.eye(len(to))
+    return numpy.linalg.solve(covariance, matern_mixture(chords_of(to, at), *parameters)).T
+
+
+def left_out(weights_of, sources, directions):
+    """Pictures of each source from all others."""
+    predicted = numpy.empty_like(sources)
+    for source in range(len(directions)):
+        others = numpy.arange(len(directions)) != source
+        weights = weights_of(directions[others], directions[source:source + 1])[0]
+        predicted[source] = numpy.einsum("l,lpc->pc", weights, sources[others])
+    return predicted
+
+
+def check_interpolators():
+    """On a plane that faces the light, lit by n·l: every method that knows linear functions is exact."""
+    rng = numpy.random.default_rng(0)
+    directions = numpy.column_stack([rng.uniform(-0.5, 0.5, (60, 2)), numpy.ones(60)])
+    directions /= numpy.linalg.norm(directions, axis=1, keepdims=True)
+    normals = numpy.array([[0.0, 0.0, 1.0], [0.3, -0.2, 0.9]])
+    shading = (directions @ normals.T)[..., None].repeat(3, axis=2)
+    parameters = gaussian_process(shading, directions)
+    bounds = {"PTM": 0.01, "HSH 4 terms": 0.2, "Delaunay": 0.03}
+    for name, weights_of in INTERPOLATORS.items() | {"refield": functools.partial(gaussian_process_weights, parameters)}.items():
+        error = numpy.median(errors(left_out(weights_of, shading, directions), shading))
+        if not error < bounds.get(name, 0.02):
+            sys.exit(f"{name}: the error on a Lambertian plane is {error:.4f}")
+    for name, weights_of in INTERPOLATORS.items():
+        if name[:3] in ("RBF", "Del") and not numpy.allclose(weights_of(directions, directions), numpy.eye(60), atol=1e-6):
+            sys.exit(f"{name}: is not exact at the light sources")
+
+
+def print_left_out(options):
+    """Leave-one-source-out errors of all interpolations; with --program, refield itself on every --every-th source."""
+    check_interpolators()
+    photographs, directions, mask = SETS[options.set](options.data)
+    height = 128
+    directions, columns, rows = texel_directions(directions, height)
+    y, x = numpy.nonzero(mask)
+    chosen = numpy.random.default_rng(options.seed).permutation(len(y))[:options.pixels]
+    sources = numpy.array([photograph[y[chosen], x[chosen]] for photograph in photographs], float)
+    print(f"{options.set}: {len(directions)} sources, {len(chosen)} pixels", flush=True)
+    predictions = {name: left_out(weights_of, sources, directions) for name, weights_of in INTERPOLATORS.items()}
+    parameters = gaussian_process(sources, directions)
+    predictions["refield"] = left_out(functools.partial(gaussian_process_weights, parameters), sources, directions)
+    for name, predicted in predictions.items():
+        error = errors(predicted, sources)
+        print(f"{name:22} median {numpy.median(error):.4f}  90th percentile {numpy.percentile(error, 90):.4f}", flush=True)
+    print("length {:.3g}, fine share {:.3g}, fine length {:.3g}".format(*parameters))
+    if not options.program:
+        return
+    shape = (-1, min(len(chosen), 50))
+    picked = numpy.arange(0, len(directions), options.every)
+    shown = []
+    angle = 2 * math.pi / (2 * height) * (numpy.cos(math.pi * rows / height) - numpy.cos(math.pi * (rows + 1) / height))
+    folder = options.output
+    for name in ("all", "observed"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    pixels = len(chosen) // shape[1] * shape[1]
+    for source in range(len(directions)):
+        light = numpy.zeros((height, 2 * height, 3), numpy.float32)
+        light[rows[source], columns[source]] = 1.0 / angle[source]
+        write_image(folder / "all" / f"{source:04}.exr", light)
+        write_image(folder / "observed" / f"{source:04}.exr", sources[source, :pixels].reshape(*shape, 3).astype(numpy.float32))
+    for source in picked:
+        others = folder / "others"
+        others.mkdir(exist_ok=True)
+        for old in others.iterdir():
+            old.unlink()
+        for other in range(len(directions)):
+            if other != source:
+                (others / f"{other:04}.exr").symlink_to((folder / "all" / f"{other:04}.exr").resolve())
+        kept = folder / "kept"
+        kept.mkdir(exist_ok=True)
+        for old in kept.iterdir():
+            old.unlink()
+        for other in range(len(directions)):
+            if other != source:
+                (kept / f"{other:04}.exr").symlink_to((folder / "observed" / f"{other:04}.exr").resolve())
+        field = folder / "left_out.rfield"
+        subprocess.run([options.program, "estimate", "--light", f"{others}/*.exr", "--observed", f"{kept}/*.exr",
+                        "--parameterisation", "lat_long", "-o", field, "--force"], check=True, capture_output=True)
+        subprocess.run([options.program, "relight", field, "--light", folder / "all" / f"{source:04}.exr", "-o",
+                        folder / "shown.exr"], check=True, capture_output=True)
+        shown.append(read_rgb(folder / "shown.exr").reshape(-1, 3))
+    truth = sources[picked, :pixels]
+    print(f"{len(picked)} sources only: program {numpy.median(errors(numpy.array(shown), truth)):.4f}, "
+          f"numpy {numpy.median(errors(predictions['refield'][picked, :pixels], truth)):.4f}")
+
+
 def print_truncated(options, sources, light):
     """Errors of the exact weights [sources, pixels, 3] after a truncated singular value decomposition."""
     left, values, right = numpy.linalg.svd(sources.reshape(len(sources), -1), full_matrices=False)
@@ -325,11 +505,17 @@ def main():
     parser.add_argument("--stride", type=int, default=1, help="measure every n-th pixel of every n-th row, before --crop (default: 1)")
     parser.add_argument("--keep-sources", type=int, default=0, help="use the first light sources only; 0: all (default: 0)")
     parser.add_argument("--methods", default="least squares,ridge,NNLS", help="other methods (default: all)")
+    parser.add_argument("--leave-one-out", action="store_true",
+                        help="print the errors of interpolation between light sources, and nothing else")
+    parser.add_argument("--pixels", type=int, default=1000, help="of the mask, for --leave-one-out (default: 1000)")
+    parser.add_argument("--every", type=int, default=16, help="sources that --leave-one-out leaves out of the program's field (default: each 16th)")
     parser.add_argument("--ranks", help="print the errors of exact weights truncated to these ranks, and nothing else")
     parser.add_argument("--check", type=float, help="fail if an error of refield exceeds the best other one this many times")
     parser.add_argument("--json", type=pathlib.Path, help="file for the figures")
     options = parser.parse_args()
 
+    if options.leave_one_out:
+        return print_left_out(options)
     mask, texels, sources, light, truth, noisy = build(options)
     if options.ranks:
         return print_truncated(options, sources[:, mask.reshape(-1)], light)
