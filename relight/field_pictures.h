@@ -40,8 +40,8 @@ class FieldPictures {
   /// Throws InputError when the light does not fit the field, and for an environment where box_sums_suffice()
   /// does not hold.
   Image picture(const SceneLight& light, std::size_t frame, const RunContext& run = {}) const;
-  /// See FieldOutline::unobserved_share().
-  double unobserved_share(const LightMap& light) const { return field_->unobserved_share(light.radiance); }
+  /// See FieldOutline::light_shares().
+  LightShares light_shares(const LightMap& light) const { return field_->light_shares(light.radiance); }
   /// [pixels]: the part of each pixel that the mesh covers, whose radiance the picture holds; empty for a
   /// captured field, which covers all.
   std::vector<float> coverage(std::size_t frame) const;

@@ -32,6 +32,12 @@ const Image& radiance_of(const SceneLight& light) {
   return map ? map->radiance : std::get<TurnedEnvironment>(light).environment->map().radiance;
 }
 
+void raise_to(std::atomic<double>& largest, double value) {
+  double before = largest;
+  while (value > before && !largest.compare_exchange_weak(before, value)) {
+  }
+}
+
 /// A picture divided by its coverage [pixels], the radiance of the covered part; zero where there is none.
 Image unpremultiplied(Image image, std::span<const float> coverage) {
   for (std::size_t p = 0; p < coverage.size(); ++p)
@@ -71,10 +77,9 @@ Image MeteredPictures::make(std::size_t i, const RunContext& run) const {
   run.throw_if_stopped();
   const SceneLight light = lights_[i]();
   if (const auto* map = std::get_if<LightMap>(&light)) {
-    const double share = field_.unobserved_share(*map);
-    double largest = unobserved_;
-    while (share > largest && !unobserved_.compare_exchange_weak(largest, share)) {
-    }
+    const LightShares shares = field_.light_shares(*map);
+    raise_to(interpolated_, shares.interpolated);
+    raise_to(unobserved_, shares.unobserved);
   }
   Image image = field_.picture(light, i, run);
   if (!std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) {
@@ -158,7 +163,7 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
     progress.advance();
   });
   ExposureReport report;
-  report.unobserved = pictures.unobserved();
+  report.light_shares = pictures.light_shares();
   if (pngs == 0) return report;
   report.factors = shared ? std::vector{*shared} : std::move(factors);
   report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) / static_cast<double>(pngs);

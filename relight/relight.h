@@ -39,7 +39,7 @@ struct ExposureReport {
   /// Share of the pixels that show light and are clipped in some channel, mean over the pictures; 0 for
   /// automatic exposures, which clip fewer than 1 %.
   double clipped = 0.0;
-  double unobserved = 0.0;  ///< FieldOutline::unobserved_share() of the picture where it is largest
+  LightShares light_shares;  ///< FieldOutline::light_shares(), each of the picture where it is largest
 };
 
 /// Relights `field` for each job and writes the images, several at a time, with progress. A file appears when
@@ -59,8 +59,8 @@ class MeteredPictures {
   double sequence_exposure(const RunContext& run);
   /// Picture i. Throws InputError where a pixel is not finite.
   Image take(std::size_t i, const RunContext& run);
-  /// Largest share of a light so far that the field does not know, see FieldOutline::unobserved_share().
-  double unobserved() const { return unobserved_; }
+  /// FieldOutline::light_shares() so far, each of the light where it is largest.
+  LightShares light_shares() const { return {interpolated_, unobserved_}; }
 
  private:
   Image make(std::size_t i, const RunContext& run) const;
@@ -69,7 +69,7 @@ class MeteredPictures {
   std::vector<LightSource> lights_;
   std::string name_;
   std::map<std::size_t, Image> kept_;
-  mutable std::atomic<double> unobserved_ = 0.0;
+  mutable std::atomic<double> interpolated_ = 0.0, unobserved_ = 0.0;
 };
 
 }  // namespace refield

@@ -177,7 +177,7 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   require_domain(light, domain_);
   if (!changed.inside(domain_.width, domain_.height))
     throw InputError("the changed part of the light reaches outside the light map");
-  if (light_.empty() || ++updates_ >= refresh_period) return relight(light);
+  if (light_.empty() || ++updates_ >= refresh_period || !smooth_.weighs_texels_alone()) return relight(light);
   Image difference = take_change(light, changed);
   if (moved_light_ > max_moved_light * total_light_) return relight(light);
   if (smooth_.weighs()) smooth_.weigh(difference, changed);

@@ -252,7 +252,7 @@ ExposureReport relight_to_video(const FieldPictures& field, const std::vector<Li
                                              tbb::make_filter<std::size_t, void>(in_order, encode));
     video.finish();
   });
-  report.unobserved = pictures.unobserved();
+  report.light_shares = pictures.light_shares();
   report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) /
                    static_cast<double>(std::max<std::size_t>(clipped.size(), 1));
   return report;

@@ -171,12 +171,18 @@ void print_exposures(std::span<const std::string> files, std::span<const double>
   }
 }
 
-void warn_of_unobserved_light(double share) {
-  if (share > 0.01)
+void warn_of_unobserved_light(const LightShares& shares) {
+  if (shares.interpolated > 0.01)
+    std::fprintf(stderr,
+                 "refield: note: %.0f %% of the light comes from directions between the light sources of the "
+                 "capture; its effect is interpolated\n",
+                 100.0 * shares.interpolated);
+  if (shares.unobserved > 0.01)
     std::fprintf(stderr,
                  "refield: warning: %.0f %% of the light comes from texels that were black in all training "
-                 "light maps; the field does not contain its effect\n",
-                 100.0 * share);
+                 "light maps%s; the field does not contain its effect\n",
+                 100.0 * shares.unobserved,
+                 shares.interpolated > 0.0 ? ", far from all light sources of the capture" : "");
 }
 
 void warn_of_clipping(double clipped_share) {

@@ -33,7 +33,7 @@ CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure
 void print_exposures(std::span<const std::string> files, std::span<const double> exposures);
 
 /// Warns on standard error where more than 1 % of the light has an effect that the field does not know.
-void warn_of_unobserved_light(double share);
+void warn_of_unobserved_light(const LightShares& shares);
 /// Warns on standard error where more than half of the pixels that show light are clipped.
 void warn_of_clipping(double clipped_share);
 

@@ -112,11 +112,13 @@ void relight(const RelightOptions& options, const Common& common) {
   const Written written =
       is_video ? write_video(options, field, series) : write_images(options, field, series);
   warn_of_clipping(written.exposure.clipped);
-  warn_of_unobserved_light(written.exposure.unobserved);
+  warn_of_unobserved_light(written.exposure.light_shares);
   if (common.json) {
     nlohmann::ordered_json figures{{is_video ? "videos" : "images", written.files}};
     if (!written.exposure.factors.empty()) figures["exposures"] = written.exposure.factors;
-    if (written.exposure.unobserved > 0.0) figures["unobserved_light"] = written.exposure.unobserved;
+    const LightShares& shares = written.exposure.light_shares;
+    if (shares.interpolated > 0.0) figures["interpolated_light"] = shares.interpolated;
+    if (shares.unobserved > 0.0) figures["unobserved_light"] = shares.unobserved;
     if (series.seen) figures["seen_by_monitor"] = series.seen->json();
     std::printf("%s\n", json_text(figures, 2).c_str());
     return;

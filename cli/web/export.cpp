@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -90,6 +91,7 @@ PackedField pack(const ReflectanceField& field, const RunContext& run) {
   packed.height = field.height;
   packed.basis.domain = domain;
   packed.basis.hats = field.basis.hats;
+  packed.basis.interpolation = field.basis.interpolation;
   const auto number = renumbered(field, packed.basis.boxes);
   const SparseTransfer& transfer = field.transfer;
   packed.exponent = SharedExponent::for_largest(
@@ -332,6 +334,16 @@ ExportReport export_page(const ReflectanceField& field, const std::string& title
   data.add("boxes", corners_of(packed.basis.boxes), run);
   auto described = description(packed, title, report.exposure);
   described["light"]["window"] = window_of(field);
+  if (const auto& of = packed.basis.interpolation) {
+    auto& interpolation = described["interpolation"];
+    interpolation = {{"length", of->length},
+                     {"fineShare", of->fine_share},
+                     {"fineLength", of->fine_length},
+                     {"reach", of->reach},
+                     {"sources", nlohmann::ordered_json::array()}};
+    for (const Box& box : of->sources)
+      interpolation["sources"].push_back(std::array{box.x0, box.y0, box.x1, box.y1});
+  }
   described["maps"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();

@@ -102,6 +102,87 @@ const light = (() => {
     return result;
   }
 
+  /// Moves light onto the sources of a light stage, as LightInterpolator of core/field/light_interpolation.h.
+  class Interpolator {
+    constructor({width, height}, {sources, length, fineShare, fineLength, reach}) {
+      this.size = {width, height};
+      this.sources = sources;
+      const directionOf = (column, row) => {
+        const phi = 2 * Math.PI * column / width, theta = Math.PI * row / height;
+        return [-Math.sin(theta) * Math.sin(phi), Math.cos(theta), -Math.sin(theta) * Math.cos(phi)];
+      };
+      const matern = (x) => (1 + x) * Math.exp(-x);
+      const covariance = (chord) =>
+          (1 - fineShare) * matern(Math.sqrt(3) / length * chord) + fineShare * matern(Math.sqrt(3) / fineLength * chord);
+      const chordOf = (a, b) => Math.sqrt(Math.max(2 - 2 * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]), 0));
+      const middles = sources.map(([x0, y0, x1, y1]) => directionOf((x0 + x1) / 2, (y0 + y1) / 2)), n = middles.length;
+      this.angles = Array.from({length: height}, (_, y) =>
+          2 * Math.PI / width * (Math.cos(Math.PI * y / height) - Math.cos(Math.PI * (y + 1) / height)));
+      this.isSource = new Uint8Array(width * height);
+      for (const [x0, y0, x1, y1] of sources)
+        for (let y = y0; y < y1; ++y) this.isSource.fill(1, y * width + x0, y * width + x1);
+      this.factor = Interpolator.factorised(n, (i, j) => covariance(chordOf(middles[i], middles[j])) + (i === j ? 1e-9 : 0));
+      // Of each texel, its covariance with the sources times its solid angle and its nearness; nothing for texels far away.
+      this.weights = Array.from({length: width * height}, (_, texel) => {
+        if (this.isSource[texel]) return null;
+        const direction = directionOf(texel % width + 0.5, Math.floor(texel / width) + 0.5);
+        const chords = middles.map((middle) => chordOf(middle, direction));
+        const near = Math.min(1, 3 - 2 * Math.min(...chords) / reach);
+        if (near <= 0) return null;
+        const factor = near * this.angles[Math.floor(texel / width)];
+        return Float32Array.from(chords, (chord) => factor * covariance(chord));
+      });
+    }
+
+    /// Cholesky factor, row by row.
+    static factorised(n, at) {
+      const factor = new Float64Array(n * n);
+      for (let i = 0; i < n; ++i)
+        for (let j = 0; j <= i; ++j) {
+          let sum = at(i, j);
+          for (let k = 0; k < j; ++k) sum -= factor[i * n + k] * factor[j * n + k];
+          factor[i * n + j] = i === j ? Math.sqrt(sum) : sum / factor[j * n + j];
+        }
+      return factor;
+    }
+
+    solve(values) {
+      const n = values.length, factor = this.factor;
+      for (let i = 0; i < n; ++i) {
+        for (let k = 0; k < i; ++k) values[i] -= factor[i * n + k] * values[k];
+        values[i] /= factor[i * n + i];
+      }
+      for (let i = n - 1; i >= 0; --i) {
+        for (let k = i + 1; k < n; ++k) values[i] -= factor[k * n + i] * values[k];
+        values[i] /= factor[i * n + i];
+      }
+      return values;
+    }
+
+    /// A map that is black outside the sources and gives the same picture.
+    gathered(map) {
+      const n = this.sources.length, {width, height} = this.size, result = black(width, height);
+      const sums = [0, 1, 2].map(() => new Float64Array(n));
+      for (let texel = 0; texel < width * height; ++texel) {
+        const weights = this.weights[texel], at = 3 * texel;
+        if (this.isSource[texel]) for (let c = 0; c < 3; ++c) result.values[at + c] = map.values[at + c];
+        if (!weights) continue;
+        for (let c = 0; c < 3; ++c) {
+          const radiance = map.values[at + c];
+          if (radiance !== 0) for (let i = 0; i < n; ++i) sums[c][i] += radiance * weights[i];
+        }
+      }
+      sums.forEach((sum, c) => this.solve(sum).forEach((irradiance, i) => {
+        const [x0, y0, x1, y1] = this.sources[i];
+        let angle = 0;
+        for (let y = y0; y < y1; ++y) angle += (x1 - x0) * this.angles[y];
+        for (let y = y0; y < y1; ++y)
+          for (let x = x0; x < x1; ++x) result.values[(y * width + x) * 3 + c] += irradiance / angle;
+      }));
+      return result;
+    }
+  }
+
   /// Sums of a light over each kernel of a field (Crow 1984), in double as the program does: the sum over a small box is a
   /// small difference of large numbers.
   class Projector {
@@ -112,6 +193,7 @@ const light = (() => {
       this.table = new Float64Array((field.light.width + 1) * (field.light.height + 1) * 3);
       const rows = Math.ceil((this.hatCount + this.boxCount) / Projector.width) || 1;
       this.coefficients = new Float32Array(rows * Projector.width * 4);
+      if (field.interpolation) this.interpolator = new Interpolator(field.light, field.interpolation);
     }
 
     fillTable(map) {
@@ -163,6 +245,7 @@ const light = (() => {
 
     /// [rows × Projector.width × 4], kernel after kernel; the fourth value is unused. Valid until the next call.
     project(map) {
+      if (this.interpolator) map = this.interpolator.gathered(map);
       this.fillTable(map);
       this.projectBoxes();
       if (this.hatCount > 0) this.projectHats(map);

@@ -274,9 +274,12 @@ SmoothProjector::SmoothProjector(const LightBasis& basis)
     : domain_(basis.domain), hats_(basis.hats), count_(basis.smooth()) {
   if (basis.measure == Measure::solid_angle) solid_angles_ = cube_solid_angles(domain_.width);
   if (basis.harmonics.order > 0) harmonics_.emplace(basis.harmonics, domain_);
+  if (basis.interpolation)
+    interpolator_ = std::make_shared<const LightInterpolator>(*basis.interpolation, domain_);
 }
 
 void SmoothProjector::weigh(Image& part, const Box& within) const {
+  if (interpolator_) return interpolator_->gather(part);
   const int side = domain_.width;
   tbb::parallel_for(0, part.height, [&](int row) {
     const float* angle = solid_angles_.data() +

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
+#include "core/field/light_interpolation.h"
 #include "core/image/image.h"
 #include "core/light/harmonics.h"
 #include "core/light/light_map.h"
@@ -73,6 +75,8 @@ struct LightBasis {
   std::vector<Box> boxes;
   Measure measure = Measure::texels;
   HarmonicKernels harmonics = {};  ///< with Measure::solid_angle alone
+  /// How light on texels that were black in all training lights counts; without it, as it stands.
+  std::optional<LightInterpolation> interpolation = {};
 
   /// Hats and harmonics.
   std::size_t smooth() const { return static_cast<std::size_t>(hats.count()) + harmonics.count(); }
@@ -87,8 +91,9 @@ struct LightBasis {
   /// The rectangle outside which a kernel is zero.
   Box support(std::size_t kernel) const;
 
-  /// Coefficients [size × 3]: the sum of the light's texel values, by `measure`, over each kernel, R_k · L of
-  /// eq. 4. Throws InputError when the light's size or parameterisation differs from the domain.
+  /// Coefficients [size × 3]: the sum of the light's texel values, by `measure` and `interpolation`, over
+  /// each kernel, R_k · L of eq. 4. Throws InputError when the light's size or parameterisation differs from
+  /// the domain.
   std::vector<float> project(const LightMap& light) const;
 };
 
@@ -98,7 +103,9 @@ class SmoothProjector {
   explicit SmoothProjector(const LightBasis& basis);
 
   std::size_t count() const { return count_; }
-  bool weighs() const { return !solid_angles_.empty(); }
+  bool weighs() const { return !solid_angles_.empty() || interpolator_; }
+  /// Whether weigh() changes each texel on its own, so that it may be applied to a part of the domain.
+  bool weighs_texels_alone() const { return !interpolator_; }
   /// Replaces radiance by what coefficients sum: `part` holds the rectangle `within` of the domain.
   void weigh(Image& part, const Box& within) const;
   /// Coefficients [count × 3] of light that is zero outside `within`, weighed already.
@@ -110,6 +117,7 @@ class SmoothProjector {
   std::size_t count_;
   std::vector<float> solid_angles_;  // of a cube map's face
   std::optional<HarmonicTable> harmonics_;
+  std::shared_ptr<const LightInterpolator> interpolator_;
 };
 
 }  // namespace refield

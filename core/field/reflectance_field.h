@@ -65,9 +65,9 @@ struct FieldOutline {
   /// inputs give equal files.
   std::string provenance = "{}";
 
-  /// Share of the energy of `radiance`, a light map of the basis' domain, that is outside observed_light: its
-  /// sum over texels and channels. 0 where observed_light is empty.
-  double unobserved_share(const Image& radiance) const;
+  /// Of the energy of `radiance`, a light map of the basis' domain: what comes from outside observed_light. 0
+  /// where observed_light is empty. Without interpolation, energy is the sum over texels and channels.
+  LightShares light_shares(const Image& radiance) const;
 };
 
 /// How a scene turns incident light into pixels: B = T L with T = transfer · basis (Matusik et al. 2004, eqs.
@@ -75,6 +75,9 @@ struct FieldOutline {
 /// row.
 struct ReflectanceField : FieldOutline {
   SparseTransfer transfer;
+
+  /// Sets basis.interpolation from observed_light and up to 300 pixels, where can_interpolate().
+  void fit_interpolation();
 
   /// The scene under `light`, [height × width × 3]. Throws InputError when the light does not fit the basis'
   /// domain.

@@ -34,6 +34,7 @@ constexpr std::array data_set_names = {
     "basis/boxes",
     "basis/monitors",
     "basis/observed_light",
+    "basis/interpolation",
     "transfer/row_start",
     "transfer/column",
     "transfer/weight",
@@ -55,6 +56,7 @@ constexpr const char* boxes_name = "basis/boxes";
 constexpr const char* monitors_name = "basis/monitors";
 constexpr std::size_t numbers_of_a_monitor = 8;
 constexpr const char* observed_name = "basis/observed_light";
+constexpr const char* interpolation_name = "basis/interpolation";
 
 void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
   std::vector<double> numbers;
@@ -158,6 +160,10 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
   writer.text("provenance", field.provenance);
   write_boxes(writer, boxes_name, field.basis.boxes);
   if (!field.observed_light.empty()) write_boxes(writer, observed_name, field.observed_light);
+  if (const auto& of = field.basis.interpolation) {
+    const std::array numbers = {of->length, of->fine_share, of->fine_length, of->reach};
+    writer.dataset(interpolation_name, numbers.data(), {1, numbers.size()});
+  }
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
   write_precomputed(writer, field);
 }
@@ -289,6 +295,14 @@ FieldOutline read_outline(const Hdf5Values& values) {
     for (const Box& box : field.observed_light) area += box.area();
     if (area > std::int64_t{field.basis.domain.width} * field.basis.domain.height)
       values.fail(std::string(observed_name) + " has rectangles that overlap");
+  }
+  if (values.has(interpolation_name)) {
+    const auto numbers = values.dataset<double>(interpolation_name, 4);
+    if (numbers.size() != 4) values.fail(std::string(interpolation_name) + " is not one row of 4 numbers");
+    const auto& of = field.basis.interpolation.emplace(
+        LightInterpolation{field.observed_light, numbers[0], numbers[1], numbers[2], numbers[3]});
+    if (const std::string fault = of.fault(field.basis.domain); !fault.empty())
+      values.fail(std::string(interpolation_name) + " " + fault);
   }
   return field;
 }

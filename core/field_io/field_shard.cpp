@@ -90,6 +90,7 @@ class Joiner {
   /// Errors are predicted now that all rows are there, as a run over all of them does at its end.
   ReflectanceField take() {
     predict_errors(whole_, error_evidence_);
+    whole_.fit_interpolation();
     return std::move(whole_);
   }
 

@@ -101,18 +101,60 @@ def read_field(path):
             field = entries_of_tiles(file, int(attrs["width"]), int(attrs["height"]), hats)
         else:
             raise FieldError(f"has format version {attrs['version']}; this program reads 2 and 3")
-    return attrs, field
+        interpolation = None
+        if "basis/interpolation" in file:
+            interpolation = read(file, "basis/observed_light"), read(file, "basis/interpolation")[0]
+    return attrs, interpolation, field
+
+
+def interpolated(light, sources, numbers):
+    """Light of dark texels moved onto the light sources of a light stage ("Interpolation" in the format)."""
+    length, share, fine_length, reach = numbers
+    rows, columns = light.shape[:2]
+
+    def direction(column, row):
+        phi, theta = 2 * np.pi * column / columns, np.pi * row / rows
+        phi, theta = np.broadcast_arrays(phi, theta)
+        return np.stack([-np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)], axis=-1)
+
+    def chords(a, b):
+        return np.sqrt(np.maximum(2 - 2 * a @ b.T, 0))
+
+    def covariance(chord):
+        def matern(x):
+            return (1 + np.sqrt(3) * x) * np.exp(-np.sqrt(3) * x)
+
+        return (1 - share) * matern(chord / length) + share * matern(chord / fine_length)
+
+    edges = np.cos(np.pi * np.arange(rows + 1) / rows)
+    angle = np.repeat((2 * np.pi / columns * -np.diff(edges))[:, None], columns, axis=1)
+    middle = direction((sources[:, 0] + sources[:, 2]) / 2, (sources[:, 1] + sources[:, 3]) / 2)
+    lit = np.zeros((rows, columns), bool)
+    for x0, y0, x1, y1 in sources:
+        lit[y0:y1, x0:x1] = True
+    result = np.where(lit[..., None], light, 0.0)
+    dark = ~lit & np.any(light != 0, axis=2)
+    y, x = np.nonzero(dark)
+    chord = chords(middle, direction(x + 0.5, y + 0.5))
+    near = np.clip(3 - 2 * chord.min(axis=0, initial=np.inf) / reach, 0, 1)
+    irradiance = covariance(chord) @ (light[dark] * (near * angle[dark])[:, None])
+    irradiance = np.linalg.solve(covariance(chords(middle, middle)) + 1e-9 * np.eye(len(middle)), irradiance)
+    for (x0, y0, x1, y1), value in zip(sources, irradiance):
+        result[y0:y1, x0:x1] += value / angle[y0:y1, x0:x1].sum()
+    return result
 
 
 def relight(path, light):
     """The scene of a field file under a light map [height × width × 3], as [height × width × 3]."""
-    attrs, (corners, pixel, column, weight) = read_field(path)
+    attrs, interpolation, (corners, pixel, column, weight) = read_field(path)
     x0, y0, x1, y1 = corners.reshape(-1, 4).T
     width, height = int(attrs["width"]), int(attrs["height"])
     needed = (int(attrs["light_height"]), int(attrs["light_width"]), 3)
     if light.shape != needed:
         raise FieldError(f"takes light maps of shape {needed}, this one has {light.shape}; resize it first")
     light = light.astype(np.float64)
+    if interpolation is not None:
+        light = interpolated(light, *interpolation)
 
     # Each box's sum of texel values, through a summed-area table in double.
     table = np.zeros((light.shape[0] + 1, light.shape[1] + 1, 3))

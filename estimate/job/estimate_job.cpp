@@ -53,7 +53,10 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
 
 ReflectanceField FieldAssembler::take(std::vector<Box> observed_light) {
   field_.observed_light = std::move(observed_light);
-  if (is_whole_) predict_errors(field_, error_evidence_);
+  if (is_whole_) {
+    predict_errors(field_, error_evidence_);
+    field_.fit_interpolation();
+  }
   return std::move(field_);
 }
 

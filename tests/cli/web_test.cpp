@@ -39,6 +39,11 @@ ReflectanceField sample_field(Parameterisation parameterisation) {
   if (parameterisation == Parameterisation::monitor)
     field.monitors = {{.width_mm = 800.0, .height_mm = 400.0, .distance_mm = 500.0, .turn = {.yaw = 40.0}}};
   for (float& weight : field.transfer.weight) weight *= weight * 0.001f;
+  if (parameterisation == Parameterisation::lat_long) {  // as of a light stage
+    for (int y = 4; y < 32; y += 8)
+      for (int x = 4; x < 64; x += 8) field.observed_light.push_back({x, y, x + 1, y + 1});
+    field.basis.interpolation = LightInterpolation{field.observed_light, 0.8, 0.01, 0.1, 0.6};
+  }
   return field;
 }
 

@@ -78,6 +78,23 @@ TEST_F(FieldParts, JoinToTheBitInAnyOrder) {
   }
 }
 
+TEST_F(FieldParts, FitTheInterpolationOfTheWholeField) {
+  const LightDomain domain{16, 8, Parameterisation::lat_long};
+  field_ = test::random_field(rng_, width, height, domain, 30, 4);
+  const auto part_of = [&](RowRange rows) {
+    ReflectanceField part = renumbered(field_, rows);
+    for (int x = 0; x < 16; x += 2) part.observed_light.push_back({x, x % 3 + 2, x + 1, x % 3 + 3});
+    return part;
+  };
+  ReflectanceField whole = part_of({0, height});
+  whole.fit_interpolation();
+  ASSERT_TRUE(whole.basis.interpolation);
+  write_field_part(folder_ / "a.rfield", {part_of({0, 5}), {0, 5}, height, "job"});
+  write_field_part(folder_ / "b.rfield", {part_of({5, height}), {5, height}, height, "job"});
+  const std::vector<fs::path> parts = {folder_ / "b.rfield", folder_ / "a.rfield"};
+  EXPECT_EQ(merge_field_parts(parts).basis.interpolation, whole.basis.interpolation);
+}
+
 TEST_F(FieldParts, SayWhichRowsTheyHold) {
   const auto path = write("part.rfield", {3, 7}, "the job");
   const FieldPart part = read_field_part(path);

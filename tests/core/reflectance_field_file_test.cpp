@@ -195,16 +195,29 @@ TEST(ReflectanceFieldFile, ObservedLightRoundTrips) {
               AllOf(HasSubstr("basis/observed_light"), HasSubstr("overlap")));
 }
 
+TEST(ReflectanceFieldFile, InterpolationRoundTrips) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  ReflectanceField field = test::random_field(rng, 4, 3, {16, 8, Parameterisation::lat_long}, 20, 5);
+  field.observed_light = {{0, 3, 1, 4}, {6, 5, 8, 6}};
+  field.basis.interpolation = LightInterpolation{field.observed_light, 1.6, 0.01, 0.05, 0.4};
+  write_reflectance_field(folder / "f.rfield", field);
+  EXPECT_EQ(read_reflectance_field(folder / "f.rfield").basis.interpolation, field.basis.interpolation);
+  set_first_values<double>(folder / "f.rfield", "basis/interpolation", H5T_NATIVE_DOUBLE, {-1.0});
+  EXPECT_THAT(message_of(folder / "f.rfield"),
+              AllOf(HasSubstr("basis/interpolation"), HasSubstr("impossible length")));
+}
+
 TEST(ReflectanceField, UnobservedShareIsOfTheLightsEnergy) {
   ReflectanceField field = sample_field();
   Image light(16, 8, 3);
   std::ranges::fill(light.values, 1.0f);
-  EXPECT_EQ(field.unobserved_share(light), 0.0) << "where nothing is stated";
+  EXPECT_EQ(field.light_shares(light).unobserved, 0.0) << "where nothing is stated";
   field.observed_light = {{0, 0, 4, 8}, {8, 0, 12, 4}};
-  EXPECT_NEAR(field.unobserved_share(light), 1.0 - (32.0 + 16.0) / 128.0, 1e-12);
+  EXPECT_NEAR(field.light_shares(light).unobserved, 1.0 - (32.0 + 16.0) / 128.0, 1e-12);
   for (int c = 0; c < 3; ++c) light.at(2, 3, c) = 81.0f;
-  EXPECT_NEAR(field.unobserved_share(light), 80.0 / 208.0, 1e-12);
-  EXPECT_EQ(field.unobserved_share(Image(16, 8, 3)), 0.0) << "of darkness";
+  EXPECT_NEAR(field.light_shares(light).unobserved, 80.0 / 208.0, 1e-12);
+  EXPECT_EQ(field.light_shares(Image(16, 8, 3)).unobserved, 0.0) << "of darkness";
 }
 
 TEST(ReflectanceFieldFile, EqualFieldsGiveEqualBytes) {

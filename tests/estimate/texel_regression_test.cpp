@@ -291,7 +291,7 @@ TEST(TexelRegression, FieldStatesWhereLightWasObserved) {
   std::ranges::sort(expected, {}, [](const Box& box) { return std::pair(box.y0, box.x0); });
   EXPECT_EQ(field.observed_light, expected);
   LightMap light = stage.light_map(lights.row(0));
-  EXPECT_NEAR(field.unobserved_share(light.radiance), 0.0, 1e-6);
+  EXPECT_NEAR(field.light_shares(light.radiance).unobserved, 0.0, 1e-6);
 }
 
 TEST(TexelRegression, WeightsAreNotNegative) {

@@ -94,6 +94,23 @@ TEST_F(ReflectanceFieldFormat, H5pyRelightsAsTheDocumentationSays) {
     }
 }
 
+TEST_F(ReflectanceFieldFormat, H5pyInterpolatesBetweenLightSources) {
+  Rng rng(4);
+  ReflectanceField field = test::random_field(rng, 14, 9, {32, 16, Parameterisation::lat_long}, 50, 8);
+  for (int x = 0; x < 32; x += 3) field.observed_light.push_back({x, x % 4 + 5, x + 1 + x % 2, x % 4 + 6});
+  field.basis.interpolation = LightInterpolation{field.observed_light, 0.8, 0.1, 0.1, 0.5};
+  const LightMap light = test::random_light(rng, field.basis.domain);
+  write_reflectance_field(folder_ / "f.rfield", field);
+  write_npy(folder_ / "light.npy", light.radiance);
+  ASSERT_EQ(run("f.rfield", "light.npy", "out.npy"), 0) << messages();
+  const std::vector<float> found = read_npy(folder_ / "out.npy");
+  const Image expected = field.relight(light);
+  ASSERT_EQ(found.size(), expected.values.size());
+  const float largest = *std::ranges::max_element(expected.values);  // weights of both signs cancel
+  for (std::size_t i = 0; i < found.size(); ++i)
+    ASSERT_NEAR(found[i], expected.values[i], float_rounding * largest) << i;
+}
+
 // Whole and cut tiles, sparse and dense weights, common and own kernels, grey tiles and coloured ones.
 TEST_F(ReflectanceFieldFormat, H5pyReadsPackedFields) {
   ReflectanceField grey = test::mixed_field(37, 35, {50, 40});

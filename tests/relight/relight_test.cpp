@@ -109,10 +109,10 @@ TEST_F(Relight, ReportsTheLightThatTheFieldDoesNotKnow) {
       }
   const std::vector<RelightJob> known = {{[=] { return left; }, folder / "left.exr"}};
   const std::vector<RelightJob> both = {known[0], {[=] { return whole; }, folder / "whole.exr"}};
-  EXPECT_EQ(relight_to_files(field_, both).unobserved, 0.0) << "where nothing is stated";
+  EXPECT_EQ(relight_to_files(field_, both).light_shares.unobserved, 0.0) << "where nothing is stated";
   field_.observed_light = {{0, 0, 1, domain.height}};
-  EXPECT_NEAR(relight_to_files(field_, known).unobserved, 0.0, 1e-12);
-  EXPECT_NEAR(relight_to_files(field_, both).unobserved, 1.0 - 1.0 / domain.width, 1e-12);
+  EXPECT_NEAR(relight_to_files(field_, known).light_shares.unobserved, 0.0, 1e-12);
+  EXPECT_NEAR(relight_to_files(field_, both).light_shares.unobserved, 1.0 - 1.0 / domain.width, 1e-12);
 }
 
 TEST_F(Relight, PicturesAreExposedByThemselvesAndSequencesAsOne) {

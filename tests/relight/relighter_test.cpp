@@ -76,6 +76,24 @@ TEST(Relighter, GivesTheSameOnEveryInstructionSet) {
   EXPECT_GT(tried, 0);
 }
 
+TEST(Relighter, InterpolatesBetweenLightSources) {
+  ReflectanceField field = mixed_field(37, 29, {50, 25, Parameterisation::lat_long});
+  for (int x = 0; x < 50; x += 4) field.observed_light.push_back({x, x % 7 + 8, x + 1, x % 7 + 9});
+  field.basis.interpolation = LightInterpolation{field.observed_light, 0.8, 0.1, 0.1, 0.5};
+  const LightMap light = random_light(field.basis.domain, 1);
+  const Image expected = field.relight(light);
+  Relighter fast(field), fine(field, RelightPrecision::fine);
+  // Of the sources' light, part of which is negative; relative to the picture this is more.
+  EXPECT_LT(relative_rmse(fast.relight(light), expected), 3 * fast_error);
+  EXPECT_LT(relative_rmse(fine.relight(light), expected), 3 * fine_error);
+  // A texel that changes has an effect on the light of many sources.
+  LightMap changed = light;
+  const Box part{20, 10, 22, 12};
+  for (int y = part.y0; y < part.y1; ++y)
+    for (int x = part.x0; x < part.x1; ++x) changed.radiance.at(x, y, 1) += 20.0f;
+  EXPECT_LT(relative_rmse(fine.update(changed, part), field.relight(changed)), 3 * fine_error);
+}
+
 TEST(Relighter, UsesUpAFieldThatIsGivenUp) {
   const ReflectanceField field = mixed_field(70, 131, monitor);  // several bands of tiles
   const LightMap light = random_light(monitor, 1);

@@ -134,7 +134,7 @@ class Reader:
             pairs("light", "observed")
             shutil.copy(root / "docs/examples/relight_with_h5py.py", folder)
         elif page == "import.md":
-            take("session/calibration.toml>calibration.toml")
+            take("session/calibration.toml>calibration.toml", "sky.exr")
             for name in ("shots", "lights", "dome", "cat", "near", "card"):
                 (folder / name).mkdir()
             lines = []

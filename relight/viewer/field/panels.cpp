@@ -28,9 +28,12 @@ constexpr const char* mouse_help =
     "Open light maps and fields with the button, or drop them onto the window.";
 
 /// A warning where more than 1 % of the light comes from where no training light came from.
-std::string unobserved_text(double share) {
-  if (!(share > 0.01)) return "";
-  return "   " + std::to_string(std::lround(100.0 * share)) + " % of the light is unobserved";
+std::string share_text(const LightShares& shares) {
+  const auto part = [](double share, const char* what) {
+    return share > 0.01 ? "   " + std::to_string(std::lround(100.0 * share)) + " % of the light is " + what
+                        : "";
+  };
+  return part(shares.interpolated, "interpolated") + part(shares.unobserved, "unobserved");
 }
 
 std::string name_text(const App& app) {
@@ -38,7 +41,7 @@ std::string name_text(const App& app) {
   return app.field_file.filename().string() + "   " +
          (field.mesh ? std::to_string(field.mesh->positions.size()) + " vertices"
                      : std::to_string(field.width) + "×" + std::to_string(field.height)) +
-         unobserved_text(app.state->unobserved_light());
+         share_text(app.state->light_shares());
 }
 
 void take_file(App& app, const std::filesystem::path& file) {

@@ -130,7 +130,7 @@ void ViewState::take_result(Refreshed& done) {
   if (relighter_.show(relit_)) {
     is_light_old_ = true;
     if (field_.basis.domain.parameterisation != Parameterisation::cube)
-      unobserved_light_ = field_.unobserved_share(relit_.light);
+      light_shares_ = field_.light_shares(relit_.light);
   }
   ++relit_count_;
   done.light_ms += times.light_ms;

@@ -46,8 +46,8 @@ class ViewState {
   void reset_light_sources();
   /// The light map that the image shows. Only while is_current(). Throws Interrupted.
   LightMap light() const { return relighter_.light(); }
-  /// FieldOutline::unobserved_share() of the light map, as of the last refresh(). 0 for cube maps.
-  double unobserved_light() const { return unobserved_light_; }
+  /// FieldOutline::light_shares() of the light map, as of the last refresh(). 0 for cube maps.
+  const LightShares& light_shares() const { return light_shares_; }
   /// What of the environment reaches the light map, as of the last refresh().
   const EnvironmentShare& share() const { return relit_.share; }
 
@@ -141,7 +141,7 @@ class ViewState {
   ToneTableCache light_tone_;
   std::vector<std::uint8_t> light_levels_;
   bool is_light_old_ = true;
-  double unobserved_light_ = 0.0;
+  LightShares light_shares_;
 
   std::unique_ptr<BackgroundJob<ViewRelighter::Times>> job_;  // ends before what it works on
 };
