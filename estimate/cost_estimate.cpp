@@ -156,11 +156,12 @@ Work work_of(const EstimateJob& job, const EstimateOptions& options, const Estim
   Work work;
   for (const RowRange& band : bands_of(plan)) {
     const RowRange held = rows_needed(band, job.session.height, options);
+    const RowRange fitted = rows_fitted(band, job.session.height, options);
     work.rows += held.count();
     work.pixels += job.mask.empty()
-                       ? static_cast<double>(width) * held.count()
-                       : static_cast<double>(std::count_if(job.mask.begin() + width * held.first,
-                                                           job.mask.begin() + width * held.last,
+                       ? static_cast<double>(width) * fitted.count()
+                       : static_cast<double>(std::count_if(job.mask.begin() + width * fitted.first,
+                                                           job.mask.begin() + width * fitted.last,
                                                            [](unsigned char m) { return m != 0; }));
   }
   return work;
@@ -208,8 +209,8 @@ struct FitSample {
       if (count == 0) continue;
       const auto before = Clock::now();
       Progress within(run, "fit", 1);  // not shown: another is
-      estimate_band({table, band, rows, job.session.height, chosen, options, nullptr, texels}, workers,
-                    within, run);
+      estimate_band({table, band, rows, job.session.height, chosen, options, nullptr, texels, &job.noise},
+                    workers, within, run);
       seconds += seconds_since(before);
       pixels += count;
     }

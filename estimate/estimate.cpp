@@ -51,8 +51,7 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
   for (const RowRange& rows : bands)
     if (!find(rows)) {
       missing.push_back(rows);
-      const RowRange held = rows_needed(rows, height, options);
-      pixels += static_cast<std::uint64_t>(width) * (held.last - held.first);
+      pixels += static_cast<std::uint64_t>(width) * rows_fitted(rows, height, options).count();
     }
   const bool refined = options.mode == EstimateMode::refined;
   std::optional<BoxTable> table;  // where no band is missing, for the light that refined mode observed
@@ -67,7 +66,7 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
     const RowRange held = rows_needed(rows, height, options);
     const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
     keep(rows, estimate_band({*table, band, rows, height, job.mask, options, job.refinement.get(),
-                              texels ? &*texels : nullptr},
+                              texels ? &*texels : nullptr, &job.noise},
                              workers, progress, run));
   }
   return {static_cast<int>(bands.size() - missing.size()), observed_by(texels, job.session.light)};

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimate/fit/sample_pooling.h"
 #include "estimate/fit/vector_kernels.h"
 
 namespace refield {
@@ -71,15 +72,6 @@ namespace {
 /// Noise is taken as no less than this part of a sample, squared: what float32 tells.
 constexpr double least_noise = 1e-10;
 
-/// What is kept of a component whose squared singular value is `energy` per image, noise being 1. `ratio`:
-/// columns by rows of the matrix.
-double kept_part(double energy, double ratio) {
-  const double edge = 1.0 + std::sqrt(ratio);  // of what noise alone reaches
-  if (!(energy > edge * edge)) return 0.0;
-  const double beyond = energy - ratio - 1.0;
-  return std::sqrt(std::max(beyond * beyond - 4.0 * ratio, 0.0)) / energy;
-}
-
 }  // namespace
 
 void pool_samples(std::span<PooledSamples> pixels, const SmoothSpace& smooth, int images) {
@@ -110,7 +102,7 @@ void pool_samples(std::span<PooledSamples> pixels, const SmoothSpace& smooth, in
     const double median = eigen.eigenvalues()[count / 2] / images;
     const double noise = median > 0.0 ? std::min(median, 1.0) : 1.0;
     Eigen::VectorXd kept(count);
-    for (int k = 0; k < count; ++k) kept[k] = kept_part(eigen.eigenvalues()[k] / images / noise, ratio);
+    for (int k = 0; k < count; ++k) kept[k] = kept_share(eigen.eigenvalues()[k] / images / noise, ratio);
     const Eigen::MatrixXd mix = eigen.eigenvectors() * kept.asDiagonal() * eigen.eigenvectors().transpose();
     for (int p = 0; p < count; ++p) {
       pixels[p].noise_kept[c] = 1.0;

@@ -42,6 +42,7 @@ class BandEstimator {
       : input_(input),
         width_(input.band.width()),
         held_{input.band.first_row(), input.band.last_row()},
+        fitted_(rows_fitted(input.rows, input.height, input.options)),
         workers_(workers),
         progress_(progress),
         run_(run),
@@ -92,6 +93,11 @@ class BandEstimator {
       for (int x = tile.x0; x < tile.x1; ++x) result.push_back(active(x, y) ? samples(x, y) : PixelSamples{});
     return result;
   }
+  /// The same with less noise, see SamplePool; valid until the worker's next call.
+  std::vector<PixelSamples> pooled_samples_of(const PixelTile& tile, FitWorker& own) const {
+    return own.pool.pool(tile, width_, input_.height,
+                         [&](int x, int y) { return active(x, y) ? samples(x, y) : PixelSamples{}; });
+  }
   /// Photographs of one light source at a time do not tell how noisy they are, and the regression passes
   /// through all of them.
   bool is_error_known() const {
@@ -100,7 +106,11 @@ class BandEstimator {
   }
   FitWorker& worker() const {
     auto& own = workers_.local();
-    if (!own) own = std::make_unique<FitWorker>(input_.table, input_.options, input_.texels);
+    const bool pools = input_.noise && input_.options.mode == EstimateMode::refined &&
+                       !(input_.texels && input_.texels->of_all());
+    if (!own)
+      own = std::make_unique<FitWorker>(input_.table, input_.options, input_.texels,
+                                        pools ? *input_.noise : NoiseModel{});
     own->model.cache().keep_within(cache_limit_bytes);
     return *own;
   }
@@ -134,7 +144,8 @@ class BandEstimator {
 
   const BandInput& input_;
   const int width_;
-  const RowRange held_;  // by the band
+  const RowRange held_;    // by the band
+  const RowRange fitted_;  // before spatial correction
   FitWorkers& workers_;
   Progress& progress_;
   const RunContext& run_;
@@ -142,13 +153,23 @@ class BandEstimator {
 };
 
 BandEstimator::Rows BandEstimator::fit_blocks() const {
-  Rows kernels(width_, held_);
-  for_each(tiles_of(width_, held_), [&](const PixelTile& tile, FitWorker& own) {
+  Rows kernels(width_, fitted_);
+  for_each(tiles_of(width_, fitted_), [&](const PixelTile& tile, FitWorker& own) {
+    const std::vector<PixelSamples> pooled = pooled_samples_of(tile, own);
+    std::vector<PixelSamples> of_block;
     for (const PixelTile& block : blocks_of(tile)) {
       run_.throw_if_stopped();
-      kernels.set(block, own.model.fit(samples_of(block), block.x1 - block.x0, old_boxes(block), run_));
+      of_block.clear();
+      for (int y = block.y0; y < block.y1; ++y)
+        for (int x = block.x0; x < block.x1; ++x)
+          of_block.push_back(pooled[(y - tile.y0) * (tile.x1 - tile.x0) + x - tile.x0]);
+      kernels.set(block, own.model.fit(of_block, block.x1 - block.x0, old_boxes(block), run_));
       own.model.cache().keep_within(cache_limit_bytes);  // blocks that share little fill it within a tile
     }
+    for (int y = tile.y0, p = 0; y < tile.y1; ++y)
+      for (int x = tile.x0; x < tile.x1; ++x, ++p)
+        if (active(x, y) && pooled[p] != samples(x, y))
+          own.evaluator.set_residual(samples(x, y), kernels.at(x, y));
     progress_.advance(static_cast<std::uint64_t>(tile.x1 - tile.x0) * (tile.y1 - tile.y0));
   });
   return kernels;
@@ -165,15 +186,15 @@ std::vector<std::vector<Box>> BandEstimator::old_boxes(const PixelTile& block) c
 BandEstimator::Rows BandEstimator::correct(const Rows& kernels, int sweep) const {
   // What lies beyond the band's overlap is not known; the rows that would need it are no longer needed.
   const int left = input_.options.sweeps() - sweep;
-  const RowRange rows{std::max(input_.rows.first - left, held_.first),
-                      std::min(input_.rows.last + left, held_.last)};
+  const RowRange rows{std::max(input_.rows.first - left, fitted_.first),
+                      std::min(input_.rows.last + left, fitted_.last)};
   const PixelGrid grid{width_,
-                       held_.first,
-                       held_.last,
+                       fitted_.first,
+                       fitted_.last,
                        [&](int x, int y) { return samples(x, y); },
                        [&](int x, int y) -> const PixelKernels& { return kernels.at(x, y); },
                        [&](int x, int y) { return active(x, y); }};
-  Rows next(width_, held_);
+  Rows next(width_, fitted_);
   for_each(tiles_of(width_, rows), [&](const PixelTile& tile, FitWorker& own) {
     next.set(tile, correct_tile(grid, tile, own.model.cache(), own.weights, run_));
   });
@@ -214,7 +235,7 @@ void BandEstimator::gather_evidence(Rows& rows) const {
            [&](const PixelTile& tile, FitWorker& own) { leave_one_out(rows, tile, own); });
   const int first = input_.rows.first / block_side_px * block_side_px;
   std::vector<PixelTile> blocks;
-  for (const PixelTile& block : blocks_of({0, first, width_, held_.last}))
+  for (const PixelTile& block : blocks_of({0, first, width_, fitted_.last}))
     if (block.y0 < input_.rows.last && lattice_.holds(block.x0, block.y0)) blocks.push_back(block);
   for_each(blocks, [&](const PixelTile& block, FitWorker& own) { cross_validate(rows, block, own); });
 }
@@ -278,12 +299,13 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
   for (int y = block.y0; y < block.y1; ++y)
     for (int x = block.x0; x < block.x1; ++x)
       has_rectangles = has_rectangles || (in_rows(x, y) && rows.at(x, y).texel_prior < 0);
+  const auto pooled = pooled_samples_of(block, own);
   std::vector<double> validated;
-  if (has_rectangles) validated = own.evaluator.cross_validate(b, block_width, 5, run_);
+  if (has_rectangles) validated = own.evaluator.cross_validate(pooled, block_width, 5, run_, b);
   std::vector<double> half, quarter;
   if (!refines && learns) {
-    half = own.evaluator.cross_validate(b, block_width, 2, run_);
-    quarter = own.evaluator.validate_folds_alone(b, block_width, 4, run_);
+    half = own.evaluator.cross_validate(pooled, block_width, 2, run_, b);
+    quarter = own.evaluator.validate_folds_alone(pooled, block_width, 4, run_, b);
   }
   std::size_t i = 0;
   for (int y = block.y0; y < block.y1; ++y)
@@ -304,14 +326,21 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
 }  // namespace
 
 int max_rows_beyond(const EstimateOptions& options) {
-  return block_side_px - 1 + options.sweeps();
+  return block_side_px - 1 + options.sweeps() +
+         (options.mode == EstimateMode::refined ? pooling_reach_px : 0);
 }
 
-RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options) {
+RowRange rows_fitted(RowRange wanted, int height, const EstimateOptions& options) {
   const int first = std::max(wanted.first - options.sweeps(), 0);
   const int last = std::min(wanted.last + options.sweeps(), height);
   return {first / block_side_px * block_side_px,
           std::min((last + block_side_px - 1) / block_side_px * block_side_px, height)};
+}
+
+RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options) {
+  const RowRange fitted = rows_fitted(wanted, height, options);
+  if (options.mode != EstimateMode::refined) return fitted;
+  return {std::max(fitted.first - pooling_reach_px, 0), std::min(fitted.last + pooling_reach_px, height)};
 }
 
 std::vector<PixelKernels> estimate_band(const BandInput& input, FitWorkers& workers, Progress& progress,

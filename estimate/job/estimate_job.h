@@ -16,6 +16,7 @@
 #include "core/image/metrics.h"
 #include "core/session/capture_session.h"
 #include "estimate/fit/fit_pixel.h"
+#include "estimate/fit/sample_pooling.h"
 #include "estimate/job/refinement.h"
 #include "estimate/options.h"
 
@@ -31,6 +32,7 @@ struct EstimateJob {
   std::vector<CaptureFrame> references;
   Drift drift;                        ///< what reference frames show; removed where significant
   double mean_square = 0.0;           ///< of the photographs' samples, see EstimateOptions::mean_square
+  NoiseModel noise;                   ///< of the photographs, measured by check_frames()
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
   std::vector<std::string> held_out;  ///< names of the test frames
   /// The field that takes in new images; null for a fresh start.

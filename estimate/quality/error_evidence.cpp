@@ -87,25 +87,30 @@ ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
 }
 
 std::vector<double> ErrorEvaluator::cross_validate(std::span<const PixelSamples> block, int width, int folds,
-                                                   const RunContext& run) {
+                                                   const RunContext& run,
+                                                   std::span<const PixelSamples> observed) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
-    add_errors_on_unseen(part(fold, folds, false), block, width, squared, run);
+    add_errors_on_unseen(part(fold, folds, false), block, observed.empty() ? block : observed, width, squared,
+                         run);
   return squared;
 }
 
 std::vector<double> ErrorEvaluator::validate_folds_alone(std::span<const PixelSamples> block, int width,
-                                                         int folds, const RunContext& run) {
+                                                         int folds, const RunContext& run,
+                                                         std::span<const PixelSamples> observed) {
   folds = std::min(folds, images_);
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
-    add_errors_on_unseen(part(fold, folds, true), block, width, squared, run);
+    add_errors_on_unseen(part(fold, folds, true), block, observed.empty() ? block : observed, width, squared,
+                         run);
   for (double& each : squared) each /= std::max(folds - 1, 1);
   return squared;
 }
 
-void ErrorEvaluator::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
+void ErrorEvaluator::add_errors_on_unseen(Part& part, std::span<const PixelSamples> block,
+                                          std::span<const PixelSamples> observed, int width,
                                           std::vector<double>& squared, const RunContext& run) {
   run.throw_if_stopped();
   const std::size_t stride = part.table.stride();
@@ -124,31 +129,45 @@ void ErrorEvaluator::add_errors_on_unseen(Part& part, std::span<const PixelSampl
   }
   const auto fitted = part.model.fit(seen, width, {}, run);
   part.model.cache().keep_within(part_cache_bytes);
-  predicted_.resize(3 * stride_);
-  column_.resize(3 * stride_);
   for (std::size_t p = 0; p < block.size(); ++p) {
     if (block[p][0] == nullptr) continue;
-    const PixelKernels& kernels = fitted[p];
-    std::ranges::fill(predicted_, 0.0f);
-    for (std::size_t k = 0; k < kernels.boxes.size(); ++k) {
-      table_.column(kernels.boxes[k], column_.data());
-      for (int c = 0; c < 3; ++c)
-        for (int j = 0; j < images_; ++j)
-          predicted_[c * stride_ + j] += kernels.weights[3 * k + c] * column_[c * stride_ + j];
-    }
-    for (std::size_t h = 0; h < kernels.smooth.size() / 3; ++h)
-      for (int c = 0; c < 3; ++c)
-        for (int j = 0; j < images_; ++j)
-          predicted_[c * stride_ + j] +=
-              kernels.smooth[3 * h + c] * static_cast<float>(table_.hat_sums(static_cast<int>(h), c)[j]);
+    predict(fitted[p]);
     for (int c = 0; c < 3; ++c)
       for (int j = 0; j < images_; ++j) {
-        const float b = block[p][c][j];
+        const float b = observed[p][c][j];
         if (is_seen[j] || std::isnan(b)) continue;
         const double error = static_cast<double>(predicted_[c * stride_ + j]) - b;
         squared[p] += error * error;
       }
   }
+}
+
+void ErrorEvaluator::set_residual(const PixelSamples& observed, PixelKernels& kernels) {
+  predict(kernels);
+  kernels.squared_residual = kernels.squared_samples = 0.0;
+  for (int c = 0; c < 3; ++c)
+    for (int j = 0; j < images_; ++j) {
+      const double b = observed[c][j];
+      const double error = predicted_[c * stride_ + j] - b;
+      kernels.squared_residual += error * error;
+      kernels.squared_samples += b * b;
+    }
+}
+
+void ErrorEvaluator::predict(const PixelKernels& kernels) {
+  predicted_.assign(3 * stride_, 0.0f);
+  column_.resize(3 * stride_);
+  for (std::size_t k = 0; k < kernels.boxes.size(); ++k) {
+    table_.column(kernels.boxes[k], column_.data());
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < images_; ++j)
+        predicted_[c * stride_ + j] += kernels.weights[3 * k + c] * column_[c * stride_ + j];
+  }
+  for (std::size_t h = 0; h < kernels.smooth.size() / 3; ++h)
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < images_; ++j)
+        predicted_[c * stride_ + j] +=
+            kernels.smooth[3 * h + c] * static_cast<float>(table_.hat_sums(static_cast<int>(h), c)[j]);
 }
 
 }  // namespace refield

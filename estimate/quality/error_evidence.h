@@ -28,13 +28,18 @@ class ErrorEvaluator {
 
   /// Squared error of each pixel of a block, over images and channels, of k-fold cross-validation: the block
   /// is fitted anew without each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k
-  /// folds there are at most as many as images. `block`, `width`: as BlockModel::fit() takes them.
+  /// folds there are at most as many as images. `block`, `width`: as BlockModel::fit() takes them;
+  /// `observed`: the same samples before pooling, which errors are measured against (empty: `block`).
   std::vector<double> cross_validate(std::span<const PixelSamples> block, int width, int folds = 5,
-                                     const RunContext& run = {});
+                                     const RunContext& run = {}, std::span<const PixelSamples> observed = {});
   /// The other way round, for fits to few images: each fold alone is fitted and predicts all others. The mean
   /// over the k − 1 predictions of each image, on the same scale.
   std::vector<double> validate_folds_alone(std::span<const PixelSamples> block, int width, int folds,
-                                           const RunContext& run);
+                                           const RunContext& run,
+                                           std::span<const PixelSamples> observed = {});
+
+  /// Sets the residual of kernels that were fitted to pooled samples to that of the observed ones.
+  void set_residual(const PixelSamples& observed, PixelKernels& kernels);
 
   /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters.
   static constexpr int parts = 5 + 2 + 4;
@@ -51,8 +56,11 @@ class ErrorEvaluator {
     BlockModel model;
   };
   Part& part(int fold, int folds, bool alone);
-  void add_errors_on_unseen(Part& part, std::span<const PixelSamples> block, int width,
-                            std::vector<double>& squared, const RunContext& run);
+  void add_errors_on_unseen(Part& part, std::span<const PixelSamples> block,
+                            std::span<const PixelSamples> observed, int width, std::vector<double>& squared,
+                            const RunContext& run);
+  /// Samples of all images into predicted_, [3 × stride].
+  void predict(const PixelKernels& kernels);
 
   const BoxTable& table_;
   EstimateOptions options_;

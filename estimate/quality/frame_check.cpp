@@ -52,6 +52,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
       read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
   job.mean_square = sample.mean_square({});
   require_usual_brightness(job);
+  job.noise = measure_noise(sample.windows, sample.images, {});
   if (!can_assess) return report;
   const auto grams = light_grams(job.frames, job.session.light, run);
   const OutlierSearch search = find_outlier_frames(grams, sample, run);
@@ -68,6 +69,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   std::vector<int> images;
   for (const LeftOutFrame& frame : report.left_out) images.push_back(frame.found.frame);
   job.mean_square = sample.mean_square(images);
+  job.noise = measure_noise(sample.windows, sample.images, images);
   for (const LeftOutFrame& frame : report.left_out) job.left_out.push_back(frame.name);
   std::erase_if(job.frames, [&](const CaptureFrame& frame) {
     return std::ranges::find(report.left_out, frame.name, &LeftOutFrame::name) != report.left_out.end();

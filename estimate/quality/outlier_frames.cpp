@@ -93,6 +93,18 @@ PixelSample read_pixel_sample(std::span<const CaptureFrame> frames, int width, i
         std::copy_n(band.samples(place.x, place.y, c), sample.images, sample.series(c, pixel));
       ++pixel;
     }
+    const int window_rows = std::min(window_side_px, cell_height);
+    for (const int x0 : starts(width, cell_columns, cell_width)) {
+      SampleWindow& window = sample.windows.emplace_back();
+      for (int y = band_rows[b]; y < std::min(band_rows[b] + window_rows, height); ++y)
+        for (int x = x0; x < std::min(x0 + window_side_px, width); ++x) {
+          if (!mask.empty() && mask[static_cast<std::size_t>(y) * width + x] == 0) continue;
+          for (int c = 0; c < 3; ++c)
+            window.values.insert(window.values.end(), band.samples(x, y, c),
+                                 band.samples(x, y, c) + sample.images);
+          ++window.pixels;
+        }
+    }
   }
   return sample;
 }

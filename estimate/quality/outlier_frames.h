@@ -14,6 +14,7 @@
 #include "core/image/metrics.h"
 #include "core/light/light_map.h"
 #include "core/session/capture_session.h"
+#include "estimate/fit/sample_pooling.h"
 
 namespace refield {
 
@@ -30,6 +31,8 @@ struct PixelSample {
   int pixels = 0;
   std::vector<Cell> cells;
   std::vector<float> values;  ///< [3][pixels][images], NaN where not measured
+  /// Adjacent pixels at the corners of cells, for measuring noise; those inside the mask.
+  std::vector<SampleWindow> windows;
 
   float* series(int channel, int pixel) {
     return values.data() + (static_cast<std::size_t>(channel) * pixels + pixel) * images;
