@@ -28,7 +28,7 @@ constexpr double min_noise = 0.01;
 constexpr double max_noise = 0.15;
 /// Fewer pixels have too little in common to tell noise from detail.
 constexpr int min_window_pixels = 9;
-/// Brightness levels of the noise model, each measured by at least so many windows.
+/// Brightness levels of the noise model, each with at least this number of windows.
 constexpr int max_levels = 12, min_windows_per_level = 6;
 
 constexpr int forward_offsets = window_side_px + (window_side_px - 1) * (2 * window_side_px - 1);
