@@ -40,10 +40,19 @@ void sum_common(const std::vector<double>& smooth, const Table& table, const std
   });
 }
 
-void copy(const Image& from, Image& to) {
-  if (to.values.size() != from.values.size()) to = from;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, from.values.size(), 1 << 16), [&](const auto& range) {
-    std::copy_n(from.values.data() + range.begin(), range.size(), to.values.data() + range.begin());
+void copy(const ImageView& from, Image& to) {
+  if (to.width != from.width || to.height != from.height) to = Image(from.width, from.height, 3);
+  const bool is_dense = from.channel_stride == 1 && from.pixel_stride == 3;
+  tbb::parallel_for(tbb::blocked_range<int>(0, from.height, 16), [&](const auto& range) {
+    for (int y = range.begin(); y < range.end(); ++y) {
+      float* out = to.row(y).data();
+      if (is_dense) {
+        std::copy_n(from.values + y * from.row_stride, std::size_t{3} * from.width, out);
+        continue;
+      }
+      for (int x = 0; x < from.width; ++x)
+        for (int c = 0; c < 3; ++c) *out++ = from.at(x, y, c);
+    }
   });
 }
 
@@ -130,8 +139,30 @@ const Image& Relighter::relight(std::span<const float> sums) {
 
 const Image& Relighter::relight(const LightMap& light) {
   require_domain(light, domain_);
-  const Box whole{0, 0, domain_.width, domain_.height};
   copy(light.radiance, light_);  // first: the copy is what the caches hold then
+  show_light(image_);
+  updates_ = 0;
+  moved_light_ = 0.0;
+  total_light_ = -1.0;
+  return image_;
+}
+
+void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
+  LightMap outline{{}, light.parameterisation};  // size and parameterisation alone
+  outline.radiance.width = light.radiance.width;
+  outline.radiance.height = light.radiance.height;
+  require_domain(outline, domain_);
+  if (light.radiance.channels != 3) throw InputError("the light map does not have three channels");
+  if (out.size() != image_.values.size())
+    throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
+                     std::to_string(image_.values.size()));
+  copy(light.radiance, light_);
+  show_light({out.data(), image_.width, image_.height});
+  updates_ = refresh_period;
+}
+
+void Relighter::show_light(const PixelTarget& target) {
+  const Box whole{0, 0, domain_.width, domain_.height};
   if (smooth_.weighs()) {
     copy(light_, weighed_);
     smooth_.weigh(weighed_, whole);
@@ -140,7 +171,7 @@ const Image& Relighter::relight(const LightMap& light) {
   const std::vector<double> smooth = smooth_.project(values, whole);
   const auto multiply_with = [&](const auto& table) {
     sum_common(smooth, table, common_boxes_, common_);
-    std::visit([&](const auto& transfer) { multiply(transfer, common_, table, image_); }, *transfer_);
+    std::visit([&](const auto& transfer) { multiply(transfer, common_, table, target); }, *transfer_);
   };
   if (double_sums_) {
     exact_table_.build(values);
@@ -149,10 +180,6 @@ const Image& Relighter::relight(const LightMap& light) {
     table_.build(values);
     multiply_with(table_);
   }
-  updates_ = 0;
-  moved_light_ = 0.0;
-  total_light_ = -1.0;
-  return image_;
 }
 
 Image Relighter::take_change(const LightMap& light, const Box& changed) {

@@ -42,6 +42,10 @@ class Relighter {
   /// light does not fit domain().
   const Image& relight(const LightMap& light);
 
+  /// The same straight into `out` [height × width × 3], without an image of this object's own. Throws
+  /// InputError for another number of values, too. The next update() computes the whole image.
+  void relight_into(const LightMapView& light, std::span<float> out);
+
   /// The same after `light` changed inside `changed` alone since the last call, in less time the less of it
   /// changed. Rounding adds up over such calls: after refresh_period of them, or when as much light came and
   /// went as makes it matter, the image is computed anew. Throws InputError when the light does not fit
@@ -66,6 +70,8 @@ class Relighter {
   /// Without a transfer yet.
   Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
   void list_boxes(const LightBasis& basis);
+  /// The scene under light_.
+  void show_light(const PixelTarget& target);
   /// Takes over the light inside `changed`; the difference to what it was.
   Image take_change(const LightMap& light, const Box& changed);
 

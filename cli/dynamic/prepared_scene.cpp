@@ -43,7 +43,7 @@ constexpr int reference_area_light_points = 4096;
 }  // namespace
 
 PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
-                             const dynamic::TransportCache& cache)
+                             const dynamic::TransportCache& cache, const RunContext& run)
     : scene_(std::move(scene)) {
   rays_.reserve(scene_.objects.size());
   for (const dynamic::MovingObject& object : scene_.objects) {
@@ -53,8 +53,8 @@ PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::Transpo
       ++cached_;
       continue;
     }
-    transport_.push_back(dynamic::object_transport(object, rays_.back(), options, run_context()));
-    run_context().throw_if_stopped();  // else it may be incomplete
+    transport_.push_back(dynamic::object_transport(object, rays_.back(), options, run));
+    run.throw_if_stopped();  // else it may be incomplete
     cache.store(object, options, transport_.back());
   }
   light_ = std::make_unique<dynamic::DynamicLight>(scene_, rays_, transport_);

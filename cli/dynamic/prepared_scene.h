@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "cli/run_context.h"
 #include "core/image/image.h"
 #include "relight/viewer/viewer.h"
 #include "simulate/dynamic/bounce_reference.h"
@@ -19,7 +20,7 @@ class PreparedScene {
  public:
   /// Takes from the cache what it holds, and stores there what it does not. Throws Interrupted.
   PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
-                const dynamic::TransportCache& cache);
+                const dynamic::TransportCache& cache, const RunContext& run = run_context());
 
   const dynamic::DynamicScene& scene() const { return scene_; }
   const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }

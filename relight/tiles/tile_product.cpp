@@ -9,18 +9,19 @@
 
 namespace refield {
 
-void store_tile(const TileSums& sums, std::uint32_t groups, bool add, int x0, int y0, Image& image) {
+void store_tile(const TileSums& sums, std::uint32_t groups, bool add, int x0, int y0,
+                const PixelTarget& image) {
   const int columns = std::min(tile_side_px, image.width - x0);
   const int rows = std::min(tile_side_px, image.height - y0);
   if (columns == tile_side_px && rows == tile_side_px) {
-    store_groups(sums, groups, add, &image.at(x0, y0, 0), static_cast<std::size_t>(image.width) * 3);
+    store_groups(sums, groups, add, image.at(x0, y0), static_cast<std::size_t>(image.width) * 3);
     return;
   }
   float whole[tile_pixels * 3];
   store_groups(sums, all_groups, false, whole, tile_side_px * 3);
   for (int y = 0; y < rows; ++y)
     for (int i = 0; i < columns * 3; ++i) {
-      float& value = (&image.at(x0, y0 + y, 0))[i];
+      float& value = image.at(x0, y0 + y)[i];
       value = whole[y * tile_side_px * 3 + i] + (add ? value : 0.0f);
     }
 }
@@ -53,7 +54,7 @@ void sum_own_boxes(const OwnSums& own, int tile, std::span<const SmallBox> boxes
 
 template <class Weight, class Table>
 void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const Table& table,
-              Image& image) {
+              const PixelTarget& image) {
   tbb::enumerable_thread_specific<std::vector<float>> scratches;
   tbb::parallel_for(0, transfer.tiles(), [&](int at) {
     const Tile<Weight> tile = transfer.tile(at);
@@ -72,14 +73,16 @@ void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common,
 }
 
 template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const FixedPointTable&,
-                       Image&);
+                       const PixelTarget&);
 template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const SummedAreaTable&,
-                       Image&);
+                       const PixelTarget&);
 template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const FixedPointTable&,
-                       Image&);
+                       const PixelTarget&);
 template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const SummedAreaTable&,
-                       Image&);
-template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const OwnSums&, Image&);
-template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const OwnSums&, Image&);
+                       const PixelTarget&);
+template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const OwnSums&,
+                       const PixelTarget&);
+template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const OwnSums&,
+                       const PixelTarget&);
 
 }  // namespace refield

@@ -11,6 +11,19 @@
 
 namespace refield {
 
+/// Where pixels go: [height × width × 3] floats without gaps, which another user owns.
+struct PixelTarget {
+  float* values = nullptr;
+  int width = 0;
+  int height = 0;
+
+  PixelTarget(float* first, int width_px, int height_px)
+      : values(first), width(width_px), height(height_px) {}
+  PixelTarget(Image& image)  // NOLINT(google-explicit-constructor): wherever pixels go
+      : PixelTarget(image.values.data(), image.width, image.height) {}
+  float* at(int x, int y) const { return values + (static_cast<std::size_t>(y) * width + x) * 3; }
+};
+
 /// Light under kernels, three floats each, and one more, so that each can be read as four.
 using Coefficients = AlignedFloats;
 
@@ -34,10 +47,11 @@ struct OwnSums {
 /// summed in a fixed order.
 template <class Weight, class Table>
 void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const Table& table,
-              Image& image);
+              const PixelTarget& image);
 
 /// Writes a tile's `groups` (a bit each) into the image at (x0, y0), or, with `add`, adds them; what lies
 /// beyond the image's edges is left out.
-void store_tile(const TileSums& sums, std::uint32_t groups, bool add, int x0, int y0, Image& image);
+void store_tile(const TileSums& sums, std::uint32_t groups, bool add, int x0, int y0,
+                const PixelTarget& image);
 
 }  // namespace refield

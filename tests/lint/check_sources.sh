@@ -37,7 +37,7 @@ found=$(sources {core,acquire,estimate,include,relight,simulate}/'*.h' |
 $found"
 
 tests/lint/check_links.py || status=1
-tests/lint/check_words.py {core,acquire,estimate,include,relight,simulate,cli,bench}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
+tests/lint/check_words.py {core,acquire,estimate,include,relight,simulate,cli,bench,python}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
 
 # What a library must leave to its caller: standard error, signals, forks of processes with threads. Progress,
 # notes and stopping go through RunContext (core/base/run_context.h).
