@@ -78,7 +78,7 @@ class Evaluation(list[Row]):
         lines = math.ceil(max(1, len(kinds)) / columns)
         with pyplot.rc_context({"font.size": 8, "axes.titlesize": 9, "axes.grid": True, "grid.color": "#e4e6e9",
                                 "axes.axisbelow": True, "legend.fontsize": 7, "svg.fonttype": "none"}):
-            figure = figures.Figure(figsize=(4.2 * columns + 1.4, 3.2 * lines + 0.3), layout="constrained")
+            figure = figures.Figure(figsize=(4.2 * columns, 3.2 * lines + 0.3), layout="constrained")
             panels = figure.subplots(lines, columns, squeeze=False).flat
             for axes, kind in zip(panels, kinds):
                 for row in self:
@@ -91,9 +91,9 @@ class Evaluation(list[Row]):
             for axes in list(figure.axes)[len(kinds):]:
                 axes.remove()
             entries = {label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels())}
-            figure.legend(entries.values(), entries.keys(), loc="outside right upper")
+            figure.legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.0, 1.0))
             if path is not None:
-                figure.savefig(path)
+                figure.savefig(path, bbox_inches="tight")
         return figure
 
 
