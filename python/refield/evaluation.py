@@ -71,7 +71,8 @@ class Evaluation(list[Row]):
         from matplotlib import figure as figures
         from matplotlib import pyplot
 
-        kinds = list(dict.fromkeys(row.kind for row in self))
+        rows = [row for row in self if math.isfinite(row.relative_rmse) and row.relative_rmse > 0.0]  # black light has none
+        kinds = list(dict.fromkeys(row.kind for row in rows))
         names = list(dict.fromkeys(row.estimator for row in self))
         colours = [pyplot.get_cmap("tab20")(k) for k in (*range(0, 20, 2), *range(1, 20, 2))]
         columns = min(2, max(1, len(kinds)))
@@ -81,8 +82,8 @@ class Evaluation(list[Row]):
             figure = figures.Figure(figsize=(4.2 * columns, 3.2 * lines + 0.3), layout="constrained")
             panels = figure.subplots(lines, columns, squeeze=False).flat
             for axes, kind in zip(panels, kinds):
-                for row in self:
-                    if row.kind == kind and row.relative_rmse > 0.0:
+                for row in rows:
+                    if row.kind == kind:
                         k = names.index(row.estimator)
                         axes.plot([row.fit_seconds], [row.relative_rmse], "osD^vP*Xph"[k % 10], markersize=6, linestyle="none",
                                   color=colours[k % 20], label=row.estimator)

@@ -154,7 +154,7 @@ def test_jupyter_kernel_is_interrupted_and_used_again():
     manager, client = start_new_kernel(kernel_name="python3")
     try:
         def execute(code, interrupt_after=None):
-            request = client.execute(code)
+            request = client.execute(code, stop_on_error=False)
             if interrupt_after is not None:
                 time.sleep(interrupt_after)
                 manager.interrupt_kernel()
