@@ -65,7 +65,7 @@ def _progress(progress: Progress) -> Optional[Callable[[str, int, int], object]]
     """tqdm bars are no functions of a stage."""
     if progress is None or not (hasattr(progress, "set_description") and hasattr(progress, "refresh")):
         return progress
-    bar = progress
+    bar: Any = progress
 
     def show(stage: str, done: int, total: int) -> None:
         bar.set_description(stage, refresh=False)
@@ -532,7 +532,7 @@ class Comparison(NamedTuple):
 
 
 def _comparison(figures: dict[str, Any]) -> Comparison:
-    return Comparison(**{**figures, "per_image": [ImageError(*image) for image in figures["per_image"]]})
+    return Comparison(**figures)._replace(per_image=[ImageError(*image) for image in figures["per_image"]])
 
 
 def compare(predicted: Union[Field, npt.ArrayLike], observed: Union[Session, npt.ArrayLike],

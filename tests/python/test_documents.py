@@ -42,10 +42,11 @@ def test_types(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["first_field", "your_estimator", "ten_thousand_maps"])
-def test_notebook(name, tmp_path):
+def test_notebook(name, monkeypatch):
     import nbclient
     import nbformat
 
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel draws into the notebook
     notebook = nbformat.read(ROOT / f"python/notebooks/{name}.ipynb", as_version=4)
     nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(ROOT)}}).execute()
     pictures = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs
