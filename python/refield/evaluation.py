@@ -68,7 +68,6 @@ class Evaluation(list[Row]):
         -------
         matplotlib.figure.Figure
         """
-        from matplotlib import figure as figures
         from matplotlib import pyplot
 
         rows = [row for row in self if math.isfinite(row.relative_rmse) and row.relative_rmse > 0.0]  # black light has none
@@ -79,7 +78,7 @@ class Evaluation(list[Row]):
         lines = math.ceil(max(1, len(kinds)) / columns)
         with pyplot.rc_context({"font.size": 8, "axes.titlesize": 9, "axes.grid": True, "grid.color": "#e4e6e9",
                                 "axes.axisbelow": True, "legend.fontsize": 7, "svg.fonttype": "none"}):
-            figure = figures.Figure(figsize=(4.2 * columns, 3.2 * lines + 0.3), layout="constrained")
+            figure = pyplot.figure(figsize=(4.2 * columns, 3.2 * lines + 0.3), layout="constrained")
             panels = figure.subplots(lines, columns, squeeze=False).flat
             for axes, kind in zip(panels, kinds):
                 for row in rows:
@@ -93,6 +92,7 @@ class Evaluation(list[Row]):
                 axes.remove()
             entries = {label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels())}
             figure.legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            pyplot.close(figure)  # shown where it is returned to, once
             if path is not None:
                 figure.savefig(path, bbox_inches="tight")
         return figure
