@@ -35,6 +35,7 @@ std::vector<Box> observed_by(const std::optional<TexelRegressions>& texels, cons
 struct BandsDone {
   int resumed = 0;                  ///< taken over
   std::vector<Box> observed_light;  ///< see FieldOutline
+  LightErrorModel light_error;      ///< see FieldQuality
 };
 
 /// Estimates all bands that `find` does not already have, handing each to `keep`.
@@ -54,8 +55,8 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
       pixels += static_cast<std::uint64_t>(width) * rows_fitted(rows, height, options).count();
     }
   const bool refined = options.mode == EstimateMode::refined;
-  std::optional<BoxTable> table;  // where no band is missing, for the light that refined mode observed
-  if (refined || !missing.empty())
+  std::optional<BoxTable> table;  // where no band is missing, for what depends on the lights alone
+  if (refined || options.predict_errors || !missing.empty())
     table.emplace(job.frames, job.session.light,
                   hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
   std::optional<TexelRegressions> texels;
@@ -69,7 +70,11 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
                               texels ? &*texels : nullptr, &job.noise},
                              workers, progress, run));
   }
-  return {static_cast<int>(bands.size() - missing.size()), observed_by(texels, job.session.light)};
+  LightErrorModel light_error;
+  if (options.predict_errors)
+    light_error = light_error_model(*table, texels ? texels->cells() : std::vector<Box>{});
+  return {static_cast<int>(bands.size() - missing.size()), observed_by(texels, job.session.light),
+          std::move(light_error)};
 }
 
 /// `field` holds the job's rows alone, the mask the whole picture.
@@ -137,7 +142,7 @@ ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const 
   BandsDone done = estimate_bands(
       job, options, plan_job(job, options), [](RowRange) { return false; },
       [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); }, run);
-  return assembler.take(std::move(done.observed_light));
+  return assembler.take(std::move(done.observed_light), std::move(done.light_error));
 }
 
 }  // namespace
@@ -175,8 +180,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
                        ".partial: a finished band is damaged; run again with --resume to redo it");
     assembler.append(*kernels);
   }
-  FieldPart part{assembler.take(std::move(done.observed_light)), job.rows, job.session.height,
-                 job_key(job, options), assembler.take_evidence()};
+  FieldPart part{assembler.take(std::move(done.observed_light), std::move(done.light_error)), job.rows,
+                 job.session.height, job_key(job, options), assembler.take_evidence()};
   const ReflectanceField& field = part.field;
   const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
   if (!options.rows && is_empty) {

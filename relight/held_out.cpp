@@ -44,9 +44,10 @@ struct KindSums {
   std::string kind;
   SeriesError error;
   std::vector<HeldOutImage> per_image = {};
-  bool has_sigma = true;       // every photograph carries its noise
-  std::vector<double> noise;   // [pixels], Σσ² over measured samples
-  std::vector<double> signal;  // [pixels], Σ observed²
+  bool has_sigma = true;            // every photograph carries its noise
+  std::vector<double> noise = {};   // [pixels], Σσ² over measured samples
+  std::vector<double> signal = {};  // [pixels], Σ observed²
+  double variance = 0.0;            // Σ LightErrorModel::variance()
 
   void add_noise(const Photograph& reference) {
     has_sigma = has_sigma && !reference.sigma.empty();
@@ -70,7 +71,9 @@ PredictionCheck check_prediction(const ReflectanceField& field, const KindSums& 
     const double trained_noise = std::pow(field.quality.photograph_noise[p], 2);
     const double noise =
         sums.has_sigma ? sums.noise[p] / sums.signal[p] : noise_scale * noise_scale * trained_noise;
-    const double own = std::max(std::pow(field.quality.predicted_error[p], 2) - trained_noise, 0.0);
+    const double own = field.quality.light_error.known()
+                           ? own_squared_error(field.quality, p) * sums.variance / sums.signal[p]
+                           : std::max(std::pow(field.quality.predicted_error[p], 2) - trained_noise, 0.0);
     predicted.push_back(static_cast<float>(std::sqrt(own + noise)));
     true_error.push_back(actual.values[p]);
     ratios.push_back(predicted.back() / true_error.back());
@@ -152,15 +155,17 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   for (const CaptureFrame& frame : frames) {
     run.throw_if_stopped();
     auto kind = std::ranges::find(kinds, frame.kind, &KindSums::kind);
-    if (kind == kinds.end())
-      kind = kinds.insert(kinds.end(), KindSums{frame.kind, SeriesError(mask), {}, true, {}, {}});
+    if (kind == kinds.end()) kind = kinds.insert(kinds.end(), KindSums{frame.kind, SeriesError(mask)});
     const LightMap light = read_light_map(frame.illumination, session.light.parameterisation, run);
     const Photograph reference = reference_for(frame, light, truth);
     const Image predicted = field.relight(light);
     kind->error.add(predicted, reference.radiance, reference.sigma);
     kind->per_image.push_back(
         {frame.name, frame.observed, image_error(predicted, reference.radiance, mask, reference.sigma)});
-    if (predicts) kind->add_noise(reference);
+    if (predicts) {
+      kind->add_noise(reference);
+      kind->variance += field.quality.light_error.variance(light.radiance);
+    }
     progress.advance();
   }
   std::vector<HeldOutError> errors;

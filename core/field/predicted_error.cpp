@@ -207,6 +207,47 @@ std::vector<LearningPoint> learning_curve_of(std::span<const ErrorEvidence> evid
 
 }  // namespace
 
+double LightErrorModel::variance(const Image& radiance) const {
+  std::vector<std::array<double, 3>> sums;
+  sums.reserve(cells.size());
+  for (const Box& cell : cells) {
+    auto& sum = sums.emplace_back(std::array<double, 3>{});
+    for (int y = cell.y0; y < cell.y1; ++y)
+      for (int x = cell.x0; x < cell.x1; ++x)
+        for (int c = 0; c < 3; ++c) sum[c] += radiance.at(x, y, c);
+  }
+  double total = 0.0;
+  const float* entry = covariance.data();
+  for (std::size_t i = 0; i < sums.size(); ++i)
+    for (std::size_t k = 0; k <= i; ++k) {
+      const double product =
+          (sums[i][0] * sums[k][0] + sums[i][1] * sums[k][1] + sums[i][2] * sums[k][2]) / 3.0;
+      total += (k < i ? 2.0 : 1.0) * static_cast<double>(*entry++) * product;
+    }
+  return std::max(total, 0.0);
+}
+
+std::vector<float> predicted_error_under(const FieldOutline& field, double variance, const Image& relit) {
+  const FieldQuality& quality = field.quality;
+  if (!quality.light_error.known() || quality.training_signal.size() != quality.predicted_error.size())
+    return quality.predicted_error;
+  std::vector<float> error(quality.predicted_error.size(), 0.0f);
+  for (std::size_t p = 0; p < error.size(); ++p) {
+    double signal = 0.0;
+    for (int c = 0; c < 3; ++c) signal += std::pow(static_cast<double>(relit.values[3 * p + c]), 2.0);
+    if (!(signal > 0.0) || !(quality.predicted_error[p] > 0.0f)) continue;
+    error[p] = static_cast<float>(std::sqrt(own_squared_error(quality, p) * variance / signal +
+                                            std::pow(quality.photograph_noise[p], 2.0)));
+  }
+  return error;
+}
+
+double own_squared_error(const FieldQuality& quality, std::size_t pixel) {
+  const double own =
+      std::pow(quality.predicted_error[pixel], 2.0) - std::pow(quality.photograph_noise[pixel], 2.0);
+  return std::max(own, 0.0) * std::pow(quality.training_signal[pixel], 2.0);
+}
+
 void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence) {
   FieldQuality& quality = field.quality;
   quality.predicted_error.assign(evidence.size(), 0.0f);

@@ -6,6 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "core/image/image.h"
+#include "core/light/light_map.h"
+
 namespace refield {
 
 /// Error of a field made from a share of its training images: relative RMSE of the median pixel.
@@ -33,7 +36,31 @@ class LearningCurve {
   double floor_ = 0.0, scale_ = 0.0, exponent_ = 0.0;
 };
 
+/// How the error of a field depends on the light: the variance of e · δ under light e, where δ is what the
+/// training lights leave unknown of a pixel's reflectance function. The same for all pixels but for its
+/// scale.
+struct LightErrorModel {
+  std::vector<Box> cells;         ///< of the light map; light outside them does not count
+  std::vector<float> covariance;  ///< of δ, summed over cells: lower triangle [cells × (cells + 1) / 2]
+
+  bool known() const { return !cells.empty(); }
+  /// Mean squared error under `radiance`, a light map of the field's domain, divided by that under light of
+  /// the training images' kind.
+  double variance(const Image& radiance) const;
+};
+
 struct FieldOutline;
+struct FieldQuality;
+
+/// Relative RMSE that every pixel is expected to have on a photograph under the light that gave `relit`, the
+/// field's image [height × width × 3]: the field's own error, scaled by `variance` of its LightErrorModel,
+/// and photograph noise in proportion to the pixel. 0 where no error is known or the image is black. The
+/// prediction for the training images' kind of light where the field holds no such model.
+/// The field's own squared error of a pixel under light of the training images' kind, summed over channels:
+/// what LightErrorModel::variance() scales.
+double own_squared_error(const FieldQuality& quality, std::size_t pixel);
+
+std::vector<float> predicted_error_under(const FieldOutline& field, double variance, const Image& relit);
 
 /// What a pixel's training images tell about its error on images to come. All three are squared and relative
 /// to Σ b² over the pixel's measured samples: a pixel without kernels misses all of it, one without light has

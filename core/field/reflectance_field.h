@@ -32,6 +32,8 @@ struct FieldQuality {
   /// To be expected on new photographs, as noisy as the training images and under light of their kind.
   std::vector<float> predicted_error;
   std::vector<float> photograph_noise;  ///< the part of predicted_error that is the photographs' own noise
+  std::vector<float> training_signal;   ///< root of the mean, over training images, of a pixel's Σ b²
+  LightErrorModel light_error;          ///< how the field's own part of predicted_error depends on the light
   std::vector<LearningPoint> learning_curve;  ///< error against the share of the training images, or empty
 };
 

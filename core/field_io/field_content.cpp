@@ -45,6 +45,9 @@ constexpr std::array data_set_names = {
     "statistics/learning_curve",
     "statistics/predicted_error",
     "statistics/photograph_noise",
+    "statistics/training_signal",
+    "statistics/light_cells",
+    "statistics/light_covariance",
     mesh_data_set_names[0],
     mesh_data_set_names[1],
     mesh_data_set_names[2],
@@ -57,6 +60,10 @@ constexpr const char* monitors_name = "basis/monitors";
 constexpr std::size_t numbers_of_a_monitor = 8;
 constexpr const char* observed_name = "basis/observed_light";
 constexpr const char* interpolation_name = "basis/interpolation";
+constexpr const char* light_cells_name = "statistics/light_cells";
+constexpr const char* light_covariance_name = "statistics/light_covariance";
+/// The covariance of the cells grows with the square.
+constexpr std::size_t max_error_cells = 4096;
 
 void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
   std::vector<double> numbers;
@@ -129,6 +136,16 @@ std::vector<Box> read_box_list(const Hdf5Values& values, const char* name, const
   return boxes;
 }
 
+/// Boxes that cannot overlap everywhere: each texel of them is visited for each light.
+std::vector<Box> read_separate_boxes(const Hdf5Values& values, const char* name, const LightDomain& domain) {
+  std::vector<Box> boxes = read_box_list(values, name, domain);
+  std::int64_t area = 0;
+  for (const Box& box : boxes) area += box.area();
+  if (area > std::int64_t{domain.width} * domain.height)
+    values.fail(std::string(name) + " has rectangles that overlap");
+  return boxes;
+}
+
 std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const LightDomain& domain) {
   std::vector<MonitorPlacement> monitors;
   const auto numbers = values.dataset<double>(monitors_name, numbers_of_a_monitor);
@@ -164,6 +181,10 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
     const std::array numbers = {of->length, of->fine_share, of->fine_length, of->reach};
     writer.dataset(interpolation_name, numbers.data(), {1, numbers.size()});
   }
+  if (const LightErrorModel& model = field.quality.light_error; model.known()) {
+    write_boxes(writer, light_cells_name, model.cells);
+    writer.dataset(light_covariance_name, model.covariance.data(), {model.covariance.size()});
+  }
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
   write_precomputed(writer, field);
 }
@@ -180,6 +201,18 @@ std::string fault_of_statistics(const FieldOutline& field) {
         return !(point.share > 0.0f) || is_no_error(point.error);
       }))
     return "statistics/learning_curve contains an invalid error";
+  if (!quality.training_signal.empty() && quality.training_signal.size() != pixels)
+    return "statistics/training_signal does not fit the image size";
+  if (std::ranges::any_of(quality.training_signal, is_no_error))
+    return "statistics/training_signal contains an invalid value";
+  const LightErrorModel& model = quality.light_error;
+  if (model.cells.size() > max_error_cells ||
+      model.covariance.size() != model.cells.size() * (model.cells.size() + 1) / 2)
+    return "statistics/light_covariance does not fit statistics/light_cells";
+  if (std::ranges::any_of(model.covariance, [](float value) { return !std::isfinite(value); }))
+    return "statistics/light_covariance contains a value that is not finite";
+  if (model.known() && quality.training_signal.size() < quality.predicted_error.size())
+    return "statistics/training_signal is missing";
   for (const auto* map : {&quality.predicted_error, &quality.photograph_noise}) {
     if (map->size() != quality.predicted_error.size() || (!map->empty() && map->size() != pixels))
       return "statistics/predicted_error or photograph_noise does not fit the image size";
@@ -234,6 +267,9 @@ void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
       points.insert(points.end(), {point.share, point.error});
     writer.dataset("statistics/learning_curve", points.data(), {quality.learning_curve.size(), 2});
   }
+  if (!quality.training_signal.empty())
+    writer.dataset("statistics/training_signal", quality.training_signal.data(),
+                   {quality.training_signal.size()});
   if (!quality.predicted_error.empty()) {
     writer.dataset("statistics/predicted_error", quality.predicted_error.data(),
                    {quality.predicted_error.size()});
@@ -246,7 +282,10 @@ std::uint64_t outline_bytes(const FieldOutline& field) {
   constexpr std::uint64_t structures = 64 << 10;
   return structures + precomputed_bytes(field) + field.provenance.size() +
          field.basis.boxes.size() * sizeof(Box) + field.quality.training_error.size() * sizeof(float) +
-         (field.quality.predicted_error.size() + field.quality.photograph_noise.size()) * sizeof(float);
+         field.quality.light_error.cells.size() * sizeof(Box) +
+         (field.quality.predicted_error.size() + field.quality.photograph_noise.size() +
+          field.quality.training_signal.size() + field.quality.light_error.covariance.size()) *
+             sizeof(float);
 }
 
 FieldFile open_field(const fs::path& path, const RunContext& run) {
@@ -288,14 +327,8 @@ FieldOutline read_outline(const Hdf5Values& values) {
   field.provenance = values.text("provenance");
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
-  if (values.has(observed_name)) {
-    field.observed_light = read_box_list(values, observed_name, field.basis.domain);
-    // Each texel of them is visited for each light.
-    std::int64_t area = 0;
-    for (const Box& box : field.observed_light) area += box.area();
-    if (area > std::int64_t{field.basis.domain.width} * field.basis.domain.height)
-      values.fail(std::string(observed_name) + " has rectangles that overlap");
-  }
+  if (values.has(observed_name))
+    field.observed_light = read_separate_boxes(values, observed_name, field.basis.domain);
   if (values.has(interpolation_name)) {
     const auto numbers = values.dataset<double>(interpolation_name, 4);
     if (numbers.size() != 4) values.fail(std::string(interpolation_name) + " is not one row of 4 numbers");
@@ -303,6 +336,14 @@ FieldOutline read_outline(const Hdf5Values& values) {
         LightInterpolation{field.observed_light, numbers[0], numbers[1], numbers[2], numbers[3]});
     if (const std::string fault = of.fault(field.basis.domain); !fault.empty())
       values.fail(std::string(interpolation_name) + " " + fault);
+  }
+  if (values.has(light_cells_name) && values.has(light_covariance_name)) {
+    LightErrorModel& model = field.quality.light_error;
+    model.cells = read_separate_boxes(values, light_cells_name, field.basis.domain);
+    model.covariance = values.dataset<float>(light_covariance_name, 1);
+    if (model.cells.size() > max_error_cells ||
+        model.covariance.size() != model.cells.size() * (model.cells.size() + 1) / 2)
+      values.fail("statistics/light_covariance does not fit statistics/light_cells");
   }
   return field;
 }
@@ -332,6 +373,8 @@ void read_statistics(const Hdf5Values& values, FieldOutline& field) {
   }
   if (values.has("statistics/predicted_error"))
     quality.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
+  if (values.has("statistics/training_signal"))
+    quality.training_signal = values.dataset<float>("statistics/training_signal", 1);
   if (values.has("statistics/photograph_noise"))
     quality.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
   require_sound(values, fault_of_statistics(field));

@@ -85,6 +85,8 @@ class Joiner {
     }
     std::vector<float>& errors = whole_.quality.training_error;
     errors.insert(errors.end(), part.quality.training_error.begin(), part.quality.training_error.end());
+    std::vector<float>& signal = whole_.quality.training_signal;
+    signal.insert(signal.end(), part.quality.training_signal.begin(), part.quality.training_signal.end());
     error_evidence_.insert(error_evidence_.end(), shard.error_evidence.begin(), shard.error_evidence.end());
   }
   /// Errors are predicted now that all rows are there, as a run over all of them does at its end.

@@ -61,19 +61,6 @@ Eigen::Vector3d place_of(const Box& cell, const LightDomain& domain) {
   return {x / domain.width, y / domain.width, 0.0};
 }
 
-Eigen::MatrixXd covariance_of(const Prior& prior, std::span<const Box> cells, const LightDomain& domain) {
-  const auto count = static_cast<Eigen::Index>(cells.size());
-  Eigen::MatrixXd covariance(count, count);
-  for (Eigen::Index i = 0; i < count; ++i)
-    for (Eigen::Index j = 0; j < count; ++j) {
-      const double distance = (place_of(cells[i], domain) - place_of(cells[j], domain)).norm();
-      const double t = std::numbers::sqrt3 * distance / prior.length;
-      covariance(i, j) =
-          (1.0 - prior.independent) * (1.0 + t) * std::exp(-t) + (i == j ? prior.independent : 0.0);
-    }
-  return covariance;
-}
-
 /// Most probable weights without negative ones, from the unconstrained ones and their covariance S: those
 /// that are held at zero move the others by their multipliers ν ≥ 0, w = μ + S ν. Block principal pivoting
 /// (Júdice and Pires 1994), which seldom takes more than three steps since few weights are negative.
@@ -152,6 +139,19 @@ std::vector<int> measured_in(const float* samples, int images) {
 
 }  // namespace
 
+Eigen::MatrixXd weight_covariance(double length, double independent, std::span<const Box> cells,
+                                  const LightDomain& domain) {
+  const auto count = static_cast<Eigen::Index>(cells.size());
+  Eigen::MatrixXd covariance(count, count);
+  for (Eigen::Index i = 0; i < count; ++i)
+    for (Eigen::Index j = 0; j < count; ++j) {
+      const double distance = (place_of(cells[i], domain) - place_of(cells[j], domain)).norm();
+      const double t = std::numbers::sqrt3 * distance / length;
+      covariance(i, j) = (1.0 - independent) * (1.0 + t) * std::exp(-t) + (i == j ? independent : 0.0);
+    }
+  return covariance;
+}
+
 std::vector<Box> light_cells(const BoxTable& table) {
   const LightDomain& domain = table.domain();
   const std::size_t length = 3 * table.stride();
@@ -206,7 +206,7 @@ TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cel
   noise_levels_ = are_nearly_orthogonal(lights_) ? 1 : all_noise_levels;
   spectra_.resize(3 * priors.size());
   for (std::size_t p = 0; p < priors.size(); ++p) {
-    covariances_.push_back(covariance_of(priors[p], cells, table.domain()));
+    covariances_.push_back(weight_covariance(priors[p].length, priors[p].independent, cells, table.domain()));
     for (int c = 0; c < channels; ++c) {
       Spectrum& spectrum = spectra_[3 * p + c];
       if (images_ <= count) {
@@ -432,11 +432,11 @@ double TexelRegression::criterion_of(const PixelKernels& kernels, const PixelSam
 }
 
 double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples,
-                                      float* residuals) const {
+                                      float* residuals, double* misfit_part) const {
   const std::size_t stride = table_->stride();
   const int prior = kernels.texel_prior / all_noise_levels, noise = kernels.texel_prior % all_noise_levels;
   std::fill_n(residuals, 3 * stride, 0.0f);
-  double squared = 0.0;
+  double squared = 0.0, misfit_squared = 0.0;
   for (int c = 0; c < 3; ++c) {
     if (!(samples.squared[c] > 0.0)) continue;
     std::vector<int> measured;
@@ -478,8 +478,11 @@ double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedS
       const double residual = misfit(j) / diagonal(j);
       residuals[c * stride + j] = static_cast<float>(residual);
       squared += residual * residual;
+      // The variance of a sample left out is 1 / diagonal, of which λ is noise.
+      misfit_squared += residual * residual * std::clamp(1.0 - lambda * diagonal(j), 0.0, 1.0);
     }
   }
+  if (misfit_part) *misfit_part = misfit_squared;
   return squared;
 }
 

@@ -20,6 +20,11 @@ namespace refield {
 /// degrees of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
 std::vector<Box> light_cells(const BoxTable& table);
 
+/// Prior covariance of the weights of cells: a Matérn covariance (ν = 3/2) of their distance, in widths of
+/// the light map (diameters of the sphere for maps of directions), of this length, and an independent part.
+Eigen::MatrixXd weight_covariance(double length, double independent, std::span<const Box> cells,
+                                  const LightDomain& domain);
+
 /// Gaussian process regression with one weight per light cell, for light with few degrees of freedom. The
 /// prior covariance of the weights is smooth over the light map (Matérn, ν = 3/2) plus independent. Each
 /// pixel selects the length, the share of the independent part and the ratio of noise to signal by the
@@ -47,8 +52,10 @@ class TexelRegression {
   double criterion_of(const PixelKernels& kernels, const PixelSamples& samples) const;
 
   /// Leave-one-out residuals of a pixel that fit() fitted, [3 × stride], zero where not measured. Returns
-  /// their squared sum.
-  double leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples, float* residuals) const;
+  /// their squared sum and, in `misfit_part`, the part of it that is expected to be error of the weights, not
+  /// noise.
+  double leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples, float* residuals,
+                       double* misfit_part = nullptr) const;
 
  private:
   /// Of one prior and channel: the covariance of the samples is V diag(values) Vᵀ.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "core/base/run_context.h"
@@ -137,7 +138,7 @@ class BandEstimator {
   void gather_evidence(Rows& rows) const;
   /// Leave-one-out residuals in units of the pixel's √Σb², or false where there is nothing to assess.
   bool residuals_of(const Rows& rows, int x, int y, FitWorker& own, MaskedSamples& masked,
-                    AlignedFloats& residuals, double& squared) const;
+                    AlignedFloats& residuals, double& squared, std::optional<double>& misfit) const;
   void leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& own) const;
   /// Cross-validates a block of the lattice.
   void cross_validate(Rows& rows, const PixelTile& block, FitWorker& own) const;
@@ -241,7 +242,8 @@ void BandEstimator::gather_evidence(Rows& rows) const {
 }
 
 bool BandEstimator::residuals_of(const Rows& rows, int x, int y, FitWorker& own, MaskedSamples& masked,
-                                 AlignedFloats& residuals, double& squared) const {
+                                 AlignedFloats& residuals, double& squared,
+                                 std::optional<double>& misfit) const {
   if (x < 0 || x >= width_ || !active(x, y)) return false;
   const PixelKernels& pixel = rows.at(x, y);
   if (!(pixel.squared_samples > 0.0)) return false;  // without kernels, all of it is error
@@ -249,8 +251,9 @@ bool BandEstimator::residuals_of(const Rows& rows, int x, int y, FitWorker& own,
   const BoxTable& table = input_.table;
   masked.assign(samples(x, y), table.stride(), table.images());
   residuals.resize(3 * table.stride());
-  squared =
-      own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
+  squared = own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data(), &misfit) /
+            pixel.squared_samples;
+  if (misfit) *misfit /= pixel.squared_samples;
   const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
   for (float& r : residuals) r *= scale;
   return true;
@@ -262,22 +265,24 @@ void BandEstimator::leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& 
   for (int y = tile.y0; y < tile.y1; ++y) {
     run_.throw_if_stopped();
     double squared = 0.0;
-    bool has_before = residuals_of(rows, tile.x0 - 1, y, own, masked, before, squared);
+    std::optional<double> misfit, misfit_before;
+    bool has_before = residuals_of(rows, tile.x0 - 1, y, own, masked, before, squared, misfit_before);
     double shared_before = 0.0;  // with the pixel before
     bool is_shared_before = false;
     for (int x = tile.x0; x <= tile.x1; ++x) {
-      const bool has_here = residuals_of(rows, x, y, own, masked, here, squared);
+      const bool has_here = residuals_of(rows, x, y, own, masked, here, squared, misfit);
       const bool is_shared = has_before && has_here;
       double shared = 0.0;
       for (std::size_t j = 0; is_shared && j < here.size(); ++j)
         shared += static_cast<double>(before[j]) * here[j];
       if (x > tile.x0 && has_before)
-        rows.at(x - 1, y).evidence.shared = static_cast<float>(
-            (shared_before + shared) / std::max(1, static_cast<int>(is_shared_before) + is_shared));
+        rows.at(x - 1, y).evidence.shared = static_cast<float>(misfit_before.value_or(
+            (shared_before + shared) / std::max(1, static_cast<int>(is_shared_before) + is_shared)));
       if (x < tile.x1 && has_here) rows.at(x, y).evidence.leave_one_out = static_cast<float>(squared);
       shared_before = shared;
       is_shared_before = is_shared;
       has_before = has_here;
+      misfit_before = misfit;
       std::swap(before, here);
     }
   }

@@ -15,7 +15,9 @@
 namespace refield {
 
 FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options)
-    : with_evidence_(options.predict_errors), is_whole_(!options.rows) {
+    : with_evidence_(options.predict_errors),
+      is_whole_(!options.rows),
+      images_(static_cast<double>(job.frames.size())) {
   field_.width = job.session.width;
   field_.height = job.rows.count();
   field_.basis.domain = job.session.light;
@@ -47,11 +49,15 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
         pixel.squared_samples > 0.0
             ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
             : 0.0f);
+    if (with_evidence_)
+      field_.quality.training_signal.push_back(
+          static_cast<float>(std::sqrt(pixel.squared_samples / images_)));
     if (with_evidence_) error_evidence_.push_back(pixel.evidence);
   }
 }
 
-ReflectanceField FieldAssembler::take(std::vector<Box> observed_light) {
+ReflectanceField FieldAssembler::take(std::vector<Box> observed_light, LightErrorModel light_error) {
+  field_.quality.light_error = std::move(light_error);
   field_.observed_light = std::move(observed_light);
   if (is_whole_) {
     predict_errors(field_, error_evidence_);

@@ -69,13 +69,14 @@ class FieldAssembler {
   FieldAssembler(const EstimateJob& job, const EstimateOptions& options);
   void append(std::span<const PixelKernels> kernels);
   /// The field, with its errors predicted where it is whole and the pixels came with evidence.
-  ReflectanceField take(std::vector<Box> observed_light);
+  ReflectanceField take(std::vector<Box> observed_light, LightErrorModel light_error);
   /// [pixels] or empty.
   std::vector<ErrorEvidence> take_evidence() { return std::move(error_evidence_); }
 
  private:
   bool with_evidence_;
   bool is_whole_;  // parts are predicted when they are merged
+  double images_;
   ReflectanceField field_;
   std::vector<ErrorEvidence> error_evidence_;
   std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;

@@ -60,11 +60,17 @@ void FieldPicture::show(Shown shown) {
   is_old_ = true;
   error_range_ = 0.0;
   if (is_relit_image(shown)) return;
-  std::vector<float> known;
-  std::ranges::copy_if(error_map_of(field_, shown), std::back_inserter(known),
-                       [](float v) { return std::isfinite(v); });
-  const double high = known.empty() ? 0.0 : quantile(std::move(known), 0.98);
+  set_range(error_map_of(field_, shown));
+}
+
+void FieldPicture::set_range(std::vector<float> errors) {
+  std::erase_if(errors, [](float v) { return !std::isfinite(v); });
+  const double high = errors.empty() ? 0.0 : quantile(std::move(errors), 0.98);
   error_range_ = high > 0.0 ? high : 1.0;
+}
+
+bool FieldPicture::depends_on_light() const {
+  return is_relit_image(shown_) || (shown_ == Shown::predicted_error && field_.quality.light_error.known());
 }
 
 void FieldPicture::set_tone(const ToneMapping& tone) {
@@ -74,10 +80,10 @@ void FieldPicture::set_tone(const ToneMapping& tone) {
 }
 
 void FieldPicture::set_relit() {
-  is_old_ |= is_relit_image(shown_);
+  is_old_ |= depends_on_light();
 }
 
-bool FieldPicture::draw(const Image& radiance, double exposure) {
+bool FieldPicture::draw(const Image& radiance, double exposure, const Image* light) {
   if (!std::exchange(is_old_, false)) return false;
   levels_.resize(std::size_t{4} * radiance.pixel_count());
   if (shown_ == Shown::picture) {
@@ -88,6 +94,10 @@ bool FieldPicture::draw(const Image& radiance, double exposure) {
   } else {
     Image map(field_.width, field_.height, 1);
     map.values = error_map_of(field_, shown_);
+    if (light != nullptr && depends_on_light()) {
+      map.values = predicted_error_under(field_, field_.quality.light_error.variance(*light), radiance);
+      set_range(map.values);
+    }
     false_colour_rgba(map, linear_levels(error_range_), levels_);
   }
   return true;

@@ -54,11 +54,15 @@ class FieldPicture {
   /// It is shown by another exposure, or was never shown.
   void outdate() { is_old_ = true; }
   /// Makes the levels, where they are outdated; whether they were.
-  bool draw(const Image& radiance, double exposure);
+  /// `light`: that gave `radiance`, for the predicted error; null where it is no map of the field's domain.
+  bool draw(const Image& radiance, double exposure, const Image* light = nullptr);
   /// Pixels of red, green, blue, alpha, row-major.
   std::span<const std::uint8_t> levels() const { return levels_; }
 
  private:
+  void set_range(std::vector<float> errors);
+  bool depends_on_light() const;
+
   const FieldOutline& field_;
   Shown shown_ = Shown::picture;
   double error_range_ = 0.0;

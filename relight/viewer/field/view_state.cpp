@@ -157,7 +157,8 @@ ViewState::Refreshed ViewState::refresh(std::optional<std::chrono::milliseconds>
   }
   expose_if_current();
   start = std::chrono::steady_clock::now();
-  done.picture = picture_.draw(radiance(), tone_in_use().exposure);
+  const bool is_cube = field_.basis.domain.parameterisation == Parameterisation::cube;
+  done.picture = picture_.draw(radiance(), tone_in_use().exposure, is_cube ? nullptr : &relit_.light);
   done.light = draw_light();
   if (done.picture || done.light) done.tone_ms = 1e3 * seconds_since(start);
   done.kernels = kernels_.draw(relighter_.transfer());
