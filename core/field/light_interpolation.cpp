@@ -28,8 +28,8 @@ constexpr double jitter = 1e-9;
 
 /// Tried, each with each. On real photographs under 64 to 240 light sources the choice is inside the grid
 /// (docs/method/light-stages.md).
-constexpr std::array lengths = {0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4};
-constexpr std::array fine_shares = {1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1};
+constexpr std::array tried_lengths = {0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4};
+constexpr std::array tried_shares = {1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1};
 /// Multiples of the median distance between neighbouring sources. A shorter fine part changes the error of
 /// left-out sources by less than 2 %; a longer one increases it. At up to three distances outside the
 /// sources, extrapolation is better than darkness on all sets.
@@ -232,8 +232,8 @@ std::optional<LightInterpolation> fit_light_interpolation(const std::vector<Box>
   }
   normalised.conservativeResize(Eigen::NoChange, columns);
   std::vector<LightInterpolation> candidates;
-  for (const double length : lengths)
-    for (const double share : fine_shares)
+  for (const double length : tried_lengths)
+    for (const double share : tried_shares)
       candidates.push_back({sources, length, share, fine_spacing * spacing, reach_spacing * spacing});
   std::vector<double> errors(candidates.size());
   tbb::parallel_for(std::size_t{0}, candidates.size(),
