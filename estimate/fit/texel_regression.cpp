@@ -66,7 +66,7 @@ Eigen::Vector3d place_of(const Box& cell, const LightDomain& domain) {
 /// (Júdice and Pires 1994), which seldom takes more than three steps since few weights are negative.
 Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covariance) {
   constexpr int max_steps = 100;
-  const double negligible = 1e-9 * mean.cwiseAbs().maxCoeff();
+  const double tolerance = 1e-9 * mean.cwiseAbs().maxCoeff();
   std::vector<char> held(static_cast<std::size_t>(mean.size()), 0);
   for (Eigen::Index k = 0; k < mean.size(); ++k) held[k] = mean(k) < 0.0;
   Eigen::VectorXd weights = mean;
@@ -85,7 +85,7 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
         changed = true;
       }
     for (Eigen::Index k = 0; k < mean.size(); ++k)
-      if (!held[k] && weights(k) < -negligible) {
+      if (!held[k] && weights(k) < -tolerance) {
         held[k] = 1;
         changed = true;
       }
@@ -158,10 +158,10 @@ std::vector<Box> light_cells(const BoxTable& table) {
   AlignedFloats totals(length), first(length), other(length);
   table.column({0, 0, domain.width, domain.height}, totals.data());
   // Differences of a summed-area table in double carry this much rounding.
-  constexpr float negligible = 1e-10f, equal = 1e-6f;
+  constexpr float unlit = 1e-10f, equal = 1e-6f;
   const auto is_lit = [&](const AlignedFloats& column) {
     for (std::size_t i = 0; i < length; ++i)
-      if (column[i] > negligible * totals[i]) return true;
+      if (column[i] > unlit * totals[i]) return true;
     return false;
   };
   std::vector<char> visited(static_cast<std::size_t>(domain.width) * domain.height, 0);
@@ -172,7 +172,7 @@ std::vector<Box> light_cells(const BoxTable& table) {
     if (at(x, y)) return false;
     table.column({x, y, x + 1, y + 1}, other.data());
     for (std::size_t i = 0; i < length; ++i)
-      if (std::abs(other[i] - first[i]) > equal * std::abs(first[i]) + negligible * totals[i]) return false;
+      if (std::abs(other[i] - first[i]) > equal * std::abs(first[i]) + unlit * totals[i]) return false;
     return true;
   };
   std::vector<Box> cells;
