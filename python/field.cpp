@@ -103,7 +103,7 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
         plain->transfer.apply(plain->basis.project(light), picture);
     }
     if (!outline().observed_light.empty())
-      unobserved = std::max(unobserved, outline().unobserved_share(image_of(lights[i])));
+      unobserved = std::max(unobserved, outline().light_shares(image_of(lights[i])).unobserved);
     progress.advance();
   }
   warn_of_unobserved_light(unobserved);

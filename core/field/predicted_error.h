@@ -52,14 +52,14 @@ struct LightErrorModel {
 struct FieldOutline;
 struct FieldQuality;
 
-/// Relative RMSE that every pixel is expected to have on a photograph under the light that gave `relit`, the
-/// field's image [height × width × 3]: the field's own error, scaled by `variance` of its LightErrorModel,
-/// and photograph noise in proportion to the pixel. 0 where no error is known or the image is black. The
-/// prediction for the training images' kind of light where the field holds no such model.
 /// The field's own squared error of a pixel under light of the training images' kind, summed over channels:
 /// what LightErrorModel::variance() scales.
 double own_squared_error(const FieldQuality& quality, std::size_t pixel);
 
+/// Relative RMSE that every pixel is expected to have on a photograph under the light that gave `relit`, the
+/// field's image [height × width × 3]: the field's own error, scaled by `variance` of its LightErrorModel,
+/// and photograph noise in proportion to the pixel. 0 where no error is known or the image is black. The
+/// prediction for the training images' kind of light where the field holds no such model.
 std::vector<float> predicted_error_under(const FieldOutline& field, double variance, const Image& relit);
 
 /// What a pixel's training images tell about its error on images to come. All three are squared and relative

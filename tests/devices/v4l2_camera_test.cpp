@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_camera.h"
 
 #include <gmock/gmock.h>

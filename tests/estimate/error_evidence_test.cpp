@@ -149,5 +149,31 @@ TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
   EXPECT_EQ(without.transfer.weight, field.transfer.weight);
 }
 
+TEST(LightErrorModel, BarsLeaveMoreErrorThanTrainingLights) {
+  const int width = 32, height = 16;
+  const auto lights = test::random_lights(images, width, height, 5);
+  const LightErrorModel model = light_error_model(BoxTable(lights), {});
+  const auto others = test::random_lights(images, width, height, 6);
+  double same_kind = 0.0, energy = 0.0;
+  const auto energy_of = [](const Image& light) {
+    double sum = 0.0;
+    for (const float v : light.values) sum += v;
+    return sum * sum;
+  };
+  for (const LightMap& light : others) {
+    same_kind += model.variance(light.radiance) / images;
+    energy += energy_of(light.radiance) / images;
+  }
+  EXPECT_GT(same_kind, 0.5);  // 1 by its definition for the mean of training lights that are left out
+  EXPECT_LT(same_kind, 2.0);
+  Image bar(width, height, 3);
+  for (int y = 0; y < height; ++y)
+    for (int c = 0; c < 3; ++c) bar.at(7, y, c) = 1.0f;
+  EXPECT_GT(model.variance(bar) / energy_of(bar), 2.0 * same_kind / energy);
+  Image doubled = bar;
+  for (float& v : doubled.values) v *= 2.0f;
+  EXPECT_NEAR(model.variance(doubled), 4.0 * model.variance(bar), 1e-9 * model.variance(doubled));
+}
+
 }  // namespace
 }  // namespace refield
