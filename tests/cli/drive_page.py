@@ -197,7 +197,8 @@ class Check:
         difference = self.browser.run("""
             viewer.relighter.draw(viewer.exposure());
             const {x, y, list} = viewer.picked, seen = viewer.relighter.readPixels(x, y, 1, 1);
-            const sum = [0, 0, 0], map = viewer.light;
+            const sum = [0, 0, 0], interpolator = viewer.projector.interpolator;
+            const map = interpolator ? interpolator.gathered(viewer.light) : viewer.light;
             for (const {kernel, weight} of list)
               for (let ty = kernel.y0; ty < kernel.y1; ++ty)
                 for (let tx = kernel.x0; tx < kernel.x1; ++tx)

@@ -44,7 +44,7 @@ completes() {
   shift
   expected=$*
   COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
-  _refield
+  _refield || true  # compgen says that nothing was found
   [[ ${COMPREPLY[*]} == "$expected" ]] || fail "'${COMP_WORDS[*]}' is completed to '${COMPREPLY[*]}', not '$expected'"
 }
 completes e = estimate export-web

@@ -39,7 +39,7 @@ NOT_RUN = {
     "refield report SESSION": "a summary of the options",
     "tests/cli/drive_page.py": "Maps/PageInChromium.*",
 }
-FIRST_WORDS = ("refield", "python3", "cmake", "apt", "exec", "./dev", "tests/")
+FIRST_WORDS = ("refield", "python3", "oiiotool", "cmake", "apt", "exec", "./dev", "tests/")
 
 
 def commands_of(text):
