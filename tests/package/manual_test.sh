@@ -58,7 +58,7 @@ completes simulate prt --met = --method
 completes info --js = --json
 if command -v zsh >/dev/null; then zsh -n "$folder/_refield" || fail "zsh cannot read _refield"; fi
 
-"$program" --quiet simulate "$recipe" -o truth --width 24 --height 18 --light-width 8 --light-height 6 --train 1 --natural 0 --bars 0 \
+"$program" --quiet simulate "$recipe" -o truth --width 24 --height 18 --light-width 8 --light-height 8 --train 1 --natural 0 --bars 0 \
   --squares 0 --quality 1 >log 2>&1 || fail "$(cat log)"
 "$thumbnailer" truth/transport.rfield picture 12 || fail "no picture"
 mv picture picture.png
