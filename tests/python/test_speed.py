@@ -49,13 +49,15 @@ def test_relighting_at_1024x768(tmp_path):
     out = np.empty(field.shape, np.float32)
     frames = 20
 
-    def relight():
-        for _ in range(frames):
+    def relight(count):
+        for _ in range(count):
             relighter.relight(light, out=out)
 
-    relight()
-    # 95 % of the rate of C++ is the aim; 90 % was measured, on a machine that ten other processes used.
-    assert least_ratio(lambda: milliseconds(relight) / frames, lambda: reference("relight", file, frames), 1 / 0.95) <= 1 / 0.85
+    def measure():
+        relight(3)  # as the reference does: its process has left the caches to other data
+        return milliseconds(lambda: relight(frames)) / frames
+
+    assert least_ratio(measure, lambda: reference("relight", file, frames), 1 / 0.95) <= 1 / 0.95
     # A batch: no frame is copied, so that memory beyond `images` does not grow with it.
     images = np.empty((100, *field.shape), np.float32)
     lights = np.repeat(light[np.newaxis], 100, axis=0)
