@@ -291,6 +291,7 @@ def cpp_pages(sources, work):
 
 def from_numpydoc(text):
     """A docstring of NumPy's convention as Markdown."""
+    text = re.sub(r"::$", ":", text, flags=re.M)  # what introduces a block of code
     parts = re.split(r"^(\w[\w ]*)\n-{3,}\n", text, flags=re.M)
     lines = [parts[0].strip(), ""]
     for heading, content in zip(parts[1::2], parts[2::2]):

@@ -5,8 +5,8 @@ A reflectance field is the matrix T of B = T L, which turns a light map L into t
 photographs under known lights, then show the scene in any other light::
 
     import refield
-    field = refield.estimate(light, observed)   # [N, h, w, 3] and [N, H, W, 3], scene-linear
-    image = field.relight(new_light)            # [H, W, 3]
+    field = refield.estimate(light, observed)  # [N, h, w, 3] and [N, H, W, 3]
+    image = field.relight(new_light)           # [H, W, 3]
 
 Images are scene-linear RGB, float32, top row first; radiance is relative unless a calibration defines units. Light maps
 are of one of three parameterisations: ``monitor``, ``lat_long`` or ``cube`` (docs/reference/conventions.md).
