@@ -401,8 +401,8 @@ TEST_F(FlatFieldImport, RemovesFallOffIntensityAndVignetting) {
     double irradiance = 0.0;
     for (int y = 0; y < light.radiance.height; ++y)
       for (int x = 0; x < light.radiance.width; ++x)
-        irradiance += light.radiance.at(x, y, 0) *
-                      lat_long_solid_angle(y, light.radiance.width, light.radiance.height);
+        irradiance +=
+            light.radiance.at(x, y, 0) * lat_long_solid_angle(y, light.radiance.width, light.radiance.height);
     EXPECT_NEAR(irradiance, 1.0, 1e-6);
     const Image observed = read_observed(frame).radiance;
     double worst = 0.0;
