@@ -42,7 +42,6 @@ class WindowMonitorOnScreen : public ::testing::Test {
     if (!test::is_installed("Xvfb") || !test::is_installed("xwd"))
       GTEST_SKIP() << "SKIPPED: Xvfb or xwd is not installed (Debian packages xvfb and x11-apps)";
     ::unsetenv("WAYLAND_DISPLAY");
-    ::setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
     screen_ = std::make_unique<test::VirtualScreen>(screen_width, screen_height);
     ASSERT_TRUE(screen_->is_up()) << "Xvfb does not start";
   }

@@ -222,8 +222,6 @@ TEST_F(ManualCapture, PatternsAreShownOnAScreenWithTheirTimes) {
   if (!test::is_installed("Xvfb") || !test::is_installed("xwd"))
     GTEST_SKIP() << "SKIPPED: Xvfb or xwd is not installed (Debian packages xvfb and x11-apps)";
   ::unsetenv("WAYLAND_DISPLAY");
-  ::setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
-  ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // drivers leave memory behind when they are unloaded
   constexpr int width = 320, height = 200, scale = 16, left = 32, top = 4;  // 16×12 texels: 256×192 pixels
   const test::VirtualScreen screen(width, height);
   ASSERT_TRUE(screen.is_up()) << "Xvfb does not start";

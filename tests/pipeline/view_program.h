@@ -26,8 +26,6 @@ class ViewProgram : public testing::Test {
 #ifdef __SANITIZE_THREAD__
     GTEST_SKIP() << "SKIPPED: the software renderer's threads are not instrumented";
 #endif
-    ::setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
-    ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // drivers leave memory behind when they are unloaded
     ::setenv("XDG_STATE_HOME", path("state").c_str(), 1);
     ::setenv("REFIELD_CACHE", path("cache").c_str(), 1);
     screen_ = std::make_unique<VirtualScreen>(1280, 820);

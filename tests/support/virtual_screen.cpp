@@ -70,9 +70,11 @@ VirtualScreen::VirtualScreen(int width, int height) {
   pollfd ready{ends[0], POLLIN, 0};
   constexpr int patience_ms = 20000;
   if (server_ > 0 && ::poll(&ready, 1, patience_ms) == 1 && ::read(ends[0], number, sizeof number - 1) > 0)
-    ::setenv("DISPLAY", (":" + std::to_string(std::atoi(number))).c_str(), 1);
+    set("DISPLAY", ":" + std::to_string(std::atoi(number)));
   ::close(ends[0]);
   is_up_ = number[0] != '\0';
+  set("LIBGL_ALWAYS_SOFTWARE", "1");
+  set("ASAN_OPTIONS", "detect_leaks=0");
 }
 
 VirtualScreen::~VirtualScreen() {
@@ -80,7 +82,17 @@ VirtualScreen::~VirtualScreen() {
     ::kill(server_, SIGTERM);
     finish_program(server_);
   }
-  ::unsetenv("DISPLAY");
+  for (const auto& [name, value] : before_)
+    if (value)
+      ::setenv(name.c_str(), value->c_str(), 1);
+    else
+      ::unsetenv(name.c_str());
+}
+
+void VirtualScreen::set(const std::string& name, const std::string& value) {
+  const char* const before = std::getenv(name.c_str());
+  before_.emplace(name, before ? std::optional<std::string>(before) : std::nullopt);
+  ::setenv(name.c_str(), value.c_str(), 1);
 }
 
 }  // namespace refield::test

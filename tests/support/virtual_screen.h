@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,7 +17,9 @@ pid_t start_program(std::vector<std::string> words);
 int finish_program(pid_t child);
 bool is_installed(const std::string& program);
 
-/// An X server without a screen (Xvfb) for as long as it lives; DISPLAY points to it.
+/// An X server without a screen (Xvfb) for as long as it lives; DISPLAY points to it. Programs started
+/// meanwhile draw in software and do not look for leaks: the driver leaves memory behind, and by then it is
+/// unloaded, so that no list of exceptions can name it.
 class VirtualScreen {
  public:
   VirtualScreen(int width, int height);
@@ -25,6 +29,9 @@ class VirtualScreen {
   bool is_up() const { return is_up_; }
 
  private:
+  void set(const std::string& name, const std::string& value);
+
+  std::map<std::string, std::optional<std::string>> before_;  ///< what the environment held
   pid_t server_ = -1;
   bool is_up_ = false;
 };
