@@ -374,7 +374,7 @@ MirrorBall read_ball(const std::vector<ImportedView>& views, ImportRequest& requ
       progress.advance();
     }
   }
-  const MirrorBall ball = locate_ball(*request.ball, mean);
+  MirrorBall ball = locate_ball(*request.ball, mean);
   LightStage& stage = request.stage;
   char text[240];
   std::snprintf(text, sizeof text, "mirror ball at --ball %.2f,%.2f,%.2f", ball.centre_px().x(),

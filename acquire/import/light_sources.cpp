@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <map>
 #include <optional>
+#include <span>
 #include <sstream>
 #include <string_view>
 #include <utility>
@@ -152,14 +153,17 @@ std::string file_name_of(const std::string& path) {
   return path.substr(path.find_last_of("/\\") + 1);
 }
 
-void read_named_positions(LightStage& stage, const std::vector<ListLine>& lines,
-                          DirectionReader& directions) {
+void require_count(const LightStage& stage, const std::vector<ListLine>& lines) {
   const int stated = *parsed<int>(lines.front().text);
   const auto listed = static_cast<int>(lines.size()) - 1;
   if (stated != listed || listed < 1)
     refuse_line(stage.file, lines.front().number,
                 "states " + std::to_string(stated) + " light sources, but the file lists " +
                     std::to_string(listed) + "; correct the count, or add the missing lines");
+}
+
+void read_named_positions(LightStage& stage, const std::vector<ListLine>& lines,
+                          DirectionReader& directions) {
   for (std::size_t i = 1; i < lines.size(); ++i) {
     const auto& [number, text] = lines[i];
     const auto words = words_of(text);
@@ -228,6 +232,24 @@ void read_directions(LightStage& stage, const std::vector<ListLine>& lines, Dire
     read_intensities(stage, intensities);
   else
     stage.notes.push_back(intensities.string() + " does not exist; all light sources have intensity 1");
+}
+
+/// Some programs write a list with its count but without names.
+bool are_directions(std::span<const ListLine> lines) {
+  return !lines.empty() && std::ranges::all_of(lines, [](const ListLine& line) {
+    const auto words = words_of(line.text);
+    return words.size() == 3 && parsed<double>(words[0]);
+  });
+}
+
+void read_counted(LightStage& stage, std::vector<ListLine> lines, DirectionReader& directions) {
+  require_count(stage, lines);
+  if (!are_directions(std::span(lines).subspan(1))) {
+    read_named_positions(stage, lines, directions);
+    return;
+  }
+  lines.erase(lines.begin());
+  read_directions(stage, lines, directions);
 }
 
 /// Fields of a line, without spaces around them; a field in double quotes may hold the separator.
@@ -377,7 +399,7 @@ LightStage read_light_stage(const fs::path& file, const std::optional<Eigen::Vec
   if (const auto separator = separator_of(lines.front().text))
     read_table(stage, lines, *separator, directions);
   else if (first.size() == 1 && parsed<int>(first[0]))
-    read_named_positions(stage, lines, directions);
+    read_counted(stage, lines, directions);
   else if (first.size() == 3 && parsed<double>(first[0]))
     read_directions(stage, lines, directions);
   else

@@ -405,8 +405,8 @@ OutlineFit find_ball(const Image& photograph, const ProbeOptics& optics) {
   }
   if (!best || best->support < least_support)
     throw InputError(
-        "no ball was found with certainty; give its circle with --ball X,Y,R, or a mask image with "
-        "--ball-mask");
+        "no ball was found with certainty, since too little of its outline is visible; give its circle with "
+        "--ball X,Y,R");
   return *best;
 }
 

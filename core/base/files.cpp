@@ -179,14 +179,48 @@ void require_free_space(const fs::path& path, std::uint64_t bytes) {
                         std::to_string(space.available / 1'000'000) + " MB free");
 }
 
+bool comes_before(const fs::path& one, const fs::path& other) {
+  const std::string &a = one.native(), &b = other.native();
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  const auto digits_from = [&](const std::string& text, std::size_t& at) {
+    while (at < text.size() && text[at] == '0') ++at;
+    const std::size_t first = at;
+    while (at < text.size() && is_digit(text[at])) ++at;
+    return std::string_view(text).substr(first, at - first);
+  };
+  std::size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (is_digit(a[i]) && is_digit(b[j])) {
+      const std::string_view left = digits_from(a, i), right = digits_from(b, j);
+      if (left.size() != right.size()) return left.size() < right.size();
+      if (left != right) return left < right;
+    } else {
+      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
+      ++i, ++j;
+    }
+  }
+  const std::size_t left = a.size() - i, right = b.size() - j;
+  return left != right ? left < right : a < b;  // equal but for zeros before numbers
+}
+
 std::vector<GlobMatch> expand_glob(const std::string& pattern) {
   fs::path path(pattern);
   std::vector<GlobMatch> matches;
   if (fs::is_directory(path)) {
-    for (const auto& entry : fs::directory_iterator(path))
-      if (entry.is_regular_file() && is_image_file(entry.path()) &&
-          entry.path().filename().string()[0] != '.')
+    std::string other;
+    for (const auto& entry : fs::directory_iterator(path)) {
+      const std::string name = entry.path().filename().string();
+      if (!entry.is_regular_file() || name[0] == '.') continue;
+      if (is_image_file(entry.path()))
         matches.push_back({entry.path(), entry.path().stem().string()});
+      else if (other.empty() || comes_before(name, other))
+        other = name;
+    }
+    if (matches.empty())
+      throw InputError(pattern +
+                       ": the folder contains no images (EXR, HDR, PNG, JPEG, TIFF, PFM, camera RAW)" +
+                       (other.empty() ? "" : ", but other files, for example " + other) +
+                       "; check its name or convert the files");
   } else if (fs::is_directory(folder_of(path))) {
     for (const auto& entry : fs::directory_iterator(folder_of(path))) {
       const std::string name = entry.path().filename().string();
@@ -197,7 +231,7 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
   }
   if (matches.empty())
     throw InputError("no file matches '" + pattern + "'; quote the pattern and check the folder's name");
-  std::ranges::sort(matches, {}, &GlobMatch::path);
+  std::ranges::sort(matches, comes_before, &GlobMatch::path);
   return matches;
 }
 

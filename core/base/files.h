@@ -35,8 +35,11 @@ struct GlobMatch {
   std::string wildcard;
 };
 
-/// Files that match a pattern with `*` and `?` in its last component, sorted by name. A folder stands for all
-/// image files in it. Throws InputError when nothing matches.
+/// The order of file names: numbers in them count as numbers, so that photo_9 comes before photo_10.
+bool comes_before(const std::filesystem::path& one, const std::filesystem::path& other);
+
+/// Files that match a pattern with `*` and `?` in its last component, as comes_before() sorts them. A folder
+/// stands for all image files in it. Throws InputError when nothing matches.
 std::vector<GlobMatch> expand_glob(const std::string& pattern);
 
 /// What a list of files, folders and patterns names, in order; an existing file stands for itself.

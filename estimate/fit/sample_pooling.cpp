@@ -153,7 +153,7 @@ NoiseModel measure_noise(std::span<const SampleWindow> windows, int images, std:
 SamplePool::SamplePool(NoiseModel noise, int images)
     : noise_(std::move(noise)), images_(images), stride_(padded_length(images)), zeros_(3 * stride_, 0.0f) {
   for (int m = 0; m <= window_side_px * window_side_px; ++m)
-    bulk_.push_back(m < min_window_pixels ? 0.0 : bulk_of(m, images * noise.samples_per_image));
+    bulk_.push_back(m < min_window_pixels ? 0.0 : bulk_of(m, images * noise_.samples_per_image));
 }
 
 std::vector<PixelSamples> SamplePool::pool(const PixelTile& tile, int width, int height,

@@ -152,6 +152,17 @@ TEST(ExpandGlob, SortsAndTellsWhatTheWildcardsStandFor) {
   EXPECT_THAT(wildcards(expand_glob((folder / "test_001.exr").string())), ElementsAre(""));
 }
 
+TEST(ExpandGlob, NumbersInNamesCount) {
+  const test::TemporaryFolder folder;
+  for (const char* name :
+       {"a10.exr", "a9.exr", "a09.exr", "a1_2.exr", "a1_11.exr", "b.exr", "a.exr", "a2x.exr"})
+    touch(folder / name);
+  EXPECT_THAT(wildcards(expand_glob((folder / "*.exr").string())),
+              ElementsAre("a", "a1_2", "a1_11", "a2x", "a09", "a9", "a10", "b"));
+  EXPECT_TRUE(comes_before("img12345678901234567890.png", "img12345678901234567891.png"));
+  EXPECT_FALSE(comes_before("a1.png", "a1.png"));
+}
+
 TEST(ExpandGlob, ManyStarsTakeNoTime) {
   const test::TemporaryFolder folder;
   touch(folder / (std::string(120, 'a') + ".exr"));
@@ -179,6 +190,14 @@ TEST(ExpandGlob, NothingFoundIsAnError) {
   EXPECT_THROW(expand_glob((folder / "*.exr").string()), InputError);
   EXPECT_THROW(expand_glob((folder / "missing/*.exr").string()), InputError);
   EXPECT_THROW(expand_glob(folder.path().string()), InputError);
+  for (const char* name : {"photo.9.tga", "photo.10.tga"}) touch(folder / name);
+  try {
+    expand_glob(folder.path().string());
+    ADD_FAILURE();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("no images (EXR"));
+    EXPECT_THAT(error.what(), testing::HasSubstr("photo.9.tga"));
+  }
   EXPECT_THROW(expand_glob(""), InputError);
 }
 

@@ -282,7 +282,8 @@ TEST_F(ProbeFiles, SaysWhatIsWrongWithTheBall) {
   EXPECT_THAT(message(), HasSubstr("radius of 9 pixels, too few"));
   side_.ball.reset();
   write_exr(folder_ / "sky.exr", Image(128, 128, 3, 0.5f));
-  EXPECT_THAT(message(), HasSubstr("no ball was found with certainty; give its circle with --ball"));
+  EXPECT_THAT(message(),
+              AllOf(HasSubstr("no ball was found with certainty"), HasSubstr("give its circle with --ball")));
   side_.distance_radii.reset();
   EXPECT_THAT(message(), HasSubstr("focal length or the distance"));
   EXPECT_FALSE(fs::exists(request_.folder));  // refused before anything is written

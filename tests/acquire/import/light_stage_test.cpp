@@ -79,6 +79,11 @@ TEST_F(LightList, DirectionsWithNamesAndIntensities) {
   write("light_intensities.txt", "1.5 2 2.5\n0 1 1\n");
   EXPECT_THAT(message_of([&] { read_light_stage(folder_ / "light_directions.txt"); }),
               HasSubstr("light_intensities.txt:2: the intensity 0 is not positive"));
+  write("light_intensities.txt", "1\n1\n");
+  EXPECT_EQ(read_light_stage(write("lights.txt", "2\n0 0.6 0.8\n-0.6 0 0.8\n")).sources[1].photograph,
+            "002.png");
+  EXPECT_THAT(message_of([&] { read_light_stage(write("lights.txt", "3\n0 0.6 0.8\n-0.6 0 0.8\n")); }),
+              HasSubstr("lights.txt:1: states 3 light sources, but the file lists 2"));
   write("filenames.txt", "001.png\n");
   EXPECT_THAT(message_of([&] { read_light_stage(folder_ / "light_directions.txt"); }),
               AllOf(HasSubstr("filenames.txt: has 1 lines"), HasSubstr("has 2 directions")));
