@@ -94,21 +94,6 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
   return weights.cwiseMax(0.0);
 }
 
-/// [images × cells] of each channel.
-std::array<Eigen::MatrixXd, 3> lights_of(const BoxTable& table, std::span<const Box> cells) {
-  std::array<Eigen::MatrixXd, 3> lights;
-  for (Eigen::MatrixXd& channel : lights)
-    channel.resize(table.images(), static_cast<Eigen::Index>(cells.size()));
-  AlignedFloats column(3 * table.stride());
-  for (std::size_t k = 0; k < cells.size(); ++k) {
-    table.column(cells[k], column.data());
-    for (int c = 0; c < 3; ++c)
-      for (int j = 0; j < table.images(); ++j)
-        lights[c](j, static_cast<Eigen::Index>(k)) = column[c * table.stride() + j];
-  }
-  return lights;
-}
-
 bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
   return std::ranges::all_of(lights, [](const Eigen::MatrixXd& channel) {
     if (channel.rows() > channel.cols()) return false;
@@ -138,6 +123,20 @@ std::vector<int> measured_in(const float* samples, int images) {
 }
 
 }  // namespace
+
+std::array<Eigen::MatrixXd, 3> lights_of(const BoxTable& table, std::span<const Box> cells) {
+  std::array<Eigen::MatrixXd, 3> lights;
+  for (Eigen::MatrixXd& channel : lights)
+    channel.resize(table.images(), static_cast<Eigen::Index>(cells.size()));
+  AlignedFloats column(3 * table.stride());
+  for (std::size_t k = 0; k < cells.size(); ++k) {
+    table.column(cells[k], column.data());
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < table.images(); ++j)
+        lights[c](j, static_cast<Eigen::Index>(k)) = column[c * table.stride() + j];
+  }
+  return lights;
+}
 
 Eigen::MatrixXd weight_covariance(double length, double independent, std::span<const Box> cells,
                                   const LightDomain& domain) {

@@ -20,6 +20,9 @@ namespace refield {
 /// degrees of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
 std::vector<Box> light_cells(const BoxTable& table);
 
+/// The training lights' sums over `cells`: [images × cells] of each channel, in the table's unit.
+std::array<Eigen::MatrixXd, 3> lights_of(const BoxTable& table, std::span<const Box> cells);
+
 /// Prior covariance of the weights of cells: a Matérn covariance (ν = 3/2) of their distance, in widths of
 /// the light map (diameters of the sphere for maps of directions), of this length, and an independent part.
 Eigen::MatrixXd weight_covariance(double length, double independent, std::span<const Box> cells,

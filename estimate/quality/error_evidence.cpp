@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/base/run_context.h"
+#include "estimate/fit/texel_regression.h"
 
 namespace refield {
 
@@ -40,14 +41,7 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
   if (cells.empty()) cells = error_grid(table.domain());
   const auto count = static_cast<Eigen::Index>(cells.size());
   const int images = table.images();
-  std::array<Eigen::MatrixXd, 3> lights;
-  for (auto& each : lights) each.resize(images, count);
-  AlignedFloats column(3 * table.stride());
-  for (Eigen::Index k = 0; k < count; ++k) {
-    table.column(cells[k], column.data());
-    for (int c = 0; c < 3; ++c)
-      for (int j = 0; j < images; ++j) lights[c](j, k) = column[c * table.stride() + j];
-  }
+  const std::array<Eigen::MatrixXd, 3> lights = lights_of(table, cells);
   // The colours of natural light vary together, so that all channels tell about as much as their mean.
   const Eigen::MatrixXd grey = (lights[0] + lights[1] + lights[2]) / 3.0;
   Eigen::MatrixXd covariance = weight_covariance(error_length, error_independent, cells, table.domain());
