@@ -39,6 +39,22 @@ void require_usual_brightness(const EstimateJob& job) {
   throw InputError(job.frames.front().observed.parent_path().string() + text);
 }
 
+/// Compares the frames with one another: finds those to leave out, and those that are doubtful.
+void assess_frames(const EstimateJob& job, const PixelSample& sample, FrameReport& report,
+                   const RunContext& run) {
+  const auto grams = light_grams(job.frames, job.session.light, run);
+  const OutlierSearch search = find_outlier_frames(grams, sample, run);
+  report.typical_residual = search.typical_residual;
+  auto& list = search.too_many ? report.doubtful : report.left_out;
+  for (const OutlierFrame& outlier : search.outliers)
+    list.push_back({job.frames[outlier.frame].name, description_of(outlier), outlier});
+  for (const LeftOutFrame& frame : report.left_out) run.note(frame.name + " is left out: " + frame.why);
+  if (!report.doubtful.empty())
+    run.note(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
+             " photographs do not fit the others, too many to leave out; check the capture. The first: " +
+             report.doubtful.front().name + ": " + report.doubtful.front().why);
+}
+
 }  // namespace
 
 FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const RunContext& run) {
@@ -52,24 +68,12 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
       read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
   job.mean_square = sample.mean_square({});
   require_usual_brightness(job);
-  job.noise = measure_noise(sample.windows, sample.images, {});
-  if (!can_assess) return report;
-  const auto grams = light_grams(job.frames, job.session.light, run);
-  const OutlierSearch search = find_outlier_frames(grams, sample, run);
-  report.typical_residual = search.typical_residual;
-  auto& list = search.too_many ? report.doubtful : report.left_out;
-  for (const OutlierFrame& outlier : search.outliers)
-    list.push_back({job.frames[outlier.frame].name, description_of(outlier), outlier});
-  for (const LeftOutFrame& frame : report.left_out) run.note(frame.name + " is left out: " + frame.why);
-  if (!report.doubtful.empty())
-    run.note(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
-             " photographs do not fit the others, too many to leave out; check the capture. The first: " +
-             report.doubtful.front().name + ": " + report.doubtful.front().why);
-  if (report.left_out.empty()) return report;
+  if (can_assess) assess_frames(job, sample, report, run);
   std::vector<int> images;
   for (const LeftOutFrame& frame : report.left_out) images.push_back(frame.found.frame);
-  job.mean_square = sample.mean_square(images);
   job.noise = measure_noise(sample.windows, sample.images, images);
+  if (images.empty()) return report;
+  job.mean_square = sample.mean_square(images);
   for (const LeftOutFrame& frame : report.left_out) job.left_out.push_back(frame.name);
   std::erase_if(job.frames, [&](const CaptureFrame& frame) {
     return std::ranges::find(report.left_out, frame.name, &LeftOutFrame::name) != report.left_out.end();
