@@ -63,6 +63,15 @@ class ReflectanceFieldFormat : public testing::Test {
     return std::system(command.c_str());
   }
   std::string messages() { return read_text(folder_ / "messages"); }
+  /// Runs the documentation's program on a field and light.npy. Each value may differ from the expected one
+  /// by a share of it, `relative`, and by `absolute`.
+  void relights_to(const Image& expected, const std::string& field, double relative, double absolute) {
+    ASSERT_EQ(run(field, "light.npy", "out.npy"), 0) << messages();
+    const std::vector<float> found = read_npy(folder_ / "out.npy");
+    ASSERT_EQ(found.size(), expected.values.size());
+    for (std::size_t i = 0; i < found.size(); ++i)
+      ASSERT_NEAR(found[i], expected.values[i], relative * std::abs(expected.values[i]) + absolute) << i;
+  }
 
   const test::TemporaryFolder folder_;
   const std::optional<std::string> python_ = python_with_h5py();
@@ -77,16 +86,13 @@ TEST_F(ReflectanceFieldFormat, H5pyRelightsAsTheDocumentationSays) {
   const LightMap light = test::random_light(rng, field.basis.domain);
   write_reflectance_field(folder_ / "f.rfield", field);
   write_npy(folder_ / "light.npy", light.radiance);
-  ASSERT_EQ(run("f.rfield", "light.npy", "out.npy"), 0) << messages();
-  const std::vector<float> found = read_npy(folder_ / "out.npy");
   const Image expected = field.relight(light);
-  ASSERT_EQ(found.size(), expected.values.size());
-  for (std::size_t i = 0; i < found.size(); ++i)
-    ASSERT_NEAR(found[i], expected.values[i], float_rounding * std::abs(expected.values[i]) + 1e-4) << i;
+  relights_to(expected, "f.rfield", float_rounding, 1e-4);
   // Radiance pictures there and back: 8 bits of mantissa.
   ASSERT_EQ(run("f.rfield", "light.npy", "out.hdr"), 0) << messages();
   const Image shown = read_image(folder_ / "out.hdr");
-  for (std::size_t i = 0; i < found.size(); ++i)
+  ASSERT_EQ(shown.values.size(), expected.values.size());
+  for (std::size_t i = 0; i < shown.values.size(); ++i)
     if (expected.values[i] > 0.0f) {
       const std::size_t p = i / 3 * 3;
       const float largest = std::max({expected.values[p], expected.values[p + 1], expected.values[p + 2]});
@@ -102,13 +108,9 @@ TEST_F(ReflectanceFieldFormat, H5pyInterpolatesBetweenLightSources) {
   const LightMap light = test::random_light(rng, field.basis.domain);
   write_reflectance_field(folder_ / "f.rfield", field);
   write_npy(folder_ / "light.npy", light.radiance);
-  ASSERT_EQ(run("f.rfield", "light.npy", "out.npy"), 0) << messages();
-  const std::vector<float> found = read_npy(folder_ / "out.npy");
   const Image expected = field.relight(light);
-  ASSERT_EQ(found.size(), expected.values.size());
   const float largest = *std::ranges::max_element(expected.values);  // weights of both signs cancel
-  for (std::size_t i = 0; i < found.size(); ++i)
-    ASSERT_NEAR(found[i], expected.values[i], float_rounding * largest) << i;
+  relights_to(expected, "f.rfield", 0.0, float_rounding * largest);
 }
 
 // Whole and cut tiles, sparse and dense weights, common and own kernels, grey tiles and coloured ones.
@@ -122,12 +124,8 @@ TEST_F(ReflectanceFieldFormat, H5pyReadsPackedFields) {
   for (const ReflectanceField& field : {grey, test::with_both_signs(test::mixed_field(37, 35, {50, 40}))})
     for (const double error : {1e-2, 3e-5}) {
       write_packed_field(folder_ / "p.rfield", pack_field(field, error).field);
-      ASSERT_EQ(run("p.rfield", "light.npy", "out.npy"), 0) << messages();
-      const std::vector<float> found = read_npy(folder_ / "out.npy");
       const Image expected = read_reflectance_field(folder_ / "p.rfield").relight(light);
-      ASSERT_EQ(found.size(), expected.values.size());
-      for (std::size_t i = 0; i < found.size(); ++i)
-        ASSERT_NEAR(found[i], expected.values[i], float_rounding * std::abs(expected.values[i]) + 1e-4) << i;
+      relights_to(expected, "p.rfield", float_rounding, 1e-4);
     }
 }
 
