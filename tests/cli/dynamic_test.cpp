@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "core/base/files.h"
 #include "core/image/image_io.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/temporary_folder.h"
@@ -21,40 +22,7 @@ using test::RefusedNaming;
 using test::run_refield;
 using test::Succeeded;
 
-const char* const ball = R"(
-[[material]]
-name = "shiny"
-kind = "phong"
-diffuse = [0.2, 0.1, 0.1]
-specular = [0.5, 0.5, 0.5]
-exponent = 8
-[[object]]
-name = "ball"
-material = "shiny"
-shape = "sphere"
-resolution = 5
-size = 0.8
-position = [0, 0.6, 0]
-path = [[0, 0, 0.6, 0], [0.2, 0.4, 0.6, 0]]
-)";
-const char* const rest = R"(
-[[object]]
-shape = "plane"
-resolution = 8
-size = 3
-
-[[light]]
-shape = "plane"
-size = 0.5
-radiance = [9, 9, 9]
-position = [0, 2, -0.5]
-
-[camera]
-position = [0, 1.2, -3]
-target = [0, 0.4, 0]
-width = 64
-height = 48
-)";
+const char* const moving_ball = REFIELD_SOURCE_DIR "/tests/support/moving_ball.toml";
 
 class SimulateDynamicVerb : public testing::Test {
  protected:
@@ -64,9 +32,8 @@ class SimulateDynamicVerb : public testing::Test {
     return path;
   }
   std::vector<std::string> command(std::vector<std::string> more) {
-    std::vector<std::string> all = {"simulate", "dynamic",     scene(std::string(ball) + rest),
-                                    "--rings",  "3",           "--shells",
-                                    "5",        "--functions", "6"};
+    std::vector<std::string> all = {"simulate", "dynamic", moving_ball,   "--rings", "3",
+                                    "--shells", "5",       "--functions", "6"};
     all.insert(all.end(), more.begin(), more.end());
     return all;
   }
@@ -174,7 +141,8 @@ TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
     EXPECT_THAT(run_refield({"simulate", "dynamic", scene(text)}), RefusedNaming("scene.toml", name)) << text;
   };
   refused("", "object");
-  refused(std::string(ball), "light");
+  const std::string whole = read_text(moving_ball);
+  refused(whole.substr(0, whole.find("[[light]]")), "light");
   refused("[[object]]\nshape = \"sphere\"\nspecular = [0.5, 0.5, 0.5]\n", "[[material]]");
   const std::string any = "[[object]]\nshape = \"sphere\"\n[[material]]\nname = \"it\"\n";
   refused(any + "exponent = 3\n", "the following kinds do: phong");

@@ -259,41 +259,13 @@ def test_precompute(program, tmp_path, method, settings):
     assert image.shape == field.shape and image.max() > 0.1
 
 
-MOVING = """
-[[material]]
-name = "shiny"
-kind = "phong"
-diffuse = [0.2, 0.1, 0.1]
-specular = [0.5, 0.5, 0.5]
-exponent = 8
-[[object]]
-name = "ball"
-material = "shiny"
-shape = "sphere"
-resolution = 3
-size = 0.8
-position = [0, 0.6, 0]
-path = [[0, 0, 0.6, 0], [0.2, 0.4, 0.6, 0]]
-[[object]]
-shape = "plane"
-resolution = 4
-size = 3
-[[light]]
-shape = "plane"
-size = 0.5
-radiance = [9, 9, 9]
-position = [0, 2, -0.5]
-[camera]
-position = [0, 1.2, -3]
-target = [0, 0.4, 0]
-width = 32
-height = 24
-"""
-
-
 def test_dynamic_scene(program, tmp_path, monkeypatch):
     monkeypatch.setenv("REFIELD_CACHE", "off")
-    (tmp_path / "scene.toml").write_text(MOVING)
+    text = (ROOT / "tests/support/moving_ball.toml").read_text()
+    for fine, coarse in {"tion = 5": "tion = 3", "tion = 8": "tion = 4", "64": "32", "48": "24"}.items():
+        assert fine in text
+        text = text.replace(fine, coarse)
+    (tmp_path / "scene.toml").write_text(text)
     scene = refield.dynamic.Scene(tmp_path / "scene.toml")
     assert scene.duration == pytest.approx(0.2)
     images = [scene.frame(time) for time in (0.0, 0.2)]

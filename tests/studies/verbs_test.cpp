@@ -71,41 +71,9 @@ TEST(DynamicBasesVerb, ChartsBasesAndTerms) {
   EXPECT_THAT(run(folder / "missing.off"), StudyRefusedNaming("missing.off", "No such file"));
 }
 
-const char* const moving_scene = R"(
-[[material]]
-name = "shiny"
-kind = "phong"
-diffuse = [0.2, 0.1, 0.1]
-specular = [0.5, 0.5, 0.5]
-exponent = 8
-[[object]]
-name = "ball"
-material = "shiny"
-shape = "sphere"
-resolution = 5
-size = 0.8
-position = [0, 0.6, 0]
-path = [[0, 0, 0.6, 0], [0.2, 0.4, 0.6, 0]]
-[[object]]
-shape = "plane"
-resolution = 8
-size = 3
-[[light]]
-shape = "plane"
-size = 0.5
-radiance = [9, 9, 9]
-position = [0, 2, -0.5]
-[camera]
-position = [0, 1.2, -3]
-target = [0, 0.4, 0]
-width = 64
-height = 48
-)";
-
 TEST(DynamicChart, ComparesOurSettingsWithThePapers) {
   const test::TemporaryFolder folder;
-  const std::string path = folder / "scene.toml", chart = folder / "chart";
-  std::ofstream(path) << moving_scene;
+  const std::string path = REFIELD_SOURCE_DIR "/tests/support/moving_ball.toml", chart = folder / "chart";
   ASSERT_THAT(run_studies({"dynamic-chart", path, "-o", chart, "--paths", "16", "--pictures"}), Succeeded());
   EXPECT_EQ(read_image(chart + "/shadows.png").width, 3 * 64);
   std::ifstream csv(chart + "/dynamic.csv");
