@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/sample_pooling.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <utility>
 
+#include "core/base/symmetric_eigen.h"
 #include "core/image/metrics.h"
 #include "estimate/fit/vector_kernels.h"
 
@@ -118,19 +119,19 @@ NoiseModel measure_noise(std::span<const SampleWindow> windows, int images, std:
       gram += scaled[c].transpose() * scaled[c] / (3.0 * rows);
     }
     if (!gram.allFinite()) continue;  // black pixels, or samples that were not measured
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram);
+    const SymmetricEigen eigen = symmetric_eigen(gram);
     const int weakest = quartile_of(m);
     Eigen::Matrix3d products;
     for (int c = 0; c < 3; ++c)
       for (int d = 0; d < 3; ++d)
-        products(c, d) = (scaled[c] * eigen.eigenvectors().leftCols(weakest))
-                             .cwiseProduct(scaled[d] * eigen.eigenvectors().leftCols(weakest))
+        products(c, d) = (scaled[c] * eigen.vectors.leftCols(weakest))
+                             .cwiseProduct(scaled[d] * eigen.vectors.leftCols(weakest))
                              .sum();
     const Eigen::Vector3d scale = products.diagonal().cwiseSqrt().cwiseInverse();
     const double independent = 9.0 / (scale.asDiagonal() * products * scale.asDiagonal()).squaredNorm();
     if (!std::isfinite(independent)) continue;  // no noise
     independent_samples.push_back(static_cast<float>(independent));
-    measured.push_back({std::log(mean_square), eigen.eigenvalues()[weakest], m});
+    measured.push_back({std::log(mean_square), eigen.values[weakest], m});
   }
   NoiseModel noise;
   const int levels = std::min<int>(measured.size() / min_windows_per_level, max_levels);
@@ -280,15 +281,14 @@ void SamplePool::add_window(int x0, int y0, const PixelTile& tile) {
     Eigen::MatrixXd gram(count, count);
     for (int i = 0; i < count; ++i)
       for (int k = i; k < count; ++k) gram(i, k) = gram(k, i) = product(inside[i], inside[k]);
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram);
+    const SymmetricEigen eigen = symmetric_eigen(gram);
     // Where the weakest components are below the usual noise, there is less.
-    const double bulk = std::clamp(eigen.eigenvalues()[quartile_of(count)] / bulk_[count], 1e-6, 1.0);
+    const double bulk = std::clamp(eigen.values[quartile_of(count)] / bulk_[count], 1e-6, 1.0);
     const double ratio = count / (images_ * noise_.samples_per_image);
     Eigen::VectorXd kept(count);
-    for (int k = 0; k < count; ++k)
-      kept[k] = kept_share(eigen.eigenvalues()[k] / (noise_margin * bulk), ratio);
+    for (int k = 0; k < count; ++k) kept[k] = kept_share(eigen.values[k] / (noise_margin * bulk), ratio);
     changes = (kept.array() > 0.0).count() <= max_rank_share * count;
-    if (changes) mix = eigen.eigenvectors() * kept.asDiagonal() * eigen.eigenvectors().transpose();
+    if (changes) mix = eigen.vectors * kept.asDiagonal() * eigen.vectors.transpose();
   }
   const int tile_width = tile.x1 - tile.x0;
   for (int i = 0; i < count; ++i) {

@@ -2,11 +2,11 @@
 #include "estimate/fit/similar_pixels.h"
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/symmetric_eigen.h"
 #include "estimate/fit/sample_pooling.h"
 #include "estimate/fit/vector_kernels.h"
 
@@ -96,14 +96,14 @@ void pool_samples(std::span<PooledSamples> pixels, const SmoothSpace& smooth, in
       dots(pointers[p], pointers.data(), p + 1, stride, products.data());
       for (int q = 0; q <= p; ++q) gram(p, q) = gram(q, p) = scale[p] * scale[q] * products[q];
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram);
+    const SymmetricEigen eigen = symmetric_eigen(gram);
     const double ratio = static_cast<double>(count) / images;
     // A residual holds the fit's own error besides noise; the median component holds noise alone.
-    const double median = eigen.eigenvalues()[count / 2] / images;
+    const double median = eigen.values[count / 2] / images;
     const double noise = median > 0.0 ? std::min(median, 1.0) : 1.0;
     Eigen::VectorXd kept(count);
-    for (int k = 0; k < count; ++k) kept[k] = kept_share(eigen.eigenvalues()[k] / images / noise, ratio);
-    const Eigen::MatrixXd mix = eigen.eigenvectors() * kept.asDiagonal() * eigen.eigenvectors().transpose();
+    for (int k = 0; k < count; ++k) kept[k] = kept_share(eigen.values[k] / images / noise, ratio);
+    const Eigen::MatrixXd mix = eigen.vectors * kept.asDiagonal() * eigen.vectors.transpose();
     for (int p = 0; p < count; ++p) {
       pixels[p].noise_kept[c] = 1.0;
       if (!(scale[p] > 0.0)) continue;

@@ -2,11 +2,12 @@
 #include "estimate/fit/smooth_space.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+
+#include "core/base/symmetric_eigen.h"
 
 namespace refield {
 
@@ -92,15 +93,15 @@ void SmoothSpace::analyse(const BoxTable& table, int c) {
   // the smooth part causes in an image.
   const Eigen::MatrixXd M = H * root;
   const double mean = std::max(M.squaredNorm() / n, std::numeric_limits<double>::min());
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(M.transpose() * M / mean);
+  const SymmetricEigen eigen = symmetric_eigen(M.transpose() * M / mean);
   const Eigen::MatrixXd back = root.triangularView<Eigen::Lower>().solve(identity).transpose();
   directions_[c].assign(static_cast<std::size_t>(rank_) * stride_, 0.0f);
   to_hats_[c].assign(static_cast<std::size_t>(hats_) * rank_, 0.0);
   for (int k = 0; k < rank_; ++k) {
     const int column = hats_ - 1 - k;  // the solver sorts upwards
-    const double w = eigen.eigenvalues()[column];
+    const double w = eigen.values[column];
     if (!(w > negligible * noise_ratios.front())) break;
-    const Eigen::VectorXd r = eigen.eigenvectors().col(column);
+    const Eigen::VectorXd r = eigen.vectors.col(column);
     const Eigen::VectorXd v = M * r / std::sqrt(w * mean);
     for (int j = 0; j < n; ++j) directions_[c][k * stride_ + j] = static_cast<float>(v[j]);
     const Eigen::VectorXd to = back * r * std::sqrt(w * mean);  // Hᵀ = root⁻ᵀ R √(w·mean) Vᵀ

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/texel_regression.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 
+#include "core/base/symmetric_eigen.h"
 #include "core/light/cube_map.h"
 #include "core/light/light_map.h"
 
@@ -98,8 +99,7 @@ bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
   return std::ranges::all_of(lights, [](const Eigen::MatrixXd& channel) {
     if (channel.rows() > channel.cols()) return false;
     const Eigen::MatrixXd gram = channel * channel.transpose();
-    const Eigen::VectorXd values =
-        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(gram, Eigen::EigenvaluesOnly).eigenvalues();
+    const Eigen::VectorXd values = symmetric_eigenvalues(gram);
     return values.minCoeff() * nearly_orthogonal > values.maxCoeff();
   });
 }
@@ -212,21 +212,20 @@ TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cel
         Eigen::MatrixXd samples = lights_[c] * covariances_[p] * lights_[c].transpose();
         const double trace = samples.trace();
         spectrum.scale = trace > 0.0 ? images_ / trace : 1.0;
-        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(spectrum.scale * samples);
-        spectrum.values = solver.eigenvalues().cwiseMax(0.0);
-        spectrum.vectors = solver.eigenvectors();
+        const SymmetricEigen solver = symmetric_eigen(spectrum.scale * samples);
+        spectrum.values = solver.values.cwiseMax(0.0);
+        spectrum.vectors = solver.vectors;
       } else {
         // F = L C^½ has the same left singular vectors, and fewer columns.
         const Eigen::MatrixXd factor = lights_[c] * covariances_[p].llt().matrixL().toDenseMatrix();
         const double trace = factor.squaredNorm();
         spectrum.scale = trace > 0.0 ? images_ / trace : 1.0;
-        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(spectrum.scale * factor.transpose() *
-                                                                    factor);
+        const SymmetricEigen solver = symmetric_eigen(spectrum.scale * factor.transpose() * factor);
         // Directions that the lights do not tell apart are left to the rest, which has no signal.
-        const double least = 1e-12 * solver.eigenvalues().maxCoeff();
-        const Eigen::Index rank = (solver.eigenvalues().array() > least).count();
-        spectrum.values = solver.eigenvalues().tail(rank);
-        spectrum.vectors = std::sqrt(spectrum.scale) * factor * solver.eigenvectors().rightCols(rank) *
+        const double least = 1e-12 * solver.values.maxCoeff();
+        const Eigen::Index rank = (solver.values.array() > least).count();
+        spectrum.values = solver.values.tail(rank);
+        spectrum.vectors = std::sqrt(spectrum.scale) * factor * solver.vectors.rightCols(rank) *
                            spectrum.values.cwiseSqrt().cwiseInverse().asDiagonal();
       }
       if (p == independent_prior && is_interpolating() && images_ == count)

@@ -2,7 +2,7 @@
 #include "simulate/dynamic/brdf_factors.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <array>
@@ -12,6 +12,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/base/symmetric_eigen.h"
 
 namespace refield::dynamic {
 
@@ -126,10 +127,10 @@ std::vector<Candidate> candidates_of(const FourierOrders& orders, int m) {
         root.asDiagonal() * f(Eigen::all, Eigen::seqN(c, orders.nodes, 3)).cast<double>() * root.asDiagonal();
     gram.noalias() += a * a.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(gram);
+  const SymmetricEigen solver = symmetric_eigen(gram);
   std::vector<Candidate> candidates;
-  for (Eigen::Index i = orders.nodes - 1; i >= 0 && solver.eigenvalues()[i] > 0.0; --i)
-    candidates.push_back({m, circle(m) * std::sqrt(solver.eigenvalues()[i]), solver.eigenvectors().col(i)});
+  for (Eigen::Index i = orders.nodes - 1; i >= 0 && solver.values[i] > 0.0; --i)
+    candidates.push_back({m, circle(m) * std::sqrt(solver.values[i]), solver.vectors.col(i)});
   return candidates;
 }
 

@@ -2,7 +2,7 @@
 #include "simulate/dynamic/object_transport.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 #include <Eigen/Geometry>
 
 #include <algorithm>
@@ -12,6 +12,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/base/symmetric_eigen.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/transfer_samples.h"
@@ -132,8 +133,8 @@ LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& 
   result.width = width;
   result.blocks = static_cast<std::size_t>(rows.cols() / width);
   const Eigen::MatrixXd weighted = strength.cast<double>().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(weighted * gram_of(rows) * weighted);
-  const Eigen::VectorXd energy = solver.eigenvalues().reverse().cwiseMax(0.0);  // the largest first
+  const SymmetricEigen solver = symmetric_eigen(weighted * gram_of(rows) * weighted);
+  const Eigen::VectorXd energy = solver.values.reverse().cwiseMax(0.0);  // the largest first
   // Float cannot tell less from nothing: an error of 3e-4.
   const double all = energy.sum(), least = all * 1e-7;
   double left = all;
@@ -141,7 +142,7 @@ LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& 
     left -= energy[result.rank++];
   result.error = all > 0.0 ? std::sqrt(std::max(left, 0.0) / all) : 0.0;
 
-  const Eigen::MatrixXd vectors = solver.eigenvectors().rowwise().reverse().leftCols(result.rank);
+  const Eigen::MatrixXd vectors = solver.vectors.rowwise().reverse().leftCols(result.rank);
   // M ≈ (M S V) (Vᵀ S⁻¹); a column without strength is multiplied with nothing.
   const Eigen::VectorXd inverse =
       (strength.array() > 0.0f).select(strength.array().inverse(), 0.0f).cast<double>();
@@ -191,14 +192,13 @@ SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const Brdf
   Eigen::VectorXf weight(light.rows());
   for (Eigen::Index row = 0; row < weight.size(); ++row) weight[row] = areas[row / terms];
   const Eigen::MatrixXf weighted = weight.cwiseSqrt().asDiagonal() * light;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(
-      (weighted.transpose() * weighted).cast<double>());
-  const Eigen::VectorXd energy = solver.eigenvalues().reverse().cwiseMax(0.0);
+  const SymmetricEigen solver = symmetric_eigen((weighted.transpose() * weighted).cast<double>());
+  const Eigen::VectorXd energy = solver.values.reverse().cwiseMax(0.0);
   // What float cannot tell from zero is no pattern.
   const Eigen::Index useful = (energy.array() > 1e-6 * energy[0]).count();
   const Eigen::Index count = std::min<Eigen::Index>(modes, useful);
   const Eigen::VectorXf sigma = energy.head(count).cwiseSqrt().cast<float>();
-  const Eigen::MatrixXf vectors = solver.eigenvectors().rowwise().reverse().leftCols(count).cast<float>();
+  const Eigen::MatrixXf vectors = solver.vectors.rowwise().reverse().leftCols(count).cast<float>();
   SurfaceModes result;
   result.functions = light * vectors * sigma.cwiseInverse().asDiagonal();
   result.to_weights = result.functions.transpose() * weight.asDiagonal();

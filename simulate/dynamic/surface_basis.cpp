@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/dynamic/surface_basis.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 #include <Eigen/LU>
 #include <Eigen/QR>
 
@@ -13,6 +13,7 @@
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
+#include "core/base/symmetric_eigen.h"
 #include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
@@ -23,8 +24,7 @@ namespace {
 constexpr double singular = 1e-15;
 
 double condition_of(const Eigen::MatrixXd& a) {
-  const Eigen::VectorXd values =
-      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(a, Eigen::EigenvaluesOnly).eigenvalues();
+  const Eigen::VectorXd values = symmetric_eigenvalues(a);
   const double largest = values[values.size() - 1], smallest = values[0];
   return smallest > singular * largest ? largest / smallest : std::numeric_limits<double>::infinity();
 }
@@ -116,13 +116,13 @@ Eigen::MatrixXf principal_components(const Eigen::MatrixXf& patterns, const Eige
   const Eigen::Index columns = std::min({count + spare, patterns.rows(), patterns.cols()});
   const Eigen::MatrixXf range = range_of(patterns, root, columns);
   const Eigen::MatrixXd shares = (range.transpose() * root.asDiagonal() * patterns).cast<double>();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(shares * shares.transpose());
-  const Eigen::VectorXd energy = solver.eigenvalues().reverse();
+  const SymmetricEigen solver = symmetric_eigen(shares * shares.transpose());
+  const Eigen::VectorXd energy = solver.values.reverse();
   constexpr double least = 1e-10;  // what float cannot tell from zero is no pattern
   const Eigen::Index kept =
       std::min<Eigen::Index>(count, (energy.array() > std::max(least * energy[0], 0.0)).count());
   // X Xᵀ W Ψ = Ψ σ²: defined at vertices without area, too.
-  const Eigen::MatrixXd vectors = solver.eigenvectors().rowwise().reverse().leftCols(kept);
+  const Eigen::MatrixXd vectors = solver.vectors.rowwise().reverse().leftCols(kept);
   const Eigen::MatrixXf mix =
       (shares.transpose() * vectors * energy.head(kept).cwiseInverse().asDiagonal()).cast<float>();
   return patterns * mix;

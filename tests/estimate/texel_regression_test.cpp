@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/base/rng.h"
+#include "core/base/symmetric_eigen.h"
 #include "estimate/estimate.h"
 
 namespace refield {
@@ -140,14 +141,14 @@ double error_of(const ReflectanceField& field, const LightStage& stage, const Ei
 
 /// Weights [sources × pixels] by ridge regression, the parameter of each pixel by leave-one-out.
 Eigen::MatrixXd ridge(const Eigen::MatrixXd& lights, const Eigen::MatrixXd& samples) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(lights * lights.transpose());
-  const Eigen::MatrixXd& V = solver.eigenvectors();
+  const SymmetricEigen solver = symmetric_eigen(lights * lights.transpose());
+  const Eigen::MatrixXd& V = solver.vectors;
   const Eigen::MatrixXd coordinates = V.transpose() * samples;
   Eigen::MatrixXd dual = Eigen::MatrixXd::Zero(samples.rows(), samples.cols());
   Eigen::VectorXd best = Eigen::VectorXd::Constant(samples.cols(), std::numeric_limits<double>::infinity());
   for (double parameter = 1e-10; parameter < 10.0; parameter *= 2.0) {
     const Eigen::VectorXd inverse =
-        (solver.eigenvalues().array().max(0.0) + parameter * solver.eigenvalues().maxCoeff()).inverse();
+        (solver.values.array().max(0.0) + parameter * solver.values.maxCoeff()).inverse();
     const Eigen::MatrixXd candidate = V * inverse.asDiagonal() * coordinates;
     const Eigen::VectorXd diagonal = V.cwiseAbs2() * inverse;
     for (Eigen::Index p = 0; p < samples.cols(); ++p) {

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/singular_values.h"
 
-#include <Eigen/Eigenvalues>
+#include "core/base/symmetric_eigen.h"
 
 namespace refield::test {
 
 Eigen::VectorXd singular_values(const Eigen::MatrixXd& a) {
   const Eigen::MatrixXd gram =
       a.rows() < a.cols() ? Eigen::MatrixXd(a * a.transpose()) : Eigen::MatrixXd(a.transpose() * a);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(gram, Eigen::EigenvaluesOnly);
-  return solver.eigenvalues().reverse().cwiseMax(0.0).cwiseSqrt();
+  return symmetric_eigenvalues(gram).reverse().cwiseMax(0.0).cwiseSqrt();
 }
 
 }  // namespace refield::test

@@ -10,6 +10,7 @@
 #include <limits>
 
 #include "core/base/rng.h"
+#include "core/base/symmetric_eigen.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "tests/support/synthetic_capture.h"
@@ -139,9 +140,9 @@ double StabilityScene::error_of_ridge(const CaptureSession& session) const {
   for (int c = 0; c < 3; ++c) {
     const Eigen::MatrixXd L = rows_of(training.lights, c);
     const Eigen::MatrixXd B = rows_of(training.photographs, c);
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> gram(L * L.transpose());
-    const Eigen::MatrixXd UtB = gram.eigenvectors().transpose() * B;
-    const Eigen::ArrayXd values = gram.eigenvalues().array().max(0.0);
+    const SymmetricEigen gram = symmetric_eigen(L * L.transpose());
+    const Eigen::MatrixXd UtB = gram.vectors.transpose() * B;
+    const Eigen::ArrayXd values = gram.values.array().max(0.0);
     Eigen::MatrixXd dual = Eigen::MatrixXd::Zero(B.rows(), B.cols());
     Eigen::ArrayXd best = Eigen::ArrayXd::Constant(B.cols(), std::numeric_limits<double>::infinity());
     for (int step = -16; step <= 4; ++step) {
@@ -155,7 +156,7 @@ double StabilityScene::error_of_ridge(const CaptureSession& session) const {
         dual.col(p) = (UtB.col(p).array() / (values + ridge)).matrix();
       }
     }
-    weights[c] = L.transpose() * (gram.eigenvectors() * dual);
+    weights[c] = L.transpose() * (gram.vectors * dual);
   }
   return error([&](const LightMap& light) {
     Image image(truth.width, truth.height, 3);

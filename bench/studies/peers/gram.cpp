@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/studies/peers/gram.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
 #include <cmath>
 #include <limits>
+
+#include "core/base/symmetric_eigen.h"
 
 namespace refield::peers {
 
@@ -55,11 +57,11 @@ DualFilters& fill_ridge(DualFilters& filters, const GramSpectrum& spectrum) {
 }  // namespace
 
 GramSpectrum::GramSpectrum(const Eigen::MatrixXd& gram) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(gram);
-  values = solver.eigenvalues().reverse().cwiseMax(0.0);
+  const SymmetricEigen solver = symmetric_eigen(gram);
+  values = solver.values.reverse().cwiseMax(0.0);
   // A light without this channel leaves nothing to divide by; any scale will do.
   if (values(0) == 0.0) values(0) = std::numeric_limits<double>::min();
-  vectors = solver.eigenvectors().rowwise().reverse();
+  vectors = solver.vectors.rowwise().reverse();
 }
 
 double penalty(const GramSpectrum& spectrum, Eigen::Index setting) {
