@@ -8,6 +8,7 @@
 
 #include "cli/common/held_out_figures.h"
 #include "cli/common/options.h"
+#include "cli/estimate_options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -24,23 +25,12 @@ namespace {
 
 constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 
-struct EstimateArguments {
-  CaptureOptions capture;
-  std::vector<std::string> monitors;
-  std::string mode = "refined";
+struct EstimateArguments : EstimationArguments {
   std::string output;
-  double memory_gib = 4.0;
   std::string rows;
   bool resume = false;
   bool dry_run = false;
-  EstimateOptions options;
 };
-
-CaptureSession open_input(const EstimateArguments& arguments) {
-  CaptureSession session = open_capture(arguments.capture);
-  if (!arguments.monitors.empty()) session.monitors = placements_from_texts(arguments.monitors);
-  return session;
-}
 
 /// "A:B", "A:", ":B", or "I/N": the I-th of N equal bands, from 1.
 RowRange rows_from_text(const std::string& text, const CaptureSession& session) {
@@ -196,12 +186,7 @@ std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, Captur
 }
 
 void run(EstimateArguments arguments, const Common& common) {
-  arguments.options.mode = estimate_mode_from_name(arguments.mode);
-  if (!(arguments.memory_gib > 0.0 && arguments.memory_gib < 1e6))
-    throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
-                     "; give a number of GiB above 0");
-  arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
-  const CaptureSession session = open_input(arguments);
+  const CaptureSession session = open_estimation(arguments);
   if (!arguments.rows.empty()) arguments.options.rows = rows_from_text(arguments.rows, session);
   if (arguments.dry_run) return dry_run(arguments, session, common);
   if (arguments.output.empty()) throw InputError("--output is missing; add -o NAME.rfield");
@@ -244,6 +229,58 @@ void run(EstimateArguments arguments, const Common& common) {
 
 }  // namespace
 
+void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
+  verb.add_option("session", arguments.capture.session,
+                  "Capture session folder, as written by 'refield acquire' or 'refield simulate'");
+  add_capture_options(verb, arguments.capture,
+                      "Exclude every N-th image from the estimation, and print the prediction error on these "
+                      "images afterwards (default: 0, none)");
+  verb.add_option("--mode", arguments.mode,
+                  "Estimation mode: refined (smooth hat functions plus a few boxes), paper (the method "
+                  "published in 2004) or fast (even splits as in paper mode, with a faster search)")
+      ->capture_default_str();
+  verb.add_option("--monitor", arguments.monitors,
+                  "Placement of the monitor, such as 520x320@600,yaw=90 (mm, degrees), stored in the field "
+                  "for relighting by environment maps; replaces the placement in the session. Repeat the "
+                  "option for each window of stacked light maps");
+  verb.add_option("--kernels", arguments.options.kernels,
+                  "Maximum number of kernels per pixel; 0: as many as the data support")
+      ->capture_default_str();
+  verb.add_option("--spatial-passes", arguments.options.spatial_passes,
+                  "Number of passes in which each pixel tries the kernels of its neighbours (paper mode)")
+      ->capture_default_str();
+  verb.add_option("--clip", arguments.options.clip_level,
+                  "Radiance from which samples are ignored as clipped by the camera (default: none)");
+  verb.add_flag("--keep-drift", arguments.options.keep_drift,
+                "Do not correct the brightness drift that repeated reference frames show");
+  verb.add_flag("--keep-outliers", arguments.options.keep_outliers,
+                "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
+                "default they are detected, listed and left out");
+  verb.add_option("--memory", arguments.memory_gib,
+                  "Memory limit in GiB; the image is processed in bands of rows that fit")
+      ->capture_default_str();
+  verb.add_option("--threads", arguments.options.threads,
+                  "Number of threads; 0: all cores. The result does not depend on it")
+      ->capture_default_str();
+  verb.add_option("--refine", arguments.options.refine,
+                  "Field (.rfield) of the same capture, estimated from fewer of its images. Kernels are "
+                  "chosen among those of this field, which saves most of the search");
+  verb.add_flag(
+      "!--no-predicted-error", arguments.options.predict_errors,
+      "Do not predict the error of each pixel on new photographs; saves about one sixth of the time");
+}
+
+CaptureSession open_estimation(EstimationArguments& arguments) {
+  arguments.options.mode = estimate_mode_from_name(arguments.mode);
+  if (!(arguments.memory_gib > 0.0 && arguments.memory_gib < 1e6))
+    throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
+                     "; give a number of GiB above 0");
+  arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
+  CaptureSession session = open_capture(arguments.capture);
+  if (!arguments.monitors.empty()) session.monitors = placements_from_texts(arguments.monitors);
+  return session;
+}
+
 void add_estimate(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<EstimateArguments>();
   CLI::App* verb = app.add_subcommand(
@@ -257,48 +294,11 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       "Examples:\n"
       "  refield estimate session -o scene.rfield\n"
       "  refield estimate --light 'light/*.exr' --observed 'observed/*.exr' --hold-out 10 -o scene.rfield");
-  verb->add_option("session", arguments->capture.session,
-                   "Capture session folder, as written by 'refield acquire' or 'refield simulate'");
-  add_capture_options(*verb, arguments->capture,
-                      "Exclude every N-th image from the estimation, and print the prediction error on these "
-                      "images afterwards (default: 0, none)");
+  add_estimation_options(*verb, *arguments);
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
-  verb->add_option("--mode", arguments->mode,
-                   "Estimation mode: refined (smooth hat functions plus a few boxes), paper (the method "
-                   "published in 2004) or fast (even splits as in paper mode, with a faster search)")
-      ->capture_default_str();
-  verb->add_option("--monitor", arguments->monitors,
-                   "Placement of the monitor, such as 520x320@600,yaw=90 (mm, degrees), stored in the field "
-                   "for relighting by environment maps; replaces the placement in the session. Repeat the "
-                   "option for each window of stacked light maps");
-  verb->add_option("--kernels", arguments->options.kernels,
-                   "Maximum number of kernels per pixel; 0: as many as the data support")
-      ->capture_default_str();
-  verb->add_option("--spatial-passes", arguments->options.spatial_passes,
-                   "Number of passes in which each pixel tries the kernels of its neighbours (paper mode)")
-      ->capture_default_str();
-  verb->add_option("--clip", arguments->options.clip_level,
-                   "Radiance from which samples are ignored as clipped by the camera (default: none)");
-  verb->add_flag("--keep-drift", arguments->options.keep_drift,
-                 "Do not correct the brightness drift that repeated reference frames show");
-  verb->add_flag("--keep-outliers", arguments->options.keep_outliers,
-                 "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
-                 "default they are detected, listed and left out");
-  verb->add_option("--memory", arguments->memory_gib,
-                   "Memory limit in GiB; the image is processed in bands of rows that fit")
-      ->capture_default_str();
-  verb->add_option("--threads", arguments->options.threads,
-                   "Number of threads; 0: all cores. The result does not depend on it")
-      ->capture_default_str();
-  verb->add_option("--refine", arguments->options.refine,
-                   "Field (.rfield) of the same capture, estimated from fewer of its images. Kernels are "
-                   "chosen among those of this field, which saves most of the search");
   verb->add_option("--rows", arguments->rows,
                    "Rows to estimate, written as a shard for 'refield merge': A:B for rows A to B - 1, "
                    "counted from 0, or I/N for the I-th of N equal bands");
-  verb->add_flag(
-      "!--no-predicted-error", arguments->options.predict_errors,
-      "Do not predict the error of each pixel on new photographs; saves about one sixth of the time");
   verb->add_flag(
       "--dry-run", arguments->dry_run,
       "Check all input and print the number of images, bands, memory and estimated time; write nothing");

@@ -20,6 +20,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "cli/cluster/cluster_job.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
@@ -157,6 +158,7 @@ int run(int argc, char** argv) {
   refield::cli::add_hdr(app, common, action);
   refield::cli::add_estimate(app, common, action);
   refield::cli::add_merge(app, common, action);
+  refield::cli::add_submit(app, common, action);
   refield::cli::add_relight(app, common, action);
   refield::cli::add_compare(app, common, action);
   refield::cli::add_export_web(app, common, action);
@@ -193,6 +195,8 @@ int run_and_report(int argc, char** argv) {
   } catch (const refield::Error& error) {
     std::fprintf(stderr, "refield: %s\n", error.what());
     return status_bad_input;
+  } catch (const refield::cli::Detached&) {
+    return status_interrupted;
   } catch (const refield::Interrupted&) {
     std::fprintf(
         stderr, "refield: interrupted; finished work is kept; acquire and estimate continue with --resume\n");

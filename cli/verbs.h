@@ -24,6 +24,7 @@ void add_acquire(CLI::App& app, const Common& common, Action& action);
 void add_hdr(CLI::App& app, const Common& common, Action& action);
 void add_estimate(CLI::App& app, const Common& common, Action& action);
 void add_merge(CLI::App& app, const Common& common, Action& action);
+void add_submit(CLI::App& app, const Common& common, Action& action);
 void add_relight(CLI::App& app, const Common& common, Action& action);
 void add_compare(CLI::App& app, const Common& common, Action& action);
 void add_export_web(CLI::App& app, const Common& common, Action& action);

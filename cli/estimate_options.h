@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+#include <string>
+#include <vector>
+
+#include "cli/common/options.h"
+#include "core/session/capture_session.h"
+#include "estimate/options.h"
+
+namespace refield::cli {
+
+/// What estimate and submit estimate from, and how.
+struct EstimationArguments {
+  CaptureOptions capture;
+  std::vector<std::string> monitors;
+  std::string mode = "refined";
+  double memory_gib = 4.0;
+  EstimateOptions options;
+};
+
+/// Adds the session, the capture options, and those that the field depends on, with --memory and --threads.
+void add_estimation_options(CLI::App& verb, EstimationArguments& arguments);
+
+/// Opens the input and completes arguments.options. Throws InputError.
+CaptureSession open_estimation(EstimationArguments& arguments);
+
+}  // namespace refield::cli
