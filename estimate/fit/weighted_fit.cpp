@@ -2,6 +2,7 @@
 #include "estimate/fit/weighted_fit.h"
 
 #include <algorithm>
+#include <array>
 #include <functional>
 
 namespace refield {
@@ -74,17 +75,42 @@ namespace {
 /// Coarse steps end at this part of a rectangle's longer side.
 constexpr int coarse_parts = 24;
 
-/// Squared part of the target that a rectangle explains, with a non-negative weight a channel; the weights.
-double explained(const BoxTable& table, const Box& box, const AlignedFloats& target,
-                 std::array<float, 3>& weight) {
-  double sum = 0.0;
-  for (int c = 0; c < 3; ++c) {
+/// A rectangle with a non-negative weight per channel, and the squared part of the target that it explains.
+struct Explained {
+  std::array<float, 3> weight{};
+  std::array<double, 3> part{};
+
+  double sum() const { return part[0] + part[1] + part[2]; }
+  void set(const BoxTable& table, const Box& box, int c, const AlignedFloats& target) {
     float with_target = 0.0f, squared = 0.0f;
     table.products(box, c, target.data() + c * table.stride(), with_target, squared);
     weight[c] = squared > 0.0f ? std::max(with_target / squared, 0.0f) : 0.0f;
-    sum += static_cast<double>(weight[c]) * with_target;
+    part[c] = static_cast<double>(weight[c]) * with_target;
   }
-  return sum;
+};
+
+/// The eight ways to move one edge of a rectangle by a step.
+constexpr int edge_moves = 8;
+
+struct EdgeMove {
+  Box box;
+  std::array<std::array<int, 2>, 2> new_corners;  // x, y
+  bool is_valid;
+};
+
+EdgeMove move_edge(const Box& box, int move, int step, const LightDomain& domain) {
+  EdgeMove result{box, {}, false};
+  Box& moved = result.box;
+  const int edge = move / 2;
+  (edge == 0   ? moved.x0
+   : edge == 1 ? moved.x1
+   : edge == 2 ? moved.y0
+               : moved.y1) += move % 2 == 0 ? -step : step;
+  const int x = edge == 1 ? moved.x1 : moved.x0, y = edge == 3 ? moved.y1 : moved.y0;
+  result.new_corners = {{{x, y}, edge < 2 ? std::array{x, moved.y1} : std::array{moved.x1, y}}};
+  result.is_valid = moved.x0 >= 0 && moved.y0 >= 0 && moved.x1 <= domain.width && moved.y1 <= domain.height &&
+                    moved.x0 < moved.x1 && moved.y0 < moved.y1;
+  return result;
 }
 
 }  // namespace
@@ -109,27 +135,32 @@ std::vector<Box> refine_edges(const BoxTable& table, const PixelKernels& kernels
     for (std::size_t k = 0; k < boxes.size(); ++k) {
       Box& box = boxes[k];
       add(box, &weights[3 * k], 1.0f);
-      std::array<float, 3> weight{};
-      double best = explained(table, box, rest, weight);
+      Explained best;
+      for (int c = 0; c < 3; ++c) best.set(table, box, c, rest);
+      // Coarse steps: the channel in which the rectangle explains most decides first. Reading the table is
+      // what costs, and most moves end there.
+      const int lead = static_cast<int>(std::ranges::max_element(best.part) - best.part.begin());
       const int side = std::max(box.x1 - box.x0, box.y1 - box.y0);
       const int finest = coarse ? std::max(side / coarse_parts, 1) : 1;
       for (int step = std::max(side / 3, 1); step >= finest; step /= 2)
-        for (int edge = 0; edge < 4; ++edge)
-          for (const int direction : {-step, step}) {
-            Box moved = box;
-            (edge == 0 ? moved.x0 : edge == 1 ? moved.x1 : edge == 2 ? moved.y0 : moved.y1) += direction;
-            if (moved.x0 < 0 || moved.y0 < 0 || moved.x1 > table.domain().width ||
-                moved.y1 > table.domain().height || moved.x0 >= moved.x1 || moved.y0 >= moved.y1)
-              continue;
-            std::array<float, 3> trial_weight{};
-            const double value = explained(table, moved, rest, trial_weight);
-            if (value <= best) continue;
-            best = value;
-            box = moved;
-            weight = trial_weight;
-          }
-      std::copy_n(weight.begin(), 3, weights.begin() + 3 * k);
-      add(box, weight.data(), -1.0f);
+        for (int move = 0; move < edge_moves; ++move) {
+          if (move + 1 < edge_moves)
+            if (const EdgeMove next = move_edge(box, move + 1, step, table.domain()); next.is_valid)
+              for (const auto& [x, y] : next.new_corners)
+                table.prefetch(x, y, coarse ? lead : 0, coarse ? lead + 1 : 3);
+          const EdgeMove moved = move_edge(box, move, step, table.domain());
+          if (!moved.is_valid) continue;
+          Explained trial;
+          trial.set(table, moved.box, lead, rest);
+          if (coarse && trial.part[lead] <= best.part[lead]) continue;
+          for (int c = 0; c < 3; ++c)
+            if (c != lead) trial.set(table, moved.box, c, rest);
+          if (trial.sum() <= best.sum()) continue;
+          best = trial;
+          box = moved.box;
+        }
+      std::ranges::copy(best.weight, weights.begin() + 3 * k);
+      add(box, best.weight.data(), -1.0f);
     }
   return boxes;
 }

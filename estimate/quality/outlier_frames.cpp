@@ -9,11 +9,13 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "estimate/fit/box_table.h"
+#include "estimate/fit/vector_kernels.h"
 #include "estimate/job/observations.h"
 
 namespace refield {
@@ -117,7 +119,8 @@ constexpr int max_rows = 30;
 /// Standard deviations of the blurs, in parts of the map's width; 0: none.
 constexpr std::array<double, 3> blurs = {0.0, 0.03, 0.12};
 constexpr std::array<double, 4> ridges = {1e-5, 1e-4, 1e-3, 1e-2};
-constexpr int series_at_a_time = 64;
+/// Few enough to stay in the first-level cache while every row of a predictor passes.
+constexpr int series_at_a_time = 32;
 
 int cells_along(int texels, int most) {
   return std::min(texels, most);
@@ -178,8 +181,12 @@ float reordered_median(std::vector<float>& values) {
 /// One way to predict: the inverse M of gram + ridge over the frames that count, zero elsewhere, and for the
 /// others what it takes to predict them.
 struct Predictor {
-  Eigen::MatrixXf inverse;   ///< [images × images]
+  std::size_t stride = 0;
+  AlignedFloats inverse;     ///< rows of [stride] floats, padded with zeros; [images × stride]
   Eigen::VectorXf diagonal;  ///< of the inverse; for frames that are left out the inverse predictive variance
+
+  float* row(Eigen::Index j) { return inverse.data() + j * stride; }
+  const float* row(Eigen::Index j) const { return inverse.data() + j * stride; }
 };
 
 Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector<char>& left_out) {
@@ -192,11 +199,11 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
   inner.diagonal().array() += ridge;
   const Eigen::MatrixXd inverse = inner.llt().solve(Eigen::MatrixXd::Identity(count, count));
   Predictor result;
-  result.inverse = Eigen::MatrixXf::Zero(images, images);
+  result.stride = padded_length(images);
+  result.inverse.assign(images * result.stride, 0.0f);
   result.diagonal = Eigen::VectorXf::Zero(images);
   for (Eigen::Index a = 0; a < count; ++a) {
-    for (Eigen::Index b = 0; b < count; ++b)
-      result.inverse(kept[a], kept[b]) = static_cast<float>(inverse(a, b));
+    for (Eigen::Index b = 0; b < count; ++b) result.row(kept[a])[kept[b]] = static_cast<float>(inverse(a, b));
     result.diagonal[kept[a]] = static_cast<float>(inverse(a, a));
   }
   // A frame that is left out: residual b − kᵀM b, of variance κ + ridge − kᵀM k, as if it were the last of n
@@ -207,28 +214,97 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
     const Eigen::VectorXd weights = inverse * k;
     const double precision = 1.0 / (gram(j, j) + ridge - k.dot(weights));
     for (Eigen::Index a = 0; a < count; ++a)
-      result.inverse(j, kept[a]) = static_cast<float>(-precision * weights[a]);
-    result.inverse(j, j) = result.diagonal[j] = static_cast<float>(precision);
+      result.row(j)[kept[a]] = static_cast<float>(-precision * weights[a]);
+    result.row(j)[j] = result.diagonal[j] = static_cast<float>(precision);
   }
   return result;
 }
 
 /// Puts values in place of unmeasured samples under which their own residuals vanish: the same as leaving
-/// them out.
-void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& missing,
-                     Eigen::VectorXf& series) {
+/// them out. `series`: [stride].
+void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& missing, float* series) {
   const auto count = static_cast<Eigen::Index>(missing.size());
   for (const Eigen::Index j : missing) series[j] = 0.0f;
-  const Eigen::VectorXf product = way.inverse * series;
   Eigen::MatrixXd inner(count, count);
   Eigen::VectorXd right(count);
   for (Eigen::Index a = 0; a < count; ++a) {
-    for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = way.inverse(missing[a], missing[b]);
-    right[a] = -product[missing[a]];
+    const float* row = way.row(missing[a]);
+    for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = row[missing[b]];
+    float product = 0.0f;
+    dots(series, &row, 1, way.stride, &product);
+    right[a] = -product;
   }
   const Eigen::VectorXd values = inner.ldlt().solve(right);
   for (Eigen::Index a = 0; a < count; ++a) series[missing[a]] = static_cast<float>(values[a]);
 }
+
+/// Several series of one channel, each tried with one predictor after another; the best is kept.
+class SeriesBatch {
+ public:
+  /// `first`, `count`: of the columns of `series`, which must outlive this.
+  SeriesBatch(const Eigen::MatrixXf& series, Eigen::Index first, Eigen::Index count,
+              const std::vector<char>& left_out)
+      : first_(first),
+        count_(count),
+        images_(series.rows()),
+        stride_(padded_length(images_)),
+        values_(count * stride_, 0.0f),
+        products_(images_ * count),
+        missing_(count),
+        counted_(count),
+        best_(count, std::numeric_limits<float>::infinity()),
+        residual_(images_) {
+    for (Eigen::Index s = 0; s < count; ++s) {
+      values_of_.push_back(values_.data() + s * stride_);
+      for (Eigen::Index j = 0; j < images_; ++j) {
+        const float value = series(j, first + s);
+        values_[s * stride_ + j] = value;
+        if (!std::isfinite(value))
+          missing_[s].push_back(j);
+        else if (!left_out[j])
+          counted_[s].push_back(j);
+      }
+    }
+  }
+
+  void try_predictor(const Predictor& way, LeaveOneOut& result) {
+    for (Eigen::Index s = 0; s < count_; ++s)
+      if (!missing_[s].empty()) fill_unmeasured(way, missing_[s], values_.data() + s * stride_);
+    for (Eigen::Index j = 0; j < images_; ++j)
+      dots(way.row(j), values_of_.data(), count_, stride_, products_.data() + j * count_);
+    for (Eigen::Index s = 0; s < count_; ++s) {
+      for (Eigen::Index j = 0; j < images_; ++j) residual_[j] = products_[j * count_ + s] / way.diagonal[j];
+      const auto& counted = counted_[s];
+      // The median is below the best one if more than half the residuals are: most ways end here.
+      const auto below =
+          std::ranges::count_if(counted, [&](Eigen::Index j) { return std::abs(residual_[j]) < best_[s]; });
+      if (below <= std::ssize(counted) / 2) continue;
+      sizes_.clear();
+      for (const Eigen::Index j : counted) sizes_.push_back(std::abs(residual_[j]));
+      standardised_ = sizes_;
+      for (std::size_t i = 0; i < counted.size(); ++i)
+        standardised_[i] *= std::sqrt(way.diagonal[counted[i]]);
+      best_[s] = reordered_median(sizes_);
+      const float scale = 1.4826f * reordered_median(standardised_);
+      auto residual = result.residual.col(first_ + s), standardised = result.standardised.col(first_ + s);
+      for (Eigen::Index j = 0; j < images_; ++j) {
+        residual[j] = residual_[j];
+        standardised[j] = scale > 0.0f ? residual_[j] * std::sqrt(way.diagonal[j]) / scale : 0.0f;
+      }
+      for (const Eigen::Index j : missing_[s]) residual[j] = standardised[j] = 0.0f;
+    }
+  }
+
+ private:
+  const Eigen::Index first_, count_, images_;
+  const std::size_t stride_;
+  AlignedFloats values_;                 // [count × stride]
+  std::vector<const float*> values_of_;  // of each series
+  std::vector<float> products_;          // [images × count]
+  std::vector<std::vector<Eigen::Index>> missing_, counted_;
+  std::vector<float> best_;  // median size of the residuals
+  std::vector<float> residual_, sizes_, standardised_;
+};
 
 }  // namespace
 
@@ -269,40 +345,8 @@ LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen
     run.throw_if_stopped();
     const Eigen::Index first = range.begin();
     const Eigen::Index count = range.end() - first;
-    Eigen::MatrixXf values = series.middleCols(first, count);
-    std::vector<std::vector<Eigen::Index>> missing(count);
-    for (Eigen::Index s = 0; s < count; ++s)
-      for (Eigen::Index j = 0; j < images; ++j)
-        if (!std::isfinite(values(j, s))) missing[s].push_back(j);
-    std::vector<float> best(count, std::numeric_limits<float>::infinity());
-    for (const Predictor& way : ways) {
-      for (Eigen::Index s = 0; s < count; ++s) {
-        if (missing[s].empty()) continue;
-        Eigen::VectorXf filled = values.col(s);
-        fill_unmeasured(way, missing[s], filled);
-        values.col(s) = filled;
-      }
-      const Eigen::MatrixXf products = way.inverse * values;
-      for (Eigen::Index s = 0; s < count; ++s) {
-        const Eigen::ArrayXf residual = products.col(s).array() / way.diagonal.array();
-        std::vector<float> sizes, standardised;
-        for (Eigen::Index j = 0; j < images; ++j)
-          if (!left_out[j] && std::isfinite(series(j, first + s))) {
-            sizes.push_back(std::abs(residual[j]));
-            standardised.push_back(sizes.back() * std::sqrt(way.diagonal[j]));
-          }
-        const float typical = reordered_median(sizes);
-        if (!(typical < best[s])) continue;
-        best[s] = typical;
-        const float scale = 1.4826f * reordered_median(standardised);
-        result.residual.col(first + s) = residual;
-        result.standardised.col(first + s) = scale > 0.0f
-                                                 ? (residual * way.diagonal.array().sqrt() / scale).eval()
-                                                 : Eigen::ArrayXf::Zero(images);
-        for (const Eigen::Index j : missing[s])
-          result.residual(j, first + s) = result.standardised(j, first + s) = 0.0f;
-      }
-    }
+    SeriesBatch batch(series, first, count, left_out);
+    for (const Predictor& way : ways) batch.try_predictor(way, result);
   });
   return result;
 }
