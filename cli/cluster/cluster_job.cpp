@@ -43,14 +43,19 @@ fs::path end_file(const ClusterJob& job, int shard) {
   return job.folder / "end" / std::to_string(shard);
 }
 
-bool is_told_in_log(const fs::path& log, const char* text) {
+/// What the program and Slurm, which polls or has control groups, write of a task without memory. Slurm's
+/// state is OUT_OF_MEMORY only with control groups.
+bool lacked_memory(const fs::path& log) {
   constexpr std::streamoff tail = 4096;
   std::ifstream file(log, std::ios::binary | std::ios::ate);
   if (!file) return false;
   file.seekg(std::max<std::streamoff>(0, file.tellg() - tail));
   std::ostringstream read;
   read << file.rdbuf();
-  return read.str().find(text) != std::string::npos;
+  return std::ranges::any_of(
+      std::initializer_list<const char*>{"refield: out of memory", "Exceeded job memory limit", "oom-kill",
+                                         "oom_kill"},
+      [&](const char* text) { return read.str().find(text) != std::string::npos; });
 }
 
 /// What both jobs of a round have in common.
@@ -265,7 +270,7 @@ TaskEnd task_end(const ClusterJob& job, int shard, const std::vector<QueuedTask>
     end.status = status;
     for (std::string word; record >> word;) end.host = word;  // Slurm's name of the node, where there is one
   }
-  end.out_of_memory = end.status == 2 && is_told_in_log(shard_log(job, shard), "refield: out of memory");
+  end.out_of_memory = (!end.status || end.status == 2) && lacked_memory(shard_log(job, shard));
   return end;
 }
 

@@ -101,7 +101,7 @@ struct TaskEnd {
   std::string state = {};          ///< Slurm's; empty where it has forgotten the task
   std::optional<int> status = {};  ///< exit status as the task recorded it; none for a task that was killed
   std::string host = {};           ///< empty: unknown
-  bool out_of_memory = false;      ///< the program said so
+  bool out_of_memory = false;      ///< its log says so
 };
 TaskEnd task_end(const ClusterJob& job, int shard, const std::vector<QueuedTask>& queue);
 

@@ -264,6 +264,28 @@ def cancelled(lab):
     return outcome
 
 
+def detached(lab):
+    """Ctrl-C while following, then --attach"""
+    one = Submission(lab, "detached", "--shards", 6)
+    one.wait_submitted()
+    pid, _ = one.stop_an_estimator()
+    one.process.send_signal(signal.SIGINT)
+    assert one.end() == 130 and "the jobs go on" in one.text(), one.text()
+    one.attach()
+    slurm.kill(pid, signal.SIGCONT)
+    outcome = one.expect_field()
+    assert len(one.state()["rounds"]) == 1
+    return outcome
+
+
+def without_slurm(lab):
+    """--engine parallel: an estimator is killed"""
+    one = Submission(lab, "parallel", "--shards", 3, "--engine", "parallel")
+    pid, _ = one.stop_an_estimator()
+    slurm.kill(pid)
+    return one.expect_field() + ", started again by GNU parallel"
+
+
 def full_disk(lab):
     """the file system of the shards is full, then is not"""
     disk = lab.folder / "disk"
@@ -340,8 +362,8 @@ def other_capture(lab):
 
 
 ALONE = [everything_at_once]
-TOGETHER = [time_limit, requeued, killed_estimator, cancelled_task, lost_merge, killed_while_submitting, cancelled, full_disk,
-            damaged_photograph, damaged_shard, other_capture]
+TOGETHER = [time_limit, requeued, killed_estimator, cancelled_task, lost_merge, killed_while_submitting, cancelled, detached,
+            without_slurm, full_disk, damaged_photograph, damaged_shard, other_capture]
 
 
 def tried(case, lab):
