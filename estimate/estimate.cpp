@@ -61,18 +61,21 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
                   hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
   std::optional<TexelRegressions> texels;
   if (refined) texels.emplace(*table);
+  LightErrorModel light_error;
+  if (options.predict_errors)
+    light_error = light_error_model(*table, texels ? texels->cells() : std::vector<Box>{});
+  const bool is_weighted = texels && texels->cells().empty() && !job.noise.image_weights.empty();
+  if (is_weighted) table->weight_images(job.noise.image_weights);
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress(run, "estimate", pixels);
   for (const RowRange& rows : missing) {
     const RowRange held = rows_needed(rows, height, options);
-    const auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
+    auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
+    if (is_weighted) band.weight_images(job.noise.image_weights);
     keep(rows, estimate_band({*table, band, rows, height, job.mask, options, job.refinement.get(),
                               texels ? &*texels : nullptr, &job.noise},
                              workers, progress, run));
   }
-  LightErrorModel light_error;
-  if (options.predict_errors)
-    light_error = light_error_model(*table, texels ? texels->cells() : std::vector<Box>{});
   return {static_cast<int>(bands.size() - missing.size()), observed_by(texels, job.session.light),
           std::move(light_error)};
 }

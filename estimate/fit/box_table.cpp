@@ -47,6 +47,7 @@ BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
       stored_images_(images),
       stride_(padded_length(images)),
       hats_(hats),
+      weights_(images, 1.0f),
       hat_sums_(std::size_t{3} * hats.count() * images),
       prefix_(std::make_shared<AlignedDoubles>(static_cast<std::size_t>(domain.width + 1) *
                                                (domain.height + 1) * 3 * images)) {}
@@ -57,6 +58,8 @@ BoxTable BoxTable::subset(const std::vector<int>& images) const {
   for (const int j : images) part.selected_.push_back(selected_.empty() ? j : selected_[j]);
   part.images_ = static_cast<int>(images.size());
   part.stride_ = padded_length(part.images_);
+  part.weights_.clear();
+  for (const int j : images) part.weights_.push_back(weights_[j]);
   part.hat_sums_.clear();
   for (int i = 0; i < 3 * hats_.count(); ++i)
     for (const int j : images) part.hat_sums_.push_back(hat_sums_[static_cast<std::size_t>(i) * images_ + j]);
@@ -141,6 +144,19 @@ void BoxTable::choose_unit() {
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, prefix_->size(), 1 << 16), [&](const auto& range) {
     for (std::size_t i = range.begin(); i != range.end(); ++i) (*prefix_)[i] *= factor;
   });
+}
+
+void BoxTable::weight_images(std::span<const float> weights) {
+  const auto multiply = [&](double* sums) {
+    for (int j = 0; j < images_; ++j) sums[j] *= weights[j];
+  };
+  for (int i = 0; i < 3 * hats_.count(); ++i)
+    multiply(hat_sums_.data() + static_cast<std::size_t>(i) * images_);
+  const std::size_t vectors = prefix_->size() / images_;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, vectors, 1 << 10), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i != range.end(); ++i) multiply(prefix_->data() + i * images_);
+  });
+  for (int j = 0; j < images_; ++j) weights_[j] *= weights[j];
 }
 
 void BoxTable::column(const Box& box, float* column, std::size_t extent) const {

@@ -59,6 +59,12 @@ class BoxTable {
   /// by it.
   double unit() const { return unit_; }
 
+  /// Multiplies all sums of image j by weights[j], [images], > 0, as the samples are to be. Tables that share
+  /// this one's memory are no longer valid.
+  void weight_images(std::span<const float> weights);
+  /// The weights, [images]; 1 before weight_images().
+  std::span<const float> image_weights() const { return weights_; }
+
   static std::uint64_t bytes(const LightDomain& domain, std::uint64_t images);
 
  private:
@@ -78,6 +84,7 @@ class BoxTable {
   std::vector<int> selected_;  // which of the stored images; empty: all
   std::size_t stride_;
   HatGrid hats_;
+  std::vector<float> weights_;              // [images]
   std::vector<double> hat_sums_;            // [hats × 3 × images]
   std::shared_ptr<AlignedDoubles> prefix_;  // [(height+1) × (width+1) × 3 × images]
 };

@@ -30,14 +30,17 @@ struct SampleWindow {
   std::vector<float> values;  ///< [pixels][3][images]
 };
 
-/// How noisy photographs are: the variance of a sample's noise relative to the pixel's mean square, which
-/// falls with brightness.
+/// How noisy photographs are, each multiplied by its weight: the variance of a sample's noise relative to the
+/// pixel's mean square, which falls with brightness.
 struct NoiseModel {
   std::vector<double> log_level;     ///< logarithms of mean squares, ascending; empty: unknown
   std::vector<double> log_variance;  ///< of the relative variance at these levels
   /// Independent noise samples that an image holds of a pixel: 3 if the channels' noise is independent, 1 if
   /// it is the same in all (Monte Carlo renderers).
   double samples_per_image = 3.0;
+  /// For each image not left out, the reciprocal of its noise, scaled so that the samples keep their mean
+  /// square. Empty: all 1, because images are equally noisy, hardly noisy, or it is not known.
+  std::vector<float> image_weights = {};
 
   double relative_variance(double mean_square) const;
 };
@@ -45,7 +48,8 @@ struct NoiseModel {
 /// Measures noise by the weakest components of windows that are spread over the picture: their pixels see
 /// nearly the same, so most components of the matrix of images × pixels hold noise alone, and the lower
 /// quartile of the eigenvalues follows the law of Marchenko and Pastur 1967. The median window of similar
-/// brightness counts. Images `left_out` are ignored. Unknown if there are too few images or windows.
+/// brightness counts. Images `left_out` are ignored. Unknown if there are too few images or windows. The
+/// noise of an image is its part of the weakest components, in the median window.
 NoiseModel measure_noise(std::span<const SampleWindow> windows, int images, std::span<const int> left_out);
 
 /// Reduces the noise of samples by what pixels have in common with their neighbours. The matrix of images ×

@@ -47,7 +47,8 @@ class BandEstimator {
         workers_(workers),
         progress_(progress),
         run_(run),
-        lattice_(width_, input.height) {}
+        lattice_(width_, input.height),
+        is_weighted_(std::ranges::any_of(input.table.image_weights(), [](float w) { return w != 1.0f; })) {}
 
   std::vector<PixelKernels> estimate() {
     Rows kernels = fit_blocks();
@@ -151,6 +152,7 @@ class BandEstimator {
   Progress& progress_;
   const RunContext& run_;
   const CrossValidationLattice lattice_;
+  const bool is_weighted_;
 };
 
 BandEstimator::Rows BandEstimator::fit_blocks() const {
@@ -169,7 +171,7 @@ BandEstimator::Rows BandEstimator::fit_blocks() const {
     }
     for (int y = tile.y0, p = 0; y < tile.y1; ++y)
       for (int x = tile.x0; x < tile.x1; ++x, ++p)
-        if (active(x, y) && pooled[p] != samples(x, y))
+        if (active(x, y) && (is_weighted_ || pooled[p] != samples(x, y)))
           own.evaluator.set_residual(samples(x, y), kernels.at(x, y));
     progress_.advance(static_cast<std::uint64_t>(tile.x1 - tile.x0) * (tile.y1 - tile.y0));
   });

@@ -63,6 +63,16 @@ ObservationBand::ObservationBand(int width, int first_row, int last_row, int ima
       stride_(padded_length(images)),
       samples_(static_cast<std::size_t>(last_row - first_row) * width * 3 * stride_) {}
 
+void ObservationBand::weight_images(std::span<const float> weights) {
+  tbb::parallel_for(first_row_, last_row_, [&](int y) {
+    for (int x = 0; x < width_; ++x)
+      for (int c = 0; c < 3; ++c) {
+        float* values = samples(x, y, c);
+        for (int j = 0; j < images_; ++j) values[j] *= weights[j];
+      }
+  });
+}
+
 std::uint64_t ObservationBand::bytes(int width, int rows, int images) {
   return static_cast<std::uint64_t>(width) * rows * 3 * padded_length(images) * sizeof(float);
 }

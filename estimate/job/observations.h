@@ -25,6 +25,9 @@ class ObservationBand {
   float* samples(int x, int y, int channel) { return samples_.data() + index(x, y, channel); }
   const float* samples(int x, int y, int channel) const { return samples_.data() + index(x, y, channel); }
 
+  /// Multiplies all samples of image j by weights[j], [images].
+  void weight_images(std::span<const float> weights);
+
   static std::uint64_t bytes(int width, int rows, int images);
 
  private:

@@ -89,6 +89,7 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
   coefficients_.resize(pointers_.size());
   std::vector<std::array<const float*, 3>> columns;
   for (const Box& box : kernels.boxes) columns.push_back(cache.column(box));
+  const std::span<const float> weights = table_.image_weights();
   double squared = 0.0;
   for (int c = 0; c < 3; ++c) {
     float* residual = residuals + c * stride_;
@@ -125,6 +126,7 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
     for (std::size_t j = 0; j < stride_; ++j) {
       float r = residual[j] / std::max(1.0f - leverage[j], least_freedom);
       if (measured) r *= measured[j];
+      if (j < weights.size()) r /= weights[j];
       residual[j] = r;
       squared += static_cast<double>(r) * r;
     }
@@ -199,7 +201,8 @@ void ErrorEvaluator::add_errors_on_unseen(Part& part, std::span<const PixelSampl
       for (int j = 0; j < images_; ++j) {
         const float b = observed[p][c][j];
         if (is_seen[j] || std::isnan(b)) continue;
-        const double error = static_cast<double>(predicted_[c * stride_ + j]) - b;
+        const double error =
+            (static_cast<double>(predicted_[c * stride_ + j]) - b) / table_.image_weights()[j];
         squared[p] += error * error;
       }
   }
@@ -211,9 +214,11 @@ void ErrorEvaluator::set_residual(const PixelSamples& observed, PixelKernels& ke
   for (int c = 0; c < 3; ++c)
     for (int j = 0; j < images_; ++j) {
       const double b = observed[c][j];
-      const double error = predicted_[c * stride_ + j] - b;
+      if (std::isnan(b)) continue;
+      const double weight = table_.image_weights()[j];
+      const double error = (predicted_[c * stride_ + j] - b) / weight;
       kernels.squared_residual += error * error;
-      kernels.squared_samples += b * b;
+      kernels.squared_samples += (b / weight) * (b / weight);
     }
 }
 

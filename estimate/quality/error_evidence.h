@@ -18,7 +18,8 @@ namespace refield {
 /// `cells`: light_cells(), or empty for a grid of about 200 rectangles.
 LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells);
 
-/// What a thread needs to assess fits by images that they have not seen.
+/// What a thread needs to assess fits by images that they have not seen. Samples and kernels are those of a
+/// weighted fit where the table's images have weights; all errors are of samples without them.
 class ErrorEvaluator {
  public:
   /// `texels`: see BlockModel; null for none.
@@ -45,7 +46,7 @@ class ErrorEvaluator {
                                            const RunContext& run,
                                            std::span<const PixelSamples> observed = {});
 
-  /// Sets the residual of kernels that were fitted to pooled samples to that of the observed ones.
+  /// Sets the residual of kernels that were fitted to pooled or weighted samples to that of the photographs.
   void set_residual(const PixelSamples& observed, PixelKernels& kernels);
 
   /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters.

@@ -3,8 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <vector>
 
@@ -66,6 +69,22 @@ struct NoisyPicture {
       }
     return result;
   }
+  /// Gives an image this many times the noise of an image of mean brightness.
+  void set_noise(int image, double factor) {
+    double level = 0.0;  // of the image, relative to all
+    for (int c = 0; c < 3; ++c)
+      for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x) {
+          const float* pixel = clean.data() + index(x, y, c);
+          level += images * pixel[image] / std::accumulate(pixel, pixel + images, 0.0) / (3 * width * height);
+        }
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int c = 0; c < 3; ++c) {
+          const std::size_t i = index(x, y, c) + image;
+          noisy[i] = static_cast<float>(std::lerp(clean[i], noisy[i], factor / level));
+        }
+  }
   NoiseModel noise() const { return measure_noise(windows(), images, {}); }
   std::vector<PixelSamples> pool(SamplePool& pool, const PixelTile& tile) const {
     return pool.pool(tile, width, height, [this](int x, int y) { return samples(x, y); });
@@ -81,6 +100,44 @@ TEST(SamplePooling, MeasuresTheNoise) {
   const NoisyPicture grey(0.03, true, true);
   EXPECT_NEAR(std::sqrt(grey.noise().relative_variance(5.0)), 0.03, 0.05 * 0.03);
   EXPECT_NEAR(grey.noise().samples_per_image, 1.0, 0.05);
+}
+
+TEST(SamplePooling, WeighsImagesByTheReciprocalOfTheirNoise) {
+  NoisyPicture picture(0.02, true);
+  const auto factor = [](int image) { return image % 3 == 0 ? 3.0 : 1.0; };
+  for (int j = 0; j < images; ++j) picture.set_noise(j, factor(j));
+  const NoiseModel noise = picture.noise();
+  ASSERT_EQ(noise.image_weights.size(), static_cast<std::size_t>(images));
+  std::array<double, 2> mean{};
+  for (int j = 0; j < images; ++j) {
+    const double scaled = noise.image_weights[j] * factor(j) / noise.image_weights[1];
+    EXPECT_NEAR(scaled, 1.0, 0.25) << j;  // from 16 windows
+    mean[j % 3 == 0] += scaled / (j % 3 == 0 ? images / 3 : images - images / 3);
+  }
+  EXPECT_NEAR(mean[1], mean[0], 0.05 * mean[0]);
+}
+
+TEST(SamplePooling, KeepsEqualWeightsWhereNoiseIsEqualOrSmall) {
+  NoisyPicture equal(0.03, true);
+  for (int j = 0; j < images; ++j) equal.set_noise(j, 1.0);
+  EXPECT_TRUE(equal.noise().image_weights.empty());
+  NoisyPicture little(0.003, true);
+  for (int j = 0; j < images; j += 3) little.set_noise(j, 3.0);
+  EXPECT_TRUE(little.noise().image_weights.empty());
+}
+
+TEST(SamplePooling, LimitsTheWeightOfDarkImages) {
+  NoisyPicture picture(0.03, true);
+  constexpr int dark = 5;
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x)
+      for (int c = 0; c < 3; ++c) picture.noisy[picture.index(x, y, c) + dark] = 0.0f;
+  const NoiseModel noise = picture.noise();
+  ASSERT_FALSE(noise.image_weights.empty());
+  std::vector<float> sorted = noise.image_weights;
+  std::ranges::sort(sorted);
+  EXPECT_NEAR(noise.image_weights[dark], 4.0f * sorted[images / 2], 0.05f);
+  EXPECT_EQ(sorted.back(), noise.image_weights[dark]);
 }
 
 TEST(SamplePooling, IgnoresImagesThatAreLeftOut) {

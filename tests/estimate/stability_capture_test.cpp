@@ -89,6 +89,82 @@ TEST(PoorCapture, ErrorGrowsNoFasterThanNoise) {
   }
 }
 
+/// A capture with 1 % noise, and `factor` times as much in every third photograph.
+class UnequalNoise : public testing::Test {
+ protected:
+  explicit UnequalNoise(double factor = 10.0)
+      : session_(test::write_capture(folder_ / "session", scene_.truth, scene_.lights, 0.01)) {
+    for (std::size_t j = 0; j < session_.frames.size(); j += 3) {
+      const Image exact = scene_.truth.relight(scene_.lights[j]);
+      test::change_photograph(session_.frames[j], [&](Image& image) {
+        for (std::size_t i = 0; i < image.values.size(); ++i)
+          image.values[i] = static_cast<float>(std::lerp(exact.values[i], image.values[i], factor));
+      });
+    }
+  }
+  double error() const { return scene_.error(estimate_field(session_, options_without_checks())); }
+
+  const test::TemporaryFolder folder_;
+  const test::StabilityScene scene_;
+  CaptureSession session_;
+};
+
+TEST_F(UnequalNoise, NoisyPhotographsDoNoHarm) {
+  const double all = error();
+  std::vector<CaptureFrame> good;
+  for (std::size_t j = 0; j < session_.frames.size(); ++j)
+    if (j % 3 != 0) good.push_back(session_.frames[j]);
+  session_.frames = good;
+  // The noise is measured to a few per cent. With equal weights the error is three times as large.
+  EXPECT_LT(all, 1.1 * error());
+}
+
+TEST_F(UnequalNoise, TrainingErrorRefersToThePhotographs) {
+  const ReflectanceField field = estimate_field(session_, options_without_checks());
+  std::vector<Image> predicted, observed;
+  for (const CaptureFrame& frame : session_.frames) {
+    observed.push_back(read_image(frame.observed));
+    predicted.push_back(field.relight(scene_.lights[observed.size() - 1]));
+  }
+  const auto expected = relative_rmse_map(predicted, observed).values;
+  for (std::size_t p = 0; p < expected.size(); ++p)
+    EXPECT_NEAR(field.quality.training_error[p], expected[p], 0.002 * expected[p]) << p;
+}
+
+TEST_F(UnequalNoise, PredictedErrorRefersToThePhotographs) {
+  EstimateOptions options;
+  options.keep_outliers = true;
+  const ReflectanceField field = estimate_field(session_, options);
+  std::vector<float> noise = field.quality.photograph_noise;
+  // Relative to the root mean square over all photographs, a third of which have ten times the noise.
+  EXPECT_NEAR(quantile(std::move(noise), 0.5), 0.01 * std::sqrt((2.0 + 100.0) / 3.0), 0.01);
+}
+
+TEST_F(UnequalNoise, TheDeclaredNoiseIsNotUsed) {
+  const ReflectanceField before = estimate_field(session_, options_without_checks());
+  for (std::size_t j = 0; j < session_.frames.size(); ++j) {
+    const Photograph photograph = read_photograph(session_.frames[j].observed);
+    Image sigma = photograph.radiance;
+    for (float& value : sigma.values) value = j % 2 == 0 ? 1e-6f : 10.0f;
+    write_photograph(session_.frames[j].observed, {photograph.radiance, sigma});
+  }
+  EXPECT_EQ(estimate_field(session_, options_without_checks()).transfer.weight, before.transfer.weight);
+}
+
+TEST(PoorCapture, ADarkPhotographHarmsNone) {
+  const test::StabilityScene scene;
+  const double undisturbed = undisturbed_error(scene);
+  std::vector<LightMap> lights = scene.lights;
+  for (float& value : lights[7].radiance.values) value *= 1e-4f;
+  const test::TemporaryFolder folder;
+  const auto session = test::write_capture(folder / "session", scene.truth, lights, 0.01);
+  test::change_photograph(session.frames[7], [](Image& image) {
+    Rng rng(3);
+    for (float& value : image.values) value = static_cast<float>(std::max(value + 1e-3 * rng.normal(), 0.0));
+  });
+  EXPECT_LT(scene.error(estimate_field(session, options_without_checks())), 1.1 * undisturbed);
+}
+
 TEST(PoorCapture, ClippedSamplesAreLeftOutUpToAThird) {
   const test::StabilityScene scene;
   const double undisturbed = undisturbed_error(scene);
