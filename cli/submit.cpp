@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <future>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -296,12 +297,24 @@ class ShardProgress {
   Progress progress_;
 };
 
+/// Releases tasks that Slurm holds since their node could not start them; each a few times.
+void release_held(const std::vector<QueuedTask>& queue, std::map<int, int>& released) {
+  constexpr int max_releases = 5;
+  for (const QueuedTask& entry : queue) {
+    if (!entry.is_held || !entry.task || ++released[*entry.task] > max_releases) continue;
+    run_context().note("a node could not start shard " + std::to_string(*entry.task) +
+                       "; released to run again");
+    run_command({"scontrol", "release", std::to_string(entry.job) + "_" + std::to_string(*entry.task)});
+  }
+}
+
 /// Follows a job of Slurm until it has ended, and helps where no job of it is left.
 ClusterJob follow(const fs::path& folder) {
   ClusterJob job = read_cluster_job(folder);
   std::size_t rounds_told = job.rounds.size();
   ShardProgress progress(job);
   bool was_idle = false, is_told = false;
+  std::map<int, int> released;  // number of times, by shard
   for (const auto start = Clock::now();;) {
     job = read_cluster_job(folder);
     if (job.outcome != Outcome::running) return job;
@@ -311,7 +324,9 @@ ClusterJob follow(const fs::path& folder) {
     const CommandOutput listed = run_command(queue_command(job));
     if (listed.status == 127) refuse_command({"squeue"}, listed);
     if (listed.status == 0) {
-      const Standing standing = standing_of(queue_from_text(listed.text));
+      const auto queue = queue_from_text(listed.text);
+      release_held(queue, released);
+      const Standing standing = standing_of(queue);
       progress.update(job, ", " + std::to_string(standing.running) + " running, " +
                                std::to_string(standing.waiting) + " waiting, " +
                                std::to_string(standing.requeued) + " requeued");

@@ -234,7 +234,7 @@ std::vector<std::string> queue_command(const ClusterJob& job) {
     names += (names.empty() ? "" : ",") + array_name(job, round) + "," + merge_name(job, round);
   return {"squeue",          "--noheader",
           "--array",         "--states=all",
-          "--name=" + names, "--Format=Name:|,ArrayJobID:|,ArrayTaskID:|,State:|,RestartCnt:|"};
+          "--name=" + names, "--Format=Name:|,ArrayJobID:|,ArrayTaskID:|,State:|,RestartCnt:|,Reason:|"};
 }
 
 std::vector<QueuedTask> queue_from_text(const std::string& text) {
@@ -255,6 +255,9 @@ std::vector<QueuedTask> queue_from_text(const std::string& text) {
     entry.job = std::stoll(job);
     if (is_number(task)) entry.task = std::stoi(task);
     if (is_number(restarts)) entry.restarts = std::stoi(restarts);
+    if (std::string reason; std::getline(fields, reason, '|'))
+      entry.is_held = entry.state == "PENDING" && reason.find("requeued") != std::string::npos &&
+                      reason.find("held") != std::string::npos;
     queue.push_back(std::move(entry));
   }
   return queue;

@@ -89,6 +89,7 @@ struct QueuedTask {
   std::optional<int> task;  ///< of an array
   std::string state;        ///< RUNNING, PENDING, NODE_FAIL, ...
   int restarts = 0;
+  bool is_held = false;    ///< requeued by Slurm, but only to run when it is released
   bool is_active() const;  ///< running, or going to run
 };
 

@@ -101,18 +101,21 @@ TEST(ClusterJob, ReadsTheQueue) {
   const auto queue = queue_from_text(
       "squeue: warning of a plugin\n"
       "refield-scene-00ff00.1|17|3|RUNNING|2|\n"
-      "refield-scene-00ff00.1|17|4|NODE_FAIL|0|\n"
+      "refield-scene-00ff00.1|17|4|NODE_FAIL|0|None|\n"
+      "refield-scene-00ff00.1|17|5|PENDING|1|launch failed requeued held|\n"
       "refield-scene-00ff00.1.merge|N/A|N/A|PENDING|0|\n"
       "refield-scene-00ff00.1.merge|18|N/A|PENDING|0|\n");
-  ASSERT_EQ(queue.size(), 3u);
+  ASSERT_EQ(queue.size(), 4u);
   EXPECT_EQ(queue[0].job, 17);
   EXPECT_EQ(queue[0].task, 3);
   EXPECT_EQ(queue[0].restarts, 2);
   EXPECT_TRUE(queue[0].is_active());
   EXPECT_FALSE(queue[1].is_active());
-  EXPECT_EQ(queue[2].job, 18);
-  EXPECT_FALSE(queue[2].task);
-  EXPECT_TRUE(queue[2].is_active());
+  EXPECT_FALSE(queue[1].is_held);
+  EXPECT_TRUE(queue[2].is_held);
+  EXPECT_EQ(queue[3].job, 18);
+  EXPECT_FALSE(queue[3].task);
+  EXPECT_TRUE(queue[3].is_active());
 }
 
 TEST(ClusterJob, FailuresRaiseTheLimitThatTheyHit) {
