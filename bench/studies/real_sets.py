@@ -440,43 +440,39 @@ def print_left_out(options):
     print("length {:.3g}, fine share {:.3g}, fine length {:.3g}".format(*parameters))
     if not options.program:
         return
-    shape = (-1, min(len(chosen), 50))
-    picked = numpy.arange(0, len(directions), options.every)
-    shown = []
-    angle = 2 * math.pi / (2 * height) * (numpy.cos(math.pi * rows / height) - numpy.cos(math.pi * (rows + 1) / height))
-    folder = options.output
-    for name in ("all", "observed"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    pixels = len(chosen) // shape[1] * shape[1]
+    width = min(len(chosen), 50)
+    pixels = len(chosen) // width * width
+    angle = math.pi / height * (numpy.cos(math.pi * rows / height) - numpy.cos(math.pi * (rows + 1) / height))
+    light_folder, observed_folder = options.output / "light", options.output / "observed"
+    for folder in (light_folder, observed_folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.glob("*.exr"):
+            old.unlink()
     for source in range(len(directions)):
         light = numpy.zeros((height, 2 * height, 3), numpy.float32)
         light[rows[source], columns[source]] = 1.0 / angle[source]
-        write_image(folder / "all" / f"{source:04}.exr", light)
-        write_image(folder / "observed" / f"{source:04}.exr", sources[source, :pixels].reshape(*shape, 3).astype(numpy.float32))
+        write_image(light_folder / f"{source:04}.exr", light)
+        write_image(observed_folder / f"{source:04}.exr", sources[source, :pixels].reshape(-1, width, 3).astype(numpy.float32))
+    picked = numpy.arange(0, len(directions), options.every)
+    field, left_out_light, shown = (options.output / name for name in ("left_out.rfield", "left_out.exr", "shown.exr"))
+    left_out_photograph = options.output / "left_out_photograph.exr"
+    relit = []
     for source in picked:
-        others = folder / "others"
-        others.mkdir(exist_ok=True)
-        for old in others.iterdir():
-            old.unlink()
-        for other in range(len(directions)):
-            if other != source:
-                (others / f"{other:04}.exr").symlink_to((folder / "all" / f"{other:04}.exr").resolve())
-        kept = folder / "kept"
-        kept.mkdir(exist_ok=True)
-        for old in kept.iterdir():
-            old.unlink()
-        for other in range(len(directions)):
-            if other != source:
-                (kept / f"{other:04}.exr").symlink_to((folder / "observed" / f"{other:04}.exr").resolve())
-        field = folder / "left_out.rfield"
-        subprocess.run([options.program, "estimate", "--light", f"{others}/*.exr", "--observed", f"{kept}/*.exr",
-                        "--parameterisation", "lat_long", "-o", field, "--force"], check=True, capture_output=True)
-        subprocess.run([options.program, "relight", field, "--light", folder / "all" / f"{source:04}.exr", "-o",
-                        folder / "shown.exr"], check=True, capture_output=True)
-        shown.append(read_rgb(folder / "shown.exr").reshape(-1, 3))
+        name = f"{source:04}.exr"
+        (light_folder / name).rename(left_out_light)
+        (observed_folder / name).rename(left_out_photograph)
+        field.unlink(missing_ok=True)
+        subprocess.run([options.program, "--quiet", "estimate", "--light", f"{light_folder}/*.exr", "--observed", f"{observed_folder}/*.exr",
+                        "--parameterisation", "lat_long", "-o", field], check=True, stdout=subprocess.DEVNULL)
+        shown.unlink(missing_ok=True)
+        subprocess.run([options.program, "--quiet", "relight", field, "--light", left_out_light, "-o", shown], check=True,
+                       stdout=subprocess.DEVNULL)
+        relit.append(read_rgb(shown).reshape(-1, 3))
+        left_out_light.rename(light_folder / name)
+        left_out_photograph.rename(observed_folder / name)
     truth = sources[picked, :pixels]
-    print(f"{len(picked)} sources only: program {numpy.median(errors(numpy.array(shown), truth)):.4f}, "
-          f"numpy {numpy.median(errors(predictions['refield'][picked, :pixels], truth)):.4f}")
+    print(f"{len(picked)} sources only: program {numpy.median(errors(numpy.array(relit), truth)):.4f}, "
+          f"numpy {numpy.median(errors(predictions['refield'][picked, :pixels], truth)):.4f}", flush=True)
 
 
 def print_truncated(options, sources, light):
