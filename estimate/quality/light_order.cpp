@@ -62,8 +62,11 @@ std::vector<int> max_useful_order(std::span<const LightMap> lights, double noise
       throw InputError("the lights to order differ in size; make them all " +
                        shape_text(lights.front().radiance));
   std::vector<double> C = covariance_of(lights);  // given the photographs chosen so far
-  std::vector<double> signal(n);
-  for (std::size_t i = 0; i < n; ++i) signal[i] = C[i * n + i];
+  // Noise and error in absolute terms: bright lights tell more and miss more. Relative to each light, 20 of
+  // 200 natural lights left 1.2 to 2.7 times the error (docs/method/progressive.md).
+  double signal = 0.0;
+  for (std::size_t i = 0; i < n; ++i) signal += C[i * n + i] / static_cast<double>(n);
+  const double noise_variance = noise * noise * signal;
 
   std::vector<int> order, left(n);
   std::iota(left.begin(), left.end(), 0);
@@ -72,14 +75,13 @@ std::vector<int> max_useful_order(std::span<const LightMap> lights, double noise
     gains.assign(left.size(), 0.0);
     tbb::parallel_for(std::size_t{0}, left.size(), [&](std::size_t l) {
       const auto i = static_cast<std::size_t>(left[l]);
-      const double variance = C[i * n + i] + noise * noise * signal[i];
-      if (!(variance > 0.0)) return;  // a black light shows nothing
-      for (std::size_t j = 0; j < n; ++j)
-        if (signal[j] > 0.0) gains[l] += C[i * n + j] * C[i * n + j] / (variance * signal[j]);
+      const double variance = C[i * n + i] + noise_variance;
+      if (!(variance > 0.0)) return;  // all lights are black
+      for (std::size_t j = 0; j < n; ++j) gains[l] += C[i * n + j] * C[i * n + j] / variance;
     });
     const auto best = std::ranges::max_element(gains) - gains.begin();
     const auto chosen = static_cast<std::size_t>(left[best]);
-    const double variance = C[chosen * n + chosen] + noise * noise * signal[chosen];
+    const double variance = C[chosen * n + chosen] + noise_variance;
     if (variance > 0.0) {
       const std::vector<double> row(C.begin() + static_cast<std::ptrdiff_t>(chosen * n),
                                     C.begin() + static_cast<std::ptrdiff_t>((chosen + 1) * n));

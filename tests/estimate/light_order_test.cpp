@@ -61,6 +61,15 @@ TEST(MostUsefulOrder, ShowsBothHalvesBeforeTheirVariations) {
   EXPECT_LT(std::ranges::find(order, 3) - order.begin(), 2);
 }
 
+// A photograph has about the same noise under any light of a capture.
+TEST(MostUsefulOrder, BrightLightsComeBeforeDimOnes) {
+  auto lights = test::random_lights(12, 16, 12, 9);
+  for (std::size_t i = 0; i < 6; ++i)
+    for (float& value : lights[2 * i].radiance.values) value *= 0.2f;
+  const auto order = max_useful_order(lights);
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(order[i] % 2, 1) << i;
+}
+
 TEST(MostUsefulOrder, RefusesLightsOfDifferentSizes) {
   std::vector<LightMap> lights = test::random_lights(2, 16, 12, 1);
   lights.push_back(test::random_lights(1, 12, 16, 1).front());
