@@ -35,7 +35,8 @@ constexpr int all_noise_levels = 20;
 double noise_ratio(int level) {
   return std::pow(10.0, -9.0 + 0.5 * level);
 }
-/// Lights whose Gram matrix has eigenvalues within this factor do not tell noise from detail.
+/// Lights whose Gram matrix, of unit lights, has eigenvalues within this factor do not tell noise from
+/// detail.
 constexpr double nearly_orthogonal = 100.0;
 /// Any prior gives the same weights where the lights determine them.
 constexpr int independent_prior = 0;
@@ -98,7 +99,10 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
 bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
   return std::ranges::all_of(lights, [](const Eigen::MatrixXd& channel) {
     if (channel.rows() > channel.cols()) return false;
-    const Eigen::MatrixXd gram = channel * channel.transpose();
+    // Of lights scaled to one length: how bright each is does not matter, and radiance of equal irradiance
+    // differs by more than the factor where one source is near a pole of a lat-long map.
+    const Eigen::MatrixXd scaled = channel.rowwise().normalized();
+    const Eigen::MatrixXd gram = scaled * scaled.transpose();
     const Eigen::VectorXd values = symmetric_eigenvalues(gram);
     return values.minCoeff() * nearly_orthogonal > values.maxCoeff();
   });
