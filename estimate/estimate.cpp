@@ -62,7 +62,10 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
   std::optional<TexelRegressions> texels;
   if (refined) texels.emplace(*table);
   LightErrorModel light_error;
-  if (options.predict_errors)
+  // Photographs of one light source at a time leave nothing unknown of the light that they were taken under;
+  // for light in between see ReflectanceField::fit_interpolation().
+  const auto regression = texels ? texels->of_all() : nullptr;
+  if (options.predict_errors && !(regression && regression->is_interpolating()))
     light_error = light_error_model(*table, texels ? texels->cells() : std::vector<Box>{});
   const bool is_weighted = texels && texels->cells().empty() && !job.noise.image_weights.empty();
   if (is_weighted) table->weight_images(job.noise.image_weights);

@@ -9,6 +9,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/field/light_error.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 
@@ -47,7 +48,7 @@ struct KindSums {
   bool has_sigma = true;            // every photograph carries its noise
   std::vector<double> noise = {};   // [pixels], Σσ² over measured samples
   std::vector<double> signal = {};  // [pixels], Σ observed²
-  double variance = 0.0;            // Σ LightErrorModel::variance()
+  double variance = 0.0;            // Σ light_error_variance()
 
   void add_noise(const Photograph& reference) {
     has_sigma = has_sigma && !reference.sigma.empty();
@@ -71,7 +72,7 @@ PredictionCheck check_prediction(const ReflectanceField& field, const KindSums& 
     const double trained_noise = std::pow(field.quality.photograph_noise[p], 2);
     const double noise =
         sums.has_sigma ? sums.noise[p] / sums.signal[p] : noise_scale * noise_scale * trained_noise;
-    const double own = field.quality.light_error.known()
+    const double own = knows_light_error(field)
                            ? own_squared_error(field.quality, p) * sums.variance / sums.signal[p]
                            : std::max(std::pow(field.quality.predicted_error[p], 2) - trained_noise, 0.0);
     predicted.push_back(static_cast<float>(std::sqrt(own + noise)));
@@ -164,7 +165,7 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
         {frame.name, frame.observed, image_error(predicted, reference.radiance, mask, reference.sigma)});
     if (predicts) {
       kind->add_noise(reference);
-      kind->variance += field.quality.light_error.variance(light.radiance);
+      kind->variance += light_error_variance(field, light.radiance).value_or(0.0);
     }
     progress.advance();
   }

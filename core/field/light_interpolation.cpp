@@ -14,17 +14,17 @@
 
 #include "core/base/errors.h"
 #include "core/base/units.h"
+#include "core/field/light_covariance.h"
 
 namespace refield {
+
+using namespace gaussian_process;
 
 namespace {
 
 constexpr std::size_t min_sources = 8;  // fewer tell nothing of the lengths
 constexpr std::size_t max_sources = 1024;
 constexpr double max_source_degrees = 10.0;
-constexpr double fade = 1.5;  // where the effect ends, as a multiple of the reach
-/// Keeps the covariance of sources in equal or nearly equal directions positive definite.
-constexpr double jitter = 1e-9;
 
 /// Tried, each with each. On real photographs under 64 to 240 light sources the choice is inside the grid
 /// (docs/method/light-stages.md).
@@ -35,41 +35,11 @@ constexpr std::array tried_shares = {1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1};
 /// sources, extrapolation is better than darkness on all sets.
 constexpr double fine_spacing = 0.25, reach_spacing = 3.0;
 
-Eigen::Vector3d middle_of(const Box& box, const LightDomain& domain) {
-  return lat_long_direction(0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1), domain.width, domain.height);
-}
-
-Eigen::MatrixXd directions_of(const std::vector<Box>& sources, const LightDomain& domain) {
-  Eigen::MatrixXd directions(static_cast<Eigen::Index>(sources.size()), 3);
-  for (std::size_t i = 0; i < sources.size(); ++i)
-    directions.row(static_cast<Eigen::Index>(i)) = middle_of(sources[i], domain).transpose();
-  return directions;
-}
-
 double solid_angle_of(const Box& box, const LightDomain& domain) {
   double sum = 0.0;
   for (int y = box.y0; y < box.y1; ++y)
     sum += box.width() * lat_long_solid_angle(y, domain.width, domain.height);
   return sum;
-}
-
-Eigen::ArrayXXd chords_of(const Eigen::ArrayXXd& cosines) {
-  return (2.0 - 2.0 * cosines).max(0.0).sqrt();
-}
-
-Eigen::ArrayXXd matern(const Eigen::ArrayXXd& chords, double length) {
-  const Eigen::ArrayXXd scaled = std::numbers::sqrt3 / length * chords;
-  return (1.0 + scaled) * (-scaled).exp();
-}
-
-Eigen::ArrayXXd covariance(const LightInterpolation& of, const Eigen::ArrayXXd& chords) {
-  return (1.0 - of.fine_share) * matern(chords, of.length) + of.fine_share * matern(chords, of.fine_length);
-}
-
-Eigen::LLT<Eigen::MatrixXd> factorised(const LightInterpolation& of, const Eigen::ArrayXXd& chords) {
-  Eigen::MatrixXd matrix = covariance(of, chords).matrix();
-  matrix.diagonal().array() += jitter;
-  return matrix.llt();
 }
 
 /// Of each source to the next one.
@@ -130,8 +100,7 @@ LightInterpolator::LightInterpolator(const LightInterpolation& interpolation, co
 }
 
 double LightInterpolator::nearness(const Eigen::VectorXd& cosines) const {
-  const double nearest = std::sqrt(std::max(2.0 - 2.0 * cosines.maxCoeff(), 0.0)) / interpolation_.reach;
-  return std::clamp((fade - nearest) / (fade - 1.0), 0.0, 1.0);
+  return nearness_of(interpolation_, cosines);
 }
 
 template <class Visit>

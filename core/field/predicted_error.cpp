@@ -10,6 +10,7 @@
 #include <limits>
 #include <vector>
 
+#include "core/field/light_error.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
 
@@ -229,8 +230,7 @@ double LightErrorModel::variance(const Image& radiance) const {
 
 std::vector<float> predicted_error_under(const FieldOutline& field, double variance, const Image& relit) {
   const FieldQuality& quality = field.quality;
-  if (!quality.light_error.known() || quality.training_signal.size() != quality.predicted_error.size())
-    return quality.predicted_error;
+  if (!knows_light_error(field)) return quality.predicted_error;
   std::vector<float> error(quality.predicted_error.size(), 0.0f);
   for (std::size_t p = 0; p < error.size(); ++p) {
     double signal = 0.0;

@@ -4,9 +4,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <vector>
+
+#include "core/field/light_error.h"
 
 namespace refield {
 
@@ -29,26 +30,16 @@ void ReflectanceField::fit_interpolation() {
   for (std::size_t p = 0; p < transfer.rows(); ++p)
     if (transfer.row_start[p] < transfer.row_start[p + 1]) lit.push_back(p);
   const std::size_t count = std::min(lit.size(), max_pixels);
-  Eigen::MatrixXd responses(observed_light.size(), 3 * count);
+  const SourceResponses of_sources(*this, observed_light);
+  Eigen::MatrixXd responses(of_sources.sources(), static_cast<Eigen::Index>(3 * count));
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
-    const std::size_t pixel = lit[k * lit.size() / count];
-    for (std::size_t s = 0; s < observed_light.size(); ++s) {
-      const Box& source = observed_light[s];
-      std::array<double, 3> sum{};
-      double solid_angle = 0.0;
-      for (int y = source.y0; y < source.y1; ++y)
-        for (int x = source.x0; x < source.x1; ++x) {
-          solid_angle += lat_long_solid_angle(y, basis.domain.width, basis.domain.height);
-          for (auto e = transfer.row_start[pixel]; e < transfer.row_start[pixel + 1]; ++e)
-            if (const float value = basis.value(transfer.column[e], x, y); value != 0.0f)
-              for (std::size_t c = 0; c < 3; ++c)
-                sum[c] += static_cast<double>(transfer.weight[3 * e + c]) * value;
-        }
-      for (std::size_t c = 0; c < 3; ++c)
-        responses(static_cast<Eigen::Index>(s), static_cast<Eigen::Index>(3 * k + c)) = sum[c] / solid_angle;
-    }
+    responses.middleCols(static_cast<Eigen::Index>(3 * k), 3) =
+        of_sources.of_pixel(lit[k * lit.size() / count]);
   });
   basis.interpolation = fit_light_interpolation(observed_light, basis.domain, responses);
+  // Photographs of one light source at a time.
+  if (basis.interpolation && !quality.light_error.known() && knows_light_error(*this))
+    predict_errors_between(*basis.interpolation, basis.domain, of_sources, quality);
 }
 
 Image ReflectanceField::relight(const LightMap& light) const {

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/base/errors.h"
+#include "core/field/light_error.h"
 #include "core/image/false_colour.h"
 
 namespace refield {
@@ -70,7 +71,7 @@ void FieldPicture::set_range(std::vector<float> errors) {
 }
 
 bool FieldPicture::depends_on_light() const {
-  return is_relit_image(shown_) || (shown_ == Shown::predicted_error && field_.quality.light_error.known());
+  return is_relit_image(shown_) || (shown_ == Shown::predicted_error && knows_light_error(field_));
 }
 
 void FieldPicture::set_tone(const ToneMapping& tone) {
@@ -95,7 +96,7 @@ bool FieldPicture::draw(const Image& radiance, double exposure, const Image* lig
     Image map(field_.width, field_.height, 1);
     map.values = error_map_of(field_, shown_);
     if (light != nullptr && depends_on_light()) {
-      map.values = predicted_error_under(field_, field_.quality.light_error.variance(*light), radiance);
+      map.values = predicted_error_under(field_, *light_error_variance(field_, *light), radiance);
       set_range(map.values);
     }
     false_colour_rgba(map, linear_levels(error_range_), levels_);

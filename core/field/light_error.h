@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "core/field/reflectance_field.h"
+
+namespace refield {
+
+/// Whether the field's predicted errors follow the light: by its LightErrorModel, or between single light
+/// sources (predict_errors_between()).
+bool knows_light_error(const FieldOutline& field);
+/// Mean squared error of the field under `radiance`, a light map of its domain, in units of
+/// own_squared_error(); nothing unless knows_light_error(). Zero under single light sources that the field
+/// was made from: how noisy their photographs are is not known.
+std::optional<double> light_error_variance(const FieldOutline& field, const Image& radiance);
+
+/// What pixels show of equal irradiance from each of a field's light sources.
+class SourceResponses {
+ public:
+  /// The field must outlive this.
+  SourceResponses(const ReflectanceField& field, const std::vector<Box>& sources);
+
+  Eigen::Index sources() const { return count_; }
+  /// [sources × 3]
+  Eigen::MatrixXd of_pixel(std::size_t pixel) const;
+
+ private:
+  const SparseTransfer& transfer_;
+  Eigen::Index count_;
+  std::vector<std::vector<std::pair<Eigen::Index, double>>> of_kernels_;  // source, response of a weight of 1
+};
+
+/// For fields of photographs under single light sources, whose residuals tell nothing: sets predicted_error
+/// to that of sources which are predicted from all others with `interpolation`, and training_signal to the
+/// root mean square over the sources at irradiance 1.
+void predict_errors_between(const LightInterpolation& interpolation, const LightDomain& domain,
+                            const SourceResponses& responses, FieldQuality& quality);
+
+}  // namespace refield
