@@ -32,31 +32,29 @@ struct EstimateArguments : EstimationArguments {
   bool dry_run = false;
 };
 
-/// "A:B", "A:", ":B", or "I/N": the I-th of N equal bands, from 1.
-RowRange rows_from_text(const std::string& text, const CaptureSession& session) {
-  const int height =
-      session.height > 0 ? session.height : read_image_header(session.frames.front().observed).height;
+/// "A:B", "A:", ":B", or "I/N": the I-th of N shards, from 1.
+RowRange rows_from_text(const std::string& text, const CaptureSession& session,
+                        const EstimateOptions& options) {
+  const ImageHeader photograph = read_image_header(session.frames.front().observed);
+  const int height = photograph.height;
   const auto mark = text.find_first_of(":/");
-  const bool of_equal_bands = mark != std::string::npos && text[mark] == '/';
+  const bool is_shard = mark != std::string::npos && text[mark] == '/';
   const auto number = [&](const std::string& digits, int if_empty) {
     if (digits.size() > 9 || digits.find_first_not_of("0123456789") != std::string::npos ||
-        (digits.empty() && of_equal_bands))
+        (digits.empty() && is_shard))
       throw InputError("--rows " + text +
                        ": is not a range of rows; give A:B for rows A to B - 1, counted from 0, or I/N for "
-                       "the I-th of N bands");
+                       "the I-th of N shards");
     return digits.empty() ? if_empty : std::stoi(digits);
   };
   const int first = number(mark == std::string::npos ? "no mark" : text.substr(0, mark), 0);
   const int second = number(text.substr(mark + 1), height);
-  if (!of_equal_bands) return {first, second};
+  if (!is_shard) return {first, second};
   if (first < 1 || first > second || second > height)
     throw InputError("--rows " + text +
-                     ": the band does not exist; give I/N with I from 1 to N, and N at most the " +
+                     ": the shard does not exist; give I/N with I from 1 to N, and N at most the " +
                      std::to_string(height) + " rows of the image");
-  const auto edge = [&](int band) {
-    return static_cast<int>(static_cast<std::int64_t>(height) * band / second);
-  };
-  return {edge(first - 1), edge(first)};
+  return rows_of_shard(first, second, photograph, options);
 }
 
 nlohmann::ordered_json plan_figures(const EstimateArguments& arguments, const EstimatePlan& plan) {
@@ -187,7 +185,8 @@ std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, Captur
 
 void run(EstimateArguments arguments, const Common& common) {
   const CaptureSession session = open_estimation(arguments);
-  if (!arguments.rows.empty()) arguments.options.rows = rows_from_text(arguments.rows, session);
+  if (!arguments.rows.empty())
+    arguments.options.rows = rows_from_text(arguments.rows, session, arguments.options);
   if (arguments.dry_run) return dry_run(arguments, session, common);
   if (arguments.output.empty()) throw InputError("--output is missing; add -o NAME.rfield");
   const CaptureOptions& capture = arguments.capture;
@@ -298,7 +297,7 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
   verb->add_option("--rows", arguments->rows,
                    "Rows to estimate, written as a shard for 'refield merge': A:B for rows A to B - 1, "
-                   "counted from 0, or I/N for the I-th of N equal bands");
+                   "counted from 0, or I/N for the I-th of N shards of about equal height");
   verb->add_flag(
       "--dry-run", arguments->dry_run,
       "Check all input and print the number of images, bands, memory and estimated time; write nothing");

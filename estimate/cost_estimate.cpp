@@ -24,6 +24,9 @@ namespace {
 constexpr int max_band_rows = 64;
 constexpr int min_band_rows = 16;  ///< below, the rows that bands share would cost more than a tenth
 constexpr int min_bands = 8;
+/// Rows of bands for which photographs are read together: bands share a few rows, and blocks of rows in the
+/// files. Shards are rarely higher.
+constexpr int max_read_rows = 128;
 constexpr double gib = 1024.0 * 1024.0 * 1024.0;
 /// The program, its libraries and small allocations.
 constexpr std::uint64_t base_bytes = 200ull << 20;
@@ -58,23 +61,24 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
 
   const std::uint64_t old_field = job.refinement ? std::filesystem::file_size(job.refinement->path()) : 0;
   const std::uint64_t shared = base_bytes + old_field + BoxTable::bytes(session.light, images);
-  // A row holds its samples, its kernels before and after a sweep, and each thread's share of images being
-  // read.
-  const std::uint64_t row_of_all =
-      ObservationBand::bytes(session.width, 1, images) + 3 * session.width * kernel_bytes;
+  // A row that is held has its samples and each thread's share of images being read; one that is estimated,
+  // kernels before and after a sweep besides.
+  const std::uint64_t row_of_samples = ObservationBand::bytes(session.width, 1, images);
+  const std::uint64_t row_of_kernels = 3 * session.width * kernel_bytes;
   const std::uint64_t row_of_thread = 16 * session.width * 9 * sizeof(float);
   const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(max_rows_beyond(options));
   // Assembly happens after the tables are gone: twice the field, while vectors grow.
   const std::uint64_t assembly = base_bytes + old_field + 2 * pixels * usual_kernels(options) * entry_bytes;
-  const auto needed = [&](std::uint64_t threads, std::uint64_t rows) {
-    return shared + rows * row_of_all + threads * (bytes_of_a_thread(options) + rows * row_of_thread);
+  const auto needed = [&](std::uint64_t threads, std::uint64_t rows, std::uint64_t held) {
+    return shared + rows * row_of_kernels + held * row_of_samples +
+           threads * (bytes_of_a_thread(options) + held * row_of_thread);
   };
   // Fewer threads need less; asked for, they are kept.
   std::uint64_t threads = thread_count(options);
   while (options.threads == 0 && threads > 1 &&
-         needed(threads, min_band_rows + overlap) > options.memory_bytes)
+         needed(threads, min_band_rows + overlap, min_band_rows + overlap) > options.memory_bytes)
     --threads;
-  const std::uint64_t least = std::max(needed(threads, 1 + overlap), assembly);
+  const std::uint64_t least = std::max(needed(threads, 1 + overlap, 1 + overlap), assembly);
   if (least > options.memory_bytes)
     throw InputError("this estimation needs at least " +
                      std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4) + " GiB (" +
@@ -87,8 +91,9 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   plan.images = images;
   plan.threads = static_cast<int>(threads);
   plan.rows = job.rows;
+  const std::uint64_t row_of_held = row_of_samples + threads * row_of_thread;
   const std::uint64_t affordable =
-      (options.memory_bytes - needed(threads, overlap)) / (row_of_all + threads * row_of_thread);
+      (options.memory_bytes - needed(threads, overlap, overlap)) / (row_of_kernels + row_of_held);
   const int wanted =
       std::min(std::clamp((job.rows.count() + min_bands - 1) / min_bands, min_band_rows, max_band_rows),
                job.rows.count());
@@ -96,8 +101,29 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   // Bands of whole blocks of pixels share no work.
   if (plan.band_rows > block_side_px) plan.band_rows -= plan.band_rows % block_side_px;
   plan.bands = (job.rows.count() + plan.band_rows - 1) / plan.band_rows;
-  plan.memory_bytes = std::max(needed(threads, plan.band_rows + overlap), assembly);
+  const std::uint64_t rows = plan.band_rows + overlap;
+  const std::uint64_t more = (options.memory_bytes - needed(threads, rows, rows)) / row_of_held;
+  const int wanted_held = std::max(plan.band_rows, std::min(job.rows.count(), max_read_rows));
+  plan.held_rows = static_cast<int>(std::min<std::uint64_t>(wanted_held, plan.band_rows + more) + overlap);
+  plan.memory_bytes = std::max(needed(threads, rows, plan.held_rows), assembly);
   return plan;
+}
+
+RowRange rows_of_shard(int shard, int shards, const ImageHeader& photograph, const EstimateOptions& options) {
+  const int height = photograph.height;
+  // Cuts between the blocks of pixels that are fitted together make no work twice.
+  int block = std::max(photograph.block_rows, block_side_px);
+  if (static_cast<std::int64_t>(shards) * block > height) block = block_side_px;
+  if (static_cast<std::int64_t>(shards) * block > height) block = 1;
+  const RowRange cut{block, 2 * block};
+  const bool reads_beyond = rows_needed(cut, 3 * block, options) != cut;
+  const int shift = reads_beyond ? block / 2 / block_side_px * block_side_px : 0;
+  const auto edge = [&](int number) {
+    if (number == 0 || number == shards) return number == 0 ? 0 : height;
+    const double even = static_cast<double>(height) * number / shards;
+    return static_cast<int>(std::lround((even - shift) / block)) * block + shift;
+  };
+  return {edge(shard - 1), edge(shard)};
 }
 
 std::vector<RowRange> bands_of(const EstimatePlan& plan) {
@@ -155,15 +181,15 @@ Work work_of(const EstimateJob& job, const EstimateOptions& options, const Estim
   const std::size_t width = job.session.width;
   Work work;
   for (const RowRange& band : bands_of(plan)) {
-    const RowRange held = rows_needed(band, job.session.height, options);
     const RowRange fitted = rows_fitted(band, job.session.height, options);
-    work.rows += held.count();
     work.pixels += job.mask.empty()
                        ? static_cast<double>(width) * fitted.count()
                        : static_cast<double>(std::count_if(job.mask.begin() + width * fitted.first,
                                                            job.mask.begin() + width * fitted.last,
                                                            [](unsigned char m) { return m != 0; }));
   }
+  const int overlap = 2 * max_rows_beyond(options);
+  work.rows = plan.rows.count() * (1.0 + overlap / static_cast<double>(plan.held_rows - overlap));
   return work;
 }
 

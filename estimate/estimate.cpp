@@ -71,11 +71,22 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
   if (is_weighted) table->weight_images(job.noise.image_weights);
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress(run, "estimate", pixels);
-  for (const RowRange& rows : missing) {
-    const RowRange held = rows_needed(rows, height, options);
-    auto band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
-    if (is_weighted) band.weight_images(job.noise.image_weights);
-    keep(rows, estimate_band({*table, band, rows, height, job.mask, options, job.refinement.get(),
+  std::optional<ObservationBand> band;
+  for (std::size_t i = 0; i < missing.size(); ++i) {
+    const RowRange rows = missing[i];
+    const RowRange needed = rows_needed(rows, height, options);
+    if (!band || needed.first < band->first_row() || needed.last > band->last_row()) {
+      RowRange held = needed;
+      for (std::size_t next = i + 1; next < missing.size(); ++next) {
+        const RowRange more = rows_needed(missing[next], height, options);
+        if (more.first > held.last || more.last - held.first > plan.held_rows) break;
+        held.last = more.last;
+      }
+      band.reset();
+      band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
+      if (is_weighted) band->weight_images(job.noise.image_weights);
+    }
+    keep(rows, estimate_band({*table, *band, rows, height, job.mask, options, job.refinement.get(),
                               texels ? &*texels : nullptr, &job.noise},
                              workers, progress, run));
   }

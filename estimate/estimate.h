@@ -38,7 +38,8 @@ struct EstimatePlan {
   int images = 0;
   int threads = 0;
   RowRange rows;      ///< of the picture
-  int band_rows = 0;  ///< rows of photographs held at a time
+  int band_rows = 0;  ///< rows estimated at a time
+  int held_rows = 0;  ///< rows of photographs held at a time, with those beyond the bands that bands share
   int bands = 0;
   std::uint64_t memory_bytes = 0;  ///< estimated peak
 };
@@ -61,6 +62,11 @@ struct EstimateSummary {
 /// Checks options and input, and estimates memory. Throws InputError for input that cannot be estimated from.
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run = {});
+
+/// Rows of the `shard`-th of `shards` shards, from 1, of about equal height. They are cut where the fewest
+/// stored blocks of photographs like `photograph` are read by two shards: rows that a shard needs beyond its
+/// own lie in the block of the cut. Blocks too high for that number of shards are cut anywhere.
+RowRange rows_of_shard(int shard, int shards, const ImageHeader& photograph, const EstimateOptions& options);
 
 /// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
 struct CostEstimate {

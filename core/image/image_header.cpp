@@ -28,7 +28,12 @@ std::uint64_t ByteReader::left() {
 
 void ByteReader::skip(std::int64_t bytes) {
   if (bytes < 0 || static_cast<std::uint64_t>(bytes) > left()) fail("ends within its header");
-  file_.seekg(bytes, std::ios::cur);
+  // Seeking would discard the stream's buffer, and read it again for every attribute of a header.
+  constexpr std::int64_t short_way = 4096;
+  if (bytes <= short_way)
+    file_.ignore(bytes);
+  else
+    file_.seekg(bytes, std::ios::cur);
 }
 
 int ByteReader::byte() {

@@ -16,6 +16,7 @@
 #include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "core/base/errors.h"
@@ -204,11 +205,33 @@ std::vector<float> read_stored_rows(const ImageFile& file, const fs::path& path,
       fail();
     return raw;
   }
-  // Tiled files come whole: they are rare, and rows of tiles do not line up with bands.
-  std::vector<float> whole(row_size * spec.height);
-  if (!input.read_image(part, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, whole.data())) fail();
-  std::copy_n(whole.data() + row_size * first, raw.size(), raw.data());
+  const int tiles_first = first / spec.tile_height * spec.tile_height;
+  const int tiles_last =
+      std::min((last + spec.tile_height - 1) / spec.tile_height * spec.tile_height, spec.height);
+  std::vector<float> tiles(row_size * (tiles_last - tiles_first));
+  if (!input.read_tiles(part, 0, spec.x, spec.x + spec.width, spec.y + tiles_first, spec.y + tiles_last, 0, 1,
+                        0, spec.nchannels, OIIO::TypeDesc::FLOAT, tiles.data()))
+    fail();
+  std::copy_n(tiles.data() + row_size * (first - tiles_first), raw.size(), raw.data());
   return raw;
+}
+
+/// See ImageHeader::block_rows. Source: "Technical Introduction to OpenEXR", Scan Line Files: compression.
+int rows_stored_together(const OIIO::ImageSpec& spec, bool is_exr) {
+  if (spec.tile_width > 0) return spec.tile_height;
+  if (!is_exr) return 1;
+  static constexpr std::array<std::pair<std::string_view, int>, 8> blocks = {{{"zips", 1},
+                                                                              {"zip", 16},
+                                                                              {"pxr24", 16},
+                                                                              {"piz", 32},
+                                                                              {"b44", 32},
+                                                                              {"b44a", 32},
+                                                                              {"dwaa", 32},
+                                                                              {"dwab", 256}}};
+  const std::string compression = spec.get_string_attribute("compression", "none");
+  const std::string name = compression.substr(0, compression.find(':'));  // without its level
+  const auto found = std::ranges::find(blocks, name, &std::pair<std::string_view, int>::first);
+  return found != blocks.end() ? found->second : 1;
 }
 
 /// All channels of rows [first, last) of the image, interleaved. Where the file stores no pixels, radiance is
@@ -277,7 +300,8 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
 
 ImageHeader read_image_header(const fs::path& path) {
   const ImageFile file = open_image(path);
-  return {file.width, file.height, find_channels(file.spec(), "sigma.").has_value()};
+  return {file.width, file.height, find_channels(file.spec(), "sigma.").has_value(),
+          rows_stored_together(file.spec(), file.is_exr)};
 }
 
 Image read_image(const fs::path& path) {

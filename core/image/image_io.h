@@ -16,6 +16,9 @@ struct ImageHeader {
   int width = 0;
   int height = 0;
   bool has_sigma = false;  ///< carries the noise of each sample, see Photograph
+  /// Rows that are stored together, counted from the first row: a tile's height, or the rows that an EXR file
+  /// compresses as one block. Reading one of them reads all.
+  int block_rows = 1;
 };
 
 /// A photograph, or a band of its rows: scene-linear radiance and, where known, each sample's standard
@@ -36,7 +39,7 @@ ImageHeader read_image_header(const std::filesystem::path& path);
 /// returned as stored: check them with require_finite(). Throws FormatError for a truncated file or no image.
 Image read_image(const std::filesystem::path& path);
 
-/// Reads rows [first, last) of a photograph without holding the rest of the file.
+/// Reads rows [first, last) of a photograph, and no more of the file than the blocks that hold them.
 Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
 Photograph read_photograph(const std::filesystem::path& path);
 

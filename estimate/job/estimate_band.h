@@ -47,7 +47,8 @@ RowRange rows_needed(RowRange wanted, int height, const EstimateOptions& options
 /// What a band of rows is estimated from. Refers to the caller's objects.
 struct BandInput {
   const BoxTable& table;
-  const ObservationBand& band;  ///< holds rows_needed(rows, height, options), weighted as the table is
+  /// Holds at least rows_needed(rows, height, options), weighted as the table is.
+  const ObservationBand& band;
   RowRange rows;                ///< to be estimated
   int height = 0;               ///< of the picture
   const Mask& mask;             ///< [height × width of the band] or empty

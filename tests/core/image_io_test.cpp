@@ -10,6 +10,7 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <string>
 #include <thread>
 #include <utility>
@@ -130,7 +131,51 @@ TEST(ForeignExr, TiledFilesAreRead) {
   write_with_openimageio(folder / "tiled.exr", spec, image.values);
   EXPECT_EQ(read_image(folder / "tiled.exr").values, image.values);
   const Photograph band = read_photograph_rows(folder / "tiled.exr", 20, 45);
-  EXPECT_TRUE(std::ranges::equal(band.radiance.row(0), image.row(20)));
+  for (int y = 20; y < 45; ++y) EXPECT_TRUE(std::ranges::equal(band.radiance.row(y - 20), image.row(y)));
+  EXPECT_EQ(read_image_header(folder / "tiled.exr").block_rows, 32);
+}
+
+/// Bytes that this process has asked the system for.
+std::uint64_t bytes_read_so_far() {
+  std::ifstream status("/proc/self/io");
+  std::uint64_t bytes = 0;
+  for (std::string word; status >> word;)
+    if (word == "rchar:") status >> bytes;
+  return bytes;
+}
+
+// A cluster's shards read all photographs together: what one reads beyond its rows, all 64 read.
+TEST(Photographs, NoMoreIsReadThanTheBlocksOfTheRows) {
+  constexpr int width = 600, height = 512;
+  constexpr double max_ratio = 1.2;
+  struct Layout {
+    const char* compression;
+    int tile, block_rows;
+  };
+  const test::TemporaryFolder folder;
+  Rng rng(8);
+  const Image image = test::random_image(rng, width, height, 3);
+  for (const Layout& layout : {Layout{"none", 0, 1}, Layout{"zips", 0, 1}, Layout{"zip", 0, 16},
+                               Layout{"piz", 0, 32}, Layout{"zip", 64, 64}, Layout{"none", 32, 32}}) {
+    SCOPED_TRACE(std::string(layout.compression) + ", tiles of " + std::to_string(layout.tile));
+    OIIO::ImageSpec spec(width, height, 3, OIIO::TypeDesc::FLOAT);
+    spec.tile_width = spec.tile_height = layout.tile;
+    spec.attribute("compression", layout.compression);
+    write_with_openimageio(folder / "a.exr", spec, image.values);
+    EXPECT_EQ(read_image_header(folder / "a.exr").block_rows, layout.block_rows);
+    read_photograph_rows(folder / "a.exr", 0, 1);  // loads what the first image of a process does
+    constexpr int first = 128, last = 256;         // blocks of all layouts begin there
+    const std::uint64_t before = bytes_read_so_far();
+    const Photograph band = read_photograph_rows(folder / "a.exr", first, last);
+    const auto read = static_cast<double>(bytes_read_so_far() - before);
+    const double needed = static_cast<double>(fs::file_size(folder / "a.exr")) * (last - first) / height;
+    EXPECT_LE(read, max_ratio * needed);
+    EXPECT_GE(read, 0.9 * needed) << "the system does not count what is read";
+    std::printf("%s, tiles of %d: %.3f\n", layout.compression, layout.tile, read / needed);
+    EXPECT_TRUE(
+        std::ranges::equal(band.radiance.values,
+                           std::span(image.values).subspan(3 * width * first, 3 * width * (last - first))));
+  }
 }
 
 TEST(ForeignExr, AlphaIsIgnoredAndChannelOrderDoesNotMatter) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/estimate.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -107,34 +108,43 @@ TEST_F(Estimate, SpatialCorrectionNeverRaisesTheTrainingError) {
 }
 
 TEST_F(Estimate, ResumesToTheSameBytes) {
-  // Or the damaged photograph is met by the sample of pixels, before the first band.
-  options_.keep_outliers = true;
-  options_.mode = EstimateMode::fast;
   const std::string reference = estimate_bytes(options_);
-  // Let a first run end in the middle by a damaged photograph: the bands above it are finished by then.
-  const std::string good = read_text(photograph(7));
-  Image damaged = read_image(photograph(7));
-  damaged.at(3, 17, 1) = std::numeric_limits<float>::quiet_NaN();
-  const auto modified = fs::last_write_time(photograph(7));
-  write_exr(photograph(7), damaged);
-  fs::last_write_time(photograph(7), modified);
+  // A first run cannot write its field: all bands are finished by then. One of them is lost.
+  const fs::path partial = output().string() + ".partial";
   fs::remove(output());
-  EXPECT_THROW(estimate_bytes(options_), InputError);
-  EXPECT_FALSE(fs::exists(output()));
-  ASSERT_TRUE(fs::exists(output().string() + ".partial"));
-  write_text_atomically(photograph(7), good);
-  fs::last_write_time(photograph(7), modified);
-  // A zip of other content may differ in length, which counts as another input: then resuming is refused by
-  // name.
-  try {
-    const auto summary = estimate_to_file(session_, options_, output(), true);
-    EXPECT_GT(summary.resumed_bands, 0);
-  } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("other options or inputs"), std::string::npos);
-    estimate_to_file(session_, options_, output(), false);
-  }
+  fs::create_directory(output());
+  EXPECT_THROW(estimate_bytes(options_), DeviceError);
+  fs::remove(output());
+  ASSERT_TRUE(fs::remove(partial / "rows-16-21.band"));
+  EXPECT_EQ(estimate_to_file(session_, options_, output(), true).resumed_bands, 1);
   EXPECT_EQ(read_text(output()), reference);
   EXPECT_FALSE(fs::exists(output().string() + ".partial"));
+}
+
+// Shards are cut where two of them read the fewest blocks of a file, and all rows are in one.
+TEST(Shards, AreCutAtBlocksOfRows) {
+  EstimateOptions options;
+  const auto edges = [&](int shards, const ImageHeader& photograph) {
+    std::vector<int> result;
+    for (int i = 1; i <= shards; ++i) {
+      const RowRange rows = rows_of_shard(i, shards, photograph, options);
+      EXPECT_EQ(rows.first, result.empty() ? 0 : result.back());
+      EXPECT_LT(rows.first, rows.last);
+      result.push_back(rows.last);
+    }
+    return result;
+  };
+  using testing::ElementsAre;
+  // Refined mode pools samples with rows beyond: these lie in the block that is cut.
+  EXPECT_THAT(edges(4, {8, 200, false, 16}), ElementsAre(56, 104, 152, 200));
+  options.mode = EstimateMode::fast;
+  EXPECT_THAT(edges(4, {8, 200, false, 16}), ElementsAre(48, 96, 144, 200));
+  EXPECT_THAT(edges(3, {8, 200, false, 1}), ElementsAre(68, 132, 200));
+  EXPECT_THAT(edges(3, {8, 200, false, 256}), ElementsAre(68, 132, 200));
+  for (const int block : {1, 16, 30, 32, 64})
+    for (const int height : {37, 768, 1080})
+      for (const int shards : {1, 2, 7, 37})
+        EXPECT_EQ(edges(shards, {8, height, false, block}).back(), height);
 }
 
 TEST_F(Estimate, ResumingUnderOtherOptionsIsRefused) {
