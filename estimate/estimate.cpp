@@ -178,7 +178,8 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   EstimateSummary summary;
   summary.frames = check_frames(job, options, run);
   summary.plan = plan_job(job, options);
-  Checkpoint checkpoint(output, describe(job, options));
+  const std::string key = job_key(job, options);
+  Checkpoint checkpoint(output, key);
   if (resume)
     checkpoint.resume();
   else
@@ -198,7 +199,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
     assembler.append(*kernels);
   }
   FieldPart part{assembler.take(std::move(done.observed_light), std::move(done.light_error)), job.rows,
-                 job.session.height, job_key(job, options), assembler.take_evidence()};
+                 job.session.height, key, assembler.take_evidence()};
   const ReflectanceField& field = part.field;
   const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
   if (!options.rows && is_empty) {

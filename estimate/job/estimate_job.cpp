@@ -4,8 +4,11 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
+#include <string_view>
 
 #include "core/base/errors.h"
 #include "core/base/json_text.h"
@@ -102,6 +105,35 @@ std::vector<fs::path> inputs_of(const EstimateJob& job) {
   return paths;
 }
 
+void add_bytes(std::uint64_t& hash, std::string_view bytes) {  // FNV-1a, 64 bits
+  for (const char byte : bytes) hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3ull;
+}
+
+/// Name, size and a sample of the content: the first 4 KiB, which in an EXR file hold the header and where
+/// each compressed block begins, hence how well it compressed, and pieces from there to the end. Every shard
+/// reads this of every file; all of the content would be all that a cluster's file system has to deliver.
+void add_file(std::uint64_t& hash, const fs::path& path) {
+  constexpr std::uint64_t head_bytes = 4096, piece_bytes = 256, pieces = 8;
+  const std::uint64_t size = fs::file_size(path);
+  add_bytes(hash, path.filename().string() + ' ' + std::to_string(size) + '\n');
+  std::ifstream file;
+  file.rdbuf()->pubsetbuf(nullptr, 0);  // reads what is asked for
+  file.open(path, std::ios::binary);
+  std::string bytes;
+  const auto add = [&](std::uint64_t first, std::uint64_t count) {
+    bytes.resize(count);
+    if (!file.seekg(static_cast<std::streamoff>(first)) ||
+        !file.read(bytes.data(), static_cast<std::streamsize>(count)))
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot read the file");
+    add_bytes(hash, bytes);
+  };
+  add(0, std::min(size, head_bytes));
+  if (size <= head_bytes) return;
+  const std::uint64_t piece = std::min(piece_bytes, size - head_bytes);
+  for (std::uint64_t i = 1; i <= pieces; ++i)
+    add(head_bytes + (size - head_bytes - piece) * i / pieces, piece);
+}
+
 }  // namespace
 
 void require_enough_frames(const EstimateJob& job, const EstimateOptions& options) {
@@ -158,27 +190,14 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   return job;
 }
 
-std::string describe(const EstimateJob& job, const EstimateOptions& options) {
-  nlohmann::ordered_json description = options_of(options);
-  const auto stamp = [](const fs::path& path) {
-    return nlohmann::ordered_json{{"path", path.string()},
-                                  {"bytes", fs::file_size(path)},
-                                  {"modified", fs::last_write_time(path).time_since_epoch().count()}};
-  };
-  for (const fs::path& path : inputs_of(job)) description["inputs"].push_back(stamp(path));
-  return json_text(description, 1);
-}
-
 std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
   nlohmann::ordered_json key = options_of(options);
-  std::uint64_t hash = 0xcbf29ce484222325ull;  // FNV-1a, 64 bits
-  for (const fs::path& path : inputs_of(job))
-    for (const char byte : path.filename().string() + ' ' + std::to_string(fs::file_size(path)) + '\n')
-      hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3ull;
+  std::uint64_t hash = 0xcbf29ce484222325ull;
+  for (const fs::path& path : inputs_of(job)) add_file(hash, path);
   char text[17];
   std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
   key["inputs"] = inputs_of(job).size();
-  key["names_and_sizes"] = text;
+  key["digest"] = text;
   return json_text(key);
 }
 

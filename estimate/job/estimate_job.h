@@ -51,12 +51,10 @@ void require_any_inside(const Mask& mask, const std::string& name);
 /// Throws InputError when the job has too few frames for the options; open_job() has asked.
 void require_enough_frames(const EstimateJob& job, const EstimateOptions& options);
 
-/// Names everything that the result depends on, with size and time of every input file: bands of an
-/// interrupted estimation are taken over only where this text is the same.
-std::string describe(const EstimateJob& job, const EstimateOptions& options);
-
-/// The same in short, and without what differs from one host to another (paths, times): parts of a field are
-/// joined only where this text is the same.
+/// Names everything that the result depends on, the same on every host: options, and a digest of the names,
+/// sizes and sampled content of all input files, but no folder or time. Shards are merged, and the bands of
+/// an interrupted estimation taken over, only where this text is the same. Throws DeviceError where a file
+/// cannot be read.
 std::string job_key(const EstimateJob& job, const EstimateOptions& options);
 
 /// What a field says of its making: JSON without time, host or absolute path.

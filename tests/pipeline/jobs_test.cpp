@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Estimation as jobs: bands of rows estimated by processes of their own join into the bytes of one run;
 // memory stays within what was estimated; logs are plain lines.
+#include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -111,6 +112,71 @@ TEST_F(Jobs, PartsOfOtherOptionsOrCapturesAreRefused) {
       2);
   EXPECT_NE(log().find("different captures"), std::string::npos) << log();
   EXPECT_FALSE(std::filesystem::exists(folder_ / "w.rfield"));
+}
+
+TEST_F(Jobs, PartsOfACaptureWithTheSameNamesAndSizesAreRefused) {
+  const auto photograph = folder_ / "session/observed/train_003.exr";
+  // Uncompressed, so that other values take as many bytes.
+  const auto write = [&](float value) {
+    OIIO::ImageSpec spec(16, 37, 3, OIIO::TypeDesc::FLOAT);
+    spec.attribute("compression", "none");
+    const std::vector<float> values(std::size_t{16} * 37 * 3, value);
+    auto output = OIIO::ImageOutput::create(photograph.string());
+    ASSERT_TRUE(output && output->open(photograph.string(), spec) &&
+                output->write_image(OIIO::TypeDesc::FLOAT, values.data()) && output->close());
+  };
+  const std::vector<std::string> options = {"--kernels", "4", "--keep-outliers"};
+  write(0.5f);
+  const auto size = std::filesystem::file_size(photograph);
+  ASSERT_EQ(estimate("a.rfield", words({"--rows", "1/2"}, options)), 0) << log();
+  write(0.25f);
+  ASSERT_EQ(std::filesystem::file_size(photograph), size);
+  ASSERT_EQ(estimate("b.rfield", words({"--rows", "2/2"}, options)), 0) << log();
+  EXPECT_EQ(
+      run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "w.rfield"}, log_),
+      2);
+  EXPECT_NE(log().find("a.rfield"), std::string::npos) << log();
+  EXPECT_NE(log().find("b.rfield"), std::string::npos) << log();
+  EXPECT_NE(log().find("different captures"), std::string::npos) << log();
+}
+
+TEST_F(Jobs, ShardsFromOtherMountPointsAreMerged) {
+  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--kernels", "4"}), 0) << log();
+  std::filesystem::create_directory(folder_ / "elsewhere");
+  std::filesystem::copy(folder_ / "session", folder_ / "elsewhere/session",
+                        std::filesystem::copy_options::recursive);  // with the time of now
+  ASSERT_EQ(run_program({"estimate", folder_ / "elsewhere/session", "--rows", "2/2", "--kernels", "4", "-o",
+                         folder_ / "b.rfield"},
+                        log_),
+            0)
+      << log();
+  EXPECT_EQ(
+      run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "w.rfield"}, log_), 0)
+      << log();
+}
+
+TEST_F(Jobs, ADamagedShardIsNamed) {
+  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--kernels", "4"}), 0) << log();
+  const std::vector<std::string> merge = {"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o",
+                                          folder_ / "w.rfield"};
+  ASSERT_EQ(run_program(merge, log_), 0) << log();
+  const std::string whole = read_text(folder_ / "w.rfield");
+  const std::string good = read_text(folder_ / "b.rfield");
+  int refused = 0;
+  constexpr int rounds = 12;
+  for (int round = 0; round < rounds; ++round) {
+    std::string damaged = good;
+    damaged[damaged.size() * (2 * round + 1) / (2 * rounds)] ^= 0x10;
+    write_text_atomically(folder_ / "b.rfield", damaged);
+    if (run_program(merge, log_) == 0) {  // hit in padding alone
+      EXPECT_TRUE(read_text(folder_ / "w.rfield") == whole) << "round " << round;
+      continue;
+    }
+    ++refused;
+    EXPECT_NE(log().find("b.rfield"), std::string::npos) << log();
+  }
+  EXPECT_GT(refused, rounds / 2);
 }
 
 TEST_F(Jobs, RowsThatAreNoneAreRefused) {
