@@ -28,21 +28,6 @@ struct PackOptions {
   double error = 1e-3;
 };
 
-ordered_json figures_of(const PackCost& cost, double max_error) {
-  ordered_json by_kind = ordered_json::object();
-  for (const auto& error : cost.errors) by_kind[error.kind] = error.relative_rmse;
-  return {{"max_error", max_error},   {"error", cost.worst_error()}, {"error_by_kind_of_light", by_kind},
-          {"weight_bits", cost.bits}, {"weights", cost.entries},     {"pruned", cost.pruned}};
-}
-
-/// Says in the packed field what was done to it, beside how it was made.
-void add_to_provenance(std::string& provenance, const ordered_json& figures) {
-  ordered_json origin = ordered_json::parse(provenance, nullptr, false);
-  if (!origin.is_object()) origin = {{"field", provenance}};
-  origin["pack"] = figures;
-  provenance = json_text(origin);
-}
-
 void print(const fs::path& output, const ordered_json& figures) {
   const double before = figures["bytes_before"], after = figures["bytes"];
   std::printf("%s: %.1f MB instead of %.1f MB, compression ratio %.2f\n", output.c_str(), after * 1e-6,
@@ -66,9 +51,8 @@ ReflectanceField full_field(const fs::path& path) {
 
 void pack(const PackOptions& options, const Common& common) {
   const OutputLock lock(options.output, {options.field}, ".rfield");
-  PackResult packed = pack_field(full_field(options.field), options.error, run_context());
-  ordered_json figures = figures_of(packed.cost, options.error);
-  add_to_provenance(packed.field.outline.provenance, figures);
+  const PackResult packed = pack_field(full_field(options.field), options.error, run_context());
+  ordered_json figures = ordered_json::parse(packed.field.outline.provenance)["pack"];
   write_packed_field(options.output, packed.field);
   figures["bytes_before"] = fs::file_size(options.field);
   figures["bytes"] = fs::file_size(options.output);

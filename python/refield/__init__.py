@@ -280,6 +280,16 @@ class Field:
         ----------
         error : float
             Maximum relative RMSE of its images against those of the full field, 2e-5 or more.
+
+        Returns
+        -------
+        Field
+            What the packing cost is in ``provenance["pack"]``.
+
+        Raises
+        ------
+        InputError
+            The field is already packed, or weights of 16 bits cannot keep to `error`.
         """
         return Field(self._native.pack(error))
 
@@ -490,6 +500,8 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
                 raise InputError("observed: a Session has its own photographs; omit them")
             session = light
         else:
+            if not (_is_path(observed) or _are_paths(observed)):
+                raise InputError("observed: light is given as files; give files here, too")
             session = Session.pairs(light, observed, parameterisation)  # type: ignore[arg-type]
         if sigma is not None:
             raise InputError("sigma: photographs in files have it in their channels sigma.R, sigma.G and sigma.B; omit it")
@@ -705,8 +717,8 @@ def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, 
     turn = (yaw, pitch, roll)
     if field is not None:
         return _refield.environment_of_field(array, field._native, _texts(monitor), turn)
-    if shape is None:
-        raise InputError("give a field, or the shape of the light map")
+    if shape is None or len(shape) not in (2, 3):
+        raise InputError("give a field, or the shape (height, width) of the light map")
     return _refield.environment(array, shape[0], shape[1], parameterisation, _texts(monitor), turn)
 
 

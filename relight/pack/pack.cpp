@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
 #include "core/base/errors.h"
+#include "core/base/json_text.h"
 #include "core/base/run_context.h"
 #include "core/image/metrics.h"
 #include "relight/pack/prune.h"
@@ -34,6 +36,21 @@ PackedField packed_with(ReflectanceField&& pruned) {
   // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
   keep_common_boxes(pruned.basis, tiles);
   return {std::move(pruned), std::move(tiles)};
+}
+
+nlohmann::ordered_json pack_figures(const PackCost& cost, double max_error) {
+  auto by_kind = nlohmann::ordered_json::object();
+  for (const auto& error : cost.errors) by_kind[error.kind] = error.relative_rmse;
+  return {{"max_error", max_error},   {"error", cost.worst_error()}, {"error_by_kind_of_light", by_kind},
+          {"weight_bits", cost.bits}, {"weights", cost.entries},     {"pruned", cost.pruned}};
+}
+
+/// Says in the packed field what was done to it, beside how it was made.
+std::string with_figures(const std::string& provenance, const nlohmann::ordered_json& figures) {
+  auto origin = nlohmann::ordered_json::parse(provenance, nullptr, false);
+  if (!origin.is_object()) origin = {{"field", provenance}};
+  origin["pack"] = figures;
+  return json_text(origin);
 }
 
 using Pictures = std::vector<std::vector<Image>>;  // [kinds][lights]
@@ -138,7 +155,7 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
     if (auto result = search.with_bits(bits, run)) {
       FieldOutline& outline = result->field.outline;
       outline.quality = field.quality;
-      outline.provenance = field.provenance;
+      outline.provenance = with_figures(field.provenance, pack_figures(result->cost, error));
       outline.monitors = field.monitors;
       outline.observed_light = field.observed_light;
       return std::move(*result);

@@ -128,7 +128,7 @@ def test_relighter_updates(field):
         field.relighter("coarse")
 
 
-def test_files_pickle_and_packing(field, tmp_path):
+def test_files_pickle_and_packing(program, field, tmp_path):
     light = random_lights(field, 1)[0]
     field.save(tmp_path / "full.rfield")
     for again in (refield.Field.load(tmp_path / "full.rfield"), pickle.loads(pickle.dumps(field))):
@@ -140,6 +140,10 @@ def test_files_pickle_and_packing(field, tmp_path):
     assert 0 < error < 1e-3
     same = pickle.loads(pickle.dumps(packed))
     assert same.bits == packed.bits and np.array_equal(same.relight(light), packed.relight(light))
+    packed.save(tmp_path / "python.rfield")
+    run(program, "pack", tmp_path / "full.rfield", "-o", tmp_path / "cli.rfield", "--error", 1e-3)
+    assert (tmp_path / "python.rfield").read_bytes() == (tmp_path / "cli.rfield").read_bytes()
+    assert packed.provenance["pack"]["error"] < packed.provenance["pack"]["max_error"] == 1e-3
     with pytest.raises(refield.InputError, match="already packed"):
         packed.pack()
     assert field._repr_png_().startswith(b"\x89PNG") and "24×18" in repr(field)
@@ -171,6 +175,8 @@ def test_errors_have_the_text_of_the_command_line(session, arrays, field, tmp_pa
         refield.estimate(light, observed[:39])
     with pytest.raises(refield.InputError, match="give images×height×width×3"):
         refield.estimate(light[0], observed)
+    with pytest.raises(refield.InputError, match="give files here, too"):
+        refield.estimate(["a.exr"], observed)
     with pytest.raises(refield.InputError, match="mode"):
         refield.estimate(light, observed, mode="best")
     with pytest.raises(refield.InputError, match="--kernels"):
