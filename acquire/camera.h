@@ -42,7 +42,11 @@ struct CameraDescription {
   Seconds shortest_exposure{0};
   Seconds longest_exposure{0};
   Seconds frame_interval{0};
-  Seconds exposure_step{0};  ///< exposures are whole multiples of it; 0: any are
+  Seconds exposure_step{0};          ///< exposures are whole multiples of it; 0: any are
+  std::vector<Seconds> exposures{};  ///< the only ones that there are, in growing order; empty: see above
+  /// Each frame is a photograph that is taken on request (a DSLR): its time stamp is too early by a shutter
+  /// lag that varies, which is enough to pair it with a pattern, not to measure how light changes.
+  bool takes_photographs = false;
 };
 
 /// One frame as the sensor gave it.
@@ -69,6 +73,8 @@ class Camera {
   /// Returns the instant at which the device took the settings, on the clock of RawFrame::exposure_start.
   /// Throws InputError outside the camera's range, DeviceError when the device refuses.
   virtual TimePoint set_exposure(Seconds exposure, double gain) = 0;
+  /// Frames whose exposure begins earlier will not be used: a camera that takes photographs waits until then.
+  virtual void begin_after(TimePoint /*earliest*/) {}
   /// Waits for the next frame. Throws DeviceError on a time-out or an unplugged camera.
   virtual RawFrame next_frame(Seconds timeout) = 0;
 };

@@ -154,6 +154,8 @@ Seconds meter_exposure(CalibrationBench& bench, const RunContext& run) {
     const Seconds middle(std::sqrt(low.count() * high.count()));
     (brightness(bench, middle, run) > target_share ? high : low) = middle;
   }
+  // Of listed times, the longest that is not too bright.
+  if (!bench.camera().exposures.empty()) return settable_exposure(low, bench.camera());
   return Seconds(std::sqrt(low.count() * high.count()));
 }
 

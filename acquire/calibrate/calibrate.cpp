@@ -121,25 +121,28 @@ RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* tri
   rig.target = options.target;
   rig.gain = options.gain;
 
-  run.note("metering; control latency of the camera");
+  const bool streams = !bench.camera().takes_photographs;
+  run.note(streams ? "metering; control latency of the camera" : "metering");
   const Seconds steady_exposure = std::max(Seconds(0.03), bench.camera().frame_interval);
   const Metering metering = meter(bench, steady_exposure, run);
-  rig.control_latency = measure_control_latency(bench, metering, run);
+  if (streams) rig.control_latency = measure_control_latency(bench, metering, run);
   bench.use(timing_so_far(rig, options.patience));
-  run.note("black level of the camera; banding");
+  run.note(streams ? "black level of the camera; banding" : "black level of the camera");
   rig.black = measure_black_level(bench, run);
-  rig.banding = measure_banding(bench, metering, rig.black.dn, run);
+  if (streams) rig.banding = measure_banding(bench, metering, rig.black.dn, run);
   rig.timing = timing_so_far(rig, options.patience);
   const Seconds unit = rig.timing.exposure_unit;
   run.note("saturation and response of the camera");
   rig.response = measure_response(bench, rig.black, unit, run);
-  if (!rig.response.is_linear)
+  if (streams && !rig.response.is_linear)
     rig.banding = linearised(rig.banding, rig.black.dn, rig.response.linear_from_dn);
-  run.note("latency and settling of the display");
-  rig.display_timing = measure_display_timing(bench, rig.response, unit, run);
-  rig.timing.display_latency = rig.display_timing.latency;
-  rig.timing.display_settling = rig.display_timing.settling;
-  bench.use(rig.timing);
+  if (streams) {
+    run.note("latency and settling of the display");
+    rig.display_timing = measure_display_timing(bench, rig.response, unit, run);
+    rig.timing.display_latency = rig.display_timing.latency;
+    rig.timing.display_settling = rig.display_timing.settling;
+    bench.use(rig.timing);
+  }
   run.note("noise of the camera");
   rig.noise = measure_photon_transfer(bench, meter(bench, std::max(steady_exposure, 32.0 * unit), run),
                                       rig.response, unit, run);

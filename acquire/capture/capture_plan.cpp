@@ -110,10 +110,12 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
                        ", the camera takes " + std::to_string(described.width) + "×" +
                        std::to_string(described.height) + "; take it with this camera");
   }
-  if (!exposures.empty())
+  if (!exposures.empty()) {
     check_exposures(exposures, described);
-  else
+    require_listed_exposures(exposures, described);
+  } else {
     exposure_plan.check();
+  }
 }
 
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,
@@ -196,6 +198,10 @@ Seconds unit_of(const ExposurePlanOptions& options, const CameraDescription& cam
 }
 
 Seconds rounded_down(Seconds time, const ExposurePlanOptions& options, const CameraDescription& camera) {
+  if (!camera.exposures.empty()) {
+    const auto above = std::ranges::upper_bound(camera.exposures, time);
+    return above == camera.exposures.begin() ? *above : *(above - 1);
+  }
   const Seconds unit = unit_of(options, camera);
   if (unit.count() > 0.0) {
     constexpr double rounding = 1e-9;
@@ -282,7 +288,10 @@ NoisePlan min_exposures(const SceneRange& range, const ExposurePlanOptions& opti
       const Seconds middle(std::sqrt(enough.count() * short_of.count()));
       (noise_with(range.dark, middle) <= bound ? enough : short_of) = middle;
     }
-    const Seconds rounded_up = rounded_down(enough + unit_of(options, camera), options, camera);
+    const auto listed = std::ranges::lower_bound(camera.exposures, enough);
+    const Seconds rounded_up = listed != camera.exposures.end()
+                                   ? *listed
+                                   : rounded_down(enough + unit_of(options, camera), options, camera);
     plan.exposures.push_back(std::max(plan.exposures.back(), std::min(next, rounded_up)));
   }
   constexpr int probes = 200;

@@ -67,7 +67,25 @@ void check_exposures(const std::vector<Seconds>& exposures, const CameraDescript
   }
 }
 
+void require_listed_exposures(const std::vector<Seconds>& exposures, const CameraDescription& camera) {
+  constexpr double rounding = 0.01;  // 0.0167 means 1/60
+  if (camera.exposures.empty()) return;
+  for (std::size_t i = 0; i < exposures.size(); ++i) {
+    const Seconds wanted = exposures[i];
+    if (std::abs(settable_exposure(wanted, camera) / wanted - 1.0) <= rounding) continue;
+    const auto above = std::ranges::upper_bound(camera.exposures, wanted);
+    std::string nearest;
+    if (above != camera.exposures.begin()) nearest = text(*(above - 1));
+    if (above != camera.exposures.end()) nearest += (nearest.empty() ? "" : " and ") + text(*above);
+    throw InputError("exposure " + std::to_string(i + 1) + " of the plan, " + text(wanted) +
+                     ", is no shutter time of camera '" + camera.name + "'; the nearest are " + nearest);
+  }
+}
+
 Seconds settable_exposure(Seconds time, const CameraDescription& camera) {
+  if (!camera.exposures.empty())
+    return *std::ranges::min_element(camera.exposures, {},
+                                     [&](Seconds listed) { return std::abs(std::log(listed / time)); });
   if (camera.exposure_step.count() <= 0.0) return time;
   const Seconds nearest = rounded_to_multiple(time, camera.exposure_step);
   return std::clamp(nearest, camera.shortest_exposure, camera.longest_exposure);
@@ -95,6 +113,7 @@ Seconds shortest_useful_exposure(const CameraDescription& camera, const CameraCa
   Seconds exposure =
       std::sqrt(camera.shortest_exposure.count() * camera.longest_exposure.count()) * Seconds(1.0);
   for (int attempt = 0; attempt < max_probes; ++attempt) {
+    if (!camera.exposures.empty()) exposure = settable_exposure(exposure, camera);
     RawFrame frame = probe(exposure);
     const auto rank =
         static_cast<std::ptrdiff_t>((1.0 - clipped_allowed) * static_cast<double>(frame.samples.size() - 1));
@@ -104,7 +123,8 @@ Seconds shortest_useful_exposure(const CameraDescription& camera, const CameraCa
     const bool clipped = bright >= calibration.saturation_dn;
     const double factor = clipped ? 1.0 / 16.0 : head_room / std::max(signal, head_room / 64.0);
     const Seconds next = std::clamp(exposure * factor, camera.shortest_exposure, camera.longest_exposure);
-    const bool at_the_end = next == exposure;
+    const bool at_the_end =
+        next == exposure || (!camera.exposures.empty() && settable_exposure(next, camera) == exposure);
     if (at_the_end && !clipped && signal <= 0.0)
       throw InputError("camera '" + camera.name + "' sees no light at its longest exposure, " +
                        text(exposure) + "; check the lens cap, the monitor and the aim");

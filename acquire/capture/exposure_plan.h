@@ -31,8 +31,12 @@ struct ExposurePlanOptions {
 std::vector<Seconds> exponential_exposures(const ExposurePlanOptions& options,
                                            const CameraDescription& camera);
 
-/// Checks times given by hand: positive, growing, within the camera's range. Throws InputError.
+/// Checks times: positive, growing, within the camera's range. Throws InputError.
 void check_exposures(const std::vector<Seconds>& exposures, const CameraDescription& camera);
+
+/// Checks that a camera with listed exposure times has those that were given by hand, within 1 %. Throws
+/// InputError naming the nearest ones.
+void require_listed_exposures(const std::vector<Seconds>& exposures, const CameraDescription& camera);
 
 /// Takes one frame of the brightest light with the given exposure.
 using Probe = std::function<RawFrame(Seconds exposure)>;

@@ -59,6 +59,7 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
   const auto early_before = counts_.early;
   const auto stale_before = counts_.stale;
   while (counts_.early - early_before < max_early_frames && counts_.stale - stale_before < max_stale_frames) {
+    camera_.begin_after(settled_);
     if (trigger_) trigger_->fire();
     RawFrame frame = camera_.next_frame(longest_pending_ + 4 * description_.frame_interval + patience);
     if (!usable(frame, exposure, gain)) continue;

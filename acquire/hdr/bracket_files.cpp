@@ -38,9 +38,8 @@ std::optional<Seconds> exposure_of(const OIIO::ImageSpec& spec) {
   return std::nullopt;
 }
 
-/// The colours of the first two by two sites, as OpenImageIO names them.
-PixelLayout raw_layout(const OIIO::ImageSpec& spec, const fs::path& path) {
-  const std::string pattern(spec.get_string_attribute("raw:FilterPattern"));
+/// The layout of a pattern that names the colours of the first two by two sites, such as "RGGB".
+PixelLayout raw_layout(const std::string& pattern, const fs::path& path) {
   for (const PixelLayout layout :
        {PixelLayout::bayer_rggb, PixelLayout::bayer_grbg, PixelLayout::bayer_gbrg, PixelLayout::bayer_bggr}) {
     std::string letters(layout_name(layout));
@@ -54,12 +53,22 @@ PixelLayout raw_layout(const OIIO::ImageSpec& spec, const fs::path& path) {
                 "it to a linear 16-bit TIFF");
 }
 
-/// What OpenImageIO does not hand on. Cameras without a stated black level have it in masked pixels, from
-/// which LibRaw takes it when it unpacks the samples.
-std::optional<RawLevels> levels_of_raw([[maybe_unused]] const fs::path& path) {
+struct RawFacts {
+  std::optional<RawLevels> levels;
+  std::string pattern;  ///< colours of the first two by two sites; empty: not known
+};
+
+/// What OpenImageIO does not hand on, and the pattern, since version 2.4 takes RGGB for GMCY. Cameras without
+/// a stated black level have it in masked pixels, from which LibRaw takes it when it unpacks the samples.
+RawFacts facts_of_raw([[maybe_unused]] const fs::path& path) {
+  RawFacts facts;
 #if REFIELD_HAS_LIBRAW
   const auto raw = std::make_unique<LibRaw>();  // some hundred kilobytes
-  if (raw->open_file(path.c_str()) != LIBRAW_SUCCESS || raw->unpack() != LIBRAW_SUCCESS) return std::nullopt;
+  if (raw->open_file(path.c_str()) != LIBRAW_SUCCESS || raw->unpack() != LIBRAW_SUCCESS) return facts;
+  constexpr unsigned special_filters = 1000;  // below it, the number names other patterns, such as X-Trans
+  if (raw->imgdata.idata.filters >= special_filters)
+    for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 1), std::pair(1, 0), std::pair(1, 1)})
+      facts.pattern += raw->imgdata.idata.cdesc[raw->COLOR(row, column)];
   const libraw_colordata_t& colour = raw->imgdata.color;
   // One level for all, one for each of four colours, then a repeating pattern of rows × columns.
   double black = colour.black;
@@ -68,9 +77,9 @@ std::optional<RawLevels> levels_of_raw([[maybe_unused]] const fs::path& path) {
   for (unsigned i = 0; i < pattern && 6 + i < std::size(colour.cblack); ++i)
     black += colour.cblack[6 + i] / static_cast<double>(pattern);
   const double saturation = colour.maximum;
-  if (saturation > black) return RawLevels{black, saturation};
+  if (saturation > black) facts.levels = RawLevels{black, saturation};
 #endif
-  return std::nullopt;
+  return facts;
 }
 
 template <class T>
@@ -100,6 +109,7 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   const OIIO::ImageSpec& spec = input->spec();
   file.exposure = exposure_of(spec);
   file.iso = positive_attribute(spec, {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
+  file.f_number = positive_attribute(spec, {"FNumber", "Exif:FNumber"});
   if (spec.format.is_floating_point()) {
     input.reset();
     if (header.has_sigma) {
@@ -116,10 +126,13 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   file.frame.width = spec.width;
   file.frame.height = spec.height;
   file.is_raw = std::string_view(input->format_name()) == "raw";
-  if (file.is_raw) file.raw_levels = levels_of_raw(path);
+  RawFacts facts;
+  if (file.is_raw) facts = facts_of_raw(path);
+  if (facts.pattern.empty()) facts.pattern = spec.get_string_attribute("raw:FilterPattern");
+  file.raw_levels = facts.levels;
   file.frame.layout = channels == 3 ? PixelLayout::rgb
                       : one_channel ? *one_channel
-                      : file.is_raw ? raw_layout(spec, path)
+                      : file.is_raw ? raw_layout(facts.pattern, path)
                                     : PixelLayout::grey;
   if (spec.format == OIIO::TypeDesc::UINT8) {
     file.bits = 8;

@@ -22,6 +22,7 @@ struct BracketFile {
   Image sigma;     ///< of `linear`, where the file carries it (core/image/image_io.h, Photograph)
   std::optional<Seconds> exposure;  ///< as the file's metadata state it (EXIF ExposureTime, EXR expTime)
   std::optional<double> iso;
+  std::optional<double> f_number;
   bool is_raw =
       false;  ///< a camera's own format: samples of the sensor, not interpolated, black not subtracted
   std::optional<RawLevels> raw_levels;  ///< RAW: where the file states them and LibRaw was there at the build

@@ -109,18 +109,24 @@ ordered_json figures_of(const RigMeasurements& rig) {
 
 void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
   std::printf("%s: %s\n", given.output.c_str(), given.page.c_str());
-  std::printf("display: light changes %.1f ms after a page flip and is stable after %.1f ms\n",
-              1e3 * rig.timing.display_latency.count(),
-              1e3 * (rig.timing.display_latency + rig.timing.display_settling).count());
-  if (rig.timing.control_latency_frames == 0)
-    std::printf("camera: a new exposure or gain takes effect with the next frame\n");
-  else
-    std::printf("camera: a new exposure or gain takes effect after %d more frames\n",
-                rig.timing.control_latency_frames);
-  if (rig.timing.exposure_unit.count() > 0.0)
-    std::printf("exposures: whole multiples of %.4g ms\n", 1e3 * rig.timing.exposure_unit.count());
-  else
-    std::printf("exposures: any, the light does not flicker\n");
+  if (rig.camera_description.takes_photographs) {
+    std::printf(
+        "display: assumed stable %.1f ms after a page flip; timing and flicker need a camera that streams\n",
+        1e3 * rig.timing.display_latency.count());
+  } else {
+    std::printf("display: light changes %.1f ms after a page flip and is stable after %.1f ms\n",
+                1e3 * rig.timing.display_latency.count(),
+                1e3 * (rig.timing.display_latency + rig.timing.display_settling).count());
+    if (rig.timing.control_latency_frames == 0)
+      std::printf("camera: a new exposure or gain takes effect with the next frame\n");
+    else
+      std::printf("camera: a new exposure or gain takes effect after %d more frames\n",
+                  rig.timing.control_latency_frames);
+    if (rig.timing.exposure_unit.count() > 0.0)
+      std::printf("exposures: whole multiples of %.4g ms\n", 1e3 * rig.timing.exposure_unit.count());
+    else
+      std::printf("exposures: any, the light does not flicker\n");
+  }
   std::printf("camera: black %.2f DN, saturation %.0f DN, %s\n", rig.camera.black_level_dn,
               rig.camera.saturation_dn,
               rig.response.is_linear ? "linear" : "nonlinear (a table was written)");
@@ -247,14 +253,13 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   else
     print(measured, given);
   if (!measured.superposition.holds())
-    throw InputError(
-        "display '" + measured.display_description.name +
-        "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
-        std::to_string(100.0 * measured.superposition.largest_error()) +
-        " %, because the display dims itself. EulerAngles off dynamic contrast, local dimming, power "
-        "saving and automatic "
-        "brightness, then calibrate again. " +
-        given.page.string() + " shows details");
+    throw InputError("display '" + measured.display_description.name +
+                     "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
+                     std::to_string(100.0 * measured.superposition.largest_error()) +
+                     " %, because the display dims itself. Switch off dynamic contrast, local dimming, power "
+                     "saving and automatic "
+                     "brightness, then calibrate again. " +
+                     given.page.string() + " shows details");
 }
 
 }  // namespace

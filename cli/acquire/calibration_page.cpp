@@ -154,12 +154,14 @@ std::string opening(const RigMeasurements& rig) {
       "</p>";
   html += "<div class=\"tiles\">" +
           tile(milliseconds(rig.timing.display_latency + rig.timing.display_settling),
-               "from a page flip until the light is stable") +
-          tile(counted(static_cast<std::uint64_t>(rig.timing.control_latency_frames), "frame"),
-               "until camera settings take effect") +
-          tile(rig.timing.exposure_unit.count() > 0.0 ? milliseconds(rig.timing.exposure_unit) : "any",
-               "step of exposure times without banding") +
-          tile(significant(rig.camera.electrons_per_dn, 3), "electrons per DN, at gain 1") +
+               camera.takes_photographs ? "assumed from a page flip until the light is stable"
+                                        : "from a page flip until the light is stable");
+  if (!camera.takes_photographs)
+    html += tile(counted(static_cast<std::uint64_t>(rig.timing.control_latency_frames), "frame"),
+                 "until camera settings take effect") +
+            tile(rig.timing.exposure_unit.count() > 0.0 ? milliseconds(rig.timing.exposure_unit) : "any",
+                 "step of exposure times without banding");
+  html += tile(significant(rig.camera.electrons_per_dn, 3), "electrons per DN, at gain 1") +
           tile(significant(rig.camera.read_noise_electrons, 3), "electrons of read noise") +
           tile(percent(rig.superposition.largest_error()), "largest error of superposition") + "</div>";
   if (rig.warnings.empty()) return html + "<p class=\"note\">No warnings.</p>";
@@ -281,8 +283,9 @@ std::string map_html(const std::string& heading, const UniformityMap& measured, 
 }  // namespace
 
 std::string calibration_page(const RigMeasurements& rig) {
-  std::string body =
-      opening(rig) + superposition(rig) + timing(rig) + banding(rig) + camera(rig) + display(rig);
+  std::string body = opening(rig) + superposition(rig);
+  if (!rig.camera_description.takes_photographs) body += timing(rig) + banding(rig);
+  body += camera(rig) + display(rig);
   if (rig.flat_field)
     body += map_html(
         "Vignetting", *rig.flat_field,

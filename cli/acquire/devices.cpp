@@ -5,6 +5,7 @@
 
 #include "acquire/devices/drm_device.h"
 #include "acquire/devices/genicam_camera.h"
+#include "acquire/devices/gphoto_camera.h"
 #include "acquire/devices/gpio_trigger.h"
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
@@ -80,6 +81,31 @@ ordered_json genicam_cameras() {
         features.push_back({{"name", feature.name}, {"value", feature.value}, {"limits", feature.limits}});
       entry["formats"] = formats;
       entry["features"] = features;
+    } catch (const DeviceError& error) {
+      entry["error"] = error.what();
+    }
+    list.push_back(entry);
+  }
+  return list;
+}
+
+/// null where there is no support for them.
+ordered_json gphoto_cameras() {
+  if (!has_gphoto()) return nullptr;
+  ordered_json list = ordered_json::array();
+  for (const GphotoIdentity& camera : find_gphoto_cameras()) {
+    ordered_json entry = {
+        {"device", "gphoto:" + camera.model}, {"model", camera.model}, {"port", camera.port}};
+    try {
+      const GphotoAbilities abilities = abilities_of(camera);
+      entry["serial"] = abilities.serial;
+      ordered_json settings = ordered_json::array();
+      for (const GphotoSetting& setting : abilities.settings)
+        settings.push_back({{"name", setting.name},
+                            {"value", setting.value},
+                            {"writable", setting.is_writable},
+                            {"choices", setting.choices}});
+      entry["settings"] = settings;
     } catch (const DeviceError& error) {
       entry["error"] = error.what();
     }
@@ -176,15 +202,39 @@ void print_genicam(const ordered_json& camera) {
                 word(feature["limits"]).c_str());
 }
 
+void print_gphoto(const ordered_json& camera) {
+  std::printf("Camera %s: DSLR at %s", word(camera["device"]).c_str(), word(camera["port"]).c_str());
+  if (camera.contains("error")) {
+    std::printf("\n  %s\n", word(camera["error"]).c_str());
+    return;
+  }
+  const std::string serial = word(camera["serial"]);
+  std::printf("%s\n  settings:\n", serial.empty() ? "" : (", serial number " + serial).c_str());
+  for (const auto& setting : camera["settings"]) {
+    std::printf("    %-24s %s%s", word(setting["name"]).c_str(), word(setting["value"]).c_str(),
+                setting["writable"].get<bool>() ? "" : "  (set on the camera)");
+    const char* before = "  (";
+    for (const auto& choice : setting["choices"]) {
+      std::printf("%s%s", before, word(choice).c_str());
+      before = ", ";
+    }
+    std::printf(setting["choices"].empty() ? "\n" : ")\n");
+  }
+}
+
 void print(const ordered_json& devices) {
   if (devices["genicam_cameras"].is_null())
     std::printf("Support for GenICam cameras is not built in (it needs Aravis 0.8).\n");
   for (const auto& camera : devices["genicam_cameras"]) print_genicam(camera);
-  if (devices["cameras"].empty() && devices["genicam_cameras"].empty())
+  if (devices["gphoto_cameras"].is_null())
+    std::printf("Support for DSLRs is not built in (it needs libgphoto2).\n");
+  for (const auto& camera : devices["gphoto_cameras"]) print_gphoto(camera);
+  if (devices["cameras"].empty() && devices["genicam_cameras"].empty() && devices["gphoto_cameras"].empty())
     std::printf(
         "No camera was found. Check that it is connected and that you may open /dev/video* (group video); of "
         "a "
-        "GenICam camera, that its address is of the computer's network (docs/guide/genicam.md).\n");
+        "GenICam camera, that its address is of the computer's network (docs/guide/genicam.md); of a DSLR, "
+        "that it is switched on and that no file manager has opened it (docs/guide/dslr.md).\n");
   for (const auto& camera : devices["cameras"]) {
     std::printf("Camera %s: %s at %s, driver %s\n  formats (default: the raw format with the most bits):\n",
                 word(camera["node"]).c_str(), word(camera["card"]).c_str(), word(camera["bus"]).c_str(),
@@ -223,18 +273,19 @@ void print(const ordered_json& devices) {
 }  // namespace
 
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action) {
-  CLI::App* verb =
-      group.add_subcommand("devices",
-                           "List cameras, monitors, displays and GPIO chips with their modes.\n"
-                           "\n"
-                           "Prints cameras (V4L2) with formats, sizes, rates and controls, GenICam cameras "
-                           "with formats and features, monitors (KMS) with modes, the displays of the "
-                           "desktop and GPIO chips, with the names that "
-                           "session files use (docs/reference/devices.md). Changes nothing.");
+  CLI::App* verb = group.add_subcommand(
+      "devices",
+      "List cameras, monitors, displays and GPIO chips with their modes.\n"
+      "\n"
+      "Prints cameras (V4L2) with formats, sizes, rates and controls, GenICam cameras "
+      "with formats and features, DSLRs with settings, monitors (KMS) with modes, the displays of the "
+      "desktop and GPIO chips, with the names that "
+      "session files use (docs/reference/devices.md). Changes nothing.");
   verb->callback([&common, &action] {
     action = [&common] {
       const ordered_json devices = {{"cameras", cameras()},
                                     {"genicam_cameras", genicam_cameras()},
+                                    {"gphoto_cameras", gphoto_cameras()},
                                     {"monitors", monitors()},
                                     {"window_displays", window_displays_of_desktop()},
                                     {"gpio_chips", gpio_chips()}};

@@ -114,7 +114,7 @@ std::string camera_line() {
   return line +
          (device.empty() ? "# replace this name: 'refield acquire devices' lists names"
                          : "# found on this machine") +
-         "; also /dev/video0, a bus or genicam:SERIAL\n";
+         "; also /dev/video0, a bus, genicam:SERIAL or gphoto:MODEL\n";
 }
 
 void init(const fs::path& file) {

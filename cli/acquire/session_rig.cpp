@@ -30,19 +30,23 @@ void read_pattern(ConfigSection& section, const std::string& key, const fs::path
 }
 
 /// The keys that all cameras have; `section` knows of no others yet.
-void read_camera_options(ConfigSection& section, CameraOptions& camera) {
-  section.text("format", camera.format);
-  section.number("rate", camera.rate, 0.01, 10'000.0);
+void read_tethered_options(ConfigSection& section, CameraOptions& camera) {
   std::vector<int> window(4, 0);
   section.integers("window", window, 0, max_pixels);
   if (section.has("window")) camera.window = FrameWindow{window[0], window[1], window[2], window[3]};
-  section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
   section.seconds("replug_patience", camera.replug_patience, Seconds(1), 0.0, 86'400.0);
 }
 
-std::variant<V4l2CameraOptions, GenicamCameraOptions> read_camera(ConfigSection section,
-                                                                  ConfigSection controls) {
-  const std::string genicam = "genicam:";
+/// Those that all cameras have that stream.
+void read_camera_options(ConfigSection& section, CameraOptions& camera) {
+  read_tethered_options(section, camera);
+  section.text("format", camera.format);
+  section.number("rate", camera.rate, 0.01, 10'000.0);
+  section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
+}
+
+decltype(SessionFile::camera) read_camera(ConfigSection section, ConfigSection controls) {
+  const std::string genicam = "genicam:", gphoto = "gphoto:";
   std::string device;
   section.require("device");
   section.text("device", device);
@@ -51,6 +55,14 @@ std::variant<V4l2CameraOptions, GenicamCameraOptions> read_camera(ConfigSection 
     camera.device = device.substr(genicam.size());
     read_camera_options(section, camera);
     section.text("trigger", camera.trigger);
+    section.finish();
+    camera.controls = controls.texts();
+    return camera;
+  }
+  if (device.starts_with(gphoto)) {
+    GphotoCameraOptions camera;
+    camera.device = device.substr(gphoto.size());
+    read_tethered_options(section, camera);
     section.finish();
     camera.controls = controls.texts();
     return camera;
@@ -188,6 +200,8 @@ RunContext run_with_notices() {
 std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session) {
   if (const auto* genicam = std::get_if<GenicamCameraOptions>(&session.camera))
     return std::make_unique<GenicamCamera>(*genicam, run_with_notices());
+  if (const auto* gphoto = std::get_if<GphotoCameraOptions>(&session.camera))
+    return std::make_unique<GphotoCamera>(*gphoto, run_with_notices());
   return std::make_unique<V4l2Camera>(std::get<V4l2CameraOptions>(session.camera), run_with_notices());
 }
 

@@ -10,6 +10,7 @@
 
 #include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/genicam_camera.h"
+#include "acquire/devices/gphoto_camera.h"
 #include "acquire/devices/gpio_trigger.h"
 #include "acquire/devices/v4l2_camera.h"
 #include "acquire/devices/window_monitor.h"
@@ -34,7 +35,8 @@ struct SessionFile {
   std::filesystem::path path;
   std::filesystem::path output;
   std::filesystem::path calibration;
-  std::variant<V4l2CameraOptions, GenicamCameraOptions> camera;  ///< by the prefix "genicam:"
+  /// By the prefixes "genicam:" and "gphoto:".
+  std::variant<V4l2CameraOptions, GenicamCameraOptions, GphotoCameraOptions> camera;
   DrmMonitorOptions monitor;
   std::optional<WindowMonitorOptions> window;  ///< instead of `monitor`
   std::vector<MonitorPlacement> placements;    ///< where the monitor stands, one or, if it is not known, none

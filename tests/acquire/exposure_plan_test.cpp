@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/base/errors.h"
@@ -177,6 +178,52 @@ TEST(SettableExposures, AreWholeStepsOfTheCameraEachOnce) {
   EXPECT_NEAR(settable[0].count(), 1e-4, rounding);
   EXPECT_NEAR(settable[1].count(), 0.0032, rounding);
   EXPECT_NEAR(settable[2].count(), 0.5, rounding);
+}
+
+CameraDescription with_listed_exposures() {
+  CameraDescription listed = camera();
+  listed.exposures = {Seconds(1.0 / 8000), Seconds(1.0 / 125), Seconds(1.0 / 60), Seconds(1.0 / 30),
+                      Seconds(0.5)};
+  listed.shortest_exposure = listed.exposures.front();
+  listed.longest_exposure = listed.exposures.back();
+  return listed;
+}
+
+TEST(ListedExposures, AreTheNearestByRatioEachOnce) {
+  const CameraDescription listed = with_listed_exposures();
+  const auto settable = settable_exposures(
+      {Seconds(1e-5), Seconds(0.009), Seconds(0.0115), Seconds(0.0122), Seconds(9)}, listed);
+  EXPECT_EQ(settable,
+            (std::vector<Seconds>{Seconds(1.0 / 8000), Seconds(1.0 / 125), Seconds(1.0 / 60), Seconds(0.5)}));
+}
+
+TEST(ListedExposures, OthersAreRefusedNamingTheNearest) {
+  const CameraDescription listed = with_listed_exposures();
+  EXPECT_NO_THROW(require_listed_exposures({Seconds(0.0167), Seconds(0.033333)}, listed));
+  EXPECT_NO_THROW(require_listed_exposures({Seconds(0.0123)}, camera()));
+  try {
+    require_listed_exposures({Seconds(0.008), Seconds(0.02)}, listed);
+    FAIL() << "0.02 s is not listed";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("exposure 2 of the plan, 0.02 s"), std::string::npos)
+        << error.what();
+    EXPECT_NE(std::string(error.what()).find("0.0166667 s and 0.0333333 s"), std::string::npos)
+        << error.what();
+  }
+}
+
+TEST(ListedExposures, ProbingAndNoisePlansUseNoOthers) {
+  const CameraDescription listed = with_listed_exposures();
+  const Probe probe = [&, answer = probe_of(100'000.0)](Seconds exposure) {
+    EXPECT_NE(std::ranges::find(listed.exposures, exposure), listed.exposures.end()) << exposure.count();
+    return answer(exposure);
+  };
+  shortest_useful_exposure(listed, calibration(), probe);
+  ExposurePlanOptions options;
+  options.relative_noise = 0.05;
+  const NoisePlan plan = min_exposures({0.01, 1.0}, options, listed, noisy_camera(), 1.0, 1);
+  for (Seconds exposure : plan.exposures)
+    EXPECT_NE(std::ranges::find(listed.exposures, exposure), listed.exposures.end()) << exposure.count();
 }
 
 }  // namespace

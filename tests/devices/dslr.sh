@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# usage: dslr.sh BUILD DRIVER [PATTERNS RATIO]
+# Sessions with libgphoto2's virtual camera in a closed loop with a virtual monitor (gphoto_lab.cpp), one undisturbed and
+# one with every fault, which is resumed each time: every raw frame must show its own pattern, both sessions must be equal
+# to the byte, and the error on held-out lights must be that of the virtual rig within RATIO. DRIVER: what
+# virtual_dslr.sh printed.
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+build=$(realpath "$1") patterns=${3:-60} ratio=${4:-1.1}
+export IOLIBS=$2
+refield=$build/cli/refield
+share=$build/../devices/share_dslr
+rm -rf "$share"
+mkdir -p "$share/tree/DCIM"
+share=$(realpath "$share")
+touch "$share/tree/DCIM/TEMPLATE.DNG"
+export VIRTUAL_DSLR_TREE=$share/tree HOME=$share  # libgphoto2 keeps settings in the home folder
+sed "s/^train = .*/train = $((patterns - 30))/; s/^sensitivity = .*/sensitivity = 8e6/" "$here/lab_recipe.toml" >"$share/recipe.toml"
+"$refield" --quiet simulate "$share/recipe.toml" -o "$share/truth" >/dev/null
+"$refield" --quiet acquire virtual "$share/recipe.toml" --truth "$share/truth" -o "$share/rig_session" \
+  --exposures 0.0025,0.005,0.01,0.02 >/dev/null
+cp "$share/rig_session/calibration.toml" "$share/calibration.toml"
+"$refield" acquire devices 2>/dev/null | grep -A 3 "gphoto:" | sed 's/^/## /'
+
+# usage: session NAME FAULT STATUS [WORDS]: a run with the fault must end so and say WORDS.
+session() {
+  local status=0
+  "$build/tests/devices/gphoto_lab" "$share" "$1" "$2" >"$share/log_$1_$2" 2>&1 || status=$?
+  grep '^##' "$share/log_$1_$2" || true
+  if ((status != $3)) || ! grep -q "${4:-}" "$share/log_$1_$2"; then
+    cat "$share/log_$1_$2" >&2
+    echo "dslr.sh: fault '$2' ended with status $status, not $3, or did not say '${4:-}'" >&2
+    exit 1
+  fi
+}
+
+session whole undisturbed 0
+session lab lacking 3 "is no shutter time of camera .* the nearest are 0.005 s and 0.01 s"
+session lab automatic 3 "but its file states"
+session lab full 3 "its card is full"
+session lab killed 137
+session lab unplugged 3 "did not come back within"
+# Failed downloads and a cable that is plugged in again do not stop it.
+session lab mended 0 "reconnected 1"
+diff -r "$share/whole" "$share/lab" || { echo "dslr.sh: the resumed session differs" >&2; exit 1; }
+echo "## the resumed session is equal to the undisturbed one"
+"$build/tests/devices/check_pairs" "$share/lab" "$share/truth/illumination" "$share"/lab_*.log
+mv "$share/lab" "$share/lab_session"
+REFIELD_BUILD=$build "$here/closed_loop_after.sh" "$share" "$ratio"
