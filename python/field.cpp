@@ -96,6 +96,7 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
       relighter->relight_into({lights[i], domain.parameterisation}, picture);
     } else {
       const LightMap light = light_of(lights[i], domain);
+      require_finite(light.radiance, "light", true, "replace it");
       const Image outputs = lays_out ? relighter->relight(light) : Image();
       if (view)
         std::ranges::copy(view->show(lays_out ? outputs : plain->relight(light)).values, picture.begin());

@@ -5,7 +5,10 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <string>
 #include <utility>
 
@@ -40,20 +43,36 @@ void sum_common(const std::vector<double>& smooth, const Table& table, const std
   });
 }
 
-void copy(const ImageView& from, Image& to) {
+/// By the exponents' bits, which compilers compare in vectors.
+bool are_finite(std::span<const float> values) {
+  constexpr std::uint32_t exponent = 0x7f800000u;
+  std::uint32_t largest = 0;
+  for (const float value : values)
+    largest = std::max(largest, std::bit_cast<std::uint32_t>(value) & exponent);
+  return largest != exponent;
+}
+
+[[noreturn]] void refuse_light() {
+  throw InputError("the light map contains NaN or infinite values; replace them");
+}
+
+/// Whether all values are finite.
+bool copy(const ImageView& from, Image& to) {
   if (to.width != from.width || to.height != from.height) to = Image(from.width, from.height, 3);
   const bool is_dense = from.channel_stride == 1 && from.pixel_stride == 3;
+  std::atomic<bool> finite = true;
   tbb::parallel_for(tbb::blocked_range<int>(0, from.height, 16), [&](const auto& range) {
     for (int y = range.begin(); y < range.end(); ++y) {
       float* out = to.row(y).data();
-      if (is_dense) {
+      if (is_dense)
         std::copy_n(from.values + y * from.row_stride, std::size_t{3} * from.width, out);
-        continue;
-      }
-      for (int x = 0; x < from.width; ++x)
-        for (int c = 0; c < 3; ++c) *out++ = from.at(x, y, c);
+      else
+        for (int x = 0; x < from.width; ++x)
+          for (int c = 0; c < 3; ++c) *out++ = from.at(x, y, c);
+      if (!are_finite(to.row(y))) finite = false;
     }
   });
+  return finite;
 }
 
 double sum_of(const Image& image) {
@@ -137,9 +156,15 @@ const Image& Relighter::relight(std::span<const float> sums) {
   return image_;
 }
 
+void Relighter::take_light(const ImageView& light) {
+  if (copy(light, light_)) return;
+  light_ = {};
+  refuse_light();
+}
+
 const Image& Relighter::relight(const LightMap& light) {
   require_domain(light, domain_);
-  copy(light.radiance, light_);  // first: the copy is what the caches hold then
+  take_light(light.radiance);  // first: the copy is what the caches hold then
   show_light(image_);
   updates_ = 0;
   moved_light_ = 0.0;
@@ -156,7 +181,7 @@ void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
   if (out.size() != image_.values.size())
     throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
                      std::to_string(image_.values.size()));
-  copy(light.radiance, light_);
+  take_light(light.radiance);
   show_light({out.data(), image_.width, image_.height});
   updates_ = refresh_period;
 }
@@ -204,6 +229,10 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   require_domain(light, domain_);
   if (!changed.inside(domain_.width, domain_.height))
     throw InputError("the changed part of the light reaches outside the light map");
+  for (int y = changed.y0; y < changed.y1; ++y)
+    if (!are_finite(
+            light.radiance.row(y).subspan(std::size_t{3} * changed.x0, std::size_t{3} * changed.width())))
+      refuse_light();
   if (light_.empty() || ++updates_ >= refresh_period || !smooth_.weighs_texels_alone()) return relight(light);
   Image difference = take_change(light, changed);
   if (moved_light_ > max_moved_light * total_light_) return relight(light);

@@ -39,7 +39,7 @@ class Relighter {
   const LightDomain& domain() const { return domain_; }
 
   /// The scene under `light`, [height × width × 3]; valid until the next call. Throws InputError when the
-  /// light does not fit domain().
+  /// light does not fit domain() or has values that are not finite.
   const Image& relight(const LightMap& light);
 
   /// The same straight into `out` [height × width × 3], without an image of this object's own. Throws
@@ -49,7 +49,7 @@ class Relighter {
   /// The same after `light` changed inside `changed` alone since the last call, in less time the less of it
   /// changed. Rounding adds up over such calls: after refresh_period of them, or when as much light came and
   /// went as makes it matter, the image is computed anew. Throws InputError when the light does not fit
-  /// domain() or `changed` lies outside it.
+  /// domain(), `changed` lies outside it, or values in it are not finite.
   const Image& update(const LightMap& light, const Box& changed);
   static constexpr int refresh_period = 256;
 
@@ -70,6 +70,8 @@ class Relighter {
   /// Without a transfer yet.
   Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
   void list_boxes(const LightBasis& basis);
+  /// Copies it to light_; throws InputError for values that are not finite.
+  void take_light(const ImageView& light);
   /// The scene under light_.
   void show_light(const PixelTarget& target);
   /// Takes over the light inside `changed`; the difference to what it was.

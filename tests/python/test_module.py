@@ -124,6 +124,10 @@ def test_relighter_updates(field):
         assert np.allclose(image, field.relight(light), rtol=1e-4, atol=1e-5)
     with pytest.raises(refield.InputError, match="outside"):
         relighter.update(light, (3, 2, 17, 5))
+    light[3, 4, 1] = np.nan
+    for relight in (field.relight, relighter.relight, lambda bad: relighter.update(bad, (3, 2, 7, 5))):
+        with pytest.raises(refield.InputError, match="NaN|not finite|is nan"):
+            relight(light)
     with pytest.raises(refield.InputError, match="precision"):
         field.relighter("coarse")
 

@@ -7,6 +7,7 @@
 #include <tbb/global_control.h>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -162,6 +163,21 @@ TEST(Relighter, ShowsWeightsOfBothSigns) {
   for (int y = part.y0; y < part.y1; ++y)
     for (int x = part.x0; x < part.x1; ++x) light.radiance.at(x, y, 1) *= 3.0f;
   EXPECT_LT(relative_rmse(relighter.update(light, part), field.relight(light)), fine_error);
+}
+
+TEST(Relighter, RefusesLightThatIsNotFinite) {
+  const ReflectanceField field = mixed_field(20, 20, monitor);
+  Relighter relighter(field, RelightPrecision::fine);
+  const LightMap light = random_light(monitor, 5);
+  const Image shown = relighter.relight(light);
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
+    LightMap damaged = light;
+    damaged.radiance.at(7, 30, 1) = bad;
+    EXPECT_THROW(relighter.update(damaged, {5, 29, 9, 32}), InputError);
+    EXPECT_EQ(relighter.update(light, {0, 0, 1, 1}).values, shown.values) << "nothing was taken over";
+    EXPECT_THROW(relighter.relight(damaged), InputError);
+    EXPECT_EQ(relighter.update(light, {0, 0, 1, 1}).values, shown.values);
+  }
 }
 
 TEST(Relighter, LightsNothingWithNoLight) {
