@@ -19,7 +19,7 @@ export VIRTUAL_DSLR_TREE=$share/tree HOME=$share  # libgphoto2 keeps settings in
 sed "s/^train = .*/train = $((patterns - 30))/; s/^sensitivity = .*/sensitivity = 8e6/" "$here/lab_recipe.toml" >"$share/recipe.toml"
 "$refield" --quiet simulate "$share/recipe.toml" -o "$share/truth" >/dev/null
 "$refield" --quiet acquire virtual "$share/recipe.toml" --truth "$share/truth" -o "$share/rig_session" \
-  --exposures 0.0025,0.005,0.01,0.02 >/dev/null
+  --exposures 0.0025,0.005,0.01,0.02 --ambient-frames 1 >/dev/null
 cp "$share/rig_session/calibration.toml" "$share/calibration.toml"
 "$refield" acquire devices 2>/dev/null | grep -A 3 "gphoto:" | sed 's/^/## /'
 
