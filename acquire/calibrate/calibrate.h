@@ -63,9 +63,10 @@ struct RigMeasurements {
 /// Measures camera and display with the camera itself, through the device interfaces alone: control latency,
 /// banding, response and black level, noise, display latency, tone curves, superposition and, by target, a
 /// map. Of a camera that takes photographs, all that needs time stamps is left out: the display's latency is
-/// then `patience`, and flicker is not looked for. Nothing in view may move or change but by the display. `trigger` may be null. Throws InputError or
-/// DeviceError when a measurement cannot succeed, saying which and why. A broken superposition does not
-/// throw: it is the caller who must refuse, see Superposition::holds().
+/// then `patience`, and flicker is not looked for. Nothing in view may move or change but by the display.
+/// `trigger` may be null. Throws InputError or DeviceError when a measurement cannot succeed, saying which
+/// and why. A broken superposition does not throw: it is the caller who must refuse, see
+/// Superposition::holds().
 RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* trigger,
                           const CalibrateOptions& options, const RunContext& run = {});
 

@@ -54,8 +54,7 @@ MirrorBall locate_ball(const ChromeBall& ball, const Image& mean) {
   } else {
     optics.distance_radii = far_away;
   }
-  MirrorBall located =
-      ball.circle ? ball_from_circle(*ball.circle, optics) : find_ball(mean, optics).ball;
+  MirrorBall located = ball.circle ? ball_from_circle(*ball.circle, optics) : find_ball(mean, optics).ball;
   require_usable(located, mean.width, mean.height, "the photographs");
   return located;
 }

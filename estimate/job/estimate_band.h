@@ -49,9 +49,9 @@ struct BandInput {
   const BoxTable& table;
   /// Holds at least rows_needed(rows, height, options), weighted as the table is.
   const ObservationBand& band;
-  RowRange rows;                ///< to be estimated
-  int height = 0;               ///< of the picture
-  const Mask& mask;             ///< [height × width of the band] or empty
+  RowRange rows;     ///< to be estimated
+  int height = 0;    ///< of the picture
+  const Mask& mask;  ///< [height × width of the band] or empty
   const EstimateOptions& options;
   const Refinement* refinement = nullptr;  ///< pixels start from its field's kernels, if any
   TexelRegressions* texels = nullptr;      ///< see BlockModel; null: rectangles alone
