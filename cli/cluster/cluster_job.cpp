@@ -53,8 +53,8 @@ bool lacked_memory(const fs::path& log) {
   std::ostringstream read;
   read << file.rdbuf();
   return std::ranges::any_of(
-      std::initializer_list<const char*>{"refield: out of memory", "Exceeded job memory limit", "oom-kill",
-                                         "oom_kill"},
+      std::initializer_list<const char*>{"refield: out of memory", "Exceeded job memory limit",
+                                         "exceeded memory limit (", "oom-kill", "oom_kill"},
       [&](const char* text) { return read.str().find(text) != std::string::npos; });
 }
 

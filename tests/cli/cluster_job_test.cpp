@@ -177,7 +177,9 @@ TEST(ClusterJob, ReadsHowATaskEnded) {
   write_text_atomically(shard_log(job, 3),
                         std::string(5000, '.') + "\nrefield: out of memory; close programs\n");
   EXPECT_TRUE(task_end(job, 3, queue).out_of_memory);
-  write_text_atomically(shard_log(job, 4), "slurmstepd-n2: error: Exceeded job memory limit\n");
+  write_text_atomically(shard_log(job, 4),
+                        "slurmstepd-n2: error: StepId=5.batch exceeded memory limit (712192000 > 429916160), "
+                        "being killed\n");
   EXPECT_TRUE(task_end(job, 4, queue).out_of_memory);
 }
 

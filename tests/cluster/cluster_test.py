@@ -129,15 +129,16 @@ class Lab:
 
 
 def greedy_task(lab, shard):
-    """An environment in which the first task of a shard takes 700 MB before it begins."""
+    """An environment in which the first task of a shard takes 700 MB before it begins. Slurm kills process after process:
+    the task must not go on meanwhile."""
     folder = lab.folder / "greedy"
     folder.mkdir()
     command = folder / "rm"  # the first program that shard.sh runs
     command.write_text(f"""#!/bin/sh
-case "$*" in */end/{shard}) mkdir {folder}/begun 2>/dev/null && /usr/bin/python3 -c '
+case "$*" in */end/{shard}) if mkdir {folder}/begun 2>/dev/null; then /usr/bin/python3 -c '
 import time
 memory = b"x" * 700_000_000
-time.sleep(100)' ;; esac
+time.sleep(100)' || kill -KILL $PPID; fi ;; esac
 exec /bin/rm "$@"
 """)
     command.chmod(0o755)
