@@ -118,6 +118,7 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
                     {"format_version", reflectance_field_version},
                     {"bytes", fs::file_size(path)},
                     {"image", size_of(field.width, field.height)},
+                    {"colour_space", name_of(field.colour_space)},
                     {"light", describe(field.basis.domain, field.monitors)},
                     {"basis", describe(field.basis)},
                     {"transfer", describe(field.transfer)},
@@ -187,11 +188,16 @@ ordered_json describe_session(const fs::path& folder) {
   }
   ordered_json info{{"kind", "capture session"},
                     {"image", size_of(session.width, session.height)},
+                    {"colour_space", name_of(session.colour_space())},
                     {"light", describe(session.light, session.monitors)},
                     {"frames", session.frames.size()},
                     {"frames_by_role_and_kind", counts},
                     {"frames_with_noise_estimate", with_sigma},
                     {"ambient_frame", session.ambient.has_value()}};
+  if (const auto& colour = session.colour)
+    info["colour_chart"] = {{"photograph", colour->chart},
+                            {"delta_e_2000_median", colour->median_delta_e},
+                            {"delta_e_2000_largest", colour->largest_delta_e}};
   if (session.mask) {
     const Mask mask = read_mask(*session.mask, session.width, session.height);
     info["pixels_in_scene"] = std::ranges::count_if(mask, [](unsigned char m) { return m != 0; });

@@ -41,7 +41,7 @@ std::string utc_now() {
 void print_line(const std::string& text) {
   if (silent) return;
   if (on_terminal())
-    std::fprintf(stderr, "%s\n", text.c_str());
+    std::fprintf(stderr, "\r\033[K%s\n", text.c_str());  // in the place of the bar, which is drawn again
   else
     std::fprintf(stderr, "%s %s\n", utc_now().c_str(), text.c_str());
   std::fflush(stderr);

@@ -434,7 +434,7 @@ std::string job_name(const fs::path& output) {
 }
 
 /// Shards, processors, memory and time from the cost of the estimation, as measured on this machine.
-ClusterJob plan(SubmitArguments& arguments) {
+std::pair<ClusterJob, CostEstimate> plan(SubmitArguments& arguments) {
   CaptureSession session = open_estimation(arguments);
   ClusterJob job;
   job.engine = arguments.engine;
@@ -502,7 +502,7 @@ ClusterJob plan(SubmitArguments& arguments) {
                      std::to_string(std::lround(seconds)) + " s, each with " + std::to_string(job.threads) +
                      " threads, " + std::to_string(limits.memory_mib) + " MiB and at most " +
                      std::to_string(limits.minutes) + " min");
-  return job;
+  return {job, cost};
 }
 
 void submit(SubmitArguments arguments, const Common& common) {
@@ -510,6 +510,7 @@ void submit(SubmitArguments arguments, const Common& common) {
   const CaptureOptions& capture = arguments.capture;
   fs::path folder = fs::absolute(arguments.output + ".shards").lexically_normal();
   ClusterJob job;
+  CostEstimate cost;
   {
     // Of the output only while nothing is submitted; the job that merges takes it then.
     const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
@@ -518,7 +519,7 @@ void submit(SubmitArguments arguments, const Common& common) {
       throw InputError(folder.string() +
                        ": holds shards of an earlier submission; use --attach or --resume "
                        "with this folder, or --cancel and remove it");
-    job = plan(arguments);
+    std::tie(job, cost) = plan(arguments);
     job.folder = folder;
     job.output = fs::absolute(arguments.output).lexically_normal();
     job.name = job_name(job.output);
@@ -532,6 +533,7 @@ void submit(SubmitArguments arguments, const Common& common) {
     }
     fs::remove_all(folder);
     for (const char* name : {"shards", "end", "log"}) create_folders(folder / name);
+    write_text_atomically(folder / "shards" / "frame-check.json", cost.frame_check);
     write_scripts(job);
     write_cluster_job(job);
   }
@@ -580,12 +582,10 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
       "Estimate a reflectance field on a Slurm cluster.\n"
       "\n"
       "The image is divided into shards of rows, which are estimated as a Slurm job array and merged by a "
-      "last "
-      "job. The field equals that of 'refield estimate' on one machine, byte for byte. Memory and time per "
-      "shard come from the cost estimate of 'refield estimate --dry-run'. Shards that lose their node, "
-      "exceed "
-      "a limit or are killed are submitted again, with more memory or time, up to three times. Session, "
-      "program and output must have the same path on all nodes.\n"
+      "last job. The field equals that of 'refield estimate' on one machine, byte for byte. Memory and "
+      "time per shard come from the cost estimate of 'refield estimate --dry-run'. Shards that lose their "
+      "node, exceed a limit or are killed are submitted again, with more memory or time, up to three "
+      "times. Session, program and output must have the same path on all nodes.\n"
       "\n"
       "The command follows the jobs; Ctrl-C detaches from them, and they continue. Scripts, logs and shards "
       "are in the folder OUTPUT.shards.\n"

@@ -252,7 +252,9 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
   const auto limit = limit_threads(plan_job(job, options).threads);
   CostEstimate cost;
   const auto begin = Clock::now();
+  const std::string key = frame_check_key(job, options);
   cost.frames = check_frames(job, options, run);
+  cost.frame_check = frame_check_text(job, cost.frames, key);
   cost.check_seconds = seconds_since(begin);
   cost.plan = plan_job(job, options);
   const int images = cost.plan.images;

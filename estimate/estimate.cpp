@@ -176,7 +176,9 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   EstimateJob job = open_job(session, options, run);
   const auto limit = limit_threads(plan_job(job, options).threads);
   EstimateSummary summary;
-  summary.frames = check_frames(job, options, run);
+  summary.frames = options.rows
+                       ? check_frames_once(job, options, output.parent_path() / frame_check_name, run)
+                       : check_frames(job, options, run);
   summary.plan = plan_job(job, options);
   const std::string key = job_key(job, options);
   Checkpoint checkpoint(output, key);

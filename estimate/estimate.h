@@ -77,6 +77,8 @@ struct CostEstimate {
   double photographs_seconds = 0.0;  ///< reading all bands of all photographs
   double fit_seconds = 0.0;
   int sampled_pixels = 0;  ///< that were fitted to find out
+  /// Content of a file `frame-check.json` in the folder of shards, which saves them the check of frames.
+  std::string frame_check;
   double seconds() const { return check_seconds + lights_seconds + photographs_seconds + fit_seconds; }
 };
 
@@ -88,7 +90,8 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
                            const RunContext& run);
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
-/// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). Finished bands
+/// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). The check of
+/// frames is made once for all parts of a folder, which share it as `frame-check.json`. Finished bands
 /// are kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit
 /// for bit. Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004,
 /// sections 3 to 5.

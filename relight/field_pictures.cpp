@@ -4,6 +4,7 @@
 #include <tbb/concurrent_queue.h>
 #include <tbb/task_arena.h>
 
+#include <cmath>
 #include <utility>
 
 #include "core/base/errors.h"
@@ -88,6 +89,14 @@ Image FieldPictures::picture(const SceneLight& light, std::size_t frame, const R
 std::vector<float> FieldPictures::coverage(std::size_t frame) const {
   if (cameras_.empty()) return {};
   return view_ ? view_->coverage() : MeshView(*field_->mesh, cameras_[frame % cameras_.size()]).coverage();
+}
+
+std::string unobserved_light_warning(const LightShares& shares) {
+  if (shares.unobserved <= 0.01) return {};
+  return std::to_string(std::lround(100.0 * shares.unobserved)) +
+         " % of the light comes from texels that were black in all training light maps" +
+         (shares.interpolated > 0.0 ? ", far from all light sources of the capture" : "") +
+         "; the field does not contain its effect";
 }
 
 std::vector<PinholeCamera> turntable(const PinholeCamera& start, int frames) {

@@ -2,6 +2,7 @@
 #pragma once
 #include <cstddef>
 #include <memory>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -34,6 +35,7 @@ class FieldPictures {
   /// memory. Pictures before are as ReflectanceField::relight() gives them. Not while pictures are made.
   void lay_out(RelightPrecision precision);
 
+  ColourSpace colour_space() const { return field_->colour_space; }
   int width() const;
   int height() const;
 
@@ -56,6 +58,9 @@ class FieldPictures {
   std::shared_ptr<const BoxProjector> box_projector_;
   std::shared_ptr<Relighters> relighters_;
 };
+
+/// A warning where more than 1 % of the light has an effect that the field does not know; empty otherwise.
+std::string unobserved_light_warning(const LightShares& shares);
 
 /// `frames` cameras on a full circle about the target, along the horizon (around +Y), from `start` on; seen
 /// from above they go to the right of the first one's sight.

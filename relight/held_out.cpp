@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <span>
@@ -48,7 +49,7 @@ struct KindSums {
   bool has_sigma = true;            // every photograph carries its noise
   std::vector<double> noise = {};   // [pixels], Σσ² over measured samples
   std::vector<double> signal = {};  // [pixels], Σ observed²
-  double variance = 0.0;            // Σ light_error_variance()
+  std::vector<double> own = {};     // [pixels], Σ own_squared_error_under(), empty where that is not known
 
   void add_noise(const Photograph& reference) {
     has_sigma = has_sigma && !reference.sigma.empty();
@@ -72,9 +73,9 @@ PredictionCheck check_prediction(const ReflectanceField& field, const KindSums& 
     const double trained_noise = std::pow(field.quality.photograph_noise[p], 2);
     const double noise =
         sums.has_sigma ? sums.noise[p] / sums.signal[p] : noise_scale * noise_scale * trained_noise;
-    const double own = knows_light_error(field)
-                           ? own_squared_error(field.quality, p) * sums.variance / sums.signal[p]
-                           : std::max(std::pow(field.quality.predicted_error[p], 2) - trained_noise, 0.0);
+    const double own = sums.own.empty()
+                           ? std::max(std::pow(field.quality.predicted_error[p], 2) - trained_noise, 0.0)
+                           : sums.own[p] / sums.signal[p];
     predicted.push_back(static_cast<float>(std::sqrt(own + noise)));
     true_error.push_back(actual.values[p]);
     ratios.push_back(predicted.back() / true_error.back());
@@ -147,6 +148,11 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
                      std::to_string(session.height) + ", the field is " + std::to_string(field.width) + "×" +
                      std::to_string(field.height) +
                      "; compare a field with the session it was estimated from");
+  if (!truth && session.colour_space() != field.colour_space)
+    throw InputError(text_of(session) + ": the photographs are in " +
+                     std::string(name_of(session.colour_space())) + ", the field is in " +
+                     std::string(name_of(field.colour_space)) +
+                     "; estimate the field again from this session");
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
 
   const bool predicts = !field.quality.predicted_error.empty();
@@ -165,7 +171,9 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
         {frame.name, frame.observed, image_error(predicted, reference.radiance, mask, reference.sigma)});
     if (predicts) {
       kind->add_noise(reference);
-      kind->variance += light_error_variance(field, light.radiance).value_or(0.0);
+      const std::vector<double> own = own_squared_error_under(field, light.radiance);
+      kind->own.resize(own.size());
+      std::ranges::transform(kind->own, own, kind->own.begin(), std::plus<>());
     }
     progress.advance();
   }

@@ -47,14 +47,14 @@ Image unpremultiplied(Image image, std::span<const float> coverage) {
 }
 
 /// EXR prescribes premultiplied alpha, PNG alpha that is not.
-void write_with_alpha(const std::filesystem::path& path, const Image& image,
-                      std::span<const float> coverage) {
+void write_with_alpha(const std::filesystem::path& path, const Image& image, std::span<const float> coverage,
+                      ColourSpace space) {
   Image rgba(image.width, image.height, 4);
   for (std::size_t p = 0; p < coverage.size(); ++p) {
     std::copy_n(&image.values[3 * p], 3, &rgba.values[4 * p]);
     rgba.values[4 * p + 3] = coverage[p];
   }
-  write_exr(path, rgba);
+  write_exr(path, rgba, Precision::single, space);
 }
 void write_with_alpha(const std::filesystem::path& path, const Image& straight, const ToneMapping& mapping,
                       std::span<const float> coverage) {
@@ -156,9 +156,9 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
       else
         write_with_alpha(jobs[i].output, shown, {factors[i]}, coverage);
     } else if (coverage.empty()) {
-      write_exr(jobs[i].output, image);
+      write_exr(jobs[i].output, image, Precision::single, field.colour_space());
     } else {
-      write_with_alpha(jobs[i].output, image, coverage);
+      write_with_alpha(jobs[i].output, image, coverage, field.colour_space());
     }
     progress.advance();
   });

@@ -10,6 +10,7 @@
 
 #include "cli/run_context.h"
 #include "core/base/errors.h"
+#include "relight/field_pictures.h"
 #include "relight/held_out.h"
 
 namespace refield::cli {
@@ -177,12 +178,8 @@ void warn_of_unobserved_light(const LightShares& shares) {
                  "refield: note: %.0f %% of the light comes from directions between the light sources of the "
                  "capture; its effect is interpolated\n",
                  100.0 * shares.interpolated);
-  if (shares.unobserved > 0.01)
-    std::fprintf(stderr,
-                 "refield: warning: %.0f %% of the light comes from texels that were black in all training "
-                 "light maps%s; the field does not contain its effect\n",
-                 100.0 * shares.unobserved,
-                 shares.interpolated > 0.0 ? ", far from all light sources of the capture" : "");
+  if (const std::string warning = unobserved_light_warning(shares); !warning.empty())
+    std::fprintf(stderr, "refield: warning: %s\n", warning.c_str());
 }
 
 void warn_of_clipping(double clipped_share) {

@@ -57,8 +57,8 @@ const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std
 }
 
 std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference,
-                                        const RunContext& run) {
-  auto errors = held_out_errors(field, reference, nullptr, FrameRole::test, 1.0, run);
+                                        double noise_scale, const RunContext& run) {
+  auto errors = held_out_errors(field, reference, nullptr, FrameRole::test, noise_scale, run);
   std::ranges::stable_sort(errors, comes_before, &HeldOutError::kind);
   return errors;
 }
@@ -83,8 +83,9 @@ std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& r
     run.throw_if_stopped();
     const ReflectanceField& field = input.fields[f].field;
     if (!held_out.empty()) {
-      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session, run)});
-      if (input.truth) figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth, run)});
+      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session, 1.0, run)});
+      if (input.truth)
+        figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth, 0.0, run)});
     }
     if (!input.session.frames.empty()) {
       const CaptureFrame& frame = held_out.empty() ? input.session.frames.front() : held_out.front();

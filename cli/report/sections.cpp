@@ -26,7 +26,7 @@ std::string marked_photograph(const ReportInput& input, const KernelStudy& study
   const auto kinds = kinds_of(input.session);
   const CaptureFrame frame =
       kinds.empty() ? input.session.frames.front() : spread_frames(input.session, kinds.front(), 1).front();
-  const Image photograph = read_photograph(frame.observed).radiance;
+  const Image photograph = read_observed(frame).radiance;
   const double exposure = display_exposure(photograph, input.mask);
   const int width = photograph.width, height = photograph.height;
   std::string svg =
@@ -178,7 +178,7 @@ std::string first_impression(const ReportInput& input, const RunContext& run) {
   if (kinds.empty()) return "";
   const CaptureFrame frame = spread_frames(input.session, kinds.front(), 1).front();
   const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation, run);
-  const Image observed = read_photograph(frame.observed).radiance;
+  const Image observed = read_observed(frame).radiance;
   const double exposure = display_exposure(observed, input.mask);
   const auto figure = [&](const Image& image, double scale, const std::string& title,
                           const std::string& text) {
@@ -255,8 +255,8 @@ const CaptureFrame& same_frame(const CaptureSession& session, const std::string&
 /// One held-out light: all of its pictures at one exposure.
 std::string row_html(const ReportInput& input, const CaptureFrame& frame, const RunContext& run) {
   const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation, run);
-  const Image observed = read_photograph(frame.observed).radiance;
-  const Image reference = read_photograph(same_frame(input.reference(), frame.name).observed).radiance;
+  const Image observed = read_observed(frame).radiance;
+  const Image reference = read_observed(same_frame(input.reference(), frame.name)).radiance;
   const double light_exposure = display_exposure(light.radiance, {});
   const double exposure = display_exposure(reference, input.mask);
 
@@ -581,6 +581,30 @@ std::string image_spread(const ReportInput& input, const std::vector<FieldFigure
          list + "</tbody></table></div>";
 }
 
+/// How well the predicted errors hold under each kind of held-out light.
+std::string prediction_table(const ReportInput& input, const std::vector<FieldFigures>& figures) {
+  std::string list;
+  for (std::size_t f = 0; f < input.fields.size(); ++f)
+    for (const HeldOutError& error : figures[f].errors.back().kinds) {
+      const auto& prediction = error.prediction;
+      if (!prediction || !std::isfinite(prediction->median_ratio)) continue;
+      list += "<tr><td><span class=\"key c" + std::to_string(f % 6) + "\"><i></i>" +
+              escaped(input.fields[f].label) + "</span></td><td>" + escaped(kind_name(error.kind)) +
+              "</td><td class=\"num\">" + percent(prediction->predicted_median) + "</td><td class=\"num\">" +
+              fixed(prediction->median_ratio, 2) + "</td><td class=\"num\">" +
+              fixed(prediction->rank_correlation, 2) + "</td></tr>";
+    }
+  if (list.empty()) return "";
+  return "<h3>Predicted error by kind of light</h3><div class=\"wide\"><table><thead><tr><th>Field</th>"
+         "<th>Light</th><th class=\"num\">Predicted, median pixel</th><th class=\"num\">Predicted ∕ true</th>"
+         "<th class=\"num\">Rank correlation</th></tr></thead><tbody>" +
+         list +
+         "</tbody></table></div><p class=\"note\">Predicted pixel by pixel from the training images "
+         "alone, and compared with the error under held-out light, on " +
+         escaped(figures.front().errors.back().reference) +
+         ": median of the ratio, and Spearman's rank correlation over the pixels.</p>";
+}
+
 std::string error_chart(const ReportInput& input, const std::vector<FieldFigures>& figures) {
   BarChart chart;
   chart.title = "Held-out relative RMSE against " + figures.front().errors.back().reference;
@@ -622,7 +646,8 @@ std::string summary_html(const ReportInput& input, const std::vector<FieldFigure
   for (const std::string& kind : kinds_of(input.session))
     if (kind == "black")
       html += " Under black light the reference is almost zero: this error measures noise, not the field.";
-  return section_html("Summary", html + "</p>" + image_spread(input, figures));
+  return section_html("Summary",
+                      html + "</p>" + image_spread(input, figures) + prediction_table(input, figures));
 }
 
 std::string timing_html(const ReportInput& input, const std::vector<FieldFigures>& figures,

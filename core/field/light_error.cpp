@@ -131,15 +131,42 @@ bool knows_light_error(const FieldOutline& field) {
          (quality.light_error.known() || field.basis.interpolation);
 }
 
-std::optional<double> light_error_variance(const FieldOutline& field, const Image& radiance) {
-  if (!knows_light_error(field)) return std::nullopt;
-  const LightErrorModel& model = field.quality.light_error;
+std::vector<double> own_squared_error_under(const FieldOutline& field, const Image& radiance) {
+  if (!knows_light_error(field)) return {};
+  const FieldQuality& quality = field.quality;
   const auto& interpolation = field.basis.interpolation;
-  if (!model.known()) return variance_between(*interpolation, field.basis.domain, radiance);
-  if (!interpolation) return model.variance(radiance);
-  Image on_sources = radiance;
-  LightInterpolator(*interpolation, field.basis.domain).gather(on_sources);
-  return model.variance(on_sources);
+  std::vector<double> of_classes;
+  if (!quality.light_error.known()) {
+    of_classes = {variance_between(*interpolation, field.basis.domain, radiance)};
+  } else if (interpolation) {
+    Image on_sources = radiance;
+    LightInterpolator(*interpolation, field.basis.domain).gather(on_sources);
+    of_classes = quality.light_error.variances_under(on_sources);
+  } else {
+    of_classes = quality.light_error.variances_under(radiance);
+  }
+  std::vector<double> squared(quality.predicted_error.size());
+  for (std::size_t p = 0; p < squared.size(); ++p) {
+    const double own = std::pow(quality.predicted_error[p], 2.0) - std::pow(quality.photograph_noise[p], 2.0);
+    squared[p] = std::max(own, 0.0) * std::pow(quality.training_signal[p], 2.0) *
+                 of_classes[quality.light_class.empty() ? 0 : quality.light_class[p]];
+  }
+  return squared;
+}
+
+std::vector<float> predicted_error_under(const FieldOutline& field, const Image& radiance,
+                                         const Image& relit) {
+  const FieldQuality& quality = field.quality;
+  const std::vector<double> own = own_squared_error_under(field, radiance);
+  if (own.empty()) return quality.predicted_error;
+  std::vector<float> error(own.size(), 0.0f);
+  for (std::size_t p = 0; p < error.size(); ++p) {
+    double signal = 0.0;
+    for (int c = 0; c < 3; ++c) signal += std::pow(static_cast<double>(relit.values[3 * p + c]), 2.0);
+    if (!(signal > 0.0) || !(quality.predicted_error[p] > 0.0f)) continue;
+    error[p] = static_cast<float>(std::sqrt(own[p] / signal + std::pow(quality.photograph_noise[p], 2.0)));
+  }
+  return error;
 }
 
 SourceResponses::SourceResponses(const ReflectanceField& field, const std::vector<Box>& sources)

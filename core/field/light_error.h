@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <optional>
 #include <vector>
 
 #include "core/field/reflectance_field.h"
@@ -11,10 +10,17 @@ namespace refield {
 /// Whether the field's predicted errors follow the light: by its LightErrorModel, or between single light
 /// sources (predict_errors_between()).
 bool knows_light_error(const FieldOutline& field);
-/// Mean squared error of the field under `radiance`, a light map of its domain, in units of
-/// own_squared_error(); nothing unless knows_light_error(). Zero under single light sources that the field
-/// was made from: how noisy their photographs are is not known.
-std::optional<double> light_error_variance(const FieldOutline& field, const Image& radiance);
+/// The field's own squared error of each pixel under `radiance`, a light map of its domain, summed over
+/// channels: [pixels], empty unless knows_light_error(). Zero under single light sources that the field was
+/// made from: how noisy their photographs are is not known.
+std::vector<double> own_squared_error_under(const FieldOutline& field, const Image& radiance);
+
+/// Relative RMSE that every pixel is expected to have on a photograph under `radiance`, a light map of the
+/// field's domain, of which `relit` is the field's image [height × width × 3]: the field's own error under
+/// this light, and photograph noise in proportion to the pixel. 0 where no error is known or the image is
+/// black. Unless knows_light_error(), the prediction for the training images' kind of light.
+std::vector<float> predicted_error_under(const FieldOutline& field, const Image& radiance,
+                                         const Image& relit);
 
 /// What pixels show of equal irradiance from each of a field's light sources.
 class SourceResponses {

@@ -8,9 +8,9 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <numeric>
 #include <vector>
 
-#include "core/field/light_error.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
 
@@ -190,7 +190,8 @@ class Prediction {
   double common_log_ratio_ = 0.0;
 };
 
-/// Middle errors over the pixels where fits to parts of the images were tried.
+/// Middle errors over the pixels where fits to parts of the images were tried; none where these are so few
+/// that they do not stand for the picture.
 std::vector<LearningPoint> learning_curve_of(std::span<const ErrorEvidence> evidence) {
   std::vector<float> quarter, half, most;
   for (const ErrorEvidence& pixel : evidence) {
@@ -199,7 +200,8 @@ std::vector<LearningPoint> learning_curve_of(std::span<const ErrorEvidence> evid
     half.push_back(std::sqrt(pixel.from_half));
     most.push_back(std::sqrt(pixel.cross_validated));
   }
-  if (quarter.empty()) return {};
+  constexpr std::size_t min_pixels = 64;  // four blocks
+  if (quarter.size() < min_pixels) return {};
   const auto median = [](const std::vector<float>& errors) {
     return static_cast<float>(quantile(errors, 0.5));
   };
@@ -208,7 +210,15 @@ std::vector<LearningPoint> learning_curve_of(std::span<const ErrorEvidence> evid
 
 }  // namespace
 
-double LightErrorModel::variance(const Image& radiance) const {
+bool LightErrorModel::is_sound() const {
+  constexpr std::size_t max_cells = 4096;
+  const std::size_t count = cells.size(), square = count * count;
+  if (count == 0) return directions.empty() && variances.empty();
+  if (count > max_cells || directions.empty() || directions.size() % square != 0) return false;
+  return !variances.empty() && variances.size() % (directions.size() / count) == 0;
+}
+
+std::vector<double> LightErrorModel::variances_under(const Image& radiance) const {
   std::vector<std::array<double, 3>> sums;
   sums.reserve(cells.size());
   for (const Box& cell : cells) {
@@ -217,35 +227,21 @@ double LightErrorModel::variance(const Image& radiance) const {
       for (int x = cell.x0; x < cell.x1; ++x)
         for (int c = 0; c < 3; ++c) sum[c] += radiance.at(x, y, c);
   }
-  double total = 0.0;
-  const float* entry = covariance.data();
-  for (std::size_t i = 0; i < sums.size(); ++i)
-    for (std::size_t k = 0; k <= i; ++k) {
-      const double product =
-          (sums[i][0] * sums[k][0] + sums[i][1] * sums[k][1] + sums[i][2] * sums[k][2]) / 3.0;
-      total += (k < i ? 2.0 : 1.0) * static_cast<double>(*entry++) * product;
+  const std::size_t count = cells.size(), priors = directions.size() / (count * count);
+  std::vector<double> total(classes(), 0.0), along(count);
+  for (std::size_t prior = 0; prior < priors; ++prior) {
+    const float* direction = directions.data() + prior * count * count;
+    for (double& mean_square : along) {
+      std::array<double, 3> effect{};
+      for (std::size_t i = 0; i < count; ++i)
+        for (std::size_t c = 0; c < 3; ++c) effect[c] += static_cast<double>(direction[i]) * sums[i][c];
+      mean_square = (effect[0] * effect[0] + effect[1] * effect[1] + effect[2] * effect[2]) / 3.0;
+      direction += count;
     }
-  return std::max(total, 0.0);
-}
-
-std::vector<float> predicted_error_under(const FieldOutline& field, double variance, const Image& relit) {
-  const FieldQuality& quality = field.quality;
-  if (!knows_light_error(field)) return quality.predicted_error;
-  std::vector<float> error(quality.predicted_error.size(), 0.0f);
-  for (std::size_t p = 0; p < error.size(); ++p) {
-    double signal = 0.0;
-    for (int c = 0; c < 3; ++c) signal += std::pow(static_cast<double>(relit.values[3 * p + c]), 2.0);
-    if (!(signal > 0.0) || !(quality.predicted_error[p] > 0.0f)) continue;
-    error[p] = static_cast<float>(std::sqrt(own_squared_error(quality, p) * variance / signal +
-                                            std::pow(quality.photograph_noise[p], 2.0)));
+    for (std::size_t k = prior * total.size() / priors; k < (prior + 1) * total.size() / priors; ++k)
+      total[k] = std::inner_product(along.begin(), along.end(), variances.data() + k * count, 0.0);
   }
-  return error;
-}
-
-double own_squared_error(const FieldQuality& quality, std::size_t pixel) {
-  const double own =
-      std::pow(quality.predicted_error[pixel], 2.0) - std::pow(quality.photograph_noise[pixel], 2.0);
-  return std::max(own, 0.0) * std::pow(quality.training_signal[pixel], 2.0);
+  return total;
 }
 
 void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence) {
@@ -261,9 +257,13 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
       if (!(evidence[p].leave_one_out > 0.0f)) continue;
       const double steadied = prediction.steadied(x, y);
       const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
-      const double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
+      double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
       const double shared = std::clamp<double>(evidence[p].shared, 0.0, steadied);
-      const double own = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
+      double own = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
+      if (std::isfinite(evidence[p].expected)) {
+        own = evidence[p].expected;
+        predicted = std::max(predicted, own);
+      }
       quality.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
       quality.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - own));
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <limits>
 #include <span>
 #include <string>
@@ -37,30 +38,26 @@ class LearningCurve {
 };
 
 /// How the error of a field depends on the light: the variance of e · δ under light e, where δ is what the
-/// training lights leave unknown of a pixel's reflectance function. The same for all pixels but for its
-/// scale.
+/// training lights leave unknown of a pixel's reflectance function. It follows from the lights alone, but for
+/// the pixel's scale and its class: the prior covariance of δ and the ratio of noise to signal that describe
+/// the pixel best. Of δ by one prior, Σ d (d · e) is the effect of light e along directions d in which the
+/// classes of that prior differ by their variances only.
 struct LightErrorModel {
   std::vector<Box> cells;         ///< of the light map; light outside them does not count
-  std::vector<float> covariance;  ///< of δ, summed over cells: lower triangle [cells × (cells + 1) / 2]
+  std::vector<float> directions;  ///< [priors × directions × cells], as many directions as cells
+  std::vector<float>
+      variances;  ///< [classes × directions]; each prior has as many classes, one after another
 
   bool known() const { return !cells.empty(); }
-  /// Mean squared error under `radiance`, a light map of the field's domain, divided by that under light of
-  /// the training images' kind.
-  double variance(const Image& radiance) const;
+  std::size_t classes() const { return known() ? variances.size() / cells.size() : 0; }
+  /// Whether the sizes fit together, of at most 4096 cells.
+  bool is_sound() const;
+  /// Of each class, the mean squared error under `radiance`, a light map of the field's domain, divided by
+  /// that under light of the training images' kind.
+  std::vector<double> variances_under(const Image& radiance) const;
 };
 
 struct FieldOutline;
-struct FieldQuality;
-
-/// The field's own squared error of a pixel under light of the training images' kind, summed over channels:
-/// what LightErrorModel::variance() scales.
-double own_squared_error(const FieldQuality& quality, std::size_t pixel);
-
-/// Relative RMSE that every pixel is expected to have on a photograph under the light that gave `relit`, the
-/// field's image [height × width × 3]: the field's own error, scaled by `variance` of its LightErrorModel,
-/// and photograph noise in proportion to the pixel. 0 where no error is known or the image is black. The
-/// prediction for the training images' kind of light where the field holds no such model.
-std::vector<float> predicted_error_under(const FieldOutline& field, double variance, const Image& relit);
 
 /// What a pixel's training images tell about its error on images to come. All three are squared and relative
 /// to Σ b² over the pixel's measured samples: a pixel without kernels misses all of it, one without light has
@@ -72,12 +69,16 @@ struct ErrorEvidence {
   /// The part of it that the pixel shares with its left and right neighbour, image by image: what the field
   /// misses. The rest is noise, which neighbours do not share. May be negative by chance.
   float shared = 0.0f;
+  /// What the field misses as the regression on light cells expects it; NaN for light with many degrees of
+  /// freedom.
+  float expected = std::numeric_limits<float>::quiet_NaN();
   /// Residual of images that the whole choice of kernels was made without; known on a lattice of pixels, NaN
   /// elsewhere.
   float cross_validated = std::numeric_limits<float>::quiet_NaN();
   /// The same for fits to a half and to a quarter of the images; known in every fourth lattice block.
   float from_half = std::numeric_limits<float>::quiet_NaN();
   float from_quarter = std::numeric_limits<float>::quiet_NaN();
+  std::uint32_t light_class = 0;  ///< of the field's LightErrorModel; FieldQuality keeps it
 };
 
 /// Cross-validation is done on a lattice of small blocks of pixels, counted from the whole picture's corner:

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
@@ -11,6 +12,7 @@
 #include "core/field/mesh.h"
 #include "core/field/predicted_error.h"
 #include "core/field/transfer_matrix.h"
+#include "core/image/colour.h"
 #include "core/image/image.h"
 #include "core/light/monitor_placement.h"
 
@@ -34,6 +36,7 @@ struct FieldQuality {
   std::vector<float> photograph_noise;  ///< the part of predicted_error that is the photographs' own noise
   std::vector<float> training_signal;   ///< root of the mean, over training images, of a pixel's Σ b²
   LightErrorModel light_error;          ///< how the field's own part of predicted_error depends on the light
+  std::vector<std::uint32_t> light_class;  ///< of light_error, of each pixel; empty where there is one class
   std::vector<LearningPoint> learning_curve;  ///< error against the share of the training images, or empty
 };
 
@@ -62,7 +65,8 @@ struct FieldOutline {
   /// Rectangles of the light map outside which all training lights were black: the field does not know what
   /// light from there does. Empty where light came from everywhere, or where that is not known.
   std::vector<Box> observed_light;
-  std::optional<OutputMesh> mesh;  ///< where the outputs are no pixels of a camera
+  ColourSpace colour_space = ColourSpace::camera;  ///< of the outputs
+  std::optional<OutputMesh> mesh;                  ///< where the outputs are no pixels of a camera
   /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal
   /// inputs give equal files.
   std::string provenance = "{}";

@@ -47,7 +47,9 @@ constexpr std::array data_set_names = {
     "statistics/photograph_noise",
     "statistics/training_signal",
     "statistics/light_cells",
-    "statistics/light_covariance",
+    "statistics/light_directions",
+    "statistics/light_variances",
+    "statistics/light_class",
     mesh_data_set_names[0],
     mesh_data_set_names[1],
     mesh_data_set_names[2],
@@ -55,15 +57,17 @@ constexpr std::array data_set_names = {
     mesh_data_set_names[4],
 };
 
+constexpr const char* colour_space_name = "colour_space";
+constexpr const char* rec709_name = "lin_rec709";  // as OpenColorIO's configurations call it
 constexpr const char* boxes_name = "basis/boxes";
 constexpr const char* monitors_name = "basis/monitors";
 constexpr std::size_t numbers_of_a_monitor = 8;
 constexpr const char* observed_name = "basis/observed_light";
 constexpr const char* interpolation_name = "basis/interpolation";
 constexpr const char* light_cells_name = "statistics/light_cells";
-constexpr const char* light_covariance_name = "statistics/light_covariance";
-/// The covariance of the cells grows with the square.
-constexpr std::size_t max_error_cells = 4096;
+constexpr const char* light_directions_name = "statistics/light_directions";
+constexpr const char* light_variances_name = "statistics/light_variances";
+constexpr const char* light_class_name = "statistics/light_class";
 
 void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
   std::vector<double> numbers;
@@ -174,6 +178,7 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
   writer.number("hat_columns", field.basis.hats.columns);
   writer.number("hat_rows", field.basis.hats.rows);
   writer.text("light_parameterisation", std::string(name_of(field.basis.domain.parameterisation)));
+  if (field.colour_space == ColourSpace::rec709) writer.text(colour_space_name, rec709_name);
   writer.text("provenance", field.provenance);
   write_boxes(writer, boxes_name, field.basis.boxes);
   if (!field.observed_light.empty()) write_boxes(writer, observed_name, field.observed_light);
@@ -183,7 +188,9 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
   }
   if (const LightErrorModel& model = field.quality.light_error; model.known()) {
     write_boxes(writer, light_cells_name, model.cells);
-    writer.dataset(light_covariance_name, model.covariance.data(), {model.covariance.size()});
+    const std::size_t count = model.cells.size();
+    writer.dataset(light_directions_name, model.directions.data(), {model.directions.size() / count, count});
+    writer.dataset(light_variances_name, model.variances.data(), {model.classes(), count});
   }
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
   write_precomputed(writer, field);
@@ -206,11 +213,14 @@ std::string fault_of_statistics(const FieldOutline& field) {
   if (std::ranges::any_of(quality.training_signal, is_no_error))
     return "statistics/training_signal contains an invalid value";
   const LightErrorModel& model = quality.light_error;
-  if (model.cells.size() > max_error_cells ||
-      model.covariance.size() != model.cells.size() * (model.cells.size() + 1) / 2)
-    return "statistics/light_covariance does not fit statistics/light_cells";
-  if (std::ranges::any_of(model.covariance, [](float value) { return !std::isfinite(value); }))
-    return "statistics/light_covariance contains a value that is not finite";
+  if (!model.is_sound())
+    return "statistics/light_directions or light_variances does not fit statistics/light_cells";
+  if (std::ranges::any_of(model.directions, [](float value) { return !std::isfinite(value); }) ||
+      std::ranges::any_of(model.variances, is_no_error))
+    return "statistics/light_directions or light_variances contains an invalid value";
+  if (quality.light_class.size() != (model.classes() > 1 ? quality.training_signal.size() : 0) ||
+      std::ranges::any_of(quality.light_class, [&](std::uint32_t of) { return of >= model.classes(); }))
+    return "statistics/light_class does not fit statistics/light_variances and training_signal";
   if (model.known() && quality.training_signal.size() < quality.predicted_error.size())
     return "statistics/training_signal is missing";
   for (const auto* map : {&quality.predicted_error, &quality.photograph_noise}) {
@@ -258,8 +268,8 @@ void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
     std::vector<float> numbers;
     for (const ErrorEvidence& pixel : evidence)
       numbers.insert(numbers.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated,
-                                     pixel.from_half, pixel.from_quarter});
-    writer.dataset("statistics/error_evidence", numbers.data(), {evidence.size(), 5});
+                                     pixel.from_half, pixel.from_quarter, pixel.expected});
+    writer.dataset("statistics/error_evidence", numbers.data(), {evidence.size(), 6});
   }
   if (!quality.learning_curve.empty()) {
     std::vector<float> points;
@@ -270,6 +280,8 @@ void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
   if (!quality.training_signal.empty())
     writer.dataset("statistics/training_signal", quality.training_signal.data(),
                    {quality.training_signal.size()});
+  if (!quality.light_class.empty())
+    writer.dataset(light_class_name, quality.light_class.data(), {quality.light_class.size()});
   if (!quality.predicted_error.empty()) {
     writer.dataset("statistics/predicted_error", quality.predicted_error.data(),
                    {quality.predicted_error.size()});
@@ -284,7 +296,8 @@ std::uint64_t outline_bytes(const FieldOutline& field) {
          field.basis.boxes.size() * sizeof(Box) + field.quality.training_error.size() * sizeof(float) +
          field.quality.light_error.cells.size() * sizeof(Box) +
          (field.quality.predicted_error.size() + field.quality.photograph_noise.size() +
-          field.quality.training_signal.size() + field.quality.light_error.covariance.size()) *
+          field.quality.training_signal.size() + field.quality.light_class.size() +
+          field.quality.light_error.directions.size() + field.quality.light_error.variances.size()) *
              sizeof(float);
 }
 
@@ -324,6 +337,12 @@ FieldOutline read_outline(const Hdf5Values& values) {
                         parameterisation_of(values)};
   field.basis.hats = {values.number("hat_columns"), values.number("hat_rows")};
   require_sound(values, fault_of_sizes(field));
+  if (values.outline.texts.contains(colour_space_name)) {
+    if (values.text(colour_space_name) != rec709_name)
+      values.fail("is in the colour space '" + values.text(colour_space_name) +
+                  "', which this version does not support");
+    field.colour_space = ColourSpace::rec709;
+  }
   field.provenance = values.text("provenance");
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
@@ -337,13 +356,11 @@ FieldOutline read_outline(const Hdf5Values& values) {
     if (const std::string fault = of.fault(field.basis.domain); !fault.empty())
       values.fail(std::string(interpolation_name) + " " + fault);
   }
-  if (values.has(light_cells_name) && values.has(light_covariance_name)) {
+  if (values.has(light_cells_name) && values.has(light_directions_name) && values.has(light_variances_name)) {
     LightErrorModel& model = field.quality.light_error;
     model.cells = read_separate_boxes(values, light_cells_name, field.basis.domain);
-    model.covariance = values.dataset<float>(light_covariance_name, 1);
-    if (model.cells.size() > max_error_cells ||
-        model.covariance.size() != model.cells.size() * (model.cells.size() + 1) / 2)
-      values.fail("statistics/light_covariance does not fit statistics/light_cells");
+    model.directions = values.dataset<float>(light_directions_name, model.cells.size());
+    model.variances = values.dataset<float>(light_variances_name, model.cells.size());
   }
   return field;
 }
@@ -354,12 +371,17 @@ void read_boxes(const Hdf5Values& values, FieldOutline& field) {
 
 std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels) {
   if (!values.has("statistics/error_evidence")) return {};
-  const auto numbers = values.dataset<float>("statistics/error_evidence", 5);
-  if (numbers.size() != pixels * 5) values.fail("statistics/error_evidence does not fit the image size");
+  const auto numbers = values.dataset<float>("statistics/error_evidence", 6);
+  if (numbers.size() != pixels * 6) values.fail("statistics/error_evidence does not fit the image size");
   std::vector<ErrorEvidence> evidence;
   evidence.reserve(pixels);
-  for (std::size_t i = 0; i < numbers.size(); i += 5)
-    evidence.push_back({numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3], numbers[i + 4]});
+  for (std::size_t i = 0; i < numbers.size(); i += 6)
+    evidence.push_back({.leave_one_out = numbers[i],
+                        .shared = numbers[i + 1],
+                        .expected = numbers[i + 5],
+                        .cross_validated = numbers[i + 2],
+                        .from_half = numbers[i + 3],
+                        .from_quarter = numbers[i + 4]});
   return evidence;
 }
 
@@ -375,6 +397,7 @@ void read_statistics(const Hdf5Values& values, FieldOutline& field) {
     quality.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
   if (values.has("statistics/training_signal"))
     quality.training_signal = values.dataset<float>("statistics/training_signal", 1);
+  if (values.has(light_class_name)) quality.light_class = values.dataset<std::uint32_t>(light_class_name, 1);
   if (values.has("statistics/photograph_noise"))
     quality.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
   require_sound(values, fault_of_statistics(field));

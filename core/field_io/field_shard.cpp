@@ -87,6 +87,8 @@ class Joiner {
     errors.insert(errors.end(), part.quality.training_error.begin(), part.quality.training_error.end());
     std::vector<float>& signal = whole_.quality.training_signal;
     signal.insert(signal.end(), part.quality.training_signal.begin(), part.quality.training_signal.end());
+    std::vector<std::uint32_t>& of_pixels = whole_.quality.light_class;
+    of_pixels.insert(of_pixels.end(), part.quality.light_class.begin(), part.quality.light_class.end());
     error_evidence_.insert(error_evidence_.end(), shard.error_evidence.begin(), shard.error_evidence.end());
   }
   /// Errors are predicted now that all rows are there, as a run over all of them does at its end.

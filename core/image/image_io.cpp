@@ -272,7 +272,7 @@ Image select_channels(const std::vector<float>& raw, int width, int height, int 
 }
 
 void write_channels(const fs::path& path, int width, int height, const std::vector<std::string>& names,
-                    const float* values, Precision precision) {
+                    const float* values, Precision precision, ColourSpace space) {
   write_atomically(path, [&](const fs::path& temporary) {
     const auto fail = [&](const std::string& why) {
       throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the image (" + why + ")");
@@ -290,6 +290,12 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
     constexpr std::int8_t no_date = 0;
     spec.attribute("DateTime", OIIO::TypeDesc::INT8, &no_date);
     spec.attribute("oiio:ColorSpace", "Linear");
+    if (space == ColourSpace::rec709) {
+      std::array<float, 8> xy{};
+      for (std::size_t i = 0; i < xy.size(); ++i)
+        xy[i] = static_cast<float>(rec709_chromaticities()[i / 2][static_cast<Eigen::Index>(i % 2)]);
+      spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), xy.data());
+    }
     if (!output->open(temporary.string(), spec)) fail(output->geterror());
     if (!output->write_image(OIIO::TypeDesc::FLOAT, values)) fail(output->geterror());
     if (!output->close()) fail(output->geterror());
@@ -511,7 +517,7 @@ LightMap read_light_map(const fs::path& path, Parameterisation parameterisation,
   return light;
 }
 
-void write_exr(const fs::path& path, const Image& image, Precision precision) {
+void write_exr(const fs::path& path, const Image& image, Precision precision, ColourSpace space) {
   std::vector<std::string> names = {"R", "G", "B", "A"};
   if (image.channels == 1)
     names = {"Y"};
@@ -519,7 +525,7 @@ void write_exr(const fs::path& path, const Image& image, Precision precision) {
     names.pop_back();
   else if (image.channels != 4)
     throw InputError("an EXR of 1, 3 or 4 channels can be written");
-  write_channels(path, image.width, image.height, names, image.values.data(), precision);
+  write_channels(path, image.width, image.height, names, image.values.data(), precision, space);
 }
 
 void write_photograph(const fs::path& path, const Photograph& photograph, Precision precision) {
@@ -533,7 +539,7 @@ void write_photograph(const fs::path& path, const Photograph& photograph, Precis
       six[6 * p + 3 + c] = photograph.sigma.values[3 * p + c];
     }
   write_channels(path, radiance.width, radiance.height, {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B"},
-                 six.data(), precision);
+                 six.data(), precision, ColourSpace::camera);
 }
 
 std::vector<std::uint8_t> encode_png(const ScreenImage& image) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/base/run_context.h"
+#include "core/image/colour.h"
 #include "core/image/image.h"
 #include "core/image/tone_map.h"
 #include "core/light/light_map.h"
@@ -48,10 +49,10 @@ Photograph read_photograph(const std::filesystem::path& path);
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
                         const RunContext& run = {});
 
-/// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically. Throws DeviceError where the disk
-/// refuses.
-void write_exr(const std::filesystem::path& path, const Image& image,
-               Precision precision = Precision::single);
+/// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically, with the attribute `chromaticities` where
+/// the colour space has any. Throws DeviceError where the disk refuses.
+void write_exr(const std::filesystem::path& path, const Image& image, Precision precision = Precision::single,
+               ColourSpace space = ColourSpace::camera);
 void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
                       Precision precision = Precision::single);
 

@@ -4,7 +4,9 @@
 #define TOML_EXCEPTIONS 1
 #include <toml++/toml.h>
 
+#include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <map>
 #include <optional>
@@ -51,10 +53,37 @@ fs::path existing_file(ConfigSection& section, const char* key, const fs::path& 
   return folder / name;
 }
 
-void read_camera_size(ConfigSection camera, CaptureSession& session) {
+toml::table table_of(const CameraColour& colour) {
+  toml::array matrix;
+  for (int i = 0; i < 9; ++i) matrix.push_back(colour.rec709_from_camera(i / 3, i % 3));
+  return toml::table{{"rec709_from_camera", matrix},
+                     {"chart", colour.chart},
+                     {"delta_e_2000_median", colour.median_delta_e},
+                     {"delta_e_2000_largest", colour.largest_delta_e}};
+}
+
+CameraColour read_colour(ConfigSection table) {
+  constexpr double largest_element = 1e3;
+  CameraColour colour;
+  table.require("rec709_from_camera");
+  std::vector<double> numbers;
+  table.numbers("rec709_from_camera", numbers, -largest_element, largest_element);
+  if (numbers.size() != 9) table.fail("rec709_from_camera", "is not 9 numbers, row by row");
+  for (int i = 0; i < 9; ++i) colour.rec709_from_camera(i / 3, i % 3) = numbers[i];
+  if (std::abs(colour.rec709_from_camera.determinant()) < 1e-9)
+    table.fail("rec709_from_camera", "maps different colours to one (its determinant is 0)");
+  table.text("chart", colour.chart, true);
+  table.number("delta_e_2000_median", colour.median_delta_e, 0.0, ConfigSection::unlimited);
+  table.number("delta_e_2000_largest", colour.largest_delta_e, 0.0, ConfigSection::unlimited);
+  table.finish();
+  return colour;
+}
+
+void read_camera(ConfigSection camera, CaptureSession& session) {
   for (const char* key : {"width", "height"}) camera.require(key);
   camera.integer("width", session.width, 1, max_size);
   camera.integer("height", session.height, 1, max_size);
+  if (auto colour = camera.table("colour")) session.colour = read_colour(std::move(*colour));
   camera.finish();
 }
 
@@ -83,6 +112,7 @@ CaptureFrame read_frame(ConfigSection& entry, const CaptureSession& session) {
   frame.illumination = existing_file(entry, "illumination", session.folder);
   frame.observed = existing_file(entry, "observed", session.folder);
   frame.order = static_cast<double>(session.frames.size());
+  if (session.colour) frame.rec709_from_camera = session.colour->rec709_from_camera.cast<float>();
   entry.number("order", frame.order, -ConfigSection::unlimited, ConfigSection::unlimited);
   entry.finish();
   return frame;
@@ -177,6 +207,7 @@ void write_session_manifest(const CaptureSession& session) {
                             {"height", session.light.height},
                             {"parameterisation", std::string(name_of(session.light.parameterisation))}}}};
   if (!session.monitors.empty()) manifest["light"].as_table()->insert("monitor", tables_of(session.monitors));
+  if (session.colour) manifest["camera"].as_table()->insert("colour", table_of(*session.colour));
   if (session.ambient) manifest.insert("ambient", relative(*session.ambient));
   if (session.mask) manifest.insert("mask", relative(*session.mask));
   manifest.insert("frame", frames);
@@ -204,7 +235,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
 
   CaptureSession session;
   session.folder = folder;
-  read_camera_size(file.section("camera"), session);
+  read_camera(file.section("camera"), session);
   read_light_domain(file.section("light"), session);
   std::set<std::string> names;
   for (ConfigSection& entry : file.sections("frame")) {
@@ -276,7 +307,24 @@ Photograph copied(const CaptureFrame::Views& views, int first, int last) {
   return photograph;
 }
 
-Photograph divided(Photograph photograph, const std::array<float, 3>& gain) {
+void convert(Photograph& photograph, const Eigen::Matrix3f& matrix) {
+  const Eigen::Matrix3f squares = matrix.cwiseAbs2();
+  for (std::size_t i = 0; i < photograph.radiance.values.size(); i += 3) {
+    Eigen::Map<Eigen::Vector3f> radiance(&photograph.radiance.values[i]);
+    radiance = (matrix * radiance).eval();
+    if (photograph.sigma.empty()) continue;
+    Eigen::Map<Eigen::Vector3f> sigma(&photograph.sigma.values[i]);
+    if ((sigma.array() == std::numeric_limits<float>::infinity()).any())
+      sigma.setConstant(std::numeric_limits<float>::infinity());
+    else
+      sigma = (squares * sigma.cwiseAbs2()).cwiseSqrt().eval();
+  }
+}
+
+/// From the camera's channels and brightness to the frame's.
+Photograph corrected(Photograph photograph, const CaptureFrame& frame) {
+  if (frame.rec709_from_camera) convert(photograph, *frame.rec709_from_camera);
+  const auto& gain = frame.gain;
   if (gain == std::array<float, 3>{1.0f, 1.0f, 1.0f}) return photograph;
   for (Image* image : {&photograph.radiance, &photograph.sigma})
     for (std::size_t i = 0; i < image->values.size(); ++i) image->values[i] /= gain[i % 3];
@@ -294,13 +342,13 @@ LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameter
 }
 
 Photograph read_observed(const CaptureFrame& frame) {
-  if (frame.views) return divided(copied(*frame.views, 0, frame.views->photograph.height), frame.gain);
-  return divided(read_photograph(frame.observed), frame.gain);
+  if (frame.views) return corrected(copied(*frame.views, 0, frame.views->photograph.height), frame);
+  return corrected(read_photograph(frame.observed), frame);
 }
 
 Photograph read_observed_rows(const CaptureFrame& frame, int first, int last) {
-  if (frame.views) return divided(copied(*frame.views, first, last), frame.gain);
-  return divided(read_photograph_rows(frame.observed, first, last), frame.gain);
+  if (frame.views) return corrected(copied(*frame.views, first, last), frame);
+  return corrected(read_photograph_rows(frame.observed, first, last), frame);
 }
 
 Mask read_mask(const fs::path& path, int width, int height) {

@@ -36,6 +36,16 @@ struct CaptureFrame {
     ImageView light, photograph, sigma;
   };
   std::optional<Views> views = std::nullopt;
+  /// By which read_observed() multiplies each pixel of the photograph, before the gain: CameraColour's.
+  std::optional<Eigen::Matrix3f> rec709_from_camera = std::nullopt;
+};
+
+/// What a colour chart told of the camera. Photographs stay in the camera's channels on disk.
+struct CameraColour {
+  Eigen::Matrix3d rec709_from_camera = Eigen::Matrix3d::Identity();
+  std::string chart;            ///< name of the photograph of the chart; free text
+  double median_delta_e = 0.0;  ///< CIEDE2000 over the patches of the chart
+  double largest_delta_e = 0.0;
 };
 
 /// A capture: what `acquire` and `simulate` leave on disk and `estimate` starts from. The session folder and
@@ -52,7 +62,10 @@ struct CaptureSession {
   /// Where the monitor stood, one placement for each window of the light maps (check_placements()); empty
   /// where that is not known.
   std::vector<MonitorPlacement> monitors{};
+  std::optional<CameraColour> colour{};
 
+  /// Of what read_observed() gives.
+  ColourSpace colour_space() const { return colour ? ColourSpace::rec709 : ColourSpace::camera; }
   std::vector<CaptureFrame> frames_of(FrameRole role) const;
 };
 
@@ -84,7 +97,8 @@ void check_image_sizes(CaptureSession& session);
 LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
                            const RunContext& run);
 
-/// Reads a frame's photograph, or its rows [first, last), and divides radiance and sigma by the frame's gain.
+/// Reads a frame's photograph, or its rows [first, last), and applies the frame's colour matrix and gain to
+/// radiance and sigma. With a matrix, a pixel that was not measured in one channel counts as not measured.
 Photograph read_observed(const CaptureFrame& frame);
 Photograph read_observed_rows(const CaptureFrame& frame, int first, int last);
 

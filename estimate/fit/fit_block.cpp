@@ -39,6 +39,8 @@ std::vector<PixelKernels> BlockModel::fit(std::span<const PixelSamples> samples,
       auto texels = texels_->fit(samples[p]);
       if (texels_->is_interpolating() || texels.criterion < texels_->criterion_of(kernels[p], samples[p]))
         kernels[p] = std::move(texels.kernels);
+      else
+        kernels[p].light_class = texels.kernels.light_class;
     }
     return kernels;
   }

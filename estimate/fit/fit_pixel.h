@@ -23,9 +23,11 @@ struct PixelKernels {
   std::vector<float> smooth;      ///< [hats × 3], ≥ 0; empty without a smooth part
   double squared_residual = 0.0;  ///< over images and channels
   double squared_samples = 0.0;   ///< Σ b² over images and channels
-  /// Weights of light cells and not of rectangles that a search found: what TexelRegression chose; else −1.
-  /// Not kept on disk.
-  int texel_prior = -1;
+  /// Weights of light cells and not of rectangles that a search found. Not kept on disk.
+  bool is_on_cells = false;
+  /// What TexelRegression selected for the pixel, whichever model it uses: index of the prior ×
+  /// cell_noise_levels + that of the noise; −1 for light with many degrees of freedom. Not kept on disk.
+  int light_class = -1;
   ErrorEvidence evidence = {};  ///< filled by estimate_band() where it was asked for
 };
 

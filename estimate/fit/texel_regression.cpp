@@ -15,26 +15,15 @@ namespace refield {
 
 namespace {
 
-/// Prior covariance of the weights: the length of its smooth part, as a part of the light map's width (of the
-/// sphere's diameter for maps of directions), and the share of its independent part.
-struct Prior {
-  double length;
-  double independent;
-};
-constexpr std::array<Prior, 8> priors = {{{1.0, 1.0},
-                                          {0.125, 0.3},
-                                          {0.125, 0.003},
-                                          {0.5, 0.1},
-                                          {0.5, 0.003},
-                                          {2.0, 0.03},
-                                          {2.0, 0.003},
-                                          {2.0, 0.0003}}};
+constexpr std::array<CellPrior, 8> priors = {{{1.0, 1.0},
+                                              {0.125, 0.3},
+                                              {0.125, 0.003},
+                                              {0.5, 0.1},
+                                              {0.5, 0.003},
+                                              {2.0, 0.03},
+                                              {2.0, 0.003},
+                                              {2.0, 0.0003}}};
 
-/// Ratio of noise variance to the mean variance of a sample, level by level.
-constexpr int all_noise_levels = 20;
-double noise_ratio(int level) {
-  return std::pow(10.0, -9.0 + 0.5 * level);
-}
 /// Lights whose Gram matrix, of unit lights, has eigenvalues within this factor do not tell noise from
 /// detail.
 constexpr double nearly_orthogonal = 100.0;
@@ -128,6 +117,14 @@ std::vector<int> measured_in(const float* samples, int images) {
 
 }  // namespace
 
+std::span<const CellPrior> cell_priors() {
+  return priors;
+}
+
+double cell_noise_ratio(int level) {
+  return std::pow(10.0, -9.0 + 0.5 * level);
+}
+
 std::array<Eigen::MatrixXd, 3> lights_of(const BoxTable& table, std::span<const Box> cells) {
   std::array<Eigen::MatrixXd, 3> lights;
   for (Eigen::MatrixXd& channel : lights)
@@ -206,7 +203,7 @@ TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cel
   lights_ = lights_of(table, cells);
   is_grey_ = lights_[1] == lights_[0] && lights_[2] == lights_[0];
   const int channels = is_grey_ ? 1 : 3;
-  noise_levels_ = are_nearly_orthogonal(lights_) ? 1 : all_noise_levels;
+  noise_levels_ = are_nearly_orthogonal(lights_) ? 1 : cell_noise_levels;
   spectra_.resize(3 * priors.size());
   for (std::size_t p = 0; p < priors.size(); ++p) {
     covariances_.push_back(weight_covariance(priors[p].length, priors[p].independent, cells, table.domain()));
@@ -234,12 +231,12 @@ TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cel
       }
       if (p == independent_prior && is_interpolating() && images_ == count)
         determined_[c] = spectrum.scale * covariances_[p] * lights_[c].transpose() * spectrum.vectors *
-                         (spectrum.values.array() + noise_ratio(0)).inverse().matrix().asDiagonal() *
+                         (spectrum.values.array() + cell_noise_ratio(0)).inverse().matrix().asDiagonal() *
                          spectrum.vectors.transpose();
       for (int level = 0; level < noise_levels_; ++level)
         spectrum.log_determinant[level] =
-            (spectrum.values.array() + noise_ratio(level)).log().sum() +
-            static_cast<double>(images_ - spectrum.values.size()) * std::log(noise_ratio(level));
+            (spectrum.values.array() + cell_noise_ratio(level)).log().sum() +
+            static_cast<double>(images_ - spectrum.values.size()) * std::log(cell_noise_ratio(level));
     }
   }
 }
@@ -261,7 +258,7 @@ TexelRegression::Gap TexelRegression::gap_of(int prior, int noise, int channel,
   for (std::size_t i = 0; i < gap.unmeasured.size(); ++i)
     units(gap.unmeasured[i], static_cast<Eigen::Index>(i)) = 1.0;
   const Spectrum& own = spectrum(prior, channel);
-  const double lambda = noise_ratio(noise);
+  const double lambda = cell_noise_ratio(noise);
   const Eigen::MatrixXd rows = own.vectors(gap.unmeasured, Eigen::all).transpose();
   gap.columns = own.vectors * ((own.values.array() + lambda).inverse().matrix().asDiagonal() * rows);
   if (own.values.size() < images_) gap.columns += (units - own.vectors * rows) / lambda;
@@ -284,8 +281,9 @@ std::shared_ptr<const Eigen::MatrixXd> TexelRegression::posterior(int prior, int
     // samples. By way of the samples, since there are often fewer of them than weights.
     auto result = std::make_shared<Eigen::MatrixXd>(scale * covariances_[prior]);
     const Spectrum& own = spectrum(prior, channel);
-    const Eigen::MatrixXd told = (own.values.array() + noise_ratio(noise)).rsqrt().matrix().asDiagonal() *
-                                 (own.vectors.transpose() * lights_[channel]) * *result;
+    const Eigen::MatrixXd told =
+        (own.values.array() + cell_noise_ratio(noise)).rsqrt().matrix().asDiagonal() *
+        (own.vectors.transpose() * lights_[channel]) * *result;
     result->selfadjointView<Eigen::Lower>().rankUpdate(told.transpose(), -1.0);
     result->triangularView<Eigen::StrictlyUpper>() = result->transpose();
     complete = result;
@@ -304,7 +302,7 @@ Eigen::VectorXd TexelRegression::dual_of(int prior, int noise, int channel,
                                          const Eigen::VectorXd& samples) const {
   const Spectrum& own = spectrum(prior, channel);
   const Eigen::VectorXd coordinates = own.vectors.transpose() * samples;
-  const double lambda = noise_ratio(noise);
+  const double lambda = cell_noise_ratio(noise);
   // (K + λI)⁻¹ b = V (1/(v + λ) − 1/λ) Vᵀb + b/λ; with all directions in V the rest is nothing but rounding.
   if (own.values.size() == images_)
     return own.vectors * (coordinates.array() / (own.values.array() + lambda)).matrix();
@@ -360,7 +358,7 @@ TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
       const double rest =
           own.values.size() < images_ ? std::max(total - coordinates.sum(), rounding * total) : 0.0;
       for (int level = 0; level < noise_levels_; ++level) {
-        const double lambda = noise_ratio(level);
+        const double lambda = cell_noise_ratio(level);
         const double q = (coordinates / (own.values.array() + lambda)).sum() + rest / lambda;
         criterion[level] += images_ * std::log(q / images_) + own.log_determinant[level];
       }
@@ -373,7 +371,8 @@ TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
       }
   }
   PixelKernels& kernels = result.kernels;
-  kernels.texel_prior = best_prior * all_noise_levels + best_noise;
+  kernels.is_on_cells = true;
+  kernels.light_class = best_prior * cell_noise_levels + best_noise;
   std::vector<float> all_weights(3 * cells_.size());
   for (int c = 0; c < 3; ++c) {
     if (!(squared[c] > 0.0)) continue;
@@ -433,59 +432,77 @@ double TexelRegression::criterion_of(const PixelKernels& kernels, const PixelSam
   return criterion + rectangle_penalty * static_cast<double>(kernels.boxes.size());
 }
 
+TexelRegression::LeftOut TexelRegression::left_out_of(const PixelKernels& kernels,
+                                                      const MaskedSamples& samples, int c) const {
+  const int prior = kernels.light_class / cell_noise_levels, noise = kernels.light_class % cell_noise_levels;
+  LeftOut out;
+  out.values.resize(images_);
+  for (int j = 0; j < images_; ++j) {
+    const std::size_t at = c * table_->stride() + j;
+    out.values(j) = samples.values[at];
+    if (samples.complete || samples.measured[at] > 0.0f) out.measured.push_back(j);
+  }
+  out.dual = solve(prior, noise, c, out.values, out.measured);
+  // (K + λI)⁻¹ on the diagonal: (1 − h) / λ of each sample, with all weights free.
+  const double lambda = cell_noise_ratio(noise);
+  const Spectrum& own = spectrum(prior, c);
+  const Eigen::MatrixXd taken = own.vectors.cwiseAbs2();
+  out.diagonal = taken * (own.values.array() + lambda).inverse().matrix();
+  if (own.values.size() < images_) out.diagonal.array() += (1.0 - taken.rowwise().sum().array()) / lambda;
+  if (static_cast<int>(out.measured.size()) < images_) {
+    const Gap gap = gap_of(prior, noise, c, out.measured);
+    out.diagonal -= gap.factor.matrixL()
+                        .solve(Eigen::MatrixXd(gap.columns.transpose()))
+                        .colwise()
+                        .squaredNorm()
+                        .transpose();
+  }
+  out.misfit = out.dual;  // b − K α = λ α, in units of λ
+  if (!kernels.is_on_cells) return out;
+  const Eigen::VectorXd weights = weights_on_cells(kernels, cells_, c);
+  std::vector<Eigen::Index> zeros;
+  for (Eigen::Index k = 0; k < weights.size(); ++k)
+    if (weights(k) == 0.0) zeros.push_back(k);
+  if (zeros.empty()) return out;
+  // Weights that are held at zero take no part of the samples.
+  const auto covariance = posterior(prior, noise, c, out.measured);
+  const Eigen::MatrixXd shares = lights_[c] * (*covariance)(Eigen::all, zeros);
+  const Eigen::MatrixXd held = (*covariance)(zeros, zeros);
+  out.diagonal +=
+      held.llt().matrixL().solve(shares.transpose()).colwise().squaredNorm().transpose() / (lambda * lambda);
+  out.misfit = (out.values - lights_[c] * weights) / lambda;
+  return out;
+}
+
 double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples,
-                                      float* residuals, double* misfit_part) const {
+                                      float* residuals) const {
   const std::size_t stride = table_->stride();
-  const int prior = kernels.texel_prior / all_noise_levels, noise = kernels.texel_prior % all_noise_levels;
   std::fill_n(residuals, 3 * stride, 0.0f);
-  double squared = 0.0, misfit_squared = 0.0;
+  double squared = 0.0;
   for (int c = 0; c < 3; ++c) {
     if (!(samples.squared[c] > 0.0)) continue;
-    std::vector<int> measured;
-    Eigen::VectorXd values(images_);
-    for (int j = 0; j < images_; ++j) {
-      values(j) = samples.values[c * stride + j];
-      if (samples.complete || samples.measured[c * stride + j] > 0.0f) measured.push_back(j);
-    }
-    const Eigen::VectorXd dual = solve(prior, noise, c, values, measured);
-    // (K + λI)⁻¹ on the diagonal: (1 − h) / λ of each sample, with all weights free.
-    const double lambda = noise_ratio(noise);
-    const Spectrum& own = spectrum(prior, c);
-    const Eigen::MatrixXd taken = own.vectors.cwiseAbs2();
-    Eigen::VectorXd diagonal = taken * (own.values.array() + lambda).inverse().matrix();
-    if (own.values.size() < images_) diagonal.array() += (1.0 - taken.rowwise().sum().array()) / lambda;
-    if (static_cast<int>(measured.size()) < images_) {
-      const Gap gap = gap_of(prior, noise, c, measured);
-      diagonal -= gap.factor.matrixL()
-                      .solve(Eigen::MatrixXd(gap.columns.transpose()))
-                      .colwise()
-                      .squaredNorm()
-                      .transpose();
-    }
-    Eigen::VectorXd misfit = dual;  // b − K α = λ α, in units of λ
-    const Eigen::VectorXd weights = weights_on_cells(kernels, cells_, c);
-    std::vector<Eigen::Index> zeros;
-    for (Eigen::Index k = 0; k < weights.size(); ++k)
-      if (weights(k) == 0.0) zeros.push_back(k);
-    if (!zeros.empty()) {
-      // Weights that are held at zero take no part of the samples.
-      const auto covariance = posterior(prior, noise, c, measured);
-      const Eigen::MatrixXd shares = lights_[c] * (*covariance)(Eigen::all, zeros);
-      const Eigen::MatrixXd held = (*covariance)(zeros, zeros);
-      diagonal += held.llt().matrixL().solve(shares.transpose()).colwise().squaredNorm().transpose() /
-                  (lambda * lambda);
-      misfit = (values - lights_[c] * weights) / lambda;
-    }
-    for (const int j : measured) {
-      const double residual = misfit(j) / diagonal(j);
+    const LeftOut out = left_out_of(kernels, samples, c);
+    for (const int j : out.measured) {
+      const double residual = out.misfit(j) / out.diagonal(j);
       residuals[c * stride + j] = static_cast<float>(residual);
       squared += residual * residual;
-      // The variance of a sample left out is 1 / diagonal, of which λ is noise.
-      misfit_squared += residual * residual * std::clamp(1.0 - lambda * diagonal(j), 0.0, 1.0);
     }
   }
-  if (misfit_part) *misfit_part = misfit_squared;
   return squared;
+}
+
+double TexelRegression::expected_error(const PixelKernels& kernels, const MaskedSamples& samples) const {
+  const double lambda = cell_noise_ratio(kernels.light_class % cell_noise_levels);
+  double expected = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    if (!(samples.squared[c] > 0.0)) continue;
+    const LeftOut out = left_out_of(kernels, samples, c);
+    double variance = 0.0;  // of the samples, in units of the prior's scale
+    for (const int j : out.measured) variance += std::max(1.0 / out.diagonal(j) - lambda, 0.0);
+    // The scale of the prior with the highest evidence: bᵀ (K + λI)⁻¹ b / n.
+    expected += out.values.dot(out.dual) / static_cast<double>(out.measured.size()) * variance;
+  }
+  return expected;
 }
 
 TexelRegressions::TexelRegressions(const BoxTable& table) : table_(table), cells_(light_cells(table)) {

@@ -20,6 +20,17 @@ namespace refield {
 /// degrees of freedom, or fewer than two. Texels that are black in all lights belong to no cell.
 std::vector<Box> light_cells(const BoxTable& table);
 
+/// Prior covariance of the weights of cells, see weight_covariance().
+struct CellPrior {
+  double length;
+  double independent;
+};
+/// Those that a pixel selects from.
+std::span<const CellPrior> cell_priors();
+/// Ratios of noise variance to the mean variance of a sample that a pixel selects from.
+inline constexpr int cell_noise_levels = 20;
+double cell_noise_ratio(int level);
+
 /// The training lights' sums over `cells`: [images × cells] of each channel, in the table's unit.
 std::array<Eigen::MatrixXd, 3> lights_of(const BoxTable& table, std::span<const Box> cells);
 
@@ -55,12 +66,24 @@ class TexelRegression {
   double criterion_of(const PixelKernels& kernels, const PixelSamples& samples) const;
 
   /// Leave-one-out residuals of a pixel that fit() fitted, [3 × stride], zero where not measured. Returns
-  /// their squared sum and, in `misfit_part`, the part of it that is expected to be error of the weights, not
-  /// noise.
-  double leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples, float* residuals,
-                       double* misfit_part = nullptr) const;
+  /// their squared sum.
+  double leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples, float* residuals) const;
+
+  /// The squared sum of the residuals' part that is error of the weights, as the evidence expects it: the
+  /// variance of each sample given all others, by the prior and the noise of PixelKernels::light_class, less
+  /// the noise. Weights that are zero in `kernels` have no error if the pixel uses the regression.
+  double expected_error(const PixelKernels& kernels, const MaskedSamples& samples) const;
 
  private:
+  /// What leave-one-out needs of a channel's measured samples.
+  struct LeftOut {
+    std::vector<int> measured;
+    Eigen::VectorXd values;    ///< [images]
+    Eigen::VectorXd dual;      ///< (K + λI)⁻¹ b, with all weights free
+    Eigen::VectorXd diagonal;  ///< of (K + λI)⁻¹, where the weights that are held at zero are known
+    Eigen::VectorXd misfit;    ///< (b − L w) / λ
+  };
+  LeftOut left_out_of(const PixelKernels& kernels, const MaskedSamples& samples, int channel) const;
   /// Of one prior and channel: the covariance of the samples is V diag(values) Vᵀ.
   struct Spectrum {
     Eigen::MatrixXd vectors;                   ///< [images × rank]

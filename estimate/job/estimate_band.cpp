@@ -106,6 +106,11 @@ class BandEstimator {
     const auto texels = input_.texels ? input_.texels->of_all() : nullptr;
     return !texels || !texels->is_interpolating();
   }
+  /// Squared and relative to Σ b²; 0 where it is not known of the photographs as they are.
+  double measured_noise(const PixelKernels& pixel) const {
+    if (!input_.noise || !input_.noise->image_weights.empty()) return 0.0;
+    return input_.noise->relative_variance(pixel.squared_samples / (3.0 * input_.table.images()));
+  }
   FitWorker& worker() const {
     auto& own = workers_.local();
     const bool pools = input_.noise && input_.options.mode == EstimateMode::refined &&
@@ -139,7 +144,7 @@ class BandEstimator {
   void gather_evidence(Rows& rows) const;
   /// Leave-one-out residuals in units of the pixel's √Σb², or false where there is nothing to assess.
   bool residuals_of(const Rows& rows, int x, int y, FitWorker& own, MaskedSamples& masked,
-                    AlignedFloats& residuals, double& squared, std::optional<double>& misfit) const;
+                    AlignedFloats& residuals, double& squared) const;
   void leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& own) const;
   /// Cross-validates a block of the lattice.
   void cross_validate(Rows& rows, const PixelTile& block, FitWorker& own) const;
@@ -244,8 +249,7 @@ void BandEstimator::gather_evidence(Rows& rows) const {
 }
 
 bool BandEstimator::residuals_of(const Rows& rows, int x, int y, FitWorker& own, MaskedSamples& masked,
-                                 AlignedFloats& residuals, double& squared,
-                                 std::optional<double>& misfit) const {
+                                 AlignedFloats& residuals, double& squared) const {
   if (x < 0 || x >= width_ || !active(x, y)) return false;
   const PixelKernels& pixel = rows.at(x, y);
   if (!(pixel.squared_samples > 0.0)) return false;  // without kernels, all of it is error
@@ -253,9 +257,8 @@ bool BandEstimator::residuals_of(const Rows& rows, int x, int y, FitWorker& own,
   const BoxTable& table = input_.table;
   masked.assign(samples(x, y), table.stride(), table.images());
   residuals.resize(3 * table.stride());
-  squared = own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data(), &misfit) /
-            pixel.squared_samples;
-  if (misfit) *misfit /= pixel.squared_samples;
+  squared =
+      own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
   const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
   for (float& r : residuals) r *= scale;
   return true;
@@ -267,24 +270,32 @@ void BandEstimator::leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& 
   for (int y = tile.y0; y < tile.y1; ++y) {
     run_.throw_if_stopped();
     double squared = 0.0;
-    std::optional<double> misfit, misfit_before;
-    bool has_before = residuals_of(rows, tile.x0 - 1, y, own, masked, before, squared, misfit_before);
+    bool has_before = residuals_of(rows, tile.x0 - 1, y, own, masked, before, squared);
     double shared_before = 0.0;  // with the pixel before
     bool is_shared_before = false;
     for (int x = tile.x0; x <= tile.x1; ++x) {
-      const bool has_here = residuals_of(rows, x, y, own, masked, here, squared, misfit);
+      const bool has_here = residuals_of(rows, x, y, own, masked, here, squared);
       const bool is_shared = has_before && has_here;
       double shared = 0.0;
       for (std::size_t j = 0; is_shared && j < here.size(); ++j)
         shared += static_cast<double>(before[j]) * here[j];
       if (x > tile.x0 && has_before)
-        rows.at(x - 1, y).evidence.shared = static_cast<float>(misfit_before.value_or(
-            (shared_before + shared) / std::max(1, static_cast<int>(is_shared_before) + is_shared)));
-      if (x < tile.x1 && has_here) rows.at(x, y).evidence.leave_one_out = static_cast<float>(squared);
+        if (PixelKernels& pixel = rows.at(x - 1, y); !(measured_noise(pixel) > 0.0))
+          pixel.evidence.shared = static_cast<float>(
+              (shared_before + shared) / std::max(1, static_cast<int>(is_shared_before) + is_shared));
+      if (x < tile.x1 && has_here) {
+        PixelKernels& pixel = rows.at(x, y);
+        pixel.evidence.leave_one_out = static_cast<float>(squared);
+        if (const double noise = measured_noise(pixel); noise > 0.0)
+          pixel.evidence.shared = static_cast<float>(squared - noise);
+        if (const auto expected = own.evaluator.expected_error(pixel, masked)) {
+          pixel.evidence.expected = static_cast<float>(*expected / pixel.squared_samples);
+          pixel.evidence.light_class = static_cast<std::uint32_t>(pixel.light_class);
+        }
+      }
       shared_before = shared;
       is_shared_before = is_shared;
       has_before = has_here;
-      misfit_before = misfit;
       std::swap(before, here);
     }
   }
@@ -305,7 +316,7 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
   bool has_rectangles = false;
   for (int y = block.y0; y < block.y1; ++y)
     for (int x = block.x0; x < block.x1; ++x)
-      has_rectangles = has_rectangles || (in_rows(x, y) && rows.at(x, y).texel_prior < 0);
+      has_rectangles = has_rectangles || (in_rows(x, y) && !rows.at(x, y).is_on_cells);
   const auto pooled = pooled_samples_of(block, own);
   std::vector<double> validated;
   if (has_rectangles) validated = own.evaluator.cross_validate(pooled, block_width, 5, run_, b);
@@ -323,7 +334,7 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
         return static_cast<float>(squared / pixel.squared_samples);
       };
       pixel.evidence.cross_validated =
-          pixel.texel_prior >= 0 ? pixel.evidence.leave_one_out : relative(validated[i]);
+          pixel.is_on_cells ? pixel.evidence.leave_one_out : relative(validated[i]);
       if (half.empty()) continue;
       pixel.evidence.from_half = relative(half[i]);
       pixel.evidence.from_quarter = relative(quarter[i]);

@@ -25,6 +25,7 @@ FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& op
   field_.height = job.rows.count();
   field_.basis.domain = job.session.light;
   field_.monitors = job.session.monitors;
+  field_.colour_space = job.session.colour_space();
   field_.basis.hats = hats_of(options, job.session.light, static_cast<int>(job.frames.size()));
   field_.provenance = provenance_of(job, options);
 }
@@ -52,14 +53,15 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
         pixel.squared_samples > 0.0
             ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
             : 0.0f);
-    if (with_evidence_)
-      field_.quality.training_signal.push_back(
-          static_cast<float>(std::sqrt(pixel.squared_samples / images_)));
-    if (with_evidence_) error_evidence_.push_back(pixel.evidence);
+    if (!with_evidence_) continue;
+    field_.quality.training_signal.push_back(static_cast<float>(std::sqrt(pixel.squared_samples / images_)));
+    field_.quality.light_class.push_back(pixel.evidence.light_class);
+    error_evidence_.push_back(pixel.evidence);
   }
 }
 
 ReflectanceField FieldAssembler::take(std::vector<Box> observed_light, LightErrorModel light_error) {
+  if (light_error.classes() < 2) field_.quality.light_class.clear();
   field_.quality.light_error = std::move(light_error);
   field_.observed_light = std::move(observed_light);
   if (is_whole_) {
@@ -176,6 +178,11 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
         ", which is not a cube map (six square faces stacked vertically, R×6R); give such maps or "
         "the right --parameterisation");
   check_placements(job.session.monitors, job.session.light, "the capture");
+  if (job.session.colour && std::isfinite(options.clip_level))
+    throw InputError(name_of(job.session) +
+                     ": has a colour matrix, after which no level tells where the camera clipped; leave out "
+                     "--clip, or remove [camera.colour] from " +
+                     session_manifest_name);
   job.rows = options.rows.value_or(RowRange{0, job.session.height});
   if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
     throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +
@@ -196,6 +203,9 @@ std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
   for (const fs::path& path : inputs_of(job)) add_file(hash, path);
   char text[17];
   std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  if (const auto& colour = job.session.colour)
+    key["rec709_from_camera"] =
+        std::vector<double>(colour->rec709_from_camera.data(), colour->rec709_from_camera.data() + 9);
   key["inputs"] = inputs_of(job).size();
   key["digest"] = text;
   return json_text(key);

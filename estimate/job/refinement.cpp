@@ -47,6 +47,10 @@ Refinement::Refinement(const std::filesystem::path& path, const CaptureSession& 
                      size_text(session.light.width, session.light.height) + " (" +
                      std::string(name_of(session.light.parameterisation)) +
                      "); refine a field of the same capture");
+  if (field_.colour_space != session.colour_space())
+    throw InputError(path.string() + ": is in " + std::string(name_of(field_.colour_space)) +
+                     ", the photographs are in " + std::string(name_of(session.colour_space())) +
+                     "; estimate without --refine");
   known_names_ = frames_of(field_, path);
   std::set<std::string> missing = known_names_;
   for (const CaptureFrame& frame : frames) missing.erase(frame.name);

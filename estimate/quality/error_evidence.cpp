@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/base/run_context.h"
+#include "core/base/symmetric_eigen.h"
 #include "estimate/fit/texel_regression.h"
 
 namespace refield {
@@ -38,49 +39,70 @@ std::vector<Box> error_grid(const LightDomain& domain) {
 }  // namespace
 
 LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells) {
-  if (cells.empty()) cells = error_grid(table.domain());
+  LightErrorModel model;
+  const bool are_cells = !cells.empty();
+  if (!are_cells) cells = error_grid(table.domain());
+  const std::vector<CellPrior> priors =
+      are_cells ? std::vector<CellPrior>(cell_priors().begin(), cell_priors().end())
+                : std::vector<CellPrior>{{error_length, error_independent}};
   const auto count = static_cast<Eigen::Index>(cells.size());
   const int images = table.images();
   const std::array<Eigen::MatrixXd, 3> lights = lights_of(table, cells);
   // The colours of natural light vary together, so that all channels tell about as much as their mean.
   const Eigen::MatrixXd grey = (lights[0] + lights[1] + lights[2]) / 3.0;
-  Eigen::MatrixXd covariance = weight_covariance(error_length, error_independent, cells, table.domain());
-  Eigen::MatrixXd samples = grey * covariance * grey.transpose();
-  const double scale = images / samples.trace();
-  covariance *= scale;
-  samples *= scale;
-  samples.diagonal().array() += error_noise;
-  const Eigen::LLT<Eigen::MatrixXd> factor(samples);
-  const Eigen::VectorXd diagonal = factor.solve(Eigen::MatrixXd::Identity(images, images)).diagonal();
-  const double left_out = (diagonal.cwiseInverse().array() - error_noise).mean();
-  const Eigen::MatrixXd told = factor.matrixL().solve(grey * covariance);
-  covariance -= told.transpose() * told;
-  const auto mean_variance = [&](const Eigen::MatrixXd& light) {
-    return (light * covariance).cwiseProduct(light).sum() / images;
-  };
-  // 1 for the training lights if each is left out, and in each channel as bright as it is.
-  const double colours =
-      (mean_variance(lights[0]) + mean_variance(lights[1]) + mean_variance(lights[2])) / 3.0;
-  covariance *= mean_variance(grey) / (colours * left_out * table.unit() * table.unit());
-  LightErrorModel model;
-  for (Eigen::Index i = 0; i < count; ++i)
-    for (Eigen::Index k = 0; k <= i; ++k) model.covariance.push_back(static_cast<float>(covariance(i, k)));
+  // Besides, channels need not be equally bright, and what is left out of a channel is its colour, too.
+  std::array<double, 3> brightness{};
+  std::array<Eigen::MatrixXd, 3> colours;
+  for (std::size_t c = 0; c < 3; ++c) {
+    brightness[c] = lights[c].sum() / grey.sum();
+    colours[c] = brightness[c] > 0.0 ? Eigen::MatrixXd(lights[c] / brightness[c] - grey) : 0.0 * grey;
+  }
+  const double mean_square_brightness =
+      (brightness[0] * brightness[0] + brightness[1] * brightness[1] + brightness[2] * brightness[2]) / 3.0;
+  for (const CellPrior& prior : priors) {
+    // With F Fᵀ the prior covariance and L F = V diag(√v) Uᵀ, the covariance given samples with noise λ is
+    // F U diag(λ / (v + λ)) Uᵀ Fᵀ.
+    Eigen::MatrixXd directions = weight_covariance(prior.length, prior.independent, cells, table.domain())
+                                     .llt()
+                                     .matrixL()
+                                     .toDenseMatrix();
+    const Eigen::MatrixXd effects = grey * directions;
+    const double scale = images / effects.squaredNorm();
+    const SymmetricEigen solver = symmetric_eigen(scale * effects.transpose() * effects);
+    const Eigen::ArrayXd values = solver.values.array().max(0.0);
+    directions *= std::sqrt(scale) * solver.vectors;
+    const Eigen::MatrixXd squares = (grey * directions).cwiseAbs2();
+    Eigen::ArrayXd of_colours = Eigen::ArrayXd::Zero(count);  // mean over images and channels
+    for (const Eigen::MatrixXd& colour : colours)
+      of_colours += (colour * directions).colwise().squaredNorm().transpose().array() / (3.0 * images);
+    for (int level = 0; level < (are_cells ? cell_noise_levels : 1); ++level) {
+      const double lambda = are_cells ? cell_noise_ratio(level) : error_noise;
+      const Eigen::ArrayXd unknown = lambda / (values + lambda);
+      // A sample of variance p given all samples, its leverage is p / λ, has p / (1 − p / λ) given the
+      // others.
+      const Eigen::ArrayXd given = (squares * unknown.matrix()).array();
+      const double left_out =
+          (given / (1.0 - given / lambda).max(1e-12)).mean() + (of_colours * unknown).sum();
+      // 1 for the training lights if each is left out.
+      const double factor = 1.0 / (mean_square_brightness * left_out * table.unit() * table.unit());
+      for (Eigen::Index k = 0; k < count; ++k)
+        model.variances.push_back(static_cast<float>(factor * unknown(k)));
+    }
+    for (Eigen::Index k = 0; k < count; ++k)
+      for (Eigen::Index i = 0; i < count; ++i)
+        model.directions.push_back(static_cast<float>(directions(i, k)));
+  }
   // Lights that determine nothing, or of a unit beyond single precision.
-  if (std::ranges::any_of(model.covariance, [](float value) { return !std::isfinite(value); })) return {};
+  const auto is_finite = [](float value) { return std::isfinite(value); };
+  if (!std::ranges::all_of(model.directions, is_finite) || !std::ranges::all_of(model.variances, is_finite))
+    return {};
   model.cells = std::move(cells);
   return model;
 }
 
 double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
-                                     const MaskedSamples& samples, float* residuals,
-                                     std::optional<double>* misfit_part) {
-  if (misfit_part) misfit_part->reset();
-  if (kernels.texel_prior >= 0) {
-    double misfit = 0.0;
-    const double all = texels_->of_all()->leave_one_out(kernels, samples, residuals, &misfit);
-    if (misfit_part) *misfit_part = misfit;
-    return all;
-  }
+                                     const MaskedSamples& samples, float* residuals) {
+  if (kernels.is_on_cells) return texels_->of_all()->leave_one_out(kernels, samples, residuals);
   const std::size_t count = kernels.boxes.size();
   const int hats = static_cast<int>(kernels.smooth.size()) / 3;
   orthonormal_.resize(std::max(count, std::size_t{1}) * stride_);
@@ -132,6 +154,12 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
     }
   }
   return squared;
+}
+
+std::optional<double> ErrorEvaluator::expected_error(const PixelKernels& kernels,
+                                                     const MaskedSamples& samples) {
+  if (kernels.light_class < 0) return std::nullopt;
+  return texels_->of_all()->expected_error(kernels, samples);
 }
 
 ErrorEvaluator::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options,

@@ -15,7 +15,8 @@ namespace refield {
 
 /// How the error of a field that is estimated from the lights of `table` depends on the light: δ is a
 /// Gaussian process over the light map, given that its effect under the training lights is known up to noise.
-/// `cells`: light_cells(), or empty for a grid of about 200 rectangles.
+/// `cells`: light_cells(), for which the classes are those of PixelKernels::light_class; or empty for one
+/// class on a grid of about 200 rectangles.
 LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells);
 
 /// What a thread needs to assess fits by images that they have not seen. Samples and kernels are those of a
@@ -29,10 +30,11 @@ class ErrorEvaluator {
   /// Leave-one-out residuals of a pixel's final kernels: r_j / (1 − h_j), channel by channel, where h_j is
   /// the diagonal of the projection onto the columns with a weight above zero. Exact for least squares with
   /// that set of kernels (Allen 1974); what the hats take is left out of h, since their prior and pooling
-  /// leave them little freedom. Writes [3 × stride], zero where not measured, and returns their squared sum;
-  /// in `misfit_part`, if the pixel uses the regression, the part of it that is no noise.
+  /// leave them little freedom. Writes [3 × stride], zero where not measured, and returns their squared sum.
   double leave_one_out(const PixelKernels& kernels, KernelCache& cache, const MaskedSamples& samples,
-                       float* residuals, std::optional<double>* misfit_part = nullptr);
+                       float* residuals);
+  /// See TexelRegression; nothing for light with many degrees of freedom.
+  std::optional<double> expected_error(const PixelKernels& kernels, const MaskedSamples& samples);
 
   /// Squared error of each pixel of a block, over images and channels, of k-fold cross-validation: the block
   /// is fitted anew without each fold (images j, j + k, …), choice of kernels included, and predicts it. Of k

@@ -4,8 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
 
 #include "core/base/errors.h"
+#include "core/base/files.h"
+#include "core/base/json_text.h"
 #include "core/base/run_context.h"
 
 namespace refield {
@@ -48,11 +53,90 @@ void assess_frames(const EstimateJob& job, const PixelSample& sample, FrameRepor
   auto& list = search.too_many ? report.doubtful : report.left_out;
   for (const OutlierFrame& outlier : search.outliers)
     list.push_back({job.frames[outlier.frame].name, description_of(outlier), outlier});
+}
+
+void log_frames(const FrameReport& report, std::size_t images, const RunContext& run) {
   for (const LeftOutFrame& frame : report.left_out) run.note(frame.name + " is left out: " + frame.why);
   if (!report.doubtful.empty())
-    run.note(std::to_string(report.doubtful.size()) + " of " + std::to_string(job.frames.size()) +
+    run.note(std::to_string(report.doubtful.size()) + " of " + std::to_string(images) +
              " photographs do not fit the others, too many to leave out; check the capture. The first: " +
              report.doubtful.front().name + ": " + report.doubtful.front().why);
+}
+
+void leave_out(EstimateJob& job, const FrameReport& report, const EstimateOptions& options) {
+  if (report.left_out.empty()) return;
+  for (const LeftOutFrame& frame : report.left_out) job.left_out.push_back(frame.name);
+  std::erase_if(job.frames, [&](const CaptureFrame& frame) {
+    return std::ranges::find(report.left_out, frame.name, &LeftOutFrame::name) != report.left_out.end();
+  });
+  job.session.frames = job.frames;
+  require_enough_frames(job, options);
+}
+
+nlohmann::json json_of(const std::vector<LeftOutFrame>& frames) {
+  auto list = nlohmann::json::array();
+  for (const LeftOutFrame& frame : frames)
+    list.push_back({{"name", frame.name},
+                    {"why", frame.why},
+                    {"frame", frame.found.frame},
+                    {"kind", static_cast<int>(frame.found.kind)},
+                    {"times_typical", frame.found.times_typical},
+                    {"residual", frame.found.residual},
+                    {"brightness", frame.found.brightness},
+                    {"share", frame.found.share},
+                    {"x", frame.found.x},
+                    {"y", frame.found.y}});
+  return list;
+}
+
+std::vector<LeftOutFrame> frames_from(const nlohmann::json& list, const EstimateJob& job) {
+  std::vector<LeftOutFrame> frames;
+  for (const auto& entry : list) {
+    OutlierFrame found;
+    entry.at("frame").get_to(found.frame);
+    found.kind = static_cast<OutlierFrame::Kind>(entry.at("kind").get<int>());
+    entry.at("times_typical").get_to(found.times_typical);
+    entry.at("residual").get_to(found.residual);
+    entry.at("brightness").get_to(found.brightness);
+    entry.at("share").get_to(found.share);
+    entry.at("x").get_to(found.x);
+    entry.at("y").get_to(found.y);
+    // By number: a name need not be UTF-8.
+    frames.push_back({job.frames.at(found.frame).name, entry.at("why"), found});
+  }
+  return frames;
+}
+
+struct FrameCheck {
+  FrameReport report;
+  double mean_square = 0.0;
+  NoiseModel noise;
+};
+
+/// Nothing where the file is not there, damaged or of other inputs: the frames are checked again then.
+std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, const EstimateJob& job,
+                                           const std::string& key) try {
+  if (!std::filesystem::exists(file)) return std::nullopt;
+  const auto json = nlohmann::json::parse(read_text(file));
+  if (json.at("job") != key) return std::nullopt;
+  FrameCheck check;
+  check.report.left_out = frames_from(json.at("left_out"), job);
+  check.report.doubtful = frames_from(json.at("doubtful"), job);
+  json.at("typical_residual").get_to(check.report.typical_residual);
+  json.at("mean_square").get_to(check.mean_square);
+  const auto& noise = json.at("noise");
+  noise.at("log_level").get_to(check.noise.log_level);
+  noise.at("log_variance").get_to(check.noise.log_variance);
+  noise.at("samples_per_image").get_to(check.noise.samples_per_image);
+  noise.at("image_weights").get_to(check.noise.image_weights);
+  const std::size_t weights = check.noise.image_weights.size();
+  const bool fits = weights == 0 || weights + check.report.left_out.size() == job.frames.size();
+  if (!fits || check.noise.log_level.size() != check.noise.log_variance.size()) return std::nullopt;
+  return check;
+} catch (const nlohmann::json::exception&) {
+  return std::nullopt;
+} catch (const std::out_of_range&) {
+  return std::nullopt;
 }
 
 }  // namespace
@@ -69,17 +153,54 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   job.mean_square = sample.mean_square({});
   require_usual_brightness(job);
   if (can_assess) assess_frames(job, sample, report, run);
+  log_frames(report, job.frames.size(), run);
   std::vector<int> images;
   for (const LeftOutFrame& frame : report.left_out) images.push_back(frame.found.frame);
   job.noise = measure_noise(sample.windows, sample.images, images);
-  if (images.empty()) return report;
-  job.mean_square = sample.mean_square(images);
-  for (const LeftOutFrame& frame : report.left_out) job.left_out.push_back(frame.name);
-  std::erase_if(job.frames, [&](const CaptureFrame& frame) {
-    return std::ranges::find(report.left_out, frame.name, &LeftOutFrame::name) != report.left_out.end();
-  });
-  job.session.frames = job.frames;
-  require_enough_frames(job, options);
+  if (!images.empty()) job.mean_square = sample.mean_square(images);
+  leave_out(job, report, options);
+  return report;
+}
+
+std::string frame_check_key(const EstimateJob& job, const EstimateOptions& options) {
+  // The gains are what the order of frames, which is no content of a file, does to the photographs.
+  auto gains = nlohmann::json::array();
+  if (job.drift.significant)
+    for (const CaptureFrame& frame : job.frames) gains.push_back(frame.gain);
+  return job_key(job, options) +
+         json_text(nlohmann::json{
+             {"keep_outliers", options.keep_outliers}, {"keep_drift", options.keep_drift}, {"gains", gains}});
+}
+
+std::string frame_check_text(const EstimateJob& job, const FrameReport& report, const std::string& key) {
+  // Numbers are written with all digits that they need to be read back to the bit.
+  const nlohmann::ordered_json json = {{"job", key},
+                                       {"left_out", json_of(report.left_out)},
+                                       {"doubtful", json_of(report.doubtful)},
+                                       {"typical_residual", report.typical_residual},
+                                       {"mean_square", job.mean_square},
+                                       {"noise",
+                                        {{"log_level", job.noise.log_level},
+                                         {"log_variance", job.noise.log_variance},
+                                         {"samples_per_image", job.noise.samples_per_image},
+                                         {"image_weights", job.noise.image_weights}}}};
+  return json_text(json, 1) + "\n";
+}
+
+FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
+                              const std::filesystem::path& file, const RunContext& run) {
+  const std::string key = frame_check_key(job, options);
+  if (auto check = read_frame_check(file, job, key)) {
+    check->report.drift = job.drift;
+    log_drift(job.drift, run);
+    log_frames(check->report, job.frames.size(), run);
+    job.mean_square = check->mean_square;
+    job.noise = std::move(check->noise);
+    leave_out(job, check->report, options);
+    return check->report;
+  }
+  const FrameReport report = check_frames(job, options, run);
+  write_text_atomically(file, frame_check_text(job, report, key));
   return report;
 }
 

@@ -157,6 +157,7 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
       outline.quality = field.quality;
       outline.provenance = with_figures(field.provenance, pack_figures(result->cost, error));
       outline.monitors = field.monitors;
+      outline.colour_space = field.colour_space;
       outline.observed_light = field.observed_light;
       return std::move(*result);
     }

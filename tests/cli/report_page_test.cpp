@@ -100,6 +100,26 @@ TEST_F(ReportPage, FiguresAreTheMetrics) {
   EXPECT_EQ(field.at("options"), nullptr) << "this field records none";
 }
 
+TEST_F(ReportPage, PredictedErrorsAreComparedByKindOfLight) {
+  const auto page_of = [&] {
+    write_report(request_);
+    return read_text(page_);
+  };
+  constexpr const char* heading = "Predicted error by kind of light";
+  EXPECT_EQ(page_of().find(heading), std::string::npos) << "this field predicts none";
+  field_.quality.predicted_error.assign(field_.transfer.rows(), 0.0625f);
+  // All of it noise of the photographs, which exact images do not have.
+  field_.quality.photograph_noise = field_.quality.predicted_error;
+  write_reflectance_field(field_path_, field_);
+  const std::string page = page_of();
+  const auto table = page.find(heading);
+  ASSERT_NE(table, std::string::npos);
+  EXPECT_EQ(page.find(">6.25", table), std::string::npos);
+  request_.truth.clear();
+  const std::string against_photographs = page_of();
+  EXPECT_NE(against_photographs.find(">6.25", against_photographs.find(heading)), std::string::npos);
+}
+
 TEST_F(ReportPage, PageStandsAlone) {
   write_report(request_);
   const std::string page = read_text(page_);

@@ -3,8 +3,10 @@
 
 #include <gmock/gmock.h>
 
+#include <cmath>
 #include <fstream>
 #include <functional>
+#include <limits>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -48,6 +50,43 @@ class CaptureSessionTest : public testing::Test {
 
   test::TemporaryFolder folder_;
 };
+
+TEST_F(CaptureSessionTest, TheColourMatrixIsAppliedToPhotographsAndTheirNoise) {
+  CaptureSession session = make_session();
+  Photograph photograph{Image(5, 4, 3), Image(5, 4, 3, 0.1f)};
+  for (std::size_t i = 0; i < photograph.radiance.values.size(); ++i)
+    photograph.radiance.values[i] = static_cast<float>(1 + i % 3);
+  const float unmeasured = std::numeric_limits<float>::infinity();
+  photograph.sigma.at(2, 3, 1) = unmeasured;
+  write_photograph(session.frames[0].observed, photograph);
+  session.colour.emplace();
+  session.colour->rec709_from_camera << 1.5, -0.5, 0.25, 0.0, 1.0, 0.0, -0.25, 0.0, 2.0;
+  session.colour->chart = "white.exr";
+  session.colour->median_delta_e = 0.25;
+  session.colour->largest_delta_e = 1.5;
+  write_session_manifest(session);
+
+  CaptureSession back = read_capture_session(folder_.path());
+  ASSERT_TRUE(back.colour);
+  EXPECT_EQ(back.colour->rec709_from_camera, session.colour->rec709_from_camera);
+  EXPECT_EQ(back.colour->chart, "white.exr");
+  EXPECT_EQ(back.colour->largest_delta_e, 1.5);
+  EXPECT_EQ(back.colour_space(), ColourSpace::rec709);
+  const Photograph rows = read_observed_rows(back.frames[0], 3, 4);
+  EXPECT_FLOAT_EQ(rows.radiance.at(0, 0, 0), 1.5f - 1.0f + 0.75f);
+  EXPECT_FLOAT_EQ(rows.radiance.at(0, 0, 1), 2.0f);
+  EXPECT_FLOAT_EQ(rows.radiance.at(0, 0, 2), 6.0f - 0.25f);
+  EXPECT_FLOAT_EQ(rows.sigma.at(0, 0, 0), 0.1f * std::sqrt(2.25f + 0.25f + 0.0625f));
+  for (int c = 0; c < 3; ++c) EXPECT_EQ(rows.sigma.at(2, 0, c), unmeasured) << "one channel is in all";
+  // Drift is measured and divided out after it.
+  back.frames[0].gain = {2.0f, 1.0f, 1.0f};
+  EXPECT_FLOAT_EQ(read_observed(back.frames[0]).radiance.at(0, 0, 0), 0.5f * (1.5f - 1.0f + 0.75f));
+
+  session.colour->rec709_from_camera.setOnes();
+  write_session_manifest(session);
+  EXPECT_THAT(test::message_of([&] { read_capture_session(folder_.path()); }),
+              AllOf(HasSubstr("rec709_from_camera"), HasSubstr("determinant")));
+}
 
 TEST_F(CaptureSessionTest, RoundTrip) {
   const CaptureSession session = make_session();

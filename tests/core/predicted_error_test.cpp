@@ -81,9 +81,13 @@ TEST(PredictedError, PixelsOutsideTheMaskStayEmpty) {
   EXPECT_NEAR(predicted.quality().predicted_error[8 * 360 + 50], std::sqrt(1.5e-4), rounding);
 }
 
-TEST(PredictedError, LearningCurveTakesMiddleErrors) {
+TEST(PredictedError, LearningCurveTakesMiddleErrorsOfManyPixels) {
   auto predicted = field_with([](int) { return 2.0; });
   EXPECT_TRUE(predicted.quality().learning_curve.empty());
+  for (int x = 8; x < 12; ++x) predicted.evidence[8 * 360 + x].from_half = 9e-4f;
+  for (int x = 8; x < 12; ++x) predicted.evidence[8 * 360 + x].from_quarter = 16e-4f;
+  predicted.predict();
+  EXPECT_TRUE(predicted.quality().learning_curve.empty()) << "four pixels are not the picture";
   const CrossValidationLattice lattice(predicted.field.width, predicted.field.height);
   int row = 0;
   for (int y = 0; y < predicted.field.height; ++y)

@@ -13,6 +13,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/field/light_error.h"
 #include "core/field_io/field_shard.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/support/isolating_run.h"
@@ -122,9 +123,9 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
       pixel.leave_one_out = 1e-4f * static_cast<float>(x + 1);
       pixel.shared = -1e-6f;
       if (lattice.holds(x, y)) pixel.cross_validated = 2e-4f;
-      if (lattice.is_for_learning(x, y)) pixel.from_half = pixel.from_quarter = 3e-4f;
     }
   predict_errors(field, evidence);
+  field.quality.learning_curve = {{0.25f, 0.04f}, {0.5f, 0.03f}, {0.8f, 0.02f}};
   write_reflectance_field(folder / "a.rfield", field);
   const ReflectanceField back = read_reflectance_field(folder / "a.rfield");
   EXPECT_EQ(back.quality.predicted_error, field.quality.predicted_error);
@@ -144,6 +145,38 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
   EXPECT_THAT(message_of(folder / "a.rfield"), HasSubstr("predicted_error"));
   field.quality.predicted_error.pop_back();
   EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("predicted_error"));
+}
+
+TEST(ReflectanceFieldFile, TheModelOfTheErrorRoundTrips) {
+  const test::TemporaryFolder folder;
+  ReflectanceField field = sample_field();
+  const std::size_t pixels = field.transfer.rows();
+  FieldQuality& quality = field.quality;
+  quality.predicted_error.assign(pixels, 0.1f);
+  quality.photograph_noise.assign(pixels, 0.0f);
+  quality.training_signal.assign(pixels, 2.0f);
+  quality.light_error.cells = {{0, 0, 1, 1}, {1, 0, 2, 1}};
+  quality.light_error.directions = {1.0f, 2.0f, 3.0f, 4.0f};
+  quality.light_error.variances = {1.0f, 0.0f, 0.0f, 0.5f};
+  quality.light_class.assign(pixels, 0);
+  quality.light_class[1] = 1;
+  write_reflectance_field(folder / "a.rfield", field);
+  const ReflectanceField back = read_reflectance_field(folder / "a.rfield");
+  EXPECT_EQ(back.quality.light_error.cells, quality.light_error.cells);
+  EXPECT_EQ(back.quality.light_class, quality.light_class);
+  Image light(field.basis.domain.width, field.basis.domain.height, 3);
+  for (int c = 0; c < 3; ++c) light.at(0, 0, c) = light.at(1, 0, c) = 1.0f;
+  // Error² × signal² is 0.04; the light has the effects 3 and 7 along the two directions.
+  const std::vector<double> own = own_squared_error_under(back, light);
+  EXPECT_NEAR(own[0], 0.04 * 9.0, 1e-6);
+  EXPECT_NEAR(own[1], 0.04 * 0.5 * 49.0, 1e-6);
+
+  quality.light_class[0] = 2;
+  EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("light_class"));
+  quality.light_class.clear();
+  EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("light_class"));
+  quality.light_error.directions.pop_back();
+  EXPECT_THAT(message_of_writing(folder / "a.rfield", field), HasSubstr("light_directions"));
 }
 
 // An estimation of hours shall not end in a file that every verb refuses.
@@ -177,6 +210,16 @@ TEST(ReflectanceFieldFile, MonitorPlacementsRoundTrip) {
   EXPECT_THAT(message_of(folder / "f.rfield"), AllOf(HasSubstr("basis/monitors"), HasSubstr("width")));
   field.monitors[1].width_mm = 0.0;
   EXPECT_THAT(message_of_writing(folder / "f.rfield", field), HasSubstr("basis/monitors"));
+}
+
+TEST(ReflectanceFieldFile, ColourSpaceRoundTrips) {
+  const test::TemporaryFolder folder;
+  ReflectanceField field = sample_field();
+  write_reflectance_field(folder / "camera.rfield", field);
+  EXPECT_EQ(read_reflectance_field(folder / "camera.rfield").colour_space, ColourSpace::camera);
+  field.colour_space = ColourSpace::rec709;
+  write_reflectance_field(folder / "rec709.rfield", field);
+  EXPECT_EQ(read_reflectance_field(folder / "rec709.rfield").colour_space, ColourSpace::rec709);
 }
 
 TEST(ReflectanceFieldFile, ObservedLightRoundTrips) {

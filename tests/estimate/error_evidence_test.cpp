@@ -161,7 +161,7 @@ TEST(LightErrorModel, BarsLeaveMoreErrorThanTrainingLights) {
     return sum * sum;
   };
   for (const LightMap& light : others) {
-    same_kind += model.variance(light.radiance) / images;
+    same_kind += model.variances_under(light.radiance)[0] / images;
     energy += energy_of(light.radiance) / images;
   }
   EXPECT_GT(same_kind, 0.5);  // 1 by its definition for the mean of training lights that are left out
@@ -169,10 +169,11 @@ TEST(LightErrorModel, BarsLeaveMoreErrorThanTrainingLights) {
   Image bar(width, height, 3);
   for (int y = 0; y < height; ++y)
     for (int c = 0; c < 3; ++c) bar.at(7, y, c) = 1.0f;
-  EXPECT_GT(model.variance(bar) / energy_of(bar), 2.0 * same_kind / energy);
+  EXPECT_GT(model.variances_under(bar)[0] / energy_of(bar), 2.0 * same_kind / energy);
   Image doubled = bar;
   for (float& v : doubled.values) v *= 2.0f;
-  EXPECT_NEAR(model.variance(doubled), 4.0 * model.variance(bar), 1e-9 * model.variance(doubled));
+  EXPECT_NEAR(model.variances_under(doubled)[0], 4.0 * model.variances_under(bar)[0],
+              1e-9 * model.variances_under(doubled)[0]);
 }
 
 }  // namespace

@@ -8,11 +8,15 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "core/base/rng.h"
 #include "core/base/symmetric_eigen.h"
+#include "core/field/light_error.h"
+#include "core/image/metrics.h"
 #include "estimate/estimate.h"
+#include "estimate/quality/error_evidence.h"
 
 namespace refield {
 namespace {
@@ -282,6 +286,83 @@ TEST(TexelRegression, ErrorIsPredictedForLightOfTheSameKind) {
                      std::sqrt(samples.col(p).squaredNorm() / samples.rows() / squared(0, p)));
   EXPECT_GT(median(ratios), 0.8);
   EXPECT_LT(median(ratios), 1.25);
+}
+
+/// Rank correlation and median ratio of the predicted and the true error of each pixel, noise-free.
+std::pair<double, double> prediction_of(const ReflectanceField& field, const LightStage& stage,
+                                        const Eigen::MatrixXd& lights) {
+  const auto pixels = static_cast<std::size_t>(stage.transport.rows());
+  const Eigen::MatrixXd truth = lights * stage.transport.transpose();
+  std::vector<double> own(pixels, 0.0), squared(pixels, 0.0), ratios;
+  for (Eigen::Index j = 0; j < lights.rows(); ++j) {
+    const LightMap light = stage.light_map(lights.row(j));
+    const Image image = field.relight(light), exact = stage.photograph(truth.row(j));
+    const std::vector<double> predicted = own_squared_error_under(field, light.radiance);
+    for (std::size_t p = 0; p < pixels; ++p) own[p] += predicted[p];
+    for (std::size_t i = 0; i < 3 * pixels; ++i)
+      squared[i / 3] += std::pow(image.values[i] - exact.values[i], 2.0);
+  }
+  std::vector<float> relative_predicted, relative_true;
+  for (std::size_t p = 0; p < pixels; ++p) {
+    const double signal = truth.col(static_cast<Eigen::Index>(p)).squaredNorm();
+    relative_predicted.push_back(static_cast<float>(own[p] / signal));
+    relative_true.push_back(static_cast<float>(squared[p] / signal));
+    ratios.push_back(std::sqrt(own[p] / squared[p]));
+  }
+  return {rank_correlation(relative_predicted, relative_true), median(ratios)};
+}
+
+TEST(TexelRegression, ErrorIsPredictedForLightOfOtherKinds) {
+  const LightStage stage(60);
+  const Eigen::MatrixXd lights = stage.natural_light(40, 1);
+  const auto field = estimate_stage(stage, lights, photographs_of(stage, lights, 0.01), true);
+  ASSERT_GT(field.quality.light_error.classes(), 1u);
+  const struct {
+    const char* kind;
+    Eigen::MatrixXd lights;
+  } tests[] = {{"natural", stage.natural_light(40, 77)},
+               {"bars", stage.bars(12)},
+               {"single sources", Eigen::MatrixXd::Identity(60, 60)}};
+  for (const auto& test : tests) {
+    const auto [rank, ratio] = prediction_of(field, stage, test.lights);
+    // One draw of the noise: its error under light of few degrees of freedom is itself random.
+    EXPECT_GT(rank, 0.6) << test.kind;
+    EXPECT_GT(ratio, 0.7) << test.kind;
+    EXPECT_LT(ratio, 1.4) << test.kind;
+  }
+}
+
+// The variance of a class is that of the Gaussian process given the training lights.
+TEST(TexelRegression, ClassesOfTheErrorAreThoseOfTheRegression) {
+  const LightStage stage(24);
+  const Eigen::MatrixXd lights = stage.natural_light(30, 1);
+  std::vector<LightMap> maps;
+  for (Eigen::Index j = 0; j < lights.rows(); ++j) maps.push_back(stage.light_map(lights.row(j)));
+  const BoxTable table(maps);
+  const std::vector<Box> cells = light_cells(table);
+  const LightErrorModel model = light_error_model(table, cells);
+  const auto levels = static_cast<std::size_t>(cell_noise_levels);
+  ASSERT_EQ(model.classes(), cell_priors().size() * levels);
+  const LightMap bar = stage.light_map(stage.bars(5).row(2));
+  const std::vector<double> variances = model.variances_under(bar.radiance);
+  Eigen::RowVectorXd effect(24);
+  for (Eigen::Index k = 0; k < 24; ++k) effect(k) = bar.radiance.at(cells[k].x0, cells[k].y0, 0);
+  const Eigen::MatrixXd of_table = lights_of(table, cells)[0] / table.unit();
+  for (const std::size_t prior : {0, 3, 6})
+    for (const std::size_t level : {8, 14}) {
+      const double noise = cell_noise_ratio(static_cast<int>(level));
+      Eigen::MatrixXd covariance = weight_covariance(cell_priors()[prior].length,
+                                                     cell_priors()[prior].independent, cells, table.domain());
+      Eigen::MatrixXd samples = of_table * covariance * of_table.transpose();
+      covariance *= 30.0 / samples.trace();
+      samples *= 30.0 / samples.trace();
+      const Eigen::MatrixXd inverse = (samples + noise * Eigen::MatrixXd::Identity(30, 30)).inverse();
+      covariance -= covariance * of_table.transpose() * inverse * of_table * covariance;
+      const double left_out = (inverse.diagonal().cwiseInverse().array() - noise).mean();
+      const double expected = (effect * covariance * effect.transpose())(0, 0) / left_out;
+      // Directions are kept in single precision.
+      EXPECT_NEAR(variances[prior * levels + level] / expected, 1.0, 1e-4) << prior << ' ' << level;
+    }
 }
 
 TEST(TexelRegression, FieldStatesWhereLightWasObserved) {

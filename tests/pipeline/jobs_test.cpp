@@ -69,6 +69,44 @@ TEST_F(Jobs, PartsJoinIntoTheBytesOfOneRun) {
   }
 }
 
+TEST_F(Jobs, ShardsShareTheCheckOfFrames) {
+  const auto flickered = folder_ / "session/observed/train_011.exr";
+  Image photograph = read_image(flickered);
+  for (float& value : photograph.values) value *= 1.7f;
+  write_exr(flickered, photograph);
+  const std::vector<std::string> options = {"--kernels", "4"};
+  ASSERT_EQ(estimate("whole.rfield", options), 0) << log();
+  const auto file = folder_ / "frame-check.json";
+  EXPECT_FALSE(std::filesystem::exists(file)) << "for shards only";
+  ASSERT_EQ(estimate("a.rfield", words({"--rows", "1/2"}, options)), 0) << log();
+  const std::string check = read_text(file);
+  ASSERT_EQ(estimate("b.rfield", words({"--rows", "2/2"}, options)), 0) << log();
+  EXPECT_NE(log().find("train_011 is left out"), std::string::npos) << log();
+  ASSERT_EQ(run_program(
+                {"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "joined.rfield"}, log_),
+            0)
+      << log();
+  EXPECT_TRUE(read_text(folder_ / "joined.rfield") == read_text(folder_ / "whole.rfield"));
+
+  // Whether a shard took the findings over shows in a figure that is changed in the file.
+  auto changed = nlohmann::json::parse(check);
+  changed["typical_residual"] = 0.125;
+  const auto found_by = [&](const std::vector<std::string>& more) {
+    EXPECT_EQ(estimate("b.rfield", words({"--rows", "2/2"}, more)), 0) << log();
+    return nlohmann::json::parse(read_text(folder_ / "b.rfield.log.json")).at("typical_frame_residual");
+  };
+  write_text_atomically(file, changed.dump());
+  EXPECT_EQ(found_by(options), 0.125);
+  EXPECT_NE(found_by({"--kernels", "5"}), 0.125) << "another job";
+  write_text_atomically(file, changed.dump().substr(0, check.size() / 2));
+  EXPECT_NE(found_by(options), 0.125) << "damaged";
+  EXPECT_TRUE(read_text(file) == check);
+  write_text_atomically(file, changed.dump());
+  photograph.at(3, 4, 0) += 0.1f;
+  write_exr(flickered, photograph);
+  EXPECT_NE(found_by(options), 0.125) << "another photograph";
+}
+
 TEST_F(Jobs, PartsOfARefinementJoinToo) {
   ASSERT_EQ(run_program(
                 {"estimate", "--light", folder_ / "session/illumination/train_0?0.exr", "--observed",

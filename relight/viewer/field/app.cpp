@@ -149,7 +149,7 @@ void save_picture(App& app, const fs::path& file) {
   ViewState& state = *app.state;
   if (FreeView* view = state.view()) view->settle();
   state.refresh();
-  save_image(app, file, state.radiance(), state.tone_in_use());
+  save_image(app, file, state.radiance(), state.tone_in_use(), state.field().colour_space);
 }
 
 void save_light(App& app, const fs::path& file) {

@@ -96,7 +96,7 @@ bool FieldPicture::draw(const Image& radiance, double exposure, const Image* lig
     Image map(field_.width, field_.height, 1);
     map.values = error_map_of(field_, shown_);
     if (light != nullptr && depends_on_light()) {
-      map.values = predicted_error_under(field_, *light_error_variance(field_, *light), radiance);
+      map.values = predicted_error_under(field_, *light, radiance);
       set_range(map.values);
     }
     false_colour_rgba(map, linear_levels(error_range_), levels_);

@@ -163,9 +163,10 @@ fs::path free_name(const std::string& stem, const std::string& extension) {
   }
 }
 
-void save_image(WindowState& window, const fs::path& file, const Image& linear, const ToneMapping& tone) {
+void save_image(WindowState& window, const fs::path& file, const Image& linear, const ToneMapping& tone,
+                ColourSpace space) {
   if (file.extension() == ".exr")
-    write_exr(file, linear);
+    write_exr(file, linear, Precision::single, space);
   else if (file.extension() == ".png")
     write_png(file, linear, tone);
   else

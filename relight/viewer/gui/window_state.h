@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/base/run_context.h"
+#include "core/image/colour.h"
 #include "core/image/image.h"
 #include "core/image/tone_map.h"
 #include "relight/viewer/gui/canvas.h"
@@ -102,7 +103,7 @@ std::filesystem::path free_name(const std::string& stem, const std::string& exte
 
 /// Writes a picture as it is (.exr) or tone-mapped (.png), and says so. Throws InputError for other files.
 void save_image(WindowState& window, const std::filesystem::path& file, const Image& linear,
-                const ToneMapping& tone);
+                const ToneMapping& tone, ColourSpace space = ColourSpace::camera);
 
 /// Saves under one free name as .exr and as .png; errors become notices.
 void save_both(WindowState& window, const std::string& stem,
