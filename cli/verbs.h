@@ -35,10 +35,13 @@ void add_view(CLI::App& app, const Common& common, Action& action);
 
 // One file a subcommand of `refield acquire`. Each adds its own to `group`.
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action);
+void add_acquire_colour(CLI::App& group, const Common& common, Action& action);
+void add_acquire_geometry(CLI::App& group, const Common& common, Action& action);
 void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action);
 void add_acquire_run(CLI::App& group, const Common& common, Action& action);
 void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
 void add_acquire_import(CLI::App& group, const Common& common, Action& action);
+void add_acquire_guide(CLI::App& group, const Common& common, Action& action);
 void add_acquire_init(CLI::App& group, const Common& common, Action& action);
 void add_acquire_lights(CLI::App& group, const Common& common, Action& action);
 void add_acquire_show(CLI::App& group, const Common& common, Action& action);

@@ -190,6 +190,23 @@ Seconds common_period(const std::vector<Seconds>& differences) {
   return Seconds(0);
 }
 
+namespace {
+
+/// Lit samples without those that may clip at the metered exposure, whose share falls with the exposure as if
+/// light flickered. Where the sensor saturates is not known yet.
+std::vector<std::uint32_t> unclipped(CalibrationBench& bench, const Metering& metering,
+                                     const RunContext& run) {
+  const RawFrame frame = bench.frame(metering.exposure, run);
+  const double limit = 0.8 * *std::ranges::max_element(frame.samples);
+  std::vector<std::uint32_t> samples;
+  for (const std::uint32_t s : metering.lit)
+    if (frame.samples[s] < limit) samples.push_back(s);
+  // Of an even card most samples are near the maximum, and none clips.
+  return 2 * samples.size() < metering.lit.size() ? metering.lit : samples;
+}
+
+}  // namespace
+
 Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn,
                         const RunContext& run) {
   Banding result;
@@ -204,6 +221,7 @@ Banding measure_banding(CalibrationBench& bench, const Metering& metering, doubl
   result.refresh_period = common_period(differences);
 
   bench.show(metering.level);
+  const auto samples = unclipped(bench, metering, run);
   std::optional<TimePoint> begin;
   const Seconds shortest = std::max(bench.camera().shortest_exposure, metering.exposure / 16.0);
   for (int i = 0; i < frames_taken; ++i) {
@@ -211,9 +229,8 @@ Banding measure_banding(CalibrationBench& bench, const Metering& metering, doubl
     const Seconds exposure = shortest * std::pow(metering.exposure / shortest, irregular);
     const RawFrame frame = bench.frame(exposure, run);
     if (!begin) begin = frame.exposure_start;
-    result.frames.push_back(
-        {Seconds(frame.exposure_start - *begin).count(), frame.exposure.count(),
-         std::max(0.5, mean_over(frame, metering.lit) - black_dn) / frame.exposure.count()});
+    result.frames.push_back({Seconds(frame.exposure_start - *begin).count(), frame.exposure.count(),
+                             std::max(0.5, mean_over(frame, samples) - black_dn) / frame.exposure.count()});
   }
   analyse(result);
   return result;

@@ -108,7 +108,8 @@ ordered_json figures_of(const RigMeasurements& rig) {
 }
 
 void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
-  std::printf("%s: %s\n", given.output.c_str(), given.page.c_str());
+  std::printf("%s: calibration; %s shows and explains each figure\n", given.output.c_str(),
+              given.page.c_str());
   if (rig.camera_description.takes_photographs) {
     std::printf(
         "display: assumed stable %.1f ms after a page flip; timing and flicker need a camera that streams\n",

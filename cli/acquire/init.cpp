@@ -3,9 +3,11 @@
 #include <cerrno>
 #include <cstdio>
 #include <memory>
+#include <sstream>
 #include <string>
 
 #include "acquire/devices/v4l2_device.h"
+#include "cli/acquire/session_rig.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -47,6 +49,7 @@ constexpr const char* after_camera =
 # unit_gain = 100                 # value of the gain control for gain 1; default: the control is not changed
 # fixed_exposure = 0.01           # seconds, for a camera without an exposure control
 # replug_patience = 30            # seconds to wait for an unplugged camera
+# truth = "truth"                 # with virtual: folder of 'refield simulate'; default: the scene is traced
 
 [controls]                        # camera controls, with the names that 'refield acquire devices' prints
 # white_balance_temperature = 5000
@@ -111,17 +114,16 @@ std::string camera_line() {
     line += c == '"' || c == '\\' || static_cast<unsigned char>(c) < 32 ? '?' : c;
   line += "\"";
   line.resize(std::max<std::size_t>(line.size() + 1, 34), ' ');
-  return line +
-         (device.empty() ? "# replace this name: 'refield acquire devices' lists names"
-                         : "# found on this machine") +
-         "; also /dev/video0, a bus, genicam:SERIAL or gphoto:MODEL\n";
+  return line + (device.empty() ? "# 'refield acquire devices' lists names" : "# found on this machine") +
+         "; also /dev/video0, a bus, genicam:SERIAL, gphoto:MODEL or\n"
+         "                                  # virtual:RECIPE.toml, a simulated rig\n";
 }
 
 void init(const fs::path& file) {
   std::error_code error;
   if (fs::exists(fs::symlink_status(file, error)))
     throw InputError(file.string() + ": already exists; give another name or remove the file");
-  write_text_atomically(file, before_camera + camera_line() + after_camera);
+  write_text_atomically(file, session_template());
   std::printf(
       "%s: edit [camera] and [monitor], then\n"
       "  refield acquire lights --starter -o lights\n"
@@ -131,6 +133,51 @@ void init(const fs::path& file) {
 }
 
 }  // namespace
+
+std::string session_template() {
+  return before_camera + camera_line() + after_camera;
+}
+
+std::string toml_text(const std::string& text) {
+  std::string result = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') result += '\\';
+    result += static_cast<unsigned char>(c) < 32 ? '?' : c;
+  }
+  return result + "\"";
+}
+
+void set_session_value(std::string& text, const std::string& section, const std::string& key,
+                       const std::string& value) {
+  std::istringstream lines(text);
+  std::string result, line, rest;
+  bool inside = false, is_set = false;
+  const auto set = [&](const std::string& comment) {
+    std::string entry = key + " = " + value;
+    if (!comment.empty()) entry.resize(std::max<std::size_t>(entry.size() + 1, 34), ' ');
+    result += entry + comment + "\n";
+    is_set = true;
+  };
+  while (std::getline(lines, line)) {
+    const std::string bare = line.starts_with("# ") ? line.substr(2) : line;
+    if (bare.starts_with("[")) {
+      if (inside && !is_set) set("");
+      inside = line.starts_with("[" + section + "]");
+    } else if (inside && !is_set && bare.starts_with(key + " = ")) {
+      const auto comment =
+          bare.find("  # ") != std::string::npos ? bare.find("  # ") + 2 : bare.find(" # ") + 1;
+      set(comment == 0 ? "" : bare.substr(comment));
+      continue;
+    }
+    result += line + "\n";
+  }
+  if (inside && !is_set) set("");
+  if (!is_set) {
+    result += "\n[" + section + "]\n";
+    set("");
+  }
+  text = result;
+}
 
 void add_acquire_init(CLI::App& group, const Common& /*common*/, Action& action) {
   const auto file = std::make_shared<fs::path>("session.toml");

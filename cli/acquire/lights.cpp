@@ -29,6 +29,8 @@ namespace fs = std::filesystem;
 struct LightsOptions {
   std::vector<std::string> images;
   bool starter = false;
+  bool spots = false;
+  int count = 180;
   fs::path output;
   fs::path png;
   std::string size;
@@ -121,7 +123,7 @@ void report(const LightsOptions& options, std::size_t count, int width, int heig
     return;
   }
   std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);
-  if (!options.starter)
+  if (!options.starter && !options.spots)
     std::printf("; %.2f %% of the samples were brighter than white and were clipped", 100.0 * clipped);
   std::printf("\n");
   if (!options.png.empty())
@@ -129,9 +131,18 @@ void report(const LightsOptions& options, std::size_t count, int width, int heig
                 options.png.c_str(), options.png.c_str());
 }
 
-/// 150 natural patterns to estimate from and 30 held out, which name the error of an estimate.
+/// Five sixths are natural patterns to estimate from; the others are held out, which name the error of an
+/// estimate: of 180 patterns 150 and 30.
+LightPlan starter_plan(int count) {
+  const auto share = [&](int of_180) { return std::max(1, of_180 * count / 180); };
+  LightPlan plan{
+      .train = 0, .natural = share(15), .bars = share(8), .squares = share(6), .white = 1, .black = 0};
+  plan.train = count - plan.natural - plan.bars - plan.squares - plan.white;
+  return plan;
+}
+
 void make_starter_set(const LightsOptions& options, const Common& common) {
-  constexpr LightPlan plan{.train = 150, .natural = 15, .bars = 8, .squares = 6, .white = 1, .black = 0};
+  const LightPlan plan = starter_plan(options.count);
   constexpr std::uint64_t seed = 2004;
   const auto [width, height] = size_of(options.size.empty() ? "160x90" : options.size);
   const std::vector<LightSpec> list = list_lights(plan);
@@ -145,7 +156,32 @@ void make_starter_set(const LightsOptions& options, const Common& common) {
   report(options, list.size() * writer.steps(), width, height, 0.0, common);
 }
 
+/// Spots at the centres of 5 × 3 equal parts of the screen, and white.
+void make_spots(const LightsOptions& options, const Common& common) {
+  constexpr int columns = 5, rows = 3;
+  constexpr double half_side = 0.05;  // of the screen's height
+  const auto [width, height] = size_of(options.size.empty() ? "160x90" : options.size);
+  std::vector<std::string> names = {"white"};
+  for (int i = 0; i < columns * rows; ++i) names.push_back("spot_" + std::to_string(i));
+  const PatternWriter writer(options, names);
+  writer.write("white", Image(width, height, 3, 1.0f));
+  for (int i = 0; i < columns * rows; ++i) {
+    const double x = (i % columns + 0.5) * width / columns, y = (i / columns + 0.5) * height / rows;
+    Image light(width, height, 3);
+    for (int v = 0; v < height; ++v)
+      for (int u = 0; u < width; ++u)
+        if (std::abs(u + 0.5 - x) <= half_side * height && std::abs(v + 0.5 - y) <= half_side * height)
+          for (int c = 0; c < 3; ++c) light.at(u, v, c) = 1.0f;
+    writer.write("spot_" + std::to_string(i), light);
+  }
+  report(options, names.size() * writer.steps(), width, height, 0.0, common);
+}
+
 void make_lights_of(const LightsOptions& options, const Common& common) {
+  if (options.spots) {
+    make_spots(options, common);
+    return;
+  }
   if (options.starter) {
     make_starter_set(options, common);
     return;
@@ -199,9 +235,17 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
   verb->add_flag("--starter", options->starter,
                  "Create the starter set of 180 patterns instead of resampling images")
       ->excludes(images);
-  verb->add_option("--size", options->size,
-                   "Size of the patterns in texels, WIDTHxHEIGHT (default for the starter set: 160x90, for "
-                   "16:9 monitors)");
+  verb->add_flag("--spots", options->spots,
+                 "Create 15 spots and white for 'refield acquire geometry' instead of resampling images")
+      ->excludes(images)
+      ->excludes("--starter");
+  verb->add_option("--count", options->count, "Number of patterns of the starter set, held-out ones included")
+      ->check(CLI::Range(12, 5000))
+      ->capture_default_str();
+  verb->add_option(
+      "--size", options->size,
+      "Size of the patterns in texels, WIDTHxHEIGHT (default for --starter and --spots: 160x90, for "
+      "16:9 monitors)");
   verb->add_option("-o,--output", options->output, "Folder for the light maps (.exr)")->required();
   verb->add_option("--png", options->png, "Folder for the same patterns as 8-bit sRGB PNG files");
   verb->add_flag("--stretch", options->stretch,

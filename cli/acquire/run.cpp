@@ -24,6 +24,7 @@ namespace fs = std::filesystem;
 struct RunOptions {
   fs::path file;
   IfExists if_exists = IfExists::refuse;
+  bool predict_error = false;
 };
 
 /// The plan names devices by what decides their frames, and by what stays the same when a cable is plugged in
@@ -125,15 +126,17 @@ void run_session(const RunOptions& options, const Common& common) {
   SessionRig rig(session);
   CaptureRequest request = request_of(session, rig.camera().describe(), rig.monitor().describe());
   request.if_exists = options.if_exists;
+  request.before_light = rig.before_light(request.lights);
   if (!session.preview.empty()) request.on_photograph = preview_into(session.preview);
   if (!request.timing)
     tell(session.calibration.string() +
          ": has no [timing] section, so the latency of the monitor is assumed to be zero; 'refield acquire "
          "calibrate' measures it");
   std::optional<UntilError> until;
-  if (!session.until_error.empty()) {
+  const bool may_stop = !session.until_error.empty();
+  if (may_stop || options.predict_error) {
     constexpr int min_images = 30, check_every = 10;
-    until.emplace(error_from_text(session.until_error), min_images, check_every);
+    until.emplace(may_stop ? error_from_text(session.until_error) : 0.0, min_images, check_every);
     until->attach(request);
   }
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());
@@ -143,7 +146,7 @@ void run_session(const RunOptions& options, const Common& common) {
          " damaged frames, restarted its stream " + std::to_string(troubles.restarts) +
          " times and was reconnected " + std::to_string(troubles.replugs) +
          " times; the affected frames were discarded");
-  report_capture(summary, session.output, until ? &*until : nullptr, common);
+  report_capture(summary, session.output, may_stop ? &*until : nullptr, common);
 }
 
 }  // namespace
@@ -164,6 +167,9 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
       "Example:\n"
       "  refield acquire run session.toml");
   verb->add_option("session", options->file, "Session file (.toml)")->required();
+  verb->add_flag("--predict-error", options->predict_error,
+                 "Print the predicted error of the reflectance field on new photographs, first after 30 "
+                 "training photographs and then after every 10");
   add_if_exists(*verb, options->if_exists, "a capture");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { run_session(*options, common); }; });

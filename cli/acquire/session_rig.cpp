@@ -2,7 +2,10 @@
 #include "cli/acquire/session_rig.h"
 
 #include <cstdio>
+#include <mutex>
+#include <set>
 
+#include "cli/acquire/virtual_request.h"
 #include "cli/run_context.h"
 #include "core/base/config_file.h"
 #include "core/light/monitor_placement.h"
@@ -45,8 +48,9 @@ void read_camera_options(ConfigSection& section, CameraOptions& camera) {
   section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
 }
 
-decltype(SessionFile::camera) read_camera(ConfigSection section, ConfigSection controls) {
-  const std::string genicam = "genicam:", gphoto = "gphoto:";
+decltype(SessionFile::camera) read_camera(ConfigSection section, ConfigSection controls,
+                                          const fs::path& folder) {
+  const std::string genicam = "genicam:", gphoto = "gphoto:", simulated = "virtual:";
   std::string device;
   section.require("device");
   section.text("device", device);
@@ -65,6 +69,14 @@ decltype(SessionFile::camera) read_camera(ConfigSection section, ConfigSection c
     read_tethered_options(section, camera);
     section.finish();
     camera.controls = controls.texts();
+    return camera;
+  }
+  if (device.starts_with(simulated)) {
+    VirtualCameraOptions camera;
+    camera.recipe = folder / device.substr(simulated.size());
+    read_path(section, "truth", folder, camera.truth);
+    section.finish();
+    controls.finish();
     return camera;
   }
   V4l2CameraOptions camera;
@@ -181,7 +193,7 @@ SessionFile read_session_file(const fs::path& path) {
   session.path = path;
   const fs::path folder = fs::absolute(path).parent_path();
   read_session(file.section("session"), folder, session);
-  session.camera = read_camera(file.section("camera"), file.optional_section("controls"));
+  session.camera = read_camera(file.section("camera"), file.optional_section("controls"), folder);
   read_monitor(file.optional_section("monitor"), session);
   if (file.has("trigger")) session.trigger = read_trigger(file.section("trigger"));
   read_lights(file.section("lights"), folder, session.lights);
@@ -197,7 +209,33 @@ RunContext run_with_notices() {
   return run;
 }
 
-std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session) {
+/// What never fails.
+class SimulatedCamera final : public TetheredCamera {
+ public:
+  explicit SimulatedCamera(Camera& camera) : camera_(camera) {}
+  CameraDescription describe() const override { return camera_.describe(); }
+  TimePoint set_exposure(Seconds exposure, double gain) override {
+    return camera_.set_exposure(exposure, gain);
+  }
+  RawFrame next_frame(Seconds timeout) override { return camera_.next_frame(timeout); }
+  const CameraTroubles& troubles() const override { return none_; }
+
+ private:
+  Camera& camera_;
+  CameraTroubles none_;
+};
+
+std::optional<VirtualRig> virtual_rig_of(const SessionFile& session) {
+  const auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
+  if (!simulated) return std::nullopt;
+  const Recipe recipe = read_recipe(simulated->recipe);
+  TracedScene scene = scene_of(simulated->truth, recipe);
+  return VirtualRig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor,
+                    recipe.rig.sensor, recipe.seed);
+}
+
+std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session, std::optional<VirtualRig>& simulated) {
+  if (simulated) return std::make_unique<SimulatedCamera>(simulated->camera());
   if (const auto* genicam = std::get_if<GenicamCameraOptions>(&session.camera))
     return std::make_unique<GenicamCamera>(*genicam, run_with_notices());
   if (const auto* gphoto = std::get_if<GphotoCameraOptions>(&session.camera))
@@ -205,7 +243,9 @@ std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session) {
   return std::make_unique<V4l2Camera>(std::get<V4l2CameraOptions>(session.camera), run_with_notices());
 }
 
+/// null where the virtual rig has one.
 std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
+  if (std::holds_alternative<VirtualCameraOptions>(session.camera)) return nullptr;
   if (!session.window) return std::make_unique<DrmMonitor>(session.monitor);
   auto window = std::make_unique<WindowMonitor>(*session.window);
   if (!window->waits_for_blanking())
@@ -218,11 +258,21 @@ std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
 }  // namespace
 
 SessionRig::SessionRig(const SessionFile& session)
-    : camera_(camera_of(session)), monitor_(monitor_of(session)) {
+    : virtual_(virtual_rig_of(session)),
+      camera_(camera_of(session, virtual_)),
+      monitor_(monitor_of(session)) {
   if (session.trigger) trigger_.emplace(*session.trigger, run_context());
 }
 
+std::function<void(std::size_t)> SessionRig::before_light(const std::vector<CaptureLight>& lights) {
+  return virtual_ ? place_teller(*virtual_, lights) : nullptr;
+}
+
 void tell(const std::string& sentence) {
+  static std::mutex mutex;            // cameras tell from threads of their own
+  static std::set<std::string> told;  // devices are opened several times
+  const std::scoped_lock lock(mutex);
+  if (!told.insert(sentence).second) return;
   std::fprintf(stderr, "\nrefield: note: %s\n", sentence.c_str());
 }
 

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <variant>
 #include <vector>
 
+#include "acquire/capture/capture.h"
 #include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/genicam_camera.h"
 #include "acquire/devices/gphoto_camera.h"
@@ -16,6 +18,7 @@
 #include "acquire/devices/window_monitor.h"
 #include "acquire/illuminator.h"
 #include "core/light/monitor_placement.h"
+#include "simulate/rig/virtual_rig.h"
 
 namespace refield::cli {
 
@@ -30,13 +33,20 @@ struct SessionLights {
   double white_percentile = 99.0;  ///< of the panorama's brightness: shown as the monitor's white
 };
 
+/// The simulated camera and monitor of a recipe, instead of devices.
+struct VirtualCameraOptions : CameraOptions {
+  std::filesystem::path recipe;
+  std::filesystem::path truth;                  ///< folder of 'refield simulate'; empty: traced when opened
+  std::map<std::string, std::string> controls;  ///< none; for code that treats all cameras alike
+};
+
 /// A session file: everything that `refield acquire run` needs to know, see docs/reference/devices.md.
 struct SessionFile {
   std::filesystem::path path;
   std::filesystem::path output;
   std::filesystem::path calibration;
-  /// By the prefixes "genicam:" and "gphoto:".
-  std::variant<V4l2CameraOptions, GenicamCameraOptions, GphotoCameraOptions> camera;
+  /// By the prefixes "genicam:", "gphoto:" and "virtual:".
+  std::variant<V4l2CameraOptions, GenicamCameraOptions, GphotoCameraOptions, VirtualCameraOptions> camera;
   DrmMonitorOptions monitor;
   std::optional<WindowMonitorOptions> window;  ///< instead of `monitor`
   std::vector<MonitorPlacement> placements;    ///< where the monitor stands, one or, if it is not known, none
@@ -64,6 +74,15 @@ struct SessionFile {
 /// value and remedy.
 SessionFile read_session_file(const std::filesystem::path& path);
 
+/// A session file to fill in, with all keys.
+std::string session_template();
+
+/// Sets a key of a session file, whose comments stay. `value` is in TOML's notation.
+void set_session_value(std::string& text, const std::string& section, const std::string& key,
+                       const std::string& value);
+/// A text in TOML's notation.
+std::string toml_text(const std::string& text);
+
 /// The devices that a session file names, opened.
 class SessionRig {
  public:
@@ -71,16 +90,20 @@ class SessionRig {
   explicit SessionRig(const SessionFile& session);
 
   TetheredCamera& camera() { return *camera_; }
-  Illuminator& monitor() { return *monitor_; }
+  Illuminator& monitor() { return virtual_ ? virtual_->illuminator() : *monitor_; }
+  /// For CaptureRequest::before_light; null for real devices.
+  std::function<void(std::size_t)> before_light(const std::vector<CaptureLight>& lights);
   Trigger* trigger() { return trigger_ ? &*trigger_ : nullptr; }
 
  private:
+  std::optional<VirtualRig> virtual_;
   std::unique_ptr<TetheredCamera> camera_;
   std::unique_ptr<Illuminator> monitor_;
   std::optional<GpioTrigger> trigger_;
 };
 
-/// On standard error, where progress is, too: what a person should know but need not act on.
+/// On standard error, where progress is, too: what a person should know but need not act on. A sentence is
+/// printed once.
 void tell(const std::string& sentence);
 
 }  // namespace refield::cli

@@ -56,11 +56,12 @@ UntilError::UntilError(double error, int min_images, int check_every)
 }
 
 void UntilError::attach(CaptureRequest& request) {
+  request.is_enough = [this](const CaptureFrame& frame) { return is_enough(frame); };
+  if (error_ == 0.0) return;
   char rule[128];
   std::snprintf(rule, sizeof rule, "predicted error %.6g, from %d images, every %d", error_, min_images_,
                 check_every_);
   request.stop_rule = rule;
-  request.is_enough = [this](const CaptureFrame& frame) { return is_enough(frame); };
 }
 
 bool UntilError::is_enough(const CaptureFrame& frame) {
@@ -68,8 +69,14 @@ bool UntilError::is_enough(const CaptureFrame& frame) {
   const int images = follower_.images();
   if (images < min_images_ || (images - min_images_) % check_every_ != 0) return false;
   last_ = follower_.predict(run_context());
-  reached_ = last_.predicted <= error_;
   char text[160];
+  if (error_ == 0.0) {
+    std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %%", images,
+                  100.0 * last_.predicted);
+    run_context().note(text);
+    return false;
+  }
+  reached_ = last_.predicted <= error_;
   const int needed = reached_ ? 0 : follower_.images_for(error_);
   std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (target: %.2f %%)%s",
                 images, 100.0 * last_.predicted, 100.0 * error_,

@@ -17,7 +17,7 @@ void order_lights(std::vector<CaptureLight>& lights, const std::string& order, s
 /// "2%" or "0.02" as 0.02. Throws InputError outside (0, 1).
 double error_from_text(const std::string& text);
 
-/// The rule by which a capture ends early.
+/// Predicts the error while a capture goes on; with an error above 0, the rule by which it ends early.
 class UntilError {
  public:
   UntilError(double error, int min_images, int check_every);

@@ -48,14 +48,7 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
   TracedScene scene = scene_of(options.truth, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  seed);
-  std::uint32_t references = 0;
-  std::vector<std::uint32_t> repetition;
-  for (const CaptureLight& light : request.lights)
-    repetition.push_back(light.role == FrameRole::reference ? ++references : 0);
-  request.before_light = [&](std::size_t i) {
-    const double last = std::max<double>(1.0, static_cast<double>(request.lights.size()) - 1.0);
-    rig.set_place(static_cast<double>(i) / last, repetition[i]);
-  };
+  request.before_light = place_teller(rig, request.lights);
   const CaptureSummary summary = capture(request, rig.camera(), rig.illuminator(),
                                          options.trigger ? &rig.trigger() : nullptr, run_context());
   report_capture(summary, options.session, until ? &*until : nullptr, common);

@@ -120,6 +120,17 @@ TracedScene scene_of(const fs::path& truth, const Recipe& recipe) {
           fs::exists(ambient) ? read_image(ambient) : Image()};
 }
 
+std::function<void(std::size_t)> place_teller(VirtualRig& rig, const std::vector<CaptureLight>& lights) {
+  std::uint32_t references = 0;
+  std::vector<std::uint32_t> repetition;
+  for (const CaptureLight& light : lights)
+    repetition.push_back(light.role == FrameRole::reference ? ++references : 0);
+  return [&rig, repetition](std::size_t i) {
+    const double last = std::max<double>(1.0, static_cast<double>(repetition.size()) - 1.0);
+    rig.set_place(static_cast<double>(i) / last, repetition[i]);
+  };
+}
+
 CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed) {
   CaptureRequest request;
   request.folder = options.session;

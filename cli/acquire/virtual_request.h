@@ -2,11 +2,13 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "acquire/capture/capture.h"
+#include "simulate/rig/virtual_rig.h"
 #include "simulate/tabletop/recipe.h"
 #include "simulate/tabletop/simulate.h"
 
@@ -46,6 +48,10 @@ struct VirtualOptions {
 /// The scene before the virtual camera: from the folder `truth` that 'refield simulate' made or, where it is
 /// empty, traced now.
 TracedScene scene_of(const fs::path& truth, const Recipe& recipe);
+
+/// Tells `rig` before each of `lights` how far the capture is, see VirtualRig::set_place(); `rig`
+/// must outlive the result.
+std::function<void(std::size_t)> place_teller(VirtualRig& rig, const std::vector<CaptureLight>& lights);
 
 /// What the options and the recipe ask the capture stage for.
 CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed);

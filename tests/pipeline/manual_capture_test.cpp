@@ -266,9 +266,10 @@ TEST(SessionFileTemplate, IsReadByTheProgramWithAllItsKeys) {
   write_text_atomically(folder / "session.toml", text);
   // The camera is the first thing that is missing: the file was read to its end.
   EXPECT_THAT(message({"acquire", "run", folder / "session.toml"}), HasSubstr("no such camera"));
-  // All keys that are commented out are keys of the program; a display belongs to a window alone.
+  // All keys that are commented out are keys of the program; a display belongs to a window alone, a
+  // truth to a simulated rig.
   text = std::regex_replace(text, std::regex("\n# (\\[[a-z]+\\]|[a-z_]+ = )"), "\n$1");
-  text = std::regex_replace(text, std::regex("\ndisplay = [^\n]*"), "");
+  text = std::regex_replace(text, std::regex("\n(display|truth) = [^\n]*"), "");
   write_text_atomically(folder / "all.toml", text);
   EXPECT_THAT(message({"acquire", "run", folder / "all.toml"}), HasSubstr("no such camera"));
   EXPECT_THAT(
