@@ -84,8 +84,8 @@ std::vector<ImageView> views_of(const Floats& array, const std::string& name);
 /// A copy.
 Image image_of(const ImageView& view);
 
-/// The values of an array that results are written to: float32 of this shape, without gaps, writable. Throws
-/// InputError.
+/// The values of an array that results are written to: float32 of this shape, without gaps, aligned,
+/// writable. Throws InputError.
 float* target_of(py::array& out, const std::vector<py::ssize_t>& shape);
 
 void bind_field(py::module_& module);

@@ -7,10 +7,12 @@
 
 #include "core/base/output_lock.h"
 #include "core/field/field_statistics.h"
+#include "core/field/light_error.h"
 #include "python/binding.h"
 #include "python/field.h"
 #include "refield/estimate.h"
 #include "refield/relight.h"
+#include "relight/field_pictures.h"
 
 namespace refield::python {
 
@@ -19,12 +21,16 @@ namespace {
 /// From as many pictures on, laying the field out for speed takes less time than it saves.
 constexpr std::size_t min_pictures_for_layout = 12;
 
-void warn_of_unobserved_light(double share) {
-  if (share <= 0.01) return;
-  const py::gil_scoped_acquire with_lock;
-  log_note(std::to_string(std::lround(100.0 * share)) +
-           " % of the light comes from texels that were black in all training light maps; the field does not "
-           "contain its effect");
+/// From this radiance on, the sum of a pixel may exceed the range of 32-bit floats.
+constexpr float bright_light = 1e20f;
+
+/// Whether a texel is so bright, that pictures may not be finite.
+bool is_bright(const ImageView& light) {
+  for (int y = 0; y < light.height; ++y)
+    for (int x = 0; x < light.width; ++x)
+      for (int c = 0; c < light.channels; ++c)
+        if (std::abs(light.at(x, y, c)) > bright_light) return true;
+  return false;
 }
 
 LightMap light_of(const ImageView& view, const LightDomain& domain) {
@@ -88,7 +94,7 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
   std::optional<MeshView> view;
   if (outline().mesh) view.emplace(outline(), standard_camera(outline()));
   Progress progress(run, "relight", lights.size());
-  double unobserved = 0.0;
+  LightShares shares;
   for (std::size_t i = 0; i < lights.size(); ++i) {
     run.throw_if_stopped();
     const std::span<float> picture(out + i * values, values);
@@ -103,11 +109,19 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
       else
         plain->transfer.apply(plain->basis.project(light), picture);
     }
-    if (!outline().observed_light.empty())
-      unobserved = std::max(unobserved, outline().light_shares(image_of(lights[i])).unobserved);
+    if (is_bright(lights[i]) && !std::ranges::all_of(picture, [](float v) { return std::isfinite(v); }))
+      throw InputError("light: is too bright for pictures of 32-bit floats; scale it down");
+    if (!outline().observed_light.empty()) {
+      const LightShares of_light = outline().light_shares(image_of(lights[i]));
+      shares.interpolated = std::max(shares.interpolated, of_light.interpolated);
+      shares.unobserved = std::max(shares.unobserved, of_light.unobserved);
+    }
     progress.advance();
   }
-  warn_of_unobserved_light(unobserved);
+  if (const std::string warning = unobserved_light_warning(shares); !warning.empty()) {
+    const py::gil_scoped_acquire with_lock;
+    log_note(warning);
+  }
 }
 
 namespace {
@@ -207,6 +221,23 @@ py::list kernels(const Field& field, int x, int y) {
 py::object quality_map(const Field& field, const std::vector<float>& values) {
   if (values.empty()) return py::none();
   return array_of(std::vector<float>(values), {field.outline().height, field.outline().width});
+}
+
+py::object predicted_error_of(const Field& field, const Floats& light) {
+  const FieldOutline& outline = field.outline();
+  const ImageView view = view_of(light, "light");
+  const LightMap map{image_of(view), outline.basis.domain.parameterisation};
+  require_domain(map, outline.basis.domain);
+  if (outline.quality.predicted_error.empty()) return py::none();
+  Image relit(outline.width, outline.height, 3);
+  std::vector<float> error;
+  require_own_threads();
+  {
+    const py::gil_scoped_release without_lock;
+    field.relight({&view, 1}, relit.values.data(), {});
+    error = predicted_error_under(outline, map.radiance, relit);
+  }
+  return quality_map(field, error);
 }
 
 Field load(const std::filesystem::path& path) {
@@ -378,12 +409,16 @@ void bind_field(py::module_& module) {
                                  texts.push_back(text_of(place));
                                return texts;
                              })
+      .def_property_readonly(
+          "colour_space",
+          [](const Field& field) { return std::string(name_of(field.outline().colour_space)); })
       .def_property_readonly("provenance", [](const Field& field) { return field.outline().provenance; })
       .def_property_readonly("bits",
                              [](const Field& field) { return field.packed() ? field.packed()->bits() : 32; })
       .def_property_readonly(
           "predicted_error",
           [](const Field& f) { return quality_map(f, f.outline().quality.predicted_error); })
+      .def("predicted_error_under", &predicted_error_of)
       .def_property_readonly(
           "noise", [](const Field& f) { return quality_map(f, f.outline().quality.photograph_noise); })
       .def_property_readonly("training_error", [](const Field& f) {

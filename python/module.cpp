@@ -17,6 +17,7 @@ std::atomic<bool> has_started{false};
 std::atomic<bool> lost_threads{false};
 
 std::string text_of(const std::vector<py::ssize_t>& shape) {
+  if (shape.empty()) return "of a single number";
   std::ostringstream text;
   for (std::size_t i = 0; i < shape.size(); ++i) text << (i == 0 ? "" : "×") << shape[i];
   return text.str();
@@ -46,9 +47,51 @@ void require_images(const Floats& array, int axes, const std::string& name) {
   for (int axis = axes - 3; axis < axes - 1; ++axis)
     if (array.shape(axis) < 1 || array.shape(axis) > max_side)
       throw InputError(name + ": has the shape " + shape_of(array) + "; give images of at least one pixel");
+  if (axes == 4 && array.shape(0) > max_side)
+    throw InputError(name + ": has the shape " + shape_of(array) + "; give at most " +
+                     std::to_string(max_side) + " images");
   for (int axis = 0; axis < axes; ++axis)
     if (array.strides(axis) % static_cast<py::ssize_t>(sizeof(float)) != 0)
       throw InputError(name + ": its strides are not whole numbers of floats; give a copy");
+}
+
+/// Threads that work for calls from Python, kept for further calls: a thread that has worked with oneTBB and
+/// ends may leave some kilobytes behind, for ever. They end with the process.
+class Workers {
+ public:
+  /// Runs `work`, which must not throw, in a thread of its own.
+  void start(std::function<void()> work) {
+    const std::scoped_lock lock(mutex_);
+    waiting_.push_back(std::move(work));
+    if (idle_ >= waiting_.size())
+      added_.notify_one();
+    else
+      std::thread([this] { serve(); }).detach();
+  }
+
+ private:
+  [[noreturn]] void serve() {
+    for (;;) {
+      std::unique_lock lock(mutex_);
+      ++idle_;
+      added_.wait(lock, [&] { return !waiting_.empty(); });
+      --idle_;
+      const auto work = std::move(waiting_.front());
+      waiting_.pop_front();
+      lock.unlock();
+      work();
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable added_;
+  std::deque<std::function<void()>> waiting_;
+  std::size_t idle_ = 0;
+};
+
+Workers& workers() {
+  static Workers* const all = new Workers;  // outlives its threads
+  return *all;
 }
 
 }  // namespace
@@ -90,7 +133,7 @@ void LongCall::run(const std::function<void()>& work) {
   std::exception_ptr failure, of_python;
   {
     const py::gil_scoped_release without_lock;
-    std::thread worker([&] {
+    workers().start([&] {
       try {
         work();
       } catch (...) {
@@ -120,7 +163,6 @@ void LongCall::run(const std::function<void()>& work) {
         stop_ = true;
       }
     }
-    worker.join();
   }
   if (of_python) std::rethrow_exception(of_python);
   if (failure) std::rethrow_exception(failure);
@@ -165,10 +207,11 @@ Image image_of(const ImageView& view) {
 
 float* target_of(py::array& out, const std::vector<py::ssize_t>& shape) {
   const bool fits = py::isinstance<py::array_t<float>>(out) && shape_of(out) == text_of(shape) &&
-                    (out.flags() & py::array::c_style) != 0 && out.writeable();
+                    (out.flags() & py::array::c_style) != 0 &&
+                    (out.flags() & py::detail::npy_api::NPY_ARRAY_ALIGNED_) != 0 && out.writeable();
   if (!fits)
     throw InputError("out: is " + py::str(out.dtype()).cast<std::string>() + " of shape " + shape_of(out) +
-                     "; give a writable float32 array of shape " + text_of(shape) + " in C order");
+                     "; give a writable, aligned float32 array of shape " + text_of(shape) + " in C order");
   return static_cast<float*>(out.mutable_data());
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sessions, simulation, precomputed transport, HDR photographs, environments and error measures.
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -31,6 +33,7 @@ CaptureSession pairs_of(const std::vector<fs::path>& lights, const std::vector<f
   if (lights.size() != observed.size())
     throw InputError(std::to_string(lights.size()) + " light maps and " + std::to_string(observed.size()) +
                      " photographs do not belong together; give one light map for each photograph");
+  if (lights.empty()) throw InputError("light and observed are empty; give the files of a capture");
   CaptureSession session;
   session.light.parameterisation = parameterisation_from_name(parameterisation);
   for (std::size_t j = 0; j < lights.size(); ++j)
@@ -130,6 +133,11 @@ py::dict compare_arrays(
     const Image a = image_of(images[i]), b = image_of(references[i]),
                 s = sigma ? image_of(noise[i]) : Image();
     series.add(a, b, s);
+    for (std::size_t k = 0; k < b.values.size(); ++k)
+      if (!std::isfinite(b.values[k]) && (s.empty() || !std::isinf(s.values[k])) &&
+          (counted.empty() || counted[k / 3] != 0))
+        throw InputError("observed: image " + std::to_string(i) + " has a sample that is not finite; " +
+                         "exclude it by the mask, or mark it as unmeasured (sigma = inf)");
     per_image.push_back({std::to_string(i), {}, image_error(a, b, counted, s)});
   }
   return errors_as_dict("", series.images(), series.relative_rmse(), series.pixel_quantile(0.5),
@@ -366,6 +374,9 @@ void bind_scenes(py::module_& module) {
       .def("light", &light_of_frame)
       .def("observed", &observed_of_frame)
       .def_property_readonly("mask", &mask_of_session)
+      .def_property_readonly(
+          "colour_space",
+          [](const CaptureSession& session) { return std::string(name_of(session.colour_space())); })
       .def_property_readonly("folder", [](const CaptureSession& session) { return session.folder; })
       .def_property_readonly(
           "shape",
@@ -398,13 +409,19 @@ void bind_scenes(py::module_& module) {
              });
   module.def("environment", [](const Floats& map, int height, int width, const std::string& parameterisation,
                                const std::vector<std::string>& monitors, const std::array<double, 3>& turn) {
-    if (height < 1 || width < 1) throw InputError("shape: give at least one row and one column");
+    constexpr std::int64_t max_texels = std::int64_t{1} << 27;  // cube maps with faces of 4096×4096
+    if (height < 1 || width < 1 || std::int64_t{height} * width > max_texels)
+      throw InputError("shape is " + std::to_string(height) + "×" + std::to_string(width) +
+                       "; give at least one row and one column, and at most " + std::to_string(max_texels) +
+                       " texels");
     return project(map, {width, height, parameterisation_from_name(parameterisation)}, monitors, turn);
   });
   module.def("read_image", [](const fs::path& path) {
     return array_of(LongCall(py::none(), std::nullopt)([&](const RunContext&) { return read_image(path); }));
   });
   module.def("write_exr", [](const fs::path& path, const Floats& image) {
+    if (path.extension() != ".exr")
+      throw InputError(path.string() + ": the image is written as OpenEXR; give a name that ends in .exr");
     write_exr(path, image_of(view_of(image, "image")));
   });
 }

@@ -22,7 +22,6 @@ the start methods ``spawn`` or ``forkserver`` of multiprocessing.
 from __future__ import annotations
 
 import json
-import os
 import pathlib
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +30,8 @@ from typing import Any, NamedTuple, Optional, Union
 import numpy as np
 import numpy.typing as npt
 
-from . import _refield
+from . import _arguments, _refield
+from ._arguments import Array, Path, Progress
 from ._refield import DeviceError, Error, FormatError, InputError, SolverError
 
 __all__ = [
@@ -40,47 +40,6 @@ __all__ = [
     "Error", "InputError", "FormatError", "DeviceError", "SolverError",
 ]
 __version__: str = _refield.version
-
-Array = npt.NDArray[np.float32]
-Path = Union[str, "os.PathLike[str]"]
-#: Called with the stage, the work done and the total; or a tqdm bar.
-Progress = Union[Callable[[str, int, int], object], Any, None]
-
-
-def _floats(array: npt.ArrayLike, name: str) -> Array:
-    """float32 as it is; float64 and float16 rounded or widened; uint16 and uint8 such that their largest value is 1."""
-    given = np.asarray(array)
-    if given.dtype == np.float32 and given.dtype.isnative:
-        if given.flags.aligned and all(stride % 4 == 0 for stride in given.strides):
-            return given
-        return np.ascontiguousarray(given)
-    if given.dtype.kind == "f":
-        return given.astype(np.float32)
-    if given.dtype in (np.dtype(np.uint16), np.dtype(np.uint8)):
-        return np.multiply(given, np.float32(1.0 / np.iinfo(given.dtype).max), dtype=np.float32)
-    raise InputError(f"{name}: has the type {given.dtype}; give float32, float16, float64, uint16 or uint8")
-
-
-def _progress(progress: Progress) -> Optional[Callable[[str, int, int], object]]:
-    """tqdm bars are no functions of a stage."""
-    if progress is None or not (hasattr(progress, "set_description") and hasattr(progress, "refresh")):
-        return progress
-    bar: Any = progress
-
-    def show(stage: str, done: int, total: int) -> None:
-        bar.set_description(stage, refresh=False)
-        bar.total, bar.n = total, done
-        bar.refresh()
-
-    return show
-
-
-def _texts(monitor: Union[str, Sequence[str], None]) -> list[str]:
-    return [] if monitor is None else [monitor] if isinstance(monitor, str) else list(monitor)
-
-
-def _is_path(value: object) -> bool:
-    return isinstance(value, (str, os.PathLike))
 
 
 def read_image(path: Path) -> Array:
@@ -100,12 +59,25 @@ def read_image(path: Path) -> Array:
     DeviceError, FormatError
         The file is missing, or is no image.
     """
-    return _refield.read_image(path)
+    return _refield.read_image(_arguments.path(path))
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
-    """Write an image [H, W, 3] as OpenEXR with 32-bit floats. The file appears when it is complete."""
-    _refield.write_exr(path, _floats(image, "image"))
+    """Write an image as OpenEXR with 32-bit floats.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ".exr". The file appears when it is complete.
+    image : array [H, W, 3]
+        Scene-linear RGB; float32, float16 or float64 by value, uint16 and uint8 such that 65535 and 255 become 1.
+
+    Raises
+    ------
+    InputError, DeviceError
+        The path has another ending, the array another shape or type; the file cannot be written.
+    """
+    _refield.write_exr(_arguments.path(path), _arguments.floats(image, "image"))
 
 
 class Kernel(NamedTuple):
@@ -124,11 +96,36 @@ class Relighter:
     """
 
     def __init__(self, field: Field, precision: str = "fast") -> None:
-        self._frames = _refield.Frames(field._native, precision)
+        if not isinstance(field, Field):
+            _arguments.refuse("field", field, "a Field")
+        self._frames = _refield.Frames(field._native, _arguments.text(precision, "precision"))
 
     def relight(self, light: npt.ArrayLike, out: Optional[Array] = None) -> Array:
-        """The scene under `light` [h, w, 3], as [H, W, 3]; written straight into `out` where it is given."""
-        return self._frames.relight(_floats(light, "light"), out)
+        """The scene under one light map.
+
+        Parameters
+        ----------
+        light : array [h, w, 3]
+            Of the field's `light_shape`; scene-linear radiance.
+        out : array [H, W, 3], optional
+            Receives the image without a copy: float32 in C order.
+
+        Returns
+        -------
+        array [H, W, 3], float32
+            Scene-linear radiance in the units of the light; `out` where it is given.
+
+        Raises
+        ------
+        InputError
+            The light or `out` has another shape, or the light is not finite.
+
+        Notes
+        -----
+        The sum over the kernels of a pixel, weight times the sum of the light under the kernel (Matusik et al. 2004,
+        equations 3 and 4), with weights rounded as `Field.relighter` says.
+        """
+        return self._frames.relight(_arguments.light_for(out, light), out)
 
     def update(self, light: npt.ArrayLike, changed: tuple[int, int, int, int], out: Optional[Array] = None) -> Array:
         """The same after `light` changed inside a rectangle alone, in less time the less of it changed.
@@ -140,8 +137,24 @@ class Relighter:
         changed : (x0, y0, x1, y1)
             Columns x0 to x1 - 1 and rows y0 to y1 - 1, outside which the light is that of the call before. The first
             call after `relight` computes the whole image.
+        out : array [H, W, 3], optional
+            Receives the image: float32 in C order.
+
+        Returns
+        -------
+        array [H, W, 3], float32
+
+        Raises
+        ------
+        InputError
+            As of `relight`; `changed` is empty or reaches outside the light map.
         """
-        return self._frames.update(_floats(light, "light"), changed, out)
+        if np.shape(changed) != (4,):
+            _arguments.refuse("changed", changed, "four numbers (x0, y0, x1, y1)")
+        x0, y0, x1, y1 = (_arguments.whole(side, "changed") for side in changed)
+        if x0 >= x1 or y0 >= y1:
+            _arguments.refuse("changed", (x0, y0, x1, y1), "x0 below x1 and y0 below y1")
+        return self._frames.update(_arguments.light_for(out, light), (x0, y0, x1, y1), out)
 
 
 class Field:
@@ -151,6 +164,8 @@ class Field:
     """
 
     def __init__(self, native: _refield.Field) -> None:
+        if not isinstance(native, _refield.Field):
+            raise InputError("a Field is made by refield.estimate, refield.precompute and Field.load")
         self._native = native
 
     @staticmethod
@@ -162,11 +177,22 @@ class Field:
         DeviceError, FormatError
             The file is missing, of another kind or version, or damaged.
         """
-        return Field(_refield.Field.load(path))
+        return Field(_refield.Field.load(_arguments.path(path)))
 
     def save(self, path: Path) -> None:
-        """Write the field as one file (.rfield), which appears when it is complete."""
-        self._native.save(path)
+        """Write the field as one file, which appears when it is complete.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ".rfield". Missing folders are created.
+
+        Raises
+        ------
+        InputError, DeviceError
+            The path has another ending; the file cannot be written.
+        """
+        self._native.save(_arguments.path(path))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -191,6 +217,11 @@ class Field:
         return self._native.monitors
 
     @property
+    def colour_space(self) -> str:
+        """Of its images: "linear Rec.709", or "camera RGB" of sessions without a colour chart."""
+        return self._native.colour_space
+
+    @property
     def bits(self) -> int:
         """Bits per weight: 32, or 8 or 16 of packed fields."""
         return self._native.bits
@@ -209,6 +240,30 @@ class Field:
         """
         return self._native.predicted_error
 
+    def predicted_error_under(self, light: Union[npt.ArrayLike, Path]) -> Optional[Array]:
+        """Relative RMSE to be expected under one light.
+
+        As `predicted_error`, but for this light: bars or single sources show more of what the field does not know than
+        the light that it was estimated from.
+
+        Parameters
+        ----------
+        light : array [h, w, 3] or path
+            Of `light_shape`; scene-linear radiance.
+
+        Returns
+        -------
+        array [H, W], float32, or None
+            0 where the picture is black. None where the field has no predicted error.
+
+        Raises
+        ------
+        InputError
+            The light has another shape.
+        """
+        array = read_image(light) if _arguments.is_path(light) else _arguments.floats(light, "light")  # type: ignore[arg-type]
+        return self._native.predicted_error_under(array)
+
     @property
     def noise(self) -> Optional[Array]:
         """The part [H, W] of `predicted_error` that is the photographs' own noise, or None."""
@@ -221,32 +276,41 @@ class Field:
 
     def relight(self, light: Union[npt.ArrayLike, Path], out: Optional[Array] = None, *, progress: Progress = None,
                 threads: Optional[int] = None) -> Array:
-        """The scene under new light, as `refield relight` gives it.
+        """The scene under new light, B = T L, as `refield relight` gives it.
 
         Parameters
         ----------
         light : array [h, w, 3] or [N, h, w, 3], or path
-            One light map or a batch, of `light_shape`; scene-linear.
+            One light map or a batch, of `light_shape`; scene-linear radiance, in the units of the light maps that the
+            field was estimated with. Of a path: an image file with one map.
         out : array, optional
             Receives the result: float32 in C order. Images are written into it without a copy.
         progress : callable or tqdm bar, optional
+            ``progress(stage, done, total)``.
         threads : int, optional
             Limit of threads; None: all cores.
 
         Returns
         -------
         array [H, W, 3] or [N, H, W, 3], float32
-            Up to 11 maps by the plain product. For more, the field is laid out for speed, which rounds weights to 16
+            Scene-linear radiance. Up to 11 maps by the plain product. For more, the field is laid out for speed, which rounds weights to 16
             bits (relative RMSE below 1e-5). For single maps at a high rate use `relighter`. Fields of meshes are seen
             by their standard camera.
 
         Raises
         ------
         InputError
-            The light or `out` has another shape.
+            The light or `out` has another shape, or the light is not finite or too bright for 32-bit floats.
+        DeviceError, FormatError
+            The file of a path is missing, or is no image.
+
+        Notes
+        -----
+        Where more than 1 % of the light comes from texels that were black in all training light maps, the logger
+        "refield" says so. Source: Matusik et al. 2004, equations 1 to 4.
         """
-        array = read_image(light) if isinstance(light, (str, os.PathLike)) else _floats(light, "light")
-        return self._native.relight(array, out, _progress(progress), threads)
+        array = _arguments.light_for(out, read_image(light) if _arguments.is_path(light) else light)  # type: ignore[arg-type]
+        return self._native.relight(array, out, _arguments.progress_function(progress), _arguments.thread_limit(threads))
 
     def relighter(self, precision: str = "fast") -> Relighter:
         """For many frames, also with partial updates of the light.
@@ -255,23 +319,91 @@ class Field:
         ----------
         precision : {"fast", "fine"}
             Weights of 8 bits (relative RMSE about 4e-4) or 16 bits (below 1e-5).
+
+        Returns
+        -------
+        Relighter
+
+        Raises
+        ------
+        InputError
+            The field is of a mesh, or `precision` is another word.
         """
         return Relighter(self, precision)
 
     def transport(self, x: int, y: int) -> Array:
-        """The reflectance function of a pixel: a row of T as an array [h, w, 3] over the light map.
+        """The reflectance function of a pixel: a row of T over the light map.
 
-        The pixel's value is the sum of its products with the light map, per channel.
+        Parameters
+        ----------
+        x, y : int
+            Column and row of the pixel, from 0; row 0 is the top.
+
+        Returns
+        -------
+        array [h, w, 3], float32
+            Radiance of the pixel per radiance of each texel, per channel: the pixel's value is the sum of its products
+            with the light map. Zero for pixels outside the mask.
+
+        Raises
+        ------
+        InputError
+            The pixel is outside the image, or the field is of a mesh.
+
+        Notes
+        -----
+        Sum of the pixel's kernels (Matusik et al. 2004, equation 3).
         """
-        return self._native.transport(x, y)
+        return self._native.transport(_arguments.whole(x, "x"), _arguments.whole(y, "y"))
 
     def lit_by(self, u: int, v: int) -> Array:
-        """A column of T: the image [H, W, 3] under light of 1 from the texel (u, v) alone."""
-        return self._native.lit_by(u, v)
+        """The image under light from one texel: a column of T.
+
+        Parameters
+        ----------
+        u, v : int
+            Column and row of the texel, from 0; row 0 is the top.
+
+        Returns
+        -------
+        array [H, W, 3], float32
+            Radiance under a light map that is 1 in that texel and 0 elsewhere.
+
+        Raises
+        ------
+        InputError
+            The texel is outside the light map.
+
+        Notes
+        -----
+        The response to a single light source, as light stages measure it (Debevec et al. 2000). Photographs under larger
+        patterns determine it only as finely as the kernels divide the light map.
+        """
+        return self._native.lit_by(_arguments.whole(u, "u"), _arguments.whole(v, "v"))
 
     def kernels(self, x: int, y: int) -> list[Kernel]:
-        """What a pixel takes light from, most energy first (Matusik et al. 2004, equations 3 and 4)."""
-        return [Kernel(*entry) for entry in self._native.kernels(x, y)]
+        """The kernels that a pixel's reflectance function consists of.
+
+        Parameters
+        ----------
+        x, y : int
+            Column and row of the pixel, from 0; row 0 is the top.
+
+        Returns
+        -------
+        list of Kernel
+            Most energy first; empty for pixels outside the mask.
+
+        Raises
+        ------
+        InputError
+            The pixel is outside the image, or the field is of a mesh.
+
+        Notes
+        -----
+        Boxes are those of Matusik et al. 2004, equations 3 and 4; hats are bilinear.
+        """
+        return [Kernel(*entry) for entry in self._native.kernels(_arguments.whole(x, "x"), _arguments.whole(y, "y"))]
 
     def pack(self, error: float = 1e-3) -> Field:
         """A copy with weights of 8 or 16 bits and without negligible kernels.
@@ -291,7 +423,7 @@ class Field:
         InputError
             The field is already packed, or weights of 16 bits cannot keep to `error`.
         """
-        return Field(self._native.pack(error))
+        return Field(self._native.pack(_arguments.number(error, "error")))
 
     def __reduce__(self) -> tuple[Callable[[bytes], Field], tuple[bytes]]:
         with tempfile.TemporaryDirectory() as folder:
@@ -359,7 +491,7 @@ class Session:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._native = _refield.Session.read(folder)
+        self._native = _refield.Session.read(_arguments.path(folder, "folder"))
 
     @classmethod
     def _of(cls, native: _refield.Session) -> Session:
@@ -368,7 +500,7 @@ class Session:
         return session
 
     @classmethod
-    def pairs(cls, light: Union[str, Sequence[Path]], observed: Union[str, Sequence[Path]],
+    def pairs(cls, light: Union[Path, Sequence[Path]], observed: Union[Path, Sequence[Path]],
               parameterisation: str = "monitor") -> Session:
         """A session of image files of other tools, all for training.
 
@@ -377,22 +509,55 @@ class Session:
         light, observed : pattern or sequence of paths
             Two patterns, such as "light/*.exr", are paired by the text that the wildcards match; sequences by place.
         parameterisation : {"monitor", "lat_long", "cube"}
+            Of the light maps.
+
+        Returns
+        -------
+        Session
+
+        Raises
+        ------
+        InputError
+            Nothing matches, the numbers of files differ, or images differ in size.
+        DeviceError, FormatError
+            A file is missing, or is no image.
         """
-        if isinstance(light, str) and isinstance(observed, str):
-            return cls._of(_refield.Session.globs(light, observed, parameterisation))
-        if isinstance(light, str) or isinstance(observed, str):
+        how = _arguments.text(parameterisation, "parameterisation")
+        if _arguments.is_path(light) and _arguments.is_path(observed):
+            patterns = _arguments.path(light, "light"), _arguments.path(observed, "observed")
+            return cls._of(_refield.Session.globs(*patterns, how))
+        if _arguments.is_path(light) or _arguments.is_path(observed):
             raise InputError("light and observed: give two patterns or two sequences of paths")
-        return cls._of(_refield.Session.pairs(list(light), list(observed), parameterisation))
+        return cls._of(_refield.Session.pairs(_arguments.paths(light, "light"), _arguments.paths(observed, "observed"), how))
 
     def held_out(self, every: int) -> Session:
-        """A copy in which every N-th training frame is held out for comparison, as by --hold-out."""
-        return self._of(self._native.hold_out(every))
+        """A copy in which some training frames are held out for comparison, as by --hold-out.
+
+        Parameters
+        ----------
+        every : int
+            Every N-th training frame is held out, 2 or more.
+
+        Returns
+        -------
+        Session
+            Its `test` has these frames and those that were held out before. Files are not copied.
+
+        Raises
+        ------
+        InputError
+            `every` is below 2, or so large that no frame would be held out.
+        """
+        return self._of(self._native.hold_out(_arguments.whole(every, "every")))
 
     def __len__(self) -> int:
         return len(self._native)
 
     def __getitem__(self, index: int) -> Frame:
-        return Frame(self, index + len(self) if index < 0 else index)
+        place = _arguments.whole(index, "index")
+        if not -len(self) <= place < len(self):
+            raise IndexError(f"frame {place} of {len(self)}")
+        return Frame(self, place % len(self))
 
     def __iter__(self) -> Iterator[Frame]:
         return (Frame(self, i) for i in range(len(self)))
@@ -411,6 +576,11 @@ class Session:
     def folder(self) -> pathlib.Path:
         """Empty for a session of pairs."""
         return self._native.folder
+
+    @property
+    def colour_space(self) -> str:
+        """Of its photographs: "linear Rec.709" with the matrix of a colour chart, otherwise "camera RGB"."""
+        return self._native.colour_space
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -493,34 +663,38 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
 
     Source: Matusik, Loper and Pfister, "Progressively-Refined Reflectance Functions from Natural Illumination", 2004.
     """
-    options = _refield.EstimateOptions(mode, max_kernels or 0, predict_errors, keep_outliers, memory)
-    if isinstance(light, Session) or _is_path(light) or _are_paths(light):
+    options = _refield.EstimateOptions(
+        _arguments.text(mode, "mode"), 0 if max_kernels is None else _arguments.whole(max_kernels, "max_kernels"),
+        _arguments.flag(predict_errors, "predict_errors"), _arguments.flag(keep_outliers, "keep_outliers"),
+        _arguments.number(memory, "memory"))
+    how, places = _arguments.text(parameterisation, "parameterisation"), _arguments.texts(monitor, "monitor")
+    report, limit = _arguments.progress_function(progress), _arguments.thread_limit(threads)
+    if isinstance(light, Session) or _arguments.is_path(light) or _arguments.are_paths(light):
         if isinstance(light, Session):
             if observed is not None:
                 raise InputError("observed: a Session has its own photographs; omit them")
             session = light
         else:
-            if not (_is_path(observed) or _are_paths(observed)):
+            if not (_arguments.is_path(observed) or _arguments.are_paths(observed)):
                 raise InputError("observed: light is given as files; give files here, too")
             session = Session.pairs(light, observed, parameterisation)  # type: ignore[arg-type]
         if sigma is not None:
             raise InputError("sigma: photographs in files have it in their channels sigma.R, sigma.G and sigma.B; omit it")
-        if mask is not None and not _is_path(mask):
+        if mask is not None and not _arguments.is_path(mask):
             raise InputError("mask: give the path of an image for photographs in files")
-        return Field(_refield.estimate_session(session._native, mask, _texts(monitor), options, _progress(progress), threads))
+        file = None if mask is None else _arguments.path(mask, "mask")
+        return Field(_refield.estimate_session(session._native, file, places, options, report, limit))
     if observed is None:
         raise InputError("observed is missing; give the photographs taken under the light maps")
-    pixels = None
+    lights, photographs = _arguments.floats(light, "light"), _arguments.floats(observed, "observed")  # type: ignore[arg-type]
+    if photographs.ndim != 4 or len(photographs) == 0:
+        raise InputError(f"observed: has the shape {'×'.join(map(str, photographs.shape))}; give images×height×width×3")
+    noise = None if sigma is None else _arguments.floats(sigma, "sigma")
+    counted = None
     if mask is not None:
-        pixels = read_image(mask).max(axis=2) > 0.5 if isinstance(mask, (str, os.PathLike)) else np.asarray(mask) != 0
-    return Field(_refield.estimate_arrays(
-        _floats(light, "light"), _floats(observed, "observed"),  # type: ignore[arg-type]
-        None if sigma is None else _floats(sigma, "sigma"), pixels, parameterisation, _texts(monitor), options,
-        _progress(progress), threads))
-
-
-def _are_paths(value: object) -> bool:
-    return isinstance(value, (list, tuple)) and len(value) > 0 and all(_is_path(entry) for entry in value)
+        counted = _arguments.pixels(read_image(mask).max(axis=2) > 0.5 if _arguments.is_path(mask) else mask,  # type: ignore[arg-type]
+                                    photographs.shape)
+    return Field(_refield.estimate_arrays(lights, photographs, noise, counted, how, places, options, report, limit))
 
 
 class ImageError(NamedTuple):
@@ -572,24 +746,27 @@ def compare(predicted: Union[Field, npt.ArrayLike], observed: Union[Session, npt
     Raises
     ------
     InputError
-        Shapes differ, or the session has no held-out frame.
+        Shapes differ, a measured sample is not finite, or the session has no held-out frame.
     """
     if isinstance(predicted, Field):
         if not isinstance(observed, Session):
             raise InputError("observed: a field is compared with a Session; relight the field and compare the images instead")
-        figures = _refield.compare_field(predicted._native, observed._native, truth._native if truth else None,
-                                         _progress(progress))
+        if truth is not None and not isinstance(truth, Field):
+            _arguments.refuse("truth", truth, "a Field")
+        figures = _refield.compare_field(predicted._native, observed._native, truth._native if truth is not None else None,
+                                         _arguments.progress_function(progress))
         return [_comparison(entry) for entry in figures]
     if truth is not None:
         raise InputError("truth requires a Field and a Session")
 
     def series(array: Any, name: str) -> Array:
-        images = _floats(array, name)
+        images = _arguments.floats(array, name)
         return images[np.newaxis] if images.ndim == 3 else images
 
-    return [_comparison(_refield.compare_arrays(series(predicted, "predicted"), series(observed, "observed"),
+    photographs = series(observed, "observed")
+    return [_comparison(_refield.compare_arrays(series(predicted, "predicted"), photographs,
                                                 None if sigma is None else series(sigma, "sigma"),
-                                                None if mask is None else np.asarray(mask) != 0))]
+                                                None if mask is None else _arguments.pixels(mask, photographs.shape)))]
 
 
 def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height: Optional[int] = None,
@@ -617,11 +794,19 @@ def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height:
     Returns
     -------
     Session
+
+    Raises
+    ------
+    InputError, FormatError
+        The recipe cannot be used, a number is out of range, or the folder is not empty.
     """
     given = {"width": width, "height": height, "light_width": light_width, "light_height": light_height, "train": train,
              "natural": natural, "bars": bars, "squares": squares, "seed": seed}
-    sizes = {name: value for name, value in given.items() if value is not None}
-    return Session._of(_refield.simulate(recipe, folder, sizes, quality, noise, transport, _progress(progress), threads))
+    sizes = {name: _arguments.whole(value, name) for name, value in given.items() if value is not None}
+    return Session._of(_refield.simulate(
+        _arguments.path(recipe, "recipe"), _arguments.path(folder, "folder"), sizes, _arguments.whole(quality, "quality"),
+        _arguments.number(noise, "noise"), _arguments.flag(transport, "transport"), _arguments.progress_function(progress),
+        _arguments.thread_limit(threads)))
 
 
 def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[int] = None, epsilon: Optional[float] = None,
@@ -654,12 +839,21 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
     Raises
     ------
     InputError, FormatError
-        A scene that does not suit, or an option out of range.
+        A scene that does not suit, an option out of range or of the other method.
     """
-    given = {"resolution": resolution, "epsilon": epsilon, "samples": samples, "image": 1.0 if image else None, "order": order,
-             "directions": directions, "radius": radius}
-    settings = {name: float(value) for name, value in given.items() if value is not None}
-    return Field(_refield.precompute(scene, method, settings, bits, _progress(progress), threads))
+    of_method = {"clusters": {"resolution": resolution, "epsilon": epsilon, "samples": samples,
+                              "image": True if _arguments.flag(image, "image") else None},
+                 "sh": {"order": order, "directions": directions, "radius": radius}}
+    settings = {}
+    for owner, options in of_method.items():
+        for name, value in options.items():
+            if value is not None:
+                if method in of_method and method != owner:
+                    raise InputError(f"{name} is an option of the method '{owner}'; omit it for '{method}'")
+                settings[name] = (_arguments.number if name in ("epsilon", "radius") else _arguments.whole)(value, name)
+    return Field(_refield.precompute(_arguments.path(scene, "scene"), _arguments.text(method, "method"), settings,
+                                     _arguments.whole(bits, "bits"), _arguments.progress_function(progress),
+                                     _arguments.thread_limit(threads)))
 
 
 def hdr_merge(images: Union[npt.ArrayLike, Sequence[Path]], exposures: Optional[Sequence[float]] = None, *,
@@ -682,13 +876,29 @@ def hdr_merge(images: Union[npt.ArrayLike, Sequence[Path]], exposures: Optional[
     -------
     radiance, sigma : array [H, W, 3]
         Radiance 1 fills the range in one second; sigma is infinite where all exposures are clipped.
+
+    Raises
+    ------
+    InputError
+        Images and exposure times do not belong together, or a number is out of range.
+    DeviceError, FormatError
+        A file is missing, or is no image.
     """
-    seconds = [] if exposures is None else [float(exposure) for exposure in exposures]
-    if _are_paths(images):
-        return _refield.merge_files(list(images), seconds, response,  # type: ignore[arg-type]
-                                    full_scale_electrons, read_noise_electrons)
-    return _refield.merge_arrays(_floats(images, "images"), seconds, full_scale_electrons,  # type: ignore[arg-type]
-                                 read_noise_electrons)
+    if exposures is not None and not hasattr(exposures, "__iter__"):
+        _arguments.refuse("exposures", exposures, "one exposure time in seconds per image")
+    seconds = [] if exposures is None else [_arguments.number(exposure, "exposures") for exposure in exposures]
+    full_scale = _arguments.number(full_scale_electrons, "full_scale_electrons")
+    read_noise = _arguments.number(read_noise_electrons, "read_noise_electrons")
+    if full_scale <= 0.0:
+        _arguments.refuse("full_scale_electrons", full_scale, "a number above 0")
+    if read_noise < 0.0:
+        _arguments.refuse("read_noise_electrons", read_noise, "0 or more")
+    if _arguments.are_paths(images):
+        return _refield.merge_files(_arguments.paths(images, "images"), seconds, _arguments.text(response, "response"),
+                                    full_scale, read_noise)
+    if response:
+        raise InputError("response is for files; arrays are linear: omit it")
+    return _refield.merge_arrays(_arguments.floats(images, "images"), seconds, full_scale, read_noise)  # type: ignore[arg-type]
 
 
 def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, *,
@@ -712,14 +922,25 @@ def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, 
     -------
     array [h, w, 3], float32
         Each texel is the mean radiance over its solid angle.
+
+    Raises
+    ------
+    InputError
+        The map is no environment map or not finite, the monitor's placement is missing, or the shape does not suit.
     """
-    array = read_image(map) if isinstance(map, (str, os.PathLike)) else _floats(map, "map")
-    turn = (yaw, pitch, roll)
+    array = read_image(map) if _arguments.is_path(map) else _arguments.floats(map, "map")  # type: ignore[arg-type]
+    turn = (_arguments.number(yaw, "yaw"), _arguments.number(pitch, "pitch"), _arguments.number(roll, "roll"))
+    places = _arguments.texts(monitor, "monitor")
     if field is not None:
-        return _refield.environment_of_field(array, field._native, _texts(monitor), turn)
-    if shape is None or len(shape) not in (2, 3):
+        if not isinstance(field, Field):
+            _arguments.refuse("field", field, "a Field")
+        if shape is not None:
+            raise InputError("shape: the field has a light map of its own; omit it")
+        return _refield.environment_of_field(array, field._native, places, turn)
+    if not isinstance(shape, (list, tuple)) or len(shape) not in (2, 3):
         raise InputError("give a field, or the shape (height, width) of the light map")
-    return _refield.environment(array, shape[0], shape[1], parameterisation, _texts(monitor), turn)
+    return _refield.environment(array, _arguments.whole(shape[0], "shape"), _arguments.whole(shape[1], "shape"),
+                                _arguments.text(parameterisation, "parameterisation"), places, turn)
 
 
 from . import dynamic  # noqa: E402

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Optional, Protocol, Union
 import numpy as np
 import numpy.typing as npt
 
+from . import _arguments
 from ._refield import InputError
 
 __all__ = ["Estimator", "Evaluation", "Row", "evaluate"]
@@ -146,8 +147,15 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
     Errors are those of `compare`: relative RMSE over pixels of the mask. ``fit_seconds`` is elapsed time; that of refield
     includes reading the files.
     """
-    from . import _progress, compare
+    from . import Session, compare
 
+    if not isinstance(session, Session):
+        _arguments.refuse("session", session, "a Session")
+    if not isinstance(estimators, Mapping):
+        _arguments.refuse("estimators", estimators, "a mapping of names to estimators")
+    for name, given in estimators.items():
+        if not isinstance(given, str) and not (hasattr(given, "fit") and hasattr(given, "predict")):
+            _arguments.refuse(f"estimators[{name!r}]", given, "an object with fit and predict, or a mode of estimate")
     train, test = session.train, session.test
     if not train or not test:
         raise InputError("the session has no held-out frame; hold some out, for example session.held_out(10)")
@@ -158,7 +166,7 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
         by_kind.setdefault(frame.kind or "all", []).append(frame)
     held_out = {kind: (np.stack([frame.light() for frame in frames]), np.stack([frame.observed() for frame in frames]))
                 for kind, frames in by_kind.items()}
-    report = _progress(progress)
+    report = _arguments.progress_function(progress)
     rows = Evaluation()
     for place, (name, given) in enumerate(estimators.items()):
         if report is not None:

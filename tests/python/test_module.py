@@ -2,8 +2,10 @@
 """What the module computes, against the command line, the definition of a field, and itself."""
 import json
 import logging
+import os
 import pickle
 import subprocess
+import types
 
 import numpy as np
 import pytest
@@ -30,6 +32,19 @@ def same_content(a, b):
     for x, y in ((0, 0), (11, 7), (23, 17)):
         assert a.kernels(x, y) == b.kernels(x, y)
         assert np.array_equal(a.transport(x, y), b.transport(x, y))
+
+
+def test_predicted_error_follows_the_light(field):
+    natural = random_lights(field, 1)[0]
+    error = field.predicted_error_under(natural)
+    assert error.shape == field.predicted_error.shape
+    assert np.allclose(field.predicted_error_under(3 * natural), error, rtol=1e-5)
+    texel = np.zeros_like(natural)
+    texel[natural.shape[0] // 2, natural.shape[1] // 2] = 1
+    assert np.median(field.predicted_error_under(texel)) > np.median(error)
+    assert not field.predicted_error_under(np.zeros_like(natural)).any()
+    with pytest.raises(refield.InputError):
+        field.predicted_error_under(natural[1:])
 
 
 def test_estimate_equals_command_line_bit_for_bit(program, session, field, tmp_path):
@@ -64,18 +79,24 @@ def test_sigma_and_mask(arrays):
     assert np.array_equal(refield.estimate(light, wrong, sigma, mask).relight(light[0]), field.relight(light[0]))
 
 
-def test_types_and_strides(arrays, field):
+def test_types_and_strides(arrays):
     light, observed = arrays
+
+    def estimate(light, observed):
+        return refield.estimate(light, observed, mode="fast", predict_errors=False)
+
+    field = estimate(light, observed)
     new_light = random_lights(field, 1)[0]
     expected = field.relight(new_light)
+    assert np.array_equal(field.relight(new_light.astype(">f4")), expected)  # the other byte order
     channels_first = np.ascontiguousarray(observed.transpose(0, 3, 1, 2))
-    same = refield.estimate(np.asfortranarray(light), channels_first.transpose(0, 2, 3, 1))
+    same = estimate(np.asfortranarray(light), channels_first.transpose(0, 2, 3, 1))
     assert np.array_equal(same.relight(new_light), expected)
-    half = refield.estimate(light.astype(np.float16), observed.astype(np.float16))
+    half = estimate(light.astype(np.float16), observed.astype(np.float16))
     assert np.allclose(half.relight(new_light), expected, rtol=0.2, atol=0.05 * expected.max())
     # 65535 stands for 1, so that the field of scaled photographs is the scaled field.
     scale = observed.max()
-    whole = refield.estimate(light, np.round(observed / scale * 65535).astype(np.uint16))
+    whole = estimate(light, np.round(observed / scale * 65535).astype(">u2"))
     assert np.allclose(whole.relight(new_light) * scale, expected, rtol=0.2, atol=0.05 * expected.max())
     with pytest.raises(refield.InputError, match="int64"):
         refield.estimate(light, observed.astype(np.int64))
@@ -204,14 +225,90 @@ def test_errors_have_the_text_of_the_command_line(session, arrays, field, tmp_pa
         assert issubclass(error, refield.Error)
 
 
+WRONG_CALLS = {
+    "shape is 1073741824×1073741824": lambda a: refield.environment(a.sky, shape=(2**30, 2**30)),
+    "shape is 3.5": lambda a: refield.environment(a.sky, shape=(3.5, 4)),
+    "give a field, or the shape": lambda a: refield.environment(a.sky, shape=12),
+    "omit it": lambda a: refield.environment(a.sky, a.field, shape=(3, 4)),
+    "yaw is nan": lambda a: refield.environment(a.sky, a.field, monitor="520x320@600", yaw=np.nan),
+    "light and observed are empty": lambda a: refield.Session.pairs([], []),
+    "light is None": lambda a: refield.Session.pairs(None, None),
+    "every is 2.5": lambda a: a.session.held_out(2.5),
+    "index is 'a'": lambda a: a.session["a"],
+    "mask: holds NaN": lambda a: refield.estimate(a.light, a.observed, mask=np.full((18, 24), np.nan)),
+    "mask: is 0 everywhere": lambda a: refield.estimate(a.light, a.observed, mask=np.zeros((18, 24))),
+    "height×width 18×24": lambda a: refield.compare(a.observed, a.observed, mask=np.ones(18 * 24)),
+    "image 0 has a sample that is not finite": lambda a: refield.compare(a.observed, a.observed * np.nan),
+    "max_kernels is 2.5": lambda a: refield.estimate(a.light, a.observed, max_kernels=2.5),
+    "predict_errors is 'no'": lambda a: refield.estimate(a.light, a.observed, predict_errors="no"),
+    "memory is None": lambda a: refield.estimate(a.light, a.observed, memory=None),
+    "masked array": lambda a: refield.estimate(a.light, np.ma.masked_greater(a.observed, 0.1)),
+    "observed: is no array": lambda a: refield.estimate(a.light, [a.observed[0], a.observed[1][:3]]),
+    "observed: has the shape 0×18": lambda a: refield.estimate(a.light[:0], a.observed[:0]),
+    "at most 1048576 images": lambda a: refield.estimate(np.broadcast_to(np.float32(1), (2**28, 4, 4, 3)), a.observed),
+    "too bright": lambda a: a.field.relight(a.light[0] * 1e37),
+    "out is \\[1, 2\\]": lambda a: a.field.relight(a.light[0], out=[1, 2]),
+    "aligned": lambda a: a.field.relight(a.light[0], out=np.zeros(5185, np.uint8)[1:].view(np.float32).reshape(18, 24, 3)),
+    "threads is -1": lambda a: a.field.relight(a.light[0], threads=-1),
+    "x is 1.5": lambda a: a.field.transport(1.5, 2),
+    "u is None": lambda a: a.field.lit_by(None, 2),
+    "y is 1099511627776": lambda a: a.field.kernels(2, 2**40),
+    "error is 'a'": lambda a: a.field.pack("a"),
+    "changed is \\(3, 3, 3, 3\\)": lambda a: a.field.relighter().update(a.light[0], (3, 3, 3, 3)),
+    "four numbers": lambda a: a.field.relighter().update(a.light[0], None),
+    "path is 3": lambda a: refield.Field.load(3),
+    r"path is 'f\.rfield\\x00'": lambda a: refield.Field.load("f.rfield\0"),
+    "ends in .exr": lambda a: refield.write_exr("image.png", a.observed[0]),
+    "width is 2.5": lambda a: refield.simulate(RECIPE, "folder", width=2.5),
+    "an option of the method 'clusters'": lambda a: refield.precompute("mesh.obj", "sh", epsilon=0.1),
+    "order is 3.5": lambda a: refield.precompute("mesh.obj", "sh", order=3.5),
+    "exposures is inf": lambda a: refield.hdr_merge(a.observed[:2], [1.0, np.inf]),
+    "omit it$": lambda a: refield.hdr_merge(a.observed[:2], [1.0, 2.0], response="srgb"),
+    "session is array": lambda a: refield.evaluate(a.observed, {"a": "paper"}),
+    "an object with fit and predict": lambda a: refield.evaluate(a.session, {"a": object()}),
+}
+
+
+@pytest.mark.parametrize("message", WRONG_CALLS)
+def test_wrong_arguments_are_named(message, session, arrays, field):
+    given = types.SimpleNamespace(session=session, light=arrays[0], observed=arrays[1], field=field,
+                                  sky=np.ones((16, 32, 3), np.float32))
+    with pytest.raises(refield.InputError, match=message):
+        WRONG_CALLS[message](given)
+
+
+def test_damaged_and_unusual_files(field, tmp_path):
+    light = random_lights(field, 1)[0]
+    file = tmp_path / "Größe 光.rfield"
+    field.save(file)
+    data = file.read_bytes()
+    with pytest.raises(refield.FormatError, match="truncated"):
+        refield._from_bytes(data[:len(data) // 2])  # what a pickle holds
+    again = refield.Field.load(os.fsencode(file))
+    again.save(file)  # onto the file that it was read from
+    assert np.array_equal(refield.Field.load(file).relight(light), field.relight(light))
+
+
+def test_out_may_overlap_the_light(field):
+    memory = np.zeros((2, *field.shape), np.float32)
+    lights = memory.reshape(-1)[:2 * light_size(field)].reshape(2, *field.light_shape)
+    lights[:] = random_lights(field, 2)
+    expected = field.relight(lights)
+    assert np.array_equal(field.relight(lights, out=memory), expected)
+
+
+def light_size(field):
+    return int(np.prod(field.light_shape))
+
+
 def test_progress_and_notes(arrays, caplog):
     light, observed = arrays
     seen = []
-    refield.estimate(light, observed, progress=lambda *stage: seen.append(stage))
+    refield.estimate(light, observed, mode="fast", progress=lambda *stage: seen.append(stage))
     assert ("estimate", 18 * 24, 18 * 24) in seen and all(0 <= done <= total for _, done, total in seen)
     tqdm = pytest.importorskip("tqdm")
     with tqdm.tqdm(file=open("/dev/null", "w")) as bar:
-        refield.estimate(light, observed, progress=bar)
+        refield.estimate(light, observed, mode="fast", progress=bar)
         assert bar.n == bar.total > 0
 
     def fail(stage, done, total):
@@ -222,8 +319,13 @@ def test_progress_and_notes(arrays, caplog):
     flickering = observed.copy()
     flickering[7] *= 0.3
     with caplog.at_level(logging.WARNING, logger="refield"):
-        refield.estimate(light, flickering)
+        refield.estimate(light, flickering, mode="fast")
     assert any(text.startswith("7 is left out") for text in caplog.messages), caplog.messages
+    half_black = np.random.default_rng(1).random((12, 4, 8, 3), dtype=np.float32)
+    half_black[:, :, :4] = 0.0
+    with caplog.at_level(logging.WARNING, logger="refield"):
+        refield.estimate(half_black, half_black).relight(np.ones((4, 8, 3), np.float32))
+    assert caplog.messages[-1].startswith("50 % of the light comes from texels that were black"), caplog.messages
 
 
 def test_hdr_merge(tmp_path):
@@ -270,7 +372,7 @@ def test_precompute(program, tmp_path, method, settings):
 
 
 def test_dynamic_scene(program, tmp_path, monkeypatch):
-    monkeypatch.setenv("REFIELD_CACHE", "off")
+    monkeypatch.setenv("REFIELD_CACHE", str(tmp_path / "cache"))  # for both: transport is precomputed once
     text = (ROOT / "tests/support/moving_ball.toml").read_text()
     for fine, coarse in {"tion = 5": "tion = 3", "tion = 8": "tion = 4", "64": "32", "48": "24"}.items():
         assert fine in text
@@ -296,11 +398,11 @@ def test_evaluate(session, tmp_path):
         def predict(self, light):
             return np.tile(self.mean, (len(light), 1))
 
-    table = refield.evaluate(session, {"refield": "default", "ridge": Ridge(alpha=1.0), "mean": Mean()})
+    table = refield.evaluate(session, {"refield": "fast", "ridge": Ridge(alpha=1.0), "mean": Mean()})
     assert list(dict.fromkeys(row.estimator for row in table)) == ["refield", "ridge", "mean"]
     natural = {row.estimator: row.relative_rmse for row in table if row.kind == "natural"}
     assert natural["refield"] < natural["mean"]
-    ours = {errors.kind: errors for errors in refield.compare(refield.estimate(session), session)}
+    ours = {errors.kind: errors for errors in refield.compare(refield.estimate(session, mode="fast"), session)}
     assert natural["refield"] == pytest.approx(ours["natural"].relative_rmse, rel=1e-5)
     assert "relative RMSE" in str(table) and "<table>" in table._repr_html_()
     table.chart(tmp_path / "chart.svg")
