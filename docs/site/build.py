@@ -30,7 +30,8 @@ GALLERY = [
     ("Live: relight a captured scene",
      "Drag on the light map to move the light; click a pixel of the scene to see which light reaches it. This is the folder "
      "that [`refield export-web`](guide/web.md) writes, embedded in this page ([full window](gallery/page/index.html)).",
-     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --width 128 --height 96 --train 90 --quality 1",
+     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --width 112 --height 84 --light-width 64 "
+      "--light-height 48 --train 90 --quality 3",
       "refield estimate truth -o scene.rfield", "refield export-web scene.rfield -o page --title 'Table top'"],
      "gallery/page/index.html"),
     ("The report on its error",
@@ -308,6 +309,21 @@ def from_numpydoc(text):
     return "\n".join(lines)
 
 
+def python_declaration(name, value):
+    """A call with its types; in lines of their own where it is long."""
+    signature = inspect.signature(value)
+    words = []
+    for parameter in signature.parameters.values():
+        if parameter.kind == parameter.KEYWORD_ONLY and "*" not in words:
+            words.append("*")
+        hint = "" if parameter.annotation is parameter.empty else f": {parameter.annotation}"
+        default = "" if parameter.default is parameter.empty else (" = " if hint else "=") + repr(parameter.default)
+        words.append(parameter.name + hint + default)
+    end = ")" if signature.return_annotation is signature.empty else f") -> {signature.return_annotation}"
+    line = f"{name}({', '.join(words)}{end}"
+    return line if len(line) <= 80 else f"{name}(\n    " + ",\n    ".join(words) + end
+
+
 def python_page(sources, folder):
     """The module's docstrings."""
     sys.path.insert(0, folder)
@@ -318,7 +334,7 @@ def python_page(sources, folder):
         lines.extend([f"{'#' * level} {name.removeprefix('refield.')}", ""])
         if not isinstance(value, property):
             try:
-                lines.extend(["```python", name + str(inspect.signature(value)), "```", ""])
+                lines.extend(["```python", python_declaration(name, value), "```", ""])
             except (TypeError, ValueError):
                 pass  # written in C, without a signature
         lines.extend([from_numpydoc(inspect.getdoc(value) or ""), ""])
@@ -430,7 +446,8 @@ def main():
     make_gallery(program, gallery)
     sources.write("gallery.md", gallery_page())
     shutil.copy(root / "cmake/package/refield.svg", sources.folder / "images")
-    shutil.copy(root / "docs/site/site.css", sources.folder)
+    for name in ("site.css", "site.js"):
+        shutil.copy(root / "docs/site" / name, sources.folder)
     shutil.copytree(gallery, sources.folder / "gallery", ignore=shutil.ignore_patterns("*.rfield*", "*.json", "truth", "made", "datasets_synthetic"))
 
     settings = yaml.safe_load((root / "docs/site/mkdocs.yml").read_text())
@@ -467,6 +484,7 @@ def build(settings, work):
         if 'class="md-search"' in text:
             text = text.replace('role="dialog"', 'role="dialog" aria-label="Search"')
             text = text.replace('class="md-search__scrollwrap"', 'class="md-search__scrollwrap" tabindex="0"')
+            text = re.sub(r"<th( [^>]*)?></th>", r"<td\1></td>", text)  # an empty corner is no heading
             page.write_text(text.replace("<pre><", '<pre tabindex="0"><'), encoding="utf-8")
 
 

@@ -31,10 +31,14 @@ NOT_RUN = {
     "refield acquire import roof": "needs photographs of a mirror ball: ProbeFiles.*",
     "refield acquire import city": "MatchSeries.*",
     "refield acquire import stage --ball": "needs photographs of a mirror ball: ChromeBallImport.*",
+    "refield acquire colour": "needs a photograph of a chart: ColourVerb.*",
+    "refield acquire geometry": "needs photographs of a ball: MonitorByBall.*",
     "refield acquire probe": "ProbeFiles.TheCommandMakesMapsOfTwoSides",
     "refield acquire calibrate session.toml": "needs a camera: tests/devices/closed_loop.sh",
+    "refield acquire guide": "needs a terminal: cli.GuidedCapture",
     "refield acquire run": "needs a camera: tests/devices/closed_loop.sh",
     "refield acquire calibrate --from-photographs": "CalibrateProgram.*, bracket_response_test.cpp",
+    "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev test-cluster)",
     "refield-studies": "Studies.*",
     "refield report SESSION": "a summary of the options",
     "tests/cli/drive_page.py": "Maps/PageInChromium.*",
@@ -169,6 +173,8 @@ class Reader:
             (folder / "recipe.toml").write_text(re.sub(r"^height = 15", "height = 120", text, count=1, flags=re.M))
             self.run("refield simulate recipe.toml -o session", folder)
             self.run("for i in 1 2 4 5 6 7 8; do refield estimate session --rows $i/8 -o part$i.rfield || exit; done", folder)
+        elif page == "light-probe.md":
+            take("session")  # as 'acquire match' would have written it
         elif page == "meshes.md":
             take("datasets_synthetic", "sky.exr", "datasets_synthetic/prt/rabbit.toml>rabbit.toml", "datasets_synthetic/prt/glossy.toml>glossy.toml")
             corners = "".join(f"{i & 1} {i >> 1 & 1} {i >> 2}\n" for i in range(8))

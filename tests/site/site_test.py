@@ -52,6 +52,12 @@ class Silent(http.server.SimpleHTTPRequestHandler):
     def log_message(self, *arguments):
         pass
 
+    def copyfile(self, source, outputfile):
+        try:
+            super().copyfile(source, outputfile)
+        except ConnectionError:  # the browser has seen enough of a film
+            pass
+
 
 def main():
     parser = argparse.ArgumentParser()
@@ -74,7 +80,7 @@ def main():
                         "width": width, "height": 860, "deviceScaleFactor": 1, "mobile": width < 600}})
                     browser.command("POST", "/url", {"url": f"http://127.0.0.1:{server.server_port}/{page}"})
                     found = browser.run(COMPLAINTS, width)
-                    if options.axe and kind == "wide":
+                    if options.axe:
                         browser.run(options.axe.read_text())
                         found += browser.command("POST", "/execute/async", {"script": AXE, "args": []})
                     if options.pictures:

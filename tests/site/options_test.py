@@ -1,0 +1,83 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""options_test.py MANUAL STUDIES: every option that the documentation names exists.
+
+MANUAL is the folder of the built man pages, STUDIES the program refield-studies. In a command, as a line of code or
+between backquotes, an option must be one of that command; elsewhere, of any.
+"""
+import gzip
+import pathlib
+import re
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9_-]*")
+# Of the libraries that test and measure, sysctl, oiiotool, CMake, pip and venv.
+FOREIGN = set("""--benchmark_filter --gtest_filter --system --create --fill --component --install --prefix
+    --no-build-isolation --system-site-packages""".split())
+
+
+def options_of_manual(folder):
+    """{"refield relight": {"--light", ...}, ...}"""
+    options = {}
+    for page in sorted(folder.glob("*.1.gz")):
+        text = re.sub(r"\\f[BIR]", "", gzip.decompress(page.read_bytes()).decode()).replace("\\-", "-")
+        command = re.search(r"^\.SH SYNOPSIS\n([a-z -]+[a-z])", text, re.MULTILINE)[1]
+        options[command] = set(OPTION.findall(text))
+    return options
+
+
+def options_of_studies(program):
+    def options(*words):
+        text = subprocess.run([program, *words, "--help"], check=True, capture_output=True, text=True).stdout
+        return text, set(OPTION.findall(text))
+
+    text, own = options()
+    verbs = re.findall(r"^  ([a-z-]+)  ", text.split("Subcommands:")[1], re.MULTILINE)
+    assert len(verbs) > 3, verbs
+    return {"refield-studies": own} | {f"refield-studies {verb}": options(verb)[1] | own for verb in verbs}
+
+
+def options_of_scripts():
+    """Of dev and of the studies' scripts: what they name."""
+    named = {str(path.relative_to(ROOT)): set(OPTION.findall(path.read_text()))
+             for path in [ROOT / "dev", *ROOT.glob("bench/**/*.py")]}
+    return named | {"./" + name: options for name, options in named.items()}
+
+
+def commands_of(text):
+    """Lines of code, continued ones joined, and code between backquotes."""
+    code = re.sub(r" *\\\n *", " ", text)
+    yield from (line.strip() for line in code.splitlines() if line.startswith("    "))
+    yield from (span.replace("\n", " ") for span in re.findall(r"`([^`]+)`", text))
+
+
+def faults_of(name, text, options):
+    names = sorted(options, key=len, reverse=True)
+    known = set().union(*options.values()) | FOREIGN
+    for option in sorted(set(OPTION.findall(text)) - known):
+        yield f"{name}: no command has the option {option}"
+    for line in commands_of(text):
+        for part in re.split(r"[|;]|&&| #", line):
+            command = next((each for each in names if re.match(re.escape(each) + r"(?![\w-])", part.strip())), None)
+            if command is None:
+                continue
+            for option in OPTION.findall(part):
+                if option not in options[command] | FOREIGN:
+                    yield f"{name}: '{command}' has no option {option}: {line}"
+
+
+def main():
+    manual, studies = sys.argv[1:]
+    options = options_of_manual(pathlib.Path(manual)) | options_of_studies(studies) | options_of_scripts()
+    assert "--light" in options["refield relight"] and "--mode" in options["refield estimate"], options.keys()
+    assert list(faults_of("self-test", "    refield relight --no-such", options)), "the test finds nothing"
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
+    faults = [fault for page in pages for fault in faults_of(page.relative_to(ROOT), page.read_text(), options)]
+    print("\n".join(faults) or f"{len(pages)} pages")
+    return bool(faults)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
