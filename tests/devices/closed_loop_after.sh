@@ -1,29 +1,32 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # usage: closed_loop_after.sh SHARE [RATIO]
-# Both sessions estimated and compared on held-out lights with exact images: the laboratory's error must be at most RATIO
-# (1.1) times the virtual rig's.
+# All sessions estimated and compared on held-out lights with exact images: the laboratory's error must be at most RATIO
+# (1.1) times the largest of the virtual rig's. One capture of the rig is no bound: over 11 captures of lab_recipe.toml with
+# 120 training images that differ in nothing but noise, the median errors spread by 15 % above and below their mean, the
+# relative RMSE by 4 %.
 set -euo pipefail
 share=$1
 refield=$REFIELD_BUILD/cli/refield
-for session in rig lab; do
-  "$refield" --quiet estimate "$share/${session}_session" -o "$share/$session.rfield" >/dev/null
-  "$refield" --json compare "$share/$session.rfield" "$share/${session}_session" \
-    --truth "$share/truth/transport.rfield" >"$share/$session.json"
+for session in "$share"/rig?_session "$share/lab_session"; do
+  name=${session%_session}
+  "$refield" --quiet estimate "$session" -o "$name.rfield" >/dev/null
+  "$refield" --json compare "$name.rfield" "$session" --truth "$share/truth/transport.rfield" >"$name.json"
 done
 python3 - "$share" "${2:-1.1}" <<'PYTHON'
-import json, sys
+import json, pathlib, sys
 
-allowed = float(sys.argv[2])
-figures = {name: json.load(open(f"{sys.argv[1]}/{name}.json"))["held_out"] for name in ("rig", "lab")}
-good = True
-for kind, rig in figures["rig"].items():
+share, allowed = pathlib.Path(sys.argv[1]), float(sys.argv[2])
+rigs = [json.loads(file.read_text())["held_out"] for file in share.glob("rig?.json")]
+lab = json.loads((share / "lab.json").read_text())["held_out"]
+good = len(rigs) > 1
+for kind in lab:
     for figure in ("median", "relative_rmse"):
-        if not rig.get(figure):
+        errors = [rig[kind][figure] for rig in rigs]
+        if not all(errors):
             continue
-        lab = figures["lab"][kind][figure]
-        good = good and lab <= allowed * rig[figure]
-        print(f"## held-out {kind}, {figure}: laboratory {lab:.4f}, virtual rig {rig[figure]:.4f}, "
-              f"ratio {lab / rig[figure]:.3f}")
+        good = good and lab[kind][figure] <= allowed * max(errors)
+        print(f"## held-out {kind}, {figure}: laboratory {lab[kind][figure]:.4f}, virtual rig "
+              f"{min(errors):.4f} to {max(errors):.4f}")
 sys.exit(0 if good else f"the laboratory's error is more than {allowed} times the virtual rig's")
 PYTHON

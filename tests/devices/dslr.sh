@@ -8,8 +8,7 @@
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$(realpath "$1") patterns=${3:-60} ratio=${4:-1.1}
-export IOLIBS=$2
-refield=$build/cli/refield
+export IOLIBS=$2 REFIELD_BUILD=$build
 share=$build/../devices/share_dslr
 rm -rf "$share"
 mkdir -p "$share/tree/DCIM"
@@ -17,11 +16,8 @@ share=$(realpath "$share")
 touch "$share/tree/DCIM/TEMPLATE.DNG"
 export VIRTUAL_DSLR_TREE=$share/tree HOME=$share  # libgphoto2 keeps settings in the home folder
 sed "s/^train = .*/train = $((patterns - 30))/; s/^sensitivity = .*/sensitivity = 8e6/" "$here/lab_recipe.toml" >"$share/recipe.toml"
-"$refield" --quiet simulate "$share/recipe.toml" -o "$share/truth" >/dev/null
-"$refield" --quiet acquire virtual "$share/recipe.toml" --truth "$share/truth" -o "$share/rig_session" \
-  --exposures 0.0025,0.005,0.01,0.02 --ambient-frames 1 >/dev/null
-cp "$share/rig_session/calibration.toml" "$share/calibration.toml"
-"$refield" acquire devices 2>/dev/null | grep -A 3 "gphoto:" | sed 's/^/## /'
+"$here/virtual_rig.sh" "$share" --exposures 0.0025,0.005,0.01,0.02 --ambient-frames 1
+"$build/cli/refield" acquire devices 2>/dev/null | grep -A 3 "gphoto:" | sed 's/^/## /'
 
 # usage: session NAME FAULT STATUS [WORDS]: a run with the fault must end so and say WORDS.
 session() {
@@ -47,4 +43,4 @@ diff -r "$share/whole" "$share/lab" || { echo "dslr.sh: the resumed session diff
 echo "## the resumed session is equal to the undisturbed one"
 "$build/tests/devices/check_pairs" "$share/lab" "$share/truth/illumination" "$share"/lab_*.log
 mv "$share/lab" "$share/lab_session"
-REFIELD_BUILD=$build "$here/closed_loop_after.sh" "$share" "$ratio"
+"$here/closed_loop_after.sh" "$share" "$ratio"

@@ -6,19 +6,16 @@
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$(realpath "$1") patterns=${2:-150} exposures=${3:-0.001,0.003} ratio=${4:-1.1}
-refield=$build/cli/refield
+export REFIELD_BUILD=$build
 share=$build/../devices/share_genicam
 rm -rf "$share"
 mkdir -p "$share"
 share=$(realpath "$share")
 # Exposures are a fifth of those of the other laboratory, and the light is five times as bright.
 sed "s/^train = .*/train = $((patterns - 30))/; s/^sensitivity = .*/sensitivity = 4e7/" "$here/lab_recipe.toml" >"$share/recipe.toml"
-"$refield" --quiet simulate "$share/recipe.toml" -o "$share/truth" >/dev/null
-"$refield" --quiet acquire virtual "$share/recipe.toml" --truth "$share/truth" -o "$share/rig_session" \
-  --exposures "$exposures" >/dev/null
-cp "$share/rig_session/calibration.toml" "$share/calibration.toml"
+"$here/virtual_rig.sh" "$share" --exposures "$exposures"
 "$build/tests/devices/genicam_lab" "$share" >"$share/log" 2>&1 || { cat "$share/log" >&2; exit 1; }
 grep '^##' "$share/log"
 "$build/tests/devices/check_pairs" "$share/session" "$share/truth/illumination" "$share"/camera_*.log
 mv "$share/session" "$share/lab_session"
-REFIELD_BUILD=$build "$here/closed_loop_after.sh" "$share" "$ratio"
+"$here/closed_loop_after.sh" "$share" "$ratio"

@@ -161,7 +161,7 @@ int run(const fs::path& share) {
     request.lights.push_back({frame.name, frame.role, frame.kind, frame.illumination});
   request.camera = read_camera_calibration(share / "calibration.toml");
   request.monitor = read_monitor_calibration(share / "calibration.toml");
-  request.exposures = exposures_of_plan(share / "rig_session/plan.toml");
+  request.exposures = exposures_of_plan(share / "rig1_session/plan.toml");
   request.rig = "laboratory";
   request.keep_raw = true;
   request.if_exists = IfExists::resume;

@@ -143,7 +143,7 @@ int run(const fs::path& share, const std::string& session, const std::string& fa
     request.lights.push_back({frame.name, frame.role, frame.kind, frame.illumination});
   request.camera = read_camera_calibration(share / "calibration.toml");
   request.monitor = read_monitor_calibration(share / "calibration.toml");
-  request.exposures = exposures_of_plan(share / "rig_session/plan.toml");
+  request.exposures = exposures_of_plan(share / "rig1_session/plan.toml");
   if (fault == "lacking") request.exposures = {Seconds(0.005), Seconds(0.007), Seconds(0.02)};
   request.ambient_repeats = 1;  // noise follows from the pattern, so that repeats would all have the same
   request.rig = "laboratory";
