@@ -533,7 +533,7 @@ void submit(SubmitArguments arguments, const Common& common) {
     }
     fs::remove_all(folder);
     for (const char* name : {"shards", "end", "log"}) create_folders(folder / name);
-    write_text_atomically(folder / "shards" / "frame-check.json", cost.frame_check);
+    write_text_atomically(folder / "shards" / frame_check_name, cost.frame_check);
     write_scripts(job);
     write_cluster_job(job);
   }

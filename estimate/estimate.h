@@ -68,6 +68,9 @@ EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions&
 /// own lie in the block of the cut. Blocks too high for that number of shards are cut anywhere.
 RowRange rows_of_shard(int shard, int shards, const ImageHeader& photograph, const EstimateOptions& options);
 
+/// The file in which the shards of one folder share the check of frames.
+inline constexpr const char* frame_check_name = "frame-check.json";
+
 /// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
 struct CostEstimate {
   EstimatePlan plan;
@@ -77,7 +80,7 @@ struct CostEstimate {
   double photographs_seconds = 0.0;  ///< reading all bands of all photographs
   double fit_seconds = 0.0;
   int sampled_pixels = 0;  ///< that were fitted to find out
-  /// Content of a file `frame-check.json` in the folder of shards, which saves them the check of frames.
+  /// Content of the file `frame_check_name` in the folder of shards, which saves them the check.
   std::string frame_check;
   double seconds() const { return check_seconds + lights_seconds + photographs_seconds + fit_seconds; }
 };
@@ -91,7 +94,7 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
 /// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). The check of
-/// frames is made once for all parts of a folder, which share it as `frame-check.json`. Finished bands
+/// frames is made once for all parts of a folder, which share it as `frame_check_name`. Finished bands
 /// are kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit
 /// for bit. Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004,
 /// sections 3 to 5.

@@ -22,9 +22,6 @@ std::string frame_check_text(const EstimateJob& job, const FrameReport& report, 
 /// are treated.
 std::string frame_check_key(const EstimateJob& job, const EstimateOptions& options);
 
-/// The file in which the shards of one folder share the check.
-inline constexpr const char* frame_check_name = "frame-check.json";
-
 /// check_frames() of a shard: for small shards most of the work, and the same for all of them. Takes the
 /// findings from `file` where they are those of the same inputs and options, else checks and writes the file.
 FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
