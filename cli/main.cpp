@@ -20,7 +20,6 @@
 #include <string_view>
 #include <system_error>
 
-#include "cli/cluster/cluster_job.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"

@@ -5,6 +5,8 @@
 
 #include <functional>
 
+#include "core/base/errors.h"
+
 namespace refield::cli {
 
 /// Options that every verb shares.
@@ -12,6 +14,9 @@ struct Common {
   bool json = false;   ///< figures as JSON on standard output
   bool quiet = false;  ///< no progress
 };
+
+/// The user stopped the verb and was told already what goes on and how to continue.
+struct Detached : Interrupted {};
 
 /// What the command line asked for; called once, after parsing.
 using Action = std::function<void()>;

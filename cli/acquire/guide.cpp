@@ -22,7 +22,6 @@
 #include "cli/acquire/live_view.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
-#include "cli/cluster/cluster_job.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -631,7 +630,7 @@ void guide(const GuideOptions& options, const Common& common) {
     Guide(options).run();
   } catch (const Interrupted&) {
     std::printf("\nStopped. The same command continues: refield acquire guide %s\n", options.folder.c_str());
-    throw Detached();  // which says no more
+    throw Detached();
   }
 }
 

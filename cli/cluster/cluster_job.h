@@ -8,12 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/base/errors.h"
-
 namespace refield::cli {
-
-/// The user stopped following jobs that go on, and was notified.
-struct Detached : Interrupted {};
 
 /// What a task may use of its node. Slurm ends a task that uses more.
 struct TaskLimits {
