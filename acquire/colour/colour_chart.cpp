@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/base/errors.h"
+#include "core/base/least_squares.h"
 #include "core/image/colour.h"
 #include "core/image/tone_map.h"
 
@@ -78,11 +79,9 @@ Parameters linear_fit(const Colours& camera) {
   return system.colPivHouseholderQr().solve(target);
 }
 
-using Residuals = Eigen::Matrix<double, 3 * chart_patches, 1>;
-
 /// Differences in L*a*b*, those of chroma divided as in CIE94 by 1 + 0.045 C.
-Residuals residuals_of(const Parameters& p, const Colours& camera) {
-  Residuals residuals;
+Eigen::VectorXd residuals_of(const Parameters& p, const Colours& camera) {
+  Eigen::VectorXd residuals(3 * chart_patches);
   for (int k = 0; k < chart_patches; ++k) {
     const Vector3d& reference = chart_lab()[k];
     const double chroma = 1.0 + 0.045 * std::hypot(reference[1], reference[2]);
@@ -92,35 +91,10 @@ Residuals residuals_of(const Parameters& p, const Colours& camera) {
   return residuals;
 }
 
-/// Levenberg and Marquardt from the linear fit, which is near.
-Parameters refined(Parameters p, const Colours& camera) {
-  constexpr int steps = 30;
-  double damping = 1e-3;
-  Residuals residuals = residuals_of(p, camera);
-  for (int step = 0; step < steps; ++step) {
-    Eigen::Matrix<double, 3 * chart_patches, 11> jacobian;
-    for (int i = 0; i < p.size(); ++i) {
-      constexpr double difference = 1e-6;
-      Parameters changed = p;
-      changed[i] += difference * std::max(1.0, std::abs(p[i]));
-      jacobian.col(i) = (residuals_of(changed, camera) - residuals) / (changed[i] - p[i]);
-    }
-    Eigen::Matrix<double, 11, 11> normal = jacobian.transpose() * jacobian;
-    normal.diagonal() *= 1.0 + damping;
-    const Parameters next = p - normal.ldlt().solve(jacobian.transpose() * residuals);
-    const Residuals changed = residuals_of(next, camera);
-    const double gain = 1.0 - changed.squaredNorm() / residuals.squaredNorm();
-    if (!(gain > 0.0)) {
-      damping *= 10.0;
-      if (damping > 1e6) break;
-      continue;
-    }
-    p = next;
-    residuals = changed;
-    damping *= 0.1;
-    if (gain < 1e-10) break;
-  }
-  return p;
+/// From the linear fit, which is near.
+Parameters refined(const Parameters& linear, const Colours& camera) {
+  return least_squares([&](const Eigen::VectorXd& p) { return residuals_of(p, camera); }, linear, 1e-6, 1e-10)
+      .parameters;
 }
 
 std::array<double, chart_patches> delta_e_of(const Parameters& p, const Colours& camera) {

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/least_squares.h"
 
 namespace refield {
 
@@ -137,35 +138,12 @@ Solution solve_pose(const Problem& problem) {
   double sigma = 0.3;
   // The second pass knows how far spots scatter.
   for (int pass = 0; pass < 2; ++pass) {
-    double damping = 1e-3;
-    VectorXd residuals = problem.residuals(solution.x, sigma);
-    Eigen::MatrixXd jacobian(residuals.size(), unknowns);
-    for (int step = 0; step < 40; ++step) {
-      for (int k = 0; k < unknowns; ++k) {
-        constexpr double difference = 1e-5;
-        Unknowns changed = solution.x;
-        changed[k] += difference;
-        jacobian.col(k) = (problem.residuals(changed, sigma) - residuals) / difference;
-      }
-      const Eigen::Matrix<double, unknowns, unknowns> normal = jacobian.transpose() * jacobian;
-      Eigen::Matrix<double, unknowns, unknowns> damped = normal;
-      damped.diagonal() *= 1.0 + damping;
-      const Unknowns next = solution.x - damped.ldlt().solve(jacobian.transpose() * residuals);
-      const VectorXd changed = problem.residuals(next, sigma);
-      solution.covariance = normal.inverse();
-      const double gain = 1.0 - changed.squaredNorm() / std::max(residuals.squaredNorm(), 1e-300);
-      if (!(gain > 0.0)) {
-        damping *= 10.0;
-        if (damping > 1e6) break;
-        continue;
-      }
-      solution.x = next;
-      residuals = changed;
-      damping *= 0.1;
-      if (gain < 1e-9) break;
-    }
+    const LeastSquaresFit fit =
+        least_squares([&](const VectorXd& x) { return problem.residuals(x, sigma); }, solution.x, 1e-5, 1e-9);
+    solution.x = fit.parameters;
+    solution.covariance = (fit.jacobian.transpose() * fit.jacobian).inverse();
     const auto spots = static_cast<double>(problem.spots.size());
-    const double sum = residuals.head(residuals.size() - 3).squaredNorm() * sigma * sigma;
+    const double sum = fit.residuals.head(fit.residuals.size() - 3).squaredNorm() * sigma * sigma;
     solution.rms_px = std::sqrt(sum / spots);
     sigma = std::max(least_sigma_px, std::sqrt(sum / (2.0 * spots - 6.0)));
   }
