@@ -63,11 +63,7 @@ Photograph chart_photograph(const fs::path& path) {
 /// The chart in linear Rec.709, each patch with a square of the colour that it should have.
 Image picture_of(const Photograph& photograph, const ColourChart& chart, const ColourFit& fit) {
   Image picture = photograph.radiance;
-  const Eigen::Matrix3f matrix = fit.rec709_from_camera.cast<float>();
-  for (std::size_t i = 0; i < picture.values.size(); i += 3) {
-    Eigen::Map<Eigen::Vector3f> pixel(&picture.values[i]);
-    pixel = (matrix * pixel).eval();
-  }
+  convert_colours(picture, fit.rec709_from_camera.cast<float>());
   // Brightness of a reflectance of 1: the mean over the patches, weighted by their brightness.
   double shown = 0.0, expected = 0.0;
   for (int k = 0; k < chart_patches; ++k) {
@@ -150,8 +146,7 @@ void add_acquire_colour(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Finds the chart in a photograph under the white monitor, estimates the matrix from camera RGB to "
       "linear Rec.709 and stores it in the session. Its photographs, and fields estimated from it, are then "
-      "in "
-      "linear Rec.709, the light of the photograph being white. docs/guide/colour.md describes the "
+      "in linear Rec.709, the light of the photograph being white. docs/guide/colour.md describes the "
       "photograph.\n"
       "\n"
       "Examples:\n"

@@ -98,6 +98,13 @@ Matrix3d rgb_from_rgb(const Chromaticities& from, const Chromaticities& to) {
   return xyz_from_rgb(to).inverse() * bradford_adaptation(from[3], to[3]) * xyz_from_rgb(from);
 }
 
+void convert_colours(Image& image, const Eigen::Matrix3f& matrix) {
+  for (std::size_t i = 0; i < image.values.size(); i += 3) {
+    Eigen::Map<Eigen::Vector3f> pixel(&image.values[i]);
+    pixel = (matrix * pixel).eval();
+  }
+}
+
 Vector3d lab_from_rec709(const Vector3d& linear) {
   const Vector3d xyz = (xyz_d50_from_rec709() * linear).cwiseQuotient(xyz_of_white(d50()));
   const double y = lab_curve(xyz.y());

@@ -6,6 +6,8 @@
 #include <array>
 #include <string_view>
 
+#include "core/image/image.h"
+
 namespace refield {
 
 /// What the three channels of photographs and fields mean.
@@ -28,6 +30,9 @@ Eigen::Matrix3d xyz_from_rgb(const Chromaticities& of);
 Eigen::Matrix3d bradford_adaptation(const Eigen::Vector2d& from, const Eigen::Vector2d& to);
 /// Linear RGB of other primaries, the white adapted.
 Eigen::Matrix3d rgb_from_rgb(const Chromaticities& from, const Chromaticities& to);
+
+/// Multiplies each pixel of an image with three channels by the matrix.
+void convert_colours(Image& image, const Eigen::Matrix3f& matrix);
 
 /// CIE L*a*b* under D50 of linear Rec.709, white adapted from D65. Negative channels are allowed.
 Eigen::Vector3d lab_from_rec709(const Eigen::Vector3d& linear);

@@ -309,10 +309,8 @@ Photograph copied(const CaptureFrame::Views& views, int first, int last) {
 
 void convert(Photograph& photograph, const Eigen::Matrix3f& matrix) {
   const Eigen::Matrix3f squares = matrix.cwiseAbs2();
-  for (std::size_t i = 0; i < photograph.radiance.values.size(); i += 3) {
-    Eigen::Map<Eigen::Vector3f> radiance(&photograph.radiance.values[i]);
-    radiance = (matrix * radiance).eval();
-    if (photograph.sigma.empty()) continue;
+  convert_colours(photograph.radiance, matrix);
+  for (std::size_t i = 0; i < photograph.sigma.values.size(); i += 3) {
     Eigen::Map<Eigen::Vector3f> sigma(&photograph.sigma.values[i]);
     if ((sigma.array() == std::numeric_limits<float>::infinity()).any())
       sigma.setConstant(std::numeric_limits<float>::infinity());
