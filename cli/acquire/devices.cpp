@@ -232,8 +232,7 @@ void print(const ordered_json& devices) {
   if (devices["cameras"].empty() && devices["genicam_cameras"].empty() && devices["gphoto_cameras"].empty())
     std::printf(
         "No camera was found. Check that it is connected and that you may open /dev/video* (group video); of "
-        "a "
-        "GenICam camera, that its address is of the computer's network (docs/guide/genicam.md); of a DSLR, "
+        "a GenICam camera, that its address is of the computer's network (docs/guide/genicam.md); of a DSLR, "
         "that it is switched on and that no file manager has opened it (docs/guide/dslr.md).\n");
   for (const auto& camera : devices["cameras"]) {
     std::printf("Camera %s: %s at %s, driver %s\n  formats (default: the raw format with the most bits):\n",
