@@ -1,14 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""options_test.py MANUAL STUDIES: every option that the documentation names exists.
+"""options_test.py MANUAL: every option that the documentation names exists.
 
-MANUAL is the folder of the built man pages, STUDIES the program refield-studies. In a command, as a line of code or
+MANUAL is the folder of the built man pages; the options of refield-studies are those of its sources. In a command, as a line of code or
 between backquotes, an option must be one of that command; elsewhere, of any.
 """
 import gzip
 import pathlib
 import re
-import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -28,15 +27,9 @@ def options_of_manual(folder):
     return options
 
 
-def options_of_studies(program):
-    def options(*words):
-        text = subprocess.run([program, *words, "--help"], check=True, capture_output=True, text=True).stdout
-        return text, set(OPTION.findall(text))
-
-    text, own = options()
-    verbs = re.findall(r"^  ([a-z-]+)  ", text.split("Subcommands:")[1], re.MULTILINE)
-    assert len(verbs) > 3, verbs
-    return {"refield-studies": own} | {f"refield-studies {verb}": options(verb)[1] | own for verb in verbs}
+def options_of_studies():
+    sources = "".join(path.read_text() for path in ROOT.glob("bench/studies/**/*.cpp"))
+    return {"refield-studies": set(re.findall(r'"(--[a-z-]+)"', sources))}
 
 
 def options_of_scripts():
@@ -69,9 +62,10 @@ def faults_of(name, text, options):
 
 
 def main():
-    manual, studies = sys.argv[1:]
-    options = options_of_manual(pathlib.Path(manual)) | options_of_studies(studies) | options_of_scripts()
+    manual = pathlib.Path(sys.argv[1])
+    options = options_of_manual(manual) | options_of_studies() | options_of_scripts()
     assert "--light" in options["refield relight"] and "--mode" in options["refield estimate"], options.keys()
+    assert "--sky" in options["refield-studies"]
     assert list(faults_of("self-test", "    refield relight --no-such", options)), "the test finds nothing"
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
     faults = [fault for page in pages for fault in faults_of(page.relative_to(ROOT), page.read_text(), options)]
