@@ -29,7 +29,7 @@ def options_of_manual(folder):
 
 def options_of_studies():
     sources = "".join(path.read_text() for path in ROOT.glob("bench/studies/**/*.cpp"))
-    return {"refield-studies": set(re.findall(r'"(--[a-z-]+)"', sources))}
+    return {"refield-studies": {"--help", *re.findall(r'"(--[a-z-]+)"', sources)}}
 
 
 def options_of_scripts():
