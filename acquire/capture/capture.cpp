@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <future>
+#include <memory>
 
 #include "acquire/capture/scene_mask.h"
 #include "acquire/hdr/bracket_files.h"
@@ -88,8 +90,7 @@ class CaptureRun {
       return;
     }
     std::vector<std::string> files = {ambient_file};
-    ambient_ = photograph("ambient", uniform_drive(display_.width, display_.height, black),
-                          request_.ambient_repeats, files);
+    ambient_ = photograph("ambient", black, request_.ambient_repeats, files);
     write_photograph(session_.folder() / ambient_file, ambient_);
     session_.finish_step("ambient", files);
   }
@@ -99,22 +100,6 @@ class CaptureRun {
     std::vector<std::string> files = {mask_file};
     write_mask(session_.folder() / mask_file, mask(files), camera_.width, camera_.height);
     session_.finish_step("mask", files);
-  }
-
-  void take_photograph(const CaptureLight& light, const RunContext& run) {
-    if (session_.is_done(light.name)) return;
-    const LightMap wanted = read_light_map(light.wanted, Parameterisation::monitor, run);
-    std::size_t too_bright = 0;
-    const DriveImage pattern = drive_levels(wanted.radiance, request_.monitor, &too_bright);
-    out_of_range_lights_ += too_bright > 0;
-
-    std::vector<std::string> files = {illumination_file(light), observed_file(light)};
-    Photograph observed = photograph(light.name, pattern, request_.frames_per_exposure, files);
-    subtract_ambient(observed, ambient_);
-    write_exr(session_.folder() / files[0], emitted_above_black(pattern, request_.monitor));
-    write_photograph(session_.folder() / files[1], observed, request_.precision);
-    session_.finish_step(light.name, files);
-    if (request_.on_photograph) request_.on_photograph(observed);
   }
 
   /// What the manifest will say of a light's frame.
@@ -129,19 +114,16 @@ class CaptureRun {
   std::size_t place_of(const CaptureLight& light) const { return &light - request_.lights.data(); }
 
   void take_all(Progress& progress, const RunContext& run) {
-    bool enough = false;
-    for (const CaptureLight& light : request_.lights) {
-      run.throw_if_stopped();
-      const bool counts = light.role == FrameRole::train && request_.is_enough;
-      if (counts && (enough || session_.is_left_out(light.name))) {
-        if (!session_.is_done(light.name)) session_.leave_out(light.name);
-      } else {
-        if (request_.before_light) request_.before_light(place_of(light));
-        take_photograph(light, run);
-        if (counts) enough = request_.is_enough(frame_of(light));
+    try {
+      take_lights(progress, run);
+    } catch (...) {
+      try {
+        finish_last();
+      } catch (...) {  // What ended the capture is more to the point.
       }
-      progress.advance();
+      throw;
     }
+    finish_last();
   }
 
   void finish() {
@@ -179,35 +161,111 @@ class CaptureRun {
   }
 
  private:
-  /// Shows a pattern and merges `repeats` frames of each exposure. Adds the raw files that are kept to
-  /// `files`.
-  Photograph photograph(const std::string& name, const DriveImage& pattern, int repeats,
-                        std::vector<std::string>& files) {
-    pairing_.prepare(exposures_.front(), request_.gain);
-    pairing_.show(pattern);
-    std::vector<RawFrame> frames;
-    for (std::size_t i = 0; i < exposures_.size(); ++i)
-      for (int repeat = 0; repeat < repeats; ++repeat) {
-        frames.push_back(pairing_.photograph(exposures_[i], request_.gain));
-        if (!request_.keep_raw) continue;
-        files.push_back(raw_file(name, i, repeats > 1 ? std::optional(repeat) : std::nullopt));
-        write_raw_frame(session_.folder() / files.back(), frames.back());
-      }
+  /// A photograph that is merged and written while the next one is taken.
+  struct Last {
+    const CaptureLight* light = nullptr;
+    std::vector<std::string> files;
     MergeStatistics statistics;
-    Photograph merged = merge_exposures(frames, request_.camera, {}, &statistics);
-    divide(merged, request_.camera.flat_field);
-    for (std::size_t i = 0; i < frames.size(); ++i)
+    std::future<Photograph> photograph;
+  };
+
+  void take_lights(Progress& progress, const RunContext& run) {
+    bool enough = false;
+    for (const CaptureLight& light : request_.lights) {
+      run.throw_if_stopped();
+      const bool counts = light.role == FrameRole::train && request_.is_enough;
+      if (counts && (enough || session_.is_left_out(light.name))) {
+        if (!session_.is_done(light.name)) session_.leave_out(light.name);
+      } else {
+        if (request_.before_light) request_.before_light(place_of(light));
+        if (!session_.is_done(light.name)) take_photograph(light, run);
+        if (counts) {
+          finish_last();
+          enough = request_.is_enough(frame_of(light));
+        }
+      }
+      progress.advance();
+    }
+  }
+
+  void take_photograph(const CaptureLight& light, const RunContext& run) {
+    const LightMap wanted = read_light_map(light.wanted, Parameterisation::monitor, run);
+    std::size_t too_bright = 0;
+    DriveImage pattern = drive_levels(wanted.radiance, request_.monitor, &too_bright);
+    out_of_range_lights_ += too_bright > 0;
+    // Each second one backwards: the camera keeps its exposure from one pattern to the next.
+    auto frames = frames_under(pattern, request_.frames_per_exposure, place_of(light) % 2 == 1);
+    finish_last();
+    last_ = std::make_unique<Last>();
+    last_->light = &light;
+    last_->files = {illumination_file(light), observed_file(light)};
+    last_->photograph = std::async(
+        std::launch::async, [this, &last = *last_, pattern = std::move(pattern), frames = std::move(frames)] {
+          Photograph observed =
+              merged(last.light->name, frames, request_.frames_per_exposure, last.files, last.statistics);
+          subtract_ambient(observed, ambient_);
+          write_exr(session_.folder() / last.files[0], emitted_above_black(pattern, request_.monitor));
+          write_photograph(session_.folder() / last.files[1], observed, request_.precision);
+          return observed;
+        });
+  }
+
+  void finish_last() {
+    if (!last_) return;
+    const auto last = std::move(last_);
+    const Photograph observed = last->photograph.get();
+    count(last->statistics, request_.frames_per_exposure);
+    session_.finish_step(last->light->name, last->files);
+    if (request_.on_photograph) request_.on_photograph(observed);
+  }
+
+  /// `repeats` frames of each exposure in growing order, taken in that order or backwards.
+  std::vector<RawFrame> frames_under(const DriveImage& pattern, int repeats, bool backwards) {
+    const std::size_t exposures = exposures_.size();
+    const auto place = [&](std::size_t i) { return backwards ? exposures - 1 - i : i; };
+    pairing_.prepare(exposures_[place(0)], request_.gain);
+    pairing_.show(pattern);
+    std::vector<RawFrame> frames(exposures * repeats);
+    for (std::size_t i = 0; i < exposures; ++i)
+      for (int repeat = 0; repeat < repeats; ++repeat)
+        frames[place(i) * repeats + repeat] = pairing_.photograph(exposures_[place(i)], request_.gain);
+    return frames;
+  }
+
+  /// Merges the frames. Adds the raw files that are kept to `files`.
+  Photograph merged(const std::string& name, const std::vector<RawFrame>& frames, int repeats,
+                    std::vector<std::string>& files, MergeStatistics& statistics) const {
+    for (std::size_t i = 0; request_.keep_raw && i < frames.size(); ++i) {
+      const auto repeat = static_cast<int>(i % repeats);
+      files.push_back(raw_file(name, i / repeats, repeats > 1 ? std::optional(repeat) : std::nullopt));
+      write_raw_frame(session_.folder() / files.back(), frames[i]);
+    }
+    Photograph photograph = merge_exposures(frames, request_.camera, {}, &statistics);
+    divide(photograph, request_.camera.flat_field);
+    return photograph;
+  }
+
+  void count(const MergeStatistics& statistics, int repeats) {
+    for (std::size_t i = 0; i < statistics.useful_fraction.size(); ++i)
       useful_[i / repeats] += statistics.useful_fraction[i] / repeats;
     clipped_ += statistics.clipped_fraction;
     ++photographs_;
-    return merged;
+  }
+
+  /// Of a monitor that shows one level.
+  Photograph photograph(const std::string& name, std::uint8_t level, int repeats,
+                        std::vector<std::string>& files) {
+    const auto frames = frames_under(uniform_drive(display_.width, display_.height, level), repeats, false);
+    MergeStatistics statistics;
+    Photograph photograph = merged(name, frames, repeats, files, statistics);
+    count(statistics, repeats);
+    return photograph;
   }
 
   Mask mask(std::vector<std::string>& files) {
     if (request_.mask.kind == MaskSource::Kind::painted)
       return read_mask(request_.mask.file, camera_.width, camera_.height);
-    Photograph lit = photograph("mask", uniform_drive(display_.width, display_.height, white_level),
-                                request_.frames_per_exposure, files);
+    Photograph lit = photograph("mask", white_level, request_.frames_per_exposure, files);
     subtract_ambient(lit, ambient_);
     if (request_.mask.file.empty()) return scene_mask(lit);
     const Photograph background = read_photograph(request_.mask.file);
@@ -221,6 +279,7 @@ class CaptureRun {
   FramePairing& pairing_;
   SessionWriter& session_;
   Photograph ambient_;
+  std::unique_ptr<Last> last_;
   std::vector<double> useful_;
   double clipped_ = 0.0;
   int photographs_ = 0;
