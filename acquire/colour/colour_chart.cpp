@@ -291,7 +291,7 @@ constexpr double tolerated_offset = 0.12;  // of the distance to the next patch
 
 std::optional<Matrix3d> sound_homography(std::vector<GridPoint>& grid) {
   while (grid.size() >= min_points) {
-    const auto homography = homography_of(grid);
+    auto homography = homography_of(grid);
     if (!homography) return std::nullopt;
     const auto offset = [&](const GridPoint& p) {
       const Vector2d there = mapped(*homography, p.column, p.row);

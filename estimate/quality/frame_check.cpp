@@ -199,7 +199,7 @@ FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
     leave_out(job, check->report, options);
     return check->report;
   }
-  const FrameReport report = check_frames(job, options, run);
+  FrameReport report = check_frames(job, options, run);
   write_text_atomically(file, frame_check_text(job, report, key));
   return report;
 }
