@@ -286,7 +286,8 @@ Retry retry_after(const TaskEnd& end, const TaskLimits& limits, std::int64_t nod
           std::max(limits.memory_mib, std::min(retry.limits.memory_mib, node_memory_mib));
   };
   const std::string memory = "its memory limit of " + std::to_string(limits.memory_mib) + " MiB";
-  const bool was_stopped = end.status == 130 || end.status == 143;
+  const int status = end.status.value_or(0);
+  const bool was_stopped = status == 130 || status == 143;
   if (end.state == "OUT_OF_MEMORY" || end.out_of_memory || end.status == 137) {
     more_memory();
     retry.reason = end.status == 137 && end.state != "OUT_OF_MEMORY"
