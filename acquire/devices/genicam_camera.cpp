@@ -590,8 +590,11 @@ struct GenicamCamera::State {
   std::uint64_t last_number = 0;
   int to_skip = genicam_frames_after_start;
   std::int64_t last_stamp = 0;
-  bool wants_trigger = true;  // software: none is on its way
+  // Software triggers: whether one is on its way, and when the last was sent. Once one was taken for lost,
+  // its frame may still come, and the time of the last says nothing any more.
+  bool is_triggered = false, lost_trigger = false;
   TimePoint triggered{};
+  TimePoint begin{};  // what begin_after() was told
 
   State(GenicamCameraOptions wanted, RunContext context)
       : options(std::move(wanted)), run(std::move(context)), identity(find_genicam_camera(options.device)) {
@@ -610,7 +613,7 @@ struct GenicamCamera::State {
     counter.restart();
     last_stamp = 0;
     to_skip = genicam_frames_after_start;
-    wants_trigger = true;
+    is_triggered = lost_trigger = false;
     if (asked) make_settings(asked->first, asked->second);
   }
 
@@ -673,8 +676,9 @@ struct GenicamCamera::State {
     last_stamp = stamp;
     const Seconds interval = description.frame_interval;
     if (arrival - settings_made > longest + 4 * interval) shortest = longest = exposure;
-    const TimePoint start = clock.start_of(stamp, arrival, shortest, longest) -
-                            std::chrono::ceil<std::chrono::nanoseconds>(std::max(interval, least_allowance));
+    TimePoint start = clock.start_of(stamp, arrival, shortest, longest) -
+                      std::chrono::ceil<std::chrono::nanoseconds>(std::max(interval, least_allowance));
+    if (is_software() && !lost_trigger) start = std::max(start, triggered);
     if (to_skip > 0) {
       --to_skip;
       return std::nullopt;
@@ -745,10 +749,14 @@ struct GenicamCamera::State {
   void trigger_if_due() {
     if (!is_software()) return;
     const Seconds overdue = exposure + 4 * description.frame_interval + Seconds(0.5);
-    if (!wants_trigger && genicam_now() - triggered < overdue) return;
+    if (is_triggered && genicam_now() - triggered < overdue) return;
+    lost_trigger = lost_trigger || is_triggered;
+    std::this_thread::sleep_for(std::min<Seconds>(begin - genicam_now(), slice));
+    const TimePoint now = genicam_now();
+    if (now < begin) return;
     open->trigger();
-    wants_trigger = false;
-    triggered = genicam_now();
+    is_triggered = true;
+    triggered = now;
   }
 };
 
@@ -778,6 +786,10 @@ TimePoint GenicamCamera::set_exposure(Seconds exposure, double gain) {
   return state_->settings_made;
 }
 
+void GenicamCamera::begin_after(TimePoint earliest) {
+  state_->begin = earliest;
+}
+
 RawFrame GenicamCamera::next_frame(Seconds timeout) {
   State& state = *state_;
   state.require_open();
@@ -804,7 +816,7 @@ RawFrame GenicamCamera::next_frame(Seconds timeout) {
         continue;
       }
       heard = genicam_now();
-      state.wants_trigger = true;
+      state.is_triggered = false;
       auto frame = state.frame_of(buffer);
       state.open->give_back(buffer);
       if (frame) return std::move(*frame);
@@ -858,6 +870,7 @@ const CameraTroubles& GenicamCamera::troubles() const {
 TimePoint GenicamCamera::set_exposure(Seconds /*exposure*/, double /*gain*/) {
   refuse_genicam();
 }
+void GenicamCamera::begin_after(TimePoint) {}
 RawFrame GenicamCamera::next_frame(Seconds /*timeout*/) {
   refuse_genicam();
 }

@@ -81,7 +81,8 @@ class FrameCounter {
 /// A GenICam camera. Whatever it would choose by itself is switched off, and every setting is read back.
 ///
 /// RawFrame::exposure_start never lies after the true start of exposure, as long as no more than a frame
-/// interval, or 20 ms where that is longer, passes until a frame is read out, sent and noticed. Incomplete
+/// interval, or 20 ms where that is longer, passes until a frame is read out, sent and noticed. With software
+/// triggers it is the later of that and the trigger, which waits for what begin_after() was told. Incomplete
 /// frames are left out: a camera that runs freely sends the next, a software trigger is sent again, and after
 /// a hardware trigger a frame with the earliest of time stamps is returned, so that whoever pulled the line
 /// does so again. An unplugged camera is waited for and gets all its settings anew; sequence numbers go on.
@@ -94,6 +95,7 @@ class GenicamCamera final : public TetheredCamera {
 
   CameraDescription describe() const override;
   TimePoint set_exposure(Seconds exposure, double gain) override;
+  void begin_after(TimePoint earliest) override;
   RawFrame next_frame(Seconds timeout) override;
   const CameraTroubles& troubles() const override;
 

@@ -112,6 +112,21 @@ std::vector<Choice> find_cameras() {
   return list;
 }
 
+/// Whether a camera, as `find_cameras` or the user names it, takes a frame when it is told to: with one that
+/// runs freely, each change of the exposure or the pattern costs the frame that is on its way.
+bool triggers_by_software(const std::string& name) {
+  const std::string kind = "genicam:";
+  if (!has_genicam() || !name.starts_with(kind)) return false;
+  const std::string device = name.substr(kind.size());
+  for (const GenicamIdentity& camera : find_genicam_cameras()) {
+    if (device != camera.serial && device != camera.address && device != camera.id && device != camera.model)
+      continue;
+    for (const GenicamFeature& feature : abilities_of(camera).features)
+      if (feature.name == "TriggerSource") return feature.limits.find("Software") != std::string::npos;
+  }
+  return false;
+}
+
 /// A monitor by its name in `list`; the size is for the light maps.
 struct MonitorChoice : Choice {
   int width = 0, height = 0;
@@ -351,6 +366,7 @@ class Guide {
       choose_monitor(text, width, height);
     }
     set_session_value(text, "camera", "device", toml_text(camera));
+    if (triggers_by_software(camera)) set_session_value(text, "camera", "trigger", toml_text("Software"));
     if (!options_.format.empty()) set_session_value(text, "camera", "format", toml_text(options_.format));
     if (options_.rate > 0.0) set_session_value(text, "camera", "rate", number_text(options_.rate, "%.9g"));
     if (const auto& region = options_.region; !region.empty()) {

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# usage: guided.sh BUILD genicam|DRIVER [PAGE]
+# usage: guided.sh BUILD genicam|DRIVER [PAGE | TABLE.csv]
 # The guided capture (tests/cli/guided_capture.py) with a GenICam camera, or a DSLR whose driver virtual_dslr.sh printed, and
-# a window on a screen without a monitor (Xvfb), which guided_lab lets the camera see. PAGE gets the transcript.
+# a window on a screen without a monitor (Xvfb), which guided_lab lets the camera see. PAGE gets the transcript. With TABLE.csv no guided capture
+# runs: the table gets the time that a pattern takes (capture_time.sh).
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$(realpath "$1") kind=dslr page=${3:-}
@@ -42,6 +43,10 @@ export HOME=$share LIBGL_ALWAYS_SOFTWARE=1
 DISPLAY=:$(cat "$share/display")
 export DISPLAY
 if [[ $kind == dslr ]]; then export LD_PRELOAD=$build/tests/devices/libguided_dslr.so; fi
+if [[ $page == *.csv ]]; then
+  "$here/capture_time.sh" "$build/cli/refield" "$share" "$kind" "$page"
+  exit
+fi
 mkdir "$share/work"
 python3 -B "$here/../cli/guided_capture.py" "$build/cli/refield" --rig "$kind" --work "$share/work" \
   ${page:+--page "$page"} -- --light-size 32x24 "${options[@]}"
