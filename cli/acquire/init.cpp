@@ -48,7 +48,6 @@ constexpr const char* after_camera =
 # window = [200, 100, 1280, 800]  # region of the frame in pixels: left, top, width, height; default: all
 # unit_gain = 100                 # value of the gain control for gain 1; default: the control is not changed
 # fixed_exposure = 0.01           # seconds, for a camera without an exposure control
-# trigger = "Software"            # of a GenICam camera: each frame is asked for; default: it runs freely
 # replug_patience = 30            # seconds to wait for an unplugged camera
 # truth = "truth"                 # with virtual: folder of 'refield simulate'; default: the scene is traced
 
