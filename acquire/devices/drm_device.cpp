@@ -259,6 +259,7 @@ DrmDevice::DrmDevice(const DrmConnectorInfo& connector, std::size_t mode)
 // ours.
 DrmDevice::~DrmDevice() {
   for (const DrmBuffer& buffer : buffers_) ::munmap(buffer.bytes.data(), buffer.bytes.size());
+  drmDropMaster(descriptor_);  // at once, whoever else still holds the descriptor
   ::close(descriptor_);
 }
 

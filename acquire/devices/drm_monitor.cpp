@@ -4,11 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <thread>
 
 #include "acquire/devices/drm_device.h"
 #include "core/base/errors.h"
 
 namespace refield {
+
+/// A monitor is dark while it follows a new mode: one to two seconds on HDMI and DisplayPort.
+constexpr Seconds mode_change{2.0};
 
 struct DrmMonitor::State {
   DrmConnectorInfo connector;
@@ -31,6 +35,7 @@ struct DrmMonitor::State {
       std::ranges::fill(buffer.bytes, std::uint8_t{0});
     }
     device.light_up(buffers[0]);
+    std::this_thread::sleep_for(mode_change);
   }
 
   const DrmModeInfo& screen() const { return connector.modes[mode]; }

@@ -25,6 +25,7 @@ struct DrmMonitorOptions {
 /// not know them, and describe() says 0; calibration measures them.
 class DrmMonitor final : public Illuminator {
  public:
+  /// Returns two seconds after the mode was set, when the monitor follows it.
   /// Throws InputError for a connector, mode or size that is not there, DeviceError as DrmDevice does.
   explicit DrmMonitor(const DrmMonitorOptions& options);
   ~DrmMonitor() override;
