@@ -175,11 +175,16 @@ Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run) {
   constexpr double usual_gamma = 2.2;
   for (int attempt = 0; attempt < 3 && result.exposure < wanted * 0.7 && result.level > lowest_level;
        ++attempt) {
-    const double level = result.level * std::pow(result.exposure / wanted, 1.0 / usual_gamma);
-    result.level = static_cast<std::uint8_t>(std::max<double>(lowest_level, std::round(level)));
-    bench.show(result.level);
-    result.exposure = meter_exposure(bench, run);
+    const double dimmed = result.level * std::pow(result.exposure / wanted, 1.0 / usual_gamma);
+    const auto level = static_cast<std::uint8_t>(std::max<double>(lowest_level, std::round(dimmed)));
+    bench.show(level);
+    const Seconds exposure = meter_exposure(bench, run);
+    bench.show(0);
+    if (brightness(bench, exposure, run) > 0.5 * target_share) break;  // most of it is light of the room
+    result.level = level;
+    result.exposure = exposure;
   }
+  bench.show(result.level);
   const double reached = brightness(bench, result.exposure, run);
   if (reached > 0.9)
     throw InputError("camera '" + bench.camera().name + "': " + percent_text(reached) +

@@ -86,9 +86,10 @@ struct Metering {
   double dark_dn = 0.0;  ///< and under black
 };
 
-/// Meters under a grey level chosen so that the exposure is about `wanted` or, where white is too dark for
-/// that, longer. Throws InputError where the scene is too dark or too bright for the camera, or nothing in it
-/// responds to the display; the message says what to change.
+/// Meters under a grey level chosen so that the exposure is about `wanted`, or longer where white is too dark
+/// for that, or shorter where the light of the room would become most of what is measured. Throws InputError
+/// where the scene is too dark or too bright for the camera, or nothing in it responds to the display; the
+/// message says what to change.
 Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run = {});
 
 }  // namespace refield

@@ -126,6 +126,20 @@ TEST(CalibrateFailure, CameraCompressesItsNoiseAway) {
   }
 }
 
+// A long exposure is had by dimming the display, but not so far that the light of the room is most of it.
+TEST(CalibrateFailure, LightOfTheRoomBoundsHowFarTheDisplayIsDimmed) {
+  VirtualRig dark = known_rig(View::scene, {}, {}, 0.0f), bright = known_rig(View::scene, {}, {}, 0.05f);
+  const auto metering_of = [](VirtualRig& rig) {
+    CalibrationBench bench(rig.camera(), rig.illuminator(), nullptr, 1.0, Seconds(0.2));
+    return meter(bench, Seconds(1.0));
+  };
+  const Metering dimmed = metering_of(dark), less_dimmed = metering_of(bright);
+  std::printf("level %d, exposure %.3g s in the dark; level %d, %.3g s with light of the room\n",
+              dimmed.level, dimmed.exposure.count(), less_dimmed.level, less_dimmed.exposure.count());
+  EXPECT_LT(dimmed.level, less_dimmed.level);
+  EXPECT_LT(less_dimmed.dark_dn, less_dimmed.lit_dn - less_dimmed.dark_dn);
+}
+
 /// Shows nothing, as a display that is switched off.
 class DarkDisplay : public Illuminator {
  public:
