@@ -40,8 +40,9 @@ class Guide:
 
     def __init__(self, command, folder):
         self.log = io.StringIO()
-        self.terminal = pexpect.spawn(command[0], command[1:], cwd=folder, encoding="utf-8", timeout=PATIENCE,
-                                      dimensions=(50, 66))
+        # What is typed is echoed in the middle of a picture, and so of a character.
+        self.terminal = pexpect.spawn(command[0], command[1:], cwd=folder, encoding="utf-8", codec_errors="replace",
+                                      timeout=PATIENCE, dimensions=(50, 66))
         self.terminal.logfile_read = self.log
 
     def question(self):
@@ -70,8 +71,8 @@ def run(command, folder, answers, stop_at=None, how=None):
         given = next((replies.pop(0) for words, replies in left.items() if words in question and replies), "")
         guide.answer(given)
         if "live image" in question and given in ("", "yes"):
-            # Enter ends it, but a camera that takes photographs shows one alone.
-            guide.terminal.expect(["sharpness [0-9.]+ .*sharpness [0-9.]+ ", r"Show it again\? \[no\]"])
+            # Enter ends it, but a camera that takes photographs shows one alone, and the display may still be busy.
+            guide.terminal.expect(["sharpness [0-9.]+ .*sharpness [0-9.]+ ", r"Show it again\? \[no\]", r"Try again\? \[yes\]"])
             guide.answer("")
     status = guide.status()
     rest = {words: replies for words, replies in left.items() if replies}
@@ -153,7 +154,7 @@ def check_guide(given, work, refield):
     check(status == 130 and "The same command continues" in log, f"end of input: {status}\n{readable(log)}")
     tea = work / "tea"
     check((tea / "session.toml").exists() and not (tea / "calibration.toml").exists(), "after the end of input")
-    status, first = run(command, work, {"live image": ["yes"], "again?": ["no"]}, "Number of patterns", "interrupt")
+    status, first = run(command, work, {"live image": ["yes"], "Show it again?": ["no"]}, "Number of patterns", "interrupt")
     check(status == 130 and (mug / "calibration.toml").exists(), f"Ctrl-C: {status}\n{readable(first)}")
     if is_virtual:
         check("light does not flicker" in first, f"highlights that clip are taken for flicker\n{readable(first)}")

@@ -2,7 +2,7 @@
 // The laboratory between the kernel's virtual monitor and its virtual camera: reads back what the monitor
 // shows, lets the scene of a recipe answer to it and a sensor expose it, and hands the frames, late by 0 to 4
 // of them at random, to the camera. usage: virtual_lab TRUTH RECIPE CARD OUTPUT_NODE CAMERA_NODE LOG [steady]
-// LOG and "steady" as LabScene says.
+// LOG and "steady" as LabScene says. LAB_SCREEN in the environment: the monitor's mode, if it is not 640x480.
 #include <linux/videodev2.h>
 
 #include <algorithm>
@@ -23,8 +23,7 @@ namespace refield::test {
 namespace {
 
 constexpr int output_width = 640, output_height = 480;
-constexpr int screen_width = 640, screen_height = 480;  // the session file's mode
-constexpr int longest_delay = 4;                        // frames
+constexpr int longest_delay = 4;  // frames
 
 TimePoint now() {
   return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
@@ -84,6 +83,9 @@ class CameraSettings {
 void run(char** arguments, bool steady) {
   LabScene scene(arguments[1], arguments[2], arguments[6], steady);
   CameraSettings settings(arguments[5]);
+  int screen_width = 640, screen_height = 480;
+  if (const char* mode = std::getenv("LAB_SCREEN"))
+    if (std::sscanf(mode, "%dx%d", &screen_width, &screen_height) != 2) throw InputError(mode);
   ScreenReader reader("refield", arguments[3], screen_width, screen_height);
   std::optional<VideoOutput> output;
   const auto [width, height, parameterisation] = scene.domain();
