@@ -256,9 +256,11 @@ class OpenGenicam {
   }
 
   Seconds set_exposure(Seconds exposure) const {
-    constexpr double us = 1e6;
+    constexpr double ns = 1e9, us_per_ns = 1e-3;
+    // Whole nanoseconds: of 87.999999 µs some cameras would make 87.
+    const double us = std::round(exposure.count() * ns) * us_per_ns;
     ask(name_, "refuses an exposure of " + short_text(exposure.count()) + " s",
-        [&](GError** e) { arv_camera_set_exposure_time(camera(), exposure.count() * us, e); });
+        [&](GError** e) { arv_camera_set_exposure_time(camera(), us, e); });
     return made_exposure();
   }
   Seconds made_exposure() const {
@@ -490,6 +492,8 @@ class OpenGenicam {
     description_.bits = format_.bits;
     description_.shortest_exposure = Seconds(low * 1e-6);
     description_.longest_exposure = Seconds(high * 1e-6);
+    // Many cameras keep whole microseconds alone and do not say so.
+    description_.exposure_step = Seconds(1e-6);
     if (ArvGcFeatureNode* gain = feature_node(camera(), "Gain"); gain && options_.unit_gain <= 0.0)
       gain_is_db_ = ARV_IS_GC_FLOAT(gain) && or_empty(arv_gc_float_get_unit(ARV_GC_FLOAT(gain))) == "dB";
   }

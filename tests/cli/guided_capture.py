@@ -63,11 +63,14 @@ def run(command, folder, answers, stop_at=None, how=None):
     """Answers questions by the words that they hold, Enter to others, until the end or `stop_at`."""
     guide = Guide(command, folder)
     left = {words: list(given) for words, given in answers.items()}
+    attempts = 0
     while (question := guide.question()) is not None:
         if stop_at and stop_at in question:
             guide.terminal.sendintr() if how == "interrupt" else guide.terminal.sendeof()
             guide.terminal.expect(pexpect.EOF)
             break
+        attempts += "Try again?" in question
+        check(attempts < 10, f"it tries again and again\n{readable(guide.log.getvalue())}")
         given = next((replies.pop(0) for words, replies in left.items() if words in question and replies), "")
         guide.answer(given)
         if "live image" in question and given in ("", "yes"):
