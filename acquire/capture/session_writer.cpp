@@ -21,10 +21,12 @@ namespace {
 
 constexpr const char* plan_name = "plan.toml";
 constexpr const char* journal_name = "journal";
+/// The manifest of a session that was complete, while damaged files are taken again.
+constexpr const char* former_manifest_name = "session.before.toml";
 // In the order in which replacing removes them: the plan goes last, so that a session stays recognisable.
-constexpr std::array<const char*, 9> contents = {
-    session_manifest_name, journal_name,       "ambient.exr", "mask.png", "raw", "observed",
-    "illumination",        "calibration.toml", plan_name};
+constexpr std::array<const char*, 10> contents = {
+    session_manifest_name, former_manifest_name, journal_name, "ambient.exr", "mask.png", "raw", "observed",
+    "illumination",        "calibration.toml",   plan_name};
 
 /// A crash leaves temporaries of write_atomically() behind.
 bool is_leftover(const fs::path& path) {
@@ -147,7 +149,8 @@ void SessionWriter::take_over_finished_steps() {
   found_done_ = entries_.size();
   complete_ = entries_.size() == steps_.size() && fs::exists(folder_ / session_manifest_name);
   if (complete_) return;
-  fs::remove(folder_ / session_manifest_name);
+  if (fs::exists(folder_ / session_manifest_name))
+    fs::rename(folder_ / session_manifest_name, folder_ / former_manifest_name);
   // Torn lines and lines of damaged steps go, so that what follows is appended to a sound journal.
   write_journal(folder_ / journal_name, entries_);
 }
@@ -168,7 +171,7 @@ void SessionWriter::finish_step(const std::string& step, const std::vector<std::
   entries_.push_back(std::move(entry));
 }
 
-void SessionWriter::finish(const CaptureSession& session) {
+void SessionWriter::finish(CaptureSession session) {
   std::vector<JournalEntry> ordered;
   for (const std::string& step : steps_) {
     const auto entry = std::ranges::find(entries_, step, &JournalEntry::step);
@@ -176,7 +179,11 @@ void SessionWriter::finish(const CaptureSession& session) {
     ordered.push_back(*entry);
   }
   write_journal(folder_ / journal_name, ordered);
+  // Found from other photographs than those that were damaged, and so still valid.
+  const fs::path former = folder_ / former_manifest_name;
+  if (fs::exists(former)) read_calibration_of_manifest(former, session);
   write_session_manifest(session);
+  fs::remove(former);
   complete_ = true;
 }
 

@@ -50,8 +50,9 @@ class SessionWriter {
   void leave_out(const std::string& step) { finish_step(step, {}); }
   bool is_left_out(const std::string& step) const;
 
-  /// Puts the journal in the order of the steps, then writes the manifest. Every step must be done.
-  void finish(const CaptureSession& session);
+  /// Puts the journal in the order of the steps, then writes the manifest. Every step must be done. Of a
+  /// session that was complete before, colours and monitors stay as its manifest had them.
+  void finish(CaptureSession session);
 
  private:
   void clear();

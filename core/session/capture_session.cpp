@@ -216,6 +216,16 @@ void write_session_manifest(const CaptureSession& session) {
   write_text_atomically(session.folder / session_manifest_name, text.str());
 }
 
+void read_calibration_of_manifest(const fs::path& manifest, CaptureSession& session) {
+  const ConfigFile file(manifest, "capture session", "docs/reference/capture-session-format.md");
+  CaptureSession found;
+  found.folder = manifest.parent_path();
+  read_camera(file.section("camera"), found);
+  read_light_domain(file.section("light"), found);
+  session.colour = found.colour;
+  if (!found.monitors.empty()) session.monitors = found.monitors;
+}
+
 CaptureSession read_capture_session(const fs::path& folder) {
   const fs::path manifest = folder / session_manifest_name;
   if (!fs::is_regular_file(manifest))

@@ -74,6 +74,10 @@ inline constexpr const char* session_manifest_name = "session.toml";
 /// Writes folder/session.toml, atomically. Paths inside the folder are stored relative to it.
 void write_session_manifest(const CaptureSession& session);
 
+/// What 'acquire colour' and 'acquire geometry' found, of a manifest whose photographs may be gone: sets
+/// `colour`, and `monitors` where the manifest has any. Throws InputError for a broken manifest.
+void read_calibration_of_manifest(const std::filesystem::path& manifest, CaptureSession& session);
+
 /// Reads a session. Throws InputError for a broken manifest or when a listed file is missing; the message
 /// names the line. Image contents are not read.
 CaptureSession read_capture_session(const std::filesystem::path& folder);

@@ -109,6 +109,30 @@ TEST_F(SessionWriterTest, RepeatsWhatIsDamagedOrMissing) {
   EXPECT_FALSE(session.is_done("b"));
 }
 
+TEST_F(SessionWriterTest, RepairsLeaveColoursAndMonitorsAsTheyWereFound) {
+  CaptureSession found = manifest();
+  {
+    SessionWriter session(folder, "plan", steps, IfExists::refuse);
+    for (const auto& step : steps) write_step(session, step);
+    found.colour = CameraColour{Eigen::Vector3d(2.0, 1.0, 3.0).asDiagonal(), "chart.exr", 0.4, 1.5};
+    found.monitors = {MonitorPlacement{.width_mm = 600, .height_mm = 340, .distance_mm = 500}};
+    session.finish(found);
+  }
+  const std::string before = read_text(folder / session_manifest_name);
+  for (const char* step : {"a", "b"}) {
+    fs::remove(folder / "observed" / step);
+    {
+      const SessionWriter killed(folder, "plan", steps, IfExists::resume);
+      EXPECT_FALSE(killed.is_complete());
+    }
+    SessionWriter session(folder, "plan", steps, IfExists::resume);
+    write_step(session, step);
+    session.finish(manifest());
+    EXPECT_EQ(read_text(folder / session_manifest_name), before);
+    EXPECT_FALSE(fs::exists(folder / "session.before.toml"));
+  }
+}
+
 TEST_F(SessionWriterTest, FinishesInOrderWhateverWasRepeated) {
   SessionWriter session(folder, "plan", steps, IfExists::refuse);
   EXPECT_THROW(session.finish(manifest()), InputError);
