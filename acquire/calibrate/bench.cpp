@@ -138,7 +138,7 @@ namespace {
 
 constexpr double target_share = 0.6;     // of full scale, for the brightest hundredth
 constexpr double least_response = 0.05;  // of full scale
-constexpr double most_room_light = 0.75;  // of the target, where the display is dimmed
+constexpr double max_room_light = 0.75;  // of the target, where the display is dimmed
 constexpr Seconds longest_useful{2.0};   // a calibration has hundreds of frames
 
 double brightness(CalibrationBench& bench, Seconds exposure, const RunContext& run) {
@@ -181,7 +181,7 @@ Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run) {
     bench.show(level);
     const Seconds exposure = meter_exposure(bench, run);
     bench.show(0);
-    if (brightness(bench, exposure, run) > most_room_light * target_share) break;
+    if (brightness(bench, exposure, run) > max_room_light * target_share) break;
     result.level = level;
     result.exposure = exposure;
   }
