@@ -281,8 +281,10 @@ class Guide {
     std::vector<char*> argv;
     for (std::string& word : words) argv.push_back(word.data());
     argv.push_back(nullptr);
+    // Not the link itself, under whose name, exe, the process would stand in lists.
+    const std::string program = fs::read_symlink("/proc/self/exe");
     pid_t child = -1;
-    if (const int error = ::posix_spawn(&child, "/proc/self/exe", nullptr, nullptr, argv.data(), environ))
+    if (const int error = ::posix_spawn(&child, program.c_str(), nullptr, nullptr, argv.data(), environ))
       throw DeviceError("refield", error, "cannot be started again");
     int status = 0;
     while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
