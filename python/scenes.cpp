@@ -205,6 +205,8 @@ Field precompute(const fs::path& path, const std::string& method,
   take("resolution", clusters.resolution);
   take("epsilon", clusters.epsilon);
   take("samples", clusters.samples);
+  take("bounces", clusters.bounces);
+  take("pixel_samples", clusters.pixel_samples);
   if (settings.contains("image")) clusters.relighting = prt::Relighting::image;
   take("order", harmonics.order);
   take("directions", harmonics.directions);

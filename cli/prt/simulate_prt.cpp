@@ -66,10 +66,6 @@ ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, 
 
 void simulate_prt(const PrtArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
-  if (arguments.image && arguments.method == "sh")
-    throw InputError("--image requires --method clusters; spherical harmonics support meshes only");
-  if (arguments.mode == "paper" && arguments.method == "sh")
-    throw InputError("--mode paper is for --method clusters; omit it with --method sh");
   const OutputLock lock(arguments.output, {arguments.scene}, ".rfield");
   prt::Scene scene = prt::read_scene(arguments.scene, run_context());
   prt::sort_vertices(scene);
@@ -112,8 +108,21 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
                 figures["relight_ms"].get<double>(), figures["two_area_lights_ms"].get<double>());
 }
 
+constexpr const char* cluster_group = "Clustered environment lights (--method clusters)";
+constexpr const char* harmonic_group = "Spherical harmonics (--method sh)";
+
+/// Throws InputError for an option of the method that was not chosen.
+void refuse_foreign_options(const CLI::App& verb, const std::string& method) {
+  const std::string other = method == "sh" ? "clusters" : "sh";
+  const std::string foreign = method == "sh" ? cluster_group : harmonic_group;
+  for (const CLI::Option* option : verb.get_options())
+    if (option->count() > 0 && option->get_group() == foreign)
+      throw InputError(option->get_name() + " is an option of --method " + other +
+                       "; omit it with --method " + method);
+}
+
 void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
-  const char* group = "Clustered environment lights (--method clusters)";
+  const char* group = cluster_group;
   prt::ClusterOptions& options = arguments.clusters;
   verb.add_option("--resolution", options.resolution,
                   "Width in texels of each face of the environment cube map (R)")
@@ -136,14 +145,26 @@ void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
       ->capture_default_str()
       ->check(CLI::Range(2, 16))
       ->group(group);
-  verb.add_flag("--image", arguments.image,
-                "Precompute the image of the scene's camera, with any material, instead of a diffuse mesh "
-                "for arbitrary views")
+  verb.add_option("--bounces", options.bounces, "Number of diffuse reflections of indirect light")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 16))
+      ->group(group);
+  CLI::Option* image =
+      verb.add_flag(
+              "--image", arguments.image,
+              "Precompute the image of the scene's camera, with any material, instead of a diffuse mesh "
+              "for arbitrary views")
+          ->group(group);
+  verb.add_option("--pixel-samples", options.pixel_samples,
+                  "With --image: samples along each side of a pixel, against aliased edges")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 8))
+      ->needs(image)
       ->group(group);
 }
 
 void add_harmonic_options(CLI::App& verb, PrtArguments& arguments) {
-  const char* group = "Spherical harmonics (--method sh)";
+  const char* group = harmonic_group;
   prt::HarmonicOptions& options = arguments.harmonics;
   verb.add_option("--order", options.order,
                   "Order n of the spherical harmonics (n² coefficients); higher orders give sharper light "
@@ -205,8 +226,12 @@ void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
   verb->add_flag("--measure", arguments->measure, "Also measure the time of relighting");
   add_cluster_options(*verb, *arguments);
   add_harmonic_options(*verb, *arguments);
-  verb->callback(
-      [arguments, &common, &action] { action = [arguments, &common] { simulate_prt(*arguments, common); }; });
+  verb->callback([arguments, verb, &common, &action] {
+    action = [arguments, verb, &common] {
+      refuse_foreign_options(*verb, arguments->method);
+      simulate_prt(*arguments, common);
+    };
+  });
 }
 
 }  // namespace refield::cli

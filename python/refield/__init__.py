@@ -810,9 +810,10 @@ def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height:
 
 
 def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[int] = None, epsilon: Optional[float] = None,
-               samples: Optional[int] = None, image: bool = False, order: Optional[int] = None,
-               directions: Optional[int] = None, radius: Optional[float] = None, bits: int = 8,
-               threads: Optional[int] = None, progress: Progress = None) -> Field:
+               samples: Optional[int] = None, bounces: Optional[int] = None, image: bool = False,
+               pixel_samples: Optional[int] = None, order: Optional[int] = None, directions: Optional[int] = None,
+               radius: Optional[float] = None, bits: int = 8, threads: Optional[int] = None,
+               progress: Progress = None) -> Field:
     """Precompute the light transport of meshes as a field over a cube map, as `refield simulate prt`.
 
     Parameters
@@ -822,9 +823,10 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
     method : {"clusters", "sh"}
         Clustered environment lights (all frequencies; Johan and Nishita) or spherical harmonics (low frequencies, the
         smallest field; Fujita and Kanai 2004).
-    resolution, epsilon, samples, image
+    resolution, epsilon, samples, bounces, image, pixel_samples
         Of clusters: texels per side of a cube face (1024), clustering error threshold (1e-4), light samples per side of
-        a cluster (3), the scene camera's image instead of a mesh.
+        a cluster (3), diffuse reflections of indirect light (0), the scene camera's image instead of a mesh, and of an
+        image the samples per side of a pixel (1).
     order, directions, radius
         Of harmonics: order n for n² coefficients (5), rays per vertex (2048), distance of the lights in scene units
         (0: infinite).
@@ -841,8 +843,9 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
     InputError, FormatError
         A scene that does not suit, an option out of range or of the other method.
     """
-    of_method = {"clusters": {"resolution": resolution, "epsilon": epsilon, "samples": samples,
-                              "image": True if _arguments.flag(image, "image") else None},
+    of_method = {"clusters": {"resolution": resolution, "epsilon": epsilon, "samples": samples, "bounces": bounces,
+                              "image": True if _arguments.flag(image, "image") else None,
+                              "pixel_samples": pixel_samples},
                  "sh": {"order": order, "directions": directions, "radius": radius}}
     settings = {}
     for owner, options in of_method.items():
@@ -850,6 +853,8 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
             if value is not None:
                 if method in of_method and method != owner:
                     raise InputError(f"{name} is an option of the method '{owner}'; omit it for '{method}'")
+                if name == "pixel_samples" and not image:
+                    raise InputError("pixel_samples is an option of images; omit it, or give image=True")
                 settings[name] = (_arguments.number if name in ("epsilon", "radius") else _arguments.whole)(value, name)
     return Field(_refield.precompute(_arguments.path(scene, "scene"), _arguments.text(method, "method"), settings,
                                      _arguments.whole(bits, "bits"), _arguments.progress_function(progress),

@@ -70,6 +70,27 @@ TEST_P(SimulatePrtVerb, MakesAFieldForTheSameRelighter) {
   EXPECT_TRUE(std::isfinite(sum));
 }
 
+TEST(SimulatePrtVerb, AddsReflectedLight) {
+  const test::TemporaryFolder folder;
+  const std::string sky = environment(folder);
+  const auto brightness = [&](const char* bounces) {
+    const std::string field = folder / "f.rfield", picture = folder / "picture.exr";
+    EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", field, "--resolution", "16", "--epsilon",
+                             "2e-3", "--bounces", bounces}),
+                Succeeded());
+    EXPECT_EQ(json::parse(run_refield({"info", field, "--json"}).out)["provenance"]["bounces"],
+              std::stoi(bounces));
+    EXPECT_THAT(run_refield({"relight", field, "--env", sky, "-o", picture}), Succeeded());
+    double sum = 0.0;
+    for (const float value : read_image(picture).values) sum += value;
+    return sum;
+  };
+  const double none = brightness("0"), one = brightness("1"), two = brightness("2");
+  EXPECT_GT(one, 1.01 * none);
+  EXPECT_GT(two, one);
+  EXPECT_LT(two - one, one - none);
+}
+
 TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
   const test::TemporaryFolder folder;
   const std::string field = folder / "f.rfield", out = folder / "out";
@@ -106,7 +127,14 @@ TEST(SimulatePrtVerbErrors, NameTheRemedy) {
       RefusedNaming("--image", "--method clusters"));
   EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh",
                            "--mode", "paper"}),
-              RefusedNaming("--mode paper", "--method clusters"));
+              RefusedNaming("--mode", "--method clusters"));
+  EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--window", "hann"}),
+              RefusedNaming("--window", "--method sh"));
+  const auto without_image =
+      run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--pixel-samples", "2"});
+  EXPECT_EQ(without_image.status, 2);
+  EXPECT_NE(without_image.err.find("--pixel-samples requires --image"), std::string::npos)
+      << without_image.err;
 }
 
 }  // namespace

@@ -261,6 +261,7 @@ WRONG_CALLS = {
     "ends in .exr": lambda a: refield.write_exr("image.png", a.observed[0]),
     "width is 2.5": lambda a: refield.simulate(RECIPE, "folder", width=2.5),
     "an option of the method 'clusters'": lambda a: refield.precompute("mesh.obj", "sh", epsilon=0.1),
+    "pixel_samples is an option of images": lambda a: refield.precompute("mesh.obj", pixel_samples=2),
     "order is 3.5": lambda a: refield.precompute("mesh.obj", "sh", order=3.5),
     "exposures is inf": lambda a: refield.hdr_merge(a.observed[:2], [1.0, np.inf]),
     "omit it$": lambda a: refield.hdr_merge(a.observed[:2], [1.0, 2.0], response="srgb"),
@@ -358,7 +359,7 @@ def test_environment(arrays, field, tmp_path):
     assert placed.monitors == ["520x320@600"] and np.array_equal(refield.environment(sky, placed), light)
 
 
-@pytest.mark.parametrize("method, settings", [("clusters", {"resolution": 16, "epsilon": 1e-2}), ("sh", {"order": 3, "directions": 64})])
+@pytest.mark.parametrize("method, settings", [("clusters", {"resolution": 16, "epsilon": 1e-2, "bounces": 1}), ("sh", {"order": 3, "directions": 64})])
 def test_precompute(program, tmp_path, method, settings):
     scene = ROOT / "datasets_synthetic/prt/small.toml"
     field = refield.precompute(scene, method, **settings)
