@@ -32,7 +32,7 @@ apt install --no-install-recommends /packages/*.deb
 [[ $(refield --version) == "refield $(dpkg-query -W -f '${Version}' refield | sed 's/-[^-]*$//')" ]] || fail "refield --version: $(refield --version)"
 
 step "man pages"
-man refield-estimate | col -b 2>/dev/null | grep -q -- '--hold-out N' || fail "man refield-estimate lacks --hold-out"
+man refield-estimate | col -b 2>/dev/null | grep -- '--hold-out N' >/dev/null || fail "man refield-estimate lacks --hold-out"
 man refield-acquire-run >/dev/null || fail "man refield-acquire-run"
 
 step "completion"
@@ -51,13 +51,13 @@ refield --quiet relight truth/transport.rfield --bar 0.5 --frames 2 -o bar
 
 step "type and picture of .rfield files"
 desktop-file-validate /usr/share/applications/refield-view.desktop
-gio info -a standard::content-type truth/transport.rfield | grep -q application/x-rfield || fail "the type of .rfield is unknown"
+gio info -a standard::content-type truth/transport.rfield | grep application/x-rfield >/dev/null || fail "the type of .rfield is unknown"
 read -r command < <(sed -n 's/^Exec=//p' /usr/share/thumbnailers/refield.thumbnailer)
 command=${command/\%i/truth\/transport.rfield}
 command=${command/\%o/thumbnail}
 command=${command/\%s/32}
 $command
-file thumbnail | grep -q 'PNG image data, 32 x 24' || fail "the thumbnail is $(file thumbnail)"
+file thumbnail | grep 'PNG image data, 32 x 24' >/dev/null || fail "the thumbnail is $(file thumbnail)"
 
 step "find_package(refield)"
 mkdir consumer
@@ -95,5 +95,5 @@ left=$(comm -13 before after)
 [[ -z $left ]] || fail "left behind: $left"
 missing=$(comm -23 before after)
 [[ -z $missing ]] || fail "removed files of others: $missing"
-! gio info -a standard::content-type truth/transport.rfield | grep -q application/x-rfield || fail "the type of .rfield is still known"
+! gio info -a standard::content-type truth/transport.rfield | grep application/x-rfield >/dev/null || fail "the type of .rfield is still known"
 step "installed, used and removed"
