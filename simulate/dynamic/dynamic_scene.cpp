@@ -45,8 +45,9 @@ MovingObject read_moving_object(ConfigSection& section, std::span<const Material
   MovingObject object;
   object.name = "object " + std::to_string(number);
   section.text("name", object.name);
-  object.brdf = brdf_of(read_material_of(section, materials), folder);
-  object.mesh = read_mesh(section, SceneKind::dynamic, folder, run);
+  SceneObject described = read_scene_object(section, SceneKind::dynamic, materials, folder, run);
+  object.brdf = brdf_of(described.material, folder);
+  object.mesh = std::move(described.mesh);
   const Eigen::Vector3f middle = bounding_ball(object.mesh).middle;
   for (auto& position : object.mesh.positions) position -= middle;
   object.motion = read_motion(section, middle, true);

@@ -14,6 +14,7 @@
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/tone_map.h"
+#include "simulate/geometry/base_colours.h"
 
 namespace refield::prt {
 
@@ -91,11 +92,19 @@ Eigen::Vector3d area_vector(const Mesh& mesh, const std::array<std::uint32_t, 3>
       .cross(mesh.positions[triangle[2]].cast<double>() - a);
 }
 
-/// What makes two vertices of a file one. Normals are compared coarsely: exporters round them.
-std::array<float, 9> identity_of(const ImportedMesh& file, std::uint32_t vertex) {
-  std::array<float, 9> identity{};
+/// Position, normal, colour and material of a vertex. Normals are compared coarsely: exporters round them.
+using Identity = std::array<float, 10>;
+
+/// What makes two vertices of a file one: as points that have a colour, or as points of a smooth surface.
+enum class Alike { coloured, smooth };
+
+Identity identity_of(const ImportedMesh& file, std::uint32_t vertex, Alike alike) {
+  Identity identity{};
   std::copy_n(file.positions[vertex].data(), 3, identity.begin());
-  if (!file.colours.empty()) std::copy_n(file.colours[vertex].data(), 3, identity.begin() + 3);
+  if (alike == Alike::coloured) {
+    if (!file.colours.empty()) std::copy_n(file.colours[vertex].data(), 3, identity.begin() + 3);
+    identity[9] = static_cast<float>(file.material[vertex]);
+  }
   if (!file.normals.empty() && file.normals[vertex].allFinite())
     for (int i = 0; i < 3; ++i)
       identity[6 + static_cast<std::size_t>(i)] = std::round(32.0f * file.normals[vertex][i]);
@@ -105,11 +114,11 @@ std::array<float, 9> identity_of(const ImportedMesh& file, std::uint32_t vertex)
 }
 
 /// [vertices of the file]: the first vertex that is the same.
-std::vector<std::uint32_t> first_alike(const ImportedMesh& file) {
-  std::vector<std::array<float, 9>> identities(file.positions.size());
+std::vector<std::uint32_t> first_of(const ImportedMesh& file, Alike alike) {
+  std::vector<Identity> identities(file.positions.size());
   std::vector<std::uint32_t> order(file.positions.size()), first(file.positions.size());
   std::iota(order.begin(), order.end(), 0u);
-  for (const std::uint32_t vertex : order) identities[vertex] = identity_of(file, vertex);
+  for (const std::uint32_t vertex : order) identities[vertex] = identity_of(file, vertex, alike);
   std::ranges::sort(order, [&](std::uint32_t a, std::uint32_t b) {
     return identities[a] != identities[b] ? identities[a] < identities[b] : a < b;
   });
@@ -135,14 +144,16 @@ float colour_scale(const ImportedMesh& file) {
   return std::ranges::any_of(file.colours, beyond_one) ? 1.0f / 255.0f : 1.0f;
 }
 
-/// The triangles that have an area, over the vertices that they use, these numbered anew.
-Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding) {
+/// The triangles that have an area, over the vertices that they use, these numbered anew. `base` [vertices of
+/// the file]: factors of their colours; or empty.
+Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding, const std::vector<Eigen::Array3f>& base) {
   Mesh mesh;
-  const std::vector<std::uint32_t> first = first_alike(file);
+  const std::vector<std::uint32_t> first = first_of(file, Alike::coloured);
   const float scale = colour_scale(file);
   std::vector<std::uint32_t> number(file.positions.size(), no_vertex);
   Mesh all;
   all.positions = file.positions;
+  std::vector<std::uint32_t> places;  // [vertices of the mesh], in the file
   for (const auto& triangle : file.triangles) {
     const std::array joined{first[triangle[0]], first[triangle[2]], first[triangle[1]]};
     if (!(area_vector(all, joined).squaredNorm() > 0.0)) continue;
@@ -155,11 +166,25 @@ Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding) {
         mesh.positions.emplace_back(position.x(), position.y(), -position.z());
         mesh.colours.push_back(file.colours.empty() ? Eigen::Array3f(Eigen::Array3f::Ones())
                                                     : linear_colour(file.colours[joined[i]], scale, coding));
+        if (!base.empty()) mesh.colours.back() *= base[joined[i]];
+        places.push_back(joined[i]);
       }
       renumbered[i] = vertex;
     }
     mesh.triangles.push_back(renumbered);
   }
+  // Colours and materials end where they like, without an edge.
+  const std::vector<std::uint32_t> smooth = first_of(file, Alike::smooth);
+  Mesh surface;
+  surface.positions = file.positions;
+  for (Eigen::Vector3f& position : surface.positions) position.z() = -position.z();
+  for (const auto& triangle : mesh.triangles) {
+    std::array<std::uint32_t, 3> corners{};
+    std::ranges::transform(triangle, corners.begin(), [&](std::uint32_t v) { return smooth[places[v]]; });
+    surface.triangles.push_back(corners);
+  }
+  compute_normals(surface);
+  for (const std::uint32_t place : places) mesh.normals.push_back(surface.normals[smooth[place]]);
   return mesh;
 }
 
@@ -182,9 +207,11 @@ void compute_normals(Mesh& mesh) {
         mesh.normals[vertex] = area_vector(mesh, triangle).normalized().cast<float>();
 }
 
-Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding, const RunContext& run) {
+MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options, const RunContext& run) {
   const ImportedMesh file = import_mesh(path, run);
-  Mesh mesh = in_light_axes(file, coding.value_or(usual_colour_coding(path)));
+  const std::vector<Eigen::Array3f> base =
+      options.materials ? base_colours(file, path, run) : std::vector<Eigen::Array3f>();
+  Mesh mesh = in_light_axes(file, options.coding.value_or(usual_colour_coding(path)), base);
   if (mesh.triangles.empty())
     throw FormatError(path, file.triangles.empty()
                                 ? "contains no triangles; convert a point cloud to a surface first"
@@ -194,14 +221,7 @@ Mesh read_mesh_file(const fs::path& path, std::optional<ColourCoding> coding, co
   if (left_out > 0)
     run.note(path.string() + ": " + std::to_string(left_out) + " of " +
              std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
-  if (file.ignored_materials > 0)
-    run.note(path.string() + ": its " +
-             (file.ignored_materials == 1 ? std::string("material is")
-                                          : std::to_string(file.ignored_materials) + " materials are") +
-             " not read; give 'diffuse', 'specular' and 'exponent' in a scene file "
-             "(docs/reference/scene-files.md)");
-  compute_normals(mesh);
-  return mesh;
+  return {std::move(mesh), !base.empty()};
 }
 
 }  // namespace refield::prt

@@ -21,13 +21,23 @@ void check_mesh_header(const std::filesystem::path& path, const std::string& for
 /// cancel out takes the first one's.
 void compute_normals(Mesh& mesh);
 
+struct MeshFileOptions {
+  std::optional<ColourCoding> coding{};  ///< of vertex colours; none: usual_colour_coding()
+  bool materials = true;                 ///< whether colours include the base colours of the file's materials
+};
+
+struct MeshFile {
+  Mesh mesh;
+  bool has_base_colours = false;  ///< colours are all of the reflectance, not factors of it
+};
+
 /// Reads a mesh (import_mesh()) into the axes of core/field/mesh.h: z is negated and triangles are turned
-/// around. Vertices of equal position and colour become one, unless the file gives them normals that differ:
-/// so its hard edges stay hard. Normals are computed anew, weighted by area. Triangles without area and
-/// vertices without triangle are left out, with a word on standard error. Colours are taken as `coding` says,
-/// by default usual_colour_coding(), and clamped to [0, 1]; a file without is white. Materials and textures
-/// are not read. Throws as import_mesh(), and FormatError where no triangle is left.
-Mesh read_mesh_file(const std::filesystem::path& path, std::optional<ColourCoding> coding = std::nullopt,
-                    const RunContext& run = {});
+/// around. Vertices of equal position, colour and material become one, unless the file gives them normals
+/// that differ: so its hard edges stay hard. Normals are computed anew, weighted by area, over colours and
+/// materials. Triangles without area and vertices without triangle are left out, which run.note tells.
+/// Colours are those of the vertices, clamped to [0, 1], times base_colours(); a file without is white.
+/// Throws as import_mesh(), and FormatError where no triangle is left.
+MeshFile read_mesh_file(const std::filesystem::path& path, const MeshFileOptions& options = {},
+                        const RunContext& run = {});
 
 }  // namespace refield::prt

@@ -58,6 +58,29 @@ void require_valid(const ImportedMesh& mesh, const fs::path& path) {
       if (vertex >= mesh.positions.size())
         throw FormatError(path, "a triangle names vertex " + std::to_string(vertex) + " of " +
                                     std::to_string(mesh.positions.size()) + "; export the file again");
+  for (const std::uint32_t material : mesh.material)
+    if (material >= mesh.materials.size())
+      throw FormatError(path, "a part names material " + std::to_string(material) + " of " +
+                                  std::to_string(mesh.materials.size()) + "; export the file again");
+  for (const ImportedMaterial& material : mesh.materials)
+    if (material.texture >= static_cast<std::int32_t>(mesh.textures.size()))
+      throw FormatError(path, "a material names texture " + std::to_string(material.texture) + " of " +
+                                  std::to_string(mesh.textures.size()) + "; export the file again");
+}
+
+bool take(std::string_view& bytes, std::vector<ImportedTexture>& textures) {
+  std::vector<std::uint64_t> lengths;
+  if (!take(bytes, lengths) || lengths.size() % 2 > 0) return false;
+  for (std::size_t i = 0; i < lengths.size(); i += 2) {
+    ImportedTexture& texture = textures.emplace_back();
+    for (std::string* text : {&texture.file, &texture.content}) {
+      const std::uint64_t length = lengths[i + (text == &texture.content)];
+      if (length > bytes.size()) return false;
+      *text = bytes.substr(0, length);
+      bytes.remove_prefix(length);
+    }
+  }
+  return true;
 }
 
 }  // namespace
@@ -88,13 +111,13 @@ ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
   std::string_view rest(*answer);
   rest.remove_prefix(1);
   ImportedMesh mesh;
-  std::vector<std::uint64_t> materials;
   const bool complete = take(rest, mesh.positions) && take(rest, mesh.normals) && take(rest, mesh.colours) &&
-                        take(rest, mesh.triangles) && take(rest, materials) && materials.size() == 1;
+                        take(rest, mesh.triangles) && take(rest, mesh.texture_places) &&
+                        take(rest, mesh.material) && take(rest, mesh.materials) && take(rest, mesh.textures);
   const auto fits = [&](std::size_t count) { return count == 0 || count == mesh.positions.size(); };
-  if (!complete || !fits(mesh.normals.size()) || !fits(mesh.colours.size()))
+  if (!complete || !fits(mesh.normals.size()) || !fits(mesh.colours.size()) ||
+      !fits(mesh.texture_places.size()) || mesh.material.size() != mesh.positions.size())
     throw FormatError(path, "the mesh library returned inconsistent data; repair the mesh");
-  mesh.ignored_materials = materials.front();
   require_valid(mesh, path);
   return mesh;
 }

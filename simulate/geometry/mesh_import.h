@@ -11,6 +11,30 @@
 
 namespace refield::prt {
 
+/// What is not read of a file's materials.
+enum IgnoredMaterialParts : std::uint32_t {
+  ignored_lobes = 1,   ///< metallic reflection and highlights
+  ignored_relief = 2,  ///< normal, bump and displacement maps
+  ignored_emission = 4,
+  ignored_transparency = 8,
+  ignored_texture =
+      16,  ///< a base colour texture by other coordinates than the first ones, or one that is missing
+};
+
+/// A material of a file, and what is not read of it.
+struct ImportedMaterial {
+  std::array<float, 3> base_colour{1.0f, 1.0f, 1.0f};  ///< diffuse reflectance, linear RGB; times the texture
+  std::int32_t texture = -1;                           ///< index in textures; −1: none
+  std::uint32_t ignored = 0;                           ///< IgnoredMaterialParts
+  std::uint32_t is_of_the_file = 0;                    ///< not one that the library made up
+};
+
+/// An image file beside the mesh, or inside it.
+struct ImportedTexture {
+  std::string file;     ///< in the mesh's folder or below; empty: inside
+  std::string content;  ///< the image file's bytes, where it is inside
+};
+
 /// What a mesh's file says: right-handed, in the file's own units, a vertex possibly once for each of its
 /// triangles.
 struct ImportedMesh {
@@ -18,7 +42,10 @@ struct ImportedMesh {
   std::vector<Eigen::Vector3f> normals;                 ///< [vertices] or, where the file has none, empty
   std::vector<Eigen::Array3f> colours;                  ///< [vertices] as the file encodes them, or empty
   std::vector<std::array<std::uint32_t, 3>> triangles;  ///< indices in range
-  std::uint64_t ignored_materials = 0;                  ///< that the parts use: none is read
+  std::vector<Eigen::Vector2f> texture_places;          ///< [vertices], u to the right, v up; or empty
+  std::vector<std::uint32_t> material;                  ///< [vertices], index in range
+  std::vector<ImportedMaterial> materials;
+  std::vector<ImportedTexture> textures;
 };
 
 /// How a file's vertex colours are encoded.

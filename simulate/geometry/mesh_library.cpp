@@ -15,7 +15,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <new>
-#include <set>
 #include <span>
 #include <sstream>
 #include <stdexcept>
@@ -33,6 +32,17 @@ std::string mesh_format_of(const fs::path& path) {
   if (!format.empty()) format.erase(0, 1);
   for (char& letter : format) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
   return format;
+}
+
+bool may_be_read_for(const fs::path& mesh, const fs::path& file, std::string* refused) {
+  std::error_code error;
+  const fs::path real = fs::canonical(file, error);
+  if (error) return false;  // is not there
+  const fs::path folder = fs::canonical(mesh.has_parent_path() ? mesh.parent_path() : fs::path("."));
+  const auto [ours, theirs] = std::ranges::mismatch(folder, real);
+  if (ours == folder.end() && fs::is_regular_file(real, error)) return true;
+  if (refused) *refused = ours == folder.end() ? "what is no regular file" : "a file outside its folder";
+  return false;
 }
 
 namespace {
@@ -66,15 +76,10 @@ struct MeshFault : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// A mesh may name other files: materials, buffers. Only regular ones in its own folder or below are opened,
-/// symbolic links followed before that is decided: a mesh from elsewhere shall not make this program read
-/// other files of the user, nor wait for a pipe.
+/// A mesh may name other files: materials, buffers. Only those of may_be_read_for() are opened.
 class FolderOnly final : public Assimp::DefaultIOSystem {
  public:
-  FolderOnly(fs::path mesh, std::string& refused)
-      : mesh_(std::move(mesh)),
-        folder_(fs::canonical(mesh_.has_parent_path() ? mesh_.parent_path() : fs::path("."))),
-        refused_(&refused) {}
+  FolderOnly(fs::path mesh, std::string& refused) : mesh_(std::move(mesh)), refused_(&refused) {}
 
   bool Exists(const char* file) const override { return allowed(file) && DefaultIOSystem::Exists(file); }
   Assimp::IOStream* Open(const char* file, const char* mode) override {
@@ -83,18 +88,10 @@ class FolderOnly final : public Assimp::DefaultIOSystem {
 
  private:
   bool allowed(const char* file) const {
-    const fs::path path(file);
-    if (path == mesh_) return true;
-    std::error_code error;
-    const fs::path real = fs::canonical(path, error);
-    if (error) return false;  // is not there
-    const auto [ours, theirs] = std::ranges::mismatch(folder_, real);
-    if (ours == folder_.end() && fs::is_regular_file(real, error)) return true;
-    *refused_ = ours == folder_.end() ? "what is no regular file" : "a file outside its folder";
-    return false;
+    return fs::path(file) == mesh_ || may_be_read_for(mesh_, file, refused_);
   }
 
-  fs::path mesh_, folder_;
+  fs::path mesh_;
   std::string* refused_;
 };
 
@@ -118,11 +115,24 @@ void append(std::string& bytes, const std::vector<Value>& values) {
   if (count > 0) bytes.append(reinterpret_cast<const char*>(values.data()), count * sizeof(Value));
 }
 
-void append_part(const aiMesh& part, bool normals, bool colours, ImportedMesh& mesh) {
+void append(std::string& bytes, const std::vector<ImportedTexture>& textures) {
+  std::vector<std::uint64_t> lengths;
+  for (const ImportedTexture& texture : textures)
+    lengths.insert(lengths.end(), {texture.file.size(), texture.content.size()});
+  append(bytes, lengths);
+  for (const ImportedTexture& texture : textures) bytes += texture.file + texture.content;
+}
+
+void append_part(const aiMesh& part, bool normals, bool colours, bool places, ImportedMesh& mesh) {
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
   for (unsigned v = 0; v < part.mNumVertices; ++v) {
     mesh.positions.emplace_back(part.mVertices[v].x, part.mVertices[v].y, part.mVertices[v].z);
     if (normals) mesh.normals.emplace_back(part.mNormals[v].x, part.mNormals[v].y, part.mNormals[v].z);
+    mesh.material.push_back(part.mMaterialIndex);
+    if (places && part.HasTextureCoords(0))
+      mesh.texture_places.emplace_back(part.mTextureCoords[0][v].x, part.mTextureCoords[0][v].y);
+    else if (places)
+      mesh.texture_places.emplace_back(0.0f, 0.0f);
     if (!colours) continue;
     if (!part.HasVertexColors(0))
       mesh.colours.push_back(Eigen::Array3f::Ones());
@@ -171,11 +181,78 @@ bool is_of_the_file(const aiMaterial& material) {
          std::string_view(name.C_Str()) != AI_DEFAULT_MATERIAL_NAME;
 }
 
-std::uint64_t materials_of(const aiScene& scene) {
-  std::set<unsigned> used;
-  for (const aiMesh* part : std::span(scene.mMeshes, scene.mNumMeshes)) used.insert(part->mMaterialIndex);
-  return static_cast<std::uint64_t>(std::ranges::count_if(
-      used, [&](unsigned i) { return i < scene.mNumMaterials && is_of_the_file(*scene.mMaterials[i]); }));
+/// The texture's index in the mesh; −1 where it is not read.
+std::int32_t texture_of(const aiScene& scene, const fs::path& path, const aiString& name,
+                        ImportedMesh& mesh) {
+  ImportedTexture texture;
+  if (const aiTexture* inside = scene.GetEmbeddedTexture(name.C_Str())) {
+    if (inside->mHeight > 0) return -1;  // no image file
+    texture.content.assign(reinterpret_cast<const char*>(inside->pcData), inside->mWidth);
+  } else {
+    const fs::path file = path.parent_path() / name.C_Str();
+    if (!may_be_read_for(path, file)) return -1;
+    texture.file = file;
+  }
+  const auto known = std::ranges::find_if(mesh.textures, [&](const ImportedTexture& other) {
+    return other.file == texture.file && other.content == texture.content;
+  });
+  const auto index = static_cast<std::int32_t>(known - mesh.textures.begin());
+  if (known == mesh.textures.end()) mesh.textures.push_back(std::move(texture));
+  return index;
+}
+
+std::uint32_t ignored_parts_of(const aiMaterial& material) {
+  const auto has_texture = [&](std::initializer_list<aiTextureType> types) {
+    return std::ranges::any_of(types, [&](aiTextureType type) { return material.GetTextureCount(type) > 0; });
+  };
+  const auto number = [&](const char* key, unsigned type, unsigned index, float standard) {
+    float value = standard;
+    return material.Get(key, type, index, value) == AI_SUCCESS ? value : standard;
+  };
+  const auto shines = [&](const char* key, unsigned type, unsigned index) {
+    aiColor4D colour;
+    return material.Get(key, type, index, colour) == AI_SUCCESS && colour.r + colour.g + colour.b > 0.0f;
+  };
+  std::uint32_t ignored = 0;
+  if (number(AI_MATKEY_METALLIC_FACTOR, 0.0f) > 0.0f || shines(AI_MATKEY_COLOR_SPECULAR) ||
+      has_texture({aiTextureType_METALNESS, aiTextureType_SPECULAR}))
+    ignored |= ignored_lobes;
+  if (has_texture({aiTextureType_NORMALS, aiTextureType_HEIGHT, aiTextureType_DISPLACEMENT,
+                   aiTextureType_NORMAL_CAMERA}))
+    ignored |= ignored_relief;
+  if (shines(AI_MATKEY_COLOR_EMISSIVE) || has_texture({aiTextureType_EMISSIVE, aiTextureType_EMISSION_COLOR}))
+    ignored |= ignored_emission;
+  if (number(AI_MATKEY_OPACITY, 1.0f) < 1.0f || has_texture({aiTextureType_OPACITY}))
+    ignored |= ignored_transparency;
+  return ignored;
+}
+
+ImportedMaterial material_of(const aiScene& scene, const aiMaterial& material, const fs::path& path,
+                             ImportedMesh& mesh) {
+  ImportedMaterial result;
+  if (!is_of_the_file(material)) return result;
+  result.is_of_the_file = 1;
+  result.ignored = ignored_parts_of(material);
+  aiColor4D colour;
+  // Of other formats the library makes colours up.
+  const std::string format = mesh_format_of(path);
+  if (format != "ply" && format != "off" &&
+      (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS ||
+       material.Get(AI_MATKEY_COLOR_DIFFUSE, colour) == AI_SUCCESS))
+    result.base_colour = {colour.r, colour.g, colour.b};
+  for (const aiTextureType type : {aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}) {
+    if (material.GetTextureCount(type) == 0) continue;
+    aiString name;
+    unsigned coordinates = 0;
+    if (material.GetTexture(type, 0, &name, nullptr, &coordinates) == AI_SUCCESS && coordinates == 0)
+      result.texture = texture_of(scene, path, name, mesh);
+    if (result.texture < 0) result.ignored |= ignored_texture;
+    break;
+  }
+  // Exporters that let the texture say everything write black.
+  if (result.texture >= 0 && result.base_colour == std::array{0.0f, 0.0f, 0.0f})
+    result.base_colour = {1.0f, 1.0f, 1.0f};
+  return result;
 }
 
 ImportedMesh run_library(const fs::path& path) {
@@ -196,8 +273,11 @@ ImportedMesh run_library(const fs::path& path) {
   const bool colours =
       std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasVertexColors(0); });
   ImportedMesh mesh;
-  for (const aiMesh* part : parts) append_part(*part, normals, colours, mesh);
-  mesh.ignored_materials = materials_of(*scene);
+  const bool places =
+      std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasTextureCoords(0); });
+  for (const aiMesh* part : parts) append_part(*part, normals, colours, places, mesh);
+  for (const aiMaterial* material : std::span(scene->mMaterials, scene->mNumMaterials))
+    mesh.materials.push_back(material_of(*scene, *material, path, mesh));
   return mesh;
 }
 
@@ -211,7 +291,10 @@ std::string read_with_mesh_library(const std::vector<std::string>& arguments) {
     append(answer, mesh.normals);
     append(answer, mesh.colours);
     append(answer, mesh.triangles);
-    append(answer, std::vector{mesh.ignored_materials});
+    append(answer, mesh.texture_places);
+    append(answer, mesh.material);
+    append(answer, mesh.materials);
+    append(answer, mesh.textures);
     return answer;
   } catch (const std::bad_alloc&) {
     throw;

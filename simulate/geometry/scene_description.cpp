@@ -300,11 +300,17 @@ Mesh shape_mesh(const ObjectDescription& object) {
   throw InputError("object '" + object.name + "': its shape is in a file; read that");
 }
 
-Mesh read_mesh(ConfigSection& section, SceneKind scene, const fs::path& folder, const RunContext& run) {
+namespace {
+
+prt::MeshFile read_shape(ConfigSection& section, SceneKind scene, bool materials, const fs::path& folder,
+                         const RunContext& run) {
   const ObjectDescription object = read_object(section, scene);
-  Mesh mesh = object.shape == ObjectDescription::Shape::file
-                  ? prt::read_mesh_file(folder / object.file, object.colours, run)
-                  : shape_mesh(object);
+  prt::MeshFile file;
+  if (object.shape == ObjectDescription::Shape::file)
+    file = prt::read_mesh_file(folder / object.file, {object.colours, materials}, run);
+  else
+    file.mesh = shape_mesh(object);
+  Mesh& mesh = file.mesh;
   if (mesh.triangles.empty())
     section.fail("profile", "encloses no surface; give points with a radius above zero");
   prt::place(mesh, object.place);
@@ -316,7 +322,22 @@ Mesh read_mesh(ConfigSection& section, SceneKind scene, const fs::path& folder, 
       section.fail("refine", error.what());
     }
   }
-  return mesh;
+  return file;
+}
+
+}  // namespace
+
+Mesh read_mesh(ConfigSection& section, SceneKind scene, const fs::path& folder, const RunContext& run) {
+  return read_shape(section, scene, false, folder, run).mesh;
+}
+
+SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
+                              std::span<const MaterialDescription> materials, const fs::path& folder,
+                              const RunContext& run) {
+  MaterialDescription material = read_material_of(section, materials);
+  prt::MeshFile file = read_shape(section, scene, material.name.empty(), folder, run);
+  if (file.has_base_colours) material.colour = Rgb::Ones();
+  return {std::move(file.mesh), std::move(material)};
 }
 
 void check_triangle_count(const fs::path& scene, std::size_t triangles) {

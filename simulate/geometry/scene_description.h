@@ -129,10 +129,20 @@ ObjectDescription read_object(ConfigSection& section, SceneKind scene);
 /// The key `material` of an object: the material of that name, or the default one.
 MaterialDescription read_material_of(ConfigSection& section, std::span<const MaterialDescription> materials);
 
-/// The mesh of read_object(), in its place and refined as the section asks for. Throws what read_mesh_file()
-/// does, too.
+/// The mesh of read_object(), in its place and refined as the section asks for, without materials of its
+/// file. Throws what read_mesh_file() does, too.
 Mesh read_mesh(ConfigSection& section, SceneKind scene, const std::filesystem::path& folder,
                const RunContext& run);
+
+struct SceneObject {
+  Mesh mesh;
+  MaterialDescription material;
+};
+/// The same with its material: read_material_of(), or, of a section without the key `material`, those of the
+/// mesh's file, as colours of the vertices.
+SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
+                              std::span<const MaterialDescription> materials,
+                              const std::filesystem::path& folder, const RunContext& run);
 
 /// `path`, and `turns` where `with_turns`; absent, the object rests at `position`.
 Motion read_motion(ConfigSection& section, const Eigen::Vector3f& position, bool with_turns);

@@ -43,10 +43,10 @@ Scene read_description(const fs::path& path, const RunContext& run) {
                      " objects; join some");
   Scene scene;
   for (ConfigSection& section : objects) {
-    const Material material = material_of(read_material_of(section, materials));
-    const Mesh mesh = read_mesh(section, SceneKind::precomputed, path.parent_path(), run);
+    const SceneObject object =
+        read_scene_object(section, SceneKind::precomputed, materials, path.parent_path(), run);
     section.finish();
-    append(mesh, material, scene);
+    append(object.mesh, material_of(object.material), scene);
     check_triangle_count(path, scene.mesh.triangles.size());
   }
   if (file.has("camera")) scene.camera = read_camera(file.section("camera")).pinhole();
@@ -60,7 +60,10 @@ Scene read_scene(const fs::path& path, const RunContext& run) {
   for (char& letter : extension) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
   if (extension == ".toml") return read_description(path, run);
   Scene scene;
-  append(read_mesh_file(path, std::nullopt, run), Material{}, scene);
+  const MeshFile file = read_mesh_file(path, {}, run);
+  Material material;
+  if (file.has_base_colours) material.diffuse = Eigen::Array3f::Ones();
+  append(file.mesh, material, scene);
   return scene;
 }
 

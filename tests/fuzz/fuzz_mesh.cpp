@@ -35,7 +35,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   fs::remove(mesh);
   fs::create_symlink(file.path(), mesh);
   try {
-    require_whole(refield::prt::read_mesh_file(mesh, std::nullopt, refield::test::isolating_run()));
+    require_whole(refield::prt::read_mesh_file(mesh, {}, refield::test::isolating_run()).mesh);
   } catch (const refield::Error&) {
   }
   return 0;

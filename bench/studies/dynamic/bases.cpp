@@ -46,9 +46,8 @@ std::vector<StudySurface> surfaces_of(const BasesArguments& arguments) {
                                        .lobe = Lobe::phong,
                                        .exponent = arguments.exponent},
                                       {.largest = arguments.terms, .error = 0.0}, run_context());
-  const Mesh figure = arguments.mesh.empty()
-                          ? prt::rabbit_mesh(18)
-                          : prt::read_mesh_file(arguments.mesh, std::nullopt, run_context());
+  const Mesh figure = arguments.mesh.empty() ? prt::rabbit_mesh(18)
+                                             : prt::read_mesh_file(arguments.mesh, {}, run_context()).mesh;
   const std::string name = arguments.mesh.empty() ? "rabbit" : arguments.mesh.stem().string();
   return {{"floor", prt::plane_mesh(63), matte},
           {name, figure, matte},

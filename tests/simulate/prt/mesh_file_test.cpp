@@ -9,6 +9,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"
@@ -46,7 +47,7 @@ class MeshFiles : public ::testing::Test {
     return folder_ / name;
   }
   Mesh read(const std::string& name, const std::string& text) const {
-    return read_mesh_file(file(name, text));
+    return read_mesh_file(file(name, text)).mesh;
   }
   std::string error_of(const std::string& name, const std::string& text) const {
     return message_of<FormatError>([&] { read(name, text); });
@@ -82,7 +83,7 @@ TEST_F(MeshFiles, NormalsAreWeightedByArea) {
 
 TEST_F(MeshFiles, ColoursOfEightBitFilesAreDecodedAsSrgb) {
   const Mesh mesh = read("t.ply", tetrahedron_ply);
-  const Mesh linear = read_mesh_file(folder_ / "t.ply", ColourCoding::linear);
+  const Mesh linear = read_mesh_file(folder_ / "t.ply", {ColourCoding::linear}).mesh;
   for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
     const bool blue = mesh.positions[v].z() < 0.0f;
     EXPECT_NEAR(mesh.colours[v][0], blue ? 0.0f : linear_from_srgb(128.0f / 255.0f), 1e-5f);
@@ -155,19 +156,142 @@ TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {
     "buffers": [{"uri": "data.bin", "byteLength": 78}]})");
   std::string notes;
   const RunContext run{.on_note = [&](const std::string& note) { notes += note; }};
-  const Mesh mesh = read_mesh_file(file("mesh.gltf", gltf.dump()), std::nullopt, run);
+  const MeshFile plain = read_mesh_file(file("mesh.gltf", gltf.dump()), {}, run);
   EXPECT_EQ(notes, "");
+  EXPECT_FALSE(plain.has_base_colours);
+  const Mesh& mesh = plain.mesh;
   ASSERT_EQ(mesh.positions.size(), 3u);
   EXPECT_FLOAT_EQ(mesh.positions[0].z(), -5.0f);
   EXPECT_NEAR(mesh.colours[0][1], 0.25f, 1e-6f);
 
-  gltf["materials"] = {{{"pbrMetallicRoughness", {{"baseColorFactor", {1, 0, 0, 1}}}}}};
+  gltf["materials"] = {
+      {{"pbrMetallicRoughness", {{"baseColorFactor", {1, 0.5, 0, 1}}, {"metallicFactor", 0}}}}};
   gltf["meshes"][0]["primitives"][0]["material"] = 0;
-  read_mesh_file(file("mesh.gltf", gltf.dump()), std::nullopt, run);
-  EXPECT_THAT(notes, HasSubstr("mesh.gltf: its material is not read"));
+  const MeshFile coloured = read_mesh_file(file("mesh.gltf", gltf.dump()), {}, run);
+  EXPECT_EQ(notes, "");
+  EXPECT_TRUE(coloured.has_base_colours);
+  EXPECT_NEAR(coloured.mesh.colours[0][0], 0.5f, 1e-6f);
+  EXPECT_NEAR(coloured.mesh.colours[0][1], 0.125f, 1e-6f);
+  EXPECT_FLOAT_EQ(read_mesh_file(folder_ / "mesh.gltf", {.materials = false}, run).mesh.colours[0][0], 0.5f);
+
+  gltf["materials"][0]["pbrMetallicRoughness"]["metallicFactor"] = 1;
+  gltf["materials"][0]["emissiveFactor"] = {1, 1, 1};
+  read_mesh_file(file("mesh.gltf", gltf.dump()), {}, run);
+  EXPECT_THAT(notes, HasSubstr("highlights and metallic reflection, emission"));
 
   gltf["accessors"][0]["count"] = 4000000000u;
   EXPECT_THAT(error_of("huge.gltf", gltf.dump()), HasSubstr("huge.gltf"));
+}
+
+/// A quad in z = 0 of `steps`² squares whose texture coordinates go `turns` times around.
+std::string textured_quad(int steps, double turns) {
+  std::ostringstream obj;
+  obj << "mtllib m.mtl\nusemtl painted\n";
+  for (int j = 0; j <= steps; ++j)
+    for (int i = 0; i <= steps; ++i)
+      obj << "v " << i << ' ' << j << " 0\nvt " << turns * i / steps << ' ' << turns * j / steps << '\n';
+  for (int j = 0; j < steps; ++j)
+    for (int i = 0; i < steps; ++i) {
+      const int a = j * (steps + 1) + i + 1, b = a + 1, c = b + steps + 1, d = c - 1;
+      obj << "f " << a << '/' << a << ' ' << b << '/' << b << ' ' << c << '/' << c << ' ' << d << '/' << d
+          << '\n';
+    }
+  return obj.str();
+}
+
+/// Upper left red, upper right green, lower left blue, lower right white.
+Image four_colours(int side) {
+  Image image(side, side, 3);
+  for (int y = 0; y < side; ++y)
+    for (int x = 0; x < side; ++x) {
+      const bool right = 2 * x >= side, low = 2 * y >= side;
+      image.at(x, y, 0) = right == low ? 1.0f : 0.0f;
+      image.at(x, y, 1) = right ? 1.0f : 0.0f;
+      image.at(x, y, 2) = low ? 1.0f : 0.0f;
+    }
+  return image;
+}
+
+TEST_F(MeshFiles, VerticesHaveTheColourOfTheTextureAroundThem) {
+  write_png(folder_ / "paint.png", four_colours(64), {.exposure = 1.0});
+  file("m.mtl", "newmtl painted\nKd 1 0.5 1\nmap_Kd paint.png\n");
+  const Mesh mesh = read("fine.obj", textured_quad(8, 1.0));
+  ASSERT_EQ(mesh.positions.size(), 81u);
+  for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
+    const float x = mesh.positions[v].x(), y = mesh.positions[v].y();
+    if (x < 1.0f || x > 7.0f || y < 1.0f || y > 7.0f || x == 4.0f || y == 4.0f) continue;  // mixed
+    const bool right = x > 4.0f, low = y < 4.0f;
+    const Eigen::Vector3f expected(right == low ? 1.0f : 0.0f, right ? 0.5f : 0.0f, low ? 1.0f : 0.0f);
+    EXPECT_LT((mesh.colours[v].matrix() - expected).norm(), 1e-5f) << x << ' ' << y;
+  }
+  // Finer than the mesh: no single texel, but the mean.
+  for (const auto& colour : read("coarse.obj", textured_quad(2, 32.0)).colours)
+    EXPECT_LT((colour.matrix() - Eigen::Vector3f(0.5f, 0.25f, 0.5f)).norm(), 0.05f);
+}
+
+std::string base64(const std::vector<std::uint8_t>& bytes) {
+  constexpr const char* digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    std::uint32_t three = 0;
+    for (std::size_t j = i; j < i + 3; ++j) three = three << 8 | (j < bytes.size() ? bytes[j] : 0u);
+    for (int shift = 18; shift >= 0; shift -= 6) text += digits[three >> shift & 63];
+  }
+  for (std::size_t i = 0; i < (3 - bytes.size() % 3) % 3; ++i) text[text.size() - 1 - i] = '=';
+  return text;
+}
+
+TEST_F(MeshFiles, TexturesInsideAFileAreRead) {
+  // A vertex in the upper half and two in the lower one: glTF counts rows of a texture from the top.
+  const std::vector<float> values = {0, 0, 0, 1, 0, 0, 0, 1, 0, .1f, .2f, .1f, .8f, .2f, .8f};
+  file("data.bin", std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)));
+  nlohmann::json gltf = nlohmann::json::parse(R"({
+    "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+    "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}],
+    "textures": [{"source": 0}],
+    "accessors": [
+      {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+      {"bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC2"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 60}],
+    "buffers": [{"uri": "data.bin", "byteLength": 60}]})");
+  Image stripes(64, 64, 3);  // red above, blue below
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 64; ++x) stripes.at(x, y, y < 32 ? 0 : 2) = 1.0f;
+  gltf["images"] = {{{"uri", "data:image/png;base64," + base64(encode_png(stripes))}}};
+  const MeshFile mesh = read_mesh_file(file("inside.gltf", gltf.dump()));
+  EXPECT_TRUE(mesh.has_base_colours);
+  for (std::size_t v = 0; v < 3;
+       ++v)  // averages reach over the middle: the triangle is as large as the texture
+    EXPECT_EQ(mesh.mesh.colours[v][0] > mesh.mesh.colours[v][2], mesh.mesh.positions[v].isZero()) << v;
+}
+
+TEST_F(MeshFiles, TexturesThatCannotBeReadAreTold) {
+  const refield::test::TemporaryFolder elsewhere;
+  write_png(elsewhere / "secret.png", four_colours(4));
+  std::filesystem::create_symlink(elsewhere / "secret.png", folder_ / "link.png");
+  file("damaged.png", std::string("\x89PNG\r\n\x1a\n") + "no more");
+  for (const char* name : {"absent.png", "link.png", "damaged.png", "../../../../etc/passwd"}) {
+    file("m.mtl", std::string("newmtl painted\nKd 0.5 0.5 0.5\nmap_Kd ") + name + "\n");
+    std::string notes;
+    const RunContext run{.on_note = [&](const std::string& note) { notes += note; }};
+    const MeshFile mesh = read_mesh_file(file("t.obj", textured_quad(1, 1.0)), {}, run);
+    EXPECT_THAT(notes, HasSubstr("shown without it")) << name;
+    EXPECT_THAT(notes, ::testing::Not(HasSubstr("passwd")));
+    EXPECT_NEAR(mesh.mesh.colours[0][1], 0.5f, 1e-5f) << name;
+  }
+}
+
+TEST_F(MeshFiles, NormalsGoOverTheEdgesOfMaterials) {
+  file("m.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 0 1\n");
+  const Mesh mesh = read("t.obj",
+                         "mtllib m.mtl\nv 0 0 0\nv 0 1 0\nv -1 0 1\nv 1 0 1\n"
+                         "usemtl a\nf 1 2 3\nusemtl b\nf 1 4 2\n");
+  ASSERT_EQ(mesh.positions.size(), 6u);  // both colours along the ridge
+  for (std::size_t v = 0; v < 6; ++v) {
+    if (mesh.positions[v].x() != 0.0f) continue;
+    EXPECT_NEAR(std::abs(mesh.normals[v].z()), 1.0f, 1e-6f);
+  }
 }
 
 // A mesh from elsewhere must not make the program read the user's other files, show them or wait for a pipe.
@@ -194,8 +318,9 @@ TEST_F(MeshFiles, ReferencesStayInTheFolder) {
     }
   }
   file("own.mtl", "newmtl red\nKd 1 0 0\n");
-  EXPECT_EQ(read("own.obj", std::string("mtllib own.mtl\nusemtl red\n") + tetrahedron_obj).positions.size(),
-            4u);
+  const Mesh own = read("own.obj", std::string("mtllib own.mtl\nusemtl red\n") + tetrahedron_obj);
+  ASSERT_EQ(own.positions.size(), 4u);
+  EXPECT_EQ(own.colours[0].matrix(), Eigen::Vector3f(1, 0, 0));
   EXPECT_EQ(read("absent.obj", std::string("mtllib absent.mtl\n") + tetrahedron_obj).positions.size(), 4u);
 }
 

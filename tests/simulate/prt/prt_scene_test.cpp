@@ -173,6 +173,23 @@ TEST_F(Scenes, ReadsMeshesBesideIt) {
   EXPECT_EQ(alone.materials.size(), 1u);
 }
 
+TEST_F(Scenes, TakesMaterialsOfMeshFilesUnlessTheSceneNamesOne) {
+  write_text_atomically(folder_ / "m.mtl", "newmtl dull\nKd 0.5 0.25 0\n");
+  write_text_atomically(folder_ / "one.obj",
+                        "mtllib m.mtl\nusemtl dull\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  const auto reflectance = [](const Scene& scene) {
+    return diffuse_reflectance(scene).front().matrix().eval();
+  };
+  const Eigen::Vector3f of_the_file(0.5f, 0.25f, 0.0f);
+  EXPECT_LT((reflectance(read_scene(folder_ / "one.obj")) - of_the_file).norm(), 1e-6f);
+  EXPECT_LT((reflectance(read("[[object]]\nfile = \"one.obj\"\n")) - of_the_file).norm(), 1e-6f);
+  EXPECT_LT((reflectance(read("[[material]]\nname = \"blue\"\ndiffuse = [0, 0, 0.5]\n"
+                              "[[object]]\nfile = \"one.obj\"\nmaterial = \"blue\"\n")) -
+             Eigen::Vector3f(0.0f, 0.0f, 0.5f))
+                .norm(),
+            1e-6f);
+}
+
 TEST_F(Scenes, DataSetsAreReadAndOfTheSizeTheySay) {
   const std::filesystem::path folder = REFIELD_SOURCE_DIR "/datasets_synthetic/prt";
   EXPECT_NEAR(static_cast<double>(read_scene(folder / "rabbit.toml").mesh.positions.size()), 73000.0, 500.0);

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulate/geometry/base_colours.h"
+
+#include <sys/mman.h>
+#include <tbb/parallel_for.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "core/base/errors.h"
+#include "core/image/image_io.h"
+#include "simulate/geometry/mesh_library.h"
+
+namespace refield::prt {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Bytes that readers of files read.
+class MemoryFile {
+ public:
+  explicit MemoryFile(const std::string& bytes) : descriptor_(::memfd_create("texture", MFD_CLOEXEC)) {
+    if (descriptor_ < 0) throw DeviceError("texture", errno, "cannot be held in memory");
+    for (std::size_t done = 0; done < bytes.size();) {
+      const ssize_t count = ::write(descriptor_, bytes.data() + done, bytes.size() - done);
+      if (count < 0 && errno == EINTR) continue;
+      if (count <= 0) {
+        const int error = errno;
+        ::close(descriptor_);
+        throw DeviceError("texture", error, "cannot be held in memory");
+      }
+      done += static_cast<std::size_t>(count);
+    }
+  }
+  ~MemoryFile() { ::close(descriptor_); }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+  fs::path path() const { return "/proc/self/fd/" + std::to_string(descriptor_); }
+
+ private:
+  int descriptor_;
+};
+
+/// The image of a texture, linear; nothing where it cannot be read.
+std::optional<Image> read_texture(const ImportedTexture& texture, const fs::path& path,
+                                  const RunContext& run) {
+  const std::string name =
+      texture.file.empty() ? std::string("inside") : fs::path(texture.file).filename().string();
+  try {
+    if (texture.file.empty()) {
+      const MemoryFile inside(texture.content);
+      return read_image(inside.path());
+    }
+    // The process that reads meshes is not trusted.
+    if (may_be_read_for(path, texture.file)) return read_image(texture.file);
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const Error&) {  // its message names a file that no user knows
+  }
+  run.note(path.string() + ": the texture " + name +
+           " is no readable image; its parts are shown without it. Convert it to PNG");
+  return std::nullopt;
+}
+
+/// Half of the mean edge at each vertex, on the texture.
+std::vector<Eigen::Array2f> reaches_of(const ImportedMesh& mesh) {
+  std::vector<Eigen::Array2f> sums(mesh.positions.size(), Eigen::Array2f::Zero());
+  std::vector<float> edges(mesh.positions.size(), 0.0f);
+  for (const auto& triangle : mesh.triangles)
+    for (std::size_t i = 0; i < 3; ++i)
+      for (const std::size_t other : {(i + 1) % 3, (i + 2) % 3}) {
+        sums[triangle[i]] +=
+            (mesh.texture_places[triangle[other]] - mesh.texture_places[triangle[i]]).array().abs();
+        edges[triangle[i]] += 1.0f;
+      }
+  for (std::size_t v = 0; v < sums.size(); ++v) sums[v] *= 0.5f / std::max(edges[v], 1.0f);
+  return sums;
+}
+
+/// Texels of one axis and what each counts: the overlaps with [middle − reach, middle + reach], at least one
+/// texel wide, in texels.
+struct Overlaps {
+  Overlaps(double middle, double reach) {
+    reach = std::max(reach, 0.5);
+    first = static_cast<long>(std::floor(middle - reach));
+    const auto last = static_cast<long>(std::ceil(middle + reach));
+    // Some texels speak for all of many.
+    step = std::max(1L, (last - first) / 64);
+    for (long texel = first; texel < last; texel += step) {
+      const auto low = static_cast<double>(texel), high = static_cast<double>(texel + step);
+      shares.push_back(
+          static_cast<float>(std::max(std::min(high, middle + reach) - std::max(low, middle - reach), 0.0)));
+    }
+  }
+  long first, step;
+  std::vector<float> shares;
+};
+
+long wrapped(long texel, long size) {
+  return (texel % size + size) % size;
+}
+
+Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, const Eigen::Array2f& reach) {
+  if (!place.allFinite() || !reach.allFinite()) return Eigen::Array3f::Ones();
+  // Textures repeat: whole turns change nothing, and are all the same beyond a turn.
+  const double u = place.x() - std::floor(place.x()), v = place.y() - std::floor(place.y());
+  const Overlaps columns(u * texture.width, std::min(reach.x(), 0.5f) * static_cast<double>(texture.width));
+  const Overlaps rows((1.0 - v) * texture.height,
+                      std::min(reach.y(), 0.5f) * static_cast<double>(texture.height));
+  Eigen::Array3f sum = Eigen::Array3f::Zero();
+  float weight = 0.0f;
+  for (std::size_t j = 0; j < rows.shares.size(); ++j)
+    for (std::size_t i = 0; i < columns.shares.size(); ++i) {
+      const auto x =
+          static_cast<int>(wrapped(columns.first + static_cast<long>(i) * columns.step, texture.width));
+      const auto y = static_cast<int>(wrapped(rows.first + static_cast<long>(j) * rows.step, texture.height));
+      const float share = rows.shares[j] * columns.shares[i];
+      for (int c = 0; c < 3; ++c) sum[c] += share * texture.at(x, y, c);
+      weight += share;
+    }
+  return sum / weight;
+}
+
+void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const fs::path& path,
+                  const RunContext& run) {
+  std::uint32_t ignored = 0;
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (used[i]) ignored |= mesh.materials[i].ignored;
+  if (ignored & ignored_texture)
+    run.note(path.string() +
+             ": a texture of its materials is not in its folder, or not placed by the first texture "
+             "coordinates; its parts are shown without it");
+  std::string parts;
+  for (const auto& [part, name] : {std::pair{ignored_lobes, "highlights and metallic reflection"},
+                                   {ignored_relief, "normal and bump maps"},
+                                   {ignored_emission, "emission"},
+                                   {ignored_transparency, "transparency"}})
+    if (ignored & part) parts += (parts.empty() ? "" : ", ") + std::string(name);
+  if (!parts.empty())
+    run.note(path.string() + ": of its materials the base colours alone are read, not " + parts +
+             "; name a [[material]] in a scene file (docs/reference/scene-files.md) for another surface");
+}
+
+}  // namespace
+
+std::vector<Eigen::Array3f> base_colours(const ImportedMesh& mesh, const fs::path& path,
+                                         const RunContext& run) {
+  std::vector<bool> used(mesh.materials.size());
+  for (const std::uint32_t material : mesh.material) used[material] = true;
+  bool any = false;
+  std::vector<std::optional<Image>> textures(mesh.textures.size());
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    if (!used[i]) continue;
+    const ImportedMaterial& material = mesh.materials[i];
+    any = any || material.is_of_the_file != 0;
+    if (material.texture < 0 || mesh.texture_places.empty()) continue;
+    auto& texture = textures[static_cast<std::size_t>(material.texture)];
+    if (!texture)
+      texture = read_texture(mesh.textures[static_cast<std::size_t>(material.texture)], path, run);
+  }
+  if (!any) return {};
+  note_ignored(mesh, used, path, run);
+
+  const bool textured =
+      std::ranges::any_of(textures, [](const auto& texture) { return texture.has_value(); });
+  const std::vector<Eigen::Array2f> reaches = textured ? reaches_of(mesh) : std::vector<Eigen::Array2f>();
+  std::vector<Eigen::Array3f> colours(mesh.positions.size());
+  tbb::parallel_for(std::size_t{0}, colours.size(), [&](std::size_t v) {
+    const ImportedMaterial& material = mesh.materials[mesh.material[v]];
+    Eigen::Array3f colour = Eigen::Map<const Eigen::Array3f>(material.base_colour.data());
+    if (textured && material.texture >= 0)
+      if (const auto& texture = textures[static_cast<std::size_t>(material.texture)])
+        colour *= mean_around(*texture, mesh.texture_places[v], reaches[v]);
+    for (float& value : colour) value = std::isfinite(value) ? std::clamp(value, 0.0f, 1.0f) : 0.0f;
+    colours[v] = colour;
+  });
+  return colours;
+}
+
+}  // namespace refield::prt
