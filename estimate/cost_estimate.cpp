@@ -101,10 +101,13 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   // Bands of whole blocks of pixels share no work.
   if (plan.band_rows > block_side_px) plan.band_rows -= plan.band_rows % block_side_px;
   plan.bands = (job.rows.count() + plan.band_rows - 1) / plan.band_rows;
-  const std::uint64_t rows = plan.band_rows + overlap;
+  // Nothing lies beyond the picture's edges.
+  const std::uint64_t height = static_cast<std::uint64_t>(session.height);
+  const std::uint64_t rows = std::min(plan.band_rows + overlap, height);
   const std::uint64_t more = (options.memory_bytes - needed(threads, rows, rows)) / row_of_held;
   const int wanted_held = std::max(plan.band_rows, std::min(job.rows.count(), max_read_rows));
-  plan.held_rows = static_cast<int>(std::min<std::uint64_t>(wanted_held, plan.band_rows + more) + overlap);
+  plan.held_rows = static_cast<int>(
+      std::min(std::min<std::uint64_t>(wanted_held, plan.band_rows + more) + overlap, height));
   plan.memory_bytes = std::max(needed(threads, rows, plan.held_rows), assembly);
   return plan;
 }
@@ -189,7 +192,10 @@ Work work_of(const EstimateJob& job, const EstimateOptions& options, const Estim
                                                            [](unsigned char m) { return m != 0; }));
   }
   const int overlap = 2 * max_rows_beyond(options);
-  work.rows = plan.rows.count() * (1.0 + overlap / static_cast<double>(plan.held_rows - overlap));
+  if (plan.held_rows == job.session.height)  // each row is read once
+    work.rows = std::min(plan.rows.count() + overlap, job.session.height);
+  else
+    work.rows = plan.rows.count() * (1.0 + overlap / static_cast<double>(plan.held_rows - overlap));
   return work;
 }
 
