@@ -18,6 +18,7 @@
 #include "relight/relighter.h"
 #include "tests/fuzz/hdf5_checksums.h"
 #include "tests/relight/mixed_field.h"
+#include "tests/support/isolating_run.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
@@ -212,7 +213,7 @@ TEST(DamagedPackedField, FilesAreRefusedOrHarmless) {
     if (forged) fuzz::renew_hdf5_checksums({reinterpret_cast<std::uint8_t*>(damaged.data()), damaged.size()});
     std::ofstream(folder / "damaged.rfield", std::ios::binary) << damaged;
     try {
-      const ReflectanceField back = read_reflectance_field(folder / "damaged.rfield");
+      const ReflectanceField back = read_reflectance_field(folder / "damaged.rfield", test::isolating_run());
       if (!forged) {
         EXPECT_EQ(back.transfer.weight, whole.transfer.weight) << "round " << round;
       }
