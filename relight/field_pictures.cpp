@@ -2,6 +2,7 @@
 #include "relight/field_pictures.h"
 
 #include <tbb/concurrent_queue.h>
+#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <cmath>
@@ -9,6 +10,7 @@
 
 #include "core/base/errors.h"
 #include "core/light/euler_angles.h"
+#include "core/light/light_map.h"
 
 namespace refield {
 
@@ -84,6 +86,36 @@ Image FieldPictures::picture(const SceneLight& light, std::size_t frame, const R
   if (cameras_.empty()) return outputs;
   if (view_) return view_->show(outputs);
   return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);
+}
+
+void FieldPictures::show_background() {
+  if (cameras_.empty())
+    throw InputError(
+        "the field's photographs fill the picture, so that no background is seen; remove --background");
+  shows_background_ = true;
+}
+
+Image FieldPictures::background(const SceneLight& light, std::size_t frame) const {
+  if (!shows_background_) return {};
+  const PinholeCamera& camera = cameras_[frame % cameras_.size()];
+  const std::vector<float> covered = coverage(frame);
+  const auto* turned = std::get_if<TurnedEnvironment>(&light);
+  const LightMap& map = turned ? turned->environment->map() : std::get<LightMap>(light);
+  const Eigen::Matrix3d back =
+      turned ? Eigen::Matrix3d(turned->turn.matrix().transpose()) : Eigen::Matrix3d::Identity();
+  Image image(camera.width, camera.height, 3);
+  tbb::parallel_for(0, camera.height, [&](int y) {
+    for (int x = 0; x < camera.width; ++x) {
+      const float left = 1.0f - covered[static_cast<std::size_t>(y) * image.width + x];
+      if (!(left > 0.0f)) continue;
+      Eigen::Array3f sum = Eigen::Array3f::Zero();
+      for (const float dy : {0.25f, 0.75f})
+        for (const float dx : {0.25f, 0.75f})
+          sum += radiance_towards(map, back * camera.direction(x + dx, y + dy).cast<double>());
+      for (int c = 0; c < 3; ++c) image.at(x, y, c) = 0.25f * left * sum[c];
+    }
+  });
+  return image;
 }
 
 std::vector<float> FieldPictures::coverage(std::size_t frame) const {

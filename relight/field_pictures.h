@@ -35,6 +35,10 @@ class FieldPictures {
   /// memory. Pictures before are as ReflectanceField::relight() gives them. Not while pictures are made.
   void lay_out(RelightPrecision precision);
 
+  /// From now on background() shows the light. Throws InputError for a captured field, whose photographs fill
+  /// the picture.
+  void show_background();
+
   ColourSpace colour_space() const { return field_->colour_space; }
   int width() const;
   int height() const;
@@ -42,6 +46,9 @@ class FieldPictures {
   /// Throws InputError when the light does not fit the field, and for an environment where box_sums_suffice()
   /// does not hold.
   Image picture(const SceneLight& light, std::size_t frame, const RunContext& run = {}) const;
+  /// What is to be added to picture(): the light as it is seen beside the mesh, four lines of sight a pixel,
+  /// times the part of the pixel that the mesh leaves; empty unless show_background() was called.
+  Image background(const SceneLight& light, std::size_t frame) const;
   /// See FieldOutline::light_shares().
   LightShares light_shares(const LightMap& light) const { return field_->light_shares(light.radiance); }
   /// [pixels]: the part of each pixel that the mesh covers, whose radiance the picture holds; empty for a
@@ -54,6 +61,7 @@ class FieldPictures {
 
   const ReflectanceField* field_;
   std::vector<PinholeCamera> cameras_;
+  bool shows_background_ = false;
   std::shared_ptr<const MeshView> view_;  // where one camera takes all frames
   std::shared_ptr<const BoxProjector> box_projector_;
   std::shared_ptr<Relighters> relighters_;

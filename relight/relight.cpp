@@ -69,11 +69,16 @@ void write_with_alpha(const std::filesystem::path& path, const Image& straight, 
 
 }  // namespace
 
+Image MeteredPicture::whole() && {
+  for (std::size_t i = 0; i < background.values.size(); ++i) scene.values[i] += background.values[i];
+  return std::move(scene);
+}
+
 MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights,
                                  std::string name)
     : field_(field), lights_(std::move(lights)), name_(std::move(name)) {}
 
-Image MeteredPictures::make(std::size_t i, const RunContext& run) const {
+MeteredPicture MeteredPictures::make(std::size_t i, const RunContext& run) const {
   run.throw_if_stopped();
   const SceneLight light = lights_[i]();
   if (const auto* map = std::get_if<LightMap>(&light)) {
@@ -90,12 +95,12 @@ Image MeteredPictures::make(std::size_t i, const RunContext& run) const {
                    std::string("the light is too bright for 32-bit floats (its brightest texel: ") +
                        brightest + "); scale the light map down");
   }
-  return image;
+  return {std::move(image), field_.background(light, i)};
 }
 
 double MeteredPictures::sequence_exposure(const RunContext& run) {
   const std::size_t count = std::min(lights_.size(), max_metered);
-  std::vector<Image> pictures(count);
+  std::vector<MeteredPicture> pictures(count);
   const auto place = [&](std::size_t k) { return (2 * k + 1) * lights_.size() / (2 * count); };
   Progress progress(run, "choosing the exposure", count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
@@ -105,14 +110,14 @@ double MeteredPictures::sequence_exposure(const RunContext& run) {
   ExposureMeter meter;
   std::size_t bytes = 0;
   for (std::size_t k = 0; k < count; ++k) {
-    meter.add(pictures[k]);
-    bytes += pictures[k].values.size() * sizeof(float);
+    meter.add(pictures[k].scene);
+    bytes += (pictures[k].scene.values.size() + pictures[k].background.values.size()) * sizeof(float);
     if (bytes <= max_kept_bytes) kept_.emplace(place(k), std::move(pictures[k]));
   }
   return meter.exposure();
 }
 
-Image MeteredPictures::take(std::size_t i, const RunContext& run) {
+MeteredPicture MeteredPictures::take(std::size_t i, const RunContext& run) {
   const auto kept = kept_.find(i);  // no one else looks for picture i, and the map stays as it is
   return kept == kept_.end() ? make(i, run) : std::move(kept->second);
 }
@@ -139,10 +144,11 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   // too. Memory stays at one image a core.
   tbb::parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
     run.throw_if_stopped();
-    Image image = pictures.take(i, run);
+    MeteredPicture picture = pictures.take(i, run);
+    const bool fills = !picture.background.values.empty();
     const std::vector<float> coverage = field.coverage(i);
     if (is_png(jobs[i])) {
-      const Image shown = unpremultiplied(std::move(image), coverage);
+      const Image shown = unpremultiplied(picture.scene, coverage);
       if (shared) {
         factors[i] = *shared;
       } else {
@@ -151,14 +157,14 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
         factors[i] = meter.exposure();
       }
       if (exposure.factor) clipped[i] = clipped_share(shown, factors[i]);
-      if (coverage.empty())
-        write_png(jobs[i].output, shown, {factors[i]});
+      if (coverage.empty() || fills)
+        write_png(jobs[i].output, fills ? std::move(picture).whole() : shown, {factors[i]});
       else
         write_with_alpha(jobs[i].output, shown, {factors[i]}, coverage);
-    } else if (coverage.empty()) {
-      write_exr(jobs[i].output, image, Precision::single, field.colour_space());
+    } else if (coverage.empty() || fills) {
+      write_exr(jobs[i].output, std::move(picture).whole(), Precision::single, field.colour_space());
     } else {
-      write_with_alpha(jobs[i].output, image, coverage, field.colour_space());
+      write_with_alpha(jobs[i].output, picture.scene, coverage, field.colour_space());
     }
     progress.advance();
   });

@@ -48,6 +48,14 @@ struct ExposureReport {
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
                                 const ExposureOptions& exposure = {}, const RunContext& run = {});
 
+/// The scene in a picture, and what FieldPictures::background() adds to it.
+struct MeteredPicture {
+  Image scene, background;
+
+  /// Both together.
+  Image whole() &&;
+};
+
 /// The pictures of `lights`, one at a time and from several threads: those that were made to choose a
 /// sequence's exposure are not made again, where they fit into memory.
 class MeteredPictures {
@@ -55,20 +63,20 @@ class MeteredPictures {
   /// `name` is what errors call the pictures.
   MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights, std::string name);
 
-  /// The exposure of a sequence of these pictures.
+  /// The exposure of a sequence of these pictures: for what light does to the scene, not for the background.
   double sequence_exposure(const RunContext& run);
   /// Picture i. Throws InputError where a pixel is not finite.
-  Image take(std::size_t i, const RunContext& run);
+  MeteredPicture take(std::size_t i, const RunContext& run);
   /// FieldOutline::light_shares() so far, each of the light where it is largest.
   LightShares light_shares() const { return {interpolated_, unobserved_}; }
 
  private:
-  Image make(std::size_t i, const RunContext& run) const;
+  MeteredPicture make(std::size_t i, const RunContext& run) const;
 
   const FieldPictures& field_;
   std::vector<LightSource> lights_;
   std::string name_;
-  std::map<std::size_t, Image> kept_;
+  std::map<std::size_t, MeteredPicture> kept_;
   mutable std::atomic<double> interpolated_ = 0.0, unobserved_ = 0.0;
 };
 

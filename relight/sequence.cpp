@@ -237,9 +237,9 @@ ExposureReport relight_to_video(const FieldPictures& field, const std::vector<Li
     };
     const auto frame = [&](std::size_t i) {
       run.throw_if_stopped();
-      const Image picture = pictures.take(i, run);
-      slots[i % slots.size()] = tone_mapped(picture, {exposure});
-      if (options.exposure) clipped[i] = clipped_share(picture, exposure);
+      MeteredPicture picture = pictures.take(i, run);
+      if (options.exposure) clipped[i] = clipped_share(picture.scene, exposure);
+      slots[i % slots.size()] = tone_mapped(std::move(picture).whole(), {exposure});
       return i;
     };
     const auto encode = [&](std::size_t i) {

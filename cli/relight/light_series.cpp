@@ -25,7 +25,7 @@ namespace {
 
 bool are_given(const CameraOptions& options) {
   return !options.position.empty() || !options.target.empty() || options.fov || !options.size.empty() ||
-         options.turntable;
+         options.turntable || options.background;
 }
 
 Eigen::Vector3f vector_of(const std::vector<float>& numbers) {
@@ -51,6 +51,9 @@ void add_camera_options(CLI::App& verb, CameraOptions& options) {
   verb.add_flag("--turntable", options.turntable,
                 "Move the camera on a full circle around the target over --frames images")
       ->group(group);
+  verb.add_flag("--background", options.background,
+                "Show the environment behind the mesh, instead of transparency (EXR, PNG) or black (videos)")
+      ->group(group);
 }
 
 std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const ReflectanceField& field,
@@ -59,7 +62,7 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
     if (are_given(options))
       throw InputError(path.string() +
                        ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
-                       "--camera-position, --camera-target, --fov, --size and --turntable");
+                       "--camera-position, --camera-target, --fov, --size, --turntable and --background");
     return {};
   }
   PinholeCamera camera = standard_camera(field);

@@ -28,6 +28,7 @@ struct CameraOptions {
   std::optional<float> fov;             ///< degrees, vertical
   std::string size;                     ///< WIDTHxHEIGHT or empty
   bool turntable = false;               ///< goes once around the target
+  bool background = false;              ///< show the light beside the mesh
 };
 
 void add_camera_options(CLI::App& verb, CameraOptions& options);

@@ -71,6 +71,7 @@ constexpr std::size_t min_pictures_for_layout = 12;
 FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField& field, std::size_t count,
                           RelightPrecision precision) {
   FieldPictures pictures(field, cameras_of(options.camera, field, options.field, options.frames));
+  if (options.camera.background) pictures.show_background();
   if (count >= min_pictures_for_layout) pictures.lay_out(precision);
   return pictures;
 }

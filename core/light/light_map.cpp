@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "core/base/errors.h"
+#include "core/light/cube_map.h"
 
 namespace refield {
 
@@ -49,6 +50,28 @@ Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, i
   if (turn >= 1.0) turn = 0.0;
   const double theta = std::acos(std::clamp(direction.y(), -1.0, 1.0));
   return {turn * width, theta / std::numbers::pi * height};
+}
+
+Eigen::Array3f radiance_towards(const LightMap& map, const Eigen::Vector3d& direction) {
+  const int width = map.radiance.width, height = map.radiance.height;
+  if (map.parameterisation == Parameterisation::monitor)
+    throw InputError("a monitor's light map has no radiance by direction; give a lat-long or cube map");
+  const bool is_cube = map.parameterisation == Parameterisation::cube;
+  const Eigen::Vector2d place =
+      is_cube ? cube_position(direction, width) : lat_long_position(direction, width, height);
+  const double column = place.x() - 0.5, row = place.y() - 0.5;
+  const int first_row = is_cube ? static_cast<int>(place.y()) / width * width : 0;
+  const int last_row = (is_cube ? first_row + width : height) - 1;
+  const int x = static_cast<int>(std::floor(column)), y = static_cast<int>(std::floor(row));
+  const auto right = static_cast<float>(column - x), down = static_cast<float>(row - y);
+  const auto texel = [&](int at_x, int at_y) {
+    at_x = is_cube ? std::clamp(at_x, 0, width - 1) : (at_x + width) % width;
+    at_y = std::clamp(at_y, first_row, last_row);
+    return Eigen::Array3f(map.radiance.at(at_x, at_y, 0), map.radiance.at(at_x, at_y, 1),
+                          map.radiance.at(at_x, at_y, 2));
+  };
+  return (1.0f - down) * ((1.0f - right) * texel(x, y) + right * texel(x + 1, y)) +
+         down * ((1.0f - right) * texel(x, y + 1) + right * texel(x + 1, y + 1));
 }
 
 double lat_long_solid_angle(int row, int width, int height) {

@@ -92,6 +92,10 @@ Eigen::Vector3d lat_long_direction(double column, double row, int width, int hei
 /// Inverse of lat_long_direction: (column, row) of a unit direction, column in [0, width).
 Eigen::Vector2d lat_long_position(const Eigen::Vector3d& direction, int width, int height);
 
+/// Radiance [RGB] of a lat-long or cube map in a unit direction, linear between the middles of texels; at the
+/// edges of a cube's faces as at the nearest middle. Throws InputError for a monitor map.
+Eigen::Array3f radiance_towards(const LightMap& map, const Eigen::Vector3d& direction);
+
 /// Solid angle of each texel in `row` of a lat-long map, in steradians.
 double lat_long_solid_angle(int row, int width, int height);
 

@@ -85,6 +85,35 @@ TEST_F(MeshFieldVerbs, RelightWritesCoverageAsAlpha) {
     EXPECT_NEAR(std::min(exact.values[i], 1.0f), rounded.values[i], 0.02f) << i;
 }
 
+TEST_F(MeshFieldVerbs, TheEnvironmentIsShownBehindTheMesh) {
+  // Dark but for what lies ahead to the right, 45° to 90° from +Z.
+  const std::string sky = folder_ / "sky.exr";
+  Image map(64, 32, 3);
+  for (int y = 0; y < 32; ++y)
+    for (int x = 40; x < 48; ++x) map.at(x, y, 1) = 3.0f;
+  write_exr(sky, map);
+  const auto picture = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"--env", sky, "-o", output_, "--camera-position", "0,0,-3", "--camera-target",
+                               "0,0,0", "--fov", "60", "--size", "90x60"});
+    EXPECT_THAT(relight(more), Succeeded());
+    const auto input = OIIO::ImageInput::open(output_);
+    return std::pair(read_image(output_), input->spec().nchannels);
+  };
+  const auto [scene, with_alpha] = picture({});
+  const auto [whole, without] = picture({"--background"});
+  EXPECT_EQ(with_alpha, 4);
+  EXPECT_EQ(without, 3);
+  EXPECT_EQ(whole.at(45, 30, 1), scene.at(45, 30, 1)) << "the mesh";
+  EXPECT_EQ(whole.at(10, 5, 1), 0.0f) << "41° to the left is dark";
+  EXPECT_EQ(whole.at(80, 5, 1), 0.0f) << "and so is 39° to the right";
+  const Image turned = picture({"--background", "--yaw", "-30"}).first;
+  EXPECT_NEAR(turned.at(80, 5, 1), 3.0f, 1e-5f) << "where the light has come from further right";
+  EXPECT_EQ(turned.at(10, 5, 1), 0.0f);
+  EXPECT_THAT(relight({"--env", sky, "--background", "--rotate", "--frames", "2", "--size", "40x30", "-o",
+                       folder_ / "out.mp4"}),
+              Succeeded());
+}
+
 TEST_F(MeshFieldVerbs, RelightTakesACamera) {
   EXPECT_THAT(relight({"--light", light_path_, "--camera-position", "-1.5,0.5,2", "--camera-target",
                        "0,0.1,-.1", "--fov", "50", "--size", "120x90", "-o", output_}),

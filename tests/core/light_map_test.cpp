@@ -5,6 +5,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/rng.h"
+#include "core/light/cube_map.h"
 
 namespace refield {
 namespace {
@@ -49,6 +50,33 @@ TEST(LatLong, PositionStaysInsideTheMap) {
     EXPECT_GE(position.y(), 0.0);
     EXPECT_LE(position.y(), 320.0);
   }
+}
+
+TEST(RadianceTowards, IsThatOfATexelInItsMiddleAndLinearBetween) {
+  Rng rng(8);
+  for (const LightDomain domain : {LightDomain{12, 6, Parameterisation::lat_long}, cube_domain(4)}) {
+    const bool is_cube = domain.parameterisation == Parameterisation::cube;
+    LightMap map{Image(domain.width, domain.height, 3), domain.parameterisation};
+    for (float& value : map.radiance.values) value = static_cast<float>(rng.uniform());
+    const auto direction = [&](double column, double row) {
+      return is_cube ? cube_direction(column, row, domain.width)
+                     : lat_long_direction(column, row, domain.width, domain.height);
+    };
+    for (int y = 0; y < domain.height; ++y)
+      for (int x = 0; x < domain.width; ++x) {
+        const Eigen::Array3f seen = radiance_towards(map, direction(x + 0.5, y + 0.5));
+        for (int c = 0; c < 3; ++c) EXPECT_NEAR(seen[c], map.radiance.at(x, y, c), 1e-5f) << x << ' ' << y;
+        if (is_cube && x + 1 == domain.width) continue;
+        const float between =
+            radiance_towards(map, direction(x + 1.0, y + 0.5))[0];  // lat-long: over the edge
+        const float right = map.radiance.at((x + 1) % domain.width, y, 0);
+        EXPECT_NEAR(between, 0.5f * (map.radiance.at(x, y, 0) + right), 1e-5f) << x << ' ' << y;
+      }
+    EXPECT_TRUE(radiance_towards(map, Eigen::Vector3d::UnitY()).allFinite());
+    EXPECT_TRUE(radiance_towards(map, -Eigen::Vector3d::UnitZ()).allFinite());
+  }
+  EXPECT_THROW(radiance_towards({Image(2, 2, 3), Parameterisation::monitor}, Eigen::Vector3d::UnitY()),
+               InputError);
 }
 
 TEST(Parameterisation, NamesRoundTrip) {
