@@ -189,7 +189,11 @@ std::int32_t texture_of(const aiScene& scene, const fs::path& path, const aiStri
     if (inside->mHeight > 0) return -1;  // no image file
     texture.content.assign(reinterpret_cast<const char*>(inside->pcData), inside->mWidth);
   } else {
-    const fs::path file = path.parent_path() / name.C_Str();
+    std::string text = name.C_Str();
+    std::ranges::replace(text, '\\', '/');  // of Windows
+    fs::path file = path.parent_path() / text;
+    // Exporters write where the image was on their own machine.
+    if (!may_be_read_for(path, file)) file = path.parent_path() / fs::path(text).filename();
     if (!may_be_read_for(path, file)) return -1;
     texture.file = file;
   }

@@ -224,6 +224,11 @@ TEST_F(MeshFiles, VerticesHaveTheColourOfTheTextureAroundThem) {
     const Eigen::Vector3f expected(right == low ? 1.0f : 0.0f, right ? 0.5f : 0.0f, low ? 1.0f : 0.0f);
     EXPECT_LT((mesh.colours[v].matrix() - expected).norm(), 1e-5f) << x << ' ' << y;
   }
+  // Where the exporter had it does not matter.
+  for (const char* place : {"/home/artist/paint.png", "C:\\textures\\paint.png"}) {
+    file("m.mtl", std::string("newmtl painted\nKd 1 0.5 1\nmap_Kd ") + place + "\n");
+    EXPECT_EQ(read("fine.obj", textured_quad(8, 1.0)).colours[0].matrix(), mesh.colours[0].matrix()) << place;
+  }
   // Finer than the mesh: no single texel, but the mean.
   for (const auto& colour : read("coarse.obj", textured_quad(2, 32.0)).colours)
     EXPECT_LT((colour.matrix() - Eigen::Vector3f(0.5f, 0.25f, 0.5f)).norm(), 0.05f);
