@@ -88,6 +88,20 @@ Image FieldPictures::picture(const SceneLight& light, std::size_t frame, const R
   return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);
 }
 
+Image FieldPictures::vertices(const SceneLight& light, const RunContext& run) const {
+  if (!field_->mesh) throw InputError("a captured field has no mesh for a .glb file; write .exr or .png");
+  if (field_->mesh->outgoing_order > 1)
+    throw InputError(
+        "glossy vertices look different from every side, which a .glb file cannot hold; write .exr or .png");
+  const Image outputs = this->outputs(light, run);
+  Image image(static_cast<int>(field_->mesh->positions.size()), 1, 3);
+  for (std::size_t v = 0; v < field_->mesh->positions.size(); ++v)
+    for (std::size_t c = 0; c < 3; ++c)
+      image.values[3 * v + c] =
+          outputs.values[3 * pixel_of_output(v) + c] * field_->mesh->colours[v][static_cast<Eigen::Index>(c)];
+  return image;
+}
+
 void FieldPictures::show_background() {
   if (cameras_.empty())
     throw InputError(

@@ -46,6 +46,11 @@ class FieldPictures {
   /// Throws InputError when the light does not fit the field, and for an environment where box_sums_suffice()
   /// does not hold.
   Image picture(const SceneLight& light, std::size_t frame, const RunContext& run = {}) const;
+  /// What the vertices of the field's mesh reflect, colours included, [1 × vertices × 3]. Throws InputError
+  /// for a captured field, for one whose light depends on the direction of sight, and what picture() does.
+  Image vertices(const SceneLight& light, const RunContext& run = {}) const;
+  /// The mesh; null of a captured field.
+  const Mesh* mesh() const { return field_->mesh ? &*field_->mesh : nullptr; }
   /// What is to be added to picture(): the light as it is seen beside the mesh, four lines of sight a pixel,
   /// times the part of the pixel that the mesh leaves; empty unless show_background() was called.
   Image background(const SceneLight& light, std::size_t frame) const;

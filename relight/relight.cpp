@@ -15,6 +15,7 @@
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
+#include "relight/mesh/baked_mesh.h"
 
 namespace refield {
 
@@ -23,13 +24,26 @@ namespace {
 constexpr std::size_t max_metered = 8;
 constexpr std::size_t max_kept_bytes = std::size_t{256} << 20;
 
-bool is_png(const RelightJob& job) {
-  return job.output.extension() == ".png";
+bool is_mesh(const RelightJob& job) {
+  return job.output.extension() == ".glb";
+}
+
+/// Whether an exposure applies.
+bool is_exposed(const RelightJob& job) {
+  return job.output.extension() == ".png" || is_mesh(job);
 }
 
 const Image& radiance_of(const SceneLight& light) {
   const auto* map = std::get_if<LightMap>(&light);
   return map ? map->radiance : std::get<TurnedEnvironment>(light).environment->map().radiance;
+}
+
+constexpr const char* too_bright = "the light is too bright for 32-bit floats; scale the light map down";
+
+double exposure_of(const Image& shown) {
+  ExposureMeter meter;
+  meter.add(shown);
+  return meter.exposure();
 }
 
 void raise_to(std::atomic<double>& largest, double value) {
@@ -127,36 +141,46 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   const ThreadLimit limit(run);
   std::vector<LightSource> lights;
   for (const RelightJob& job : jobs) {
-    if (job.output.extension() != ".exr" && !is_png(job))
+    if (job.output.extension() != ".exr" && !is_exposed(job))
       throw InputError(job.output.string() +
-                       ": images are written as .exr or .png; give an output with one of these extensions");
+                       ": images are written as .exr or .png, meshes as .glb; give an output with one of "
+                       "these extensions");
     lights.push_back(job.light);
   }
-  const auto pngs = static_cast<std::size_t>(std::ranges::count_if(jobs, is_png));
+  const auto exposed = static_cast<std::size_t>(std::ranges::count_if(jobs, is_exposed));
   const std::filesystem::path& first = jobs.front().output;
   MeteredPictures pictures(field, std::move(lights),
                            (jobs.size() == 1 ? first : first.parent_path()).string());
   std::optional<double> shared = exposure.factor;
-  if (!shared && exposure.is_sequence && pngs > 0) shared = pictures.sequence_exposure(run);
+  if (!shared && exposure.is_sequence && exposed > 0) shared = pictures.sequence_exposure(run);
   std::vector<double> factors(jobs.size()), clipped(jobs.size());
   Progress progress(run, "relight", jobs.size());
   // One task an image: compressing and writing files takes longer than the product T L, and so it overlaps
   // too. Memory stays at one image a core.
   tbb::parallel_for(std::size_t{0}, jobs.size(), [&](std::size_t i) {
     run.throw_if_stopped();
+    const auto factor_for = [&](const Image& shown) {
+      factors[i] = shared ? *shared : exposure_of(shown);
+      if (exposure.factor) clipped[i] = clipped_share(shown, factors[i]);
+    };
+    if (is_mesh(jobs[i])) {
+      const Image vertices = field.vertices(jobs[i].light(), run);
+      require_finite(vertices, jobs[i].output.string(), true, too_bright);
+      factor_for(vertices);
+      std::vector<Eigen::Array3f> colours;
+      for (std::size_t v = 0; v < vertices.values.size(); v += 3)
+        colours.push_back(Eigen::Map<const Eigen::Array3f>(&vertices.values[v]) *
+                          static_cast<float>(factors[i]));
+      write_baked_mesh(jobs[i].output, *field.mesh(), colours);
+      progress.advance();
+      return;
+    }
     MeteredPicture picture = pictures.take(i, run);
     const bool fills = !picture.background.values.empty();
     const std::vector<float> coverage = field.coverage(i);
-    if (is_png(jobs[i])) {
+    if (is_exposed(jobs[i])) {
       const Image shown = unpremultiplied(picture.scene, coverage);
-      if (shared) {
-        factors[i] = *shared;
-      } else {
-        ExposureMeter meter;
-        meter.add(shown);
-        factors[i] = meter.exposure();
-      }
-      if (exposure.factor) clipped[i] = clipped_share(shown, factors[i]);
+      factor_for(shown);
       if (coverage.empty() || fills)
         write_png(jobs[i].output, fills ? std::move(picture).whole() : shown, {factors[i]});
       else
@@ -170,9 +194,9 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   });
   ExposureReport report;
   report.light_shares = pictures.light_shares();
-  if (pngs == 0) return report;
+  if (exposed == 0) return report;
   report.factors = shared ? std::vector{*shared} : std::move(factors);
-  report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) / static_cast<double>(pngs);
+  report.clipped = std::accumulate(clipped.begin(), clipped.end(), 0.0) / static_cast<double>(exposed);
   return report;
 }
 

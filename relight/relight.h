@@ -19,13 +19,13 @@ namespace refield {
 using LightSource = std::function<SceneLight()>;
 
 /// One image to be made: a light and the file that the relit scene goes to. The file's extension chooses the
-/// format: .exr (scene-linear, float) or .png (sRGB, 8 bits).
+/// format: .exr (scene-linear, float), .png (sRGB, 8 bits) or, of a mesh, .glb: write_baked_mesh().
 struct RelightJob {
   LightSource light;
   std::filesystem::path output;
 };
 
-/// The factor on the radiance of PNG files and videos.
+/// The factor on the radiance of PNG files, baked meshes and videos.
 struct ExposureOptions {
   std::optional<double> factor{};  ///< none: chosen by ExposureMeter
   /// Whether the pictures are frames of one sequence and share an automatic exposure. It is chosen from up to
@@ -35,7 +35,7 @@ struct ExposureOptions {
 
 /// How PNG files and videos were exposed, and whether the field knows the light.
 struct ExposureReport {
-  std::vector<double> factors{};  ///< one for all, or one per picture; empty: no PNG and no video
+  std::vector<double> factors{};  ///< one for all, or one per picture; empty: EXR alone
   /// Share of the pixels that show light and are clipped in some channel, mean over the pictures; 0 for
   /// automatic exposures, which clip fewer than 1 %.
   double clipped = 0.0;
@@ -43,7 +43,7 @@ struct ExposureReport {
 };
 
 /// Relights `field` for each job and writes the images, several at a time, with progress. A file appears when
-/// it is complete. Throws InputError for an output that is neither EXR nor PNG (before any work), for a light
+/// it is complete. Throws InputError for an output of no such format (before any work), for a light
 /// that does not fit the field or makes pixels that are not finite, Interrupted between images.
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
                                 const ExposureOptions& exposure = {}, const RunContext& run = {});

@@ -209,13 +209,15 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
   add_light_options(*verb, *options);
   add_camera_options(*verb, options->camera);
   const char* output = "Output";
-  verb->add_option("-o,--output", options->output,
-                   "Image (.exr, .png), folder for several images, or video (.mp4, requires ffmpeg)")
+  verb->add_option(
+          "-o,--output", options->output,
+          "Image (.exr, .png), folder for several images, video (.mp4, requires ffmpeg), or of a mesh "
+          "field the mesh with its light as vertex colours (.glb)")
       ->required()
       ->group(output);
   verb->add_option("--format", options->format,
-                   "File format of images in a folder: exr or png (default: exr)")
-      ->check(CLI::IsMember({"exr", "png"}))
+                   "File format of images in a folder: exr, png or glb (default: exr)")
+      ->check(CLI::IsMember({"exr", "png", "glb"}))
       ->group(output);
   verb->add_option("--fps", options->video.frames_per_second, "Frame rate of a video in frames per second")
       ->capture_default_str()

@@ -9,6 +9,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "relight/field_pictures.h"
+#include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/mesh_shapes.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/mesh_field.h"
@@ -112,6 +113,32 @@ TEST_F(MeshFieldVerbs, TheEnvironmentIsShownBehindTheMesh) {
   EXPECT_THAT(relight({"--env", sky, "--background", "--rotate", "--frames", "2", "--size", "40x30", "-o",
                        folder_ / "out.mp4"}),
               Succeeded());
+}
+
+TEST_F(MeshFieldVerbs, LightIsBakedIntoVertexColours) {
+  const std::string baked = folder_ / "rabbit.glb";
+  ASSERT_THAT(relight({"--light", light_path_, "--exposure", "0.5", "-o", baked}), Succeeded());
+  const prt::MeshFile back = prt::read_mesh_file(baked);
+  ASSERT_EQ(back.mesh.positions.size(), field_.mesh->positions.size());
+  ASSERT_EQ(back.mesh.triangles.size(), field_.mesh->triangles.size());
+  const Image outputs = field_.relight(light_);
+  // Vertices may come back in another order.
+  for (std::size_t v = 0; v < back.mesh.positions.size(); v += 7) {
+    const auto distance = [&](std::size_t other) {
+      return (field_.mesh->positions[other] - back.mesh.positions[v]).norm();
+    };
+    std::size_t nearest = 0;
+    for (std::size_t other = 0; other < field_.mesh->positions.size(); ++other)
+      if (distance(other) < distance(nearest)) nearest = other;
+    EXPECT_LT(distance(nearest), 1e-6f);
+    EXPECT_GT(back.mesh.normals[v].dot(field_.mesh->normals[nearest]), 0.99f);
+    for (int c = 0; c < 3; ++c)
+      EXPECT_NEAR(back.mesh.colours[v][c],
+                  std::clamp(0.5f * outputs.values[3 * pixel_of_output(nearest) + c] *
+                                 field_.mesh->colours[nearest][c],
+                             0.0f, 1.0f),
+                  1e-5f);
+  }
 }
 
 TEST_F(MeshFieldVerbs, RelightTakesACamera) {
