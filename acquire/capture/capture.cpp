@@ -90,7 +90,7 @@ class CaptureRun {
       return;
     }
     std::vector<std::string> files = {ambient_file};
-    ambient_ = photograph("ambient", black, request_.ambient_repeats, files);
+    ambient_ = photograph("ambient", black, request_.ambient_count(), files);
     write_photograph(session_.folder() / ambient_file, ambient_);
     session_.finish_step("ambient", files);
   }

@@ -50,7 +50,7 @@ struct CaptureRequest {
   std::vector<Seconds> exposures;            ///< empty: by exposure_plan
   ExposurePlanOptions exposure_plan;         ///< without a shortest exposure it is metered under white
   int frames_per_exposure = 1;               ///< all enter the fit
-  int ambient_repeats = 4;  ///< the ambient photograph's noise goes into every other: make it small
+  int ambient_repeats = 0;                   ///< see ambient_count(); 0: by the number of lights
   double gain = 1.0;
   MaskSource mask;
   bool keep_raw = false;
@@ -66,6 +66,11 @@ struct CaptureRequest {
   /// it says true, the training lights that are left are not taken. Null: all are.
   std::function<bool(const CaptureFrame& taken)> is_enough = nullptr;
   std::string stop_rule;  ///< says in words what is_enough goes by; part of the plan
+
+  /// Frames per exposure of the ambient photograph. Its noise goes into every other photograph and does not
+  /// average out as theirs does, so that it counts the more the more photographs there are: by default one
+  /// frame per eight of the training photographs' frames, 4 to 64 (docs/method/capture.md, "Ambient light").
+  int ambient_count() const;
 
   bool is_metered() const {
     return exposures.empty() && (exposure_plan.shortest.count() <= 0.0 || exposure_plan.relative_noise > 0.0);

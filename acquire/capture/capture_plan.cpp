@@ -27,6 +27,7 @@ namespace {
 
 constexpr const char* format_name = "refield capture plan";
 constexpr int format_version = 1;
+constexpr int max_ambient_count = 64;
 
 std::string checksum_of(const std::filesystem::path& file) {
   return crc32_text(inspect_file(file.parent_path(), file.filename().string()).crc32);
@@ -98,9 +99,9 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
                      "; calibrate it in this mode");
   if (frames_per_exposure < 1 || frames_per_exposure > 64)
     throw InputError("frames per exposure is " + std::to_string(frames_per_exposure) + "; give 1 to 64");
-  if (ambient_repeats < 1 || ambient_repeats > 64)
+  if (ambient_repeats < 0 || ambient_repeats > max_ambient_count)
     throw InputError("the number of ambient repeats is " + std::to_string(ambient_repeats) +
-                     "; give 1 to 64");
+                     "; give 1 to 64, or 0 for a number by that of the lights");
   if (!(gain > 0.0)) throw InputError("the gain must be above zero");
   if (mask.kind == MaskSource::Kind::painted) read_mask(mask.file, described.width, described.height);
   if (mask.kind == MaskSource::Kind::automatic && !mask.file.empty()) {
@@ -118,6 +119,13 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
   }
 }
 
+int CaptureRequest::ambient_count() const {
+  if (ambient_repeats > 0) return ambient_repeats;
+  const auto training = static_cast<int>(
+      std::ranges::count(lights, FrameRole::train, [](const CaptureLight& light) { return light.role; }));
+  return std::clamp(training * frames_per_exposure / 8, 4, max_ambient_count);
+}
+
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,
                               const CameraDescription& camera, const IlluminatorDescription& display) {
   toml::array times;
@@ -125,7 +133,7 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
   toml::table how{{"seconds", times},
                   {"metered", request.is_metered()},
                   {"frames_per_exposure", request.frames_per_exposure},
-                  {"ambient_repeats", request.ambient_repeats},
+                  {"ambient_repeats", request.ambient_count()},
                   {"gain", request.gain}};
   if (request.is_metered()) {
     if (request.exposure_plan.relative_noise > 0.0) {

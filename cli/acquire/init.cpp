@@ -100,7 +100,8 @@ test_images = "lights/test_*.exr" # held-out light maps, which measure the error
 # ratio = 4
 # noise = "2%"                    # alternative: the smallest number of exposures with noise per sample below this
 # frames = 1                      # number of averaged frames per exposure
-# ambient_frames = 4              # number of averaged frames per exposure of the ambient photograph
+# ambient_frames = 0              # averaged frames per exposure of the ambient photograph; 0: a number by
+#                                 # that of the lights
 # gain = 1
 )";
 

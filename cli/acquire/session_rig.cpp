@@ -162,7 +162,7 @@ void read_exposures(ConfigSection section, SessionFile& session) {
   section.number("ratio", session.exposure_ratio, 1.1, 100.0);
   section.text("noise", session.noise);
   section.integer("frames", session.frames, 1, 1000);
-  section.integer("ambient_frames", session.ambient_frames, 1, 1000);
+  section.integer("ambient_frames", session.ambient_frames, 0, 64);
   section.number("gain", session.gain, 1e-3, 1e4);
   section.finish();
 }

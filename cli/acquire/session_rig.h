@@ -57,7 +57,7 @@ struct SessionFile {
   double exposure_ratio = 4.0;
   std::string noise;  ///< instead: as few exposures as keep it below this share, such as "2%"
   int frames = 1;
-  int ambient_frames = 4;
+  int ambient_frames = 0;  ///< CaptureRequest::ambient_repeats
   double gain = 1.0;
   std::filesystem::path mask, background;
   bool auto_mask = false;

@@ -99,8 +99,9 @@ void add_acquire_virtual(CLI::App& group, const Common& common, Action& action) 
                    "Number of averaged frames per exposure (default: from the recipe, else 1)");
   verb->add_option(
           "--ambient-frames", options->ambient_frames,
-          "Number of averaged frames per exposure of the ambient photograph, whose noise affects all others")
-      ->capture_default_str();
+          "Number of averaged frames per exposure of the ambient photograph, whose noise affects all others "
+          "(default: an eighth of the training images, 4 to 64)")
+      ->check(CLI::Range(0, 64));
   CLI::Option* mask =
       verb->add_option("--mask", options->mask, "Mask image, white where the scene is (default: all pixels)");
   CLI::Option* automatic =

@@ -28,7 +28,7 @@ struct VirtualOptions {
   std::optional<double> exposure_ratio;
   std::string noise;
   std::optional<int> frames;
-  int ambient_frames = 4;
+  int ambient_frames = 0;  ///< CaptureRequest::ambient_repeats
   fs::path mask;
   bool auto_mask = false;
   fs::path background;

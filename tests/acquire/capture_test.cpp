@@ -241,6 +241,23 @@ TEST_F(CaptureTest, PaintedAndAutomaticMasks) {
             24);
 }
 
+TEST(CaptureRequest, TakesMoreAmbientFramesTheMorePhotographsThereAre) {
+  CaptureRequest request;
+  const auto with = [&](int training, int test, int frames) {
+    request.lights.assign(static_cast<std::size_t>(training), {});
+    for (int i = 0; i < test; ++i) request.lights.emplace_back().role = FrameRole::test;
+    request.frames_per_exposure = frames;
+    return request.ambient_count();
+  };
+  EXPECT_EQ(with(1, 0, 1), 4);
+  EXPECT_EQ(with(40, 100, 1), 5);
+  EXPECT_EQ(with(180, 0, 1), 22);
+  EXPECT_EQ(with(180, 0, 2), 45);
+  EXPECT_EQ(with(5000, 0, 1), 64);
+  request.ambient_repeats = 3;
+  EXPECT_EQ(with(180, 0, 2), 3);
+}
+
 TEST_F(CaptureTest, RefusesUnusableRequestsBeforeWriting) {
   const auto refused = [&](const std::function<void(CaptureRequest&)>& change) {
     CaptureRequest changed = request("never");
@@ -263,7 +280,8 @@ TEST_F(CaptureTest, RefusesUnusableRequestsBeforeWriting) {
     r.camera.linear_from_dn = linear_response(10);
     r.camera.saturation_dn = 1023;
   });
-  refused([](auto& r) { r.ambient_repeats = 0; });
+  refused([](auto& r) { r.ambient_repeats = -1; });
+  refused([](auto& r) { r.ambient_repeats = 65; });  // more than anyone means
   Image broken(FakeRig::width, FakeRig::height, 3, 0.5f);
   broken.at(3, 2, 1) = std::nanf("");
   write_exr(folder / "nan.exr", broken);
