@@ -84,13 +84,27 @@ class CaptureRun {
         session_(session),
         useful_(exposures_.size(), 0.0) {}
 
-  void take_ambient() {
+  /// In parts of a few frames, so that memory does not grow with their number.
+  void take_ambient(const RunContext& run) {
     if (session_.is_done("ambient")) {
       ambient_ = read_photograph(session_.folder() / ambient_file);
       return;
     }
+    constexpr int max_part = 4;
     std::vector<std::string> files = {ambient_file};
-    ambient_ = photograph("ambient", black, request_.ambient_count(), files);
+    const int repeats = request_.ambient_count();
+    Progress progress(run, "photographing the ambient light", static_cast<std::uint64_t>(repeats));
+    for (int first = 0; first < repeats; first += max_part) {
+      run.throw_if_stopped();
+      const Repeats part{first, std::min(max_part, repeats - first), repeats};
+      const bool backwards = first / max_part % 2 == 1;
+      const auto frames = first == 0 ? frames_under(uniform_drive(display_.width, display_.height, black),
+                                                    part.count, backwards)
+                                     : frames_of_brackets(part.count, backwards);
+      add(photograph("ambient", frames, part, files), static_cast<float>(part.count) / repeats, ambient_);
+      progress.advance(static_cast<std::uint64_t>(part.count));
+    }
+    for (float& variance : ambient_.sigma.values) variance = std::sqrt(variance);
     write_photograph(session_.folder() / ambient_file, ambient_);
     session_.finish_step("ambient", files);
   }
@@ -161,6 +175,26 @@ class CaptureRun {
   }
 
  private:
+  /// Of the frames that a photograph has per exposure, those that are taken and merged together.
+  struct Repeats {
+    int first = 0;
+    int count = 1;
+    int all = 1;
+  };
+  Repeats all_frames() const { return {0, request_.frames_per_exposure, request_.frames_per_exposure}; }
+
+  /// Adds a share of a photograph to a sum, whose sigma holds the variance.
+  static void add(const Photograph& part, float share, Photograph& sum) {
+    if (sum.radiance.values.empty()) {
+      sum.radiance = Image(part.radiance.width, part.radiance.height, 3);
+      sum.sigma = sum.radiance;
+    }
+    for (std::size_t i = 0; i < part.radiance.values.size(); ++i) {
+      sum.radiance.values[i] += share * part.radiance.values[i];
+      sum.sigma.values[i] += share * share * part.sigma.values[i] * part.sigma.values[i];
+    }
+  }
+
   /// A photograph that is merged and written while the next one is taken.
   struct Last {
     const CaptureLight* light = nullptr;
@@ -201,8 +235,7 @@ class CaptureRun {
     last_->files = {illumination_file(light), observed_file(light)};
     last_->photograph = std::async(
         std::launch::async, [this, &last = *last_, pattern = std::move(pattern), frames = std::move(frames)] {
-          Photograph observed =
-              merged(last.light->name, frames, request_.frames_per_exposure, last.files, last.statistics);
+          Photograph observed = merged(last.light->name, frames, all_frames(), last.files, last.statistics);
           subtract_ambient(observed, ambient_);
           write_exr(session_.folder() / last.files[0], emitted_above_black(pattern, request_.monitor));
           write_photograph(session_.folder() / last.files[1], observed, request_.precision);
@@ -221,10 +254,14 @@ class CaptureRun {
 
   /// `repeats` frames of each exposure in growing order, taken in that order or backwards.
   std::vector<RawFrame> frames_under(const DriveImage& pattern, int repeats, bool backwards) {
+    pairing_.prepare(backwards ? exposures_.back() : exposures_.front(), request_.gain);
+    pairing_.show(pattern);
+    return frames_of_brackets(repeats, backwards);
+  }
+
+  std::vector<RawFrame> frames_of_brackets(int repeats, bool backwards) {
     const std::size_t exposures = exposures_.size();
     const auto place = [&](std::size_t i) { return backwards ? exposures - 1 - i : i; };
-    pairing_.prepare(exposures_[place(0)], request_.gain);
-    pairing_.show(pattern);
     std::vector<RawFrame> frames(exposures * repeats);
     for (std::size_t i = 0; i < exposures; ++i)
       for (int repeat = 0; repeat < repeats; ++repeat)
@@ -233,11 +270,12 @@ class CaptureRun {
   }
 
   /// Merges the frames. Adds the raw files that are kept to `files`.
-  Photograph merged(const std::string& name, const std::vector<RawFrame>& frames, int repeats,
+  Photograph merged(const std::string& name, const std::vector<RawFrame>& frames, const Repeats& repeats,
                     std::vector<std::string>& files, MergeStatistics& statistics) const {
     for (std::size_t i = 0; request_.keep_raw && i < frames.size(); ++i) {
-      const auto repeat = static_cast<int>(i % repeats);
-      files.push_back(raw_file(name, i / repeats, repeats > 1 ? std::optional(repeat) : std::nullopt));
+      const int repeat = repeats.first + static_cast<int>(i % repeats.count);
+      files.push_back(
+          raw_file(name, i / repeats.count, repeats.all > 1 ? std::optional(repeat) : std::nullopt));
       write_raw_frame(session_.folder() / files.back(), frames[i]);
     }
     Photograph photograph = merge_exposures(frames, request_.camera, {}, &statistics);
@@ -252,20 +290,20 @@ class CaptureRun {
     ++photographs_;
   }
 
-  /// Of a monitor that shows one level.
-  Photograph photograph(const std::string& name, std::uint8_t level, int repeats,
+  Photograph photograph(const std::string& name, const std::vector<RawFrame>& frames, const Repeats& repeats,
                         std::vector<std::string>& files) {
-    const auto frames = frames_under(uniform_drive(display_.width, display_.height, level), repeats, false);
     MergeStatistics statistics;
     Photograph photograph = merged(name, frames, repeats, files, statistics);
-    count(statistics, repeats);
+    if (repeats.first == 0) count(statistics, repeats.count);
     return photograph;
   }
 
   Mask mask(std::vector<std::string>& files) {
     if (request_.mask.kind == MaskSource::Kind::painted)
       return read_mask(request_.mask.file, camera_.width, camera_.height);
-    Photograph lit = photograph("mask", white_level, request_.frames_per_exposure, files);
+    const auto frames = frames_under(uniform_drive(display_.width, display_.height, white_level),
+                                     request_.frames_per_exposure, false);
+    Photograph lit = photograph("mask", frames, all_frames(), files);
     subtract_ambient(lit, ambient_);
     if (request_.mask.file.empty()) return scene_mask(lit);
     const Photograph background = read_photograph(request_.mask.file);
@@ -307,7 +345,7 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
     require_free_space(request.folder, captured.bytes_needed());
     if (request.keep_raw) create_folders(request.folder / "raw");
     write_calibration(request.folder / "calibration.toml", request.camera, request.monitor, request.timing);
-    captured.take_ambient();
+    captured.take_ambient(run);
     captured.make_mask();
     Progress progress(run, "capturing", request.lights.size());
     captured.take_all(progress, run);

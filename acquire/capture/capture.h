@@ -37,6 +37,11 @@ struct MaskSource {
       file;  ///< painted: the mask; automatic: a photograph of the background under white, or empty
 };
 
+/// Number of frames per exposure of the ambient photograph, from that of all training photographs. Its
+/// noise goes into every other photograph and does not average out as theirs does, so that it counts the more
+/// the more there are: one for eight, 4 to 64 (docs/method/capture.md, "Ambient light").
+int usual_ambient_count(int training_frames);
+
 /// All that decides what a capture gives. Two captures of one request with the same devices are equal to the
 /// byte, however often they were interrupted.
 struct CaptureRequest {
@@ -67,9 +72,7 @@ struct CaptureRequest {
   std::function<bool(const CaptureFrame& taken)> is_enough = nullptr;
   std::string stop_rule;  ///< says in words what is_enough goes by; part of the plan
 
-  /// Frames per exposure of the ambient photograph. Its noise goes into every other photograph and does not
-  /// average out as theirs does, so that it counts the more the more photographs there are: by default one
-  /// frame per eight of the training photographs' frames, 4 to 64 (docs/method/capture.md, "Ambient light").
+  /// Frames per exposure of the ambient photograph; by default usual_ambient_count().
   int ambient_count() const;
 
   bool is_metered() const {

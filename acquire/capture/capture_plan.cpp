@@ -119,11 +119,15 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
   }
 }
 
+int usual_ambient_count(int training_frames) {
+  return std::clamp(training_frames / 8, 4, max_ambient_count);
+}
+
 int CaptureRequest::ambient_count() const {
   if (ambient_repeats > 0) return ambient_repeats;
   const auto training = static_cast<int>(
       std::ranges::count(lights, FrameRole::train, [](const CaptureLight& light) { return light.role; }));
-  return std::clamp(training * frames_per_exposure / 8, 4, max_ambient_count);
+  return usual_ambient_count(training * frames_per_exposure);
 }
 
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,

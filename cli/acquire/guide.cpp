@@ -15,6 +15,7 @@
 
 #include "acquire/calibrate/bench.h"
 #include "acquire/calibrate/response.h"
+#include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/capture/frame_pairing.h"
 #include "acquire/devices/drm_device.h"
@@ -555,9 +556,11 @@ class Guide {
     const double gigabytes = 24.0 * camera_.width * camera_.height * 1e-9;
     std::printf("   One pattern takes %.2g s. More patterns give sharper reflections:\n",
                 seconds_per_pattern_);
-    for (const int count : {60, 180, 500})
+    for (const int count : {60, 180, 500}) {
+      const int ambient = usual_ambient_count(count - count / 6);
       std::printf("   %6d patterns: capture %s, session at most %.2g GB\n", count,
-                  time_text(count * seconds_per_pattern_).c_str(), count * gigabytes);
+                  time_text((count + ambient) * seconds_per_pattern_).c_str(), count * gigabytes);
+    }
     int count = 180;
     ask("--patterns", options_.patterns, "Number of patterns (one sixth is held out to measure the error)",
         "180", [&](const std::string& answer) { count = whole_number(answer, 12, 5000); });

@@ -50,7 +50,7 @@ completes() {
 completes e = estimate export-web
 completes acquire i = init import
 completes relight scene.rfield --ro = --roll --rotate
-completes relight scene.rfield --format '' = exr png
+completes relight scene.rfield --format '' = exr png glb
 completes relight --format p = png
 completes estimate --light '' =
 completes estimate sess =
