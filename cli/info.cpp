@@ -51,6 +51,7 @@ ordered_json describe(const LightBasis& basis) {
   ordered_json described;
   if (basis.hats.count() > 0) described["hats"] = {basis.hats.columns, basis.hats.rows};
   if (basis.harmonics.order > 0) described["harmonics_order"] = basis.harmonics.order;
+  if (!basis.vector_boxes.empty()) described["vector_boxes"] = basis.vector_boxes.size();
   described["boxes"] = basis.boxes.size();
   described["sums"] = basis.measure == Measure::texels ? "texels" : "radiance times solid angle";
   return described;

@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <tuple>
 #include <utility>
 
 #include "core/base/errors.h"
@@ -214,7 +215,141 @@ double hat_sum(int node, int nodes, int texels) {
 
 }  // namespace
 
+/// The light vectors of a face's cells between the edges of boxes, as a summed-area table: of the part that
+/// lies in a rectangle of texels.
+class VectorBoxTable::FaceSums {
+ public:
+  FaceSums(const VectorBoxTable& table, int face, const Image& part, const Box& within)
+      : columns_(table.faces_[static_cast<std::size_t>(face)].columns),
+        rows_(table.faces_[static_cast<std::size_t>(face)].rows) {
+    const int top = face * table.resolution_;
+    const Box inside{within.x0, std::max(within.y0 - top, 0), within.x1,
+                     std::min(within.y1 - top, table.resolution_)};
+    std::tie(column0_, column1_) = covering(columns_, inside.x0, inside.x1);
+    std::tie(row0_, row1_) = covering(rows_, inside.y0, inside.y1);
+    if (empty()) return;
+    sums_.resize(static_cast<std::size_t>(row1_ - row0_ + 1) * stride(), Eigen::Matrix3d::Zero());
+    tbb::parallel_for(row0_, row1_, [&](int row) {
+      Eigen::Matrix3d* along = &sums_[static_cast<std::size_t>(row - row0_ + 1) * stride()];
+      for (int y = std::max(rows_[row], inside.y0); y < std::min(rows_[row + 1], inside.y1); ++y) {
+        const float* line = part.row(top + y - within.y0).data();
+        const Eigen::Vector3f* means =
+            &table.means_[static_cast<std::size_t>(y) * static_cast<std::size_t>(table.resolution_)];
+        for (int column = column0_; column < column1_; ++column) {
+          const int x0 = std::max(columns_[column], inside.x0),
+                    x1 = std::min(columns_[column + 1], inside.x1);
+          Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+          for (int x = x0; x < x1; ++x) {
+            const Eigen::Map<const Eigen::Vector3f> light(line + std::ptrdiff_t{3} * (x - within.x0));
+            sum.noalias() += means[x].cast<double>() * light.cast<double>().transpose();
+          }
+          along[column - column0_ + 1] += sum;
+        }
+      }
+      for (int column = column0_; column < column1_; ++column)
+        along[column - column0_ + 1] += along[column - column0_];
+    });
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, stride(), 32), [&](const auto& range) {
+      for (std::size_t at = stride() + range.begin(); at < sums_.size(); at += stride())
+        for (std::size_t i = 0; i < range.size(); ++i) sums_[at + i] += sums_[at + i - stride()];
+    });
+  }
+
+  bool empty() const { return column0_ >= column1_ || row0_ >= row1_; }
+  /// Whether the light may reach a box.
+  bool reaches(const Place& box) const {
+    return box.column0 < column1_ && box.column1 > column0_ && box.row0 < row1_ && box.row1 > row0_;
+  }
+  /// The light vector of a box, [x, y, z of the face][channels].
+  Eigen::Matrix3d sum(const Place& box) const {
+    const auto at = [&](int column, int row) -> const Eigen::Matrix3d& {
+      return sums_[static_cast<std::size_t>(std::clamp(row, row0_, row1_) - row0_) * stride() +
+                   static_cast<std::size_t>(std::clamp(column, column0_, column1_) - column0_)];
+    };
+    return at(box.column1, box.row1) - at(box.column0, box.row1) - at(box.column1, box.row0) +
+           at(box.column0, box.row0);
+  }
+
+ private:
+  /// The places in `edges` of those around the texels [first, last); equal where there are none.
+  static std::pair<int, int> covering(const std::vector<int>& edges, int first, int last) {
+    if (edges.empty() || first >= last || last <= edges.front() || first >= edges.back()) return {0, 0};
+    const auto from = std::ranges::upper_bound(edges, first) - edges.begin();
+    const auto until = std::ranges::lower_bound(edges, last) - edges.begin();
+    return {static_cast<int>(std::max<std::ptrdiff_t>(from - 1, 0)),
+            static_cast<int>(std::min<std::ptrdiff_t>(until, std::ssize(edges) - 1))};
+  }
+  std::size_t stride() const { return static_cast<std::size_t>(column1_ - column0_) + 1; }
+
+  const std::vector<int>& columns_;
+  const std::vector<int>& rows_;
+  int column0_ = 0, column1_ = 0, row0_ = 0, row1_ = 0;
+  std::vector<Eigen::Matrix3d> sums_;  // [rows + 1][columns + 1]
+};
+
+VectorBoxTable::VectorBoxTable(std::span<const VectorBox> kernels, int resolution)
+    : resolution_(resolution), means_(static_cast<std::size_t>(resolution) * resolution) {
+  for (const VectorBox& kernel : kernels) {
+    const int face = kernel.box.y0 / resolution, top = face * resolution;
+    Face& edges = faces_[static_cast<std::size_t>(face)];
+    edges.columns.insert(edges.columns.end(), {kernel.box.x0, kernel.box.x1});
+    edges.rows.insert(edges.rows.end(), {kernel.box.y0 - top, kernel.box.y1 - top});
+    vectors_.emplace_back(cube_face_axes(face) * kernel.vector.cast<double>());
+  }
+  for (Face& face : faces_)
+    for (auto* edges : {&face.columns, &face.rows}) {
+      std::ranges::sort(*edges);
+      edges->erase(std::ranges::unique(*edges).begin(), edges->end());
+    }
+  for (std::size_t k = 0; k < kernels.size(); ++k) {
+    const Box& box = kernels[k].box;
+    if (k > 0 && box == kernels[k - 1].box) continue;
+    const int face = box.y0 / resolution, top = face * resolution;
+    const auto place = [](const std::vector<int>& edges, int at) {
+      return static_cast<int>(std::ranges::lower_bound(edges, at) - edges.begin());
+    };
+    const Face& edges = faces_[static_cast<std::size_t>(face)];
+    places_.push_back({face, place(edges.columns, box.x0), place(edges.columns, box.x1),
+                       place(edges.rows, box.y0 - top), place(edges.rows, box.y1 - top), k});
+  }
+  tbb::parallel_for(0, resolution, [&](int y) {
+    for (int x = 0; x < resolution; ++x)
+      means_[static_cast<std::size_t>(y) * static_cast<std::size_t>(resolution) +
+             static_cast<std::size_t>(x)] = cube_mean_direction(x, y, resolution).cast<float>();
+  });
+}
+
+std::vector<double> VectorBoxTable::project(const Image& part, const Box& within) const {
+  std::vector<FaceSums> of_face;
+  of_face.reserve(faces_.size());
+  for (int face = 0; face < cube_faces; ++face) of_face.emplace_back(*this, face, part, within);
+  std::vector<double> coefficients(vectors_.size() * 3, 0.0);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, places_.size(), 512), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i < range.end(); ++i) {
+      const FaceSums& sums = of_face[static_cast<std::size_t>(places_[i].face)];
+      if (sums.empty() || !sums.reaches(places_[i])) continue;
+      const Eigen::Matrix3d light = sums.sum(places_[i]);
+      const std::size_t last = i + 1 < places_.size() ? places_[i + 1].first : vectors_.size();
+      for (std::size_t k = places_[i].first; k < last; ++k) {
+        Eigen::Map<Eigen::RowVector3d> of_kernel(&coefficients[3 * k]);
+        of_kernel = vectors_[k].transpose() * light;
+      }
+    }
+  });
+  return coefficients;
+}
+
 double LightBasis::area(std::size_t kernel) const {
+  if (is_vector_box(kernel)) {
+    const VectorBox& of = vector_boxes[kernel - first_vector_box()];
+    const double off = 0.5 / std::sqrt(3.0);  // of the Gauss points
+    double sum = 0.0;
+    for (const double x : {0.5 - off, 0.5 + off})
+      for (const double y : {0.5 - off, 0.5 + off})
+        sum += std::abs(of.vector.cast<double>().dot(
+            cube_direction(of.box.x0 + x * of.box.width(), of.box.y0 + y * of.box.height(), domain.width)));
+    return 0.25 * sum * cube_solid_angle(of.box, domain.width);
+  }
   if (!is_smooth(kernel))
     return measure == Measure::texels ? static_cast<double>(box(kernel).area())
                                       : cube_solid_angle(box(kernel), domain.width);
@@ -237,14 +372,19 @@ double LightBasis::area(std::size_t kernel) const {
 float LightBasis::value(std::size_t kernel, int x, int y) const {
   const auto number = static_cast<int>(kernel);
   if (number < hats.count()) return hats.value(number, x, y, domain);
-  if (is_smooth(kernel)) return harmonics.value(number - hats.count(), x, y, domain);
-  const Box& inside = box(kernel);
-  return x >= inside.x0 && x < inside.x1 && y >= inside.y0 && y < inside.y1 ? 1.0f : 0.0f;
+  if (kernel < first_vector_box()) return harmonics.value(number - hats.count(), x, y, domain);
+  if (!is_vector_box(kernel)) return box(kernel).contains(x, y) ? 1.0f : 0.0f;
+  const VectorBox& of = vector_boxes[kernel - first_vector_box()];
+  if (!of.box.contains(x, y)) return 0.0f;
+  const Eigen::Vector3d mean =
+      cube_face_axes(y / domain.width).transpose() * cube_mean_direction(x, y, domain.width);
+  return of.vector.dot(mean.cast<float>());
 }
 
 Box LightBasis::support(std::size_t kernel) const {
   const auto number = static_cast<int>(kernel);
   if (number < hats.count()) return hats.support(number, domain);
+  if (is_vector_box(kernel)) return vector_boxes[kernel - first_vector_box()].box;
   return is_smooth(kernel) ? Box{0, 0, domain.width, domain.height} : box(kernel);
 }
 
@@ -274,6 +414,7 @@ SmoothProjector::SmoothProjector(const LightBasis& basis)
     : domain_(basis.domain), hats_(basis.hats), count_(basis.smooth()) {
   if (basis.measure == Measure::solid_angle) solid_angles_ = cube_solid_angles(domain_.width);
   if (basis.harmonics.order > 0) harmonics_.emplace(basis.harmonics, domain_);
+  if (!basis.vector_boxes.empty()) vector_boxes_.emplace(basis.vector_boxes, domain_.width);
   if (basis.interpolation)
     interpolator_ = std::make_shared<const LightInterpolator>(*basis.interpolation, domain_);
 }
@@ -295,6 +436,10 @@ std::vector<double> SmoothProjector::project(const Image& part, const Box& withi
   std::vector<double> coefficients = hats_.project(part, within, domain_);
   if (harmonics_) {
     const std::vector<double> more = harmonics_->project(part, within);
+    coefficients.insert(coefficients.end(), more.begin(), more.end());
+  }
+  if (vector_boxes_) {
+    const std::vector<double> more = vector_boxes_->project(part, within);
     coefficients.insert(coefficients.end(), more.begin(), more.end());
   }
   return coefficients;

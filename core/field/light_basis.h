@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <Eigen/Core>
+
+#include <array>
+#include <cstddef>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/field/light_interpolation.h"
@@ -61,6 +66,47 @@ class HarmonicTable {
   std::vector<float> values_;  // [texels × functions]
 };
 
+/// A box of one face of a cube map in which light counts by a linear function of its direction ω, vector · ω.
+/// Its coefficient is the product of the vector with the light vector of the box, ∫ L ω dω (Gershun 1939). A
+/// white Lambertian surface that sees all of a box reflects that much with vector = normal ∕ π: one kernel
+/// says what takes many boxes of constant weight.
+struct VectorBox {
+  Box box;
+  Eigen::Vector3f vector = Eigen::Vector3f::Zero();  ///< in the axes of light directions
+
+  bool operator==(const VectorBox&) const = default;
+};
+
+/// Sums light over vector boxes: over each texel once, however many boxes lie on it.
+class VectorBoxTable {
+ public:
+  /// `resolution` R of the cube map. Takes 12 R² bytes, and 72 bytes for each crossing of boxes' edges while
+  /// it sums.
+  VectorBoxTable(std::span<const VectorBox> kernels, int resolution);
+
+  /// Coefficients [kernels × 3] of radiance times solid angle that is zero outside `within`; `part` holds
+  /// that rectangle. Runs on all cores.
+  std::vector<double> project(const Image& part, const Box& within) const;
+
+ private:
+  /// Where boxes begin and end on a face, in texels; ascending.
+  struct Face {
+    std::vector<int> columns, rows;
+  };
+  /// A box, in places of its face's columns and rows, and the first of its kernels.
+  struct Place {
+    int face = 0, column0 = 0, column1 = 0, row0 = 0, row1 = 0;
+    std::size_t first = 0;
+  };
+  class FaceSums;
+
+  int resolution_;
+  std::array<Face, 6> faces_;
+  std::vector<Place> places_;             // of successive kernels of one box, one
+  std::vector<Eigen::Vector3d> vectors_;  // [kernels], in the axes of their face
+  std::vector<Eigen::Vector3f> means_;    // [R²], mean direction of each texel of a face
+};
+
 /// What coefficients sum: a light map's values as they stand, as estimation does with photographs of a
 /// monitor's image, or each value times its texel's solid angle, as precomputed transport does (cube maps
 /// alone).
@@ -68,7 +114,7 @@ enum class Measure { texels, solid_angle };
 
 /// The kernels over a light map that all pixels share, so that each is summed once a light: hat functions and
 /// spherical harmonics for what is smooth, rectangles for the rest (R_k of Matusik et al. 2004, eq. 3).
-/// Kernels are numbered hats first, then harmonics, then boxes.
+/// Kernels are numbered hats first, then harmonics, vector boxes and boxes.
 struct LightBasis {
   LightDomain domain;
   HatGrid hats;
@@ -77,16 +123,22 @@ struct LightBasis {
   HarmonicKernels harmonics = {};  ///< with Measure::solid_angle alone
   /// How light on texels that were black in all training lights counts; without it, as it stands.
   std::optional<LightInterpolation> interpolation = {};
+  std::vector<VectorBox> vector_boxes = {};  ///< with Measure::solid_angle alone; those of a box successive
 
-  /// Hats and harmonics.
-  std::size_t smooth() const { return static_cast<std::size_t>(hats.count()) + harmonics.count(); }
+  /// All but boxes.
+  std::size_t smooth() const { return first_vector_box() + vector_boxes.size(); }
+  std::size_t first_vector_box() const {
+    return static_cast<std::size_t>(hats.count()) + static_cast<std::size_t>(harmonics.count());
+  }
+  bool is_vector_box(std::size_t kernel) const { return kernel >= first_vector_box() && is_smooth(kernel); }
   std::size_t size() const { return smooth() + boxes.size(); }
   bool is_smooth(std::size_t kernel) const { return kernel < smooth(); }
   const Box& box(std::size_t kernel) const { return boxes[kernel - smooth()]; }
 
   /// A kernel's coefficient under a light of one everywhere: of a box its texels or its solid angle.
+  /// Of a vector box the magnitudes of its values, to about a tenth; of a harmonic what does not cancel.
   double area(std::size_t kernel) const;
-  /// Value of a kernel at a texel: of a box 1 inside, else 0.
+  /// Value of a kernel at a texel, the mean over it: of a box 1 inside, else 0.
   float value(std::size_t kernel, int x, int y) const;
   /// The rectangle outside which a kernel is zero.
   Box support(std::size_t kernel) const;
@@ -117,6 +169,7 @@ class SmoothProjector {
   std::size_t count_;
   std::vector<float> solid_angles_;  // of a cube map's face
   std::optional<HarmonicTable> harmonics_;
+  std::optional<VectorBoxTable> vector_boxes_;
   std::shared_ptr<const LightInterpolator> interpolator_;
 };
 

@@ -32,6 +32,8 @@ constexpr std::uint64_t max_hats = 1ull << 24;
 /// Everything that a reader asks for.
 constexpr std::array data_set_names = {
     "basis/boxes",
+    "basis/vector_boxes",
+    "basis/vectors",
     "basis/monitors",
     "basis/observed_light",
     "basis/interpolation",
@@ -60,6 +62,8 @@ constexpr std::array data_set_names = {
 constexpr const char* colour_space_name = "colour_space";
 constexpr const char* rec709_name = "lin_rec709";  // as OpenColorIO's configurations call it
 constexpr const char* boxes_name = "basis/boxes";
+constexpr const char* vector_boxes_name = "basis/vector_boxes";
+constexpr const char* vectors_name = "basis/vectors";
 constexpr const char* monitors_name = "basis/monitors";
 constexpr std::size_t numbers_of_a_monitor = 8;
 constexpr const char* observed_name = "basis/observed_light";
@@ -293,7 +297,8 @@ void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
 std::uint64_t outline_bytes(const FieldOutline& field) {
   constexpr std::uint64_t structures = 64 << 10;
   return structures + precomputed_bytes(field) + field.provenance.size() +
-         field.basis.boxes.size() * sizeof(Box) + field.quality.training_error.size() * sizeof(float) +
+         field.basis.boxes.size() * sizeof(Box) + field.basis.vector_boxes.size() * sizeof(VectorBox) +
+         field.quality.training_error.size() * sizeof(float) +
          field.quality.light_error.cells.size() * sizeof(Box) +
          (field.quality.predicted_error.size() + field.quality.photograph_noise.size() +
           field.quality.training_signal.size() + field.quality.light_class.size() +
@@ -477,11 +482,34 @@ OutputMesh read_mesh(const Hdf5Values& values, const FieldOutline& field) {
   return mesh;
 }
 
+std::vector<VectorBox> read_vector_boxes(const Hdf5Values& values, const LightBasis& basis) {
+  const std::vector<Box> boxes = read_box_list(values, vector_boxes_name, basis.domain);
+  const auto vectors = read_triples<Eigen::Vector3f>(values, vectors_name);
+  const int side = basis.domain.width;
+  const auto on_one_face = [&](const Box& box) { return box.y0 / side == (box.y1 - 1) / side; };
+  if (basis.measure != Measure::solid_angle || vectors.size() != boxes.size() ||
+      !std::ranges::all_of(boxes, on_one_face))
+    values.fail(std::string(vector_boxes_name) + " does not fit the light map's faces or " + vectors_name);
+  std::vector<VectorBox> kernels;
+  for (std::size_t k = 0; k < boxes.size(); ++k) kernels.push_back({boxes[k], vectors[k]});
+  return kernels;
+}
+
 }  // namespace
 
 void write_precomputed(const Hdf5Writer& writer, const FieldOutline& field) {
   if (field.basis.measure == Measure::solid_angle) writer.text(measure_name, solid_angle_name);
   if (field.basis.harmonics.order > 0) writer.number(harmonics_name, field.basis.harmonics.order);
+  if (!field.basis.vector_boxes.empty()) {
+    std::vector<Box> boxes;
+    std::vector<Eigen::Vector3f> vectors;
+    for (const VectorBox& kernel : field.basis.vector_boxes) {
+      boxes.push_back(kernel.box);
+      vectors.push_back(kernel.vector);
+    }
+    write_boxes(writer, vector_boxes_name, boxes);
+    write_triples(writer, vectors_name, vectors);
+  }
   if (!field.mesh) return;
   const OutputMesh& mesh = *field.mesh;
   if (mesh.outgoing_order > 0) writer.number(outgoing_name, mesh.outgoing_order);
@@ -514,6 +542,7 @@ void read_precomputed(const Hdf5Values& values, FieldOutline& field) {
       basis.harmonics.order > basis.domain.width ||
       (basis.harmonics.order > 0 && basis.measure != Measure::solid_angle))
     values.fail("has impossible harmonics");
+  if (values.has(vector_boxes_name)) basis.vector_boxes = read_vector_boxes(values, basis);
   if (values.has("mesh/positions")) field.mesh = read_mesh(values, field);
 }
 

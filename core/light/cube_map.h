@@ -27,5 +27,8 @@ double cube_solid_angle(int x, int y, int resolution);
 double cube_solid_angle(const Box& box, int resolution);
 /// Those of a face's texels, [resolution²], row by row.
 std::vector<float> cube_solid_angles(int resolution);
+/// Mean direction of a texel, in the axes of its face (cube_face_axes()); not quite a unit vector. By the
+/// four Gauss points of the square: exact but for the fourth power of 1 ∕ R.
+Eigen::Vector3d cube_mean_direction(int x, int y, int resolution);
 
 }  // namespace refield
