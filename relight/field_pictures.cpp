@@ -32,7 +32,8 @@ FieldPictures::FieldPictures(const ReflectanceField& field, std::vector<PinholeC
   if (box_sums_suffice(field.basis)) {
     std::vector<SmallBox> boxes;
     for (const Box& box : field.basis.boxes) boxes.push_back(small_box(box));
-    box_projector_ = std::make_shared<const BoxProjector>(field.basis.domain.width, boxes);
+    box_projector_ =
+        std::make_shared<const BoxProjector>(field.basis.domain.width, field.basis.vector_boxes, boxes);
   }
   if (!field.mesh) {
     if (!cameras_.empty()) throw InputError("the field belongs to a fixed camera; do not give cameras");
@@ -56,7 +57,9 @@ void FieldPictures::lay_out(RelightPrecision precision) {
   if (domain.width > small_box_limit || domain.height > small_box_limit) return;
   relighters_ = std::make_shared<Relighters>(Relighter(*field_, precision));
   const auto boxes = relighters_->first.summed_boxes();
-  if (!boxes.empty()) box_projector_ = std::make_shared<const BoxProjector>(domain.width, boxes);
+  if (!boxes.empty())
+    box_projector_ =
+        std::make_shared<const BoxProjector>(domain.width, relighters_->first.summed_vector_boxes(), boxes);
 }
 
 Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) const {

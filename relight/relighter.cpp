@@ -132,6 +132,7 @@ void Relighter::list_boxes(const LightBasis& basis) {
         for (std::size_t i = smooth_.count(); i < transfer.common.size(); ++i)
           common_boxes_.push_back(small_box(basis.box(transfer.common[i])));
         if (!box_sums_suffice(basis)) return;
+        summed_vector_boxes_ = basis.vector_boxes;
         summed_boxes_ = common_boxes_;
         for (int at = 0; at < transfer.tiles(); ++at) {
           own_start_.push_back(static_cast<std::uint32_t>(summed_boxes_.size() - common_boxes_.size()));
@@ -141,31 +142,32 @@ void Relighter::list_boxes(const LightBasis& basis) {
         }
       },
       *transfer_);
+  if (!summed_boxes_.empty() && precision_ == RelightPrecision::fast &&
+      SquareSums::can_sum(domain_.width, summed_vector_boxes_, summed_boxes_))
+    square_sums_ = std::make_shared<const SquareSums>(domain_.width, summed_vector_boxes_, summed_boxes_);
 }
 
-const Image& Relighter::relight(std::span<const float> sums) {
-  if (summed_boxes_.empty() || sums.size() != 3 * summed_boxes_.size())
-    throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
-                     std::to_string(3 * summed_boxes_.size()));
-  const std::size_t shared = 3 * common_boxes_.size();
+void Relighter::show_sums(std::span<const float> sums, const PixelTarget& target) {
+  const std::size_t shared = 3 * (summed_vector_boxes_.size() + common_boxes_.size());
   common_.resize(shared + 1);
   std::copy_n(sums.begin(), shared, common_.begin());
   const OwnSums own{sums.data() + shared, own_start_};
-  std::visit([&](const auto& transfer) { multiply(transfer, common_, own, image_); }, *transfer_);
+  std::visit([&](const auto& transfer) { multiply(transfer, common_, own, target); }, *transfer_);
+}
+
+const Image& Relighter::relight(std::span<const float> sums) {
+  const std::size_t wanted = 3 * (summed_vector_boxes_.size() + summed_boxes_.size());
+  if (summed_boxes_.empty() || sums.size() != wanted)
+    throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
+                     std::to_string(wanted));
+  show_sums(sums, image_);
   light_ = {};
   return image_;
 }
 
-void Relighter::take_light(const ImageView& light) {
-  if (copy(light, light_)) return;
-  light_ = {};
-  refuse_light();
-}
-
 const Image& Relighter::relight(const LightMap& light) {
   require_domain(light, domain_);
-  take_light(light.radiance);  // first: the copy is what the caches hold then
-  show_light(image_);
+  show(light.radiance, image_);
   updates_ = 0;
   moved_light_ = 0.0;
   total_light_ = -1.0;
@@ -181,9 +183,28 @@ void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
   if (out.size() != image_.values.size())
     throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
                      std::to_string(image_.values.size()));
-  take_light(light.radiance);
-  show_light({out.data(), image_.width, image_.height});
+  show(light.radiance, {out.data(), image_.width, image_.height});
   updates_ = refresh_period;
+}
+
+void Relighter::show(const ImageView& light, const PixelTarget& target) {
+  // The copy first: it is what the caches hold then.
+  bool finite = true;
+  if (square_sums_) {
+    light_ = light_.empty() ? Image(domain_.width, domain_.height, 3) : std::move(light_);
+    sums_.resize(3 * (summed_vector_boxes_.size() + summed_boxes_.size()));
+    finite = square_sums_->project(light, light_, sums_);
+  } else {
+    finite = copy(light, light_);
+  }
+  if (!finite) {
+    light_ = {};
+    refuse_light();
+  }
+  if (square_sums_)
+    show_sums(sums_, target);
+  else
+    show_light(target);
 }
 
 void Relighter::show_light(const PixelTarget& target) {

@@ -10,6 +10,7 @@
 #include "core/field_io/packed_field.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "relight/tiles/square_sums.h"
 #include "relight/tiles/tile_change.h"
 #include "relight/tiles/tile_product.h"
 
@@ -53,12 +54,13 @@ class Relighter {
   const Image& update(const LightMap& light, const Box& changed);
   static constexpr int refresh_period = 256;
 
-  /// The boxes of a field whose coefficients are sums of light over boxes alone, by solid angle (see
+  /// The kernels of a field whose coefficients are sums of light over vector boxes and boxes alone (see
   /// box_sums_suffice()): with these, no light map is needed. Empty for other fields.
+  std::span<const VectorBox> summed_vector_boxes() const { return summed_vector_boxes_; }
   std::span<const SmallBox> summed_boxes() const { return summed_boxes_; }
-  /// The scene under a light whose radiance times solid angle in each of summed_boxes() is `sums`
-  /// [boxes × 3]; valid until the next call. The next update() computes the whole image. Throws InputError
-  /// for another number of sums.
+  /// The scene under a light whose coefficients over these, vector boxes first, are `sums` [kernels × 3];
+  /// valid until the next call. The next update() computes the whole image. Throws InputError for another
+  /// number of sums.
   const Image& relight(std::span<const float> sums);
 
   const TransferTiles& transfer() const { return *transfer_; }
@@ -70,10 +72,11 @@ class Relighter {
   /// Without a transfer yet.
   Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
   void list_boxes(const LightBasis& basis);
-  /// Copies it to light_; throws InputError for values that are not finite.
-  void take_light(const ImageView& light);
+  /// The scene under a light, which is copied to light_; throws InputError for values that are not finite.
+  void show(const ImageView& light, const PixelTarget& target);
   /// The scene under light_.
   void show_light(const PixelTarget& target);
+  void show_sums(std::span<const float> sums, const PixelTarget& target);
   /// Takes over the light inside `changed`; the difference to what it was.
   Image take_change(const LightMap& light, const Box& changed);
 
@@ -82,10 +85,13 @@ class Relighter {
   std::shared_ptr<const TransferTiles> transfer_;
   KernelBlocks blocks_;                 // of transfer_; empty before the first change
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
+  std::vector<VectorBox> summed_vector_boxes_;
   std::vector<SmallBox> summed_boxes_;  // the common ones, then each tile's own
   std::vector<std::uint32_t>
-      own_start_;               // [tiles], first of each tile's in summed_boxes_ after the common ones
-  RelightPrecision precision_;  // of the weights
+      own_start_;  // [tiles], first of each tile's in summed_boxes_ after the common ones
+  std::shared_ptr<const SquareSums> square_sums_;  // where these do
+  std::vector<float> sums_;                        // of them
+  RelightPrecision precision_;                     // of the weights
   bool double_sums_ = false;
   FixedPointTable table_;
   SummedAreaTable exact_table_;

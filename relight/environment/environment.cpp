@@ -543,12 +543,11 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
 }
 
 bool box_sums_suffice(const LightBasis& basis) {
-  return basis.measure == Measure::solid_angle && basis.smooth() == 0 && !basis.boxes.empty() &&
+  return basis.measure == Measure::solid_angle && basis.first_vector_box() == 0 && !basis.boxes.empty() &&
          basis.domain.parameterisation == Parameterisation::cube && basis.domain.height <= small_box_limit;
 }
 
-BoxProjector::BoxProjector(int resolution, std::span<const SmallBox> boxes)
-    : resolution_(resolution), boxes_(boxes.size()) {
+BoxProjector::Edges::Edges(int resolution, std::span<const SmallBox> boxes) : resolution_(resolution) {
   // Ends of edges on each grid line of each face, then the lines' stops one after another.
   const auto lines_per_face = 2 * (static_cast<std::size_t>(resolution) + 1);
   std::vector<std::vector<std::int16_t>> ends(lines_per_face * cube_faces);
@@ -598,21 +597,22 @@ BoxProjector::BoxProjector(int resolution, std::span<const SmallBox> boxes)
       };
       return std::array{place(from), place(to)};
     };
-    pieces_.push_back({static_cast<std::uint32_t>(k), ends_of(false, y0, boxes[k].x0, boxes[k].x1),
+    while (first_piece_.size() <= k) first_piece_.push_back(pieces_.size());
+    pieces_.push_back({ends_of(false, y0, boxes[k].x0, boxes[k].x1),
                        ends_of(false, y1, boxes[k].x0, boxes[k].x1), ends_of(true, boxes[k].x0, y0, y1),
                        ends_of(true, boxes[k].x1, y0, y1)});
   });
+  while (first_piece_.size() <= boxes.size()) first_piece_.push_back(pieces_.size());
 }
 
-std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const EulerAngles& turn,
-                                         const RunContext& run) const {
-  if (!environment.has_path_sums())
-    throw InputError("this environment is integrated over texels alone; give a lat-long map of 16 columns");
-  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
-  std::vector<PathSums> up_to(stops_.size());  // along each line, from its first stop
+template <class Sums, class MakeBatch, class Visit>
+void BoxProjector::Edges::sum_around(const PreparedEnvironment& environment,
+                                     const Eigen::Matrix3d& environment_from_scene, const RunContext& run,
+                                     const MakeBatch& make_batch, const Visit& visit) const {
+  std::vector<Sums> up_to(stops_.size());  // along each line, from its first stop
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, lines_.size(), 8), [&](const auto& range) {
     run.throw_if_stopped();
-    PathBatch batch(environment);
+    auto batch = make_batch();
     for (std::size_t number = range.begin(); number != range.end(); ++number) {
       const Line& line = lines_[number];
       const Eigen::Matrix3d axes = environment_from_scene * cube_face_axes(line.face).transpose();
@@ -635,22 +635,92 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
       for (std::size_t stop = lines_[number].first + 1; stop < lines_[number].last; ++stop)
         up_to[stop] += up_to[stop - 1];
   });
-  std::vector<double> sums(boxes_ * 3, 0.0);
-  for (const Piece& piece : pieces_) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, boxes(), 1024), [&](const auto& range) {
     const auto edge = [&](const std::array<std::uint32_t, 2>& ends) {
-      PathSums sum = up_to[ends[1]];
+      Sums sum = up_to[ends[1]];
       sum -= up_to[ends[0]];
       return sum;
     };
-    PathSums around = edge(piece.bottom);
-    around -= edge(piece.right);
-    around -= edge(piece.top);
-    around += edge(piece.left);
-    double light[3];
-    environment.enclosed(around, light);
-    for (std::size_t c = 0; c < 3; ++c) sums[3 * piece.box + c] += light[c];
+    for (std::size_t box = range.begin(); box < range.end(); ++box)
+      for (std::size_t at = first_piece_[box]; at < first_piece_[box + 1]; ++at) {
+        const Piece& piece = pieces_[at];
+        Sums around = edge(piece.bottom);
+        around -= edge(piece.right);
+        around -= edge(piece.top);
+        around += edge(piece.left);
+        visit(box, around);
+      }
+  });
+}
+
+namespace {
+
+/// The first of each run of kernels with the same box, and their number.
+std::vector<std::size_t> firsts_of_boxes(std::span<const VectorBox> kernels) {
+  std::vector<std::size_t> firsts;
+  for (std::size_t k = 0; k < kernels.size(); ++k)
+    if (k == 0 || kernels[k].box != kernels[k - 1].box) firsts.push_back(k);
+  firsts.push_back(kernels.size());
+  return firsts;
+}
+
+std::vector<SmallBox> distinct_boxes(std::span<const VectorBox> kernels) {
+  std::vector<SmallBox> boxes;
+  for (std::size_t k = 0; k < kernels.size(); ++k)
+    if (k == 0 || kernels[k].box != kernels[k - 1].box) boxes.push_back(small_box(kernels[k].box));
+  return boxes;
+}
+
+/// As PathBatch, path by path: far fewer kernels than boxes need it.
+struct VectorPaths {
+  const PreparedEnvironment& environment;
+
+  void add(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
+           const SourceTexel& at_b, VectorPathSums& sums) const {
+    sums = environment.vectors_along(a, at_a, b, at_b);
   }
-  return {sums.begin(), sums.end()};
+  void flush() const {}
+};
+
+}  // namespace
+
+BoxProjector::BoxProjector(int resolution, std::span<const VectorBox> vector_boxes,
+                           std::span<const SmallBox> boxes)
+    : vector_boxes_(vector_boxes.begin(), vector_boxes.end()),
+      first_of_box_(firsts_of_boxes(vector_boxes)),
+      vector_edges_(resolution, distinct_boxes(vector_boxes)),
+      edges_(resolution, boxes) {}
+
+std::vector<float> BoxProjector::project(const PreparedEnvironment& environment, const EulerAngles& turn,
+                                         const RunContext& run) const {
+  if (!environment.has_path_sums())
+    throw InputError("this environment is integrated over texels alone; give a lat-long map of 16 columns");
+  const Eigen::Matrix3d scene_from_environment = turn.matrix(),
+                        environment_from_scene = scene_from_environment.transpose();
+  std::vector<float> sums((vector_boxes_.size() + edges_.boxes()) * 3, 0.0f);
+  if (!vector_boxes_.empty()) {
+    environment.prepare_vectors(run);
+    vector_edges_.sum_around<VectorPathSums>(
+        environment, environment_from_scene, run, [&] { return VectorPaths{environment}; },
+        [&](std::size_t box, const VectorPathSums& around) {
+          const Eigen::Matrix3d light = scene_from_environment * environment.enclosed(around);
+          for (std::size_t k = first_of_box_[box]; k < first_of_box_[box + 1]; ++k) {
+            Eigen::Map<Eigen::RowVector3f> of_kernel(&sums[3 * k]);
+            of_kernel = (vector_boxes_[k].vector.cast<double>().transpose() * light).cast<float>();
+          }
+        });
+  }
+  std::vector<double> of_boxes(edges_.boxes() * 3, 0.0);
+  edges_.sum_around<PathSums>(
+      environment, environment_from_scene, run, [&] { return PathBatch(environment); },
+      [&](std::size_t box, const PathSums& around) {
+        double light[3];
+        environment.enclosed(around, light);
+        for (std::size_t c = 0; c < 3; ++c) of_boxes[3 * box + c] += light[c];
+      });
+  std::ranges::transform(of_boxes, sums.begin() + static_cast<std::ptrdiff_t>(3 * vector_boxes_.size()),
+                         [](double sum) { return static_cast<float>(sum); });
+  return sums;
 }
 
 EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const EulerAngles& turn,

@@ -94,40 +94,58 @@ class EnvironmentProjector {
   std::vector<SharedTexel> shared_texels_;  // row by row
 };
 
-/// Whether a field's coefficients are the light's integrals over boxes of a cube map and nothing else, so
-/// that BoxProjector gives them: clustered environment lights.
+/// Whether a field's coefficients are the light's integrals over boxes and vector boxes of a cube map and
+/// nothing else, so that BoxProjector gives them: clustered environment lights.
 bool box_sums_suffice(const LightBasis& basis);
 
 /// Integrates environments over boxes of a cube map, without the map. Boxes share their edges, and each is
 /// summed along once.
 class BoxProjector {
  public:
-  /// `boxes` of a cube map of `resolution`² texels per face.
-  BoxProjector(int resolution, std::span<const SmallBox> boxes);
+  /// `vector_boxes` and `boxes` of a cube map of `resolution`² texels per face.
+  BoxProjector(int resolution, std::span<const VectorBox> vector_boxes, std::span<const SmallBox> boxes);
 
-  /// Radiance times solid angle in each box, [boxes × 3]. Throws InputError for an environment without
-  /// PreparedEnvironment::has_path_sums(), Interrupted. Runs on all cores.
+  /// Coefficients under radiance times solid angle, of vector boxes, then of boxes: [kernels × 3]. Throws
+  /// InputError for an environment without PreparedEnvironment::has_path_sums(), Interrupted. Runs on all
+  /// cores.
   std::vector<float> project(const PreparedEnvironment& environment, const EulerAngles& turn,
                              const RunContext& run = {}) const;
 
  private:
-  /// Part of one of a face's grid lines.
-  struct Line {
-    int face = 0, edge = 0;
-    bool is_column = false;
-    std::size_t first = 0, last = 0;  ///< of stops_
-  };
-  /// Of a box, what lies on one face: places in stops_ of the ends of its edges.
-  struct Piece {
-    std::uint32_t box = 0;
-    std::array<std::uint32_t, 2> top, bottom, left, right;
+  /// The edges of boxes, each once.
+  class Edges {
+   public:
+    Edges(int resolution, std::span<const SmallBox> boxes);
+
+    std::size_t boxes() const { return first_piece_.size() - 1; }
+    /// Calls visit(box, sums around what of it lies on one face), for different boxes by several threads.
+    /// `Batch`: as PathBatch, of `make_batch()`.
+    template <class Sums, class MakeBatch, class Visit>
+    void sum_around(const PreparedEnvironment& environment, const Eigen::Matrix3d& environment_from_scene,
+                    const RunContext& run, const MakeBatch& make_batch, const Visit& visit) const;
+
+   private:
+    /// Part of one of a face's grid lines.
+    struct Line {
+      int face = 0, edge = 0;
+      bool is_column = false;
+      std::size_t first = 0, last = 0;  ///< of stops_
+    };
+    /// Of a box, what lies on one face: places in stops_ of the ends of its edges.
+    struct Piece {
+      std::array<std::uint32_t, 2> top, bottom, left, right;
+    };
+
+    int resolution_;
+    std::vector<Line> lines_;
+    std::vector<std::int16_t> stops_;  // along lines, in texels of the face
+    std::vector<Piece> pieces_;
+    std::vector<std::size_t> first_piece_;  // [boxes + 1]
   };
 
-  int resolution_;
-  std::size_t boxes_;
-  std::vector<Line> lines_;
-  std::vector<std::int16_t> stops_;  // along lines, in texels of the face
-  std::vector<Piece> pieces_;
+  std::vector<VectorBox> vector_boxes_;
+  std::vector<std::size_t> first_of_box_;  // vector boxes with the same box are successive; at the end, all
+  Edges vector_edges_, edges_;
 };
 
 }  // namespace refield

@@ -239,9 +239,9 @@ void PreparedEnvironment::add_measured(double azimuth, double above, std::int32_
   sums.azimuth += azimuth;
 }
 
-PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
-                                    const SourceTexel& at_b) const {
-  PathSums sums;
+template <class Visit>
+void PreparedEnvironment::walk(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
+                               const SourceTexel& at_b, const Visit& visit) const {
   const int width = map_->radiance.width;
   int columns = at_b.column - at_a.column;  // to cross, to the right
   if (2 * columns >= width) columns -= width;
@@ -259,8 +259,8 @@ PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, 
   };
   PathPoint from = point(a), at_column;
   if (columns == 0 && same_row) {
-    add_piece(from, point(b), at_a.column, at_a.row, sums);
-    return sums;
+    visit(from, point(b), at_a.column, at_a.row);
+    return;
   }
   std::optional<RowCrossings> rows;
   if (!same_row) rows.emplace(sines_, a, at_a.row, b, at_b.row);
@@ -273,7 +273,7 @@ PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, 
   while (true) {
     const bool has_row = rows && rows->any();
     if (columns != 0 && (!has_row || rows->is_after(at_column.direction))) {
-      add_piece(from, at_column, at.column, at.row, sums);
+      visit(from, at_column, at.column, at.row);
       from = at_column;
       const int step = columns > 0 ? 1 : -1;
       at.column = (at.column + step + width) % width;
@@ -281,14 +281,22 @@ PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, 
       if (columns != 0) find_column();
     } else if (has_row) {
       const PathPoint to = point(rows->point());
-      add_piece(from, to, at.column, at.row, sums);
+      visit(from, to, at.column, at.row);
       from = to;
       at.row = rows->pass();
     } else {
       break;
     }
   }
-  add_piece(from, point(b), at_b.column, at_b.row, sums);
+  visit(from, point(b), at_b.column, at_b.row);
+}
+
+PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
+                                    const SourceTexel& at_b) const {
+  PathSums sums;
+  walk(a, at_a, b, at_b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
+    add_piece(from, to, column, row, sums);
+  });
   return sums;
 }
 
@@ -375,6 +383,114 @@ void PreparedEnvironment::enclosed(const PathSums& around, double light[3]) cons
   // Around the south pole Q is that of whole columns, which no edge encloses.
   const bool has_south_pole = around.azimuth < -pi;
   for (int c = 0; c < 3; ++c) light[c] = around.light[c] + (has_south_pole ? total_[c] : 0.0);
+}
+
+namespace {
+
+/// ∫ cos dsin of latitudes from the equator to one.
+double outward_up_to(double sine) {
+  return 0.5 * (sine * std::sqrt(std::max(0.0, 1.0 - sine * sine)) + std::asin(sine));
+}
+
+/// ∫ e dφ from one azimuth to another: e, (x, z), turned by a quarter.
+Eigen::Vector2d turned(const Eigen::Vector2d& level) {
+  return {-level[1], level[0]};
+}
+
+}  // namespace
+
+void PreparedEnvironment::prepare_vectors(const RunContext& run) const {
+  tbb::collaborative_call_once(vectors_->made, [&] { make_vector_table(*vectors_, run); });
+}
+
+void PreparedEnvironment::make_vector_table(VectorTable& table, const RunContext& run) const {
+  const Image& radiance = map_->radiance;
+  table.caps.clear();
+  table.poles.clear();
+  for (const double sine : sines_) {
+    table.caps.push_back({0.5 * (1.0 - sine * sine), outward_up_to(1.0) - outward_up_to(sine)});
+    table.poles.emplace_back(std::acos(sine), std::sqrt(1.0 - sine * sine));
+  }
+  const auto values = static_cast<std::size_t>(radiance.width) * 3;
+  table.prefix.resize(prefix_.size());
+  std::vector<Cap> sums(values);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, values, 768), [&](const auto& range) {
+    for (int row = 0; row < radiance.height; ++row) {
+      if (row % 64 == 0) run.throw_if_stopped();
+      const auto at = static_cast<std::size_t>(row);
+      if (row % block_rows_ == 0)
+        std::copy_n(
+            sums.data() + range.begin(), range.size(),
+            table.prefix.data() + static_cast<std::size_t>(row / block_rows_) * values + range.begin());
+      const float* texels = radiance.row(row).data();
+      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+        sums[i].upward += (table.caps[at + 1].upward - table.caps[at].upward) * texels[i];
+        sums[i].outward += (table.caps[at + 1].outward - table.caps[at].outward) * texels[i];
+      }
+    }
+  });
+  table.total.setZero();
+  for (std::size_t i = 0; i < values; ++i) {
+    const Eigen::Vector2d across = turned(edges_[i / 3 + 1]) - turned(edges_[i / 3]);
+    table.total.col(static_cast<Eigen::Index>(i % 3)) += Vector3d(
+        sums[i].outward * across[0], sums[i].upward * 2.0 * pi / radiance.width, sums[i].outward * across[1]);
+  }
+}
+
+VectorPathSums PreparedEnvironment::vectors_along(const Vector3d& a, const SourceTexel& at_a,
+                                                  const Vector3d& b, const SourceTexel& at_b) const {
+  const Image& radiance = map_->radiance;
+  const std::vector<Cap>& caps = vectors_->caps;
+  const auto row_values = static_cast<std::size_t>(radiance.width) * 3;
+  VectorPathSums sums;
+  /// Of a point: the azimuth's direction, its integral, and that times the angle from the pole.
+  struct End {
+    Eigen::Vector2d level, across, side;
+  };
+  const auto end_of = [&](const PathPoint& point, int row) -> End {
+    const Eigen::Vector2d level = point.level.normalized(), across = turned(level);
+    const Eigen::Vector2d& edge = vectors_->poles[static_cast<std::size_t>(row)];
+    const double upward = point.direction.y(), outward = std::hypot(point.direction.x(), point.direction.z());
+    const double sine = sines_[static_cast<std::size_t>(row)];  // of the edge's latitude
+    const double below = angle(outward * sine - upward * edge[1], upward * sine + outward * edge[1]);
+    return {level, across, (edge[0] + below) * across};
+  };
+  std::optional<End> start;
+  walk(a, at_a, b, at_b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
+    if (!start) start = end_of(from, row);
+    const End end = end_of(to, row);
+    const double azimuth =
+        angle(start->level[1] * end.level[0] - start->level[0] * end.level[1], start->level.dot(end.level));
+    const Eigen::Vector2d across = end.across - start->across, sides = end.side - start->side;
+    start = end;
+    const auto of_cap = [&](const Cap& cap) {
+      return Vector3d(cap.outward * across[0], cap.upward * azimuth, cap.outward * across[1]);
+    };
+    // The triangle with the north pole, less what of it is north of the texel.
+    const Vector3d normal = from.direction.cross(to.direction);
+    const double sine = normal.norm();
+    const double stretch = sine > 0.0 ? angle(sine, from.direction.dot(to.direction)) / sine : 1.0;
+    const Vector3d triangle = 0.5 * (stretch * normal + Vector3d(sides[0], 0.0, sides[1]));
+    const Vector3d inside = triangle - of_cap(caps[static_cast<std::size_t>(row)]);
+    const int first_row = row / block_rows_ * block_rows_;
+    const Cap* north = &vectors_->prefix[static_cast<std::size_t>(row / block_rows_) * row_values +
+                                         std::size_t{3} * static_cast<std::size_t>(column)];
+    for (int c = 0; c < 3; ++c) {
+      Cap sum = north[c];
+      for (int y = first_row; y < row; ++y) {
+        const Cap &upper = caps[static_cast<std::size_t>(y)], &lower = caps[static_cast<std::size_t>(y) + 1];
+        sum.upward += (lower.upward - upper.upward) * radiance.at(column, y, c);
+        sum.outward += (lower.outward - upper.outward) * radiance.at(column, y, c);
+      }
+      sums.light.col(c) += static_cast<double>(radiance.at(column, row, c)) * inside + of_cap(sum);
+    }
+    sums.azimuth += azimuth;
+  });
+  return sums;
+}
+
+Eigen::Matrix3d PreparedEnvironment::enclosed(const VectorPathSums& around) const {
+  return around.azimuth < -pi ? Eigen::Matrix3d(around.light + vectors_->total) : around.light;
 }
 
 }  // namespace refield

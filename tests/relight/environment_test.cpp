@@ -436,7 +436,7 @@ TEST(Environment, BoxesOfACubeHoldTheEnergyOfTheirTexels) {
     const auto [y0, y1] = pick(6 * side);
     boxes.push_back({x0, y0, x1, y1});
   }
-  const BoxProjector projector(side, boxes);
+  const BoxProjector projector(side, {}, boxes);
   for (const EulerAngles& turn : {EulerAngles{}, EulerAngles{0, 90, 0}, random_turn(rng)}) {
     const std::vector<float> sums = projector.project(prepared, turn);
     const LightMap light = EnvironmentProjector(cube(side), {}).project_exactly(map, turn).light;
@@ -448,6 +448,82 @@ TEST(Environment, BoxesOfACubeHoldTheEnergyOfTheirTexels) {
             sum += cube_solid_angle(x, y, side) * light.radiance.at(x, y, c);
         ASSERT_NEAR(sums[3 * k + static_cast<std::size_t>(c)], sum, 1e-5 * sum) << k;
       }
+  }
+}
+
+/// A box on a face of 8×8 texels, and its light vector by the light of a fine cube map.
+Eigen::Matrix3d light_vector(const LightMap& fine, const Box& box) {
+  const int scale = fine.radiance.width / 8;
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+  for (int y = scale * box.y0; y < scale * box.y1; ++y)
+    for (int x = scale * box.x0; x < scale * box.x1; ++x) {
+      const Eigen::Vector3d direction = cube_face_axes(y / fine.radiance.width).transpose() *
+                                        cube_mean_direction(x, y, fine.radiance.width);
+      for (int c = 0; c < 3; ++c)
+        sum.col(c) += cube_solid_angle(x, y, fine.radiance.width) * fine.radiance.at(x, y, c) * direction;
+    }
+  return sum;
+}
+
+// The coarse map has wide texels, the fine one no prefix sums of all rows; boxes lie over poles and edges.
+TEST(Environment, VectorBoxesHoldTheLightVectorOfTheirTexels) {
+  constexpr int side = 8, fine_side = 256;
+  constexpr double texels = 2e-3;  // the fine map has no directions inside its texels
+  Rng rng(29);
+  std::vector<VectorBox> boxes;
+  for (int i = 0; i < 60; ++i) {
+    const Box box = test::random_box(rng, side, side);
+    const int top = side * (i % 6);
+    for (int axis = 0; axis < 3; ++axis)
+      boxes.push_back({{box.x0, box.y0 + top, box.x1, box.y1 + top}, Eigen::Vector3f::Unit(axis)});
+  }
+  const BoxProjector projector(side, boxes, {});
+  for (const int width : {16, 100, 2400}) {
+    LightMap map = test::random_light(rng, lat_long(width));
+    const PreparedEnvironment prepared(map);
+    for (const EulerAngles& turn : {EulerAngles{}, EulerAngles{0, 90, 0}, random_turn(rng)}) {
+      const std::vector<float> sums = projector.project(prepared, turn);
+      const LightMap fine = EnvironmentProjector(cube(fine_side), {}).project(prepared, turn).light;
+      for (std::size_t k = 0; k < boxes.size(); k += 3) {
+        const Eigen::Matrix3d expected = light_vector(fine, boxes[k].box);
+        for (int axis = 0; axis < 3; ++axis)
+          for (int c = 0; c < 3; ++c)
+            ASSERT_NEAR(sums[3 * (k + static_cast<std::size_t>(axis)) + static_cast<std::size_t>(c)],
+                        expected(axis, c), texels * expected.col(c).norm())
+                << width << " " << k;
+      }
+    }
+  }
+}
+
+// Without texels in between: of a light of one everywhere the vectors are known, and a sun of one texel must
+// leave no trace in the boxes beside it.
+TEST(Environment, VectorBoxesOfWhiteLightAreExactBesideASunToo) {
+  constexpr int side = 8;
+  Rng rng(30);
+  const LightMap white_cube{Image(256, 6 * 256, 3, 1.0f), Parameterisation::cube};
+  std::vector<VectorBox> boxes;
+  for (int y = 0; y < 6 * side; ++y)
+    for (int x = 0; x < side; ++x)
+      for (int axis = 0; axis < 3; ++axis)
+        boxes.push_back({{x, y, x + 1, y + 1}, Eigen::Vector3f::Unit(axis)});
+  const BoxProjector projector(side, boxes, {});
+  for (const EulerAngles& turn : {EulerAngles{}, EulerAngles{0, 90, 0}, random_turn(rng)}) {
+    LightMap map{Image(400, 200, 3, 1.0f), Parameterisation::lat_long};
+    constexpr float sun = 1e5f;
+    map.radiance.at(123, 45, 0) = sun;
+    const std::vector<float> sums = projector.project(PreparedEnvironment(map), turn);
+    int sunny = 0;
+    for (std::size_t k = 0; k < boxes.size(); k += 3) {
+      const Eigen::Matrix3d expected = light_vector(white_cube, boxes[k].box);
+      const Eigen::Vector3d red(sums[3 * k], sums[3 * k + 3], sums[3 * k + 6]),
+          green(sums[3 * k + 1], sums[3 * k + 4], sums[3 * k + 7]);
+      ASSERT_LT((green - expected.col(1)).norm(), 1e-6 * expected.col(1).norm()) << k;
+      const bool has_sun = (red - expected.col(0)).norm() > 1e-4 * expected.col(0).norm();
+      sunny += has_sun;
+    }
+    EXPECT_GE(sunny, 1);
+    EXPECT_LE(sunny, 4);
   }
 }
 
@@ -526,7 +602,7 @@ TEST(Environment, ThreadsDoNotChangeTheLight) {
     std::vector<float> values =
         EnvironmentProjector(window(100, 75), one_monitor).project(prepared, turn).light.radiance.values;
     const std::vector<SmallBox> boxes{{0, 0, 9, 9}, {9, 0, 64, 200}, {3, 70, 5, 71}};
-    std::ranges::copy(BoxProjector(64, boxes).project(prepared, turn), std::back_inserter(values));
+    std::ranges::copy(BoxProjector(64, {}, boxes).project(prepared, turn), std::back_inserter(values));
     return values;
   };
   const std::vector<float> together = lights();

@@ -15,6 +15,7 @@
 #include "relight/field_pictures.h"
 #include "relight/pack/pack.h"
 #include "relight/relighter.h"
+#include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -26,13 +27,19 @@ constexpr double fast_error = 2e-3, fine_error = 2e-5;
 constexpr int side = 12;
 constexpr std::size_t vertices = 1500;  // more than one row of tiles
 
-/// A field over a mesh under a cube map: harmonics that all outputs have, squares that neighbours share.
-/// `grey`: all channels weigh alike. `order`: of the harmonics; 0: none.
+/// A field over a mesh under a cube map: harmonics and vector boxes that all outputs have, squares that
+/// neighbours share. `grey`: all channels weigh alike. `order`: of the harmonics; 0: none.
 ReflectanceField random_mesh_field(bool grey, int order = 3) {
   Rng rng(3);
   ReflectanceField field;
   field.basis = {cube_domain(side), {}, {}, Measure::solid_angle, {order}};
   for (int i = 0; i < 60; ++i) field.basis.boxes.push_back(test::random_box(rng, side, cube_faces * side));
+  for (int i = 0; i < 20; ++i) {
+    const Box on_face = test::random_box(rng, side, side);
+    const int top = side * static_cast<int>(rng.below(cube_faces));
+    field.basis.vector_boxes.push_back({{on_face.x0, on_face.y0 + top, on_face.x1, on_face.y1 + top},
+                                        {static_cast<float>(rng.uniform()), 0.5f, -0.2f}});
+  }
   OutputMesh mesh;
   for (std::size_t i = 0; i < vertices; ++i) {
     const auto angle = static_cast<float>(i);
@@ -151,6 +158,7 @@ TEST_P(PrecomputedField, ComesBackFromItsFile) {
     EXPECT_LT(relative_rmse(back.relight(light), expected), fine_error);
     EXPECT_EQ(back.basis.measure, Measure::solid_angle);
     EXPECT_EQ(back.basis.harmonics, field.basis.harmonics);
+    EXPECT_EQ(back.basis.vector_boxes, field.basis.vector_boxes);
     ASSERT_TRUE(back.mesh);
     ASSERT_EQ(back.mesh->positions.size(), vertices);
     EXPECT_EQ(back.mesh->positions[77], field.mesh->positions[77]);
@@ -160,6 +168,16 @@ TEST_P(PrecomputedField, ComesBackFromItsFile) {
     ASSERT_TRUE(back.mesh->camera);
     EXPECT_EQ(back.mesh->camera->width, field.mesh->camera->width);
   }
+}
+
+TEST(PrecomputedFields, HaveVectorBoxesOnOneFaceEach) {
+  const test::TemporaryFolder folder;
+  ReflectanceField field = random_mesh_field(true);
+  field.basis.vector_boxes[3].box = {0, side - 1, 1, side + 1};
+  const auto path = folder.path() / "mesh.rfield";
+  write_reflectance_field(path, field);
+  EXPECT_NE(test::message_of<FormatError>([&] { read_reflectance_field(path); }).find("basis/vector_boxes"),
+            std::string::npos);
 }
 
 TEST(PrecomputedFields, SumLightBySolidAngle) {
@@ -173,14 +191,16 @@ TEST(PrecomputedFields, SumLightBySolidAngle) {
 }
 
 // Sums over boxes straight from the environment give the picture that the cube map of it gives: kernels that
-// tiles share and their own, rows as they are, tiles and packed tiles.
+// tiles share and their own, rows as they are, tiles and packed tiles. Under a light of one colour, since
+// inside a texel the map has no directions, which vector boxes tell apart.
 TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
-  Rng rng(17);
   ReflectanceField field = random_mesh_field(false, 0);
   ASSERT_TRUE(box_sums_suffice(field.basis));
   EXPECT_FALSE(box_sums_suffice(random_mesh_field(false).basis));
-  const auto environment = std::make_shared<const PreparedEnvironment>(
-      test::random_light(rng, {64, 32, Parameterisation::lat_long}));
+  LightMap of_one_colour{Image(64, 32, 3, 0.7f), Parameterisation::lat_long};
+  for (std::size_t i = 0; i < of_one_colour.radiance.values.size(); i += 3)
+    of_one_colour.radiance.values[i] = 2.0f;
+  const auto environment = std::make_shared<const PreparedEnvironment>(std::move(of_one_colour));
   const EulerAngles turn{30, 40, 50};
   const LightMap map =
       EnvironmentProjector(field.basis.domain, {}).project_exactly(environment->map(), turn).light;
@@ -188,8 +208,9 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
   constexpr double float_error = 1e-5;
 
   Relighter relighter(field, RelightPrecision::fine);
-  const auto boxes = relighter.summed_boxes();
-  const std::vector<float> sums = BoxProjector(side, boxes).project(*environment, turn);
+  const std::vector<float> sums =
+      BoxProjector(side, relighter.summed_vector_boxes(), relighter.summed_boxes())
+          .project(*environment, turn);
   EXPECT_LT(relative_rmse(relighter.relight(sums), expected), fine_error);
   EXPECT_LT(relative_rmse(relighter.update(map, {0, 0, side, cube_faces * side}), expected), fine_error);
   EXPECT_THROW(relighter.relight(std::span(sums).first(3)), InputError);

@@ -36,13 +36,14 @@ ViewRelighter::ViewRelighter(Relighter relighter, const RunContext& run)
                    relighter_.domain().parameterisation} {
   const auto boxes = relighter_.summed_boxes();
   if (boxes.empty() || !panorama_.is_cube()) return;
-  summed_.emplace(SummedEnvironment{.relighter = relighter_,
-                                    .boxes = BoxProjector(relighter_.domain().width, boxes),
-                                    .shown = EnvironmentProjector(panorama_.shown(), {}, run),
-                                    .of = std::nullopt,
-                                    .straight = {},
-                                    .outputs = {},
-                                    .panorama = {}});
+  summed_.emplace(SummedEnvironment{
+      .relighter = relighter_,
+      .boxes = BoxProjector(relighter_.domain().width, relighter_.summed_vector_boxes(), boxes),
+      .shown = EnvironmentProjector(panorama_.shown(), {}, run),
+      .of = std::nullopt,
+      .straight = {},
+      .outputs = {},
+      .panorama = {}});
 }
 
 bool ViewRelighter::is_summed(const LightSetup& setup) const {
