@@ -2,17 +2,21 @@
 #include "simulate/prt/clusters.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Core>
+#include <Eigen/Dense>
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <numbers>
 #include <numeric>
 #include <string>
+#include <unordered_map>
+#include <utility>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
@@ -45,6 +49,26 @@ Box box_of_name(std::uint32_t name, int resolution) {
   CubeSquare square = face_square(static_cast<int>((name >> (2 * splits)) - first_name), resolution);
   while (splits-- > 0) square = quadrisect(square)[name >> (2 * splits) & 3];
   return square.box;
+}
+
+std::array<Eigen::Vector3d, 4> corners_of(const Box& square, int resolution) {
+  const int face = square.y0 / resolution;
+  const double step = 2.0 / resolution;
+  std::array<Eigen::Vector3d, 4> corners;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const double u = (i % 2 ? square.x1 : square.x0) * step - 1.0,
+                 v = 1.0 - ((i / 2 ? square.y1 : square.y0) - face * resolution) * step;
+    corners[i] = (cube_face_axes(face).transpose() * Eigen::Vector3d(u, v, 1.0)).normalized();
+  }
+  return corners;
+}
+
+std::array<Eigen::Vector3d, 3> corner_functions(const Box& square, int resolution) {
+  const auto corners = corners_of(square, resolution);
+  Eigen::Matrix3d rows;
+  rows << corners[0].transpose(), corners[1].transpose(), corners[2].transpose();
+  const Eigen::Matrix3d functions = rows.inverse();
+  return {functions.col(0), functions.col(1), functions.col(2)};
 }
 
 namespace {
@@ -171,7 +195,8 @@ class LightClusters {
       if (lights.size() > 1 && !(sum < most * most)) return false;
     }
     tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
-      weights_[g].append(domain.square.name, std::span(mean).subspan(g * size, size));
+      weights_[g].append(GroupWeights::kernel_key(domain.square.name, SquareKernel::constant),
+                         std::span(mean).subspan(g * size, size));
     });
     return true;
   }
@@ -208,25 +233,93 @@ constexpr int coarsest_side = 8;  // squares along a face that are looked at in 
 /// Lobes of larger exponents are narrower than the samples of the coarsest squares are apart.
 constexpr float narrow_exponent = 20.0f;
 
-/// Of a group's values over some samples, each counting by its solid angle.
+/// Of a group's values over some samples, each counting by its solid angle: sums of products of the values
+/// and directions.
 struct Moments {
-  using Values = Eigen::Array<double, Eigen::Dynamic, 1, 0, 3 * TransferSamples::group_outputs, 1>;
+  static constexpr int max_values = 3 * static_cast<int>(TransferSamples::group_outputs);
+  using Values = Eigen::Array<double, Eigen::Dynamic, 1, 0, max_values, 1>;
+  using Vectors = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, max_values>;
   double weight = 0.0;
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d directions = Eigen::Matrix3d::Zero();
   Values sum, squares;
+  Vectors vectors;  ///< of values and directions
 
-  explicit Moments(std::size_t values) : sum(Values::Zero(static_cast<Eigen::Index>(values))), squares(sum) {}
-  void add(double solid_angle, const Values& values) {
+  explicit Moments(std::size_t values)
+      : sum(Values::Zero(static_cast<Eigen::Index>(values))),
+        squares(sum),
+        vectors(Vectors::Zero(3, static_cast<Eigen::Index>(values))) {}
+  void add(double solid_angle, const Eigen::Vector3d& at, const Values& values) {
+    const Eigen::Vector3d weighed = solid_angle * at;
     weight += solid_angle;
+    direction += weighed;
+    directions += weighed * at.transpose();
     sum += solid_angle * values;
     squares += solid_angle * values.square();
+    vectors += weighed * values.matrix().transpose();
   }
   void operator+=(const Moments& other) {
     weight += other.weight;
+    direction += other.direction;
+    directions += other.directions;
     sum += other.sum;
     squares += other.squares;
+    vectors += other.vectors;
   }
   /// Ω² var T, the largest of all outputs and channels.
   double loss() const { return (weight * squares - sum.square()).maxCoeff(); }
+};
+
+/// The fit of a group's values in a square by linear functions of the direction, non-negative in the square
+/// and of the same mean.
+class LinearFit {
+ public:
+  LinearFit(const CubeSquare& square, int resolution, const Moments& moments) {
+    const auto corners = corners_of(square.box, resolution);
+    const Eigen::Vector3d middle = (corners[0] + corners[3]).normalized();
+    const double ahead = middle.dot(moments.direction);
+    // Slopes that leave the mean over the samples as it is.
+    Eigen::Matrix<double, 3, 2> slopes;
+    slopes << corners[1] - corners[0], corners[2] - corners[0];
+    const Eigen::RowVector2d uneven = moments.direction.transpose() * slopes / ahead;
+    slopes -= middle * uneven;
+    const Eigen::Matrix2d gram = slopes.transpose() * moments.directions * slopes;
+    if (!(gram.determinant() > 1e-6 * gram.trace() * gram.trace())) return;  // samples in a line
+    const Eigen::Matrix2d inverse = gram.inverse();
+    const Eigen::Vector2d beside = slopes.transpose() * (moments.directions * middle);
+    weights_.resize(3, moments.sum.size());
+    loss_ = 0.0;
+    for (Eigen::Index v = 0; v < moments.sum.size(); ++v) {
+      const double mean = moments.sum[v] / ahead;
+      const Eigen::Vector3d level = mean * middle;
+      const Eigen::Vector2d slope = inverse * (slopes.transpose() * moments.vectors.col(v) - mean * beside);
+      const Eigen::Vector3d steepest = slopes * slope;
+      double share = 1.0;
+      for (const Eigen::Vector3d& corner : corners) {
+        const double constant = level.dot(corner), change = steepest.dot(corner);
+        if (constant + share * change < 0.0) share = std::max(0.0, -constant / change);
+      }
+      const Eigen::Vector3d fit = level + share * steepest;
+      for (int i = 0; i < weights_.rows(); ++i)
+        weights_(i, v) = fit.dot(corners[static_cast<std::size_t>(i)]);
+      loss_ = std::max(loss_, moments.weight * (moments.squares[v] - 2.0 * fit.dot(moments.vectors.col(v)) +
+                                                fit.dot(moments.directions * fit)));
+    }
+    weights_ = (weights_.array() > rounding).select(weights_, 0.0);
+  }
+
+  /// Ω² times the mean squared difference, the largest of all outputs and channels.
+  double loss() const { return loss_; }
+  /// Of a SquareKernel beyond the first, for all values.
+  Eigen::ArrayXf weights(SquareKernel kernel) const {
+    return weights_.row(static_cast<int>(kernel) - 1).cast<float>().transpose();
+  }
+
+ private:
+  static constexpr double rounding = 1e-9;
+
+  Moments::Vectors weights_;
+  double loss_ = std::numeric_limits<double>::infinity();
 };
 
 /// An angle around a direction within which a lobe is above a tenth of its top.
@@ -249,37 +342,63 @@ class GroupCut {
   }
 
   GroupWeights run() {
-    for (int face = 0; face < cube_faces; ++face) visit(face_square(face, options_.resolution));
+    for (int face = 0; face < cube_faces; ++face) {
+      top_ = face * options_.resolution;
+      from_face_ = cube_face_axes(face).transpose();
+      traced_.clear();
+      traced_values_.clear();
+      visit(face_square(face, options_.resolution));
+    }
     GroupWeights weights;
-    for (const auto& [name, mean] : leaves_)
-      weights.append(name, {mean.data(), static_cast<std::size_t>(mean.size())});
+    for (const auto& [key, values] : leaves_)
+      weights.append(key, {values.data(), static_cast<std::size_t>(values.size())});
     return weights;
   }
   std::uint64_t rays() const { return rays_; }
   std::uint64_t lights() const { return lights_; }
 
  private:
+  /// A kernel of the cut.
   struct Leaf {
-    std::uint32_t name;
-    Eigen::ArrayXf mean;
+    std::uint32_t key;
+    Eigen::ArrayXf values;
   };
+  static constexpr std::size_t fit_kernels = 3;
 
   /// Moments of all samples in a square; what it is cut into stands at the end of the leaves.
   Moments visit(const CubeSquare& square) {
     const std::size_t first = leaves_.size();
     Moments moments(transfer_.group_values());
-    const bool must_split = has_to_split(square);
-    if (!must_split) sample(square, moments);
-    if (must_split || (moments.loss() > limit_ && square.box.area() > 1)) {
-      moments = Moments(transfer_.group_values());
-      for (const CubeSquare& part : quadrisect(square))
-        if (part.box.area() > 0) moments += visit(part);
-      if (moments.loss() > limit_) return moments;
-      leaves_.resize(first);
+    const bool must_split = has_to_split(square), may_split = square.box.area() > 1;
+    if (!must_split) {
+      sample(square, moments);
+      if (fits(square, moments, fit_kernels, !may_split)) return moments;
     }
-    if ((moments.sum > 0.0).any())
-      leaves_.push_back({square.name, (moments.sum / moments.weight).cast<float>()});
+    moments = Moments(transfer_.group_values());
+    for (const CubeSquare& part : quadrisect(square))
+      if (part.box.area() > 0) moments += visit(part);
+    const std::size_t kernels = leaves_.size() - first;
+    std::vector<Leaf> parts(std::make_move_iterator(leaves_.begin() + static_cast<std::ptrdiff_t>(first)),
+                            std::make_move_iterator(leaves_.end()));
+    leaves_.resize(first);
+    if (!fits(square, moments, kernels, false)) std::ranges::move(parts, std::back_inserter(leaves_));
     return moments;
+  }
+
+  /// Appends a square's kernels where no more than `allowed` of them do, or where it cannot be cut.
+  bool fits(const CubeSquare& square, const Moments& moments, std::size_t allowed, bool is_last) {
+    if (!(moments.sum > 0.0).any()) return true;
+    if (is_last || moments.loss() <= limit_) {
+      leaves_.push_back({GroupWeights::kernel_key(square.name, SquareKernel::constant),
+                         (moments.sum / moments.weight).cast<float>()});
+      return true;
+    }
+    if (allowed < fit_kernels) return false;
+    const LinearFit fit(square, options_.resolution, moments);
+    if (fit.loss() > limit_) return false;
+    for (const auto kernel : {SquareKernel::upper_left, SquareKernel::upper_right, SquareKernel::lower_left})
+      leaves_.push_back({GroupWeights::kernel_key(square.name, kernel), fit.weights(kernel)});
+    return true;
   }
 
   bool has_to_split(const CubeSquare& square) const {
@@ -300,25 +419,61 @@ class GroupCut {
     });
   }
 
-  /// The middles of s×s parts of a square, or all its texels if there are fewer.
+  /// Where samples lie along a side of a square, and the texels for which each stands: ends included, so that
+  /// they are those of neighbours and of parts, too.
+  static void spread_with_ends(int first, int last, int samples, std::vector<std::pair<int, double>>& at) {
+    const int steps = std::min(samples - 1, last - first);
+    at.assign(1, {first, 0.0});
+    for (int i = 1; i <= steps; ++i) {
+      const int next = first + i * (last - first) / steps;
+      const double half = 0.5 * (next - at.back().first);
+      at.back().second += half;
+      at.emplace_back(next, half);
+    }
+  }
+
+  /// Of a square s×s points with its corners; of a texel the middle.
   void sample(const CubeSquare& square, Moments& moments) {
     const Box& box = square.box;
-    const int across = std::min(options_.samples, box.width()),
-              down = std::min(options_.samples, box.height());
-    for (int j = 0; j < down; ++j)
-      for (int i = 0; i < across; ++i) {
-        const int x = box.x0 + (2 * i + 1) * box.width() / (2 * across);
-        const int y = box.y0 + (2 * j + 1) * box.height() / (2 * down);
-        const Eigen::Vector3d direction = cube_direction(x + 0.5, y + 0.5, options_.resolution);
-        rays_ += transfer_.evaluate(group_, direction.cast<float>(), values_);
-        ++lights_;
-        // A texel's solid angle, up to a factor of 1 + O(1/R²), times the texels that the sample stands for.
-        const double ahead = direction.cwiseAbs().maxCoeff();
-        const double texels = static_cast<double>(box.area()) / (across * down);
-        const Eigen::Map<const Eigen::ArrayXf> values(values_.data(),
-                                                      static_cast<Eigen::Index>(values_.size()));
-        moments.add(texels * texel_area_ * ahead * ahead * ahead, values.cast<double>());
+    if (box.area() == 1) {
+      const Eigen::Vector3d direction = cube_direction(box.x0 + 0.5, box.y0 + 0.5, options_.resolution);
+      trace(direction, values_.data());
+      add(direction, 1.0, values_.data(), moments);
+      return;
+    }
+    spread_with_ends(box.x0, box.x1, options_.samples, across_);
+    spread_with_ends(box.y0 - top_, box.y1 - top_, options_.samples, down_);
+    for (const auto& [y, rows] : down_)
+      for (const auto& [x, columns] : across_) {
+        const double step = 2.0 / options_.resolution;
+        const Eigen::Vector3d direction =
+            (from_face_ * Eigen::Vector3d(x * step - 1.0, 1.0 - y * step, 1.0)).normalized();
+        add(direction, rows * columns, traced_at(x, y, direction), moments);
       }
+  }
+
+  /// The transfer at a crossing of the face's grid lines; valid until the next call.
+  const float* traced_at(int x, int y, const Eigen::Vector3d& direction) {
+    const std::size_t size = transfer_.group_values();
+    const auto [entry, is_new] = traced_.try_emplace(
+        std::uint32_t(x) << 16 | std::uint32_t(y), static_cast<std::uint32_t>(traced_values_.size() / size));
+    if (is_new) {
+      traced_values_.resize(traced_values_.size() + size);
+      trace(direction, &traced_values_[entry->second * size]);
+    }
+    return &traced_values_[entry->second * size];
+  }
+
+  void trace(const Eigen::Vector3d& direction, float* values) {
+    rays_ += transfer_.evaluate(group_, direction.cast<float>(), {values, transfer_.group_values()});
+    ++lights_;
+  }
+
+  void add(const Eigen::Vector3d& direction, double texels, const float* values, Moments& moments) const {
+    // A texel's solid angle, up to a factor of 1 + O(1/R²), times the texels that the sample stands for.
+    const double ahead = direction.cwiseAbs().maxCoeff();
+    moments.add(texels * texel_area_ * ahead * ahead * ahead, direction,
+                Eigen::Map<const Eigen::ArrayXf>(values, moments.sum.size()).cast<double>());
   }
 
   const TransferSamples& transfer_;
@@ -327,6 +482,11 @@ class GroupCut {
   double limit_;
   double texel_area_;  // on a cube whose faces are at distance 1
   std::vector<float> values_;
+  int top_ = 0;  // of the face that is looked at
+  Eigen::Matrix3d from_face_;
+  std::unordered_map<std::uint32_t, std::uint32_t> traced_;  // places in traced_values_
+  std::vector<float> traced_values_;
+  std::vector<std::pair<int, double>> across_, down_;
   std::vector<Cone> lobes_;
   std::vector<Leaf> leaves_;
   std::uint64_t rays_ = 0, lights_ = 0;
@@ -379,24 +539,32 @@ void check(const ClusterOptions& options) {
           "bounces " + std::to_string(options.bounces) + " of light are out of range; give 0 to 16");
 }
 
-/// Gives the squares in use their numbers in the basis, by name: whole faces first, then their quarters, …
-std::vector<Box> number_squares(std::vector<GroupWeights>& weights, int resolution) {
+/// Gives the kernels in use their numbers in the basis, by name: of both kinds whole faces first, then their
+/// quarters, …
+void number_kernels(std::vector<GroupWeights>& weights, int resolution, LightBasis& basis) {
   std::vector<bool> used;
   for (const GroupWeights& group : weights)
-    for (const std::uint32_t name : group.square) {
-      if (name >= used.size()) used.resize(name + 1);
-      used[name] = true;
+    for (const std::uint32_t key : group.kernel) {
+      if (key >= used.size()) used.resize(key + 1);
+      used[key] = true;
     }
-  std::vector<std::uint32_t> names;
-  for (std::uint32_t name = 0; name < used.size(); ++name)
-    if (used[name]) names.push_back(name);
+  std::vector<std::uint32_t> numbers(used.size());
+  for (std::uint32_t key = 0; key < used.size(); ++key) {
+    if (!used[key]) continue;
+    const Box box = box_of_name(key / 4, resolution);
+    const auto kernel = static_cast<SquareKernel>(key % 4);
+    if (kernel == SquareKernel::constant) {
+      numbers[key] = static_cast<std::uint32_t>(basis.boxes.size());
+      basis.boxes.push_back(box);
+    } else {
+      numbers[key] = static_cast<std::uint32_t>(basis.vector_boxes.size());
+      basis.vector_boxes.push_back({box, corner_functions(box, resolution)[key % 4 - 1].cast<float>()});
+    }
+  }
+  const auto after = static_cast<std::uint32_t>(basis.vector_boxes.size());
   tbb::parallel_for(std::size_t{0}, weights.size(), [&](std::size_t g) {
-    for (std::uint32_t& square : weights[g].square)
-      square = static_cast<std::uint32_t>(std::ranges::lower_bound(names, square) - names.begin());
+    for (std::uint32_t& kernel : weights[g].kernel) kernel = numbers[kernel] + (kernel % 4 == 0 ? after : 0);
   });
-  std::vector<Box> boxes;
-  for (const std::uint32_t name : names) boxes.push_back(box_of_name(name, resolution));
-  return boxes;
 }
 
 /// What rows of the field are made from.
@@ -424,13 +592,13 @@ struct Clusters {
   void append_output(const GroupWeights& group, std::size_t output, std::vector<std::uint32_t>& columns,
                      std::vector<float>& row) const {
     const std::uint8_t* weight = group.weight.data() + output;
-    for (std::size_t k = 0; k < group.square.size(); ++k) {
+    for (std::size_t k = 0; k < group.kernel.size(); ++k) {
       std::array<float, 3> values{};
       for (int c = 0; c < channels; ++c, weight += group_outputs)
         values[c] = group.scale[k] * static_cast<float>(*weight);
       if (channels == 1) values.fill(values[0]);
       if (values[0] + values[1] + values[2] == 0.0f) continue;
-      columns.push_back(group.square[k]);
+      columns.push_back(group.kernel[k]);
       row.insert(row.end(), values.begin(), values.end());
     }
   }
@@ -440,7 +608,7 @@ void count(const Clusters& clusters, ClusterStatistics& statistics) {
   constexpr float bytes_of_white = 255.0f * std::numbers::pi_v<float>;
   for (const GroupWeights& group : clusters.weights) {
     const std::size_t size = group_outputs * static_cast<std::size_t>(clusters.channels);
-    for (std::size_t k = 0; k < group.square.size(); ++k)
+    for (std::size_t k = 0; k < group.kernel.size(); ++k)
       for (std::size_t i = 0; i < group_outputs; ++i) {
         bool any = false;
         for (std::size_t v = k * size + i; v < (k + 1) * size; v += group_outputs) {
@@ -514,9 +682,9 @@ FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, Cl
   field.outline.height = clusters->layout.height;
   field.outline.basis.domain = cube_domain(options.resolution);
   field.outline.basis.measure = Measure::solid_angle;
-  field.outline.basis.boxes = number_squares(clusters->weights, options.resolution);
+  number_kernels(clusters->weights, options.resolution, field.outline.basis);
   if (options.relighting == Relighting::geometry) field.outline.mesh = coloured(scene);
-  statistics.clusters = field.outline.basis.boxes.size();
+  statistics.clusters = field.outline.basis.size();
   count(*clusters, statistics);
   statistics.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   field.outline.provenance = provenance_of(options, statistics);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <Eigen/Core>
+
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -16,20 +18,27 @@
 
 namespace refield::prt {
 
+/// What a weight says of an output's transfer from a square: the constant that stands for it, or the value of
+/// a linear function of the direction at one of three corners.
+enum class SquareKernel : std::uint8_t { constant, upper_left, upper_right, lower_left };
+
 /// The transfer of 16 outputs from some light clusters, one byte each weight with a common scale for a
-/// square (section 6 of Johan and Nishita has one byte and no zeros; here squares that give nothing to all 16
+/// kernel (section 6 of Johan and Nishita has one byte and no zeros; here kernels that give nothing to all 16
 /// are dropped).
 struct GroupWeights {
-  std::vector<std::uint32_t> square;  ///< name while clustering, then number in the basis
-  std::vector<float> scale;           ///< [squares]
-  std::vector<std::uint8_t> weight;   ///< [squares × values]
+  std::vector<std::uint32_t> kernel;  ///< kernel_key() while clustering, then number in the basis
+  std::vector<float> scale;           ///< [kernels]
+  std::vector<std::uint8_t> weight;   ///< [kernels × values]
 
-  /// `values` ≥ 0, as many for each square.
-  void append(std::uint32_t name, std::span<const float> values) {
+  static std::uint32_t kernel_key(std::uint32_t square, SquareKernel of) {
+    return 4 * square + static_cast<std::uint32_t>(of);
+  }
+  /// `values` ≥ 0, as many for each kernel.
+  void append(std::uint32_t key, std::span<const float> values) {
     constexpr float largest = 255.0f, half = 0.5f;
     const float top = *std::ranges::max_element(values);
     if (top <= 0.0f) return;
-    square.push_back(name);
+    kernel.push_back(key);
     scale.push_back(top / largest);
     for (const float value : values)
       weight.push_back(static_cast<std::uint8_t>(value / top * largest + half));
@@ -52,6 +61,12 @@ std::array<CubeSquare, 4> quadrisect(const CubeSquare& square);
 /// The box of a name.
 Box box_of_name(std::uint32_t name, int resolution);
 
+/// Directions of a square's corners: upper left, upper right, lower left, lower right.
+std::array<Eigen::Vector3d, 4> corners_of(const Box& square, int resolution);
+/// The linear functions of the direction, vector · ω, that are 1 at one of the first three corners and 0 at
+/// the others: weights of a function that is nowhere negative in the square are its values there.
+std::array<Eigen::Vector3d, 3> corner_functions(const Box& square, int resolution);
+
 /// Which outputs decide together how light is clustered.
 ///  - all_outputs: one clustering for all, by the norm over all outputs (Johan and Nishita, eq. 11).
 ///  - all_by_solid_angle: the same norm, times the light that a square can bring: a square that is large is
@@ -70,9 +85,10 @@ struct ClusterOptions {
   /// Clustering error threshold.
   ///  - all_outputs: ε of eq. 11, ‖T_C − T_l‖ ∕ N < ε for all samples l (and, of an image, each channel).
   ///  - all_by_solid_angle: Ω ‖T_C − T_l‖ ∕ √N < ε for a square of solid angle Ω.
-  ///  - group: a square of solid angle Ω is cut while Ω · σ(T) > ε for an output (and channel) of the group,
-  ///    σ² being the variance of T over its samples: what the output changes by, of what white would give
-  ///    under white light, when the square's light is as strong but comes from elsewhere in it.
+  ///  - group: a square of solid angle Ω is cut while Ω · σ > ε for an output (and channel) of the group,
+  ///    σ² being the mean squared difference between T and its fit over the square's samples: what the output
+  ///    changes by, of what white would give under white light, when the square's light is as strong but
+  ///    comes from elsewhere in it.
   double epsilon = 1e-4;
   int pixel_samples = 1;  ///< image relighting: points along a pixel's side, 1 to 8
   int bounces = 0;        ///< of light between diffuse surfaces; 0 to 16. The paper has none
@@ -91,9 +107,10 @@ struct ClusterStatistics {
 };
 
 /// The scene's transfer from squares of a cube map: a field over boxes with Measure::solid_angle; a weight is
-/// the mean of T over a square's samples (eq. 10). Throws InputError for options out of range and scenes that
-/// do not suit (layout_of()), Interrupted after Ctrl-C. Results do not depend on the number of threads. The
-/// rows hold what they need of the scene.
+/// the mean of T over a square's samples (eq. 10), or with cuts of groups the fit of T by a linear function
+/// of the direction (VectorBox). Throws InputError for options out of range and scenes that do not suit
+/// (layout_of()), Interrupted after Ctrl-C. Results do not depend on the number of threads. The rows hold
+/// what they need of the scene.
 FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics,
                            const RunContext& run = {});
 
@@ -108,8 +125,12 @@ std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::s
 /// For each group of 16 outputs its own cut through the quadtrees of light (Similarity::group). Every face
 /// is looked at in squares of an eighth of its side at least, and in squares as narrow as the lobe where
 /// outputs mirror; a square whose samples differ is quadrisected; then squares are joined again from the
-/// bottom up as long as the loss allows, assessed by all samples under them. Weights are means over all of
-/// these, each counting by its solid angle.
+/// bottom up as long as the loss allows, assessed by all samples under them, each counting by its solid
+/// angle.
+///
+/// In a square T is fitted by a constant, one weight, or where that does not do by a linear function of the
+/// direction, three: exact for a diffuse surface that sees all of the square, as most do. The fit has the
+/// mean of T, and is scaled towards it where it would be negative, so that no weight is negative.
 std::vector<GroupWeights> cut_groups(const TransferSamples& transfer, const ClusterOptions& options,
                                      ClusterStatistics& statistics, const RunContext& run);
 

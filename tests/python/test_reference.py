@@ -206,8 +206,8 @@ def test_shadow(tmp_path):
         field = refield.precompute(scene.write(tmp_path), resolution=128, epsilon=epsilon)
         image = field.relight(refield.environment(sky, field))
         errors.append(relative_rmse(image[whole], truth[whole]))
-    assert errors[0] < 0.0048 and errors[1] < 0.0037 and errors[2] < 0.0022
-    assert errors == sorted(errors, reverse=True)
+    # What is left is the sun, one texel, in squares that the edge crosses: which ones is luck while they are large.
+    assert errors[0] < 0.0036 and errors[1] < 0.0036 and errors[2] < 0.0015
 
 
 @pytest.mark.parametrize("method, settings, bound", [
