@@ -56,10 +56,8 @@ void FieldPictures::lay_out(RelightPrecision precision) {
   const LightDomain& domain = field_->basis.domain;
   if (domain.width > small_box_limit || domain.height > small_box_limit) return;
   relighters_ = std::make_shared<Relighters>(Relighter(*field_, precision));
-  const auto boxes = relighters_->first.summed_boxes();
-  if (!boxes.empty())
-    box_projector_ =
-        std::make_shared<const BoxProjector>(domain.width, relighters_->first.summed_vector_boxes(), boxes);
+  if (auto boxes = relighters_->first.box_projector())
+    box_projector_ = std::make_shared<const BoxProjector>(std::move(*boxes));
 }
 
 Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) const {

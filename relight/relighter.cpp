@@ -13,7 +13,6 @@
 #include <utility>
 
 #include "core/base/errors.h"
-#include "relight/environment/environment.h"
 
 namespace refield {
 
@@ -127,11 +126,12 @@ Relighter::Relighter(PackedField&& packed)
 }
 
 void Relighter::list_boxes(const LightBasis& basis) {
+  sums_suffice_ = box_sums_suffice(basis);
   std::visit(
       [&](const auto& transfer) {
         for (std::size_t i = smooth_.count(); i < transfer.common.size(); ++i)
           common_boxes_.push_back(small_box(basis.box(transfer.common[i])));
-        if (!box_sums_suffice(basis)) return;
+        if (!sums_suffice_) return;
         summed_vector_boxes_ = basis.vector_boxes;
         summed_boxes_ = common_boxes_;
         for (int at = 0; at < transfer.tiles(); ++at) {
@@ -142,9 +142,14 @@ void Relighter::list_boxes(const LightBasis& basis) {
         }
       },
       *transfer_);
-  if (!summed_boxes_.empty() && precision_ == RelightPrecision::fast &&
+  if (sums_suffice_ && precision_ == RelightPrecision::fast &&
       SquareSums::can_sum(domain_.width, summed_vector_boxes_, summed_boxes_))
     square_sums_ = std::make_shared<const SquareSums>(domain_.width, summed_vector_boxes_, summed_boxes_);
+}
+
+std::optional<BoxProjector> Relighter::box_projector() const {
+  if (!sums_suffice_) return std::nullopt;
+  return BoxProjector(domain_.width, summed_vector_boxes_, summed_boxes_);
 }
 
 void Relighter::show_sums(std::span<const float> sums, const PixelTarget& target) {
@@ -157,7 +162,7 @@ void Relighter::show_sums(std::span<const float> sums, const PixelTarget& target
 
 const Image& Relighter::relight(std::span<const float> sums) {
   const std::size_t wanted = 3 * (summed_vector_boxes_.size() + summed_boxes_.size());
-  if (summed_boxes_.empty() || sums.size() != wanted)
+  if (!sums_suffice_ || sums.size() != wanted)
     throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
                      std::to_string(wanted));
   show_sums(sums, image_);

@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <variant>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "core/field_io/packed_field.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "relight/environment/environment.h"
 #include "relight/tiles/square_sums.h"
 #include "relight/tiles/tile_change.h"
 #include "relight/tiles/tile_product.h"
@@ -54,13 +56,11 @@ class Relighter {
   const Image& update(const LightMap& light, const Box& changed);
   static constexpr int refresh_period = 256;
 
-  /// The kernels of a field whose coefficients are sums of light over vector boxes and boxes alone (see
-  /// box_sums_suffice()): with these, no light map is needed. Empty for other fields.
-  std::span<const VectorBox> summed_vector_boxes() const { return summed_vector_boxes_; }
-  std::span<const SmallBox> summed_boxes() const { return summed_boxes_; }
-  /// The scene under a light whose coefficients over these, vector boxes first, are `sums` [kernels × 3];
-  /// valid until the next call. The next update() computes the whole image. Throws InputError for another
-  /// number of sums.
+  /// Integrates environments for relight(sums), without a light map, where the field's coefficients are sums
+  /// over vector boxes and boxes alone (box_sums_suffice()); else nothing.
+  std::optional<BoxProjector> box_projector() const;
+  /// The scene under a light whose coefficients are `sums`, as box_projector() has them; valid until the next
+  /// call. The next update() computes the whole image. Throws InputError for another number of sums.
   const Image& relight(std::span<const float> sums);
 
   const TransferTiles& transfer() const { return *transfer_; }
@@ -85,6 +85,7 @@ class Relighter {
   std::shared_ptr<const TransferTiles> transfer_;
   KernelBlocks blocks_;                 // of transfer_; empty before the first change
   std::vector<SmallBox> common_boxes_;  // of the common kernels that are no hats
+  bool sums_suffice_ = false;
   std::vector<VectorBox> summed_vector_boxes_;
   std::vector<SmallBox> summed_boxes_;  // the common ones, then each tile's own
   std::vector<std::uint32_t>

@@ -100,7 +100,7 @@ class Screen {
  public:
   explicit Screen(const refield::ReflectanceField& field)
       : relighter_(field),
-        boxes_(field.basis.domain.width, relighter_.summed_boxes()),
+        boxes_(relighter_.box_projector().value()),
         view_(field, *field.mesh->camera),
         rgba_(view_.camera().width * static_cast<std::size_t>(view_.camera().height) * 4) {}
 

@@ -50,10 +50,8 @@ class Comparison {
  public:
   explicit Comparison(const refield::ReflectanceField& field)
       : relighter_(field, refield::RelightPrecision::fine),
-        projector_(field.basis.domain, monitors_of(field)) {
-    if (!relighter_.summed_boxes().empty())
-      boxes_.emplace(field.basis.domain.width, relighter_.summed_boxes());
-  }
+        projector_(field.basis.domain, monitors_of(field)),
+        boxes_(relighter_.box_projector()) {}
 
   void add(const std::string& name, const LightMap& map, int rotations, refield::Rng& rng) {
     double of_picture = 0.0, of_light = 0.0, fast_time = 0.0, exact_time = 0.0;

@@ -543,7 +543,7 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
 }
 
 bool box_sums_suffice(const LightBasis& basis) {
-  return basis.measure == Measure::solid_angle && basis.first_vector_box() == 0 && !basis.boxes.empty() &&
+  return basis.measure == Measure::solid_angle && basis.first_vector_box() == 0 && basis.size() > 0 &&
          basis.domain.parameterisation == Parameterisation::cube && basis.domain.height <= small_box_limit;
 }
 

@@ -406,13 +406,11 @@ class GroupCut {
     if (box.area() <= 1) return false;
     if (box.width() * coarsest_side > options_.resolution) return true;
     if (lobes_.empty()) return false;
-    const auto at = [&](double x, double y) { return cube_direction(x, y, options_.resolution); };
-    // Rows of the face's lower edge belong to the next face: stay a little inside.
-    const double x0 = box.x0, x1 = box.x1, y0 = box.y0 + 1e-6, y1 = box.y1 - 1e-6;
-    const Eigen::Vector3d middle = at(0.5 * (x0 + x1), 0.5 * (y0 + y1));
-    const double nearest = std::min(
-        {middle.dot(at(x0, y0)), middle.dot(at(x1, y0)), middle.dot(at(x0, y1)), middle.dot(at(x1, y1))});
-    const double radius = std::acos(std::min(nearest, 1.0));
+    const auto corners = corners_of(box, options_.resolution);
+    const Eigen::Vector3d middle = (corners[0] + corners[3]).normalized();
+    double nearest = 1.0;
+    for (const Eigen::Vector3d& corner : corners) nearest = std::min(nearest, middle.dot(corner));
+    const double radius = std::acos(nearest);
     return std::ranges::any_of(lobes_, [&](const Cone& lobe) {
       return radius > lobe.angle &&
              middle.dot(lobe.direction) > std::cos(std::min(radius + lobe.angle, std::numbers::pi));

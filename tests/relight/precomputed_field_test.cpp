@@ -180,6 +180,27 @@ TEST(PrecomputedFields, HaveVectorBoxesOnOneFaceEach) {
             std::string::npos);
 }
 
+// As of an open plane: it sees all of the upper face, and no square needs a constant.
+TEST(PrecomputedFields, MayHaveVectorBoxesAlone) {
+  constexpr int resolution = 16;
+  const Box up{0, 2 * resolution, resolution, 3 * resolution};
+  ReflectanceField field;
+  field.width = field.height = 1;
+  field.basis = {cube_domain(resolution), {}, {}, Measure::solid_angle};
+  field.basis.vector_boxes = {{up, {0.0f, 1.0f, 0.0f}}};
+  field.transfer.append_row(std::vector<std::uint32_t>{0}, std::vector<float>(3, 0.5f));
+  const LightMap white{Image(resolution, cube_faces * resolution, 3, 1.0f), Parameterisation::cube};
+  const float expected = field.relight(white).values[0];
+  EXPECT_GT(expected, 0.8f);
+  const PreparedEnvironment environment({Image(64, 32, 3, 1.0f), Parameterisation::lat_long});
+  for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
+    Relighter relighter(field, precision);
+    EXPECT_NEAR(relighter.relight(white).values[0], expected, 1e-5);
+    EXPECT_NEAR(relighter.relight(relighter.box_projector().value().project(environment, {})).values[0],
+                expected, 1e-5);
+  }
+}
+
 TEST(PrecomputedFields, SumLightBySolidAngle) {
   ReflectanceField field;
   field.width = field.height = 1;
@@ -208,9 +229,7 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
   constexpr double float_error = 1e-5;
 
   Relighter relighter(field, RelightPrecision::fine);
-  const std::vector<float> sums =
-      BoxProjector(side, relighter.summed_vector_boxes(), relighter.summed_boxes())
-          .project(*environment, turn);
+  const std::vector<float> sums = relighter.box_projector().value().project(*environment, turn);
   EXPECT_LT(relative_rmse(relighter.relight(sums), expected), fine_error);
   EXPECT_LT(relative_rmse(relighter.update(map, {0, 0, side, cube_faces * side}), expected), fine_error);
   EXPECT_THROW(relighter.relight(std::span(sums).first(3)), InputError);

@@ -34,16 +34,15 @@ ViewRelighter::ViewRelighter(Relighter relighter, const RunContext& run)
       relit_by_{LightSetup(relighter_.domain()), std::nullopt},
       probe_light_{Image(relighter_.domain().width, relighter_.domain().height, 3),
                    relighter_.domain().parameterisation} {
-  const auto boxes = relighter_.summed_boxes();
-  if (boxes.empty() || !panorama_.is_cube()) return;
-  summed_.emplace(SummedEnvironment{
-      .relighter = relighter_,
-      .boxes = BoxProjector(relighter_.domain().width, relighter_.summed_vector_boxes(), boxes),
-      .shown = EnvironmentProjector(panorama_.shown(), {}, run),
-      .of = std::nullopt,
-      .straight = {},
-      .outputs = {},
-      .panorama = {}});
+  auto boxes = relighter_.box_projector();
+  if (!boxes || !panorama_.is_cube()) return;
+  summed_.emplace(SummedEnvironment{.relighter = relighter_,
+                                    .boxes = std::move(*boxes),
+                                    .shown = EnvironmentProjector(panorama_.shown(), {}, run),
+                                    .of = std::nullopt,
+                                    .straight = {},
+                                    .outputs = {},
+                                    .panorama = {}});
 }
 
 bool ViewRelighter::is_summed(const LightSetup& setup) const {
