@@ -666,8 +666,8 @@ std::vector<std::size_t> firsts_of_boxes(std::span<const VectorBox> kernels) {
 
 std::vector<SmallBox> distinct_boxes(std::span<const VectorBox> kernels) {
   std::vector<SmallBox> boxes;
-  for (std::size_t k = 0; k < kernels.size(); ++k)
-    if (k == 0 || kernels[k].box != kernels[k - 1].box) boxes.push_back(small_box(kernels[k].box));
+  for (const std::size_t first : firsts_of_boxes(kernels))
+    if (first < kernels.size()) boxes.push_back(small_box(kernels[first].box));
   return boxes;
 }
 

@@ -11,6 +11,7 @@
 #include <cmath>
 
 #include "core/light/cube_map.h"
+#include "relight/tiles/tile_product.h"
 
 namespace refield {
 
@@ -27,11 +28,6 @@ bool is_power_of_two(int number) {
   return number > 0 && (number & (number - 1)) == 0;
 }
 
-SmallBox small(const Box& box) {
-  return {static_cast<std::int16_t>(box.x0), static_cast<std::int16_t>(box.y0),
-          static_cast<std::int16_t>(box.x1), static_cast<std::int16_t>(box.y1)};
-}
-
 }  // namespace
 
 bool SquareSums::can_sum(int resolution, std::span<const VectorBox> vector_boxes,
@@ -42,7 +38,7 @@ bool SquareSums::can_sum(int resolution, std::span<const VectorBox> vector_boxes
            box.y0 % side == 0;
   };
   return is_power_of_two(resolution) && std::ranges::all_of(boxes, is_square) &&
-         std::ranges::all_of(vector_boxes, [&](const VectorBox& of) { return is_square(small(of.box)); });
+         std::ranges::all_of(vector_boxes, [&](const VectorBox& of) { return is_square(small_box(of.box)); });
 }
 
 SquareSums::SquareSums(int resolution, std::span<const VectorBox> vector_boxes,
@@ -72,7 +68,7 @@ SquareSums::SquareSums(int resolution, std::span<const VectorBox> vector_boxes,
         static_cast<std::size_t>((face * blocks_ + top / block_side_) * blocks_ + box.x0 / block_side_);
     found.emplace_back(square.level > block_level_ ? all : block, square);
   };
-  for (const VectorBox& of : vector_boxes) add(small(of.box), &of.vector);
+  for (const VectorBox& of : vector_boxes) add(small_box(of.box), &of.vector);
   for (const SmallBox& box : boxes) add(box, nullptr);
   std::ranges::stable_sort(found, {}, [](const auto& placed) { return placed.first; });
   first_.assign(static_cast<std::size_t>(cube_faces) * blocks_ * blocks_ + 1, 0);

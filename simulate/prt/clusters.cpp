@@ -540,28 +540,35 @@ void check(const ClusterOptions& options) {
 /// Gives the kernels in use their numbers in the basis, by name: of both kinds whole faces first, then their
 /// quarters, …
 void number_kernels(std::vector<GroupWeights>& weights, int resolution, LightBasis& basis) {
+  const auto is_constant = [](std::uint32_t key) {
+    return static_cast<SquareKernel>(key % 4) == SquareKernel::constant;
+  };
   std::vector<bool> used;
   for (const GroupWeights& group : weights)
     for (const std::uint32_t key : group.kernel) {
       if (key >= used.size()) used.resize(key + 1);
       used[key] = true;
     }
-  std::vector<std::uint32_t> numbers(used.size());
+  // Keys, not a table of all that there may be: of 4096² texels per face that would take gigabytes.
+  std::vector<std::uint32_t> vectors, constants;
   for (std::uint32_t key = 0; key < used.size(); ++key) {
     if (!used[key]) continue;
     const Box box = box_of_name(key / 4, resolution);
-    const auto kernel = static_cast<SquareKernel>(key % 4);
-    if (kernel == SquareKernel::constant) {
-      numbers[key] = static_cast<std::uint32_t>(basis.boxes.size());
+    if (is_constant(key)) {
+      constants.push_back(key);
       basis.boxes.push_back(box);
     } else {
-      numbers[key] = static_cast<std::uint32_t>(basis.vector_boxes.size());
+      vectors.push_back(key);
       basis.vector_boxes.push_back({box, corner_functions(box, resolution)[key % 4 - 1].cast<float>()});
     }
   }
-  const auto after = static_cast<std::uint32_t>(basis.vector_boxes.size());
   tbb::parallel_for(std::size_t{0}, weights.size(), [&](std::size_t g) {
-    for (std::uint32_t& kernel : weights[g].kernel) kernel = numbers[kernel] + (kernel % 4 == 0 ? after : 0);
+    for (std::uint32_t& kernel : weights[g].kernel) {
+      const auto& keys = is_constant(kernel) ? constants : vectors;
+      const std::size_t first = is_constant(kernel) ? vectors.size() : 0;
+      kernel = static_cast<std::uint32_t>(
+          first + static_cast<std::size_t>(std::ranges::lower_bound(keys, kernel) - keys.begin()));
+    }
   });
 }
 

@@ -56,7 +56,7 @@ TEST(ClusterHighlights, OfFewPixelsAmongManyDiffuseOnesAreKeptByCutsOfGroupsWith
   constexpr double good_diffuse = 0.06;   // both are as good on diffuse pixels
   constexpr double good_highlight = 0.1;  // the norm over all pixels is only printed: about 0.4
   const GlossyError all = glossy_error(Similarity::all_outputs, 1e-3);
-  const GlossyError groups = glossy_error(Similarity::group, 4e-3);
+  const GlossyError groups = glossy_error(Similarity::group, 2e-3);
   EXPECT_LT(all.diffuse, good_diffuse);
   EXPECT_LT(groups.diffuse, good_diffuse);
   EXPECT_LT(groups.glossy, good_highlight);
