@@ -129,19 +129,17 @@ namespace {
 /// Means of the harmonics over texel (x, y), by the four Gauss points of the square and their densities of
 /// solid angle: exact but for the fourth power of (order ∕ resolution).
 void texel_means(int order, int x, int y, int resolution, std::vector<double>& means) {
-  const double off = 0.5 / std::sqrt(3.0);
   std::array<double, harmonics_of(largest_harmonics_order)> at_point;
   const auto functions = static_cast<std::size_t>(harmonics_of(order));
   means.assign(functions, 0.0);
   double total = 0.0;
-  for (const double column : {x + 0.5 - off, x + 0.5 + off})
-    for (const double row : {y + 0.5 - off, y + 0.5 + off}) {
-      const Eigen::Vector3d direction = cube_direction(column, row, resolution);
-      const double density = std::pow(direction.cwiseAbs().maxCoeff(), 3);
-      evaluate_harmonics(order, direction, std::span(at_point).first(functions));
-      for (std::size_t i = 0; i < functions; ++i) means[i] += density * at_point[i];
-      total += density;
-    }
+  for (const auto& [column, row] : square_gauss_points) {
+    const Eigen::Vector3d direction = cube_direction(x + column, y + row, resolution);
+    const double density = std::pow(direction.cwiseAbs().maxCoeff(), 3);
+    evaluate_harmonics(order, direction, std::span(at_point).first(functions));
+    for (std::size_t i = 0; i < functions; ++i) means[i] += density * at_point[i];
+    total += density;
+  }
   for (double& mean : means) mean /= total;
 }
 
@@ -287,6 +285,14 @@ class VectorBoxTable::FaceSums {
   std::vector<Eigen::Matrix3d> sums_;  // [rows + 1][columns + 1]
 };
 
+std::vector<std::size_t> firsts_of_boxes(std::span<const VectorBox> kernels) {
+  std::vector<std::size_t> firsts;
+  for (std::size_t k = 0; k < kernels.size(); ++k)
+    if (k == 0 || kernels[k].box != kernels[k - 1].box) firsts.push_back(k);
+  firsts.push_back(kernels.size());
+  return firsts;
+}
+
 VectorBoxTable::VectorBoxTable(std::span<const VectorBox> kernels, int resolution)
     : resolution_(resolution), means_(static_cast<std::size_t>(resolution) * resolution) {
   for (const VectorBox& kernel : kernels) {
@@ -301,9 +307,9 @@ VectorBoxTable::VectorBoxTable(std::span<const VectorBox> kernels, int resolutio
       std::ranges::sort(*edges);
       edges->erase(std::ranges::unique(*edges).begin(), edges->end());
     }
-  for (std::size_t k = 0; k < kernels.size(); ++k) {
+  for (const std::size_t k : firsts_of_boxes(kernels)) {
+    if (k == kernels.size()) break;
     const Box& box = kernels[k].box;
-    if (k > 0 && box == kernels[k - 1].box) continue;
     const int face = box.y0 / resolution, top = face * resolution;
     const auto place = [](const std::vector<int>& edges, int at) {
       return static_cast<int>(std::ranges::lower_bound(edges, at) - edges.begin());
@@ -342,12 +348,10 @@ std::vector<double> VectorBoxTable::project(const Image& part, const Box& within
 double LightBasis::area(std::size_t kernel) const {
   if (is_vector_box(kernel)) {
     const VectorBox& of = vector_boxes[kernel - first_vector_box()];
-    const double off = 0.5 / std::sqrt(3.0);  // of the Gauss points
     double sum = 0.0;
-    for (const double x : {0.5 - off, 0.5 + off})
-      for (const double y : {0.5 - off, 0.5 + off})
-        sum += std::abs(of.vector.cast<double>().dot(
-            cube_direction(of.box.x0 + x * of.box.width(), of.box.y0 + y * of.box.height(), domain.width)));
+    for (const auto& [x, y] : square_gauss_points)
+      sum += std::abs(of.vector.cast<double>().dot(
+          cube_direction(of.box.x0 + x * of.box.width(), of.box.y0 + y * of.box.height(), domain.width)));
     return 0.25 * sum * cube_solid_angle(of.box, domain.width);
   }
   if (!is_smooth(kernel))

@@ -77,6 +77,9 @@ struct VectorBox {
   bool operator==(const VectorBox&) const = default;
 };
 
+/// The first of each run of kernels with the same box, then their number.
+std::vector<std::size_t> firsts_of_boxes(std::span<const VectorBox> kernels);
+
 /// Sums light over vector boxes: over each texel once, however many boxes lie on it.
 class VectorBoxTable {
  public:

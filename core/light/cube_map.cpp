@@ -50,16 +50,15 @@ double cube_solid_angle(const Box& box, int resolution) {
 }
 
 Eigen::Vector3d cube_mean_direction(int x, int y, int resolution) {
-  const double off = 0.5 / std::sqrt(3.0), step = 2.0 / resolution;
+  const double step = 2.0 / resolution;
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   double total = 0.0;
-  for (const double column : {x + 0.5 - off, x + 0.5 + off})
-    for (const double row : {y % resolution + 0.5 - off, y % resolution + 0.5 + off}) {
-      const Eigen::Vector3d on_face(column * step - 1.0, 1.0 - row * step, 1.0);
-      const double squared = on_face.squaredNorm(), density = 1.0 / (squared * std::sqrt(squared));
-      sum += density / std::sqrt(squared) * on_face;
-      total += density;
-    }
+  for (const auto& [column, row] : square_gauss_points) {
+    const Eigen::Vector3d on_face((x + column) * step - 1.0, 1.0 - (y % resolution + row) * step, 1.0);
+    const double squared = on_face.squaredNorm(), density = 1.0 / (squared * std::sqrt(squared));
+    sum += density / std::sqrt(squared) * on_face;
+    total += density;
+  }
   return sum / total;
 }
 

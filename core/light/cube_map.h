@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "core/light/light_map.h"
@@ -27,8 +28,14 @@ double cube_solid_angle(int x, int y, int resolution);
 double cube_solid_angle(const Box& box, int resolution);
 /// Those of a face's texels, [resolution²], row by row.
 std::vector<float> cube_solid_angles(int resolution);
+/// The four Gauss points of the unit square, (column, row), all of weight ¼: exact for cubics of both.
+inline constexpr std::array<std::array<double, 2>, 4> square_gauss_points{
+    {{0.21132486540518712, 0.21132486540518712},
+     {0.21132486540518712, 0.78867513459481288},
+     {0.78867513459481288, 0.21132486540518712},
+     {0.78867513459481288, 0.78867513459481288}}};
 /// Mean direction of a texel, in the axes of its face (cube_face_axes()); not quite a unit vector. By the
-/// four Gauss points of the square: exact but for the fourth power of 1 ∕ R.
+/// Gauss points of the square: exact but for the fourth power of 1 ∕ R.
 Eigen::Vector3d cube_mean_direction(int x, int y, int resolution);
 
 }  // namespace refield

@@ -655,15 +655,6 @@ void BoxProjector::Edges::sum_around(const PreparedEnvironment& environment,
 
 namespace {
 
-/// The first of each run of kernels with the same box, and their number.
-std::vector<std::size_t> firsts_of_boxes(std::span<const VectorBox> kernels) {
-  std::vector<std::size_t> firsts;
-  for (std::size_t k = 0; k < kernels.size(); ++k)
-    if (k == 0 || kernels[k].box != kernels[k - 1].box) firsts.push_back(k);
-  firsts.push_back(kernels.size());
-  return firsts;
-}
-
 std::vector<SmallBox> distinct_boxes(std::span<const VectorBox> kernels) {
   std::vector<SmallBox> boxes;
   for (const std::size_t first : firsts_of_boxes(kernels))
