@@ -110,10 +110,7 @@ std::string camera_line() {
   std::string device;
   for (const V4l2Identity& camera : find_v4l2_cameras())
     if (device.empty()) device = camera.card;
-  std::string line = "device = \"";
-  for (const char c : device.empty() ? std::string("HD Pro Webcam C920") : device)
-    line += c == '"' || c == '\\' || static_cast<unsigned char>(c) < 32 ? '?' : c;
-  line += "\"";
+  std::string line = "device = " + toml_text(device.empty() ? "HD Pro Webcam C920" : device);
   line.resize(std::max<std::size_t>(line.size() + 1, 34), ' ');
   return line + (device.empty() ? "# 'refield acquire devices' lists names" : "# found on this machine") +
          "; also /dev/video0, a bus, genicam:SERIAL, gphoto:MODEL or\n"
