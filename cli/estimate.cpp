@@ -192,9 +192,9 @@ void run(EstimateArguments arguments, const Common& common) {
   const CaptureOptions& capture = arguments.capture;
   const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
                         ".rfield");
-  announce(arguments, plan_estimate(session, arguments.options, run_context()));
   const EstimateSummary summary =
-      estimate_to_file(session, arguments.options, arguments.output, arguments.resume, run_context());
+      estimate_to_file(session, arguments.options, arguments.output, arguments.resume, run_context(),
+                       [&](const EstimatePlan& plan) { announce(arguments, plan); });
   auto log = log_of(arguments, summary);
   const auto held_out = held_out_of(arguments, session);
   if (!held_out.empty())

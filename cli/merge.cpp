@@ -14,7 +14,7 @@
 #include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
-#include "core/field_io/reflectance_field_file.h"
+#include "estimate/estimate.h"
 
 namespace refield::cli {
 
@@ -30,14 +30,15 @@ struct MergeArguments {
 void merge(const MergeArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   const OutputLock lock(arguments.output, arguments.parts, ".rfield");
-  const ReflectanceField field = merge_field_parts(arguments.parts, run_context());
-  write_reflectance_field(arguments.output, field);
+  const ReflectanceField field = merge_field_parts(arguments.parts, arguments.output, run_context());
+  std::error_code ignored;  // large, and of no use once all shards are there
+  for (const fs::path& part : arguments.parts) fs::remove(part.parent_path() / light_tables_name, ignored);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const nlohmann::ordered_json figures = {{"parts", arguments.parts.size()},
                                           {"width", field.width},
                                           {"height", field.height},
                                           {"distinct_boxes", field.basis.boxes.size()},
-                                          {"kernels", field.transfer.entries()}};
+                                          {"kernels", field.transfer.row_start.back()}};
   report::write_run_log(arguments.output, "merge", seconds, figures);
   if (common.json)
     std::printf("%s\n", json_text(figures, 2).c_str());

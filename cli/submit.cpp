@@ -24,7 +24,6 @@
 #include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
-#include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
 #include "estimate/estimate.h"
 
@@ -165,7 +164,7 @@ void merge_shards(ClusterJob& job) {
   for (int shard = 1; shard <= job.shards; ++shard) parts.push_back(shard_file(job, shard));
   {
     const OutputLock lock(job.output, parts, ".rfield");
-    write_reflectance_field(job.output, merge_field_parts(parts, run_context()));
+    merge_field_parts(parts, job.output, run_context());
     report::write_run_log(job.output, "merge", std::chrono::duration<double>(Clock::now() - start).count(),
                           {{"parts", parts.size()}, {"rounds", job.rounds.size()}});
   }
@@ -480,8 +479,10 @@ std::pair<ClusterJob, CostEstimate> plan(SubmitArguments& arguments) {
                        ? minutes_from_text(arguments.time)
                        : min_minutes + static_cast<std::int64_t>(time_margin * seconds / 60.0);
   const double megapixels = 1e-6 * height * read_image_header(session.frames.front().observed).width;
-  // All kernels of a field and its shards in memory, for up to 25 kernels per pixel.
-  job.merge_limits = {1024 + static_cast<std::int64_t>(megapixels * 800.0),
+  // Up to 25 kernels per pixel of one shard at a time; of all where light sources are interpolated between.
+  const bool holds_all = session.light.parameterisation == Parameterisation::lat_long;
+  const double bytes_per_pixel = holds_all ? 800.0 : 140.0 + 800.0 / job.shards;
+  job.merge_limits = {1024 + static_cast<std::int64_t>(megapixels * bytes_per_pixel),
                       min_minutes + static_cast<std::int64_t>(megapixels)};
   if (nodes.memory_mib > 0) {
     job.merge_limits.memory_mib = std::min(job.merge_limits.memory_mib, nodes.memory_mib);

@@ -51,11 +51,14 @@ int thread_count(const EstimateOptions& options) {
   return options.threads > 0 ? options.threads : tbb::this_task_arena::max_concurrency();
 }
 
-EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
+bool needs_whole_field(const EstimateJob& job, const EstimateOptions& options) {
+  return !options.rows && job.session.light.parameterisation == Parameterisation::lat_long;
+}
+
+EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options, FieldGoes to) {
   const CaptureSession& session = job.session;
   const int images = static_cast<int>(job.frames.size());
   const std::uint64_t pixels = static_cast<std::uint64_t>(session.width) * job.rows.count();
-  constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
   const std::uint64_t kernel_bytes =
       usual_kernels(options) * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
 
@@ -67,8 +70,19 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const std::uint64_t row_of_kernels = 3 * session.width * kernel_bytes;
   const std::uint64_t row_of_thread = 16 * session.width * 9 * sizeof(float);
   const std::uint64_t overlap = 2 * static_cast<std::uint64_t>(max_rows_beyond(options));
-  // Assembly happens after the tables are gone: twice the field, while vectors grow.
-  const std::uint64_t assembly = base_bytes + old_field + 2 * pixels * usual_kernels(options) * entry_bytes;
+  // Writing happens after the tables are gone. It holds one band, and of all pixels where their entries begin
+  // and the statistics, some of them twice while medians are taken; and the numbers of all boxes, of which
+  // there are fewer than pixels.
+  constexpr std::uint64_t pixel_bytes = sizeof(std::uint64_t) + sizeof(ErrorEvidence) + 8 * sizeof(float);
+  constexpr std::uint64_t number_bytes = 4 * sizeof(Box);
+  constexpr std::uint64_t entry_bytes = sizeof(std::uint32_t) + 3 * sizeof(float);
+  // Vectors of a field in memory hold it twice while they grow.
+  const std::uint64_t transfer = to == FieldGoes::to_memory || needs_whole_field(job, options)
+                                     ? 2 * pixels * usual_kernels(options) * entry_bytes
+                                     : 0;
+  const auto assembly = [&](std::uint64_t rows) {
+    return base_bytes + old_field + pixels * (pixel_bytes + number_bytes) + rows * row_of_kernels + transfer;
+  };
   const auto needed = [&](std::uint64_t threads, std::uint64_t rows, std::uint64_t held) {
     return shared + rows * row_of_kernels + held * row_of_samples +
            threads * (bytes_of_a_thread(options) + held * row_of_thread);
@@ -78,7 +92,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   while (options.threads == 0 && threads > 1 &&
          needed(threads, min_band_rows + overlap, min_band_rows + overlap) > options.memory_bytes)
     --threads;
-  const std::uint64_t least = std::max(needed(threads, 1 + overlap, 1 + overlap), assembly);
+  const std::uint64_t least = std::max(needed(threads, 1 + overlap, 1 + overlap), assembly(1));
   if (least > options.memory_bytes)
     throw InputError("this estimation needs at least " +
                      std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4) + " GiB (" +
@@ -93,7 +107,8 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   plan.rows = job.rows;
   const std::uint64_t row_of_held = row_of_samples + threads * row_of_thread;
   const std::uint64_t affordable =
-      (options.memory_bytes - needed(threads, overlap, overlap)) / (row_of_kernels + row_of_held);
+      std::min((options.memory_bytes - needed(threads, overlap, overlap)) / (row_of_kernels + row_of_held),
+               (options.memory_bytes - assembly(0)) / row_of_kernels);
   const int wanted =
       std::min(std::clamp((job.rows.count() + min_bands - 1) / min_bands, min_band_rows, max_band_rows),
                job.rows.count());
@@ -108,7 +123,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options) {
   const int wanted_held = std::max(plan.band_rows, std::min(job.rows.count(), max_read_rows));
   plan.held_rows = static_cast<int>(
       std::min(std::min<std::uint64_t>(wanted_held, plan.band_rows + more) + overlap, height));
-  plan.memory_bytes = std::max(needed(threads, rows, plan.held_rows), assembly);
+  plan.memory_bytes = std::max(needed(threads, rows, plan.held_rows), assembly(plan.band_rows));
   return plan;
 }
 

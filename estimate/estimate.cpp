@@ -5,17 +5,20 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
+#include <memory>
 #include <optional>
 #include <string>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/field_io/field_shard.h"
+#include "core/field_io/field_stream.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "estimate/cost_estimate.h"
 #include "estimate/job/checkpoint.h"
 #include "estimate/job/estimate_band.h"
 #include "estimate/job/estimate_job.h"
+#include "estimate/job/light_tables.h"
 #include "estimate/quality/frame_check.h"
 
 namespace refield {
@@ -25,7 +28,7 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Where training lights of few degrees of freedom were not black; empty if nowhere was.
-std::vector<Box> observed_by(const std::optional<TexelRegressions>& texels, const LightDomain& domain) {
+std::vector<Box> observed_by(const TexelRegressions* texels, const LightDomain& domain) {
   if (!texels) return {};
   std::int64_t lit = 0;
   for (const Box& cell : texels->cells()) lit += cell.area();
@@ -38,10 +41,11 @@ struct BandsDone {
   LightErrorModel light_error;      ///< see FieldQuality
 };
 
-/// Estimates all bands that `find` does not already have, handing each to `keep`.
+/// Estimates all bands that `find` does not already have, handing each to `keep`. `shared_tables` names the
+/// file of the tables that shards share; empty: none.
 template <class Find, class Keep>
-BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
-                         Keep keep, const RunContext& run) {
+BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan,
+                         const fs::path& shared_tables, Find find, Keep keep, const RunContext& run) {
   options.mean_square = job.mean_square;
   const int width = job.session.width;
   const int height = job.session.height;
@@ -54,21 +58,11 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
       missing.push_back(rows);
       pixels += static_cast<std::uint64_t>(width) * rows_fitted(rows, height, options).count();
     }
-  const bool refined = options.mode == EstimateMode::refined;
-  std::optional<BoxTable> table;  // where no band is missing, for what depends on the lights alone
-  if (refined || options.predict_errors || !missing.empty())
-    table.emplace(job.frames, job.session.light,
-                  hats_of(options, job.session.light, static_cast<int>(job.frames.size())), run);
-  std::optional<TexelRegressions> texels;
-  if (refined) texels.emplace(*table);
-  LightErrorModel light_error;
-  // Photographs of one light source at a time leave nothing unknown of the light that they were taken under;
-  // for light in between see ReflectanceField::fit_interpolation().
-  const auto regression = texels ? texels->of_all() : nullptr;
-  if (options.predict_errors && !(regression && regression->is_interpolating()))
-    light_error = light_error_model(*table, texels ? texels->cells() : std::vector<Box>{});
-  const bool is_weighted = texels && texels->cells().empty() && !job.noise.image_weights.empty();
-  if (is_weighted) table->weight_images(job.noise.image_weights);
+  // Also where no band is missing, for what depends on the lights alone.
+  std::unique_ptr<LightTables> lights;
+  if (options.mode == EstimateMode::refined || options.predict_errors || !missing.empty())
+    lights = shared_tables.empty() ? std::make_unique<LightTables>(job, options, run)
+                                   : LightTables::shared(shared_tables, job, options, run);
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress(run, "estimate", pixels);
   std::optional<ObservationBand> band;
@@ -84,14 +78,15 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
       }
       band.reset();
       band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
-      if (is_weighted) band->weight_images(job.noise.image_weights);
+      if (lights->weighs_images()) band->weight_images(job.noise.image_weights);
     }
-    keep(rows, estimate_band({*table, *band, rows, height, job.mask, options, job.refinement.get(),
-                              texels ? &*texels : nullptr, &job.noise},
+    keep(rows, estimate_band({lights->table(), *band, rows, height, job.mask, options, job.refinement.get(),
+                              lights->texels(), &job.noise},
                              workers, progress, run));
   }
-  return {static_cast<int>(bands.size() - missing.size()), observed_by(texels, job.session.light),
-          std::move(light_error)};
+  const auto resumed = static_cast<int>(bands.size() - missing.size());
+  if (!lights) return {resumed, {}, {}};
+  return {resumed, observed_by(lights->texels(), job.session.light), lights->light_error()};
 }
 
 /// `field` holds the job's rows alone, the mask the whole picture.
@@ -104,7 +99,7 @@ void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSu
     ++active;
     errors.push_back(field.quality.training_error[p]);
   }
-  summary.mean_kernels = active > 0 ? static_cast<double>(field.transfer.entries()) / active : 0.0;
+  summary.mean_kernels = active > 0 ? static_cast<double>(field.transfer.row_start.back()) / active : 0.0;
   summary.median_training_error = quantile(std::move(errors), 0.5);
   if (field.quality.predicted_error.empty()) return;
   std::vector<float> predicted, noise;
@@ -153,11 +148,11 @@ EstimateOptions with_thread_limit(EstimateOptions options, const RunContext& run
 
 ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const RunContext& run) {
   const EstimateOptions options = with_thread_limit(wanted, run);
-  const auto limit = limit_threads(plan_job(job, options).threads);
+  const auto limit = limit_threads(plan_job(job, options, FieldGoes::to_memory).threads);
   check_frames(job, options, run);
   FieldAssembler assembler(job, options);
   BandsDone done = estimate_bands(
-      job, options, plan_job(job, options), [](RowRange) { return false; },
+      job, options, plan_job(job, options, FieldGoes::to_memory), {}, [](RowRange) { return false; },
       [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); }, run);
   return assembler.take(std::move(done.observed_light), std::move(done.light_error));
 }
@@ -170,11 +165,14 @@ EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions&
 }
 
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& wanted,
-                                 const fs::path& output, bool resume, const RunContext& run) {
+                                 const fs::path& output, bool resume, const RunContext& run,
+                                 const std::function<void(const EstimatePlan&)>& announce) {
   const auto start = std::chrono::steady_clock::now();
   const EstimateOptions options = with_thread_limit(wanted, run);
   EstimateJob job = open_job(session, options, run);
-  const auto limit = limit_threads(plan_job(job, options).threads);
+  const EstimatePlan first_plan = plan_job(job, options);
+  if (announce) announce(first_plan);
+  const auto limit = limit_threads(first_plan.threads);
   EstimateSummary summary;
   summary.frames = options.rows
                        ? check_frames_once(job, options, output.parent_path() / frame_check_name, run)
@@ -188,30 +186,50 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
     checkpoint.remove();
   const int width = job.session.width;
   BandsDone done = estimate_bands(
-      job, options, summary.plan, [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
+      job, options, summary.plan, options.rows ? output.parent_path() / light_tables_name : fs::path(),
+      [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
       [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); }, run);
   summary.resumed_bands = done.resumed;
 
+  // The transfer goes from the finished bands to the file; only what is known of each pixel is held of all.
   FieldAssembler assembler(job, options);
-  for (const RowRange& rows : bands_of(summary.plan)) {
-    const auto kernels = checkpoint.load(rows, width);
+  const std::vector<RowRange> bands = bands_of(summary.plan);
+  Progress writing(run, "write", (needs_whole_field(job, options) ? 1 : 2) * bands.size());
+  const auto kernels_of = [&](const RowRange& rows) {
+    run.throw_if_stopped();
+    auto kernels = checkpoint.load(rows, width);
     if (!kernels)
       throw InputError(output.string() +
                        ".partial: a finished band is damaged; run again with --resume to redo it");
-    assembler.append(*kernels);
-  }
+    writing.advance();
+    return *std::move(kernels);
+  };
+  const bool is_held = needs_whole_field(job, options);
+  for (const RowRange& rows : bands)
+    is_held ? assembler.append(kernels_of(rows)) : assembler.note(kernels_of(rows));
   FieldPart part{assembler.take(std::move(done.observed_light), std::move(done.light_error)), job.rows,
                  job.session.height, key, assembler.take_evidence()};
   const ReflectanceField& field = part.field;
-  const bool is_empty = std::ranges::all_of(field.transfer.weight, [](float w) { return w == 0.0f; });
-  if (!options.rows && is_empty) {
+  if (!options.rows && !assembler.has_weights()) {
     checkpoint.remove();
     refuse_empty(job, options, run);
   }
-  if (options.rows)
-    write_field_part(output, part);
-  else
-    write_reflectance_field(output, field);
+  SparseTransfer piece;
+  const TransferPieces transfer{field.transfer.row_start, bands.size(),
+                                [&](std::size_t i) -> const SparseTransfer& {
+                                  piece = {};  // before the next is made
+                                  piece = assembler.transfer_of(kernels_of(bands[i]));
+                                  return piece;
+                                }};
+  if (options.rows) {
+    write_field_part(output, part, transfer, run);
+  } else {
+    part.error_evidence = {};  // has been used
+    if (is_held)
+      write_reflectance_field(output, field);
+    else
+      write_reflectance_field(output, field, transfer, run);
+  }
   checkpoint.remove();
 
   summarise(field, job, summary);

@@ -2,7 +2,9 @@
 #include "core/base/files.h"
 
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/random.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -160,6 +162,24 @@ std::string read_text(const fs::path& path) {
   std::fclose(file);
   if (failed) throw DeviceError(path.string(), error_number, "cannot read");
   return text;
+}
+
+MappedFile::MappedFile(const fs::path& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) throw DeviceError(path.string(), errno, "cannot open");
+  struct stat status = {};
+  int error_number = ::fstat(fd, &status) == 0 ? 0 : errno;
+  if (error_number == 0 && status.st_size > 0) {  // nothing cannot be mapped
+    size_ = static_cast<std::size_t>(status.st_size);
+    memory_ = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, fd, 0);
+    if (memory_ == MAP_FAILED) error_number = errno;
+  }
+  ::close(fd);
+  if (error_number != 0) throw DeviceError(path.string(), error_number, "cannot read");
+}
+
+MappedFile::~MappedFile() {
+  if (memory_) ::munmap(memory_, size_);
 }
 
 void create_folders(const fs::path& folder) {

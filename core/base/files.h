@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -18,6 +20,22 @@ void write_text_atomically(const std::filesystem::path& path, std::string_view t
 
 /// Whole file as text. Throws DeviceError when it cannot be read.
 std::string read_text(const std::filesystem::path& path);
+
+/// A file as memory that is only read. All processes of a machine that map a file share its memory. It must
+/// not be shortened meanwhile; write_atomically() replaces it without harm.
+class MappedFile {
+ public:
+  /// Throws DeviceError when it cannot be read.
+  explicit MappedFile(const std::filesystem::path& path);
+  ~MappedFile();
+  MappedFile(const MappedFile&) = delete;
+  MappedFile& operator=(const MappedFile&) = delete;
+  std::span<const std::byte> bytes() const { return {static_cast<const std::byte*>(memory_), size_}; }
+
+ private:
+  void* memory_ = nullptr;
+  std::size_t size_ = 0;
+};
 
 /// Whether a file's name is that of a camera's own format (DNG, CR2, NEF and others).
 bool is_camera_raw(const std::filesystem::path& path);

@@ -236,25 +236,35 @@ std::string fault_of_statistics(const FieldOutline& field) {
   return "";
 }
 
-std::string fault_of_rows(const ReflectanceField& field) {
-  const SparseTransfer& transfer = field.transfer;
+std::string fault_of_outline(const FieldOutline& field) {
   if (std::string fault = fault_of_sizes(field); !fault.empty()) return fault;
   if (std::string fault = fault_of_boxes(field.basis.boxes, boxes_name, field.basis.domain); !fault.empty())
     return fault;
   if (!field.monitors.empty())
     if (std::string fault = fault_of_monitors(field.monitors, field.basis.domain); !fault.empty())
       return fault;
-  if (transfer.row_start.size() != static_cast<std::uint64_t>(field.width) * field.height + 1 ||
-      transfer.row_start.front() != 0 || transfer.row_start.back() != transfer.column.size() ||
-      !std::ranges::is_sorted(transfer.row_start))
+  return "";
+}
+
+std::string fault_of_transfer(const SparseTransfer& transfer, std::uint64_t pixels, std::size_t kernels) {
+  if (transfer.row_start.size() != pixels + 1 || transfer.row_start.front() != 0 ||
+      transfer.row_start.back() != transfer.column.size() || !std::ranges::is_sorted(transfer.row_start))
     return "transfer/row_start does not fit the image size";
   if (transfer.weight.size() != transfer.column.size() * 3)
     return "transfer/weight does not fit transfer/column";
-  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= field.basis.size(); }))
+  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= kernels; }))
     return "transfer/column refers to a kernel that does not exist";
   if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
     return "transfer/weight holds a weight that is not finite";
   return "";
+}
+
+std::string fault_of_rows(const ReflectanceField& field) {
+  const std::string fault = fault_of_outline(field);
+  return !fault.empty()
+             ? fault
+             : fault_of_transfer(field.transfer, static_cast<std::uint64_t>(field.width) * field.height,
+                                 field.basis.size());
 }
 
 void require_readable(const std::string& fault, const fs::path& destination) {

@@ -26,6 +26,9 @@ std::uint64_t outline_bytes(const FieldOutline& field);
 /// The first fault for which a reader would refuse a field kept as rows, or its statistics; "" where there is
 /// none. Writers ask, too: what they wrote must be readable.
 std::string fault_of_rows(const ReflectanceField& field);
+/// The parts of the former: all but the transfer, and the transfer of some rows, each with `kernels` columns.
+std::string fault_of_outline(const FieldOutline& field);
+std::string fault_of_transfer(const SparseTransfer& transfer, std::uint64_t pixels, std::size_t kernels);
 std::string fault_of_statistics(const FieldOutline& field);
 /// Throws SolverError where a field about to be written has a fault.
 void require_readable(const std::string& fault, const std::filesystem::path& destination);

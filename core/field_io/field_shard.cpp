@@ -8,6 +8,8 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/field_io/field_stream.h"
+#include "core/field_io/reflectance_field_file.h"
 
 namespace refield {
 
@@ -70,19 +72,18 @@ class Joiner {
  public:
   explicit Joiner(const FieldPart& outline) : whole_(outline.field) { whole_.height = outline.image_height; }
 
-  void append(const FieldPart& shard) {
+  /// Whether the whole transfer must be held, since interpolation between light sources is fitted to it.
+  bool holds_transfer() const { return can_interpolate(whole_.observed_light, whole_.basis.domain); }
+
+  /// Takes in a part; columns and weights only where holds_transfer().
+  void append(FieldPart shard) {
     const ReflectanceField& part = shard.field;
-    std::vector<std::uint32_t> columns;
-    for (std::size_t p = 0; p < part.transfer.rows(); ++p) {
-      const std::uint64_t first = part.transfer.row_start[p];
-      const std::uint64_t count = part.transfer.row_start[p + 1] - first;
-      columns.clear();
-      for (std::uint64_t e = first; e < first + count; ++e) {
-        const std::uint32_t kernel = part.transfer.column[e];
-        columns.push_back(part.basis.is_smooth(kernel) ? kernel : number_of(part.basis.box(kernel)));
-      }
-      whole_.transfer.append_row(columns, std::span(part.transfer.weight).subspan(3 * first, 3 * count));
-    }
+    std::vector<std::uint64_t>& row_start = whole_.transfer.row_start;
+    const std::uint64_t before = row_start.back();
+    for (std::size_t p = 1; p <= part.transfer.rows(); ++p)
+      row_start.push_back(before + part.transfer.row_start[p]);
+    for (const std::uint32_t kernel : part.transfer.column)
+      if (!part.basis.is_smooth(kernel)) number(part.basis.box(kernel));
     std::vector<float>& errors = whole_.quality.training_error;
     errors.insert(errors.end(), part.quality.training_error.begin(), part.quality.training_error.end());
     std::vector<float>& signal = whole_.quality.training_signal;
@@ -90,6 +91,18 @@ class Joiner {
     std::vector<std::uint32_t>& of_pixels = whole_.quality.light_class;
     of_pixels.insert(of_pixels.end(), part.quality.light_class.begin(), part.quality.light_class.end());
     error_evidence_.insert(error_evidence_.end(), shard.error_evidence.begin(), shard.error_evidence.end());
+    if (!holds_transfer()) return;
+    const SparseTransfer rows = transfer_of(std::move(shard));
+    SparseTransfer& all = whole_.transfer;
+    all.column.insert(all.column.end(), rows.column.begin(), rows.column.end());
+    all.weight.insert(all.weight.end(), rows.weight.begin(), rows.weight.end());
+  }
+  /// The transfer of a part that append() took in, with the numbers of the whole.
+  SparseTransfer transfer_of(FieldPart shard) const {
+    const LightBasis& basis = shard.field.basis;
+    for (std::uint32_t& kernel : shard.field.transfer.column)
+      if (!basis.is_smooth(kernel)) kernel = numbers_.at(basis.box(kernel));
+    return std::move(shard.field.transfer);
   }
   /// Errors are predicted now that all rows are there, as a run over all of them does at its end.
   ReflectanceField take() {
@@ -99,10 +112,9 @@ class Joiner {
   }
 
  private:
-  std::uint32_t number_of(const Box& box) {
-    const auto [entry, is_new] = numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.size()));
-    if (is_new) whole_.basis.boxes.push_back(box);
-    return entry->second;
+  void number(const Box& box) {
+    if (numbers_.try_emplace(box, static_cast<std::uint32_t>(whole_.basis.size())).second)
+      whole_.basis.boxes.push_back(box);
   }
   ReflectanceField whole_;
   std::vector<ErrorEvidence> error_evidence_;
@@ -111,7 +123,8 @@ class Joiner {
 
 }  // namespace
 
-ReflectanceField merge_field_parts(std::span<const fs::path> paths, const RunContext& run) {
+ReflectanceField merge_field_parts(std::span<const fs::path> paths, const fs::path& output,
+                                   const RunContext& run) {
   if (paths.empty()) throw InputError("no shards of a field are given");
   std::vector<Outline> parts;
   for (const fs::path& path : paths) parts.push_back({path, read_field_part_outline(path, run)});
@@ -123,7 +136,22 @@ ReflectanceField merge_field_parts(std::span<const fs::path> paths, const RunCon
     run.throw_if_stopped();
     joiner.append(read_field_part(part.path, run));
   }
-  return joiner.take();
+  const bool is_held = joiner.holds_transfer();
+  ReflectanceField whole = joiner.take();
+  if (is_held) {
+    write_reflectance_field(output, whole);
+    return whole;
+  }
+  SparseTransfer piece;
+  write_reflectance_field(output, whole,
+                          {whole.transfer.row_start, parts.size(),
+                           [&](std::size_t i) -> const SparseTransfer& {
+                             piece = {};  // before the next is read
+                             piece = joiner.transfer_of(read_field_part(parts[i].path, run));
+                             return piece;
+                           }},
+                          run);
+  return whole;
 }
 
 }  // namespace refield

@@ -34,9 +34,12 @@ FieldPart read_field_part(const std::filesystem::path& path, const RunContext& r
 /// The same without boxes, transfer and statistics.
 FieldPart read_field_part_outline(const std::filesystem::path& path, const RunContext& run);
 
-/// Joins parts, given in any order, into the field that one run over all rows makes, to the bit. Throws
-/// InputError naming the files where rows are missing or held twice, or where parts come from different
-/// captures, options or versions.
-ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths, const RunContext& run = {});
+/// Joins parts, given in any order, into the file of the field that one run over all rows makes, to the bit.
+/// Each part is read twice, and one of them is held at a time; parts with light sources to interpolate
+/// between are read once, and all are held. Returns the field, of whose transfer only row_start is certain to
+/// be there. Throws InputError naming the files where rows are missing or held twice, or where parts come
+/// from different captures, options or versions; else as write_reflectance_field().
+ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths,
+                                   const std::filesystem::path& output, const RunContext& run = {});
 
 }  // namespace refield

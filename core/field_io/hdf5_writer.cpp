@@ -5,6 +5,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cerrno>
 #include <type_traits>
@@ -108,19 +109,68 @@ void Hdf5Writer::finish() {
 template <class T>
 void Hdf5Writer::dataset(const char* name, const T* values,
                          std::initializer_list<std::uint64_t> shape) const {
+  std::size_t count = 1;
+  for (const std::uint64_t extent : shape) count *= extent;
+  Hdf5DataSetWriter<T> set(*this, name, shape);
+  set.append({values, count});
+  set.finish();
+}
+
+template <class T>
+Hdf5DataSetWriter<T>::Hdf5DataSetWriter(const Hdf5Writer& writer, const char* name,
+                                        std::initializer_list<std::uint64_t> shape)
+    : writer_(writer),
+      rows_(shape.begin()[0]),
+      columns_(shape.size() > 1 ? shape.begin()[1] : 1),
+      is_matrix_(shape.size() > 1),
+      set_(-1) {
   const std::vector<hsize_t> extent(shape.begin(), shape.end());
   const Handle space(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr), H5Sclose);
   const Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_obj_track_times(creation, false);
-  const Handle set(H5Dcreate2(file_, name, type_of<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT),
-                   H5Dclose);
-  check(set.valid());
-  const auto count = static_cast<std::size_t>(H5Sget_simple_extent_npoints(space));
-  if (count > 0) check(H5Dwrite(set, type_of<T>(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+  set_ = H5Dcreate2(writer.file_, name, type_of<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT);
+  writer_.check(set_ >= 0);
+  // The library gives the whole data set its place at the first write.
+  const std::vector<T> blank(columns_);
+  if (rows_ * columns_ > 0) write(blank.data(), 1);
   const Handle scalar(H5Screate(H5S_SCALAR), H5Sclose);
-  const Handle sum(H5Acreate2(set, hdf5_crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
-  const std::uint32_t crc = crc32_of(values, count * sizeof(T));
-  check(sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc) >= 0);
+  const Handle sum(H5Acreate2(set_, hdf5_crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT),
+                   H5Aclose);
+  writer_.check(sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc_) >= 0);
+}
+
+template <class T>
+Hdf5DataSetWriter<T>::~Hdf5DataSetWriter() {
+  if (set_ >= 0) H5Dclose(set_);
+}
+
+template <class T>
+void Hdf5DataSetWriter<T>::write(const T* values, std::uint64_t rows) const {
+  const std::array<hsize_t, 2> first{done_, 0}, extent{rows, columns_};
+  const int rank = is_matrix_ ? 2 : 1;
+  const Handle file_space(H5Dget_space(set_), H5Sclose);
+  const Handle memory_space(H5Screate_simple(rank, extent.data(), nullptr), H5Sclose);
+  writer_.check(
+      H5Sselect_hyperslab(file_space, H5S_SELECT_SET, first.data(), nullptr, extent.data(), nullptr) >= 0 &&
+      H5Dwrite(set_, type_of<T>(), memory_space, file_space, H5P_DEFAULT, values) >= 0);
+}
+
+template <class T>
+void Hdf5DataSetWriter<T>::append(std::span<const T> values) {
+  if (values.empty()) return;
+  const std::uint64_t rows = values.size() / columns_;
+  write(values.data(), rows);
+  done_ += rows;
+  crc_ = crc32_of(values.data(), values.size_bytes(), crc_);
+}
+
+template <class T>
+void Hdf5DataSetWriter<T>::finish() {
+  const Handle sum(H5Aopen(set_, hdf5_crc_name, H5P_DEFAULT), H5Aclose);
+  writer_.check(done_ == rows_ && sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc_) >= 0);
+  const herr_t status = H5Dclose(set_);
+  set_ = -1;
+  writer_.check(status >= 0);
 }
 
 void Hdf5Writer::text(const char* name, const std::string& value) const {
@@ -147,5 +197,7 @@ template void Hdf5Writer::dataset(const char*, const std::uint32_t*,
                                   std::initializer_list<std::uint64_t>) const;
 template void Hdf5Writer::dataset(const char*, const std::uint64_t*,
                                   std::initializer_list<std::uint64_t>) const;
+template class Hdf5DataSetWriter<float>;
+template class Hdf5DataSetWriter<std::uint32_t>;
 
 }  // namespace refield

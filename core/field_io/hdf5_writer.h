@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <initializer_list>
+#include <span>
 #include <string>
 
 namespace refield {
@@ -28,9 +29,39 @@ class Hdf5Writer {
   void finish();
 
  private:
+  template <class T>
+  friend class Hdf5DataSetWriter;
   void check(bool ok) const;
   std::filesystem::path destination_;
   std::int64_t file_;
+};
+
+/// Writes a data set piece by piece. The file equals, byte for byte, the one that Hdf5Writer::dataset() makes
+/// of the whole, also where several data sets are written in turn: each takes its place in the file when it
+/// is created.
+template <class T>
+class Hdf5DataSetWriter {
+ public:
+  /// `shape` of the whole. The writer must outlive this object.
+  Hdf5DataSetWriter(const Hdf5Writer& writer, const char* name, std::initializer_list<std::uint64_t> shape);
+  ~Hdf5DataSetWriter();
+  Hdf5DataSetWriter(const Hdf5DataSetWriter&) = delete;
+  Hdf5DataSetWriter& operator=(const Hdf5DataSetWriter&) = delete;
+
+  /// Whole rows, which follow those before.
+  void append(std::span<const T> values);
+  /// Writes the checksum; to be called when all rows are there.
+  void finish();
+
+ private:
+  void write(const T* values, std::uint64_t rows) const;
+
+  const Hdf5Writer& writer_;
+  std::uint64_t rows_, columns_;
+  bool is_matrix_;
+  std::int64_t set_;
+  std::uint64_t done_ = 0;  // rows
+  std::uint32_t crc_ = 0;
 };
 
 /// CRC-32 as zlib, PNG and Python's zlib.crc32 define it, of values that follow those which gave `before`.

@@ -11,6 +11,7 @@
 #include "core/base/files.h"
 #include "core/field_io/field_content.h"
 #include "core/field_io/field_shard.h"
+#include "core/field_io/field_stream.h"
 #include "core/field_io/packed_field.h"
 
 namespace refield {
@@ -19,32 +20,54 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::uint64_t content_bytes(const ReflectanceField& field) {
-  return outline_bytes(field) + field.transfer.row_start.size() * sizeof(std::uint64_t) +
-         field.transfer.entries() * (sizeof(std::uint32_t) + 3 * sizeof(float));
-}
-
 /// `part` is null for a whole field, else it says which rows these are.
-void write_field(const fs::path& path, const ReflectanceField& field, const FieldPart* part) {
-  require_readable(fault_of_rows(field), path);
+void write_field(const fs::path& path, const FieldOutline& field, const TransferPieces& transfer,
+                 const FieldPart* part, const RunContext& run) {
+  const std::uint64_t pixels = static_cast<std::uint64_t>(field.width) * field.height;
+  require_readable(fault_of_outline(field), path);
+  if (transfer.row_start.size() != pixels + 1)
+    require_readable("transfer/row_start does not fit the image size", path);
   require_readable(fault_of_statistics(field), path);
-  // HDF5 1.10 does not survive a full disk gracefully when it closes the file: look before.
   std::span<const ErrorEvidence> evidence;
   if (part) evidence = part->error_evidence;
-  if (!evidence.empty() && evidence.size() != field.transfer.rows())
+  if (!evidence.empty() && evidence.size() != pixels)
     require_readable("statistics/error_evidence does not fit the image size", path);
-  require_free_space(fs::absolute(path).parent_path(), content_bytes(field) + evidence.size_bytes());
+  // HDF5 1.10 does not survive a full disk gracefully when it closes the file: look before.
+  const std::uint64_t entries = transfer.row_start.back();
+  require_free_space(fs::absolute(path).parent_path(),
+                     outline_bytes(field) + transfer.row_start.size_bytes() + evidence.size_bytes() +
+                         entries * (sizeof(std::uint32_t) + 3 * sizeof(float)));
   write_atomically(path, [&](const fs::path& temporary) {
     Hdf5Writer writer(temporary, path);
     for (const char* group : {"basis", "transfer", "statistics"}) writer.group(group);
     write_outline(writer, field, reflectance_field_version, part);
-    const SparseTransfer& transfer = field.transfer;
     writer.dataset("transfer/row_start", transfer.row_start.data(), {transfer.row_start.size()});
-    writer.dataset("transfer/column", transfer.column.data(), {transfer.column.size()});
-    writer.dataset("transfer/weight", transfer.weight.data(), {transfer.column.size(), 3});
+    {
+      Hdf5DataSetWriter<std::uint32_t> column(writer, "transfer/column", {entries});
+      Hdf5DataSetWriter<float> weight(writer, "transfer/weight", {entries, 3});
+      std::uint64_t rows = 0, before = 0;
+      for (std::size_t i = 0; i < transfer.count; ++i) {
+        run.throw_if_stopped();
+        const SparseTransfer& piece = transfer.piece(i);
+        require_readable(fault_of_transfer(piece, piece.rows(), field.basis.size()), path);
+        rows += piece.rows();
+        before += piece.entries();
+        if (rows > pixels || transfer.row_start[rows] != before)
+          require_readable("transfer/row_start does not fit transfer/column", path);
+        column.append(piece.column);
+        weight.append(piece.weight);
+      }
+      if (rows != pixels) require_readable("transfer/row_start does not fit the image size", path);
+      column.finish();
+      weight.finish();
+    }
     write_statistics(writer, field.quality, evidence);
     writer.finish();
   });
+}
+
+TransferPieces one_piece(const SparseTransfer& transfer) {
+  return {transfer.row_start, 1, [&](std::size_t) -> const SparseTransfer& { return transfer; }};
 }
 
 /// Fills in the numbers; `field.height` must be that of the rows held.
@@ -98,7 +121,13 @@ ReflectanceField read_rows(const FieldFile& file) {
 }  // namespace
 
 void write_reflectance_field(const fs::path& path, const ReflectanceField& field) {
-  write_field(path, field, nullptr);
+  require_readable(fault_of_rows(field), path);
+  write_field(path, field, one_piece(field.transfer), nullptr, {});
+}
+
+void write_reflectance_field(const fs::path& path, const FieldOutline& field, const TransferPieces& transfer,
+                             const RunContext& run) {
+  write_field(path, field, transfer, nullptr, run);
 }
 
 ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& run) {
@@ -130,7 +159,13 @@ bool is_field_part(const fs::path& path, const RunContext& run) {
 }
 
 void write_field_part(const fs::path& path, const FieldPart& part) {
-  write_field(path, part.field, &part);
+  require_readable(fault_of_rows(part.field), path);
+  write_field(path, part.field, one_piece(part.field.transfer), &part, {});
+}
+
+void write_field_part(const fs::path& path, const FieldPart& part, const TransferPieces& transfer,
+                      const RunContext& run) {
+  write_field(path, part.field, transfer, &part, run);
 }
 
 FieldPart read_field_part(const fs::path& path, const RunContext& run) {

@@ -48,9 +48,31 @@ BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
       stride_(padded_length(images)),
       hats_(hats),
       weights_(images, 1.0f),
-      hat_sums_(std::size_t{3} * hats.count() * images),
-      prefix_(std::make_shared<AlignedDoubles>(static_cast<std::size_t>(domain.width + 1) *
-                                               (domain.height + 1) * 3 * images)) {}
+      hat_sums_(std::size_t{3} * hats.count() * images) {
+  const auto own = std::make_shared<AlignedDoubles>(size());
+  prefix_ = {own, own->data()};
+}
+
+bool BoxTable::Stored::fits(std::size_t numbers) const {
+  return numbers * sizeof(double) == bytes(domain, static_cast<std::uint64_t>(images)) &&
+         weights.size() == static_cast<std::size_t>(images) &&
+         hat_sums.size() == std::size_t{3} * hats.count() * images;
+}
+
+BoxTable::BoxTable(Stored stored)
+    : domain_(stored.domain),
+      unit_(stored.unit),
+      images_(stored.images),
+      stored_images_(stored.images),
+      stride_(padded_length(stored.images)),
+      hats_(stored.hats),
+      weights_(std::move(stored.weights)),
+      hat_sums_(std::move(stored.hat_sums)),
+      prefix_(std::move(stored.sums)) {}
+
+std::span<const double> BoxTable::sums() const {
+  return {prefix_.get(), size()};
+}
 
 BoxTable BoxTable::subset(const std::vector<int>& images) const {
   BoxTable part = *this;
@@ -101,7 +123,7 @@ void BoxTable::fill(std::span<const LightMap> lights, int first) {
   }
   for (int y = 0; y < domain_.height; ++y)
     for (int x = 0; x < domain_.width; ++x) {
-      double* entry = const_cast<double*>(corner(x + 1, y + 1));
+      double* entry = writable() + (corner(x + 1, y + 1) - prefix_.get());
       for (int c = 0; c < 3; ++c)
         for (std::size_t j = 0; j < lights.size(); ++j)
           entry[static_cast<std::size_t>(c) * images_ + first + j] = lights[j].radiance.at(x, y, c);
@@ -114,14 +136,14 @@ void BoxTable::integrate(const RunContext& run) {
   // Along rows, then down columns; both walk contiguous memory.
   tbb::parallel_for(1, domain_.height + 1, [&](int y) {
     run.throw_if_stopped();
-    double* current = prefix_->data() + row * y + entry;
+    double* current = writable() + row * y + entry;
     for (std::size_t i = 0; i < row - 2 * entry; ++i) current[entry + i] += current[i];
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, row, 4096), [&](const auto& range) {
     run.throw_if_stopped();
     for (int y = 1; y <= domain_.height; ++y) {
-      const double* above = prefix_->data() + row * (y - 1);
-      double* current = prefix_->data() + row * y;
+      const double* above = prefix_.get() + row * (y - 1);
+      double* current = writable() + row * y;
       for (std::size_t i = range.begin(); i != range.end(); ++i) current[i] += above[i];
     }
   });
@@ -141,8 +163,8 @@ void BoxTable::choose_unit() {
   unit_ = std::exp2(std::ilogb(largest));
   const double factor = 1.0 / unit_;
   for (double& sum : hat_sums_) sum *= factor;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, prefix_->size(), 1 << 16), [&](const auto& range) {
-    for (std::size_t i = range.begin(); i != range.end(); ++i) (*prefix_)[i] *= factor;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, size(), 1 << 16), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i != range.end(); ++i) writable()[i] *= factor;
   });
 }
 
@@ -152,9 +174,9 @@ void BoxTable::weight_images(std::span<const float> weights) {
   };
   for (int i = 0; i < 3 * hats_.count(); ++i)
     multiply(hat_sums_.data() + static_cast<std::size_t>(i) * images_);
-  const std::size_t vectors = prefix_->size() / images_;
+  const std::size_t vectors = size() / images_;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, vectors, 1 << 10), [&](const auto& range) {
-    for (std::size_t i = range.begin(); i != range.end(); ++i) multiply(prefix_->data() + i * images_);
+    for (std::size_t i = range.begin(); i != range.end(); ++i) multiply(writable() + i * images_);
   });
   for (int j = 0; j < images_; ++j) weights_[j] *= weights[j];
 }

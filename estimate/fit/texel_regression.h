@@ -132,6 +132,8 @@ class TexelRegression {
 class TexelRegressions {
  public:
   explicit TexelRegressions(const BoxTable& table);
+  /// With the cells that another of the same lights has found.
+  TexelRegressions(const BoxTable& table, std::vector<Box> cells) : table_(table), cells_(std::move(cells)) {}
 
   const std::vector<Box>& cells() const { return cells_; }
   /// Null for light with many degrees of freedom.

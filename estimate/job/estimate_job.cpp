@@ -17,6 +17,16 @@
 
 namespace refield {
 
+namespace {
+
+/// Whether hat h has a weight in any channel; one that is no number counts, and is refused later.
+bool holds_hat(const PixelKernels& pixel, std::size_t h) {
+  const float* weight = pixel.smooth.data() + 3 * h;
+  return !(weight[0] <= 0.0f && weight[1] <= 0.0f && weight[2] <= 0.0f);
+}
+
+}  // namespace
+
 FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& options)
     : with_evidence_(options.predict_errors),
       is_whole_(!options.rows),
@@ -28,27 +38,28 @@ FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& op
   field_.colour_space = job.session.colour_space();
   field_.basis.hats = hats_of(options, job.session.light, static_cast<int>(job.frames.size()));
   field_.provenance = provenance_of(job, options);
+  // Growing vectors would hold the statistics of a large picture twice.
+  const std::size_t pixels = static_cast<std::size_t>(field_.width) * field_.height;
+  field_.transfer.row_start.reserve(pixels + 1);
+  field_.quality.training_error.reserve(pixels);
+  if (!with_evidence_) return;
+  field_.quality.training_signal.reserve(pixels);
+  field_.quality.light_class.reserve(pixels);
+  error_evidence_.reserve(pixels);
 }
 
-void FieldAssembler::append(std::span<const PixelKernels> kernels) {
-  std::vector<std::uint32_t> columns;
-  std::vector<float> weights;
+void FieldAssembler::note(std::span<const PixelKernels> kernels) {
+  const auto is_nonzero = [](float weight) { return weight != 0.0f; };
+  std::vector<std::uint64_t>& row_start = field_.transfer.row_start;
   for (const PixelKernels& pixel : kernels) {
-    columns.clear();
-    weights.clear();
-    for (std::size_t h = 0; 3 * h < pixel.smooth.size(); ++h) {
-      const float* w = pixel.smooth.data() + 3 * h;
-      if (w[0] <= 0.0f && w[1] <= 0.0f && w[2] <= 0.0f) continue;
-      columns.push_back(static_cast<std::uint32_t>(h));
-      weights.insert(weights.end(), w, w + 3);
-    }
-    weights.insert(weights.end(), pixel.weights.begin(), pixel.weights.end());
-    for (const Box& box : pixel.boxes) {
-      const auto [entry, is_new] = numbers_.try_emplace(box, static_cast<std::uint32_t>(field_.basis.size()));
-      if (is_new) field_.basis.boxes.push_back(box);
-      columns.push_back(entry->second);
-    }
-    field_.transfer.append_row(columns, weights);
+    std::uint64_t entries = pixel.boxes.size();
+    for (std::size_t h = 0; 3 * h < pixel.smooth.size(); ++h) entries += holds_hat(pixel, h);
+    row_start.push_back(row_start.back() + entries);
+    for (const Box& box : pixel.boxes)
+      if (numbers_.try_emplace(box, static_cast<std::uint32_t>(field_.basis.size())).second)
+        field_.basis.boxes.push_back(box);
+    has_weights_ = has_weights_ || std::ranges::any_of(pixel.weights, is_nonzero) ||
+                   std::ranges::any_of(pixel.smooth, [](float weight) { return !(weight <= 0.0f); });
     field_.quality.training_error.push_back(
         pixel.squared_samples > 0.0
             ? static_cast<float>(std::sqrt(pixel.squared_residual / pixel.squared_samples))
@@ -58,6 +69,33 @@ void FieldAssembler::append(std::span<const PixelKernels> kernels) {
     field_.quality.light_class.push_back(pixel.evidence.light_class);
     error_evidence_.push_back(pixel.evidence);
   }
+}
+
+SparseTransfer FieldAssembler::transfer_of(std::span<const PixelKernels> kernels) const {
+  SparseTransfer transfer;
+  std::vector<std::uint32_t> columns;
+  std::vector<float> weights;
+  for (const PixelKernels& pixel : kernels) {
+    columns.clear();
+    weights.clear();
+    for (std::size_t h = 0; 3 * h < pixel.smooth.size(); ++h) {
+      if (!holds_hat(pixel, h)) continue;
+      columns.push_back(static_cast<std::uint32_t>(h));
+      weights.insert(weights.end(), pixel.smooth.data() + 3 * h, pixel.smooth.data() + 3 * h + 3);
+    }
+    weights.insert(weights.end(), pixel.weights.begin(), pixel.weights.end());
+    for (const Box& box : pixel.boxes) columns.push_back(numbers_.at(box));
+    transfer.append_row(columns, weights);
+  }
+  return transfer;
+}
+
+void FieldAssembler::append(std::span<const PixelKernels> kernels) {
+  note(kernels);
+  const SparseTransfer rows = transfer_of(kernels);
+  SparseTransfer& all = field_.transfer;
+  all.column.insert(all.column.end(), rows.column.begin(), rows.column.end());
+  all.weight.insert(all.weight.end(), rows.weight.begin(), rows.weight.end());
 }
 
 ReflectanceField FieldAssembler::take(std::vector<Box> observed_light, LightErrorModel light_error) {

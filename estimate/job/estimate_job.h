@@ -66,13 +66,21 @@ class FieldAssembler {
  public:
   FieldAssembler(const EstimateJob& job, const EstimateOptions& options);
   void append(std::span<const PixelKernels> kernels);
-  /// The field, with its errors predicted where it is whole and the pixels came with evidence.
+  /// The same without the columns and weights of the transfer, for fields too large to stand in memory:
+  /// transfer_of() gives these once all pixels were noted.
+  void note(std::span<const PixelKernels> kernels);
+  SparseTransfer transfer_of(std::span<const PixelKernels> kernels) const;
+  /// Whether any weight is not zero.
+  bool has_weights() const { return has_weights_; }
+  /// The field, with its errors predicted where it is whole and the pixels came with evidence. What note()
+  /// took in stands in transfer.row_start alone.
   ReflectanceField take(std::vector<Box> observed_light, LightErrorModel light_error);
   /// [pixels] or empty.
   std::vector<ErrorEvidence> take_evidence() { return std::move(error_evidence_); }
 
  private:
   bool with_evidence_;
+  bool has_weights_ = false;
   bool is_whole_;  // parts are predicted when they are merged
   double images_;
   ReflectanceField field_;

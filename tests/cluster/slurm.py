@@ -200,7 +200,11 @@ class Cluster:
         for entry in sockets:
             entry.unlink(missing_ok=True)
 
-    def busy_node(self):
-        for line in self.slurm("squeue", "--noheader", "--states=RUNNING", "--format=%N").split():
-            return int(line[1:])
+    def busy_node(self, other_than_of=None):
+        """A node with a running task, but not that of the array's task of this number; None: there is none."""
+        tasks = [line.split("|") for line in self.slurm("squeue", "--noheader", "--states=RUNNING", "--format=%N|%K").split()]
+        spared = [node for node, task in tasks if task == str(other_than_of)]
+        for node, _ in tasks:
+            if node not in spared:
+                return int(node[1:])
         return None

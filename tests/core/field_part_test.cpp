@@ -4,8 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <iterator>
+#include <numeric>
+
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/field_io/field_stream.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
@@ -56,7 +61,7 @@ class FieldParts : public testing::Test {
   }
   static std::string refusal(const std::vector<fs::path>& paths) {
     try {
-      merge_field_parts(paths);
+      merge_field_parts(paths, "refused.rfield");
     } catch (const InputError& error) {
       return error.what();
     }
@@ -67,13 +72,133 @@ class FieldParts : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool memory_is_the_program_s_own = false;
+#else
+constexpr bool memory_is_the_program_s_own = true;
+#endif
+
+/// Bytes of memory that this process held at most since mark_peak().
+std::uint64_t peak_bytes() {
+  std::ifstream status("/proc/self/status");
+  std::uint64_t kibibytes = 0;
+  for (std::string word; status >> word;)
+    if (word == "VmHWM:") status >> kibibytes;
+  return kibibytes * 1024;
+}
+bool mark_peak() {
+  return static_cast<bool>(std::ofstream("/proc/self/clear_refs") << 5 << std::flush);
+}
+
+TEST_F(FieldParts, WrittenInPiecesAreTheSameToTheBit) {
+  const ReflectanceField whole = renumbered(field_, {0, height});
+  write_reflectance_field(folder_ / "whole.rfield", whole);
+  const FieldPart part{whole, {0, height}, height, "job", std::vector<ErrorEvidence>(width * height)};
+  write_field_part(folder_ / "part.rfield", part);
+  for (const int rows : {1, 5, height}) {
+    std::vector<SparseTransfer> pieces;
+    for (int first = 0; first < width * height; first += rows * width) {
+      SparseTransfer& piece = pieces.emplace_back();
+      for (int p = first; p < std::min(first + rows * width, width * height); ++p) {
+        const std::uint64_t begin = whole.transfer.row_start[p], end = whole.transfer.row_start[p + 1];
+        piece.append_row(std::span(whole.transfer.column).subspan(begin, end - begin),
+                         std::span(whole.transfer.weight).subspan(3 * begin, 3 * (end - begin)));
+      }
+    }
+    const TransferPieces transfer{whole.transfer.row_start, pieces.size(),
+                                  [&](std::size_t i) -> const SparseTransfer& { return pieces[i]; }};
+    write_reflectance_field(folder_ / "in_pieces.rfield", whole, transfer, {});
+    EXPECT_TRUE(read_text(folder_ / "in_pieces.rfield") == read_text(folder_ / "whole.rfield"));
+    write_field_part(folder_ / "part_in_pieces.rfield", part, transfer, {});
+    EXPECT_TRUE(read_text(folder_ / "part_in_pieces.rfield") == read_text(folder_ / "part.rfield"));
+  }
+}
+
+TEST_F(FieldParts, PiecesThatDoNotFitLeaveTheFileAsItWas) {
+  const ReflectanceField whole = renumbered(field_, {0, height});
+  write_reflectance_field(folder_ / "whole.rfield", whole);
+  const std::string before = read_text(folder_ / "whole.rfield");
+  SparseTransfer wrong = whole.transfer;
+  wrong.column.back() = static_cast<std::uint32_t>(whole.basis.size());
+  const auto give = [&](const SparseTransfer& piece, std::size_t count) {
+    write_reflectance_field(
+        folder_ / "whole.rfield", whole,
+        {whole.transfer.row_start, count, [&](std::size_t) -> const SparseTransfer& { return piece; }}, {});
+  };
+  EXPECT_THROW(give(wrong, 1), SolverError);
+  EXPECT_THROW(give(whole.transfer, 2), SolverError);
+  EXPECT_THROW(give(whole.transfer, 0), SolverError);
+  EXPECT_TRUE(read_text(folder_ / "whole.rfield") == before);
+  const auto files = fs::directory_iterator(folder_ / ".");
+  EXPECT_EQ(std::distance(begin(files), end(files)), 1);  // nothing half written
+}
+
+/// Fields of 16 rows of 4 MiB; all of them at once would be 64 MiB.
+class LargeFieldParts : public FieldParts {
+ protected:
+  static constexpr int rows = 16, kernels = 64, pixels = 4096;
+
+  LargeFieldParts() {
+    outline_.width = pixels;
+    outline_.basis.domain = {kernels, 1, Parameterisation::monitor};
+    for (int k = 0; k < kernels; ++k) outline_.basis.boxes.push_back({k, 0, k + 1, 1});
+  }
+  static SparseTransfer row(std::size_t number) {
+    std::vector<std::uint32_t> columns(kernels);
+    std::iota(columns.begin(), columns.end(), 0u);
+    const std::vector<float> weights(3 * kernels, static_cast<float>(number));
+    SparseTransfer transfer;
+    for (int p = 0; p < pixels; ++p) transfer.append_row(columns, weights);
+    return transfer;
+  }
+  /// Whether `work` keeps to half of the field's memory.
+  template <class Work>
+  void expect_within_half(Work work) {
+    if (!memory_is_the_program_s_own || !mark_peak()) GTEST_SKIP() << "peak memory says nothing here";
+    const std::uint64_t before = peak_bytes();
+    work();
+    EXPECT_LT(peak_bytes() - before, 32u << 20);
+    EXPECT_GT(fs::file_size(folder_ / "field.rfield"), 64u << 20);
+  }
+  ReflectanceField outline_;
+};
+
+TEST_F(LargeFieldParts, AreWrittenOneAtATime) {
+  outline_.height = rows;
+  for (std::uint64_t p = 1; p <= std::uint64_t{pixels} * rows; ++p)
+    outline_.transfer.row_start.push_back(p * kernels);
+  SparseTransfer piece;
+  const auto make = [&](std::size_t i) -> const SparseTransfer& {
+    piece = {};
+    piece = row(i);
+    return piece;
+  };
+  expect_within_half([&] {
+    write_reflectance_field(folder_ / "field.rfield", outline_, {outline_.transfer.row_start, rows, make},
+                            {});
+  });
+}
+
+TEST_F(LargeFieldParts, AreMergedOneAtATime) {
+  std::vector<fs::path> parts;
+  outline_.height = 1;
+  for (int y = 0; y < rows; ++y) {
+    FieldPart part{outline_, {y, y + 1}, rows, "job"};
+    part.field.transfer = row(static_cast<std::size_t>(y));
+    part.field.quality.training_error.assign(pixels, 0.1f);
+    parts.push_back(folder_ / (std::to_string(y) + ".rfield"));
+    write_field_part(parts.back(), part);
+  }
+  expect_within_half([&] { merge_field_parts(parts, folder_ / "field.rfield"); });
+}
+
 TEST_F(FieldParts, JoinToTheBitInAnyOrder) {
   write_reflectance_field(folder_ / "whole.rfield", renumbered(field_, {0, height}));
   const auto a = write("a.rfield", {0, 5});
   const auto b = write("b.rfield", {5, 6});
   const auto c = write("c.rfield", {6, height});
   for (const auto& order : {std::vector{a, b, c}, std::vector{c, a, b}}) {
-    write_reflectance_field(folder_ / "joined.rfield", merge_field_parts(order));
+    merge_field_parts(order, folder_ / "joined.rfield");
     EXPECT_TRUE(read_text(folder_ / "joined.rfield") == read_text(folder_ / "whole.rfield"));
   }
 }
@@ -92,7 +217,8 @@ TEST_F(FieldParts, FitTheInterpolationOfTheWholeField) {
   write_field_part(folder_ / "a.rfield", {part_of({0, 5}), {0, 5}, height, "job"});
   write_field_part(folder_ / "b.rfield", {part_of({5, height}), {5, height}, height, "job"});
   const std::vector<fs::path> parts = {folder_ / "b.rfield", folder_ / "a.rfield"};
-  EXPECT_EQ(merge_field_parts(parts).basis.interpolation, whole.basis.interpolation);
+  EXPECT_EQ(merge_field_parts(parts, folder_ / "joined.rfield").basis.interpolation,
+            whole.basis.interpolation);
 }
 
 TEST_F(FieldParts, SayWhichRowsTheyHold) {
