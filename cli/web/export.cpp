@@ -117,7 +117,7 @@ ReflectanceField unpacked(const PackedField& packed, const RunContext& run) {
   field.basis = packed.basis;
   for (const std::uint16_t count : packed.counts)
     field.transfer.row_start.push_back(field.transfer.row_start.back() + count);
-  field.transfer.column = packed.kernels;
+  field.transfer.column.assign(packed.kernels.begin(), packed.kernels.end());
   field.transfer.weight.resize(packed.weights.size() * 3);
   for (std::size_t i = 0; i < packed.weights.size(); ++i) {
     if (i % 65536 == 0) run.throw_if_stopped();

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field/field_statistics.h"
 
-#include <tbb/parallel_sort.h>
-
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <functional>
 #include <numeric>
 #include <string>
 
@@ -93,13 +91,43 @@ Image kernel_density(const ReflectanceField& field, std::size_t pixel) {
 
 namespace {
 
-/// The number of leading values that reach `share` of the total. `energies` fall.
-std::uint64_t count_for_share(const std::vector<float>& energies, double total, double share) {
-  double sum = 0.0;
-  std::uint64_t count = 0;
-  while (count < energies.size() && sum < share * total) sum += energies[count++];
-  return count;
-}
+/// How many energies there are of each size, and their sums, in steps of 0.05 %: a field may have more of
+/// them than memory holds.
+class EnergyHistogram {
+ public:
+  void add(float energy) {
+    Step& step = steps_[std::bit_cast<std::uint32_t>(energy) >> bits_within_a_step];
+    ++step.count;
+    step.sum += energy;
+  }
+  double total() const {
+    return std::accumulate(steps_.begin(), steps_.end(), 0.0,
+                           [](double sum, const Step& step) { return sum + step.sum; });
+  }
+  /// How many of the largest reach `share` of the total; within a step all count as equal.
+  std::uint64_t count_for_share(double share) const {
+    const double wanted = share * total();
+    double sum = 0.0;
+    std::uint64_t count = 0;
+    for (auto step = steps_.rbegin(); step != steps_.rend() && sum < wanted; ++step) {
+      if (step->count == 0) continue;
+      const double each = step->sum / static_cast<double>(step->count);
+      const double needed = each > 0.0 ? std::ceil((wanted - sum) / each) : 0.0;
+      count += std::min(step->count, static_cast<std::uint64_t>(std::max(needed, 0.0)));
+      sum += step->sum;
+    }
+    return count;
+  }
+
+ private:
+  // Floats that are not negative rise with their bits. The sign is left out.
+  static constexpr int bits_within_a_step = 12;
+  struct Step {
+    std::uint64_t count = 0;
+    double sum = 0.0;
+  };
+  std::vector<Step> steps_ = std::vector<Step>(std::size_t{1} << (31 - bits_within_a_step));
+};
 
 }  // namespace
 
@@ -121,21 +149,25 @@ KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_pe
 
   std::vector<double> areas(field.basis.size());
   for (std::size_t k = 0; k < areas.size(); ++k) areas[k] = field.basis.area(k);
-  std::vector<float> energies(transfer.entries());
-  for (std::size_t e = 0; e < energies.size(); ++e) {
-    const float* weight = transfer.weight.data() + 3 * e;
-    energies[e] = (std::abs(weight[0]) + std::abs(weight[1]) + std::abs(weight[2])) *
-                  static_cast<float>(areas[transfer.column[e]]);
+  EnergyHistogram energies;
+  std::uint64_t nonzero = 0;
+  for (std::size_t row = 0; row < transfer.rows(); ++row) {
+    for (auto e = transfer.row_start[row]; e < transfer.row_start[row + 1]; ++e) {
+      const float* weight = transfer.weight.data() + 3 * e;
+      const float energy = (std::abs(weight[0]) + std::abs(weight[1]) + std::abs(weight[2])) *
+                           static_cast<float>(areas[transfer.column[e]]);
+      nonzero += energy > 0.0f ? 1 : 0;
+      energies.add(energy);
+    }
+    constexpr std::size_t stretch = 1 << 18;
+    if ((row + 1) % stretch == 0) transfer.pass_by_rows(row + 1 - stretch, row + 1);
   }
-  tbb::parallel_sort(energies.begin(), energies.end(), std::greater<>());
-  const double total = std::accumulate(energies.begin(), energies.end(), 0.0);
   const auto share = [&](std::uint64_t count) {
     return static_cast<double>(count) / static_cast<double>(statistics.kernels);
   };
-  statistics.nonzero_share =
-      share(std::ranges::count_if(energies, [](float energy) { return energy > 0.0f; }));
-  statistics.share_of_99_percent = share(count_for_share(energies, total, 0.99));
-  statistics.share_of_95_percent = share(count_for_share(energies, total, 0.95));
+  statistics.nonzero_share = share(nonzero);
+  statistics.share_of_99_percent = share(energies.count_for_share(0.99));
+  statistics.share_of_95_percent = share(energies.count_for_share(0.95));
   return statistics;
 }
 

@@ -17,6 +17,11 @@ void SparseTransfer::append_row(std::span<const std::uint32_t> columns, std::spa
   row_start.push_back(column.size());
 }
 
+void SparseTransfer::pass_by_rows(std::size_t first, std::size_t last) const {
+  pass_by(column, row_start[first], row_start[last]);
+  pass_by(weight, 3 * row_start[first], 3 * row_start[last]);
+}
+
 void SparseTransfer::apply(std::span<const float> coefficients, std::span<float> outputs) const {
   if (outputs.size() != rows() * 3) throw InputError("transfer: three outputs a row are needed");
   // Memory bandwidth is the limit, so arithmetic must stay below it: the three channels are one vector of
@@ -26,7 +31,9 @@ void SparseTransfer::apply(std::span<const float> coefficients, std::span<float>
   for (std::size_t k = 0; k < light.size(); ++k)
     light[k] = {coefficients[3 * k], coefficients[3 * k + 1], coefficients[3 * k + 2], 0.0f};
   const std::uint64_t last = std::max<std::uint64_t>(entries(), 1) - 1;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rows(), 1024), [&](const auto& range) {
+  // Of values in a file, stretches of many pages.
+  const std::size_t stretch = weight.get_allocator().is_mapped() ? 32768 : 1024;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rows(), stretch), [&](const auto& range) {
     for (std::size_t row = range.begin(); row != range.end(); ++row) {
       Eigen::Array4f sum = Eigen::Array4f::Zero();
       const std::uint64_t end = row_start[row + 1];
@@ -37,6 +44,7 @@ void SparseTransfer::apply(std::span<const float> coefficients, std::span<float>
                light[column[last]];
       Eigen::Map<Eigen::Array3f>(outputs.data() + 3 * row) = sum.head<3>();
     }
+    pass_by_rows(range.begin(), range.end());
   });
 }
 

@@ -4,6 +4,8 @@
 #include <span>
 #include <vector>
 
+#include "core/base/file_vector.h"
+
 namespace refield {
 
 /// A sparse, non-negative transfer matrix by rows: outputs = transfer · coefficients.
@@ -11,11 +13,13 @@ namespace refield {
 /// weight multiplies the *sum* of texel values in its box.
 struct SparseTransfer {
   std::vector<std::uint64_t> row_start{0};  ///< [rows + 1]
-  std::vector<std::uint32_t> column;        ///< [entries], basis function
-  std::vector<float> weight;                ///< [entries × 3]
+  FileVector<std::uint32_t> column;         ///< [entries], basis function
+  FileVector<float> weight;                 ///< [entries × 3]
 
   std::size_t rows() const { return row_start.size() - 1; }
   std::size_t entries() const { return column.size(); }
+  /// Says that a pass is done with some rows, see pass_by().
+  void pass_by_rows(std::size_t first, std::size_t last) const;
 
   /// Appends a row with `columns.size()` entries and `weights` [entries × 3].
   void append_row(std::span<const std::uint32_t> columns, std::span<const float> weights);

@@ -2,9 +2,11 @@
 #include "core/field_io/field_content.h"
 
 #include <hdf5.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <type_traits>
@@ -246,15 +248,34 @@ std::string fault_of_outline(const FieldOutline& field) {
   return "";
 }
 
+namespace {
+
+/// With all threads.
+template <class T, class Is>
+bool any_of(const FileVector<T>& values, const Is& is) {
+  constexpr std::size_t stretch = std::size_t{1} << 20;
+  std::atomic<bool> found = false;
+  tbb::parallel_for(std::size_t{0}, (values.size() + stretch - 1) / stretch, [&](std::size_t i) {
+    const std::size_t first = i * stretch, last = std::min(first + stretch, values.size());
+    if (std::any_of(values.begin() + static_cast<std::ptrdiff_t>(first),
+                    values.begin() + static_cast<std::ptrdiff_t>(last), is))
+      found = true;
+    pass_by(values, first, last);
+  });
+  return found;
+}
+
+}  // namespace
+
 std::string fault_of_transfer(const SparseTransfer& transfer, std::uint64_t pixels, std::size_t kernels) {
   if (transfer.row_start.size() != pixels + 1 || transfer.row_start.front() != 0 ||
       transfer.row_start.back() != transfer.column.size() || !std::ranges::is_sorted(transfer.row_start))
     return "transfer/row_start does not fit the image size";
   if (transfer.weight.size() != transfer.column.size() * 3)
     return "transfer/weight does not fit transfer/column";
-  if (std::ranges::any_of(transfer.column, [&](std::uint32_t k) { return k >= kernels; }))
+  if (any_of(transfer.column, [&](std::uint32_t k) { return k >= kernels; }))
     return "transfer/column refers to a kernel that does not exist";
-  if (std::ranges::any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
+  if (any_of(transfer.weight, [](float w) { return !std::isfinite(w); }))
     return "transfer/weight holds a weight that is not finite";
   return "";
 }

@@ -97,6 +97,25 @@ std::vector<T> Hdf5Values::dataset(const char* name, std::size_t columns) const 
   return values;
 }
 
+template <class T>
+FileVector<T> Hdf5Values::file_vector(const char* name, std::size_t columns, std::uint64_t map_from) const {
+  const Hdf5DataSet& set = locate(name, type_name<T>(), columns);
+  Hdf5Pieces pieces(*this, name, set);
+  if (set.bytes < map_from || set.offset % alignof(T) != 0) {
+    FileVector<T> values(set.bytes / sizeof(T));
+    pieces.read(std::as_writable_bytes(std::span(values)));
+    pieces.finish();
+    return values;
+  }
+  auto file = std::make_shared<const MappedFile>(path);
+  if (file->bytes().size() < set.offset + set.bytes) fail(named(name, "is truncated"));  // since locate()
+  const auto bytes = file->bytes().subspan(set.offset, set.bytes);
+  FileVector<T> values(set.bytes / sizeof(T), FileAllocator<T>(std::move(file), bytes));
+  pieces.check(values);
+  pieces.finish();
+  return values;
+}
+
 const std::string& Hdf5Values::text(const char* name) const {
   const auto found = outline.texts.find(name);
   if (found == outline.texts.end()) fail(std::string("has no attribute '") + name + "' that is a text");
@@ -116,21 +135,36 @@ Hdf5Pieces::Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5Dat
 
 void Hdf5Pieces::read(std::span<std::byte> piece) {
   // Copying from the system's cache and the checksum keep one core busy longer than laying a field out.
-  constexpr std::size_t part_bytes = std::size_t{4} << 20;
-  std::vector<std::uint32_t> sums((piece.size() + part_bytes - 1) / part_bytes);
-  const auto part = [&](std::size_t i) {
-    return piece.subspan(i * part_bytes, std::min(part_bytes, piece.size() - i * part_bytes));
-  };
-  tbb::parallel_for(std::size_t{0}, sums.size(), [&](std::size_t i) {
-    const auto to = part(i);
+  sum_parts(piece.size(), [&](std::size_t first, std::size_t size) {
+    const auto to = piece.subspan(first, size);
     std::ifstream file(values_.path, std::ios::binary);
-    if (!file.seekg(static_cast<std::streamoff>(set_.offset + done_ + i * part_bytes)) ||
+    if (!file.seekg(static_cast<std::streamoff>(set_.offset + done_ + first)) ||
         !file.read(reinterpret_cast<char*>(to.data()), static_cast<std::streamsize>(to.size())))
       fail("cannot be read");
-    sums[i] = crc32_of(to.data(), to.size());
+    return crc32_of(to.data(), to.size());
   });
-  for (std::size_t i = 0; i < sums.size(); ++i) crc_ = crc32_joined(crc_, sums[i], part(i).size());
   done_ += piece.size();
+}
+
+template <class T>
+void Hdf5Pieces::check(const FileVector<T>& values) {
+  sum_parts(values.size() * sizeof(T), [&](std::size_t first, std::size_t size) {
+    const std::uint32_t sum = crc32_of(reinterpret_cast<const std::byte*>(values.data()) + first, size);
+    pass_by(values, first / sizeof(T), (first + size) / sizeof(T));
+    return sum;
+  });
+}
+
+/// `sum_of`: the checksum of the bytes from `first` on, `size` of them; called for all of them, by all
+/// threads.
+template <class SumOf>
+void Hdf5Pieces::sum_parts(std::size_t bytes, const SumOf& sum_of) {
+  constexpr std::size_t part_bytes = std::size_t{4} << 20;
+  std::vector<std::uint32_t> sums((bytes + part_bytes - 1) / part_bytes);
+  const auto size_of = [&](std::size_t i) { return std::min(part_bytes, bytes - i * part_bytes); };
+  tbb::parallel_for(std::size_t{0}, sums.size(),
+                    [&](std::size_t i) { sums[i] = sum_of(i * part_bytes, size_of(i)); });
+  for (std::size_t i = 0; i < sums.size(); ++i) crc_ = crc32_joined(crc_, sums[i], size_of(i));
 }
 
 void Hdf5Pieces::finish() const {
@@ -146,5 +180,7 @@ template std::vector<double> Hdf5Values::dataset(const char*, std::size_t) const
 template std::vector<std::int32_t> Hdf5Values::dataset(const char*, std::size_t) const;
 template std::vector<std::uint32_t> Hdf5Values::dataset(const char*, std::size_t) const;
 template std::vector<std::uint64_t> Hdf5Values::dataset(const char*, std::size_t) const;
+template FileVector<float> Hdf5Values::file_vector(const char*, std::size_t, std::uint64_t) const;
+template FileVector<std::uint32_t> Hdf5Values::file_vector(const char*, std::size_t, std::uint64_t) const;
 
 }  // namespace refield

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/file_vector.h"
 #include "core/base/run_context.h"
 
 namespace refield {
@@ -54,6 +55,9 @@ struct Hdf5Values {
   /// A data set of `columns` columns. T: float, double, std::int32_t, std::uint32_t or std::uint64_t.
   template <class T>
   std::vector<T> dataset(const char* name, std::size_t columns) const;
+  /// The same; of `map_from` bytes or more, values stay in the file until they are looked at.
+  template <class T>
+  FileVector<T> file_vector(const char* name, std::size_t columns, std::uint64_t map_from) const;
   /// A data set of that many columns as type "f4", "f8", "i4", "u4" or "u8", all of which lies in the file.
   const Hdf5DataSet& locate(const char* name, const char* type, std::size_t columns) const;
 };
@@ -63,12 +67,17 @@ class Hdf5Pieces {
  public:
   Hdf5Pieces(const Hdf5Values& values, const char* name, const Hdf5DataSet& set);
   void read(std::span<std::byte> piece);
+  /// Takes the whole data set where it stands for read.
+  template <class T>
+  void check(const FileVector<T>& values);
   /// Checks what was read, if all of it was, against the file's checksum; another program may have left that
   /// out.
   void finish() const;
 
  private:
   [[noreturn]] void fail(const char* what) const;
+  template <class SumOf>
+  void sum_parts(std::size_t bytes, const SumOf& sum_of);
   const Hdf5Values& values_;
   const char* name_;
   const Hdf5DataSet& set_;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -71,12 +72,12 @@ TransferPieces one_piece(const SparseTransfer& transfer) {
 }
 
 /// Fills in the numbers; `field.height` must be that of the rows held.
-void read_content(const Hdf5Values& values, ReflectanceField& field) {
+void read_content(const Hdf5Values& values, ReflectanceField& field, std::uint64_t map_from) {
   read_boxes(values, field);
   SparseTransfer& transfer = field.transfer;
   transfer.row_start = values.dataset<std::uint64_t>("transfer/row_start", 1);
-  transfer.column = values.dataset<std::uint32_t>("transfer/column", 1);
-  transfer.weight = values.dataset<float>("transfer/weight", 3);
+  transfer.column = values.file_vector<std::uint32_t>("transfer/column", 1, map_from);
+  transfer.weight = values.file_vector<float>("transfer/weight", 3, map_from);
   if (const std::string fault = fault_of_rows(field); !fault.empty()) values.fail(fault);
   read_statistics(values, field);
 }
@@ -96,7 +97,8 @@ FieldPart read_part(const fs::path& path, bool with_content, const RunContext& r
   part.field.height = part.rows.count();
   part.job = values.text("job");
   if (with_content) {
-    read_content(values, part.field);
+    // Merging renumbers its kernels.
+    read_content(values, part.field, std::numeric_limits<std::uint64_t>::max());
     part.error_evidence = read_error_evidence(values, part.field.transfer.rows());
   }
   return part;
@@ -112,9 +114,9 @@ FieldFile open_whole_field(const fs::path& path, const RunContext& run) {
                    " rows; merge all shards with 'refield merge SHARDS -o WHOLE.rfield' and give the result");
 }
 
-ReflectanceField read_rows(const FieldFile& file) {
+ReflectanceField read_rows(const FieldFile& file, std::uint64_t map_from) {
   ReflectanceField field{read_outline(file.values), {}};
-  read_content(file.values, field);
+  read_content(file.values, field, map_from);
   return field;
 }
 
@@ -130,9 +132,9 @@ void write_reflectance_field(const fs::path& path, const FieldOutline& field, co
   write_field(path, field, transfer, nullptr, run);
 }
 
-ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& run) {
+ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& run, std::uint64_t map_from) {
   const FieldFile file = open_whole_field(path, run);
-  return file.version == packed_field_version ? expand(read_packed(file.values)) : read_rows(file);
+  return file.version == packed_field_version ? expand(read_packed(file.values)) : read_rows(file, map_from);
 }
 
 ReflectanceField read_image_field(const fs::path& path, const RunContext& run) {
@@ -147,7 +149,7 @@ ReflectanceField read_image_field(const fs::path& path, const RunContext& run) {
 std::variant<ReflectanceField, PackedField> read_either_field(const fs::path& path, const RunContext& run) {
   const FieldFile file = open_whole_field(path, run);
   if (file.version == packed_field_version) return read_packed(file.values);
-  return read_rows(file);
+  return read_rows(file, large_transfer_bytes);
 }
 
 bool is_field_part(const fs::path& path, const RunContext& run) {

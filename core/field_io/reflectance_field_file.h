@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cstdint>
 #include <filesystem>
 #include <variant>
 
@@ -18,9 +19,14 @@ inline constexpr int packed_field_version = 3;
 /// Throws DeviceError where the disk refuses.
 void write_reflectance_field(const std::filesystem::path& path, const ReflectanceField& field);
 
+inline constexpr std::uint64_t large_transfer_bytes = std::uint64_t{1} << 30;
+
 /// Reads a field, packed or not, and checks all of it: shapes, box bounds, entry numbers, finite non-negative
-/// weights. Throws FormatError for another kind of file, another version or damaged content.
-ReflectanceField read_reflectance_field(const std::filesystem::path& path, const RunContext& run = {});
+/// weights. Throws FormatError for another kind of file, another version or damaged content. Columns and
+/// weights of `map_from` bytes or more stay in the file (FileVector), which must not be written to in place
+/// meanwhile: a picture of 24 megapixels takes 1 GiB then instead of 9.
+ReflectanceField read_reflectance_field(const std::filesystem::path& path, const RunContext& run = {},
+                                        std::uint64_t map_from = large_transfer_bytes);
 
 /// The same for who needs pixels of a camera that stood still. Throws InputError for a field over a mesh.
 ReflectanceField read_image_field(const std::filesystem::path& path, const RunContext& run);

@@ -55,7 +55,7 @@ typename TiledTransfer<Weight>::Band lay_out_band(const ReflectanceField& field,
 }
 
 template <class T>
-void forget(std::vector<T>& values, std::uint64_t first, std::uint64_t last) {
+void forget(FileVector<T>& values, std::uint64_t first, std::uint64_t last) {
   forget_pages(values.data() + first, (last - first) * sizeof(T));
 }
 

@@ -98,6 +98,38 @@ TEST(ReflectanceFieldFile, RoundTripIsBitExact) {
   EXPECT_EQ(back.provenance, field.provenance);
 }
 
+TEST(ReflectanceFieldFile, ATransferThatStaysInTheFileIsTheSame) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "f.rfield";
+  const ReflectanceField field = sample_field();
+  write_reflectance_field(path, field);
+  constexpr std::uint64_t map_all = 0;
+  ReflectanceField mapped = read_reflectance_field(path, {}, map_all);
+  EXPECT_TRUE(mapped.transfer.weight.get_allocator().is_mapped());
+  EXPECT_EQ(mapped.transfer.row_start, field.transfer.row_start);
+  LightMap light{Image(16, 8, 3), Parameterisation::lat_long};
+  Rng rng(3);
+  for (float& value : light.radiance.values) value = static_cast<float>(rng.uniform());
+  const Image expected = field.relight(light);
+  EXPECT_EQ(mapped.relight(light).values, expected.values);
+  EXPECT_EQ(mapped.relight(light).values, expected.values) << "the second pass";
+
+  fs::remove(path);  // as a file does that another one replaces
+  ReflectanceField copy = mapped;
+  EXPECT_FALSE(copy.transfer.weight.get_allocator().is_mapped());
+  copy.transfer.append_row({}, {});
+  copy.transfer.weight.assign(copy.transfer.weight.size(), 0.0f);
+  EXPECT_EQ(mapped.relight(light).values, expected.values);
+  const ReflectanceField moved = std::move(mapped);
+  EXPECT_TRUE(moved.transfer.weight.get_allocator().is_mapped());
+  EXPECT_EQ(moved.relight(light).values, expected.values);
+
+  write_reflectance_field(path, field);
+  set_first_values<std::uint32_t>(path, "transfer/column", H5T_NATIVE_UINT32, {60});
+  EXPECT_THAT(test::message_of<FormatError>([&] { read_reflectance_field(path, {}, map_all); }),
+              HasSubstr("does not exist"));
+}
+
 TEST(ReflectanceFieldFile, AFieldWithoutKernelsOrErrorsRoundTrips) {
   const test::TemporaryFolder folder;
   ReflectanceField field;
