@@ -314,7 +314,7 @@ class CornerLine {
   }
 
   /// Asks for the sums from corner `i` to the next.
-  void add_edge(std::size_t i, PathBatch& batch) {
+  void add_edge(std::size_t i, PathBatch<PathSums>& batch) {
     if (has_sums_[i] != 0) return;
     has_sums_[i] = 1;
     const MapPoint &from = point(i), &to = point(i + 1);
@@ -428,7 +428,7 @@ class TexelRows {
   int row_;
   std::size_t edges_;
   std::unique_ptr<CornerLine> above_, below_;
-  PathBatch batch_;
+  PathBatch<PathSums> batch_;
   std::vector<std::int32_t> mixed_;  // 0: no
   std::vector<PathSums> sides_;      // down the edges beside mixed texels
 };
@@ -662,17 +662,6 @@ std::vector<SmallBox> distinct_boxes(std::span<const VectorBox> kernels) {
   return boxes;
 }
 
-/// As PathBatch, path by path: far fewer kernels than boxes need it.
-struct VectorPaths {
-  const PreparedEnvironment& environment;
-
-  void add(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-           const SourceTexel& at_b, VectorPathSums& sums) const {
-    sums = environment.vectors_along(a, at_a, b, at_b);
-  }
-  void flush() const {}
-};
-
 }  // namespace
 
 BoxProjector::BoxProjector(int resolution, std::span<const VectorBox> vector_boxes,
@@ -692,7 +681,7 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
   if (!vector_boxes_.empty()) {
     environment.prepare_vectors(run);
     vector_edges_.sum_around<VectorPathSums>(
-        environment, environment_from_scene, run, [&] { return VectorPaths{environment}; },
+        environment, environment_from_scene, run, [&] { return PathBatch<VectorPathSums>(environment); },
         [&](std::size_t box, const VectorPathSums& around) {
           const Eigen::Matrix3d light = scene_from_environment * environment.enclosed(around);
           for (std::size_t k = first_of_box_[box]; k < first_of_box_[box + 1]; ++k) {
@@ -703,7 +692,7 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
   }
   std::vector<double> of_boxes(edges_.boxes() * 3, 0.0);
   edges_.sum_around<PathSums>(
-      environment, environment_from_scene, run, [&] { return PathBatch(environment); },
+      environment, environment_from_scene, run, [&] { return PathBatch<PathSums>(environment); },
       [&](std::size_t box, const PathSums& around) {
         double light[3];
         environment.enclosed(around, light);

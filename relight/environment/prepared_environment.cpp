@@ -300,85 +300,6 @@ PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, 
   return sums;
 }
 
-void PathBatch::add(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b, const SourceTexel& at_b,
-                    PathSums& sums) {
-  if (count_ + max_pieces_of_path > PathPieceEnds::capacity) flush();
-  sums = {};
-  if (!add_short(a, at_a, b, at_b, sums)) sums = environment_.along(a, at_a, b, at_b);
-}
-
-bool PathBatch::add_short(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
-                          const SourceTexel& at_b, PathSums& sums) {
-  constexpr double max_squared_length = 1e-4;
-  constexpr double max_tangent = 0.06;  // of the azimuth, see measure_pieces()
-  const int width = environment_.map_->radiance.width;
-  int columns = at_b.column - at_a.column;
-  if (columns == width - 1) columns = -1;
-  if (columns == 1 - width) columns = 1;
-  const int rows = at_b.row - at_a.row;
-  const Vector3d chord = b - a;
-  const double squared = chord.squaredNorm();
-  if (std::abs(columns) > 1 || std::abs(rows) > 1 || squared > max_squared_length ||
-      std::abs(a.z() * chord.x() - a.x() * chord.z()) >= max_tangent * (a.x() * b.x() + a.z() * b.z()))
-    return false;
-  double at_column = 2.0, at_row = 2.0;  // where along the chord it crosses edges; 2: nowhere
-  if (rows != 0) {
-    // On the chord's great circle, with t from 0 to 1 and to squared²/128, sin(latitude) is
-    // a.y + t chord.y + bend t (1 − t). It is monotonic where the bend is small beside the slope.
-    const double sine = environment_.sines_[static_cast<std::size_t>(std::max(at_a.row, at_b.row))];
-    const double bend = 0.5 * sine * squared, slope = chord.y() + bend, below = sine - a.y();
-    if (std::abs(slope) < 8.0 * std::abs(bend)) return false;
-    const double root = std::sqrt(std::max(0.0, slope * slope - 4.0 * bend * below));
-    at_row = std::clamp(2.0 * below / (slope + std::copysign(root, slope)), 0.0, 1.0);
-  } else if (!environment_.stays_inside(at_a, std::min(a.y(), b.y()), std::max(a.y(), b.y()),
-                                        1.0 - 0.126 * squared)) {  // less than √(1 − squared ∕ 4)
-    return false;
-  }
-  if (columns != 0) {
-    const int edge = columns > 0 ? at_a.column + 1 : at_a.column;
-    const double of_a = environment_.right_of(edge, a), of_b = environment_.right_of(edge, b);
-    if (of_a == of_b) return false;
-    at_column = std::clamp(of_a / (of_a - of_b), 0.0, 1.0);
-  }
-  const auto at = [&](double t) -> Vector3d {
-    const double shorter = squared * t * (1.0 - t);  // of the squared length, than 1
-    return (a + t * chord) * (1.0 + shorter * (0.5 + 0.375 * shorter));
-  };
-  if (rows == 0 && columns == 0) {
-    add_piece(a, b, at_a.column, at_a.row, sums);
-    return true;
-  }
-  const bool column_first = at_column < at_row;
-  const Vector3d first = at(column_first ? at_column : at_row);
-  add_piece(a, first, at_a.column, at_a.row, sums);
-  if (rows == 0 || columns == 0) {
-    add_piece(first, b, at_b.column, at_b.row, sums);
-    return true;
-  }
-  const Vector3d second = at(column_first ? at_row : at_column);
-  add_piece(first, second, column_first ? at_b.column : at_a.column, column_first ? at_a.row : at_b.row,
-            sums);
-  add_piece(second, b, at_b.column, at_b.row, sums);
-  return true;
-}
-
-void PathBatch::add_piece(const Vector3d& a, const Vector3d& b, int column, int row, PathSums& sums) {
-  ends_.ax[count_] = a.x();
-  ends_.ay[count_] = a.y();
-  ends_.az[count_] = a.z();
-  ends_.bx[count_] = b.x();
-  ends_.by[count_] = b.y();
-  ends_.bz[count_] = b.z();
-  places_[count_++] = {row * environment_.map_->radiance.width + column, row, &sums};
-}
-
-void PathBatch::flush() {
-  measure_pieces(ends_, count_, azimuth_, above_);
-  for (std::size_t i = 0; i < count_; ++i)
-    environment_.add_measured(azimuth_[i], above_[i], places_[i].texel, places_[i].row, *places_[i].sums);
-  count_ = 0;
-}
-
 void PreparedEnvironment::enclosed(const PathSums& around, double light[3]) const {
   // Around the south pole Q is that of whole columns, which no edge encloses.
   const bool has_south_pole = around.azimuth < -pi;
@@ -437,11 +358,29 @@ void PreparedEnvironment::make_vector_table(VectorTable& table, const RunContext
   }
 }
 
+void PreparedEnvironment::add_measured(double azimuth, const Eigen::Vector2d& across, const Vector3d& inside,
+                                       std::int32_t texel, int row, VectorPathSums& sums) const {
+  const std::ptrdiff_t row_values = std::ptrdiff_t{3} * map_->radiance.width;
+  const int block = row / block_rows_, first_row = block * block_rows_;
+  const float* radiance = map_->radiance.values.data() + std::ptrdiff_t{3} * texel;
+  const Cap* north = vectors_->prefix.data() + std::ptrdiff_t{3} * texel - (row - block) * row_values;
+  for (std::ptrdiff_t c = 0; c < 3; ++c) {
+    Cap sum = north[c];
+    for (int y = first_row; y < row; ++y) {
+      const Cap &upper = vectors_->caps[static_cast<std::size_t>(y)],
+                &lower = vectors_->caps[static_cast<std::size_t>(y) + 1];
+      const double between = radiance[c - (row - y) * row_values];
+      sum.upward += (lower.upward - upper.upward) * between;
+      sum.outward += (lower.outward - upper.outward) * between;
+    }
+    sums.light.col(c) += static_cast<double>(radiance[c]) * inside +
+                         Vector3d(sum.outward * across[0], sum.upward * azimuth, sum.outward * across[1]);
+  }
+  sums.azimuth += azimuth;
+}
+
 VectorPathSums PreparedEnvironment::vectors_along(const Vector3d& a, const SourceTexel& at_a,
                                                   const Vector3d& b, const SourceTexel& at_b) const {
-  const Image& radiance = map_->radiance;
-  const std::vector<Cap>& caps = vectors_->caps;
-  const auto row_values = static_cast<std::size_t>(radiance.width) * 3;
   VectorPathSums sums;
   /// Of a point: the azimuth's direction, its integral, and that times the angle from the pole.
   struct End {
@@ -463,31 +402,180 @@ VectorPathSums PreparedEnvironment::vectors_along(const Vector3d& a, const Sourc
         angle(start->level[1] * end.level[0] - start->level[0] * end.level[1], start->level.dot(end.level));
     const Eigen::Vector2d across = end.across - start->across, sides = end.side - start->side;
     start = end;
-    const auto of_cap = [&](const Cap& cap) {
-      return Vector3d(cap.outward * across[0], cap.upward * azimuth, cap.outward * across[1]);
-    };
     // The triangle with the north pole, less what of it is north of the texel.
     const Vector3d normal = from.direction.cross(to.direction);
     const double sine = normal.norm();
     const double stretch = sine > 0.0 ? angle(sine, from.direction.dot(to.direction)) / sine : 1.0;
     const Vector3d triangle = 0.5 * (stretch * normal + Vector3d(sides[0], 0.0, sides[1]));
-    const Vector3d inside = triangle - of_cap(caps[static_cast<std::size_t>(row)]);
-    const int first_row = row / block_rows_ * block_rows_;
-    const Cap* north = &vectors_->prefix[static_cast<std::size_t>(row / block_rows_) * row_values +
-                                         std::size_t{3} * static_cast<std::size_t>(column)];
-    for (int c = 0; c < 3; ++c) {
-      Cap sum = north[c];
-      for (int y = first_row; y < row; ++y) {
-        const Cap &upper = caps[static_cast<std::size_t>(y)], &lower = caps[static_cast<std::size_t>(y) + 1];
-        sum.upward += (lower.upward - upper.upward) * radiance.at(column, y, c);
-        sum.outward += (lower.outward - upper.outward) * radiance.at(column, y, c);
-      }
-      sums.light.col(c) += static_cast<double>(radiance.at(column, row, c)) * inside + of_cap(sum);
-    }
-    sums.azimuth += azimuth;
+    const Cap& north = vectors_->caps[static_cast<std::size_t>(row)];
+    const Vector3d of_cap(north.outward * across[0], north.upward * azimuth, north.outward * across[1]);
+    add_measured(azimuth, across, triangle - of_cap, row * map_->radiance.width + column, row, sums);
   });
   return sums;
 }
+
+namespace {
+
+/// Pieces of maps of that many columns and rows are short enough for measure_pieces() and
+/// measure_piece_vectors().
+constexpr int fine_columns = 256, fine_rows = 128;
+
+/// Whether a path lies so far from the poles, beside which azimuths are large and badly known, that those of
+/// its pieces are not larger than columns.
+bool misses_poles(const Vector3d& a, const Vector3d& b) {
+  constexpr double beside_pole = 1e-3;
+  const auto from_pole = [](const Vector3d& end) { return end.x() * end.x() + end.z() * end.z(); };
+  return std::min(from_pole(a), from_pole(b)) >
+         std::max(4.0 * (b - a).squaredNorm(), beside_pole * beside_pole);
+}
+
+}  // namespace
+
+template <class Sums>
+PathBatch<Sums>::PathBatch(const PreparedEnvironment& environment)
+    : environment_(environment),
+      is_fine_(environment.map().radiance.width >= fine_columns &&
+               environment.map().radiance.height >= fine_rows) {}
+
+template <class Sums>
+void PathBatch<Sums>::add(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
+                          const SourceTexel& at_b, Sums& sums) {
+  sums = {};
+  if (add_short(a, at_a, b, at_b, sums)) return;
+  if (is_fine_ && misses_poles(a, b))
+    environment_.walk(a, at_a, b, at_b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
+      add_piece(from, to, column, row, sums);
+    });
+  else if constexpr (has_vectors)
+    sums = environment_.vectors_along(a, at_a, b, at_b);
+  else
+    sums = environment_.along(a, at_a, b, at_b);
+}
+
+template <class Sums>
+bool PathBatch<Sums>::add_short(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
+                                const SourceTexel& at_b, Sums& sums) {
+  if (has_vectors && !is_fine_) return false;
+  constexpr double max_squared_length = 4e-3;
+  constexpr double max_tangent = 0.06;  // of the azimuth of pieces, see measure_pieces()
+  const int width = environment_.map_->radiance.width;
+  int columns = at_b.column - at_a.column;  // to cross, to the right
+  if (2 * columns >= width) columns -= width;
+  if (2 * columns < -width) columns += width;
+  int rows = at_b.row - at_a.row;
+  const Vector3d chord = b - a;
+  const double squared = chord.squaredNorm();
+  if (squared > max_squared_length) return false;
+  if (is_fine_
+          ? !misses_poles(a, b)
+          : std::abs(a.z() * chord.x() - a.x() * chord.z()) >= max_tangent * (a.x() * b.x() + a.z() * b.z()))
+    return false;
+  // On the chord's great circle, with t from 0 to 1 and to squared²/128, sin(latitude) is
+  // a.y + t chord.y + bend t (1 − t). Where it crosses edges of rows need not be known better: from texel to
+  // texel of a column, what is integrated does not jump.
+  const double half_squared = 0.5 * squared;
+  if (rows != 0) {
+    // It is monotonic where the bend is small beside the slope.
+    if (std::abs(chord.y()) < 8.0 * half_squared) return false;
+  } else if (!environment_.stays_inside(at_a, std::min(a.y(), b.y()), std::max(a.y(), b.y()),
+                                        1.0 - 0.126 * squared)) {  // less than √(1 − squared ∕ 4)
+    return false;
+  }
+  SourceTexel at = at_a;
+  constexpr double nowhere = 2.0;
+  double at_column = nowhere, at_row = nowhere;  // along the chord, of the next edges
+  const auto find_column = [&] {
+    at_column = nowhere;
+    if (columns == 0) return;
+    const int edge = columns > 0 ? at.column + 1 : at.column;
+    const double of_a = environment_.right_of(edge, a), of_b = environment_.right_of(edge, b);
+    at_column = of_a == of_b ? 0.5 : std::clamp(of_a / (of_a - of_b), 0.0, 1.0);
+  };
+  const auto find_row = [&] {
+    at_row = nowhere;
+    if (rows == 0) return;
+    const double sine = environment_.sines_[static_cast<std::size_t>(rows > 0 ? at.row + 1 : at.row)];
+    const double bend = half_squared * sine, slope = chord.y() + bend, below = sine - a.y();
+    const double root = std::sqrt(std::max(0.0, slope * slope - 4.0 * bend * below));
+    at_row = std::clamp(2.0 * below / (slope + std::copysign(root, slope)), 0.0, 1.0);
+  };
+  const auto point = [](const Vector3d& direction) {
+    return PathPoint{direction, {direction.x(), direction.z()}};
+  };
+  PathPoint from = point(a);
+  find_column();
+  find_row();
+  while (columns != 0 || rows != 0) {
+    const bool column_first = at_column < at_row;
+    const double t = column_first ? at_column : at_row;
+    const double shorter = squared * t * (1.0 - t);  // of the squared length, than 1
+    PathPoint to = point((a + t * chord) * (1.0 + shorter * (0.5 + shorter * (0.375 + 0.3125 * shorter))));
+    if (column_first) {
+      const int step = columns > 0 ? 1 : -1;
+      if (is_fine_) to.level = environment_.edges_[static_cast<std::size_t>(at.column + (step > 0))];
+      add_piece(from, to, at.column, at.row, sums);
+      at.column += step;
+      if (at.column < 0 || at.column == width) at.column -= step * width;
+      columns -= step;
+      find_column();
+    } else {
+      const int step = rows > 0 ? 1 : -1;
+      add_piece(from, to, at.column, at.row, sums);
+      at.row += step;
+      rows -= step;
+      find_row();
+    }
+    from = to;
+  }
+  add_piece(from, point(b), at_b.column, at_b.row, sums);
+  return true;
+}
+
+template <class Sums>
+void PathBatch<Sums>::add_piece(const PathPoint& a, const PathPoint& b, int column, int row, Sums& sums) {
+  if (count_ == PathPieceEnds::capacity) flush();
+  ends_.ax[count_] = a.direction.x();
+  ends_.ay[count_] = a.direction.y();
+  ends_.az[count_] = a.direction.z();
+  ends_.bx[count_] = b.direction.x();
+  ends_.by[count_] = b.direction.y();
+  ends_.bz[count_] = b.direction.z();
+  ends_.a_level_x[count_] = a.level[0];
+  ends_.a_level_z[count_] = a.level[1];
+  ends_.b_level_x[count_] = b.level[0];
+  ends_.b_level_z[count_] = b.level[1];
+  if constexpr (has_vectors) {
+    const auto edge = static_cast<std::size_t>(row);
+    rows_.sine[count_] = environment_.sines_[edge];
+    rows_.from_pole[count_] = environment_.vectors_->poles[edge][0];
+    rows_.cosine[count_] = environment_.vectors_->poles[edge][1];
+    rows_.upward[count_] = environment_.vectors_->caps[edge].upward;
+    rows_.outward[count_] = environment_.vectors_->caps[edge].outward;
+  }
+  places_[count_++] = {row * environment_.map_->radiance.width + column, row, &sums};
+}
+
+template <class Sums>
+void PathBatch<Sums>::flush() {
+  if constexpr (has_vectors)
+    measure_piece_vectors(ends_, rows_, count_, measures_);
+  else
+    measure_pieces(ends_, count_, measures_.azimuth, measures_.above);
+  for (std::size_t i = 0; i < count_; ++i) {
+    const Place& place = places_[i];
+    if constexpr (has_vectors)
+      environment_.add_measured(measures_.azimuth[i], {measures_.across_x[i], measures_.across_z[i]},
+                                {measures_.x[i], measures_.y[i], measures_.z[i]}, place.texel, place.row,
+                                *place.sums);
+    else
+      environment_.add_measured(measures_.azimuth[i], measures_.above[i], place.texel, place.row,
+                                *place.sums);
+  }
+  count_ = 0;
+}
+
+template class PathBatch<PathSums>;
+template class PathBatch<VectorPathSums>;
 
 Eigen::Matrix3d PreparedEnvironment::enclosed(const VectorPathSums& around) const {
   return around.azimuth < -pi ? Eigen::Matrix3d(around.light + vectors_->total) : around.light;

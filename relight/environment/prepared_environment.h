@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -125,6 +126,7 @@ class PreparedEnvironment {
   }
 
  private:
+  template <class Sums>
   friend class PathBatch;
 
   /// Whether great circles between points of a texel whose sines of latitude lie between `least` and `most`
@@ -148,6 +150,9 @@ class PreparedEnvironment {
             const SourceTexel& at_b, const Visit& visit) const;
   /// Adds the sums along a piece in one texel: its azimuth and ∫ (1 − sin(latitude)) dφ.
   void add_measured(double azimuth, double above, std::int32_t texel, int row, PathSums& sums) const;
+  /// The same of light vectors: see PieceVectors.
+  void add_measured(double azimuth, const Eigen::Vector2d& across, const Eigen::Vector3d& inside,
+                    std::int32_t texel, int row, VectorPathSums& sums) const;
   /// Sine of the azimuth from the left edge of `column` to a direction, times the cosine of its latitude.
   double right_of(int column, const Eigen::Vector3d& direction) const {
     const Eigen::Vector2d& edge = edges_[static_cast<std::size_t>(column)];
@@ -177,36 +182,47 @@ class PreparedEnvironment {
   std::shared_ptr<VectorTable> vectors_ = std::make_shared<VectorTable>();
 };
 
-/// PreparedEnvironment::along() for many paths at a time. Short ones that cross few texels, nearly all of a
-/// fine light map, are computed in vectors; the rest one by one. Sums do not depend on the batch's other
+/// PreparedEnvironment::along(), or with VectorPathSums vectors_along(), for many paths at a time. Pieces of
+/// paths are measured in vectors, other than those of coarse maps. Sums do not depend on the batch's other
 /// paths. One for each thread.
+template <class Sums>
 class PathBatch {
  public:
-  /// `environment` must outlive the batch.
-  explicit PathBatch(const PreparedEnvironment& environment) : environment_(environment) {}
+  /// `environment` must outlive the batch; for VectorPathSums, after its prepare_vectors().
+  explicit PathBatch(const PreparedEnvironment& environment);
 
   /// As along(). `sums` is set when the next flush() returns, and must stay where it is until then.
   void add(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-           const SourceTexel& at_b, PathSums& sums);
+           const SourceTexel& at_b, Sums& sums);
   void flush();
 
  private:
-  static constexpr std::size_t max_pieces_of_path = 3;
+  using PathPoint = PreparedEnvironment::PathPoint;
+  static constexpr bool has_vectors = std::is_same_v<Sums, VectorPathSums>;
 
   bool add_short(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-                 const SourceTexel& at_b, PathSums& sums);
-  void add_piece(const Eigen::Vector3d& a, const Eigen::Vector3d& b, int column, int row, PathSums& sums);
+                 const SourceTexel& at_b, Sums& sums);
+  void add_piece(const PathPoint& a, const PathPoint& b, int column, int row, Sums& sums);
 
   struct Place {
     std::int32_t texel, row;
-    PathSums* sums;
+    Sums* sums;
   };
+  struct Measures {  // of PathSums
+    alignas(64) double azimuth[PathPieceEnds::capacity];
+    alignas(64) double above[PathPieceEnds::capacity];
+  };
+  struct None {};
   const PreparedEnvironment& environment_;
+  bool is_fine_;  // so that all pieces are measured in vectors
   std::size_t count_ = 0;
   PathPieceEnds ends_;
-  alignas(64) double azimuth_[PathPieceEnds::capacity];
-  alignas(64) double above_[PathPieceEnds::capacity];
+  std::conditional_t<has_vectors, PieceRows, None> rows_;
+  std::conditional_t<has_vectors, PieceVectors, Measures> measures_;
   Place places_[PathPieceEnds::capacity];
 };
+
+extern template class PathBatch<PathSums>;
+extern template class PathBatch<VectorPathSums>;
 
 }  // namespace refield

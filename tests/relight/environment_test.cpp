@@ -531,8 +531,9 @@ TEST(Environment, VectorBoxesOfWhiteLightAreExactBesideASunToo) {
 TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
   constexpr double rounding = 1e-11;  // sums are up to 6
   Rng rng(27);
-  for (const int width : {16, 200, 2400}) {  // the last without prefix sums of all rows
+  for (const int width : {16, 200, 400, 2400}) {  // the last without prefix sums of all rows
     const PreparedEnvironment environment(test::random_light(rng, lat_long(width)));
+    environment.prepare_vectors({});
     constexpr std::size_t count = 20000;
     struct Path {
       Eigen::Vector3d a, b;
@@ -540,7 +541,9 @@ TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
     };
     std::vector<Path> paths;
     std::vector<PathSums> sums(count);
-    PathBatch batch(environment);
+    std::vector<VectorPathSums> vectors(count);
+    PathBatch<PathSums> batch(environment);
+    PathBatch<VectorPathSums> vector_batch(environment);
     for (std::size_t i = 0; i < count; ++i) {
       const auto place = [&](int limit) {
         const double anywhere = rng.uniform(0.0, limit);
@@ -549,7 +552,7 @@ TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
       const double row = rng.below(8) == 0 ? rng.uniform(0.0, 1e-2) : place(width / 2);
       Path path;
       path.a = lat_long_direction(place(width), row, width, width / 2);
-      const double length = std::exp(rng.uniform(-14.0, -4.0));
+      const double length = std::exp(rng.uniform(-14.0, -2.0));
       path.b = path.a;
       for (double& coordinate : path.b) coordinate += length * rng.uniform(-1, 1);
       for (Eigen::Vector3d* end : {&path.a, &path.b}) {
@@ -559,14 +562,21 @@ TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
       path.at_a = environment.texel_at(path.a, {});
       path.at_b = environment.texel_at(path.b, path.at_a);
       batch.add(path.a, path.at_a, path.b, path.at_b, sums[i]);
+      vector_batch.add(path.a, path.at_a, path.b, path.at_b, vectors[i]);
       paths.push_back(path);
     }
     batch.flush();
+    vector_batch.flush();
     for (std::size_t i = 0; i < count; ++i) {
       const PathSums alone = environment.along(paths[i].a, paths[i].at_a, paths[i].b, paths[i].at_b);
       ASSERT_NEAR(sums[i].azimuth, alone.azimuth, rounding) << width << " " << i;
       for (int c = 0; c < 3; ++c)
         ASSERT_NEAR(sums[i].light[c], alone.light[c], rounding) << width << " " << paths[i].a.transpose();
+      const VectorPathSums vectors_alone =
+          environment.vectors_along(paths[i].a, paths[i].at_a, paths[i].b, paths[i].at_b);
+      ASSERT_NEAR(vectors[i].azimuth, vectors_alone.azimuth, rounding) << width << " " << i;
+      ASSERT_LT((vectors[i].light - vectors_alone.light).cwiseAbs().maxCoeff(), rounding)
+          << width << " " << paths[i].a.transpose() << ", " << paths[i].b.transpose();
     }
   }
 }
