@@ -36,7 +36,7 @@ struct ExportWebOptions {
 /// a monitor's window as panoramas.
 std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const ReflectanceField& field) {
   constexpr int max_columns = 1024;  // finer than the texels of most windows
-  LightDomain domain = field.basis.domain;
+  LightDomain domain = web::page_domain(field.basis);
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
   if (has_window && field.monitors.size() != 1)
     throw InputError(
@@ -63,7 +63,7 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
   const OutputLock lock(options.output, {});
-  ReflectanceField field = read_image_field(options.field, run_context());
+  ReflectanceField field = read_reflectance_field(options.field, run_context());
   if (!options.monitor.empty()) {
     field.monitors = placements_from_texts({options.monitor});
     check_placements(field.monitors, field.basis.domain, "--monitor");
@@ -101,6 +101,7 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
                          "Export a reflectance field as a web page for interactive relighting.\n"
                          "\n"
                          "The page runs in any browser with WebGL 2, from disk or from a static web server.\n"
+                         "Meshes are shown from a camera that moves around them.\n"
                          "\n"
                          "Example:\n"
                          "  refield export-web scene.rfield -o page\n"

@@ -31,8 +31,8 @@ const refield = (() => {
   }
 
   /// An array whose bytes were written by significance, the lowest of all values first.
-  async function loadArray({values, bytes, parts}, onPart) {
-    const result = bytes === 2 ? new Uint16Array(values) : new Uint32Array(values);
+  async function loadArray({values, bytes, kind, parts}, onPart) {
+    const result = new ({1: Uint8Array, 2: Uint16Array, 4: Uint32Array})[bytes](values);
     let at = 0, significance = 0;
     for (const part of parts) {
       await loadScript(part);
@@ -45,7 +45,8 @@ const refield = (() => {
       onPart();
     }
     if (significance !== bytes && values > 0) throw new Error('the data are incomplete; export the page again');
-    return result;
+    if (kind === 'half') return Float32Array.from(result, valueOfHalf);
+    return kind === 'float' ? new Float32Array(result.buffer) : result;
   }
 
   function startsOf(counts) {
@@ -54,18 +55,18 @@ const refield = (() => {
     return starts;
   }
 
-  /// {width, height, light, hats, exponentOffset, exposure, title, starts, kernels, weights, boxes}; boxes holds all x0, then
-  /// y0, x1, y1. `onProgress` is called with a share from 0 to 1.
+  /// {width, height, light, hats, harmonics, exponentOffset, exposure, title} and the arrays: of a picture starts, kernels,
+  /// weights, boxes; of a mesh what mesh.js says. boxes holds all x0, then y0, x1, y1. `onProgress` is called with a share
+  /// from 0 to 1.
   async function loadField(onProgress) {
     await loadScript('data.js');
-    const arrays = description.arrays;
-    const loaded = ['kernels', 'weights', 'boxes', 'counts'];
+    const arrays = description.arrays, loaded = Object.keys(arrays).filter((name) => !/^map\d/.test(name));
     const total = loaded.reduce((sum, name) => sum + arrays[name].parts.length, 0);
     let done = 0;
     const onPart = () => onProgress(++done / total);
     const field = {...description, exponentOffset: description.exponent_offset};
-    for (const name of ['kernels', 'weights', 'boxes']) field[name] = await loadArray(arrays[name], onPart);
-    field.starts = startsOf(await loadArray(arrays.counts, onPart));
+    for (const name of loaded) field[name] = await loadArray(arrays[name], onPart);
+    if (!field.mesh) field.starts = startsOf(field.counts);
     return field;
   }
 
@@ -77,8 +78,8 @@ const refield = (() => {
   /// One of the maps that the page brings along: {width, height, values}, linear RGB.
   async function loadMap(index) {
     const {width, height, scale, array} = description.maps[index];
-    const bits = await loadArray(description.arrays[array], () => {});
-    return {width, height, values: Float32Array.from(bits, (half) => scale * valueOfHalf(half))};
+    const values = await loadArray(description.arrays[array], () => {});
+    return {width, height, values: values.map((value) => scale * value)};
   }
 
   return {

@@ -7,13 +7,17 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <limits>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "cli/report/html.h"
+#include "cli/web/packed_mesh.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
@@ -21,6 +25,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "core/image/tone_map.h"
+#include "relight/mesh/mesh_view.h"
 #include "relight/sequence.h"
 
 namespace refield::web {
@@ -30,22 +35,6 @@ namespace {
 constexpr int mantissa_bits = 9;
 constexpr int largest_mantissa = (1 << mantissa_bits) - 1;
 constexpr int largest_exponent = 31;
-
-/// Numbers of the kernels that stay: hats all, boxes where a pixel uses them. [kernels of the field]
-std::vector<std::uint32_t> renumbered(const ReflectanceField& field, std::vector<Box>& kept) {
-  const auto hats = static_cast<std::size_t>(field.basis.hats.count());
-  std::vector<std::uint32_t> number(field.basis.size(), 0);
-  for (const std::uint32_t kernel : field.transfer.column) number[kernel] = 1;
-  for (std::size_t k = 0; k < number.size(); ++k) {
-    if (k < hats) {
-      number[k] = static_cast<std::uint32_t>(k);
-    } else if (number[k] != 0) {
-      number[k] = static_cast<std::uint32_t>(hats + kept.size());
-      kept.push_back(field.basis.box(k));
-    }
-  }
-  return number;
-}
 
 }  // namespace
 
@@ -75,6 +64,42 @@ void SharedExponent::unpack(std::uint32_t bits, float* rgb) const {
     rgb[c] = std::ldexp(static_cast<float>(bits >> (mantissa_bits * c) & largest_mantissa), e - offset);
 }
 
+LightBasis used_basis(const ReflectanceField& field, std::vector<std::uint32_t>& number) {
+  const LightBasis& basis = field.basis;
+  std::vector<bool> used(basis.size(), false);
+  for (const std::uint32_t kernel : field.transfer.column) used[kernel] = true;
+  LightBasis kept = basis;
+  kept.boxes.clear();
+  kept.vector_boxes.clear();
+  number.assign(basis.size(), 0);
+  const std::size_t first_vector = basis.first_vector_box();
+  for (std::size_t k = 0; k < number.size(); ++k) {
+    if (k < first_vector) {
+      number[k] = static_cast<std::uint32_t>(k);
+    } else if (used[k]) {
+      number[k] = static_cast<std::uint32_t>(kept.size());
+      if (basis.is_smooth(k))
+        kept.vector_boxes.push_back(basis.vector_boxes[k - first_vector]);
+      else
+        kept.boxes.push_back(basis.box(k));
+    }
+  }
+  return kept;
+}
+
+void require_no_negative_weights(const SparseTransfer& transfer) {
+  if (std::ranges::any_of(transfer.weight, [](float weight) { return weight < 0.0f; }))
+    throw InputError(
+        "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
+        "'refield view'");
+}
+
+LightDomain page_domain(const LightBasis& basis) {
+  // Texels of 0.7°, about as large as the sun; finer ones take longer than a frame to be summed in a browser.
+  constexpr LightDomain panorama{512, 256, Parameterisation::lat_long};
+  return basis.measure == Measure::solid_angle ? panorama : basis.domain;
+}
+
 PackedField pack(const ReflectanceField& field, const RunContext& run) {
   constexpr int most = std::numeric_limits<std::uint16_t>::max();
   const LightDomain& domain = field.basis.domain;
@@ -82,17 +107,12 @@ PackedField pack(const ReflectanceField& field, const RunContext& run) {
     throw InputError("the light map of " + std::to_string(domain.width) + "×" +
                      std::to_string(domain.height) +
                      " is too large for a page; at most 65535 texels per side are supported");
-  if (std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; }))
-    throw InputError(
-        "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
-        "'refield view'");
+  require_no_negative_weights(field.transfer);
   PackedField packed;
   packed.width = field.width;
   packed.height = field.height;
-  packed.basis.domain = domain;
-  packed.basis.hats = field.basis.hats;
-  packed.basis.interpolation = field.basis.interpolation;
-  const auto number = renumbered(field, packed.basis.boxes);
+  std::vector<std::uint32_t> number;
+  packed.basis = used_basis(field, number);
   const SparseTransfer& transfer = field.transfer;
   packed.exponent = SharedExponent::for_largest(
       transfer.weight.empty() ? 0.0f : *std::ranges::max_element(transfer.weight));
@@ -213,7 +233,8 @@ class DataWriter {
   explicit DataWriter(PageWriter& page) : page_(page) {}
 
   template <class T>
-  void add(const char* name, const std::vector<T>& values, const RunContext& run) {
+  void add(const char* name, const std::vector<T>& values, const RunContext& run,
+           const char* kind = nullptr) {
     const std::string bytes = shuffled(values, run);
     nlohmann::ordered_json parts = nlohmann::ordered_json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
@@ -228,6 +249,21 @@ class DataWriter {
       parts.push_back(file);
     }
     arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(T)}, {"parts", parts}};
+    if (kind) arrays_[name]["kind"] = kind;
+  }
+
+  /// Numbers one after another, as floats or as half floats.
+  void add_floats(const char* name, std::span<const float> values, const RunContext& run) {
+    std::vector<std::uint32_t> bits(values.size());
+    std::ranges::transform(values, bits.begin(), std::bit_cast<std::uint32_t, float>);
+    add(name, bits, run, "float");
+  }
+  void add_halves(const char* name, std::span<const float> values, const RunContext& run) {
+    std::vector<std::uint16_t> bits(values.size());
+    std::ranges::transform(values, bits.begin(), [](float value) {
+      return Eigen::numext::bit_cast<std::uint16_t>(Eigen::half(value));
+    });
+    add(name, bits, run, "half");
   }
 
   const nlohmann::ordered_json& arrays() const { return arrays_; }
@@ -238,28 +274,66 @@ class DataWriter {
   nlohmann::ordered_json arrays_;
 };
 
-std::vector<std::uint16_t> corners_of(const std::vector<Box>& boxes) {
+/// Corners of vector boxes, then of boxes, and the vectors of the first.
+void add_boxes(const LightBasis& basis, DataWriter& data, const RunContext& run) {
   std::vector<std::uint16_t> corners;
-  for (const auto corner : {&Box::x0, &Box::y0, &Box::x1, &Box::y1})
-    for (const Box& box : boxes) corners.push_back(static_cast<std::uint16_t>(box.*corner));
-  return corners;
+  for (const auto corner : {&Box::x0, &Box::y0, &Box::x1, &Box::y1}) {
+    for (const VectorBox& of : basis.vector_boxes)
+      corners.push_back(static_cast<std::uint16_t>(of.box.*corner));
+    for (const Box& box : basis.boxes) corners.push_back(static_cast<std::uint16_t>(box.*corner));
+  }
+  data.add("boxes", corners, run);
+  if (basis.measure != Measure::solid_angle) return;
+  std::vector<float> vectors;
+  for (const VectorBox& of : basis.vector_boxes)
+    vectors.insert(vectors.end(), of.vector.data(), of.vector.data() + 3);
+  data.add_floats("vectors", vectors, run);
+}
+
+/// Vectors one after another.
+template <class Vector>
+std::span<const float> numbers_of(const std::vector<Vector>& vectors) {
+  static_assert(sizeof(Vector) == 3 * sizeof(float));
+  return {reinterpret_cast<const float*>(vectors.data()), 3 * vectors.size()};
+}
+
+void add_mesh(const PackedMesh& packed, const OutputMesh& mesh, DataWriter& data, const RunContext& run) {
+  // Differences within a group are small.
+  std::vector<std::uint32_t> differences = packed.kernels, scales(packed.scales.size());
+  for (std::size_t g = 0, at = 0; g < packed.counts.size(); at += packed.counts[g++])
+    for (std::size_t i = at + packed.counts[g]; i-- > at + 1;) differences[i] -= differences[i - 1];
+  std::ranges::transform(packed.scales, scales.begin(), std::bit_cast<std::uint32_t, float>);
+  data.add("counts", packed.counts, run);
+  data.add("kernels", differences, run);
+  data.add("scales", scales, run);
+  data.add("weights", packed.weights, run);
+  data.add_floats("positions", numbers_of(mesh.positions), run);
+  data.add_halves("colours", numbers_of(mesh.colours), run);
+  data.add_floats("normals", mesh.outgoing_order > 0 ? numbers_of(mesh.normals) : std::span<const float>(),
+                  run);
+  std::vector<std::uint32_t> triangles;
+  for (const auto& triangle : mesh.triangles)
+    triangles.insert(triangles.end(), triangle.begin(), triangle.end());
+  data.add("triangles", triangles, run);
 }
 
 LightMap white_light(const LightDomain& domain) {
   return {Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation};
 }
 
-void measure(const ReflectanceField& full, const ReflectanceField& shown, ExportReport& report,
+using Relit = std::function<Image(const LightMap&)>;
+
+void measure(const LightDomain& domain, const Relit& full, const Relit& shown, ExportReport& report,
              const RunContext& run) {
   constexpr int bars = 4;
   double squares = 0.0, reference = 0.0;
   for (int i = 0; i <= bars; ++i) {
     run.throw_if_stopped();
     const LightMap light =
-        i < bars ? sliding_bar(full.basis.domain, 0.125, i, bars) : white_light(full.basis.domain);
-    const Image expected = full.relight(light);
+        i < bars ? sliding_bar(domain, 0.125, i, bars) : white_light(domain);
+    const Image expected = full(light);
     run.throw_if_stopped();
-    const Image seen = shown.relight(light);
+    const Image seen = shown(light);
     const auto a = tone_mapped(expected, {report.exposure}), b = tone_mapped(seen, {report.exposure});
     for (std::size_t v = 0; v < a.size(); ++v) {
       const double difference = static_cast<double>(seen.values[v]) - expected.values[v];
@@ -290,12 +364,10 @@ nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWrite
                                const RunContext& run) {
   const float peak = std::max(*std::ranges::max_element(map.radiance.values), 1e-30f);
   const float scale = peak / 65504.0f;
-  std::vector<std::uint16_t> halves(map.radiance.values.size());
-  std::ranges::transform(map.radiance.values, halves.begin(), [&](float value) {
-    return Eigen::numext::bit_cast<std::uint16_t>(Eigen::half(value / scale));
-  });
+  std::vector<float> scaled(map.radiance.values.size());
+  std::ranges::transform(map.radiance.values, scaled.begin(), [&](float value) { return value / scale; });
   const std::string array = "map" + std::to_string(number);
-  data.add(array.c_str(), halves, run);
+  data.add_halves(array.c_str(), scaled, run);
   return {{"name", map.name},
           {"width", map.radiance.width},
           {"height", map.radiance.height},
@@ -303,18 +375,82 @@ nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWrite
           {"array", array}};
 }
 
-nlohmann::ordered_json description(const PackedField& packed, const std::string& title, double exposure) {
-  const LightBasis& basis = packed.basis;
-  return {{"title", title},
-          {"width", packed.width},
-          {"height", packed.height},
-          {"light",
-           {{"width", basis.domain.width},
-            {"height", basis.domain.height},
-            {"parameterisation", std::string(name_of(basis.domain.parameterisation))}}},
-          {"hats", {{"columns", basis.hats.columns}, {"rows", basis.hats.rows}}},
-          {"exponent_offset", packed.exponent.offset},
-          {"exposure", exposure}};
+/// What pages of all fields say; `width` and `height` of the picture.
+nlohmann::ordered_json description(const LightBasis& basis, int width, int height, const std::string& title,
+                                   double exposure) {
+  const LightDomain light = page_domain(basis);
+  nlohmann::ordered_json described{{"title", title},
+                                   {"width", width},
+                                   {"height", height},
+                                   {"light",
+                                    {{"width", light.width},
+                                     {"height", light.height},
+                                     {"parameterisation", std::string(name_of(light.parameterisation))}}},
+                                   {"hats", {{"columns", basis.hats.columns}, {"rows", basis.hats.rows}}},
+                                   {"exposure", exposure}};
+  if (basis.measure == Measure::solid_angle) {
+    described["light"]["cube"] = basis.domain.width;
+    described["harmonics"] = basis.harmonics.order;
+  }
+  return described;
+}
+
+nlohmann::ordered_json interpolation_of(const LightInterpolation& of) {
+  nlohmann::ordered_json interpolation{{"length", of.length},
+                                       {"fineShare", of.fine_share},
+                                       {"fineLength", of.fine_length},
+                                       {"reach", of.reach},
+                                       {"sources", nlohmann::ordered_json::array()}};
+  for (const Box& box : of.sources)
+    interpolation["sources"].push_back(std::array{box.x0, box.y0, box.x1, box.y1});
+  return interpolation;
+}
+
+nlohmann::ordered_json three(const Eigen::Vector3f& vector) {
+  return {vector.x(), vector.y(), vector.z()};
+}
+
+/// Adds a field over a mesh and describes it.
+nlohmann::ordered_json add_mesh_field(const ReflectanceField& field, const std::string& title,
+                                      DataWriter& data, ExportReport& report, const RunContext& run) {
+  const PackedMesh packed = pack_mesh(field, run);
+  const PinholeCamera camera = standard_camera(field);
+  const MeshView view(field, camera);
+  const auto full = [&](const LightMap& light) { return view.show(field.relight(light)); };
+  report.exposure = exposure_to_white(full(white_light(field.basis.domain)));
+  measure(field.basis.domain, full,
+          [&](const LightMap& light) { return view.show(relight(packed, field, light)); }, report, run);
+  add_mesh(packed, *field.mesh, data, run);
+  add_boxes(packed.basis, data, run);
+  auto described = description(packed.basis, camera.width, camera.height, title, report.exposure);
+  described["mesh"] = {{"vertices", field.mesh->positions.size()},
+                       {"order", field.mesh->outgoing_order},
+                       {"channels", packed.channels},
+                       {"camera",
+                        {{"position", three(camera.position)},
+                         {"target", three(camera.target)},
+                         {"up", three(camera.up)},
+                         {"fov", camera.vertical_field_of_view_degrees}}}};
+  return described;
+}
+
+/// Adds a field of pixels and describes it.
+nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std::string& title,
+                                       DataWriter& data, ExportReport& report, const RunContext& run) {
+  const PackedField packed = pack(field, run);
+  const auto full = [&](const LightMap& light) { return field.relight(light); };
+  report.exposure = exposure_to_white(full(white_light(field.basis.domain)));
+  const ReflectanceField shown = unpacked(packed, run);
+  measure(field.basis.domain, full, [&](const LightMap& light) { return shown.relight(light); }, report, run);
+  data.add("counts", packed.counts, run);
+  data.add("kernels", packed.kernels, run);
+  data.add("weights", packed.weights, run);
+  add_boxes(packed.basis, data, run);
+  auto described = description(packed.basis, packed.width, packed.height, title, report.exposure);
+  described["exponent_offset"] = packed.exponent.offset;
+  described["light"]["window"] = window_of(field);
+  if (packed.basis.interpolation) described["interpolation"] = interpolation_of(*packed.basis.interpolation);
+  return described;
 }
 
 }  // namespace
@@ -322,28 +458,11 @@ nlohmann::ordered_json description(const PackedField& packed, const std::string&
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,
                          const std::vector<PageMap>& maps, const RunContext& run) {
   require_page_folder(folder);
-  const PackedField packed = pack(field, run);
   ExportReport report;
-  report.exposure = exposure_to_white(field.relight(white_light(field.basis.domain)));
-  measure(field, unpacked(packed, run), report, run);
   PageWriter page(folder);
   DataWriter data(page);
-  data.add("counts", packed.counts, run);
-  data.add("kernels", packed.kernels, run);
-  data.add("weights", packed.weights, run);
-  data.add("boxes", corners_of(packed.basis.boxes), run);
-  auto described = description(packed, title, report.exposure);
-  described["light"]["window"] = window_of(field);
-  if (const auto& of = packed.basis.interpolation) {
-    auto& interpolation = described["interpolation"];
-    interpolation = {{"length", of->length},
-                     {"fineShare", of->fine_share},
-                     {"fineLength", of->fine_length},
-                     {"reach", of->reach},
-                     {"sources", nlohmann::ordered_json::array()}};
-    for (const Box& box : of->sources)
-      interpolation["sources"].push_back(std::array{box.x0, box.y0, box.x1, box.y1});
-  }
+  auto described = field.mesh ? add_mesh_field(field, title, data, report, run)
+                              : add_image_field(field, title, data, report, run);
   described["maps"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();

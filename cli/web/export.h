@@ -26,6 +26,17 @@ struct SharedExponent {
   void unpack(std::uint32_t bits, float* rgb) const;
 };
 
+/// The basis of a field without the boxes and vector boxes that no output uses.
+/// `number` [kernels of the field] becomes their numbers in it.
+LightBasis used_basis(const ReflectanceField& field, std::vector<std::uint32_t>& number);
+
+/// Throws InputError.
+void require_no_negative_weights(const SparseTransfer& transfer);
+
+/// The light of a page: of a field over radiance times solid angle on a cube map, panoramas; else the field's
+/// own light maps.
+LightDomain page_domain(const LightBasis& basis);
+
 /// A field as a page holds it. Kernels that no pixel uses are left out.
 struct PackedField {
   int width = 0;
@@ -52,16 +63,17 @@ struct ExportReport {
   double exposure = 1.0;       ///< that the page starts with
 };
 
-/// A light map that a page brings along: of the field's own size, or a panorama (lat-long) that it shows
-/// through the monitor's window.
+/// A light map that a page brings along: of page_domain(), or a panorama (lat-long) that it shows through the
+/// monitor's window.
 struct PageMap {
   std::string name;
   Image radiance;  ///< [height × width × 3]
 };
 
 /// Writes a page that relights `field` in a browser (WebGL 2) into `folder`: HTML, style, scripts and data,
-/// for any static server or straight from disk. The page's rounding is measured under white light and four
-/// bars. `title` heads the page. `maps` are stored as half floats. Throws InputError for a field that does
+/// for any static server or straight from disk. A field over a mesh is shown from a camera that moves around
+/// it. The page's rounding is measured under white light and four bars, of a mesh in the picture from
+/// standard_camera(). `title` heads the page. `maps` are stored as half floats. Throws InputError for a field that does
 /// not fit a page, DeviceError where the disk refuses.
 ExportReport export_page(const ReflectanceField& field, const std::string& title,
                          const std::filesystem::path& folder, const std::vector<PageMap>& maps = {},

@@ -8,6 +8,12 @@ class Relighter {
       gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
     }`;
 
+  static encoding = `
+    vec3 encoded(vec3 linear) {
+      return mix(1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055, 12.92 * linear,
+                 vec3(lessThanEqual(linear, vec3(0.0031308))));
+    }`;
+
   // Weights: three mantissas of 9 bits and a shared exponent of 5, see packed_field.h.
   static fragmentShader = `#version 300 es
     precision highp float;
@@ -27,10 +33,7 @@ class Relighter {
       return ivec2(int(index) & size.x, int(index) >> size.y);
     }
 
-    vec3 encoded(vec3 linear) {
-      return mix(1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055, 12.92 * linear,
-                 vec3(lessThanEqual(linear, vec3(0.0031308))));
-    }
+    ${Relighter.encoding}
 
     void main() {
       ivec2 pixel = ivec2(gl_FragCoord.xy) * spacing;
@@ -52,7 +55,12 @@ class Relighter {
     const gl = this.gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false});
     if (!gl) throw new Error('this browser has no WebGL 2');
     this.largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    this.program = this.link();
+    this.prepare();
+  }
+
+  prepare() {
+    const gl = this.gl, {field} = this;
+    this.program = this.link(Relighter.vertexShader, Relighter.fragmentShader);
     gl.useProgram(this.program);
     this.uploadRows();
     this.uploadEntries();
@@ -65,9 +73,9 @@ class Relighter {
     return this.gl.getUniformLocation(this.program, name);
   }
 
-  link() {
+  link(vertexShader, fragmentShader) {
     const gl = this.gl, program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, Relighter.vertexShader], [gl.FRAGMENT_SHADER, Relighter.fragmentShader]]) {
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertexShader], [gl.FRAGMENT_SHADER, fragmentShader]]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
@@ -144,6 +152,10 @@ class Relighter {
       }
       brightest[p] = Math.max(...sum);
     }
+    return Relighter.whiteOf(brightest);
+  }
+
+  static whiteOf(brightest) {
     const lit = brightest.filter((value) => value > 0).sort();
     return lit.length === 0 ? 1 : 1 / lit[Math.min(Math.ceil(0.99 * lit.length), lit.length - 1)];
   }

@@ -5,11 +5,14 @@
 class Viewer {
   static slowMs = 60;
   static restMs = 150;
+  static orbitHelp = 'Drag to orbit; wheel or two fingers to approach; Shift and drag, or two fingers, to pan; F resets the camera.';
 
   constructor(field) {
     this.field = field;
-    this.projector = new light.Projector(field);
-    this.relighter = new Relighter(Viewer.element('scene'), field);
+    this.projector = field.light.cube ? new cube.Projector(field) : new light.Projector(field);
+    this.relighter = new (field.mesh ? MeshRelighter : Relighter)(Viewer.element('scene'), field);
+    this.picks = !field.light.cube;
+    Viewer.element('release-note').hidden = !this.picks;
     this.latLong = field.light.parameterisation === 'lat_long';
     this.lightContext = this.prepareLightCanvas();
     this.reset();
@@ -31,6 +34,8 @@ class Viewer {
     this.state = {kind: 'bar', x: 0.5, y: 0.5, size: 0.2, colour: [1, 1, 1], stops: 0, degrees: 0, playing: false};
     this.map = this.panorama = null;
     this.picked = null;
+    this.relighter.camera?.reset();
+    this.relighter.background = Viewer.element('background').checked = false;
     Viewer.element('colour').value = '#ffffff';
     this.changed();
   }
@@ -87,6 +92,7 @@ class Viewer {
       this.light = this.composed();
       const coefficients = this.projector.project(this.light);
       this.relighter.setCoefficients(coefficients);
+      if (this.field.mesh) this.relighter.setSky(this.light);
       if (this.mapExposure === null && this.state.kind === 'map') this.mapExposure = this.relighter.exposureToWhite(coefficients);
     }
     const projected = performance.now();
@@ -127,7 +133,8 @@ class Viewer {
 
   showState() {
     const {state, field} = this, show = (id, text) => { Viewer.element(id).textContent = text; };
-    show('status', `${field.width}×${field.height} pixels, ${field.kernels.length.toLocaleString('en')} weights; ` +
+    const outputs = field.mesh ? `${field.mesh.vertices.toLocaleString('en')} vertices` : `${field.width}×${field.height} pixels`;
+    show('status', `${outputs}, ${field.weights.length.toLocaleString('en')} weights; ` +
         `light ${this.timing.light.toFixed(1)} ms, image ${this.timing.draw.toFixed(1)} ms`);
     show('size-value', `${Math.round(state.size * 100)} %`);
     show('exposure-value', `${state.stops > 0 ? '+' : ''}${state.stops.toFixed(1)}`);
@@ -149,7 +156,7 @@ class Viewer {
   showPicked() {
     const picked = this.picked, show = (id, text) => { Viewer.element(id).textContent = text; };
     if (!picked) {
-      show('picked', 'Click a pixel to see which light it gathers.');
+      show('picked', this.field.mesh ? Viewer.orbitHelp : this.picks ? 'Click a pixel to see which light it gathers.' : '');
       show('kernels', '');
       return;
     }
@@ -160,6 +167,7 @@ class Viewer {
   }
 
   pick(x, y) {
+    if (!this.picks) return;
     const list = overlay.kernelsOfPixel(this.field, x, y);
     this.picked = {x, y, list, gathered: overlay.gathered(this.field, list)};
     this.pickedChanged = true;
@@ -169,6 +177,12 @@ class Viewer {
   release() {
     this.picked = null;
     this.pickedChanged = true;
+    this.changed(false);
+  }
+
+  /// Moves the camera by `action`, a function of it.
+  moveCamera(action) {
+    action(this.relighter.camera);
     this.changed(false);
   }
 

@@ -14,29 +14,47 @@ def write_pfm(path, width, height, floats):
 
 
 def read_png(path):
-    """An 8-bit RGB PNG as (width, height, bytes)."""
+    """An 8-bit RGB or RGBA PNG as (width, height, bytes)."""
     data = open(path, "rb").read()
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
-    assert (bits, kind) == (8, 2), "not an 8-bit RGB PNG"
+    assert (bits, kind) in ((8, 2), (8, 6)), "not an 8-bit RGB or RGBA PNG"
+    channels = 4 if kind == 6 else 3
     packed, at = b"", 8
     while at < len(data):
         length, name = struct.unpack(">I4s", data[at : at + 8])
         if name == b"IDAT":
             packed += data[at + 8 : at + 8 + length]
         at += length + 12
-    raw, stride, before, result = zlib.decompress(packed), width * 3, bytearray(width * 3), bytearray()
+    raw, stride, before, result = zlib.decompress(packed), width * channels, bytearray(width * channels), bytearray()
     for y in range(height):
         line = bytearray(raw[y * (stride + 1) + 1 : (y + 1) * (stride + 1)])
-        unfilter(raw[y * (stride + 1)], line, before)
+        unfilter(raw[y * (stride + 1)], line, before, channels)
         result += line
         before = line
     return width, height, bytes(result)
 
 
-def unfilter(kind, line, above):
+def over_black(rgba):
+    """RGB of sRGB pixels whose alpha is not premultiplied, over black."""
+    def linear(v):
+        return v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4
+
+    def encoded(v):
+        return round(255 * (12.92 * v if v <= 0.0031308 else 1.055 * v ** (1 / 2.4) - 0.055))
+
+    rgb = bytearray(len(rgba) // 4 * 3)
+    for c in range(3):
+        rgb[c::3] = rgba[c::4]
+    for p, alpha in enumerate(rgba[3::4]):
+        if alpha < 255:
+            rgb[3 * p : 3 * p + 3] = (encoded(linear(v / 255) * alpha / 255) for v in rgb[3 * p : 3 * p + 3])
+    return bytes(rgb)
+
+
+def unfilter(kind, line, above, channels=3):
     """Undoes a PNG row filter in place (PNG specification, 9.2)."""
     for i in range(len(line)):
-        a, b, c = (line[i - 3] if i >= 3 else 0), above[i], (above[i - 3] if i >= 3 else 0)
+        a, b, c = (line[i - channels] if i >= channels else 0), above[i], (above[i - channels] if i >= channels else 0)
         if kind == 1:
             line[i] = (line[i] + a) & 255
         elif kind == 2:

@@ -62,15 +62,29 @@ class Browser:
     def pointer(self, actions):
         self.command("POST", "/actions", {"actions": [{"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}]})
 
+    def touch(self, *fingers):
+        """Fingers that move at the same time, each a list of actions."""
+        self.command("POST", "/actions", {"actions": [{"type": "pointer", "id": f"finger{i}", "parameters": {"pointerType": "touch"}, "actions": actions}
+                                                      for i, actions in enumerate(fingers)]})
+
+    def wheel(self, selector, pixels_down):
+        place = self.place(selector, 0.5, 0.5)
+        self.command("POST", "/actions", {"actions": [{"type": "wheel", "id": "wheel", "actions": [
+            {"type": "scroll", "duration": 0, "deltaX": 0, "deltaY": pixels_down, **place}]}]})
+
     def place(self, selector, x, y):
         """Screen position of a point of an element, x and y from 0 to 1."""
         box = self.run("return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()", selector)
         return {"x": round(box["x"] + x * box["width"]), "y": round(box["y"] + y * box["height"])}
 
-    def drag(self, selector, points):
-        steps = [{"type": "pointerMove", "duration": 0, **self.place(selector, *points[0])}, {"type": "pointerDown", "button": 0}]
+    def path(self, selector, points, button=0):
+        """Actions of a pointer that is pressed at the first point and let go at the last."""
+        steps = [{"type": "pointerMove", "duration": 0, **self.place(selector, *points[0])}, {"type": "pointerDown", "button": button}]
         steps += [{"type": "pointerMove", "duration": 20, **self.place(selector, x, y)} for x, y in points[1:]]
-        self.pointer(steps + [{"type": "pointerUp", "button": 0}])
+        return steps + [{"type": "pointerUp", "button": button}]
+
+    def drag(self, selector, points, button=0):
+        self.pointer(self.path(selector, points, button))
 
     def click(self, selector):
         self.command("POST", f"/element/{self.find(selector)}/click", {})
