@@ -329,8 +329,7 @@ void measure(const LightDomain& domain, const Relit& full, const Relit& shown, E
   double squares = 0.0, reference = 0.0;
   for (int i = 0; i <= bars; ++i) {
     run.throw_if_stopped();
-    const LightMap light =
-        i < bars ? sliding_bar(domain, 0.125, i, bars) : white_light(domain);
+    const LightMap light = i < bars ? sliding_bar(domain, 0.125, i, bars) : white_light(domain);
     const Image expected = full(light);
     run.throw_if_stopped();
     const Image seen = shown(light);
@@ -418,8 +417,9 @@ nlohmann::ordered_json add_mesh_field(const ReflectanceField& field, const std::
   const MeshView view(field, camera);
   const auto full = [&](const LightMap& light) { return view.show(field.relight(light)); };
   report.exposure = exposure_to_white(full(white_light(field.basis.domain)));
-  measure(field.basis.domain, full,
-          [&](const LightMap& light) { return view.show(relight(packed, field, light)); }, report, run);
+  measure(
+      field.basis.domain, full,
+      [&](const LightMap& light) { return view.show(relight(packed, field, light)); }, report, run);
   add_mesh(packed, *field.mesh, data, run);
   add_boxes(packed.basis, data, run);
   auto described = description(packed.basis, camera.width, camera.height, title, report.exposure);
@@ -441,7 +441,8 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
   const auto full = [&](const LightMap& light) { return field.relight(light); };
   report.exposure = exposure_to_white(full(white_light(field.basis.domain)));
   const ReflectanceField shown = unpacked(packed, run);
-  measure(field.basis.domain, full, [&](const LightMap& light) { return shown.relight(light); }, report, run);
+  measure(
+      field.basis.domain, full, [&](const LightMap& light) { return shown.relight(light); }, report, run);
   data.add("counts", packed.counts, run);
   data.add("kernels", packed.kernels, run);
   data.add("weights", packed.weights, run);

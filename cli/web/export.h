@@ -73,8 +73,8 @@ struct PageMap {
 /// Writes a page that relights `field` in a browser (WebGL 2) into `folder`: HTML, style, scripts and data,
 /// for any static server or straight from disk. A field over a mesh is shown from a camera that moves around
 /// it. The page's rounding is measured under white light and four bars, of a mesh in the picture from
-/// standard_camera(). `title` heads the page. `maps` are stored as half floats. Throws InputError for a field that does
-/// not fit a page, DeviceError where the disk refuses.
+/// standard_camera(). `title` heads the page. `maps` are stored as half floats. Throws InputError for a field
+/// that does not fit a page, DeviceError where the disk refuses.
 ExportReport export_page(const ReflectanceField& field, const std::string& title,
                          const std::filesystem::path& folder, const std::vector<PageMap>& maps = {},
                          const RunContext& run = {});

@@ -11,8 +11,8 @@
 
 namespace refield::web {
 
-/// The transfer of a field over a mesh as a page holds it: each group of 16 successive outputs shares kernels,
-/// and a weight is a byte times the scale of its kernel, as in packed fields.
+/// The transfer of a field over a mesh as a page holds it: each group of 16 successive outputs shares
+/// kernels, and a weight is a byte times the scale of its kernel, as in packed fields.
 struct PackedMesh {
   LightBasis basis;                    ///< used_basis() of the field
   int channels = 1;                    ///< 1 where all weights are grey, else 3
