@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a large capture or field from a small one, to measure how the program scales.
 
-    refield simulate datasets_synthetic/tabletop/recipe.toml -o base --width 600 --height 400 --train 200 \\
+    refield simulate datasets_synthetic/tabletop/recipe.toml -o base --width 240 --height 160 --train 200 \\
       --half --no-transport --noise 0.005
     bench/studies/large_capture.py base --size 6000x4000 -o large
 
@@ -11,8 +11,8 @@
 
 The picture is repeated in both directions, every second copy mirrored, so that there are no seams. Copies have
 the same transport, noise and kernels. The light maps of a session are linked, its photographs are
-written as half-float EXR (zip). They compress better than photographs: repeated rows take a few per cent of
-their 144 MB. The field is written row by row, without the checksums of refield's own files.
+written as half-float EXR (zip). They compress better than photographs: repeated rows take 7 % of their
+144 MB. The field is written row by row, without the checksums of refield's own files.
 Needs numpy, h5py and the Python module of OpenImageIO.
 """
 import argparse
@@ -57,7 +57,7 @@ def tile_session(source, target, width, height):
     sized = re.sub(r"width = \d+", f"width = {width}", camera[0])
     sized = re.sub(r"height = \d+", f"height = {height}", sized)
     (target / "observed").mkdir(parents=True)
-    (target / "illumination").symlink_to((source / "illumination").resolve())
+    (target / "illumination").symlink_to(os.path.relpath(source / "illumination", target))
     photographs = sorted((source / "observed").glob("*.exr"))
     for i, photograph in enumerate(photographs):
         print(f"\r{i + 1} of {len(photographs)} photographs", end="", flush=True)

@@ -299,13 +299,12 @@ std::span<const float> numbers_of(const std::vector<Vector>& vectors) {
 
 void add_mesh(const PackedMesh& packed, const OutputMesh& mesh, DataWriter& data, const RunContext& run) {
   // Differences within a group are small.
-  std::vector<std::uint32_t> differences = packed.kernels, scales(packed.scales.size());
+  std::vector<std::uint32_t> differences = packed.kernels;
   for (std::size_t g = 0, at = 0; g < packed.counts.size(); at += packed.counts[g++])
     for (std::size_t i = at + packed.counts[g]; i-- > at + 1;) differences[i] -= differences[i - 1];
-  std::ranges::transform(packed.scales, scales.begin(), std::bit_cast<std::uint32_t, float>);
   data.add("counts", packed.counts, run);
   data.add("kernels", differences, run);
-  data.add("scales", scales, run);
+  data.add_floats("scales", packed.scales, run);
   data.add("weights", packed.weights, run);
   data.add_floats("positions", numbers_of(mesh.positions), run);
   data.add_halves("colours", numbers_of(mesh.colours), run);
@@ -323,14 +322,17 @@ LightMap white_light(const LightDomain& domain) {
 
 using Relit = std::function<Image(const LightMap&)>;
 
+/// Sets the exposure and what the page's rounding costs.
 void measure(const LightDomain& domain, const Relit& full, const Relit& shown, ExportReport& report,
              const RunContext& run) {
   constexpr int bars = 4;
   double squares = 0.0, reference = 0.0;
-  for (int i = 0; i <= bars; ++i) {
+  for (int i = -1; i < bars; ++i) {
     run.throw_if_stopped();
-    const LightMap light = i < bars ? sliding_bar(domain, 0.125, i, bars) : white_light(domain);
+    const bool is_white = i < 0;  // first, since it tells the exposure
+    const LightMap light = is_white ? white_light(domain) : sliding_bar(domain, 0.125, i, bars);
     const Image expected = full(light);
+    if (is_white) report.exposure = exposure_to_white(expected);
     run.throw_if_stopped();
     const Image seen = shown(light);
     const auto a = tone_mapped(expected, {report.exposure}), b = tone_mapped(seen, {report.exposure});
@@ -416,7 +418,6 @@ nlohmann::ordered_json add_mesh_field(const ReflectanceField& field, const std::
   const PinholeCamera camera = standard_camera(field);
   const MeshView view(field, camera);
   const auto full = [&](const LightMap& light) { return view.show(field.relight(light)); };
-  report.exposure = exposure_to_white(full(white_light(field.basis.domain)));
   measure(
       field.basis.domain, full,
       [&](const LightMap& light) { return view.show(relight(packed, field, light)); }, report, run);
@@ -439,7 +440,6 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
                                        DataWriter& data, ExportReport& report, const RunContext& run) {
   const PackedField packed = pack(field, run);
   const auto full = [&](const LightMap& light) { return field.relight(light); };
-  report.exposure = exposure_to_white(full(white_light(field.basis.domain)));
   const ReflectanceField shown = unpacked(packed, run);
   measure(
       field.basis.domain, full, [&](const LightMap& light) { return shown.relight(light); }, report, run);

@@ -83,11 +83,9 @@ class MeshRelighter extends Relighter {
     uniform float gain;
     out vec4 colour;
 
-    ivec2 place(int index, ivec2 size) {
-      return ivec2(index & size.x, index >> size.y);
-    }
+    ${Relighter.placement}
 
-    float weight(int index, int within) {
+    float weight(uint index, int within) {
       uint bytes = texelFetch(weights, place(index, entryLayout), 0)[within >> 2];
       return float((bytes >> (8 * (within & 3))) & 255u);
     }
@@ -99,11 +97,11 @@ class MeshRelighter extends Relighter {
       ivec2 size = textureSize(groups, 0);
       uvec2 range = texelFetch(groups, ivec2(group % size.x, group / size.x), 0).xy;
       vec3 sum = vec3(0.0);
-      for (int i = int(range.x); i < int(range.x + range.y); ++i) {
+      for (uint i = range.x; i < range.x + range.y; ++i) {
         uvec2 entry = texelFetch(entries, place(i, entryLayout), 0).xy;
-        vec3 light = uintBitsToFloat(entry.y) * texelFetch(coefficients, place(int(entry.x), kernelLayout), 0).rgb;
+        vec3 light = uintBitsToFloat(entry.y) * texelFetch(coefficients, place(entry.x, kernelLayout), 0).rgb;
         if (channels == 1) sum += weight(i, within) * light;
-        else sum += vec3(weight(3 * i, within), weight(3 * i + 1, within), weight(3 * i + 2, within)) * light;
+        else sum += vec3(weight(3u * i, within), weight(3u * i + 1u, within), weight(3u * i + 2u, within)) * light;
       }
       colour = vec4(sum * gain, 1.0);
     }`;
@@ -239,6 +237,7 @@ class MeshRelighter extends Relighter {
   uploadGroups() {
     const gl = this.gl, {counts, kernels, scales, weights, mesh} = this.field, width = 1 << 12;
     const ranges = new Uint32Array(2 * counts.length), entries = new Uint32Array(2 * kernels.length);
+    const bitsOfScales = new Uint32Array(scales.buffer);
     for (let g = 0, at = 0, i = 0; g < counts.length; ++g) {
       ranges[2 * g] = at;
       ranges[2 * g + 1] = counts[g];
@@ -246,7 +245,7 @@ class MeshRelighter extends Relighter {
       for (let kernel = 0; i < at; ++i) {  // each but the first of a group as the difference to the one before
         kernel += kernels[i];
         entries[2 * i] = kernel;
-        entries[2 * i + 1] = scales[i];
+        entries[2 * i + 1] = bitsOfScales[i];
       }
     }
     this.upload(0, 'groups', gl.RG32UI, 1 << 10, ranges);
@@ -281,14 +280,12 @@ class MeshRelighter extends Relighter {
   }
 
   /// Textures of floats that are drawn into: one for the outputs, on unit 4, and one for each line of sight, from unit 5.
+  /// On unit 9 that of the sky.
   prepareTargets() {
     const gl = this.gl, {width, height} = this.field, rows = Math.ceil(this.outputs / MeshRelighter.outputsWidth);
     this.requireSize(MeshRelighter.outputsWidth, rows, 'the vertices');
     const target = (unit, columns, lines) => {
-      gl.activeTexture(gl.TEXTURE0 + unit);
-      const texture = gl.createTexture();
-      gl.bindTexture(gl.TEXTURE_2D, texture);
-      for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+      const texture = this.bindNewTexture(unit);
       gl.texStorage2D(gl.TEXTURE_2D, 1, this.format, columns, lines);
       const frame = gl.createFramebuffer();
       gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
@@ -306,9 +303,7 @@ class MeshRelighter extends Relighter {
       return frame;
     });
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.activeTexture(gl.TEXTURE0 + 9);
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+    this.bindNewTexture(9);
   }
 
   setCoefficients(values) {

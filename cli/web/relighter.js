@@ -14,6 +14,12 @@ class Relighter {
                  vec3(lessThanEqual(linear, vec3(0.0031308))));
     }`;
 
+  // Where a value of a list lies in its texture; `size`: mask of the column, shift to the row.
+  static placement = `
+    ivec2 place(uint index, ivec2 size) {
+      return ivec2(int(index) & size.x, int(index) >> size.y);
+    }`;
+
   // Weights: three mantissas of 9 bits and a shared exponent of 5, see packed_field.h.
   static fragmentShader = `#version 300 es
     precision highp float;
@@ -23,16 +29,13 @@ class Relighter {
     uniform usampler2D rows;          // of each pixel: first entry, number of entries
     uniform usampler2D entries;       // kernel, weights
     uniform sampler2D coefficients;   // of each kernel
-    uniform ivec2 entryLayout, kernelLayout;  // mask of the column, shift to the row
+    uniform ivec2 entryLayout, kernelLayout;
     uniform int height;
     uniform int spacing;              // of drawn pixels; above 1 in a draft
     uniform float gain;
     out vec4 colour;
 
-    ivec2 place(uint index, ivec2 size) {
-      return ivec2(int(index) & size.x, int(index) >> size.y);
-    }
-
+    ${Relighter.placement}
     ${Relighter.encoding}
 
     void main() {
@@ -87,13 +90,19 @@ class Relighter {
     return program;
   }
 
+  /// A new texture on a unit, which the program reads as `name`.
   texture(unit, name) {
-    const gl = this.gl;
-    gl.activeTexture(gl.TEXTURE0 + unit);
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
-    gl.uniform1i(this.uniform(name), unit);
+    this.bindNewTexture(unit);
+    this.gl.uniform1i(this.uniform(name), unit);
     return unit;
+  }
+
+  bindNewTexture(unit) {
+    const gl = this.gl, texture = gl.createTexture();
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+    return texture;
   }
 
   requireSize(width, height, what) {

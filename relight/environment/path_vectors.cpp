@@ -29,6 +29,12 @@ HWY_INLINE V cross(D, V xa, V za, V xb, V zb) {
   return hn::MulSub(za, hn::Sub(xb, xa), hn::Mul(xa, hn::Sub(zb, za)));
 }
 
+/// From level a to level b.
+template <class D, class V>
+HWY_INLINE V azimuth_between(D d, V xa, V za, V xb, V zb) {
+  return small_angle(d, hn::Div(cross(d, xa, za, xb, zb), hn::MulAdd(xa, xb, hn::Mul(za, zb))));
+}
+
 void measure_pieces_vectorised(const PathPieceEnds& ends, std::size_t count, double* HWY_RESTRICT azimuth,
                                double* HWY_RESTRICT above) {
   const hn::CappedTag<double, 8> d;
@@ -42,8 +48,7 @@ void measure_pieces_vectorised(const PathPieceEnds& ends, std::size_t count, dou
     const auto dot = hn::MulAdd(ay, by, hn::Add(one, along));
     const auto lax = hn::Load(d, ends.a_level_x + i), laz = hn::Load(d, ends.a_level_z + i),
                lbx = hn::Load(d, ends.b_level_x + i), lbz = hn::Load(d, ends.b_level_z + i);
-    const auto phi =
-        small_angle(d, hn::Div(cross(d, lax, laz, lbx, lbz), hn::MulAdd(lax, lbx, hn::Mul(laz, lbz))));
+    const auto phi = azimuth_between(d, lax, laz, lbx, lbz);
     // The triangle with the north pole (van Oosterom and Strackee 1983, eq. 8), or what the one with the
     // south pole leaves.
     const auto triangle = hn::Mul(two, small_angle(d, hn::Div(across, hn::Add(dot, hn::Abs(height)))));
@@ -76,8 +81,7 @@ void measure_piece_vectors_vectorised(const PathPieceEnds& ends, const PieceRows
     const auto lax = hn::Load(d, ends.a_level_x + i), laz = hn::Load(d, ends.a_level_z + i),
                lbx = hn::Load(d, ends.b_level_x + i), lbz = hn::Load(d, ends.b_level_z + i);
     const End a = end_of(ax, ay, az, lax, laz), b = end_of(bx, by, bz, lbx, lbz);
-    const auto azimuth =
-        small_angle(d, hn::Div(cross(d, lax, laz, lbx, lbz), hn::MulAdd(lax, lbx, hn::Mul(laz, lbz))));
+    const auto azimuth = azimuth_between(d, lax, laz, lbx, lbz);
     const auto across_x = hn::Sub(b.x, a.x), across_z = hn::Sub(b.z, a.z);
     // The piece's length over its sine, by h = sin²(length ∕ 2).
     const auto dx = hn::Sub(bx, ax), dy = hn::Sub(by, ay), dz = hn::Sub(bz, az);

@@ -25,6 +25,8 @@ LARGEST_DIFFERENCE = 1  # of 255: what the asked accuracy is, and the rounding o
 
 
 class Check:
+    LOADED = "weights"  # what the page's status names then
+
     def __init__(self, refield, field, folder, browser):
         self.refield, self.field, self.folder, self.browser = refield, field, folder, browser
         self.failed = False
@@ -59,18 +61,23 @@ class Check:
             pixels[c::3] = rgba[c::4]
         return state, array.array("f", base64.b64decode(state["light"])), bytes(pixels)
 
-    def compare(self, what):
+    def compare(self, what, *options):
         """The page's pixels with the program's under the very light that the page shows."""
         self.settle()
         state, light, pixels = self.page_state()
-        light_file, image_file = os.path.join(self.folder, "light.pfm"), os.path.join(self.folder, "cpu.png")
+        light_file = os.path.join(self.folder, "light.pfm")
         write_pfm(light_file, state["width"], state["height"], light)
-        self.relight(light_file, image_file, state["exposure"])
-        self.expect_equal(what, pixels, read_png(image_file)[2])
+        self.expect_equal(what, pixels, self.picture(light_file, state["exposure"], *options))
         return pixels
 
-    def relight(self, light, image, exposure):
-        subprocess.run([self.refield, "relight", self.field, "--light", light, "-o", image, "--exposure", repr(exposure)], check=True)
+    def picture(self, light, exposure, *options):
+        """The program's pixels."""
+        return self.relit("--light", light, "--exposure", repr(exposure), *options)
+
+    def relit(self, *arguments):
+        image = os.path.join(self.folder, "cpu.png")
+        subprocess.run([self.refield, "relight", self.field, "-o", image, *arguments], check=True, stdout=subprocess.DEVNULL)
+        return read_png(image)[2]
 
     def expect_exposure(self, what, *light):
         """The page's exposure is the one that the program chooses, but for its margin and rounding."""
@@ -95,7 +102,7 @@ class Check:
                 break
             time.sleep(0.1)
         self.settle()
-        self.expect("weights" in self.browser.run("return document.getElementById('status').textContent"), "the page loads from disk")
+        self.expect(self.LOADED in self.browser.run("return document.getElementById('status').textContent"), "the page loads from disk")
 
     def drags_the_bar(self):
         before = self.compare("bar at the start")
@@ -135,15 +142,13 @@ class Check:
             time.sleep(0.1)
         pixels = self.compare("map loaded")
         self.expect_exposure("map loaded", "--light", path)
-        image = os.path.join(self.folder, "map-relit.png")
-        self.relight(path, image, self.browser.run("return viewer.exposure()"))
-        self.expect_equal("map loaded, read by the program itself", pixels, read_png(image)[2])
+        self.expect_equal("map loaded, read by the program itself", pixels, self.picture(path, self.browser.run("return viewer.exposure()")))
 
     def takes_a_dropped_map(self):
         width, height = self.browser.run("return [viewer.field.light.width, viewer.field.light.height]")
         rgbe = bytes(v for y in range(height) for x in range(width)
                      for v in (200, (255 * x) // width, (255 * y) // height, 131 if x // 6 == y // 6 else 127))  # exponents of 8 and 1/2
-        path, image = os.path.join(self.folder, "map.hdr"), os.path.join(self.folder, "dropped-relit.png")
+        path = os.path.join(self.folder, "map.hdr")
         write_hdr(path, width, height, rgbe)
         with open(path, "rb") as file:
             self.browser.run("""
@@ -155,23 +160,22 @@ class Check:
                              base64.b64encode(file.read()).decode())
         pixels = self.compare("HDR map dropped")
         self.expect_exposure("HDR map dropped", "--light", path)
-        self.relight(path, image, self.browser.run("return viewer.exposure()"))
-        self.expect_equal("HDR map dropped, read by the program itself", pixels, read_png(image)[2])
+        self.expect_equal("HDR map dropped, read by the program itself", pixels, self.picture(path, self.browser.run("return viewer.exposure()")))
+
+    def chooses_a_map(self):
+        self.browser.run("const maps = document.getElementById('maps'); maps.value = '0'; maps.dispatchEvent(new Event('change'));"
+                         "return new Promise((done) => { const wait = () => viewer.map === null || viewer.state.kind !== 'map'"
+                         " ? setTimeout(wait, 20) : done(); wait(); });")
 
     def shows_an_environment(self):
         """A panorama that the page brings along, against the program's own projection."""
         if self.browser.run("return viewer.field.maps.length") == 0:
             return
-        self.browser.run("const maps = document.getElementById('maps'); maps.value = '0'; maps.dispatchEvent(new Event('change'));"
-                         "return new Promise((done) => { const wait = () => viewer.map === null || viewer.state.kind !== 'map'"
-                         " ? setTimeout(wait, 20) : done(); wait(); });")
+        self.chooses_a_map()
         for degrees in (0, 90):
             self.browser.run(f"viewer.state.degrees = {degrees}; viewer.changed();")
             pixels = self.compare(f"environment turned by {degrees}°")
-            image = os.path.join(self.folder, "environment.png")
-            subprocess.run([self.refield, "relight", self.field, "--env", self.environment, "--yaw", str(degrees), "-o", image,
-                            "--exposure", repr(self.browser.run("return viewer.exposure()"))], check=True, stdout=subprocess.DEVNULL)
-            expected = read_png(image)[2]
+            expected = self.relit("--env", self.environment, "--yaw", str(degrees), "--exposure", repr(self.browser.run("return viewer.exposure()")))
             mean = sum(abs(a - b) for a, b in zip(pixels, expected)) / len(expected)
             if degrees == 0:
                 self.expect_exposure("environment", "--env", self.environment)
@@ -221,7 +225,8 @@ class Check:
         print(f"      light {times[0]:.1f} ms, image {times[1]:.1f} ms, while moving {times[2]:.1f} ms (every {times[3]} pixels) on {self.browser.run('const gl = viewer.relighter.gl; return gl.getParameter(gl.getExtension(`WEBGL_debug_renderer_info`).UNMASKED_RENDERER_WEBGL)')}")
 
 
-def main():
+def drive(kind, sun, steps):
+    """Exports a page and runs `steps` of a check of that kind on it. `sun`: texel of the environment and its exponent."""
     refield, field, folder = sys.argv[1:4]
     if not shutil.which("chromedriver") or not shutil.which("chromium"):
         print("skipped: chromium and chromium-driver are not installed")
@@ -230,16 +235,15 @@ def main():
     os.makedirs(folder, exist_ok=True)
     environment = os.path.join(folder, "sky.hdr")
     write_hdr(environment, 128, 64, bytes(v for y in range(64) for x in range(128)
-              for v in (2 * x, 255 - 3 * y, 90 + (x * 7 + y * 5) % 130, 134 if (x, y) == (90, 25) else 128)))
+              for v in (2 * x, 255 - 3 * y, 90 + (x * 7 + y * 5) % 130, sun[2] if (x, y) == sun[:2] else 128)))
     subprocess.run([refield, "export-web", field, "-o", page, "--env", environment], check=True)
     browser = Browser(os.path.join(folder, "profile"))
     try:
-        check = Check(refield, field, folder, browser)
+        check = kind(refield, field, folder, browser)
         check.environment = environment
         browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(page, "index.html"))})
-        for step in (check.loads, check.drags_the_bar, check.drags_a_light_source, check.exposes, check.loads_a_map, check.takes_a_dropped_map, check.turns_the_map, check.shows_an_environment,
-                     check.picks_a_pixel, check.prints_times):
-            step()
+        for step in steps:
+            step(check)
         if len(sys.argv) > 4:
             browser.screenshot(sys.argv[4])
         complaints = browser.complaints()
@@ -250,4 +254,6 @@ def main():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(drive(Check, (90, 25, 134), [
+        Check.loads, Check.drags_the_bar, Check.drags_a_light_source, Check.exposes, Check.loads_a_map, Check.takes_a_dropped_map, Check.turns_the_map,
+        Check.shows_an_environment, Check.picks_a_pixel, Check.prints_times]))

@@ -208,7 +208,7 @@ TEST_F(MeshFieldVerbs, PhotographsHaveNoOtherCamera) {
 }
 
 TEST_F(MeshFieldVerbs, VerbsThatNeedPixelsSaySo) {
-  EXPECT_THAT(run_refield({"export-web", path_, "-o", folder_ / "page"}),
+  EXPECT_THAT(run_refield({"compare", path_, "--light", light_path_, "--observed", light_path_}),
               RefusedNaming("rabbit.rfield", "refield view"));
 }
 
