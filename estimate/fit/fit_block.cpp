@@ -110,22 +110,50 @@ void BlockFitter::fit_group(const Group& group, std::vector<Group>& pending) {
   }
   Hints hints;
   prepare_shared(group);
-  for (Pixel* pixel : group.pixels) pixel->fitted = fit_from(*pixel, shared_, hints);
-  Pixel& worst = **std::ranges::max_element(
-      group.pixels, {}, [](const Pixel* pixel) { return pixel->fitted.kernels.squared_residual; });
+  const auto fit_all_but = [&](const Pixel* done) {
+    for (Pixel* pixel : group.pixels)
+      if (pixel != done) pixel->fitted = fit_from(*pixel, shared_, hints);
+  };
+  // Blocks are divided so often that choosing kernels for all of their pixels before would not pay.
+  const bool is_block = group.side_px == block_side_px;
+  if (!is_block) fit_all_but(nullptr);
+  Pixel& worst = is_block ? farthest_from(shared_.tree.dictionary(), group.pixels)
+                          : **std::ranges::max_element(group.pixels, {}, [](const Pixel* pixel) {
+                              return pixel->fitted.kernels.squared_residual;
+                            });
+  if (is_block) worst.fitted = fit_from(worst, shared_, hints);
   if (auto own = fit_better_alone(worst, group.reuses_old, hints)) {
     refine(worst, *own);
     worst.fitted = std::move(*own);
     divide(group, worst, pending);
-  } else if (group.pixels.size() > 1) {
-    pool_and_solve(group.pixels, hints);
+    return;
   }
+  if (is_block) fit_all_but(&worst);
+  if (group.pixels.size() > 1) pool_and_solve(group.pixels, hints);
+}
+
+BlockFitter::Pixel& BlockFitter::farthest_from(const TreeDictionary& dictionary,
+                                               const std::vector<Pixel*>& pixels) const {
+  std::vector<const float*> basis(dictionary.rank);
+  std::vector<float> inside(dictionary.rank);
+  const auto squared_outside = [&](const Pixel* pixel) {
+    double outside = pixel->samples.squared_sum();
+    for (int c = 0; c < 3; ++c) {
+      for (int k = 0; k < dictionary.rank; ++k) basis[k] = dictionary.basis[c].data() + k * stride_;
+      dots(pixel->values.data() + c * extent_, basis.data(), dictionary.rank, stride_, inside.data());
+      for (const float product : inside) outside -= static_cast<double>(product) * product;
+    }
+    return outside;
+  };
+  return **std::ranges::max_element(pixels, {}, squared_outside);
 }
 
 void BlockFitter::fit_single(Pixel& pixel, bool reuses_old) {
   Hints hints;
+  const bool was_fitted = pixel.fitted.kernels.squared_samples > 0.0;
   Fitted own = fit_alone(pixel, reuses_old, hints);
-  if (!reuses_old || own.choice.criterion < pixel.fitted.choice.criterion) pixel.fitted = std::move(own);
+  if (!reuses_old || !was_fitted || own.choice.criterion < pixel.fitted.choice.criterion)
+    pixel.fitted = std::move(own);
   refine(pixel, pixel.fitted);
 }
 
@@ -181,7 +209,7 @@ void BlockFitter::grow_shared(const std::vector<Pixel*>& pixels) {
       targets[c].push_back(mean);
     }
   const bool is_part = count <= block_side_px * block_side_px / 4;
-  const int leaves = is_part ? tuning_.max_leaves_of_part : tuning_.max_leaves;
+  const int leaves = is_part ? tuning_.leaves_of_part : tuning_.max_leaves;
   shared_.selector.prepare(shared_.tree.grow(targets, measured, leaves));
 }
 
@@ -189,7 +217,7 @@ std::optional<BlockFitter::Fitted> BlockFitter::fit_better_alone(Pixel& pixel, b
                                                                  Hints& hints) {
   const Fitted& shared = pixel.fitted;
   const double min_gain = tuning_.min_error_gain * tuning_.min_error_gain * shared.kernels.squared_samples;
-  if (!(shared.kernels.squared_residual > min_gain)) return std::nullopt;
+  if (!(shared.kernels.squared_residual > tuning_.residual_worth_a_tree * min_gain)) return std::nullopt;
   Fitted own = fit_alone(pixel, reuses_old, hints);
   if (!(own.choice.criterion < shared.choice.criterion - tuning_.min_criterion_gain)) return std::nullopt;
   if (!(shared.kernels.squared_residual - own.kernels.squared_residual > min_gain)) return std::nullopt;
@@ -216,7 +244,7 @@ BlockFitter::Fitted BlockFitter::fit_alone(Pixel& pixel, bool reuses_old, Hints&
   const auto searched = effort == Effort::little ? channels_to_search({&pixel}) : std::vector{0, 1, 2};
   SearchTargets targets;
   for (const int c : searched) targets[c] = {pixel.values.data() + c * extent_};
-  const int leaves = effort == Effort::little ? tuning_.max_leaves_of_part : tuning_.max_leaves;
+  const int leaves = effort == Effort::little ? tuning_.leaves_of_pixel : tuning_.max_leaves;
   single_.selector.prepare(single_.tree.grow(targets, pixel.count_in(searched), leaves));
   return fit_from(pixel, single_, hints);
 }

@@ -98,6 +98,9 @@ class BlockFitter {
   void prepare_shared(const Group& group);
   void take_old(const std::vector<Pixel*>& pixels);
   void grow_shared(const std::vector<Pixel*>& pixels);
+  /// The pixel with the largest part outside the space that a dictionary spans: most often the one that it
+  /// explains worst.
+  Pixel& farthest_from(const TreeDictionary& dictionary, const std::vector<Pixel*>& pixels) const;
   /// The fit with a tree of its own, where it is clearly better than the shared one.
   std::optional<Fitted> fit_better_alone(Pixel& pixel, bool reuses_old, Hints& hints);
   /// Reduces the pixels' noise by what they have in common, and solves for the weights again.

@@ -13,10 +13,12 @@ struct FitTuning {
   /// Leaves of the tree that a block of pixels shares. Twice what a pixel needs (about 25 kernels), since its
   /// pixels use different ones.
   int max_leaves = 56;
-  /// Leaves of the tree of a part of a block, or of a single pixel that is not worth full effort. 36 take a
-  /// fifth more time and reduce the median pixel's error by 2 to 3 %, the picture's by nothing; 22 save a
-  /// fifth of the time and cost 6 %.
-  int max_leaves_of_part = 28;
+  /// Leaves of the tree that a part of a block shares. 28 take more time and are no better: parts are divided
+  /// again where that is too few.
+  int leaves_of_part = 20;
+  /// Leaves of the tree of a single pixel that is not worth full effort. With 28 the error under bars in hard
+  /// shadows is 5 % larger, the median pixel's 2 %.
+  int leaves_of_pixel = 40;
   /// Samples per leaf from which the brightest channel alone decides the splits; with fewer, all three do.
   /// Lower values miss small highlights: at 50 images they cost a fifth of the picture's error.
   int min_samples_per_leaf = 2;
@@ -49,6 +51,9 @@ struct FitTuning {
   /// less noisy. 0 takes half as much time again (nearly twice on noise-free data) and reduces the median
   /// pixel's error by 5 %; 0.01 saves a quarter of the time and costs 12 %.
   double min_error_gain = 0.007;
+  /// A tree of its own is grown for a pixel whose squared residual is this many times the reduction that
+  /// min_error_gain asks for. Of the trees for smaller residuals, a third of all, 7 % divide a block.
+  double residual_worth_a_tree = 3.0;
 
   // Iterations.
 

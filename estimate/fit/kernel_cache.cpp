@@ -25,11 +25,14 @@ std::vector<int> split_positions(int begin, int end, EstimateMode mode) {
 float* KernelCache::allocate(std::size_t floats) {
   const std::size_t block_size = std::max(block_floats, smooth_.extent());
   if (blocks_in_use_ == 0 || used_of_block_ + floats > block_size) {
-    if (blocks_in_use_ == blocks_.size()) blocks_.emplace_back(block_size);
+    if (blocks_in_use_ == blocks_.size()) {
+      const std::size_t bytes = block_size * sizeof(float);
+      blocks_.emplace_back(static_cast<float*>(allocate_aligned(bytes)), FreeBlock{bytes});
+    }
     ++blocks_in_use_;
     used_of_block_ = 0;
   }
-  float* memory = blocks_[blocks_in_use_ - 1].data() + used_of_block_;
+  float* memory = blocks_[blocks_in_use_ - 1].get() + used_of_block_;
   used_of_block_ += floats;
   return memory;
 }

@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -65,20 +66,25 @@ class KernelCache {
   void keep_within(std::uint64_t limit_bytes);
 
  private:
-  static constexpr std::size_t block_floats = 1 << 18;
-  static constexpr int max_splits = 6;  // three positions along each side
+  static constexpr std::size_t block_floats = 1 << 20;  // two huge pages
+  static constexpr int max_splits = 6;                  // three positions along each side
   struct Splits {
     std::array<Split, max_splits> ways;
     int count = 0;
   };
+  /// Memory that is written before it is read; so it is not cleared.
   float* allocate(std::size_t floats);
+  struct FreeBlock {
+    std::size_t bytes;
+    void operator()(float* block) const { free_aligned(block, bytes); }
+  };
 
   const BoxTable& table_;
   const SmoothSpace& smooth_;
   EstimateMode mode_;
   std::unordered_map<Box, std::array<const float*, 3>, BoxHash> columns_;
   std::unordered_map<Box, Splits, BoxHash> splits_;
-  std::vector<AlignedFloats> blocks_;
+  std::vector<std::unique_ptr<float, FreeBlock>> blocks_;
   std::size_t blocks_in_use_ = 0;
   std::size_t used_of_block_ = 0;  // floats of the last one in use
 };
