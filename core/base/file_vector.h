@@ -35,10 +35,10 @@ class FileAllocator {
 
   T* allocate(std::size_t count) {
     if (file_ && count * sizeof(T) == values_.size()) return mapped();
-    return std::allocator<T>().allocate(count);
+    return static_cast<T*>(allocate_aligned(count * sizeof(T)));
   }
   void deallocate(T* memory, std::size_t count) {
-    if (!file_ || memory != mapped()) std::allocator<T>().deallocate(memory, count);
+    if (!file_ || memory != mapped()) free_aligned(memory, count * sizeof(T));
   }
   /// Mapped values stand already.
   void construct(T* value) {

@@ -164,6 +164,25 @@ std::string read_text(const fs::path& path) {
   return text;
 }
 
+OpenFile::OpenFile(fs::path path)
+    : path_(std::move(path)), descriptor_(::open(path_.c_str(), O_RDONLY | O_CLOEXEC)) {
+  if (descriptor_ < 0) throw DeviceError(path_.string(), errno, "cannot open");
+}
+
+OpenFile::~OpenFile() {
+  ::close(descriptor_);
+}
+
+void OpenFile::read(std::uint64_t offset, std::span<std::byte> piece) const {
+  while (!piece.empty()) {
+    const ssize_t count = ::pread(descriptor_, piece.data(), piece.size(), static_cast<off_t>(offset));
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) throw DeviceError(path_.string(), count < 0 ? errno : EIO, "cannot read");
+    offset += static_cast<std::uint64_t>(count);
+    piece = piece.subspan(static_cast<std::size_t>(count));
+  }
+}
+
 MappedFile::MappedFile(const fs::path& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) throw DeviceError(path.string(), errno, "cannot open");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <span>
@@ -20,6 +21,22 @@ void write_text_atomically(const std::filesystem::path& path, std::string_view t
 
 /// Whole file as text. Throws DeviceError when it cannot be read.
 std::string read_text(const std::filesystem::path& path);
+
+/// A file of which pieces are read, by any number of threads. What replaces it meanwhile is not seen.
+class OpenFile {
+ public:
+  /// Throws DeviceError when it cannot be opened.
+  explicit OpenFile(std::filesystem::path path);
+  ~OpenFile();
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+  /// All of `piece` from a byte of the file on. Throws DeviceError when it cannot be read or ends before.
+  void read(std::uint64_t offset, std::span<std::byte> piece) const;
+
+ private:
+  std::filesystem::path path_;
+  int descriptor_;
+};
 
 /// A file as memory that is only read. All processes of a machine that map a file share its memory. It must
 /// not be shortened meanwhile; write_atomically() replaces it without harm.

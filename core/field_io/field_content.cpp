@@ -73,7 +73,6 @@ constexpr const char* interpolation_name = "basis/interpolation";
 constexpr const char* light_cells_name = "statistics/light_cells";
 constexpr const char* light_directions_name = "statistics/light_directions";
 constexpr const char* light_variances_name = "statistics/light_variances";
-constexpr const char* light_class_name = "statistics/light_class";
 
 void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
   std::vector<double> numbers;

@@ -15,6 +15,9 @@
 /// What the files of whole, packed and partial fields have in common.
 namespace refield {
 
+/// Name of the data set, [pixels] or none.
+inline constexpr const char* light_class_name = "statistics/light_class";
+
 /// Attributes of the root and the basis' boxes. `part`: null for a whole field.
 void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int version, const FieldPart* part);
 /// `evidence`: of a part, else empty.

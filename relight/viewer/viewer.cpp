@@ -16,11 +16,11 @@ constexpr std::chrono::milliseconds patience(25);
 /// Files that take longer to read are waited for in the window.
 constexpr std::chrono::milliseconds patience_before_window(150);
 
-FrameTime draw(App& app, Textures& textures) {
-  take_opened(app);
-  draw_panels(app, textures);
+/// The picture in the light that the panels set up so far, and its textures.
+FrameTime refresh(App& app, Textures& textures) {
   ViewState::Refreshed done;
   try {
+    app.state->look_at(visible_region(app));
     done = app.state->refresh(patience);
   } catch (const Error& error) {
     complain(app, error.what());
@@ -38,6 +38,13 @@ FrameTime draw(App& app, Textures& textures) {
           .wait_ms = done.wait_ms};
 }
 
+FrameTime draw(App& app, Textures& textures) {
+  take_opened(app);
+  FrameTime time;
+  draw_panels(app, textures, [&] { time = refresh(app, textures); });
+  return time;
+}
+
 void handle(App& app, const InputEvent& event) {
   if (const auto* dropped = std::get_if<FilesDropped>(&event))
     for (const auto& file : dropped->files) open_file(app, file);
@@ -48,7 +55,8 @@ void handle(App& app, const InputEvent& event) {
 
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run) {
-  BackgroundJob<OpenedFile> reading([=] { return read_field_file(field, light, run); });
+  BackgroundJob<OpenedFile> reading(
+      [=, from = options.large_from_bytes] { return read_field_file(field, light, run, from); });
   std::optional<OpenedFile> opened;
   if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
   GlWindow window(options.width, options.height, !options.script);

@@ -12,6 +12,7 @@
 
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
+#include "core/field_io/reflectance_field_file.h"
 
 namespace refield {
 
@@ -19,6 +20,8 @@ struct WindowOptions {
   std::optional<std::string> script;  ///< a file of commands, or "-"
   int width = 1440;                   ///< pixels
   int height = 900;
+  /// Bytes of a field's transfer from which on only the pixels that the window shows are read.
+  std::uint64_t large_from_bytes = large_transfer_bytes;
 };
 
 /// Opens a window on a field, with a light map to begin with, and returns when it is closed. Throws

@@ -95,12 +95,15 @@ OpenedFile read_light_file(const fs::path& file, const LightDomain& domain,
   return {.file = file, .light = std::move(opened)};
 }
 
-OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light,
-                           const RunContext& run) {
+OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light, const RunContext& run,
+                           std::uint64_t large_from_bytes) {
   OpenedFile opened{.file = field};
-  opened.state =
-      std::visit([&](auto content) { return std::make_unique<ViewState>(std::move(content), run); },
-                 read_either_field(field, run));
+  if (auto large = FieldSampler::open(field, run, large_from_bytes))
+    opened.state = std::make_unique<ViewState>(std::move(large), run);
+  else
+    opened.state =
+        std::visit([&](auto content) { return std::make_unique<ViewState>(std::move(content), run); },
+                   read_either_field(field, run));
   const FieldOutline& shown = opened.state->field();
   if (light) opened.light = read_light_file(*light, shown.basis.domain, shown.monitors, run).light;
   return opened;
@@ -142,7 +145,7 @@ void take_opened(App& app) {
 }
 
 bool is_busy(const App& app) {
-  return app.opening || app.tells_share || !app.state->is_current();
+  return app.opening || app.tells_share || app.state->is_reading() || !app.state->is_current();
 }
 
 void save_picture(App& app, const fs::path& file) {
@@ -150,6 +153,13 @@ void save_picture(App& app, const fs::path& file) {
   if (FreeView* view = state.view()) view->settle();
   state.refresh();
   save_image(app, file, state.radiance(), state.tone_in_use(), state.field().colour_space);
+  const PixelGrid grid = state.grid();
+  const Box all{0, 0, state.image_width(), state.image_height()};
+  if (grid.stride == 1 && grid.region == all) return;
+  say(app, "Saved " + file.string() + ": pixels at a stride of " + std::to_string(grid.stride) + " of " +
+               std::to_string(grid.region.width()) + "×" + std::to_string(grid.region.height()) + " from " +
+               std::to_string(grid.region.x0) + ", " + std::to_string(grid.region.y0) +
+               "; 'refield relight' writes all pixels");
 }
 
 void save_light(App& app, const fs::path& file) {

@@ -33,9 +33,11 @@ struct OpenedFile {
 
 /// Read a field and, where there is one, a light map to begin with; a light map for a field of that domain
 /// and those monitors. For threads in the background. Throw what the readers throw, InputError for a map that
-/// does not fit.
+/// does not fit. Of fields whose transfer takes `large_from_bytes` or more, only pixels that a window shows
+/// are read.
 OpenedFile read_field_file(const std::filesystem::path& field,
-                           const std::optional<std::filesystem::path>& light, const RunContext& run);
+                           const std::optional<std::filesystem::path>& light, const RunContext& run,
+                           std::uint64_t large_from_bytes = large_transfer_bytes);
 OpenedFile read_light_file(const std::filesystem::path& file, const LightDomain& domain,
                            const std::vector<MonitorPlacement>& monitors, const RunContext& run);
 

@@ -139,6 +139,14 @@ std::vector<Shortcut<App>> make_shortcuts() {
 
 using Verb = ScriptCommand::Verb;
 
+/// `"pixels": {…}`: those of the image that are shown.
+std::string pixels_text(const PixelGrid& grid) {
+  const Box& region = grid.region;
+  return "\"pixels\": {\"region\": [" + std::to_string(region.x0) + ", " + std::to_string(region.y0) + ", " +
+         std::to_string(region.x1) + ", " + std::to_string(region.y1) +
+         "], \"stride\": " + std::to_string(grid.stride) + "}";
+}
+
 /// Where things are, for tests that look into screenshots: one line of JSON on standard output.
 void print_places(const App& app) {
   const ViewState& state = *app.state;
@@ -149,12 +157,12 @@ void print_places(const App& app) {
   std::printf(
       "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"light_sources\": %zu, \"turn\": "
       "%.6f, "
-      "\"exposure\": %.9g, \"notice\": %s, %s%s}\n",
-      canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(),
+      "\"exposure\": %.9g, \"notice\": %s, %s, %s}\n",
+      canvas_text(app.picture, state.image_width(), state.image_height()).c_str(),
       canvas_text(app.light, light.width, light.height).c_str(), picked.c_str(), state.kernels().size(),
       state.setup().light_sources().size(), 360.0 * state.setup().turns(), state.tone_in_use().exposure,
       app.notice && app.notice->is_error ? "\"error\"" : "null", controls_text(app).c_str(),
-      state.view() != nullptr ? (", " + camera_text(state.view()->camera())).c_str() : "");
+      (state.view() != nullptr ? camera_text(state.view()->camera()) : pixels_text(state.grid())).c_str());
   std::fflush(stdout);
 }
 

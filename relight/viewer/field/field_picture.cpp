@@ -51,7 +51,7 @@ bool is_relit_image(Shown shown) {
 }  // namespace
 
 bool FieldPicture::has(Shown shown) const {
-  return is_relit_image(shown) || (!field_.mesh && !error_map_of(field_, shown).empty());
+  return is_relit_image(shown) || (!field_->mesh && !error_map_of(*field_, shown).empty());
 }
 
 void FieldPicture::show(Shown shown) {
@@ -61,7 +61,12 @@ void FieldPicture::show(Shown shown) {
   is_old_ = true;
   error_range_ = 0.0;
   if (is_relit_image(shown)) return;
-  set_range(error_map_of(field_, shown));
+  set_range(error_map_of(*field_, shown));
+}
+
+void FieldPicture::replace(const FieldOutline& field) {
+  field_ = &field;
+  show(shown_);
 }
 
 void FieldPicture::set_range(std::vector<float> errors) {
@@ -71,7 +76,7 @@ void FieldPicture::set_range(std::vector<float> errors) {
 }
 
 bool FieldPicture::depends_on_light() const {
-  return is_relit_image(shown_) || (shown_ == Shown::predicted_error && knows_light_error(field_));
+  return is_relit_image(shown_) || (shown_ == Shown::predicted_error && knows_light_error(*field_));
 }
 
 void FieldPicture::set_tone(const ToneMapping& tone) {
@@ -93,10 +98,10 @@ bool FieldPicture::draw(const Image& radiance, double exposure, const Image* lig
     const double white = -std::log2(exposure);
     false_colour_rgba(radiance, stop_levels(white - stops_below_white, white + stops_above_white), levels_);
   } else {
-    Image map(field_.width, field_.height, 1);
-    map.values = error_map_of(field_, shown_);
+    Image map(field_->width, field_->height, 1);
+    map.values = error_map_of(*field_, shown_);
     if (light != nullptr && depends_on_light()) {
-      map.values = predicted_error_under(field_, *light, radiance);
+      map.values = predicted_error_under(*field_, *light, radiance);
       set_range(map.values);
     }
     false_colour_rgba(map, linear_levels(error_range_), levels_);
@@ -104,14 +109,12 @@ bool FieldPicture::draw(const Image& radiance, double exposure, const Image* lig
   return true;
 }
 
-KernelPicture::KernelPicture(const FieldOutline& field, const LightPanorama& panorama)
-    : field_(field),
-      panorama_(panorama),
-      levels_(std::size_t{4} * panorama.shown().width * panorama.shown().height) {}
+KernelPicture::KernelPicture(const LightPanorama& panorama)
+    : panorama_(panorama), levels_(std::size_t{4} * panorama.shown().width * panorama.shown().height) {}
 
-void KernelPicture::pick(std::optional<PixelPosition> pixel, const Image& picture, const FreeView* view) {
-  if (pixel && (pixel->x < 0 || pixel->y < 0 || pixel->x >= picture.width || pixel->y >= picture.height))
-    pixel.reset();
+void KernelPicture::pick(std::optional<PixelPosition> pixel, const PixelGrid& shown, const FreeView* view) {
+  if (pixel) pixel = shown.position_of(*pixel);
+  if (pixel) pixel = {shown.x_of(pixel->x), shown.y_of(pixel->y)};
   std::optional<std::uint32_t> vertex;
   if (pixel && view != nullptr) {
     vertex = view->seen().vertex_at(pixel->x, pixel->y);
@@ -123,9 +126,9 @@ void KernelPicture::pick(std::optional<PixelPosition> pixel, const Image& pictur
   is_old_ = true;
 }
 
-void KernelPicture::follow(const PinholeCamera& camera) {
+void KernelPicture::follow(const PinholeCamera& camera, const OutputMesh& mesh) {
   if (!picked_vertex_) return;
-  const auto place = camera.image_point(field_.mesh->positions[*picked_vertex_]);
+  const auto place = camera.image_point(mesh.positions[*picked_vertex_]);
   picked_.reset();
   if (place && Eigen::AlignedBox2f(Eigen::Vector2f::Zero(), Eigen::Vector2f(camera.width, camera.height))
                    .contains(*place))
@@ -133,19 +136,26 @@ void KernelPicture::follow(const PinholeCamera& camera) {
                             std::min(static_cast<int>(place->y()), camera.height - 1)};
 }
 
-/// The number of the picked pixel among the field's.
-std::size_t KernelPicture::picked_output() const {
-  if (!picked_vertex_) return static_cast<std::size_t>(picked_->y) * field_.width + picked_->x;
-  return pixel_of_output(*picked_vertex_ * (field_.mesh->outputs() / field_.mesh->positions.size()));
+/// The number of the picked pixel among these, or of the picked vertex.
+std::optional<std::size_t> KernelPicture::picked_output(const FieldPixels& pixels) const {
+  if (picked_vertex_) {
+    const OutputMesh& mesh = *pixels.field.mesh;
+    return pixel_of_output(*picked_vertex_ * (mesh.outputs() / mesh.positions.size()));
+  }
+  const auto at = picked_ ? pixels.grid.position_of(*picked_) : std::nullopt;
+  if (!at) return std::nullopt;
+  return static_cast<std::size_t>(at->y) * pixels.field.width + at->x;
 }
 
-bool KernelPicture::draw(const TransferTiles& transfer) {
+bool KernelPicture::draw(const FieldPixels& pixels) {
   if (!std::exchange(is_old_, false)) return false;
   kernels_.clear();
   std::ranges::fill(levels_, std::uint8_t{0});
-  if (!picked_ && !picked_vertex_) return true;
-  kernels_ = kernels_of_pixel(transfer, field_.basis, picked_output());
-  Image density = kernel_density(field_.basis, kernels_);
+  const auto output = picked_output(pixels);
+  if (!output) return true;
+  const LightBasis& basis = pixels.field.basis;
+  kernels_ = kernels_of_pixel(pixels.relighter.transfer(), basis, *output);
+  Image density = kernel_density(basis, kernels_);
   if (panorama_.is_cube()) density = panorama_.show(density);
   const double high = *std::ranges::max_element(density.values);
   if (!(high > 0.0)) return true;

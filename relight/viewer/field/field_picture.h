@@ -12,6 +12,7 @@
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/field/light_painter.h"
+#include "relight/viewer/field/view_relighter.h"
 #include "relight/viewer/gui/canvas.h"
 
 namespace refield {
@@ -36,8 +37,10 @@ inline constexpr double stops_above_white = 2.0;
 /// A field's image in the levels of the screen.
 class FieldPicture {
  public:
-  /// `field` must outlive this.
-  explicit FieldPicture(const FieldOutline& field) : field_(field) {}
+  /// `field` must outlive this, or be replaced.
+  explicit FieldPicture(const FieldOutline& field) : field_(&field) {}
+  /// Other pixels of the same field.
+  void replace(const FieldOutline& field);
 
   Shown shown() const { return shown_; }
   /// Throws InputError for a map that the field does not hold.
@@ -63,7 +66,7 @@ class FieldPicture {
   void set_range(std::vector<float> errors);
   bool depends_on_light() const;
 
-  const FieldOutline& field_;
+  const FieldOutline* field_;
   Shown shown_ = Shown::picture;
   double error_range_ = 0.0;
   ToneMapping tone_;
@@ -72,36 +75,30 @@ class FieldPicture {
   bool is_old_ = true;
 };
 
-struct PixelPosition {
-  int x = 0;
-  int y = 0;
-  bool operator==(const PixelPosition&) const = default;
-};
-
 /// The kernels of one pixel or vertex, and their density over the light map.
 class KernelPicture {
  public:
-  /// Both must outlive this. The field's transfer is given to draw().
-  KernelPicture(const FieldOutline& field, const LightPanorama& panorama);
+  /// `panorama` must outlive this.
+  explicit KernelPicture(const LightPanorama& panorama);
 
-  /// Nothing, and positions outside `picture`: no pixel's. On a mesh the vertex is picked that the pixel of
+  /// Nothing, and positions where no pixel is: no pixel's. On a mesh the vertex is picked that the pixel of
   /// `view` shows most of.
-  void pick(std::optional<PixelPosition> pixel, const Image& picture, const FreeView* view);
+  void pick(std::optional<PixelPosition> pixel, const PixelGrid& shown, const FreeView* view);
   /// Where it is seen.
   const std::optional<PixelPosition>& picked() const { return picked_; }
-  /// Finds where the picked vertex is seen now, also through what hides it.
-  void follow(const PinholeCamera& camera);
+  /// Finds where the picked vertex of a mesh is seen now, also through what hides it.
+  void follow(const PinholeCamera& camera, const OutputMesh& mesh);
 
-  /// Finds the kernels, where others were picked, and makes the levels; whether there are new ones.
-  bool draw(const TransferTiles& transfer);
+  /// Finds the kernels, where others were picked, and makes the levels; whether there are new ones. They stay
+  /// where later pixels are not those of the picked one.
+  bool draw(const FieldPixels& pixels);
   const std::vector<PixelKernel>& kernels() const { return kernels_; }
   /// To be laid over the light map.
   std::span<const std::uint8_t> levels() const { return levels_; }
 
  private:
-  std::size_t picked_output() const;
+  std::optional<std::size_t> picked_output(const FieldPixels& pixels) const;
 
-  const FieldOutline& field_;
   const LightPanorama& panorama_;
   std::optional<PixelPosition> picked_;
   std::optional<std::uint32_t> picked_vertex_;

@@ -39,8 +39,9 @@ std::string share_text(const LightShares& shares) {
 std::string name_text(const App& app) {
   const FieldOutline& field = app.state->field();
   return app.field_file.filename().string() + "   " +
-         (field.mesh ? std::to_string(field.mesh->positions.size()) + " vertices"
-                     : std::to_string(field.width) + "×" + std::to_string(field.height)) +
+         (field.mesh
+              ? std::to_string(field.mesh->positions.size()) + " vertices"
+              : std::to_string(app.state->image_width()) + "×" + std::to_string(app.state->image_height())) +
          share_text(app.state->light_shares());
 }
 
@@ -196,12 +197,20 @@ void kernel_section(App& app) {
   if (!state.picked()) return;  // deselected in this frame
   heading(state.view() != nullptr ? "VERTEX" : "PIXEL");
   const PixelPosition pixel = *state.picked();
+  const PixelGrid grid = state.grid();
   const Image& image = state.radiance();
-  ImGui::Text("%d, %d   radiance %.4g  %.4g  %.4g", pixel.x, pixel.y, image.at(pixel.x, pixel.y, 0),
-              image.at(pixel.x, pixel.y, 1), image.at(pixel.x, pixel.y, 2));
-  if (state.has(Shown::predicted_error)) {
+  ImGui::Text("%d, %d", pixel.x, pixel.y);
+  const auto at = grid.position_of(pixel);
+  // Of a large field, the pixel may be none of those shown now.
+  const bool is_shown = at && grid.x_of(at->x) == pixel.x && grid.y_of(at->y) == pixel.y;
+  if (is_shown) {
     ImGui::SameLine();
-    const std::size_t index = static_cast<std::size_t>(pixel.y) * state.field().width + pixel.x;
+    ImGui::Text("  radiance %.4g  %.4g  %.4g", image.at(at->x, at->y, 0), image.at(at->x, at->y, 1),
+                image.at(at->x, at->y, 2));
+  }
+  if (is_shown && state.has(Shown::predicted_error)) {
+    ImGui::SameLine();
+    const std::size_t index = static_cast<std::size_t>(at->y) * state.field().width + at->x;
     ImGui::TextDisabled("± %.2g %%", 100.0 * state.field().quality.predicted_error[index]);
   }
   if (button(app, "Over the map", app.shows_kernels)) app.shows_kernels = !app.shows_kernels;
@@ -499,12 +508,14 @@ void draw_title(const App& app, const Area& area) {
 }
 
 /// The relit image: pick a pixel, zoom, pan.
-void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
+void draw_picture_panel(App& app, const Textures& textures, const Area& area,
+                        const std::function<void()>& refresh) {
+  const ViewState& state = *app.state;
   if (FreeView* view = app.state->view()) fill_area(area, app.picture, *view);
-  const Image& picture = app.state->radiance();
-  begin_picture_panel(area, app.picture, picture);
+  begin_picture_panel(area, app.picture, state.image_width(), state.image_height());
   handle_picture_mouse(app);
-  draw_picture(app.picture, picture, textures.picture);
+  refresh();
+  draw_picture(app.picture, state.grid(), textures.picture);
   draw_mark(app);
   draw_shown_legend(app, area);
   draw_title(app, area);
@@ -513,7 +524,20 @@ void draw_picture_panel(App& app, const Textures& textures, const Area& area) {
 
 }  // namespace
 
-void draw_panels(App& app, const Textures& textures) {
+std::optional<VisibleRegion> visible_region(const App& app) {
+  const Area& area = app.picture.area();
+  const Point first = app.picture.image_from_window({area.x, area.y});
+  const Point last = app.picture.image_from_window({area.x + area.width, area.y + area.height});
+  const int width = app.state->image_width(), height = app.state->image_height();
+  const Box region{std::max(0, static_cast<int>(std::floor(first.x))),
+                   std::max(0, static_cast<int>(std::floor(first.y))),
+                   std::min(width, static_cast<int>(std::ceil(last.x))),
+                   std::min(height, static_cast<int>(std::ceil(last.y)))};
+  if (app.state->view() != nullptr || !region.inside(width, height)) return std::nullopt;
+  return VisibleRegion{region, app.picture.scale()};
+}
+
+void draw_panels(App& app, const Textures& textures, const std::function<void()>& refresh) {
   const ImVec2 window = ImGui::GetIO().DisplaySize;
   const LightDomain& domain = app.state->panorama().shown();
   const double side = std::clamp(0.32 * window.x, 360.0, 560.0);
@@ -523,11 +547,11 @@ void draw_panels(App& app, const Textures& textures) {
       std::min(side * domain.height / domain.width, std::max(140.0, 0.42 * inner_height));
   const Area left{gap, gap, left_width, inner_height};
   const Area picture = app.shows_help ? above_help(app, left) : left;
-  draw_picture_panel(app, textures, picture);
   draw_light_panel(app, textures, {right, gap, side, light_height});
   draw_control_panel(app, {right, gap + light_height + gap, side, inner_height - light_height - gap});
+  draw_picture_panel(app, textures, picture, refresh);
   draw_status_bar(app, {0.0, window.y - status_height, window.x, status_height}, name_text(app),
-                  pointer_text(app.picture, app.state->radiance(), "pixel") +
+                  pointer_text(app.picture, app.state->radiance(), "pixel", app.state->grid()) +
                       pointer_text(app.light, app.state->shown_light(), "texel"));
   draw_notice(app, picture);
   if (app.shows_help) draw_help(app, left, mouse_help, keys_of(shortcuts()));

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <utility>
 
+#include "core/base/errors.h"
 #include "core/base/units.h"
 #include "relight/sequence.h"
 #include "relight/viewer/gui/background_job.h"
@@ -24,19 +25,62 @@ void add_image(double factor, const Image& from, Image& to) {
   });
 }
 
+/// Weights of 16 bits are exact to the last level of a screen, those of 8 to three levels in the dark; but
+/// beside a field of more entries they would take more memory than half of its file.
+constexpr std::uint64_t max_fine_entries = 8'000'000;
+
+RelightPrecision precision_for(const ReflectanceField& field) {
+  return field.transfer.entries() <= max_fine_entries ? RelightPrecision::fine : RelightPrecision::fast;
+}
+
+void require_content(const FieldOutline& field) {
+  if (field.width < 1 || field.height < 1 || field.basis.domain.width < 1 || field.basis.domain.height < 1)
+    throw InputError("the field is empty; there is nothing to show");
+}
+
+Relighter relighter_of(ReflectanceField& field) {
+  require_content(field);
+  const RelightPrecision precision = precision_for(field);
+  std::optional<Relighter> relighter;
+  run_uncancelled([&] { relighter.emplace(std::move(field), precision); });
+  // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
+  field.basis.boxes = {};
+  return *std::move(relighter);
+}
+
+/// Leaves the outline.
+Relighter relighter_of(PackedField& packed) {
+  require_content(packed.outline);
+  FieldOutline outline = packed.outline;
+  Relighter relighter(std::move(packed));
+  packed.outline = std::move(outline);
+  return relighter;
+}
+
+PixelGrid whole_image(const FieldOutline& field) {
+  return {{0, 0, field.width, field.height}, 1};
+}
+
 }  // namespace
 
-ViewRelighter::ViewRelighter(Relighter relighter, const RunContext& run)
+FieldPixels::FieldPixels(ReflectanceField pixels, const std::optional<PixelGrid>& part)
+    : relighter(relighter_of(pixels)), field(std::move(pixels)), grid(part.value_or(whole_image(field))) {}
+
+FieldPixels::FieldPixels(PackedField pixels)
+    : relighter(relighter_of(pixels)), field(std::move(pixels.outline)), grid(whole_image(field)) {}
+
+ViewRelighter::ViewRelighter(std::shared_ptr<FieldPixels> pixels, const RunContext& run)
     : run_(run),
-      panorama_(relighter.domain()),
-      relighter_(std::move(relighter)),
-      painter_(relighter_.domain()),
-      relit_by_{LightSetup(relighter_.domain()), std::nullopt},
-      probe_light_{Image(relighter_.domain().width, relighter_.domain().height, 3),
-                   relighter_.domain().parameterisation} {
-  auto boxes = relighter_.box_projector();
+      panorama_(pixels->relighter.domain()),
+      pixels_(std::move(pixels)),
+      painter_(pixels_->relighter.domain()),
+      relit_by_{LightSetup(pixels_->relighter.domain()), std::nullopt, pixels_},
+      probe_light_{Image(relit_by_.setup.domain().width, relit_by_.setup.domain().height, 3),
+                   relit_by_.setup.domain().parameterisation} {
+  const Relighter& relighter = pixels_->relighter;
+  auto boxes = relighter.box_projector();
   if (!boxes || !panorama_.is_cube()) return;
-  summed_.emplace(SummedEnvironment{.relighter = relighter_,
+  summed_.emplace(SummedEnvironment{.relighter = relighter,
                                     .boxes = std::move(*boxes),
                                     .shown = EnvironmentProjector(panorama_.shown(), {}, run),
                                     .of = std::nullopt,
@@ -74,6 +118,10 @@ double ViewRelighter::sum_environment(const LightSetup& setup) {
 ViewRelighter::Times ViewRelighter::relight(const ViewLight& wanted) {
   Times times;
   const auto start = Clock::now();
+  if (wanted.pixels != pixels_) {
+    pixels_ = wanted.pixels;
+    relit_ = nullptr;
+  }
   const bool has_summed = is_summed(wanted.setup);
   LightSetup painted = wanted.setup;
   if (has_summed) {
@@ -105,9 +153,9 @@ void ViewRelighter::relight_painted(const std::optional<Box>& probe, const std::
   } else if (lit_ || !relit_) {
     std::ranges::fill(probe_light_.radiance.values, 0.0f);  // for the next probe
     lit_.reset();
-    relit_ = &relighter_.relight(painter_.light());
+    relit_ = &pixels_->relighter.relight(painter_.light());
   } else if (changed) {
-    relit_ = &relighter_.update(painter_.light(), *changed);
+    relit_ = &pixels_->relighter.update(painter_.light(), *changed);
   }
 }
 
@@ -120,8 +168,8 @@ const Image& ViewRelighter::relight_probe(const Box& probe) {
   };
   if (lit_) fill(*lit_, 0.0f);
   fill(probe, 1.0f);
-  const Image& outputs =
-      lit_ ? relighter_.update(probe_light_, *united(*lit_, probe)) : relighter_.relight(probe_light_);
+  const Image& outputs = lit_ && relit_ ? pixels_->relighter.update(probe_light_, *united(*lit_, probe))
+                                        : pixels_->relighter.relight(probe_light_);
   lit_ = probe;
   return outputs;
 }

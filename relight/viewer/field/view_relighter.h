@@ -1,18 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <memory>
 #include <optional>
 
 #include "core/base/run_context.h"
+#include "core/field/reflectance_field.h"
+#include "core/field_io/field_sampler.h"
 #include "relight/relighter.h"
 #include "relight/viewer/field/light_painter.h"
 
 namespace refield {
 
-/// The light that a field is to be shown under: all that is set up, or for a probe one part of the light map
-/// alone, with a radiance of one.
+/// A field, or some pixels of a large one, laid out to be relit.
+struct FieldPixels {
+  Relighter relighter;
+  FieldOutline field;  ///< without boxes, which stand in the relighter alone
+  PixelGrid grid;      ///< of the whole image
+
+  /// Of the whole image, or `part` of it. Throw InputError for an empty field.
+  explicit FieldPixels(ReflectanceField pixels, const std::optional<PixelGrid>& part = std::nullopt);
+  explicit FieldPixels(PackedField pixels);
+};
+
+/// What is to be shown under which light: all that is set up, or for a probe one part of the light map alone,
+/// with a radiance of one.
 struct ViewLight {
   LightSetup setup;
   std::optional<Box> probe;
+  std::shared_ptr<FieldPixels> pixels;
   bool operator==(const ViewLight&) const = default;
 };
 
@@ -24,12 +39,12 @@ struct RelitField {
 };
 
 /// Relights a field by one light after another, each at the cost of what differs from the one before. For a
-/// job in the background: while relight() runs, only transfer() and panorama() may be called.
+/// job in the background: while relight() runs, only panorama() may be called, and of its pixels' relighter
+/// only transfer().
 class ViewRelighter {
  public:
-  ViewRelighter(Relighter relighter, const RunContext& run);
+  ViewRelighter(std::shared_ptr<FieldPixels> pixels, const RunContext& run);
 
-  const TransferTiles& transfer() const { return relighter_.transfer(); }
   const LightPanorama& panorama() const { return panorama_; }
 
   struct Times {
@@ -54,14 +69,14 @@ class ViewRelighter {
 
   RunContext run_;
   LightPanorama panorama_;
-  Relighter relighter_;
+  std::shared_ptr<FieldPixels> pixels_;
   LightPainter painter_;
-  ViewLight relit_by_;  // by the last relight()
-  const Image* relit_ =
-      nullptr;                  // by it, in the relighter; null where nothing but a summed environment shines
-  bool is_dark_ = false;        // nothing was painted for it, as nothing but a summed environment shines
-  std::optional<Box> changed_;  // of what is painted, since the last show()
-  bool showed_summed_ = false;  // by the last show()
+  ViewLight relit_by_;            // by the last relight()
+  const Image* relit_ = nullptr;  // by it, in the pixels' relighter; null before, and where nothing but a
+                                  // summed environment shines
+  bool is_dark_ = false;          // nothing was painted for it, as nothing but a summed environment shines
+  std::optional<Box> changed_;    // of what is painted, since the last show()
+  bool showed_summed_ = false;    // by the last show()
 
   LightMap probe_light_;
   std::optional<Box> lit_;  // of probe_light_, which the relighter shows; nothing: what is painted

@@ -9,50 +9,31 @@
 
 namespace refield {
 
-namespace {
-
-/// Weights of 16 bits are exact to the last level of a screen, those of 8 to three levels in the dark; but
-/// beside a field of more entries they would take more memory than half of its file.
-constexpr std::uint64_t max_fine_entries = 8'000'000;
-
-void require_content(const FieldOutline& field) {
-  if (field.width < 1 || field.height < 1 || field.basis.domain.width < 1 || field.basis.domain.height < 1)
-    throw InputError("the field is empty; there is nothing to show");
-}
-
-}  // namespace
-
-ViewState::Loaded ViewState::load(ReflectanceField field) {
-  require_content(field);
-  const auto precision =
-      field.transfer.entries() <= max_fine_entries ? RelightPrecision::fine : RelightPrecision::fast;
-  Relighter relighter(std::move(field), precision);
-  // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone; rectangles it has its own.
-  field.basis.boxes = {};
-  return {std::move(field), std::move(relighter)};
-}
-
-ViewState::Loaded ViewState::load(PackedField packed) {
-  require_content(packed.outline);
-  FieldOutline outline = packed.outline;
-  return {std::move(outline), Relighter(std::move(packed))};
-}
-
-ViewState::ViewState(Loaded loaded, const RunContext& run)
-    : field_(std::move(loaded.field)),
-      relighter_(std::move(loaded.relighter), run),
-      picture_(field_),
-      kernels_(field_, relighter_.panorama()),
-      wanted_{LightSetup(field_.basis.domain), std::nullopt},
+ViewState::ViewState(std::shared_ptr<FieldPixels> pixels, std::unique_ptr<DetailLoader>&& loader,
+                     const RunContext& run)
+    : loader_(std::move(loader)),
+      shown_(std::move(pixels)),
+      relighter_(shown_, run),
+      picture_(field()),
+      kernels_(relighter_.panorama()),
+      wanted_{LightSetup(field().basis.domain), std::nullopt, shown_},
       done_(wanted_),
       running_(wanted_),
       light_levels_(kernels_.levels().size()) {
   reset_light_sources();
-  if (field_.mesh) view_ = std::make_unique<FreeView>(field_);
+  if (field().mesh) view_ = std::make_unique<FreeView>(field());
   expose_picture();
   refresh();
   picture_.outdate();
   is_light_old_ = true;
+}
+
+PixelGrid ViewState::grid() const {
+  return view_ ? PixelGrid{{0, 0, radiance().width, radiance().height}, 1} : shown_->grid;
+}
+
+void ViewState::look_at(const std::optional<VisibleRegion>& visible) {
+  if (loader_) wanted_.pixels = loader_->show(visible);
 }
 
 void ViewState::reset_light_sources() {
@@ -127,10 +108,14 @@ void ViewState::take_result(Refreshed& done) {
   const auto job = std::exchange(job_, nullptr);
   done_ = running_;  // also where it failed: it would fail again
   const ViewRelighter::Times times = job->take();
+  if (shown_ != running_.pixels) {
+    shown_ = running_.pixels;
+    picture_.replace(field());
+  }
   if (relighter_.show(relit_)) {
     is_light_old_ = true;
-    if (field_.basis.domain.parameterisation != Parameterisation::cube)
-      light_shares_ = field_.light_shares(relit_.light);
+    if (field().basis.domain.parameterisation != Parameterisation::cube)
+      light_shares_ = field().light_shares(relit_.light);
   }
   ++relit_count_;
   done.light_ms += times.light_ms;
@@ -143,7 +128,7 @@ bool ViewState::look(bool relit) {
   const bool moved = view_->update();
   if (!moved && !relit) return false;
   seen_ = view_->seen().show(relit_.outputs);
-  if (moved) kernels_.follow(view_->camera());
+  if (moved) kernels_.follow(view_->camera(), *field().mesh);
   return true;
 }
 
@@ -157,11 +142,12 @@ ViewState::Refreshed ViewState::refresh(std::optional<std::chrono::milliseconds>
   }
   expose_if_current();
   start = std::chrono::steady_clock::now();
-  const bool is_cube = field_.basis.domain.parameterisation == Parameterisation::cube;
+  const bool is_cube = field().basis.domain.parameterisation == Parameterisation::cube;
   done.picture = picture_.draw(radiance(), tone_in_use().exposure, is_cube ? nullptr : &relit_.light);
   done.light = draw_light();
   if (done.picture || done.light) done.tone_ms = 1e3 * seconds_since(start);
-  done.kernels = kernels_.draw(relighter_.transfer());
+  done.kernels = kernels_.draw(*shown_);
+  if (loader_ && patience && !done.picture) loader_->wait_at_rest();
   return done;
 }
 

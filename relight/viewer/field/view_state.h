@@ -10,6 +10,7 @@
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
 #include "core/field_io/packed_field.h"
+#include "relight/viewer/field/detail_loader.h"
 #include "relight/viewer/field/field_picture.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/field/view_relighter.h"
@@ -26,14 +27,26 @@ class ViewState {
   /// Starts under a dim ambient light and two light sources, exposed for them. Throws InputError for an empty
   /// field.
   explicit ViewState(ReflectanceField field, const RunContext& run = {})
-      : ViewState(load(std::move(field)), run) {}
+      : ViewState(std::make_shared<FieldPixels>(std::move(field)), nullptr, run) {}
   explicit ViewState(PackedField packed, const RunContext& run = {})
-      : ViewState(load(std::move(packed)), run) {}
+      : ViewState(std::make_shared<FieldPixels>(std::move(packed)), nullptr, run) {}
+  /// Of a large field, some pixels: see look_at(). Throws what DetailLoader throws.
+  explicit ViewState(std::unique_ptr<const FieldSampler> file, const RunContext& run = {})
+      : ViewState(std::make_unique<DetailLoader>(std::move(file), run), run) {}
   ViewState(const ViewState&) = delete;  // its parts and the job refer to it
   ViewState& operator=(const ViewState&) = delete;
 
-  /// Without rectangles, which stand in the relighter alone.
-  const FieldOutline& field() const { return field_; }
+  /// That of the pixels shown, without rectangles, which stand in the relighter alone.
+  const FieldOutline& field() const { return shown_->field; }
+  /// The pixels of the whole image that radiance() holds, and the size of that image.
+  PixelGrid grid() const;
+  int image_width() const { return loader_ ? loader_->outline().width : radiance().width; }
+  int image_height() const { return loader_ ? loader_->outline().height : radiance().height; }
+  /// Of a large field, wants the pixels that the window shows; nothing: no part of it. Called once a frame.
+  /// Until they are read, coarser ones stay. Throws what reading them threw.
+  void look_at(const std::optional<VisibleRegion>& visible);
+  /// Whether finer pixels are being read.
+  bool is_reading() const { return loader_ && loader_->is_reading(); }
   /// Of fields over a mesh the user's camera; null for photographs.
   FreeView* view() { return view_.get(); }
   const FreeView* view() const { return view_.get(); }
@@ -69,10 +82,11 @@ class ViewState {
   bool has(Shown shown) const { return picture_.has(shown); }
   double error_range() const { return picture_.error_range(); }
 
-  /// Whose kernels are shown; nothing: no one's. Positions outside the picture are taken as nothing. On a
-  /// mesh the vertex is picked that the pixel shows most of, and stays so when the camera moves; picked() is
-  /// where it is seen then, through what hides it.
-  void pick(std::optional<PixelPosition> pixel) { kernels_.pick(pixel, radiance(), view()); }
+  /// Whose kernels are shown; nothing: no one's. Positions outside the picture are taken as nothing; of a
+  /// large field the pixel before it is picked that is shown. On a mesh the vertex is picked that the pixel
+  /// shows most of, and stays so when the camera moves; picked() is where it is seen then, through what hides
+  /// it.
+  void pick(std::optional<PixelPosition> pixel) { kernels_.pick(pixel, grid(), view()); }
   const std::optional<PixelPosition>& picked() const { return kernels_.picked(); }
   const std::vector<PixelKernel>& kernels() const { return kernels_.kernels(); }
 
@@ -111,13 +125,10 @@ class ViewState {
   std::span<const std::uint8_t> kernel_picture() const { return kernels_.levels(); }
 
  private:
-  struct Loaded {
-    FieldOutline field;
-    Relighter relighter;
-  };
-  ViewState(Loaded loaded, const RunContext& run);
-  static Loaded load(ReflectanceField field);
-  static Loaded load(PackedField packed);
+  ViewState(std::unique_ptr<DetailLoader>&& loader, const RunContext& run)
+      : ViewState(loader->coarse(), std::move(loader), run) {}
+  ViewState(std::shared_ptr<FieldPixels> pixels, std::unique_ptr<DetailLoader>&& loader,
+            const RunContext& run);
 
   bool await_relit(std::optional<std::chrono::milliseconds> patience, Refreshed& done);
   void take_result(Refreshed& done);
@@ -125,7 +136,8 @@ class ViewState {
   void expose_if_current();
   bool draw_light();
 
-  FieldOutline field_;
+  std::unique_ptr<DetailLoader> loader_;  // of large fields
+  std::shared_ptr<FieldPixels> shown_;
   ViewRelighter relighter_;  // the job's alone while it runs
   FieldPicture picture_;
   KernelPicture kernels_;

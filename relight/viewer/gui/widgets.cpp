@@ -71,22 +71,27 @@ void fill_area(const Area& area, Canvas& canvas, FreeView& view) {
   if (view.camera().width != width || view.camera().height != height) view.move().set_size(width, height);
 }
 
-void begin_picture_panel(const Area& area, Canvas& canvas, const Image& picture) {
-  canvas.lay_out(area, picture.width, picture.height);
+void begin_picture_panel(const Area& area, Canvas& canvas, int picture_width, int picture_height) {
+  canvas.lay_out(area, picture_width, picture_height);
   begin_panel("##picture", area, false);
   ImGui::InvisibleButton("##canvas", ImGui::GetContentRegionAvail(),
                          ImGuiButtonFlags_MouseButtonLeft | ImGuiButtonFlags_MouseButtonRight |
                              ImGuiButtonFlags_MouseButtonMiddle);
 }
 
-void draw_picture(const Canvas& canvas, const Image& picture, const Texture& texture) {
+void draw_picture(const Canvas& canvas, const PixelGrid& pixels, const Texture& texture) {
   const Area& area = canvas.area();
   ImDrawList& list = *ImGui::GetWindowDrawList();
   list.AddRectFilled(vector(area.x, area.y), vector(area.x + area.width, area.y + area.height), canvas_colour,
                      6.0f);
-  list.AddImage(texture.handle(), vector(canvas.window_from_image({0.0, 0.0})),
-                vector(canvas.window_from_image(
-                    {static_cast<double>(picture.width), static_cast<double>(picture.height)})));
+  const auto corner = [&](int x, int y) {
+    return vector(canvas.window_from_image({static_cast<double>(x), static_cast<double>(y)}));
+  };
+  list.PushClipRect(corner(pixels.region.x0, pixels.region.y0), corner(pixels.region.x1, pixels.region.y1),
+                    true);
+  list.AddImage(texture.handle(), corner(pixels.x_of(0), pixels.y_of(0)),
+                corner(pixels.x_of(pixels.width()), pixels.y_of(pixels.height())));
+  list.PopClipRect();
 }
 
 void heading(const char* text) {

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "core/image/image.h"
+#include "core/field_io/field_sampler.h"
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/canvas.h"
@@ -42,8 +42,9 @@ void draw_legend(const Area& area, const char* low, const char* high);
 /// The camera's next picture is of the area's size, and stands in it unmoved.
 void fill_area(const Area& area, Canvas& canvas, FreeView& view);
 /// Lays out a picture in a panel of its own, all of which is an item that takes the mouse.
-void begin_picture_panel(const Area& area, Canvas& canvas, const Image& picture);
-void draw_picture(const Canvas& canvas, const Image& picture, const Texture& texture);
+void begin_picture_panel(const Area& area, Canvas& canvas, int picture_width, int picture_height);
+/// The texture holds these pixels of the picture.
+void draw_picture(const Canvas& canvas, const PixelGrid& pixels, const Texture& texture);
 
 // Controls of a panel, for every window of the viewer.
 

@@ -94,15 +94,16 @@ std::optional<fs::path> draw_folder(WindowState& window, FileDialog& dialog, dou
 
 }  // namespace
 
-std::string pointer_text(const Canvas& canvas, const Image& image, const char* what) {
+std::string pointer_text(const Canvas& canvas, const Image& image, const char* what,
+                         const std::optional<PixelGrid>& grid) {
   const ImVec2 mouse = ImGui::GetIO().MousePos;
   const Point p = canvas.image_from_window({mouse.x, mouse.y});
-  const int x = static_cast<int>(std::floor(p.x)), y = static_cast<int>(std::floor(p.y));
-  if (!canvas.area().holds(mouse.x, mouse.y) || x < 0 || y < 0 || x >= image.width || y >= image.height)
-    return "";
+  const PixelGrid held = grid.value_or(PixelGrid{{0, 0, image.width, image.height}, 1});
+  const auto at = held.position_of({static_cast<int>(std::floor(p.x)), static_cast<int>(std::floor(p.y))});
+  if (!canvas.area().holds(mouse.x, mouse.y) || !at) return "";
   char text[120];
-  std::snprintf(text, sizeof text, "%s %d, %d:  %.4g  %.4g  %.4g", what, x, y, image.at(x, y, 0),
-                image.at(x, y, 1), image.at(x, y, 2));
+  std::snprintf(text, sizeof text, "%s %d, %d:  %.4g  %.4g  %.4g", what, held.x_of(at->x), held.y_of(at->y),
+                image.at(at->x, at->y, 0), image.at(at->x, at->y, 1), image.at(at->x, at->y, 2));
   return text;
 }
 

@@ -24,8 +24,10 @@ void draw_help(WindowState& window, const Area& area, const char* mouse,
                const std::vector<ShortcutKey>& keys);
 Area above_help(const WindowState& window, const Area& area);
 
-/// "pixel 3, 4:  0.1  0.2  0.3"; empty where the pointer is not over the image.
-std::string pointer_text(const Canvas& canvas, const Image& image, const char* what);
+/// "pixel 3, 4:  0.1  0.2  0.3"; empty where the pointer is not over the image. `grid`: the pixels of the
+/// canvas' image that `image` holds; nothing: all.
+std::string pointer_text(const Canvas& canvas, const Image& image, const char* what,
+                         const std::optional<PixelGrid>& grid = std::nullopt);
 
 /// Draws the window's dialog, where it has one, over an area, and calls `take` with the file that was chosen.
 /// `recent`: files that are offered first when one is opened.

@@ -343,9 +343,9 @@ void draw_selection(const SceneApp& app) {
 void draw_scene_picture(SceneApp& app, const Texture& texture, const Area& area) {
   fill_area(area, app.picture, app.state.view());
   const Image& picture = app.state.radiance();
-  begin_picture_panel(area, app.picture, picture);
+  begin_picture_panel(area, app.picture, picture.width, picture.height);
   handle_scene_mouse(app);
-  draw_picture(app.picture, picture, texture);
+  draw_picture(app.picture, {{0, 0, picture.width, picture.height}, 1}, texture);
   draw_selection(app);
   end_panel();
 }

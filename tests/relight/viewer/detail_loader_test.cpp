@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+// Large fields in the viewer: coarse pixels of all of the image, and those of the visible region.
+#include "relight/viewer/field/detail_loader.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "core/base/files.h"
+#include "core/image/image_io.h"
+#include "relight/viewer/field/view_state.h"
+#include "relight/viewer/viewer.h"
+#include "tests/support/random_data.h"
+#include "tests/support/temporary_folder.h"
+#include "tests/support/virtual_screen.h"
+
+namespace refield {
+namespace {
+
+constexpr int width = 1300, height = 900;  // more than the coarse pixels at most
+constexpr LightDomain domain{24, 16, Parameterisation::monitor};
+constexpr std::uint64_t any_size = 0;
+
+class LargeField : public testing::Test {
+ protected:
+  LargeField() { write_reflectance_field(file_, field_); }
+
+  std::unique_ptr<const FieldSampler> open() const { return FieldSampler::open(file_, {}, any_size); }
+
+  /// The image holds the pixels of a grid under a light.
+  void expect_pixels(const Image& shown, const PixelGrid& grid, const LightMap& light) const {
+    const Image all = field_.relight(light);
+    ASSERT_EQ(shown.width, grid.width());
+    ASSERT_EQ(shown.height, grid.height());
+    double difference = 0.0, sum = 0.0;
+    for (int y = 0; y < grid.height(); ++y)
+      for (int x = 0; x < grid.width(); ++x)
+        for (int c = 0; c < 3; ++c) {
+          const float expected = all.at(grid.x_of(x), grid.y_of(y), c);
+          difference += std::pow(shown.at(x, y, c) - expected, 2.0);
+          sum += std::pow(expected, 2.0);
+        }
+    EXPECT_LE(std::sqrt(difference), 1e-5 * std::sqrt(sum));
+  }
+
+  Rng rng_{1};
+  const test::TemporaryFolder folder_;
+  const std::filesystem::path file_ = folder_ / "large.rfield";
+  const ReflectanceField field_ = test::random_field(rng_, width, height, domain, 80, 3);
+};
+
+void finish_reading(DetailLoader& loader, const VisibleRegion& visible) {
+  loader.show(visible);
+  while (loader.is_reading()) {
+    loader.wait_at_rest();
+    loader.show(visible);
+  }
+}
+
+TEST_F(LargeField, DetailFollowsTheVisibleRegion) {
+  DetailLoader loader(open(), {});
+  const auto coarse = loader.coarse();
+  EXPECT_EQ(coarse->grid, (PixelGrid{{0, 0, width, height}, 2}));
+  EXPECT_EQ(loader.show(VisibleRegion{{0, 0, width, height}, 0.5}), coarse);
+  EXPECT_FALSE(loader.is_reading()) << "the coarse pixels suffice";
+
+  const VisibleRegion seen{{400, 300, 720, 540}, 2.0};
+  EXPECT_EQ(loader.show(seen), coarse) << "until the region is read";
+  finish_reading(loader, seen);
+  const auto detail = loader.show(seen);
+  EXPECT_EQ(detail->grid, (PixelGrid{{360, 270, 760, 570}, 1}));
+  EXPECT_EQ(loader.show(VisibleRegion{{410, 310, 730, 550}, 2.0}), detail) << "a small move";
+  EXPECT_FALSE(loader.is_reading());
+
+  const VisibleRegion beside{{430, 300, 750, 540}, 2.0};
+  EXPECT_EQ(loader.show(beside), detail) << "still covered";
+  EXPECT_TRUE(loader.is_reading()) << "ahead of the next move";
+  finish_reading(loader, beside);
+  EXPECT_EQ(loader.show(VisibleRegion{{900, 600, 1220, 840}, 2.0}), coarse) << "elsewhere";
+  finish_reading(loader, beside);  // what was read before is given up
+  EXPECT_EQ(loader.show(std::nullopt), coarse);
+}
+
+TEST_F(LargeField, IsRelitWhereItIsSeen) {
+  ViewState state(open());
+  EXPECT_EQ(state.image_width(), width);
+  state.refresh();
+  expect_pixels(state.radiance(), {{0, 0, width, height}, 2}, state.light());
+
+  const VisibleRegion seen{{400, 300, 720, 540}, 2.0};
+  const auto look = [&] {
+    do {
+      state.look_at(seen);
+      state.refresh();
+    } while (state.is_reading());
+  };
+  look();
+  const PixelGrid detail{{360, 270, 760, 570}, 1};
+  EXPECT_EQ(state.grid(), detail);
+  expect_pixels(state.radiance(), detail, state.light());
+  PaintedLight moved = state.setup().light_sources()[0];
+  moved.x = 0.6;
+  state.setup().change(0, moved);
+  look();
+  expect_pixels(state.radiance(), detail, state.light());
+
+  const PixelPosition odd{401, 303};
+  state.pick(odd);
+  state.refresh();
+  EXPECT_EQ(state.picked(), odd);
+  const auto kernels = kernels_of_pixel(field_, std::size_t{303} * width + 401);
+  EXPECT_EQ(state.kernels().size(), kernels.size());
+  state.look_at(std::nullopt);
+  EXPECT_FALSE(state.is_current());
+  state.refresh();
+  EXPECT_EQ(state.grid().stride, 2);
+  expect_pixels(state.radiance(), state.grid(), state.light());
+  EXPECT_EQ(state.kernels().size(), kernels.size()) << "stay, though the pixel is not shown";
+  state.pick(odd);
+  EXPECT_EQ(state.picked(), (PixelPosition{400, 302})) << "the pixel before it that is shown";
+
+  state.probe(Box{3, 4, 9, 10});
+  state.refresh();
+  look();
+  LightMap probe{Image(domain.width, domain.height, 3), domain.parameterisation};
+  for (int y = 4; y < 10; ++y)
+    for (int x = 3; x < 9; ++x)
+      for (int c = 0; c < 3; ++c) probe.radiance.at(x, y, c) = 1.0f;
+  expect_pixels(state.radiance(), detail, probe);
+}
+
+TEST_F(LargeField, WindowReadsWhatItShows) {
+  if (!test::is_installed("Xvfb")) GTEST_SKIP() << "SKIPPED: Xvfb is not installed (Debian package xvfb)";
+#ifdef __SANITIZE_THREAD__
+  GTEST_SKIP() << "SKIPPED: the software renderer's threads are not instrumented";
+#endif
+  const test::VirtualScreen screen(1280, 820);
+  ASSERT_TRUE(screen.is_up()) << "Xvfb does not start";
+  const auto script = (folder_ / "script").string(), saved = (folder_ / "detail.exr").string(),
+             light = (folder_ / "light.exr").string();
+  write_text_atomically(script, "where\nkey Z\nwait 2\nwhere\ndrag light 8 6 14 6 4\nsave " + saved +
+                                    "\nsave-light " + light + "\nkey F\nwait 2\nwhere\nquit\n");
+  testing::internal::CaptureStdout();
+  run_viewer(file_, std::nullopt,
+             {.script = script, .width = 1000, .height = 700, .large_from_bytes = any_size}, {});
+  std::istringstream printed(testing::internal::GetCapturedStdout());
+  std::vector<nlohmann::json> places;
+  for (std::string line; std::getline(printed, line);) places.push_back(nlohmann::json::parse(line));
+  ASSERT_EQ(places.size(), 3U);
+  EXPECT_EQ(places[0]["image"]["width"], width);
+  EXPECT_EQ(places[0]["pixels"]["stride"], 2);
+  EXPECT_EQ(places[2]["pixels"], places[0]["pixels"]);
+  const nlohmann::json& detail = places[1]["pixels"];
+  EXPECT_EQ(detail["stride"], 1);
+  const std::vector<int> corners = detail["region"];
+  EXPECT_LT(corners[2] - corners[0], width);
+  const LightMap shown{read_image(light), domain.parameterisation};
+  expect_pixels(read_image(saved), {{corners[0], corners[1], corners[2], corners[3]}, 1}, shown);
+}
+
+}  // namespace
+}  // namespace refield
