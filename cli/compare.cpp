@@ -45,9 +45,9 @@ void print_prediction(const std::vector<HeldOutError>& errors) {
                 error.prediction->predicted_median);
 }
 
-/// Checks only pixels that count.
-void require_comparable(const Photograph& photograph, const fs::path& path, const Mask& mask) {
-  Image counted = photograph.radiance;
+/// Blackens pixels that do not count, and checks the others.
+void require_comparable(Photograph& photograph, const fs::path& path, const Mask& mask) {
+  Image& counted = photograph.radiance;
   for (std::size_t p = 0; p < mask.size() && p < counted.pixel_count(); ++p)
     if (!mask[p]) std::fill_n(counted.values.begin() + 3 * p, 3, 0.0f);
   require_finite(counted, path.string(), true, "repair that pixel or exclude it with --mask");
@@ -81,8 +81,8 @@ void compare_images(const CompareOptions& options, const Common& common) {
   Progress progress(run_context(), "compare", pairs.size());
   for (const auto& [predicted_path, observed_path] : pairs) {
     run_context().throw_if_stopped();
-    const Photograph predicted = read_for_comparison(predicted_path);
-    const Photograph observed = read_for_comparison(observed_path);
+    Photograph predicted = read_for_comparison(predicted_path);
+    Photograph observed = read_for_comparison(observed_path);
     if (!predicted.radiance.same_shape(observed.radiance))
       throw InputError(predicted_path.string() + ": is " + shape_text(predicted.radiance) + ", " +
                        observed_path.string() + " is " + shape_text(observed.radiance) +

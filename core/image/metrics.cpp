@@ -54,15 +54,32 @@ std::vector<double> ranks_of(std::span<const float> values) {
   return ranks;
 }
 
+void require_fit(const Mask& mask, const Image& image) {
+  if (!mask.empty() && mask.size() != image.pixel_count())
+    throw InputError("the mask has " + std::to_string(mask.size()) + " pixels, the image " +
+                     std::to_string(image.pixel_count()));
+}
+
+/// Adds Σ(predicted − observed)² and Σ observed² over a pixel's measured samples.
+void add_pixel(const Image& predicted, const Image& observed, const Image& sigma, std::size_t pixel,
+               double& error, double& signal) {
+  const auto channels = static_cast<std::size_t>(observed.channels);
+  for (std::size_t i = pixel * channels; i < (pixel + 1) * channels; ++i) {
+    if (!sigma.empty() && std::isinf(sigma.values[i])) continue;
+    const double p = predicted.values[i];
+    const double o = observed.values[i];
+    error += (p - o) * (p - o);
+    signal += o * o;
+  }
+}
+
 }  // namespace
 
 void SeriesError::add(const Image& predicted, const Image& observed, const Image& sigma) {
   require_same_shape(predicted, observed);
   if (!sigma.empty()) require_same_shape(observed, sigma);
   if (images_ == 0) {
-    if (!mask_.empty() && mask_.size() != observed.pixel_count())
-      throw InputError("the mask has " + std::to_string(mask_.size()) + " pixels, the image " +
-                       std::to_string(observed.pixel_count()));
+    require_fit(mask_, observed);
     width_ = observed.width;
     height_ = observed.height;
     error_.assign(observed.pixel_count(), 0.0);
@@ -72,17 +89,8 @@ void SeriesError::add(const Image& predicted, const Image& observed, const Image
                      std::to_string(height_) + " and " + shape_text(observed));
   }
   ++images_;
-  const auto channels = static_cast<std::size_t>(observed.channels);
-  for (std::size_t pixel = 0; pixel < error_.size(); ++pixel) {
-    if (!counts(mask_, pixel)) continue;
-    for (std::size_t i = pixel * channels; i < (pixel + 1) * channels; ++i) {
-      if (!sigma.empty() && std::isinf(sigma.values[i])) continue;
-      const double p = predicted.values[i];
-      const double o = observed.values[i];
-      error_[pixel] += (p - o) * (p - o);
-      signal_[pixel] += o * o;
-    }
-  }
+  for (std::size_t pixel = 0; pixel < error_.size(); ++pixel)
+    if (counts(mask_, pixel)) add_pixel(predicted, observed, sigma, pixel, error_[pixel], signal_[pixel]);
 }
 
 double SeriesError::relative_rmse() const {
@@ -184,9 +192,17 @@ double tone_mapped_psnr_db(const Image& predicted, const Image& observed, const 
 }
 
 ImageError image_error(const Image& predicted, const Image& observed, const Mask& mask, const Image& sigma) {
-  SeriesError error(mask);
-  error.add(predicted, observed, sigma);
-  return {error.relative_rmse(), tone_mapped_psnr_db(predicted, observed, mask, sigma)};
+  require_fit(mask, observed);
+  const double psnr_db = tone_mapped_psnr_db(predicted, observed, mask, sigma);  // checks the shapes
+  double error = 0.0, signal = 0.0;
+  for (std::size_t pixel = 0; pixel < observed.pixel_count(); ++pixel) {
+    if (!counts(mask, pixel)) continue;
+    double of_pixel = 0.0, signal_of_pixel = 0.0;  // in the order of SeriesError's sums
+    add_pixel(predicted, observed, sigma, pixel, of_pixel, signal_of_pixel);
+    error += of_pixel;
+    signal += signal_of_pixel;
+  }
+  return {relative(error, signal), psnr_db};
 }
 
 double tone_mapped_psnr_db(std::span<const ImageError> images) {
