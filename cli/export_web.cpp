@@ -14,6 +14,7 @@
 #include "core/base/files.h"
 #include "core/base/json_text.h"
 #include "core/base/output_lock.h"
+#include "core/field_io/field_sampler.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/light/monitor_placement.h"
 #include "relight/environment/environment.h"
@@ -59,11 +60,29 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
   return maps;
 }
 
+/// The field that a page can hold, and the stride of its pixels.
+struct PageField {
+  ReflectanceField field;
+  int stride = 1;
+};
+
+/// Of a field that is too large for a browser, every n-th pixel: the mean of 6 × 6 pixels has 13 times as
+/// many kernels as one of them (304 and 23 in an estimated field), so the page could hold fewer pixels.
+PageField read_page_field(const fs::path& path) {
+  const auto large = FieldSampler::open(path, run_context());
+  if (!large) return {read_reflectance_field(path, run_context()), 1};
+  constexpr double max_weights = 4096.0 * 4096.0;  // a texture that every browser has
+  const double pixels = static_cast<double>(large->outline().width) * large->outline().height;
+  const PixelGrid grid = large->whole_image(
+      static_cast<std::int64_t>(max_weights * pixels / static_cast<double>(large->entries())));
+  return {large->read(grid, run_context()), grid.stride};
+}
+
 void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
   const OutputLock lock(options.output, {});
-  ReflectanceField field = read_reflectance_field(options.field, run_context());
+  auto [field, stride] = read_page_field(options.field);
   if (!options.monitor.empty()) {
     field.monitors = placements_from_texts({options.monitor});
     check_placements(field.monitors, field.basis.domain, "--monitor");
@@ -75,6 +94,7 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   if (common.json) {
     std::printf("%s\n",
                 json_text(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
+                                                 {"stride", stride},
                                                  {"files", report.files},
                                                  {"bytes", report.bytes},
                                                  {"relative_rmse", report.relative_rmse},
@@ -86,6 +106,9 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   }
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,
               report::bytes_text(static_cast<double>(report.bytes)).c_str());
+  if (stride > 1)
+    std::printf("the field is too large for a browser: the page shows pixels at a stride of %d, %d×%d\n",
+                stride, field.width, field.height);
   std::printf(
       "rounding error under white light and four bars: relative RMSE %.2g, at most %d of 255 levels after "
       "tone mapping\n",
