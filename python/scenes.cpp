@@ -214,7 +214,8 @@ Field precompute(const fs::path& path, const std::string& method,
   harmonics.check();
   return LongCall(std::move(progress), threads)([&](const RunContext& run) {
     const ThreadLimit limit(run);
-    prt::Scene scene = prt::read_scene(path, run);
+    const bool glossy = method == "sh" || clusters.relighting == prt::Relighting::image;
+    prt::Scene scene = prt::read_scene(path, run, glossy ? prt::Gloss::lobes : prt::Gloss::diffuse);
     prt::sort_vertices(scene);
     nlohmann::ordered_json provenance{
         {"program", "refield " REFIELD_VERSION}, {"scene", path.filename().string()}, {"method", method}};

@@ -67,7 +67,9 @@ ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, 
 void simulate_prt(const PrtArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   const OutputLock lock(arguments.output, {arguments.scene}, ".rfield");
-  prt::Scene scene = prt::read_scene(arguments.scene, run_context());
+  const bool glossy = arguments.method == "sh" || arguments.image;
+  prt::Scene scene =
+      prt::read_scene(arguments.scene, run_context(), glossy ? prt::Gloss::lobes : prt::Gloss::diffuse);
   prt::sort_vertices(scene);
   FieldRows rows;
   ordered_json figures = arguments.method == "sh" ? compute_harmonics(scene, arguments, rows)

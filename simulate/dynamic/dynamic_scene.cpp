@@ -2,7 +2,10 @@
 #include "simulate/dynamic/dynamic_scene.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <memory>
+#include <ranges>
 #include <span>
 #include <string>
 
@@ -40,14 +43,51 @@ Brdf brdf_of(const MaterialDescription& material, const fs::path& folder) {
   return brdf;
 }
 
+/// An object has one BRDF, times the colours of its vertices. The lobes of a mesh file join its colours,
+/// which become the whole reflectance at each vertex; its shares for diffuse reflection and lobe are the
+/// means over the surface, and so is the roughness, weighted by the lobe's reflectance.
+Brdf average_lobes(Mesh& mesh, std::span<const Eigen::Array4f> lobes, const std::string& name,
+                   const RunContext& run) {
+  const std::vector<float> areas = prt::vertex_areas(mesh.positions, mesh.triangles);
+  Eigen::Array3f diffuse = Eigen::Array3f::Zero(), specular = Eigen::Array3f::Zero();
+  float roughness = 0.0f;
+  for (std::size_t v = 0; v < lobes.size(); ++v) {
+    const Eigen::Array3f lobe = areas[v] * lobes[v].head<3>();
+    diffuse += areas[v] * mesh.colours[v];
+    specular += lobe;
+    roughness += lobe.sum() * lobes[v][3];
+    mesh.colours[v] += lobes[v].head<3>();
+  }
+  const Eigen::Array3f all = (diffuse + specular).max(std::numeric_limits<float>::min());
+  Brdf brdf;
+  brdf.lobe = Lobe::ggx;
+  brdf.diffuse = diffuse / all;
+  brdf.specular = specular / all;
+  roughness = specular.sum() > 0.0f ? roughness / specular.sum() : 1.0f;
+  brdf.roughness = roughness * roughness;
+  constexpr float seen = 0.05f;  // of the reflectance
+  const bool differs =
+      std::ranges::any_of(std::views::iota(std::size_t{0}, lobes.size()), [&](std::size_t v) {
+        const Eigen::Array3f mean = brdf.specular * mesh.colours[v];
+        return ((lobes[v].head<3>() - mean).abs() > seen).any() || std::abs(lobes[v][3] - roughness) > seen;
+      });
+  if (differs)
+    run.note(name +
+             ": an object of a dynamic scene has one lobe, so the metallic and roughness values of its "
+             "mesh file are averaged; divide the file by material to keep them");
+  return brdf;
+}
+
 MovingObject read_moving_object(ConfigSection& section, std::span<const MaterialDescription> materials,
                                 const fs::path& folder, std::size_t number, const RunContext& run) {
   MovingObject object;
   object.name = "object " + std::to_string(number);
   section.text("name", object.name);
-  SceneObject described = read_scene_object(section, SceneKind::dynamic, materials, folder, run);
-  object.brdf = brdf_of(described.material, folder);
+  SceneObject described =
+      read_scene_object(section, SceneKind::dynamic, materials, folder, prt::Gloss::lobes, run);
   object.mesh = std::move(described.mesh);
+  object.brdf = described.lobes.empty() ? brdf_of(described.material, folder)
+                                        : average_lobes(object.mesh, described.lobes, object.name, run);
   const Eigen::Vector3f middle = bounding_ball(object.mesh).middle;
   for (auto& position : object.mesh.positions) position -= middle;
   object.motion = read_motion(section, middle, true);

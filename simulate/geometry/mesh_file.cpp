@@ -14,7 +14,7 @@
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/tone_map.h"
-#include "simulate/geometry/base_colours.h"
+#include "simulate/geometry/vertex_materials.h"
 
 namespace refield::prt {
 
@@ -144,10 +144,29 @@ float colour_scale(const ImportedMesh& file) {
   return std::ranges::any_of(file.colours, beyond_one) ? 1.0f / 255.0f : 1.0f;
 }
 
-/// The triangles that have an area, over the vertices that they use, these numbered anew. `base` [vertices of
-/// the file]: factors of their colours; or empty.
-Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding, const std::vector<Eigen::Array3f>& base) {
-  Mesh mesh;
+bool shines(const VertexMaterial& material) {
+  return material.roughness <= max_roughness &&
+         (material.metallic > 0.0f || (material.specular > 0.0f).any());
+}
+
+/// Shares a vertex' colour out between it and the lobe.
+void reflect(const VertexMaterial& material, Gloss gloss, Eigen::Array3f& colour, Eigen::Array4f& lobe) {
+  const Eigen::Array3f base = material.base_colour * colour;
+  const Eigen::Array3f specular = (1.0f - material.metallic) * material.specular + material.metallic * base;
+  colour = (1.0f - material.metallic) * (1.0f - material.specular) * base;
+  if (gloss == Gloss::diffuse || material.roughness > max_roughness)
+    colour += specular;
+  else
+    lobe << specular, std::max(material.roughness, min_roughness);
+}
+
+/// The triangles that have an area, over the vertices that they use, these numbered anew. `materials`
+/// [vertices of the file], or empty.
+MeshFile in_light_axes(const ImportedMesh& file, const MeshFileOptions& options, ColourCoding coding,
+                       const std::vector<VertexMaterial>& materials) {
+  MeshFile result;
+  result.has_materials = !materials.empty();
+  Mesh& mesh = result.mesh;
   const std::vector<std::uint32_t> first = first_of(file, Alike::coloured);
   const float scale = colour_scale(file);
   std::vector<std::uint32_t> number(file.positions.size(), no_vertex);
@@ -166,7 +185,9 @@ Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding, const std::vec
         mesh.positions.emplace_back(position.x(), position.y(), -position.z());
         mesh.colours.push_back(file.colours.empty() ? Eigen::Array3f(Eigen::Array3f::Ones())
                                                     : linear_colour(file.colours[joined[i]], scale, coding));
-        if (!base.empty()) mesh.colours.back() *= base[joined[i]];
+        if (!materials.empty())
+          reflect(materials[joined[i]], options.gloss, mesh.colours.back(),
+                  result.lobes.emplace_back(0.0f, 0.0f, 0.0f, 1.0f));
         places.push_back(joined[i]);
       }
       renumbered[i] = vertex;
@@ -185,7 +206,9 @@ Mesh in_light_axes(const ImportedMesh& file, ColourCoding coding, const std::vec
   }
   compute_normals(surface);
   for (const std::uint32_t place : places) mesh.normals.push_back(surface.normals[smooth[place]]);
-  return mesh;
+  if (std::ranges::all_of(result.lobes, [](const auto& lobe) { return lobe[3] > max_roughness; }))
+    result.lobes.clear();
+  return result;
 }
 
 }  // namespace
@@ -207,11 +230,29 @@ void compute_normals(Mesh& mesh) {
         mesh.normals[vertex] = area_vector(mesh, triangle).normalized().cast<float>();
 }
 
+std::vector<float> vertex_areas(std::span<const Eigen::Vector3f> positions,
+                                std::span<const std::array<std::uint32_t, 3>> triangles) {
+  std::vector<float> areas(positions.size());
+  for (const auto& [a, b, c] : triangles) {
+    const Eigen::Vector3f &p = positions[a], &q = positions[b], &r = positions[c];
+    const float third = (q - p).cross(r - p).norm() / 6.0f;
+    for (const std::uint32_t corner : {a, b, c}) areas[corner] += third;
+  }
+  return areas;
+}
+
 MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options, const RunContext& run) {
   const ImportedMesh file = import_mesh(path, run);
-  const std::vector<Eigen::Array3f> base =
-      options.materials ? base_colours(file, path, run) : std::vector<Eigen::Array3f>();
-  Mesh mesh = in_light_axes(file, options.coding.value_or(usual_colour_coding(path)), base);
+  const std::vector<VertexMaterial> materials =
+      options.materials ? vertex_materials(file, path, run) : std::vector<VertexMaterial>();
+  if (options.gloss == Gloss::diffuse && std::ranges::any_of(materials, shines))
+    run.note(path.string() +
+             ": vertices of light clusters have no view, so highlights and metallic reflection of its "
+             "materials are reflected diffusely, with the same reflectance; precompute an image or spherical "
+             "harmonics to see them");
+  MeshFile result =
+      in_light_axes(file, options, options.coding.value_or(usual_colour_coding(path)), materials);
+  const Mesh& mesh = result.mesh;
   if (mesh.triangles.empty())
     throw FormatError(path, file.triangles.empty()
                                 ? "contains no triangles; convert a point cloud to a surface first"
@@ -221,7 +262,7 @@ MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options, co
   if (left_out > 0)
     run.note(path.string() + ": " + std::to_string(left_out) + " of " +
              std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
-  return {std::move(mesh), !base.empty()};
+  return result;
 }
 
 }  // namespace refield::prt

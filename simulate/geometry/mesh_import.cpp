@@ -63,9 +63,11 @@ void require_valid(const ImportedMesh& mesh, const fs::path& path) {
       throw FormatError(path, "a part names material " + std::to_string(material) + " of " +
                                   std::to_string(mesh.materials.size()) + "; export the file again");
   for (const ImportedMaterial& material : mesh.materials)
-    if (material.texture >= static_cast<std::int32_t>(mesh.textures.size()))
-      throw FormatError(path, "a material names texture " + std::to_string(material.texture) + " of " +
-                                  std::to_string(mesh.textures.size()) + "; export the file again");
+    for (const std::int32_t texture :
+         {material.texture, material.metallic_texture, material.roughness_texture})
+      if (texture >= static_cast<std::int32_t>(mesh.textures.size()))
+        throw FormatError(path, "a material names texture " + std::to_string(texture) + " of " +
+                                    std::to_string(mesh.textures.size()) + "; export the file again");
 }
 
 bool take(std::string_view& bytes, std::vector<ImportedTexture>& textures) {

@@ -13,20 +13,27 @@ namespace refield::prt {
 
 /// What is not read of a file's materials.
 enum IgnoredMaterialParts : std::uint32_t {
-  ignored_lobes = 1,   ///< metallic reflection and highlights
+  ignored_layers = 1,  ///< clear coat, sheen, specular-glossiness, and textures of Ks and Ns
   ignored_relief = 2,  ///< normal, bump and displacement maps
   ignored_emission = 4,
   ignored_transparency = 8,
-  ignored_texture =
-      16,  ///< a base colour texture by other coordinates than the first ones, or one that is missing
+  ignored_texture = 16,  ///< by other coordinates than the first ones, or missing
+  ignored_excess = 32,   ///< factors outside [0, 1], which are clamped
 };
 
-/// A material of a file, and what is not read of it.
+/// A material of a file in the terms of glTF 2.0 (metallic-roughness), and what is not read of it. Factors as
+/// the file has them, not limited to [0, 1]; textures: index in textures, −1: none.
 struct ImportedMaterial {
-  std::array<float, 3> base_colour{1.0f, 1.0f, 1.0f};  ///< diffuse reflectance, linear RGB; times the texture
-  std::int32_t texture = -1;                           ///< index in textures; −1: none
-  std::uint32_t ignored = 0;                           ///< IgnoredMaterialParts
-  std::uint32_t is_of_the_file = 0;                    ///< not one that the library made up
+  std::array<float, 3> base_colour{1.0f, 1.0f, 1.0f};  ///< linear RGB; times the texture
+  /// Reflectance at normal incidence where it is no metal, linear RGB.
+  std::array<float, 3> specular{0.0f, 0.0f, 0.0f};
+  float metallic = 0.0f;                ///< times the blue channel of its texture
+  float roughness = 1.0f;               ///< GGX α is its square; times the green channel of its texture
+  std::int32_t texture = -1;            ///< of base_colour, sRGB
+  std::int32_t metallic_texture = -1;   ///< linear
+  std::int32_t roughness_texture = -1;  ///< linear
+  std::uint32_t ignored = 0;            ///< IgnoredMaterialParts
+  std::uint32_t is_of_the_file = 0;     ///< not one that the library made up
 };
 
 /// An image file beside the mesh, or inside it.

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <new>
@@ -168,6 +169,11 @@ std::string kind_of_fault(const std::string& error) {
   return "its content breaks the format";
 }
 
+float number_of(const aiMaterial& material, const char* key, unsigned type, unsigned index, float standard) {
+  float value = standard;
+  return material.Get(key, type, index, value) == AI_SUCCESS ? value : standard;
+}
+
 /// Whether a material says more than the one that the library makes up for parts without.
 bool is_of_the_file(const aiMaterial& material) {
   for (int type = aiTextureType_NONE + 1; type <= AI_TEXTURE_TYPE_MAX; ++type)
@@ -175,6 +181,9 @@ bool is_of_the_file(const aiMaterial& material) {
   aiColor4D colour;
   if (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS &&
       (colour.r != 1.0f || colour.g != 1.0f || colour.b != 1.0f))
+    return true;
+  if (number_of(material, AI_MATKEY_METALLIC_FACTOR, 1.0f) != 1.0f ||
+      number_of(material, AI_MATKEY_ROUGHNESS_FACTOR, 1.0f) != 1.0f)
     return true;
   aiString name;
   return material.Get(AI_MATKEY_NAME, name) == AI_SUCCESS && name.length > 0 &&
@@ -210,25 +219,47 @@ std::uint32_t ignored_parts_of(const aiMaterial& material) {
     return std::ranges::any_of(types, [&](aiTextureType type) { return material.GetTextureCount(type) > 0; });
   };
   const auto number = [&](const char* key, unsigned type, unsigned index, float standard) {
-    float value = standard;
-    return material.Get(key, type, index, value) == AI_SUCCESS ? value : standard;
+    return number_of(material, key, type, index, standard);
   };
   const auto shines = [&](const char* key, unsigned type, unsigned index) {
     aiColor4D colour;
     return material.Get(key, type, index, colour) == AI_SUCCESS && colour.r + colour.g + colour.b > 0.0f;
   };
   std::uint32_t ignored = 0;
-  if (number(AI_MATKEY_METALLIC_FACTOR, 0.0f) > 0.0f || shines(AI_MATKEY_COLOR_SPECULAR) ||
-      has_texture({aiTextureType_METALNESS, aiTextureType_SPECULAR}))
-    ignored |= ignored_lobes;
+  float glossiness = 0.0f;
+  if (number(AI_MATKEY_CLEARCOAT_FACTOR, 0.0f) > 0.0f || shines(AI_MATKEY_SHEEN_COLOR_FACTOR) ||
+      material.Get(AI_MATKEY_GLOSSINESS_FACTOR, glossiness) == AI_SUCCESS ||
+      has_texture({aiTextureType_SPECULAR, aiTextureType_SHININESS}))
+    ignored |= ignored_layers;
   if (has_texture({aiTextureType_NORMALS, aiTextureType_HEIGHT, aiTextureType_DISPLACEMENT,
                    aiTextureType_NORMAL_CAMERA}))
     ignored |= ignored_relief;
   if (shines(AI_MATKEY_COLOR_EMISSIVE) || has_texture({aiTextureType_EMISSIVE, aiTextureType_EMISSION_COLOR}))
     ignored |= ignored_emission;
-  if (number(AI_MATKEY_OPACITY, 1.0f) < 1.0f || has_texture({aiTextureType_OPACITY}))
+  if (number(AI_MATKEY_OPACITY, 1.0f) < 1.0f || number(AI_MATKEY_TRANSMISSION_FACTOR, 0.0f) > 0.0f ||
+      has_texture({aiTextureType_OPACITY}))
     ignored |= ignored_transparency;
   return ignored;
+}
+
+/// glTF and the PBR extension of MTL (Pm, Pr) have metallic-roughness. Else highlights are those of MTL: Ks
+/// is the reflectance beside Kd, Ns the exponent n of Blinn's half-vector lobe, as wide as a GGX lobe of α² =
+/// 2/(n + 2) (Walter et al. 2007, section 5.2).
+void read_lobe(const aiMaterial& material, bool is_gltf, ImportedMaterial& result) {
+  constexpr float dielectric = 0.04f;  // index of refraction 1.5: glTF 2.0, appendix B
+  const bool metallic = material.Get(AI_MATKEY_METALLIC_FACTOR, result.metallic) == AI_SUCCESS;
+  const float exponent = number_of(material, AI_MATKEY_SHININESS, 0.0f);
+  result.roughness = std::pow(2.0f / (std::max(exponent, 0.0f) + 2.0f), 0.25f);
+  const bool rough = material.Get(AI_MATKEY_ROUGHNESS_FACTOR, result.roughness) == AI_SUCCESS;
+  aiColor4D specular;
+  if (is_gltf || metallic || rough) {
+    result.specular = {dielectric, dielectric, dielectric};
+  } else if (material.Get(AI_MATKEY_COLOR_SPECULAR, specular) == AI_SUCCESS) {
+    result.specular = {specular.r, specular.g, specular.b};
+    // Kd and Ks add up, where the diffuse part of metallic-roughness is multiplied by what is left.
+    for (std::size_t c = 0; c < 3; ++c)
+      result.base_colour[c] /= std::clamp(1.0f - result.specular[c], 1e-3f, 1.0f);
+  }
 }
 
 ImportedMaterial material_of(const aiScene& scene, const aiMaterial& material, const fs::path& path,
@@ -236,26 +267,37 @@ ImportedMaterial material_of(const aiScene& scene, const aiMaterial& material, c
   ImportedMaterial result;
   if (!is_of_the_file(material)) return result;
   result.is_of_the_file = 1;
+  // Of these formats the library makes materials up.
+  const std::string format = mesh_format_of(path);
+  const bool made_up = format == "ply" || format == "off";
   result.ignored = ignored_parts_of(material);
   aiColor4D colour;
-  // Of other formats the library makes colours up.
-  const std::string format = mesh_format_of(path);
-  if (format != "ply" && format != "off" &&
-      (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS ||
-       material.Get(AI_MATKEY_COLOR_DIFFUSE, colour) == AI_SUCCESS))
+  if (!made_up && (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS ||
+                   material.Get(AI_MATKEY_COLOR_DIFFUSE, colour) == AI_SUCCESS))
     result.base_colour = {colour.r, colour.g, colour.b};
-  for (const aiTextureType type : {aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}) {
-    if (material.GetTextureCount(type) == 0) continue;
-    aiString name;
-    unsigned coordinates = 0;
-    if (material.GetTexture(type, 0, &name, nullptr, &coordinates) == AI_SUCCESS && coordinates == 0)
-      result.texture = texture_of(scene, path, name, mesh);
-    if (result.texture < 0) result.ignored |= ignored_texture;
-    break;
-  }
+  const auto exceeds = [](float factor) { return !(factor >= 0.0f && factor <= 1.0f); };
+  const auto read_texture = [&](std::initializer_list<aiTextureType> types, std::int32_t& texture) {
+    for (const aiTextureType type : types) {
+      if (material.GetTextureCount(type) == 0) continue;
+      aiString name;
+      unsigned coordinates = 0;
+      if (material.GetTexture(type, 0, &name, nullptr, &coordinates) == AI_SUCCESS && coordinates == 0)
+        texture = texture_of(scene, path, name, mesh);
+      if (texture < 0) result.ignored |= ignored_texture;
+      return;
+    }
+  };
+  read_texture({aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}, result.texture);
+  read_texture({aiTextureType_METALNESS}, result.metallic_texture);
+  read_texture({aiTextureType_DIFFUSE_ROUGHNESS}, result.roughness_texture);
   // Exporters that let the texture say everything write black.
   if (result.texture >= 0 && result.base_colour == std::array{0.0f, 0.0f, 0.0f})
     result.base_colour = {1.0f, 1.0f, 1.0f};
+  bool excess = std::ranges::any_of(result.base_colour, exceeds);
+  if (!made_up) read_lobe(material, format == "gltf" || format == "glb", result);
+  excess = excess || std::ranges::any_of(result.specular, exceeds) || exceeds(result.metallic) ||
+           exceeds(result.roughness);
+  if (excess) result.ignored |= ignored_excess;
   return result;
 }
 

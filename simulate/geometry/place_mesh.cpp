@@ -64,7 +64,8 @@ constexpr std::uint32_t whole = 0xffffffffu;
 
 class Refinement {
  public:
-  Refinement(Mesh& mesh, float longest_edge) : mesh_(&mesh), longest_edge_(longest_edge) {}
+  Refinement(Mesh& mesh, float longest_edge, std::vector<Eigen::Array4f>* lobes)
+      : mesh_(&mesh), longest_edge_(longest_edge), lobes_(lobes && !lobes->empty() ? lobes : nullptr) {}
 
   /// Refuses what cannot end well before memory is spent on it: a triangle with no longer edges covers no
   /// more than an equilateral one.
@@ -110,6 +111,7 @@ class Refinement {
       const Eigen::Vector3f normal = mesh_->normals[low] + mesh_->normals[high];
       mesh_->normals.emplace_back(normal.norm() > 1e-3f ? normal.normalized() : mesh_->normals[low]);
       mesh_->colours.emplace_back(0.5f * (mesh_->colours[low] + mesh_->colours[high]));
+      if (lobes_) lobes_->emplace_back(0.5f * ((*lobes_)[low] + (*lobes_)[high]));
     }
     return found->second;
   }
@@ -143,14 +145,15 @@ class Refinement {
 
   Mesh* mesh_;
   float longest_edge_;
+  std::vector<Eigen::Array4f>* lobes_;
   std::unordered_map<std::uint64_t, std::uint32_t> middles_;  // of this pass, by the edge's ends
 };
 
 }  // namespace
 
-void refine(Mesh& mesh, float longest_edge) {
+void refine(Mesh& mesh, float longest_edge, std::vector<Eigen::Array4f>* lobes) {
   if (!(longest_edge > 0.0f)) throw InputError("edges cannot be refined to a length of zero or less");
-  Refinement refinement(mesh, longest_edge);
+  Refinement refinement(mesh, longest_edge, lobes);
   refinement.check();
   while (refinement.pass()) {
   }

@@ -40,8 +40,9 @@ inline constexpr std::size_t max_triangles = std::size_t{1} << 26;
 
 /// Halves edges longer than `longest_edge`, again and again, until none is: shadows and other changes of
 /// light stand on vertices. An edge is halved for both its triangles, so no gaps arise. New vertices have the
-/// mean position and colour and the mean normal's direction. Throws InputError where that takes more than
-/// max_triangles, or for a length that is not above zero.
-void refine(Mesh& mesh, float longest_edge);
+/// mean position and colour and the mean normal's direction, and of `lobes` (MeshFile) the mean, unless that
+/// is empty. Throws InputError where that takes more than max_triangles, or for a length that is not above
+/// zero.
+void refine(Mesh& mesh, float longest_edge, std::vector<Eigen::Array4f>* lobes = nullptr);
 
 }  // namespace refield::prt

@@ -85,7 +85,7 @@ constexpr std::array kind_uses{
     KindUse{"diffuse", MaterialKind::diffuse,
             scene_bit(SceneKind::traced) | scene_bit(SceneKind::precomputed) | scene_bit(SceneKind::dynamic)},
     KindUse{"phong", MaterialKind::phong, scene_bit(SceneKind::precomputed) | scene_bit(SceneKind::dynamic)},
-    KindUse{"ggx", MaterialKind::ggx, scene_bit(SceneKind::dynamic)},
+    KindUse{"ggx", MaterialKind::ggx, scene_bit(SceneKind::precomputed) | scene_bit(SceneKind::dynamic)},
     KindUse{"measured", MaterialKind::measured, scene_bit(SceneKind::dynamic)},
     KindUse{"glossy", MaterialKind::glossy, scene_bit(SceneKind::traced)},
     KindUse{"metal", MaterialKind::metal, scene_bit(SceneKind::traced)},
@@ -302,12 +302,14 @@ Mesh shape_mesh(const ObjectDescription& object) {
 
 namespace {
 
-prt::MeshFile read_shape(ConfigSection& section, SceneKind scene, bool materials, const fs::path& folder,
-                         const RunContext& run) {
+/// `options` without the coding, which the section has.
+prt::MeshFile read_shape(ConfigSection& section, SceneKind scene, prt::MeshFileOptions options,
+                         const fs::path& folder, const RunContext& run) {
   const ObjectDescription object = read_object(section, scene);
   prt::MeshFile file;
+  options.coding = object.colours;
   if (object.shape == ObjectDescription::Shape::file)
-    file = prt::read_mesh_file(folder / object.file, {object.colours, materials}, run);
+    file = prt::read_mesh_file(folder / object.file, options, run);
   else
     file.mesh = shape_mesh(object);
   Mesh& mesh = file.mesh;
@@ -317,7 +319,7 @@ prt::MeshFile read_shape(ConfigSection& section, SceneKind scene, bool materials
   if (section.has("refine")) {
     const float longest_edge = read_number(section, "refine", 1.0f, 1e-6, farthest);
     try {
-      prt::refine(mesh, longest_edge);
+      prt::refine(mesh, longest_edge, &file.lobes);
     } catch (const InputError& error) {
       section.fail("refine", error.what());
     }
@@ -328,16 +330,17 @@ prt::MeshFile read_shape(ConfigSection& section, SceneKind scene, bool materials
 }  // namespace
 
 Mesh read_mesh(ConfigSection& section, SceneKind scene, const fs::path& folder, const RunContext& run) {
-  return read_shape(section, scene, false, folder, run).mesh;
+  return read_shape(section, scene, {.materials = false}, folder, run).mesh;
 }
 
 SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
                               std::span<const MaterialDescription> materials, const fs::path& folder,
-                              const RunContext& run) {
+                              prt::Gloss gloss, const RunContext& run) {
   MaterialDescription material = read_material_of(section, materials);
-  prt::MeshFile file = read_shape(section, scene, material.name.empty(), folder, run);
-  if (file.has_base_colours) material.colour = Rgb::Ones();
-  return {std::move(file.mesh), std::move(material)};
+  prt::MeshFile file =
+      read_shape(section, scene, {.materials = material.name.empty(), .gloss = gloss}, folder, run);
+  if (file.has_materials) material.colour = Rgb::Ones();
+  return {std::move(file.mesh), std::move(material), std::move(file.lobes)};
 }
 
 void check_triangle_count(const fs::path& scene, std::size_t triangles) {

@@ -12,7 +12,7 @@
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "core/light/euler_angles.h"
-#include "simulate/geometry/mesh_import.h"
+#include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/place_mesh.h"
 
 /// What scene files of all kinds have in common: camera, materials, objects and motion. One reader serves
@@ -136,13 +136,14 @@ Mesh read_mesh(ConfigSection& section, SceneKind scene, const std::filesystem::p
 
 struct SceneObject {
   Mesh mesh;
-  MaterialDescription material;
+  MaterialDescription material;         ///< diffuse and white where the mesh's file says all
+  std::vector<Eigen::Array4f> lobes{};  ///< of the mesh's file, see prt::MeshFile; or empty
 };
 /// The same with its material: read_material_of(), or, of a section without the key `material`, those of the
-/// mesh's file, as colours of the vertices.
+/// mesh's file, as colours and lobes of the vertices, by `gloss`.
 SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
                               std::span<const MaterialDescription> materials,
-                              const std::filesystem::path& folder, const RunContext& run);
+                              const std::filesystem::path& folder, prt::Gloss gloss, const RunContext& run);
 
 /// `path`, and `turns` where `with_turns`; absent, the object rests at `position`.
 Motion read_motion(ConfigSection& section, const Eigen::Vector3f& position, bool with_turns);

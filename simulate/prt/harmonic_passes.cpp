@@ -43,7 +43,7 @@ SurfaceResponse::SurfaceResponse(const Scene& scene, int order) : scene_(&scene)
                   static_cast<float>(bands[static_cast<std::size_t>(l)]));
   }
   for (std::size_t v = 0; v < scene.mesh.positions.size() && grey_; ++v)
-    grey_ = prt::is_grey(diffuse(v)) && prt::is_grey(material(v).specular);
+    grey_ = prt::is_grey(diffuse(v)) && prt::is_grey(scene.specular(v));
 }
 
 Eigen::Array3f SurfaceResponse::diffuse(std::size_t vertex) const {
@@ -52,14 +52,14 @@ Eigen::Array3f SurfaceResponse::diffuse(std::size_t vertex) const {
 
 Eigen::Array3f SurfaceResponse::factor(std::size_t vertex, int harmonic) const {
   const float lobe = lobe_[scene_->material_of_vertex[vertex]][static_cast<std::size_t>(harmonic)];
-  Eigen::Array3f factor = material(vertex).specular * lobe;
+  Eigen::Array3f factor = scene_->specular(vertex) * lobe;
   if (harmonic == 0) factor += diffuse_factor * diffuse(vertex);
   return factor;
 }
 
 Eigen::Array3f SurfaceResponse::colour(std::size_t vertex) const {
   if (material(vertex).is_diffuse()) return diffuse(vertex);
-  if ((diffuse(vertex) == 0.0f).all()) return material(vertex).specular;
+  if ((diffuse(vertex) == 0.0f).all()) return scene_->specular(vertex);
   return Eigen::Array3f::Ones();
 }
 

@@ -36,17 +36,6 @@ void check_radius(const Mesh& mesh, double radius) {
                      ", or 0 for distant light");
 }
 
-/// A third of each triangle around it, [vertices].
-std::vector<float> vertex_areas(const Mesh& mesh) {
-  std::vector<float> areas(mesh.positions.size());
-  for (const auto& [a, b, c] : mesh.triangles) {
-    const Eigen::Vector3f &p = mesh.positions[a], &q = mesh.positions[b], &r = mesh.positions[c];
-    const float third = (q - p).cross(r - p).norm() / 6.0f;
-    for (const std::uint32_t corner : {a, b, c}) areas[corner] += third;
-  }
-  return areas;
-}
-
 /// HarmonicStatistics::pass_energy of a pass. Uniform light has the coefficient √4π of y_00 alone, and
 /// irradiance is I_0 ∕ y_00.
 double energy_of(const ArrivingLight& light, const std::vector<float>& areas) {
@@ -72,7 +61,7 @@ void add(ArrivingLight& total, const ArrivingLight& pass, std::size_t vertices) 
 
 ArrivingLight all_passes(const Scene& scene, const HarmonicOptions& options, const SurfaceResponse& response,
                          std::vector<double>& energy, const RunContext& run) {
-  const std::vector<float> areas = vertex_areas(scene.mesh);
+  const std::vector<float> areas = vertex_areas(scene.mesh.positions, scene.mesh.triangles);
   HarmonicPasses passes(scene, options, response);
   ArrivingLight last = passes.shadow(run);
   ArrivingLight total = last;

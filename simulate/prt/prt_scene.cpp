@@ -5,13 +5,14 @@
 
 #include <algorithm>
 #include <cctype>
+#include <map>
 #include <numeric>
 #include <span>
+#include <utility>
 
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/field/transfer_tiles.h"
-#include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/place_mesh.h"
 #include "simulate/geometry/scene_description.h"
 
@@ -22,31 +23,52 @@ namespace fs = std::filesystem;
 namespace {
 
 Material material_of(const MaterialDescription& description) {
-  return {description.colour, description.specular, static_cast<float>(description.exponent)};
+  const bool ggx = description.kind == MaterialDescription::Kind::ggx;
+  return {description.colour, description.specular,
+          ggx ? phong_exponent(static_cast<float>(description.roughness))
+              : static_cast<float>(description.exponent)};
 }
 
-void append(const Mesh& mesh, const Material& material, Scene& scene) {
-  prt::append(mesh, Eigen::Isometry3f::Identity(), scene.mesh);
-  scene.material_of_vertex.resize(scene.mesh.positions.size(),
-                                  static_cast<std::uint16_t>(scene.materials.size()));
-  scene.materials.push_back(material);
+/// `path`: of the scene, for its errors.
+void append(const SceneObject& object, const fs::path& path, Scene& scene) {
+  prt::append(object.mesh, Eigen::Isometry3f::Identity(), scene.mesh);
+  const auto add = [&](const Material& material) {
+    constexpr std::size_t max_materials = 65535;  // numbered in 16 bits
+    if (scene.materials.size() == max_materials)
+      throw InputError(path.string() + ": the scene has more than " + std::to_string(max_materials) +
+                       " materials, one for each object and each roughness in its file; join some objects");
+    scene.materials.push_back(material);
+    return static_cast<std::uint16_t>(scene.materials.size() - 1);
+  };
+  if (object.lobes.empty()) {
+    scene.material_of_vertex.resize(scene.mesh.positions.size(), add(material_of(object.material)));
+    scene.specular_of_vertex.resize(scene.mesh.positions.size(), Eigen::Array3f::Ones());
+    return;
+  }
+  std::map<float, std::uint16_t> of_roughness;
+  for (const Eigen::Array4f& lobe : object.lobes) {
+    const auto [found, is_new] = of_roughness.try_emplace(lobe[3]);
+    if (is_new) {
+      const bool diffuse = lobe[3] > max_roughness;
+      found->second = add({Eigen::Array3f::Ones(), Eigen::Array3f::Constant(diffuse ? 0.0f : 1.0f),
+                           diffuse ? 0.0f : phong_exponent(lobe[3])});
+    }
+    scene.material_of_vertex.push_back(found->second);
+    scene.specular_of_vertex.emplace_back(lobe.head<3>());
+  }
 }
 
-Scene read_description(const fs::path& path, const RunContext& run) {
+Scene read_description(const fs::path& path, Gloss gloss, const RunContext& run) {
   const ConfigFile file(path, "scene", "docs/reference/scene-files.md");
   file.check_names({"camera", "material", "object"});
   const std::vector<MaterialDescription> materials = read_materials(file, SceneKind::precomputed);
   std::vector<ConfigSection> objects = file.sections("object");
-  constexpr std::size_t max_objects = 65535;  // materials are numbered in 16 bits
-  if (objects.size() > max_objects)
-    throw InputError(path.string() + ": a scene takes " + std::to_string(max_objects) +
-                     " objects; join some");
   Scene scene;
   for (ConfigSection& section : objects) {
     const SceneObject object =
-        read_scene_object(section, SceneKind::precomputed, materials, path.parent_path(), run);
+        read_scene_object(section, SceneKind::precomputed, materials, path.parent_path(), gloss, run);
     section.finish();
-    append(object.mesh, material_of(object.material), scene);
+    append(object, path, scene);
     check_triangle_count(path, scene.mesh.triangles.size());
   }
   if (file.has("camera")) scene.camera = read_camera(file.section("camera")).pinhole();
@@ -55,15 +77,20 @@ Scene read_description(const fs::path& path, const RunContext& run) {
 
 }  // namespace
 
-Scene read_scene(const fs::path& path, const RunContext& run) {
+float phong_exponent(float roughness) {
+  const float alpha = roughness * roughness;
+  return 0.5f * (1.0f / (alpha * alpha) - 1.0f);
+}
+
+Scene read_scene(const fs::path& path, const RunContext& run, Gloss gloss) {
   std::string extension = path.extension().string();
   for (char& letter : extension) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  if (extension == ".toml") return read_description(path, run);
+  if (extension == ".toml") return read_description(path, gloss, run);
   Scene scene;
-  const MeshFile file = read_mesh_file(path, {}, run);
-  Material material;
-  if (file.has_base_colours) material.diffuse = Eigen::Array3f::Ones();
-  append(file.mesh, material, scene);
+  MeshFile file = read_mesh_file(path, {.gloss = gloss}, run);
+  SceneObject object{std::move(file.mesh), {}, std::move(file.lobes)};
+  if (file.has_materials) object.material.colour = Rgb::Ones();
+  append(object, path, scene);
   return scene;
 }
 
@@ -138,6 +165,7 @@ void sort_vertices(Scene& scene) {
   reorder(mesh.normals, order);
   reorder(mesh.colours, order);
   reorder(scene.material_of_vertex, order);
+  if (!scene.specular_of_vertex.empty()) reorder(scene.specular_of_vertex, order);
   for (auto& triangle : mesh.triangles)
     for (std::uint32_t& vertex : triangle) vertex = place[vertex];
   std::ranges::sort(mesh.triangles);

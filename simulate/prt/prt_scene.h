@@ -8,6 +8,7 @@
 
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
+#include "simulate/geometry/mesh_file.h"
 
 namespace refield::prt {
 
@@ -21,21 +22,36 @@ struct Material {
   bool is_diffuse() const { return (specular == 0.0f).all(); }
 };
 
+/// The exponent of Phong's lobe around the mirror direction that is as wide as a GGX lobe of α = roughness²:
+/// n = (1/α² − 1)/2. A lobe of Blinn's half vectors is by n_b = 2/α² − 2 (Walter et al. 2007, section 5.2),
+/// and the angle from the mirror direction is twice that between half vector and normal, so that n = n_b/4
+/// (Fisher and Woo 1994). `roughness` above 0, to 1.
+float phong_exponent(float roughness);
+
 /// Meshes in place, joined into one, each vertex with its material.
 struct Scene {
   Mesh mesh;  ///< colours: those of the files, or white
   std::vector<Material> materials;
   std::vector<std::uint16_t> material_of_vertex;  ///< [vertices]; a triangle's vertices have the same
-  std::optional<PinholeCamera> camera;            ///< of image relighting and of pictures
+  /// [vertices]: what Material::specular is multiplied by, as its diffuse reflectance is by the colour;
+  /// empty: white.
+  std::vector<Eigen::Array3f> specular_of_vertex;
+  std::optional<PinholeCamera> camera;  ///< of image relighting and of pictures
 
   const Material& material_of_triangle(std::uint32_t triangle) const {
     return materials[material_of_vertex[mesh.triangles[triangle][0]]];
   }
+  Eigen::Array3f specular(std::size_t vertex) const {
+    const Eigen::Array3f& specular = materials[material_of_vertex[vertex]].specular;
+    return specular_of_vertex.empty() ? specular : (specular * specular_of_vertex[vertex]).eval();
+  }
 };
 
 /// Reads a scene's description (TOML, docs/reference/scene-files.md) and the meshes that it names, relative
-/// to it; or, of a mesh's own file, the mesh alone, white. Throws InputError or FormatError, naming the file.
-Scene read_scene(const std::filesystem::path& path, const RunContext& run = {});
+/// to it; or, of a mesh's own file, the mesh alone, in its own materials, else white. Materials of mesh files
+/// are read by `gloss`; Gloss::diffuse is for clusters of vertices. Throws InputError or FormatError, naming
+/// the file.
+Scene read_scene(const std::filesystem::path& path, const RunContext& run = {}, Gloss gloss = Gloss::lobes);
 
 /// [vertices], linear RGB: colours times their material's diffuse reflectance.
 std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene);

@@ -292,10 +292,11 @@ TransferSamples::Point TransferSamples::pixel_point(const Scene& scene, float x,
   if (!hit) return point;
   const Mesh& mesh = scene.mesh;
   const auto& triangle = mesh.triangles[hit->triangle];
-  Eigen::Array3f colour = Eigen::Array3f::Zero();
+  Eigen::Array3f colour = Eigen::Array3f::Zero(), specular = Eigen::Array3f::Zero();
   for (int i = 0; i < 3; ++i) {
     point.normal += hit->share[i] * mesh.normals[triangle[i]];
     colour += hit->share[i] * mesh.colours[triangle[i]];
+    specular += hit->share[i] * scene.specular(triangle[i]);
   }
   point.normal.normalize();
   if (!hit->front) point.normal = -point.normal;
@@ -307,7 +308,7 @@ TransferSamples::Point TransferSamples::pixel_point(const Scene& scene, float x,
   point.mirrored = sight - 2.0f * sight.dot(point.normal) * point.normal;
   const Material& material = scene.material_of_triangle(hit->triangle);
   point.diffuse = share * inverse_pi * colour * material.diffuse;
-  point.specular = share * 0.5f * inverse_pi * (material.exponent + 2.0f) * material.specular;
+  point.specular = share * 0.5f * inverse_pi * (material.exponent + 2.0f) * specular;
   point.exponent = material.exponent;
   return point;
 }

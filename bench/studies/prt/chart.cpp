@@ -127,7 +127,7 @@ void print(const Row& row) {
 
 void make_chart(const PrtChartArguments& arguments) {
   const OutputLock lock(arguments.folder, {});
-  prt::Scene scene = prt::read_scene(arguments.scene, run_context());
+  prt::Scene scene = prt::read_scene(arguments.scene, run_context(), prt::Gloss::diffuse);
   prt::sort_vertices(scene);
   const std::size_t vertices = scene.mesh.positions.size();
   const ChartScene chart{scene, some_vertices(vertices, arguments.pictures ? vertices : arguments.vertices)};

@@ -11,9 +11,11 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/transfer_samples.h"
 #include "tests/simulate/dynamic/hemisphere.h"
+#include "tests/support/temporary_folder.h"
 
 namespace refield::dynamic {
 namespace {
@@ -121,6 +123,39 @@ TEST(TangentFrame, IsOrthonormalForAllNormals) {
     EXPECT_TRUE((frame * frame.transpose()).isIdentity(1e-5f)) << normal.transpose();
     EXPECT_LT((frame * normal.cast<float>() - Eigen::Vector3f::UnitZ()).norm(), 1e-5f);
   }
+}
+
+// Half of the surface is metal, half dielectric: each keeps its reflectance, and they share a lobe.
+TEST(DynamicScene, AnObjectHasTheMeanLobeOfItsMeshFile) {
+  const refield::test::TemporaryFolder folder;
+  const auto read = [&](const std::string& materials) {
+    write_text_atomically(folder / "m.mtl", materials);
+    write_text_atomically(folder / "m.obj",
+                          "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl a\nf 1 2 3\n"
+                          "usemtl b\nf 2 4 3\n");
+    write_text_atomically(folder / "scene.toml",
+                          "[[object]]\nfile = \"m.obj\"\n[[light]]\nshape = \"sphere\"\n"
+                          "radiance = [1, 1, 1]\nposition = [0, 3, 0]\n");
+    std::string notes;
+    DynamicScene scene = read_dynamic_scene(folder / "scene.toml",
+                                            {.on_note = [&](const std::string& note) { notes += note; }});
+    return std::pair(std::move(scene.objects.at(0)), notes);
+  };
+  const std::string metal = "Kd 0.6 0.6 0.6\nPm 1\nPr 0.5\n";
+  const auto [alike, quiet] = read("newmtl a\n" + metal + "newmtl b\n" + metal);
+  EXPECT_EQ(quiet, "");
+  EXPECT_EQ(alike.brdf.lobe, Lobe::ggx);
+  EXPECT_FLOAT_EQ(alike.brdf.roughness, 0.25f);
+  EXPECT_FLOAT_EQ(alike.brdf.specular[0], 1.0f);
+  EXPECT_FLOAT_EQ(alike.mesh.colours[0][0], 0.6f);
+
+  const auto [mixed, told] = read("newmtl a\n" + metal + "newmtl b\nKd 0.2 0.2 0.2\n");
+  EXPECT_NE(told.find("averaged"), std::string::npos) << told;
+  EXPECT_NEAR(mixed.brdf.specular[0], 0.75f, 1e-6f);
+  EXPECT_NEAR(mixed.brdf.diffuse[0], 0.25f, 1e-6f);
+  EXPECT_FLOAT_EQ(mixed.brdf.roughness, 0.25f);
+  for (const auto& colour : mixed.mesh.colours)
+    EXPECT_LT(std::min(std::abs(colour[0] - 0.6f), std::abs(colour[0] - 0.2f)), 1e-6f);
 }
 
 }  // namespace

@@ -158,7 +158,7 @@ TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {
   const RunContext run{.on_note = [&](const std::string& note) { notes += note; }};
   const MeshFile plain = read_mesh_file(file("mesh.gltf", gltf.dump()), {}, run);
   EXPECT_EQ(notes, "");
-  EXPECT_FALSE(plain.has_base_colours);
+  EXPECT_FALSE(plain.has_materials);
   const Mesh& mesh = plain.mesh;
   ASSERT_EQ(mesh.positions.size(), 3u);
   EXPECT_FLOAT_EQ(mesh.positions[0].z(), -5.0f);
@@ -169,15 +169,18 @@ TEST_F(MeshFiles, GltfHasItsPartsInPlaceAndLinearColours) {
   gltf["meshes"][0]["primitives"][0]["material"] = 0;
   const MeshFile coloured = read_mesh_file(file("mesh.gltf", gltf.dump()), {}, run);
   EXPECT_EQ(notes, "");
-  EXPECT_TRUE(coloured.has_base_colours);
-  EXPECT_NEAR(coloured.mesh.colours[0][0], 0.5f, 1e-6f);
-  EXPECT_NEAR(coloured.mesh.colours[0][1], 0.125f, 1e-6f);
+  EXPECT_TRUE(coloured.has_materials);
+  EXPECT_TRUE(coloured.lobes.empty()) << "roughness is 1 by default";
+  EXPECT_NEAR(coloured.mesh.colours[0][0], 0.96f * 0.5f + 0.04f, 1e-6f);
+  EXPECT_NEAR(coloured.mesh.colours[0][1], 0.96f * 0.125f + 0.04f, 1e-6f);
   EXPECT_FLOAT_EQ(read_mesh_file(folder_ / "mesh.gltf", {.materials = false}, run).mesh.colours[0][0], 0.5f);
 
-  gltf["materials"][0]["pbrMetallicRoughness"]["metallicFactor"] = 1;
+  gltf["materials"][0]["normalTexture"] = {{"index", 0}};
+  gltf["textures"] = {{{"source", 0}}};
+  gltf["images"] = {{{"uri", "absent.png"}}};
   gltf["materials"][0]["emissiveFactor"] = {1, 1, 1};
   read_mesh_file(file("mesh.gltf", gltf.dump()), {}, run);
-  EXPECT_THAT(notes, HasSubstr("highlights and metallic reflection, emission"));
+  EXPECT_THAT(notes, HasSubstr("normal and bump maps, emission are ignored"));
 
   gltf["accessors"][0]["count"] = 4000000000u;
   EXPECT_THAT(error_of("huge.gltf", gltf.dump()), HasSubstr("huge.gltf"));
@@ -246,26 +249,125 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
   return text;
 }
 
-TEST_F(MeshFiles, TexturesInsideAFileAreRead) {
-  // A vertex in the upper half and two in the lower one: glTF counts rows of a texture from the top.
-  const std::vector<float> values = {0, 0, 0, 1, 0, 0, 0, 1, 0, .1f, .2f, .1f, .8f, .2f, .8f};
-  file("data.bin", std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)));
-  nlohmann::json gltf = nlohmann::json::parse(R"({
+/// A triangle and its file of data: a vertex in the upper half of a texture and two in the lower one, all
+/// with the vertex colour (0.5, 0.5, 1).
+class GltfMaterials : public MeshFiles {
+ protected:
+  GltfMaterials() {
+    const std::vector<float> values = {0,   0,   0,   1,   0,   0, 0,   1,   0, .1f, .2f, .1f,
+                                       .8f, .2f, .8f, .5f, .5f, 1, .5f, .5f, 1, .5f, .5f, 1};
+    file("data.bin",
+         std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)));
+  }
+  MeshFile read_material(nlohmann::json material, const nlohmann::json& image = "absent.png",
+                         Gloss gloss = Gloss::lobes) {
+    gltf_["materials"] = {{{"pbrMetallicRoughness", std::move(material)}}};
+    gltf_["images"] = {{{"uri", image}}};
+    notes_.clear();
+    return read_mesh_file(file("material.gltf", gltf_.dump()), {.gloss = gloss},
+                          {.on_note = [&](const std::string& note) { notes_ += note; }});
+  }
+
+  std::string notes_;
+  nlohmann::json gltf_ = nlohmann::json::parse(R"({
     "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
-    "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}],
     "textures": [{"source": 0}],
     "accessors": [
       {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
-      {"bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC2"}],
-    "bufferViews": [{"buffer": 0, "byteLength": 60}],
-    "buffers": [{"uri": "data.bin", "byteLength": 60}]})");
+      {"bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC2"},
+      {"bufferView": 0, "byteOffset": 60, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 96}],
+    "buffers": [{"uri": "data.bin", "byteLength": 96}]})");
+};
+
+TEST_F(GltfMaterials, MetallicRoughnessIsSharedOutBetweenColourAndLobe) {
+  gltf_["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2;
+  const nlohmann::json material = {
+      {"baseColorFactor", {0.8, 0.4, 0.2, 1}}, {"metallicFactor", 0.25}, {"roughnessFactor", 0.4}};
+  const Eigen::Array3f base(0.4f, 0.2f, 0.2f);  // vertex colours multiply
+  const Eigen::Array3f colour = 0.75f * 0.96f * base, specular = 0.75f * 0.04f + 0.25f * base;
+  const MeshFile mesh = read_material(material);
+  EXPECT_EQ(notes_, "");
+  ASSERT_EQ(mesh.lobes.size(), 3u);
+  for (std::size_t v = 0; v < 3; ++v) {
+    EXPECT_LT((mesh.mesh.colours[v] - colour).abs().maxCoeff(), 1e-6f);
+    EXPECT_LT((mesh.lobes[v].head<3>() - specular).abs().maxCoeff(), 1e-6f);
+    EXPECT_FLOAT_EQ(mesh.lobes[v][3], 0.4f);
+  }
+  EXPECT_EQ(read_material({{"roughnessFactor", 0.4}}).lobes.size(), 3u) << "white metal without a name";
+  const MeshFile diffuse = read_material(material, "absent.png", Gloss::diffuse);
+  EXPECT_THAT(notes_, HasSubstr("reflected diffusely, with the same reflectance"));
+  EXPECT_TRUE(diffuse.lobes.empty());
+  EXPECT_LT((diffuse.mesh.colours[0] - colour - specular).abs().maxCoeff(), 1e-6f);
+}
+
+TEST_F(GltfMaterials, MetallicVariesByItsTextureAndRoughnessIsAveraged) {
+  Image map(64, 64, 3);  // linear green and blue: rough and dielectric above, smooth and metallic below
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 64; ++x) {
+      map.at(x, y, 1) = linear_from_srgb(y < 32 ? 0.8f : 0.2f);
+      map.at(x, y, 2) = y < 32 ? 0.0f : 1.0f;
+    }
+  const std::string image = "data:image/png;base64," + base64(encode_png(map, {.exposure = 1.0}));
+  const MeshFile mesh = read_material({{"metallicRoughnessTexture", {{"index", 0}}}}, image);
+  ASSERT_EQ(mesh.lobes.size(), 3u);
+  float above = 0.0f, below = 0.0f;
+  for (std::size_t v = 0; v < 3; ++v) (mesh.mesh.positions[v].isZero() ? above : below) = mesh.lobes[v][0];
+  EXPECT_GT(below, above + 0.2f);
+  EXPECT_EQ(mesh.lobes[0][3], mesh.lobes[1][3]);
+  EXPECT_GT(mesh.lobes[0][3], 0.3f);
+  EXPECT_LT(mesh.lobes[0][3], 0.6f);
+}
+
+TEST_F(GltfMaterials, FactorsOutOfRangeAreClampedAndTold) {
+  const MeshFile mesh =
+      read_material({{"baseColorFactor", {2, 0.5, -1, 1}}, {"metallicFactor", 7}, {"roughnessFactor", -3}});
+  EXPECT_THAT(notes_, HasSubstr("factors outside [0, 1]"));
+  ASSERT_EQ(mesh.lobes.size(), 3u);
+  EXPECT_EQ(mesh.mesh.colours[0].matrix(), Eigen::Vector3f::Zero());
+  EXPECT_EQ(mesh.lobes[0].matrix(), Eigen::Vector4f(1.0f, 0.5f, 0.0f, min_roughness));
+}
+
+TEST_F(GltfMaterials, AMissingTextureOfMetalIsTold) {
+  const MeshFile mesh =
+      read_material({{"metallicRoughnessTexture", {{"index", 0}}}, {"roughnessFactor", 0.5}});
+  EXPECT_THAT(notes_, HasSubstr("shown without it"));
+  ASSERT_EQ(mesh.lobes.size(), 3u);
+  EXPECT_FLOAT_EQ(mesh.lobes[0][0], 1.0f);
+  EXPECT_FLOAT_EQ(mesh.lobes[0][3], 0.5f);
+}
+
+TEST_F(MeshFiles, MaterialsOfObjHaveLobes) {
+  const std::string triangle = "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n";
+  const auto read_mtl = [&](const std::string& material) {
+    file("m.mtl", "newmtl m\n" + material);
+    return read_mesh_file(file("m.obj", "mtllib m.mtl\nusemtl m\n" + triangle));
+  };
+  const MeshFile metal = read_mtl("Kd 0.5 0.5 0.5\nPm 1\nPr 0.3\n");
+  ASSERT_EQ(metal.lobes.size(), 3u);
+  EXPECT_EQ(metal.mesh.colours[0].matrix(), Eigen::Vector3f::Zero());
+  EXPECT_LT((metal.lobes[0] - Eigen::Array4f(0.5f, 0.0f, 0.0f, 0.3f)).abs().maxCoeff(), 1e-6f);
+
+  // Kd + Ks, and a half-vector lobe of exponent 198: α² = 1/100.
+  const MeshFile phong = read_mtl("Kd 0.6 0.6 0.6\nKs 0.25 0.25 0.25\nNs 198\nillum 2\n");
+  ASSERT_EQ(phong.lobes.size(), 3u);
+  EXPECT_LT((phong.mesh.colours[0] - Eigen::Array3f(0.6f, 0.0f, 0.0f)).abs().maxCoeff(), 1e-6f);
+  EXPECT_LT((phong.lobes[0] - Eigen::Array4f(0.25f, 0.25f, 0.25f, std::sqrt(0.1f))).abs().maxCoeff(), 1e-6f);
+
+  const MeshFile excess = read_mtl("Kd 0.8 0.8 0.8\nKs 0.5 0.5 0.5\nNs 198\n");
+  EXPECT_NEAR(excess.mesh.colours[0][0], 0.5f, 1e-6f) << "no more than what Ks leaves";
+  EXPECT_TRUE(read_mtl("Kd 0.8 0.8 0.8\nNs 198\n").lobes.empty());
+}
+
+TEST_F(GltfMaterials, TexturesInsideAFileAreRead) {
+  // glTF counts rows of a texture from the top.
   Image stripes(64, 64, 3);  // red above, blue below
   for (int y = 0; y < 64; ++y)
     for (int x = 0; x < 64; ++x) stripes.at(x, y, y < 32 ? 0 : 2) = 1.0f;
-  gltf["images"] = {{{"uri", "data:image/png;base64," + base64(encode_png(stripes))}}};
-  const MeshFile mesh = read_mesh_file(file("inside.gltf", gltf.dump()));
-  EXPECT_TRUE(mesh.has_base_colours);
+  const MeshFile mesh = read_material({{"baseColorTexture", {{"index", 0}}}, {"metallicFactor", 0}},
+                                      "data:image/png;base64," + base64(encode_png(stripes)));
+  EXPECT_TRUE(mesh.has_materials);
   for (std::size_t v = 0; v < 3;
        ++v)  // averages reach over the middle: the triangle is as large as the texture
     EXPECT_EQ(mesh.mesh.colours[v][0] > mesh.mesh.colours[v][2], mesh.mesh.positions[v].isZero()) << v;

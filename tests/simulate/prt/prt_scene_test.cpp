@@ -190,6 +190,53 @@ TEST_F(Scenes, TakesMaterialsOfMeshFilesUnlessTheSceneNamesOne) {
             1e-6f);
 }
 
+TEST(PhongExponent, IsAsWideAsTheMicrofacets) {
+  EXPECT_FLOAT_EQ(phong_exponent(1.0f), 0.0f);
+  // A quarter of 2/α² − 2 at α = 0.25, whose half vectors turn by half of what the mirrored ray does.
+  EXPECT_FLOAT_EQ(phong_exponent(0.5f), 7.5f);
+}
+
+TEST_F(Scenes, PartsOfAMeshFileKeepTheirLobes) {
+  write_text_atomically(folder_ / "m.mtl",
+                        "newmtl metal\nKd 0.9 0.6 0.3\nPm 1\nPr 0.5\nnewmtl wall\nKd 0.5 0.5 0.5\n");
+  write_text_atomically(folder_ / "two.obj",
+                        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl metal\nf 1 2 3\n"
+                        "usemtl wall\nf 2 4 3\n");
+  Scene scene = read("[[object]]\nfile = \"two.obj\"\nrefine = 0.3\n");
+  sort_vertices(scene);
+  ASSERT_EQ(scene.materials.size(), 2u);
+  ASSERT_EQ(scene.specular_of_vertex.size(), scene.mesh.positions.size());
+  EXPECT_GT(scene.mesh.positions.size(), 20u);
+  for (std::size_t v = 0; v < scene.mesh.positions.size(); ++v) {
+    const bool metal = !scene.materials[scene.material_of_vertex[v]].is_diffuse();
+    const float side = scene.mesh.positions[v].x() + scene.mesh.positions[v].y() - 1.0f;
+    ASSERT_TRUE(metal ? side < 1e-5f : side > -1e-5f);
+    const Eigen::Vector3f specular =
+        metal ? Eigen::Vector3f(0.9f, 0.6f, 0.3f) : Eigen::Vector3f::Zero().eval();
+    ASSERT_LT((scene.specular(v).matrix() - specular).norm(), 1e-6f);
+    ASSERT_NEAR(scene.mesh.colours[v][0], metal ? 0.0f : 0.5f, 1e-6f);
+    ASSERT_FLOAT_EQ(scene.materials[scene.material_of_vertex[v]].exponent, metal ? 7.5f : 0.0f);
+  }
+  for (const auto& triangle : scene.mesh.triangles)
+    for (const std::uint32_t vertex : triangle)
+      ASSERT_EQ(scene.material_of_vertex[vertex], scene.material_of_vertex[triangle[0]]);
+
+  const Scene clusters = read_scene(folder_ / "two.obj", {}, Gloss::diffuse);
+  ASSERT_EQ(clusters.materials.size(), 1u);
+  EXPECT_TRUE(clusters.materials[0].is_diffuse());
+  float brightest = 0.0f;
+  for (const auto& reflectance : diffuse_reflectance(clusters))
+    brightest = std::max(brightest, reflectance[0]);
+  EXPECT_NEAR(brightest, 0.9f, 1e-6f);
+}
+
+TEST_F(Scenes, TakeTheGgxMaterialAsAPhongLobe) {
+  const Scene scene = read(
+      "[[material]]\nname = \"m\"\nkind = \"ggx\"\nspecular = [0.5, 0.5, 0.5]\nroughness = 0.5\n"
+      "[[object]]\nshape = \"plane\"\nmaterial = \"m\"\n");
+  EXPECT_FLOAT_EQ(scene.materials[0].exponent, 7.5f);
+}
+
 TEST_F(Scenes, DataSetsAreReadAndOfTheSizeTheySay) {
   const std::filesystem::path folder = REFIELD_SOURCE_DIR "/datasets_synthetic/prt";
   EXPECT_NEAR(static_cast<double>(read_scene(folder / "rabbit.toml").mesh.positions.size()), 73000.0, 500.0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/geometry/base_colours.h"
+#include "simulate/geometry/vertex_materials.h"
 
 #include <sys/mman.h>
 #include <tbb/parallel_for.h>
@@ -15,6 +15,8 @@
 
 #include "core/base/errors.h"
 #include "core/image/image_io.h"
+#include "core/image/tone_map.h"
+#include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/mesh_library.h"
 
 namespace refield::prt {
@@ -69,6 +71,29 @@ std::optional<Image> read_texture(const ImportedTexture& texture, const fs::path
   return std::nullopt;
 }
 
+/// Textures of a mesh that are used, each read once.
+class Textures {
+ public:
+  Textures(const ImportedMesh& mesh, const fs::path& path, const RunContext& run)
+      : mesh_(&mesh), path_(&path), run_(&run), images_(mesh.textures.size()), tried_(images_.size()) {}
+
+  /// Nothing where there is none, or none that can be read.
+  const Image* find(std::int32_t index) {
+    if (index < 0 || mesh_->texture_places.empty()) return nullptr;
+    const auto i = static_cast<std::size_t>(index);
+    if (!tried_[i]) images_[i] = read_texture(mesh_->textures[i], *path_, *run_);
+    tried_[i] = true;
+    return images_[i] ? &*images_[i] : nullptr;
+  }
+
+ private:
+  const ImportedMesh* mesh_;
+  const fs::path* path_;
+  const RunContext* run_;
+  std::vector<std::optional<Image>> images_;
+  std::vector<bool> tried_;
+};
+
 /// Half of the mean edge at each vertex, on the texture.
 std::vector<Eigen::Array2f> reaches_of(const ImportedMesh& mesh) {
   std::vector<Eigen::Array2f> sums(mesh.positions.size(), Eigen::Array2f::Zero());
@@ -107,7 +132,9 @@ long wrapped(long texel, long size) {
   return (texel % size + size) % size;
 }
 
-Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, const Eigen::Array2f& reach) {
+/// Texels are decoded as sRGB; `encoded` takes them as the file has them.
+Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, const Eigen::Array2f& reach,
+                           bool encoded) {
   if (!place.allFinite() || !reach.allFinite()) return Eigen::Array3f::Ones();
   // Textures repeat: whole turns change nothing, and are all the same beyond a turn.
   const double u = place.x() - std::floor(place.x()), v = place.y() - std::floor(place.y());
@@ -122,7 +149,10 @@ Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, c
           static_cast<int>(wrapped(columns.first + static_cast<long>(i) * columns.step, texture.width));
       const auto y = static_cast<int>(wrapped(rows.first + static_cast<long>(j) * rows.step, texture.height));
       const float share = rows.shares[j] * columns.shares[i];
-      for (int c = 0; c < 3; ++c) sum[c] += share * texture.at(x, y, c);
+      for (int c = 0; c < 3; ++c) {
+        const float value = texture.at(x, y, c);
+        sum[c] += share * (encoded ? srgb_from_linear(value) : value);
+      }
       weight += share;
     }
   return sum / weight;
@@ -137,51 +167,86 @@ void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const
     run.note(path.string() +
              ": a texture of its materials is not in its folder, or not placed by the first texture "
              "coordinates; its parts are shown without it");
+  if (ignored & ignored_excess)
+    run.note(path.string() + ": its materials have factors outside [0, 1], which are clamped");
   std::string parts;
-  for (const auto& [part, name] : {std::pair{ignored_lobes, "highlights and metallic reflection"},
+  for (const auto& [part, name] : {std::pair{ignored_layers, "clear coat, sheen or textures of highlights"},
                                    {ignored_relief, "normal and bump maps"},
                                    {ignored_emission, "emission"},
                                    {ignored_transparency, "transparency"}})
     if (ignored & part) parts += (parts.empty() ? "" : ", ") + std::string(name);
   if (!parts.empty())
-    run.note(path.string() + ": of its materials the base colours alone are read, not " + parts +
-             "; name a [[material]] in a scene file (docs/reference/scene-files.md) for another surface");
+    run.note(path.string() + ": of its materials, " + parts +
+             " are ignored; name a [[material]] in a scene file (docs/reference/scene-files.md) for another "
+             "surface");
+}
+
+float unit(float factor) {
+  return std::isfinite(factor) ? std::clamp(factor, 0.0f, 1.0f) : 0.0f;
+}
+
+/// A lobe has one width in each material: the mean of its roughness texture over its surface.
+void average_roughness(const ImportedMesh& mesh, std::vector<VertexMaterial>& vertices) {
+  const std::vector<float> areas = vertex_areas(mesh.positions, mesh.triangles);
+  struct Mean {
+    double sum = 0.0, area = 0.0;
+    bool shines = false;
+  };
+  std::vector<Mean> means(mesh.materials.size());
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    Mean& mean = means[mesh.material[v]];
+    mean.sum += static_cast<double>(areas[v]) * vertices[v].roughness;
+    mean.area += areas[v];
+    mean.shines = mean.shines || vertices[v].metallic > 0.0f || (vertices[v].specular > 0.0f).any();
+  }
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const Mean& mean = means[mesh.material[v]];
+    if (mean.area > 0.0) vertices[v].roughness = static_cast<float>(mean.sum / mean.area);
+    if (!mean.shines) vertices[v].roughness = 1.0f;
+  }
 }
 
 }  // namespace
 
-std::vector<Eigen::Array3f> base_colours(const ImportedMesh& mesh, const fs::path& path,
-                                         const RunContext& run) {
+std::vector<VertexMaterial> vertex_materials(const ImportedMesh& mesh, const fs::path& path,
+                                             const RunContext& run) {
   std::vector<bool> used(mesh.materials.size());
   for (const std::uint32_t material : mesh.material) used[material] = true;
-  bool any = false;
-  std::vector<std::optional<Image>> textures(mesh.textures.size());
+  struct MaterialTextures {
+    const Image *base_colour = nullptr, *metallic = nullptr, *roughness = nullptr;
+  };
+  std::vector<MaterialTextures> textures(mesh.materials.size());
+  Textures images(mesh, path, run);
+  bool any = false, textured = false;
   for (std::size_t i = 0; i < used.size(); ++i) {
     if (!used[i]) continue;
     const ImportedMaterial& material = mesh.materials[i];
     any = any || material.is_of_the_file != 0;
-    if (material.texture < 0 || mesh.texture_places.empty()) continue;
-    auto& texture = textures[static_cast<std::size_t>(material.texture)];
-    if (!texture)
-      texture = read_texture(mesh.textures[static_cast<std::size_t>(material.texture)], path, run);
+    textures[i] = {images.find(material.texture), images.find(material.metallic_texture),
+                   images.find(material.roughness_texture)};
+    textured = textured || textures[i].base_colour || textures[i].metallic || textures[i].roughness;
   }
   if (!any) return {};
   note_ignored(mesh, used, path, run);
 
-  const bool textured =
-      std::ranges::any_of(textures, [](const auto& texture) { return texture.has_value(); });
   const std::vector<Eigen::Array2f> reaches = textured ? reaches_of(mesh) : std::vector<Eigen::Array2f>();
-  std::vector<Eigen::Array3f> colours(mesh.positions.size());
-  tbb::parallel_for(std::size_t{0}, colours.size(), [&](std::size_t v) {
+  std::vector<VertexMaterial> vertices(mesh.positions.size());
+  tbb::parallel_for(std::size_t{0}, vertices.size(), [&](std::size_t v) {
     const ImportedMaterial& material = mesh.materials[mesh.material[v]];
-    Eigen::Array3f colour = Eigen::Map<const Eigen::Array3f>(material.base_colour.data());
-    if (textured && material.texture >= 0)
-      if (const auto& texture = textures[static_cast<std::size_t>(material.texture)])
-        colour *= mean_around(*texture, mesh.texture_places[v], reaches[v]);
-    for (float& value : colour) value = std::isfinite(value) ? std::clamp(value, 0.0f, 1.0f) : 0.0f;
-    colours[v] = colour;
+    const MaterialTextures& texture = textures[mesh.material[v]];
+    const auto value = [&](const Image* image, bool encoded) -> Eigen::Array3f {
+      if (!image) return Eigen::Array3f::Ones();
+      return mean_around(*image, mesh.texture_places[v], reaches[v], encoded);
+    };
+    const Eigen::Array3f base_colour =
+        Eigen::Map<const Eigen::Array3f>(material.base_colour.data()) * value(texture.base_colour, false);
+    vertices[v] = {base_colour.unaryExpr(&unit),
+                   Eigen::Map<const Eigen::Array3f>(material.specular.data()).unaryExpr(&unit),
+                   unit(unit(material.metallic) * value(texture.metallic, true)[2]),
+                   unit(unit(material.roughness) * value(texture.roughness, true)[1])};
   });
-  return colours;
+  average_roughness(mesh, vertices);
+  return vertices;
 }
 
 }  // namespace refield::prt
