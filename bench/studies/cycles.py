@@ -45,19 +45,31 @@ def build_mesh(data):
     mesh.polygons.foreach_set("use_smooth", [True] * len(mesh.polygons))
     mesh.use_auto_smooth = True
     mesh.normals_split_custom_set_from_vertices(axes(data["normals"]).tolist())
-    colours = mesh.attributes.new("reflectance", "FLOAT_COLOR", "POINT")
-    opaque = numpy.hstack([data["colours"], numpy.ones((len(data["colours"]), 1))])
-    colours.data.foreach_set("color", opaque.ravel().tolist())
-    material = bpy.data.materials.new("diffuse")
+    material = bpy.data.materials.new("material")
     material.use_nodes = True
     nodes, link = material.node_tree.nodes, material.node_tree.links.new
     nodes.clear()
-    colour, geometry = nodes.new("ShaderNodeAttribute"), nodes.new("ShaderNodeNewGeometry")
-    front, back = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeBsdfDiffuse")
+
+    def at_vertices(name, values):
+        colours = mesh.attributes.new(name, "FLOAT_COLOR", "POINT")
+        opaque = numpy.hstack([values, numpy.ones((len(values), 1))])
+        colours.data.foreach_set("color", opaque.ravel().tolist())
+        node = nodes.new("ShaderNodeAttribute")
+        node.attribute_name = name
+        return node.outputs["Color"]
+
+    glossy = "lobes" in data
+    geometry = nodes.new("ShaderNodeNewGeometry")
+    front, back = nodes.new("ShaderNodeBsdfPrincipled" if glossy else "ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeBsdfDiffuse")
     mix, output = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeOutputMaterial")
-    colour.attribute_name = "reflectance"
     back.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
-    link(colour.outputs["Color"], front.inputs["Color"])
+    link(at_vertices("reflectance", data["colours"]), front.inputs["Base Color" if glossy else "Color"])
+    if glossy:
+        front.distribution = "MULTI_GGX"
+        parts = nodes.new("ShaderNodeSeparateColor")
+        link(at_vertices("lobes", data["lobes"]), parts.inputs[0])
+        for part, name in enumerate(("Metallic", "Roughness", "Specular")):
+            link(parts.outputs[part], front.inputs[name])
     link(geometry.outputs["Backfacing"], mix.inputs[0])
     link(front.outputs[0], mix.inputs[1])
     link(back.outputs[0], mix.inputs[2])
@@ -110,7 +122,7 @@ def render(job):
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = job["samples"] // 2, False, False
-    cycles.max_bounces = cycles.diffuse_bounces = job["bounces"]
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = job["bounces"]
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     cycles.pixel_filter_type = "BOX"
     scene.render.filter_size = 1.0
@@ -160,6 +172,54 @@ def relative_rmse(values, truth):
     return float(numpy.sqrt(((values - truth) ** 2).sum() / (truth**2).sum()))
 
 
+def read_mesh(field):
+    """Mesh and camera of a field, as arrays, and the order of the outgoing harmonics of its vertices, 1 if diffuse."""
+    import h5py
+    with h5py.File(field) as file:
+        if "mesh/camera" not in file:
+            sys.exit(f"{field}: is no field over a mesh with a camera")
+        data = {name: file[f"mesh/{name}"][...] for name in ("positions", "normals", "colours", "triangles", "camera")}
+        order = int(file.attrs.get("outgoing_order", 1))
+    data["camera"] = data["camera"].ravel()
+    return data, order
+
+
+def trace(data, maps, folder, size, samples, bounces):
+    """Files of two renderings per map, each with half of the samples. `data`: of read_mesh(), colours being diffuse
+    reflectance; or, with "lobes" [vertices × 3], base colours, and metallic, roughness and specular of Blender's
+    Principled BSDF."""
+    folder.mkdir(parents=True, exist_ok=True)
+    folder = folder.resolve()
+    numpy.savez(folder / "mesh.npz", **data)
+    halves = [[folder / f"{path.stem}_cycles_{half}.exr" for half in (0, 1)] for path in maps]
+    job = {"mesh": str(folder / "mesh.npz"), "samples": samples, "bounces": bounces,
+           "size": [int(length) for length in size.split("x")],
+           "maps": [(str(path.resolve()), [str(half) for half in of_map]) for path, of_map in zip(maps, halves)]}
+    (folder / "job.json").write_text(json.dumps(job))
+    subprocess.run(["blender", "--background", "--factory-startup", "-noaudio", "--python-exit-code", "1", "--python",
+                    __file__, "--", folder / "job.json"], check=True, stdout=subprocess.DEVNULL)
+    return halves
+
+
+def compare(program, field, path, halves, folder, size):
+    """Relights the field by a map and writes both pictures; relative RMSE over the pixels that the mesh covers whole and over
+    the smooth quarter of them, ratio of brightness, noise of Cycles."""
+    picture = folder / f"{path.stem}.exr"
+    subprocess.run([program, "--quiet", "relight", field, "--env", path, "--size", size, "-o", picture], check=True,
+                   stdout=subprocess.DEVNULL)
+    ours, traced = read_exr(picture), [read_exr(half) for half in halves]
+    whole = (ours[..., 3] > 0.999) & (traced[0][..., 3] > 0.999)
+    truth = 0.5 * (traced[0] + traced[1])[..., :3]
+    noise = relative_rmse(traced[0][whole, :3], traced[1][whole, :3]) / 2.0
+    steps = differences_of_neighbours(truth)
+    smooth = whole & (steps <= numpy.quantile(steps[whole], 0.25))
+    seen = numpy.where(whole[..., None], ours[..., :3], 0.0)
+    expected = numpy.where(whole[..., None], truth, 0.0)
+    write_pictures(folder / f"{path.stem}.png", [seen, expected, 4.0 * numpy.abs(seen - expected)])
+    errors = [relative_rmse(seen[where], expected[where]) for where in (whole, smooth)]
+    return *errors, seen.sum() / expected.sum(), noise
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("field", type=pathlib.Path)
@@ -170,43 +230,18 @@ def main():
     parser.add_argument("--samples", type=int, default=1024, help="of Cycles, per pixel; default: %(default)s")
     parser.add_argument("--bounces", type=int, help="diffuse reflections of Cycles; default: as of the field")
     arguments = parser.parse_args()
-    import h5py
-    with h5py.File(arguments.field) as file:
-        if "mesh/camera" not in file:
-            sys.exit(f"{arguments.field}: is no field over a mesh with a camera")
-        if int(file.attrs.get("outgoing_order", 1)) > 1:
-            sys.exit(f"{arguments.field}: has glossy materials, which this script does not give to Cycles")
-        data = {name: file[f"mesh/{name}"][...] for name in ("positions", "normals", "colours", "triangles", "camera")}
-    data["camera"] = data["camera"].ravel()
+    data, order = read_mesh(arguments.field)
+    if order > 1:
+        sys.exit(f"{arguments.field}: has glossy materials, which this script does not give to Cycles")
     provenance = json.loads(subprocess.run([arguments.program, "info", arguments.field, "--json"], check=True,
                                            stdout=subprocess.PIPE).stdout)["provenance"]
     bounces = provenance.get("bounces", 16) if arguments.bounces is None else arguments.bounces
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    folder = arguments.output.resolve()
-    numpy.savez(folder / "mesh.npz", **data)
-    pairs = [(path, [folder / f"{path.stem}_cycles_{half}.exr" for half in (0, 1)]) for path in arguments.maps]
-    job = {"mesh": str(folder / "mesh.npz"), "samples": arguments.samples, "bounces": bounces,
-           "size": [int(length) for length in arguments.size.split("x")],
-           "maps": [(str(path.resolve()), [str(half) for half in halves]) for path, halves in pairs]}
-    (folder / "job.json").write_text(json.dumps(job))
-    subprocess.run(["blender", "--background", "--factory-startup", "-noaudio", "--python-exit-code", "1", "--python",
-                    __file__, "--", folder / "job.json"], check=True, stdout=subprocess.DEVNULL)
+    halves = trace(data, arguments.maps, arguments.output, arguments.size, arguments.samples, bounces)
     print("map                      RMSE   smooth  brightness   noise of Cycles")
-    for path, halves in pairs:
-        picture = folder / f"{path.stem}.exr"
-        subprocess.run([arguments.program, "--quiet", "relight", arguments.field, "--env", path, "--size", arguments.size,
-                        "-o", picture], check=True, stdout=subprocess.DEVNULL)
-        ours, traced = read_exr(picture), [read_exr(half) for half in halves]
-        whole = (ours[..., 3] > 0.999) & (traced[0][..., 3] > 0.999)
-        truth = 0.5 * (traced[0] + traced[1])[..., :3]
-        noise = relative_rmse(traced[0][whole, :3], traced[1][whole, :3]) / 2.0
-        steps = differences_of_neighbours(truth)
-        smooth = whole & (steps <= numpy.quantile(steps[whole], 0.25))
-        seen = numpy.where(whole[..., None], ours[..., :3], 0.0)
-        expected = numpy.where(whole[..., None], truth, 0.0)
-        errors = [relative_rmse(seen[where], expected[where]) for where in (whole, smooth)]
-        print(f"{path.stem:24s} {errors[0]:.4f}  {errors[1]:.4f}  {seen.sum() / expected.sum():.4f}       {noise:.4f}")
-        write_pictures(folder / f"{path.stem}.png", [seen, expected, 4.0 * numpy.abs(seen - expected)])
+    for path, of_map in zip(arguments.maps, halves):
+        error, smooth, brightness, noise = compare(arguments.program, arguments.field, path, of_map, arguments.output,
+                                                   arguments.size)
+        print(f"{path.stem:24s} {error:.4f}  {smooth:.4f}  {brightness:.4f}       {noise:.4f}")
 
 
 if __name__ == "__main__":
