@@ -126,7 +126,7 @@ constexpr double clear_gain = 1e-6;
 
 }  // namespace
 
-std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& tile, KernelCache& cache,
+std::vector<PixelKernels> correct_tile(const PixelAccess& grid, const PixelTile& tile, KernelCache& cache,
                                        WeightFitter& fitter, const RunContext& run) {
   const PixelTile reach = {std::max(tile.x0 - 1, 0), std::max(tile.y0 - 1, grid.first_row),
                            std::min(tile.x1 + 1, grid.width), std::min(tile.y1 + 1, grid.last_row)};

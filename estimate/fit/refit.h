@@ -50,7 +50,7 @@ class WeightFitter {
 
 /// Where spatial correction finds pixels: samples and current kernels at (x, y), and which rectangle of
 /// pixels exists.
-struct PixelGrid {
+struct PixelAccess {
   int width = 0;
   int first_row = 0;
   int last_row = 0;
@@ -69,7 +69,7 @@ struct PixelTile {
 /// residual. All pixels look at their neighbours as they were before the sweep, so the order of work does not
 /// matter. Returns the new kernels of the tile, row by row; inactive pixels are left empty. The Gram matrices
 /// of a set are shared by all pixels that try it, which makes a sweep a fraction of the tree fit.
-std::vector<PixelKernels> correct_tile(const PixelGrid& grid, const PixelTile& tile, KernelCache& cache,
+std::vector<PixelKernels> correct_tile(const PixelAccess& grid, const PixelTile& tile, KernelCache& cache,
                                        WeightFitter& fitter, const RunContext& run);
 
 }  // namespace refield

@@ -196,7 +196,7 @@ BandEstimator::Rows BandEstimator::correct(const Rows& kernels, int sweep) const
   const int left = input_.options.sweeps() - sweep;
   const RowRange rows{std::max(input_.rows.first - left, fitted_.first),
                       std::min(input_.rows.last + left, fitted_.last)};
-  const PixelGrid grid{width_,
+  const PixelAccess grid{width_,
                        fitted_.first,
                        fitted_.last,
                        [&](int x, int y) { return samples(x, y); },
