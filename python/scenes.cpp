@@ -311,8 +311,7 @@ class MovingPictures {
       throw InputError("mode is '" + mode + "'; give 'refined' or 'paper'");
     dynamic::TransportOptions transport;
     if (mode == "paper") {
-      transport.modes = dynamic::ModeKind::separate;
-      transport.compression = 0.0;
+      transport = dynamic::as_in_the_paper(transport);
       frame_.direct = dynamic::DirectLightBy::field_products;
       frame_.exact_direct = false;
     }

@@ -152,14 +152,14 @@ def draw_prt(rows, output):
 
 def draw_dynamic(rows, output):
     """Settings of dynamic scenes."""
-    def by_rays(row):
-        return not row["method"].startswith(("fields", "products"))
+    def of_shadows(row):
+        return row["method"].startswith(("shadow rays", "shadows"))
 
-    def direct(row):
-        return not by_rays(row) or row["method"] == "rays, by points"
+    def of_both(row):
+        return not of_shadows(row) or row["method"].endswith("by points")
 
-    def all_light(row):
-        return by_rays(row) or row["method"] == "fields, by points"
+    def indirect(row):
+        return not of_shadows(row)
 
     def panel(title, light, x_label, column, shown):
         tracks = group(filter(shown, rows), lambda row: row["method"], lambda row: number(row[column]),
@@ -167,10 +167,10 @@ def draw_dynamic(rows, output):
         return lambda axes: draw_panel(axes, tracks, title, x_label, f"RMSE of {light} light over all light", front=True)
 
     make_figure(output / "dynamic.svg", [
-        panel("All light and frame time", "all", "frame time in ms", "frame_ms", all_light),
-        panel("Direct light and its time", "direct", "time of direct light in ms", "direct_ms", direct),
-        panel("Indirect light and frame time", "bounced", "frame time in ms", "frame_ms", by_rays),
-        panel("Indirect light and size", "bounced", "megabytes", "megabytes", by_rays)], 2)
+        panel("All light and frame time", "all", "frame time in ms", "frame_ms", of_both),
+        panel("Direct light and its time", "direct", "time of direct light in ms", "direct_ms", of_shadows),
+        panel("Indirect light and frame time", "bounced", "frame time in ms", "frame_ms", indirect),
+        panel("Indirect light and size", "bounced", "megabytes", "megabytes", indirect)], 2)
 
 
 def draw_bases(rows, output):

@@ -143,7 +143,7 @@ struct DynamicArguments {
   VideoOptions video;
   std::optional<double> time;
   int reference = 0, traced = 0;
-  bool measure = false, no_occlusion = false;
+  bool measure = false;
 };
 
 void check_output(const fs::path& path) {
@@ -276,11 +276,9 @@ ordered_json error_rows(PreparedScene& scene, const DynamicArguments& arguments)
 
 void print(const ordered_json& figures) {
   for (const auto& object : figures["objects"])
-    std::printf("%-12s %6d vertices, %3d terms (error %.3f), %3d modes, rank %2d + %2d, %.2f MB\n",
-                object["name"].get<std::string>().c_str(), object["vertices"].get<int>(),
-                object["terms"].get<int>(), object["term_error"].get<double>(), object["modes"].get<int>(),
-                object["leaving"].get<int>(), object["returning"].get<int>(),
-                object["bytes"].get<double>() / 1e6);
+    std::printf("%-12s %6d vertices, %3d terms (error %.3f)\n", object["name"].get<std::string>().c_str(),
+                object["vertices"].get<int>(), object["terms"].get<int>(),
+                object["term_error"].get<double>());
   std::printf("%.1f MB, precomputed in %.1f s, %zu of %zu objects from the cache\n",
               figures["bytes"].get<double>() / 1e6, figures["precompute_seconds"].get<double>(),
               figures["from_cache"].get<std::size_t>(), figures["objects"].size());
@@ -303,11 +301,10 @@ void print(const ordered_json& figures) {
 
 void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   if (arguments.mode == "paper") {
-    arguments.transport.modes = dynamic::ModeKind::separate;
+    arguments.transport = dynamic::as_in_the_paper(arguments.transport);
     arguments.frame.direct = dynamic::DirectLightBy::field_products;
     arguments.frame.exact_direct = false;
   }
-  arguments.frame.occlusion = !arguments.no_occlusion;
   arguments.video.check();
   arguments.frame.check();
   check_output(arguments.output);
@@ -327,8 +324,6 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
                                   {"terms", transport.terms()},
                                   {"term_error", transport.factors.error()},
                                   {"modes", transport.modes.count()},
-                                  {"leaving", transport.leaving.rank},
-                                  {"returning", transport.returning.rank},
                                   {"bytes", transport.bytes()}});
   }
   figures["bytes"] = scene.bytes();
@@ -347,13 +342,8 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
 }
 
 void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
-  const char* group = "Precomputation";
+  const char* group = "Materials";
   dynamic::TransportOptions& options = arguments.transport;
-  verb.add_option("--functions", options.functions,
-                  "Number of outgoing-radiance basis functions per object (N)")
-      ->check(CLI::Range(1, 256))
-      ->capture_default_str()
-      ->group(group);
   verb.add_option("--terms", options.factors.largest,
                   "Maximum number of BRDF factorisation terms (K); 0: as many as --term-error requires")
       ->check(CLI::Range(0, 256))
@@ -363,24 +353,19 @@ void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
       ->check(CLI::Range(1e-6, 1.0))
       ->capture_default_str()
       ->group(group);
+}
+
+void add_paper_options(CLI::App& verb, DynamicArguments& arguments) {
+  const char* group = "With --mode paper";
+  dynamic::TransportOptions& options = arguments.transport;
+  verb.add_option("--functions", options.functions,
+                  "Number of outgoing-radiance basis functions per object (N)")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str()
+      ->group(group);
   verb.add_option("--order", options.order,
                   "Order n of the incident light, represented by n² spherical-harmonic coefficients")
       ->check(CLI::Range(2, 8))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--compression", options.compression,
-                  "Maximum relative error of the compression of the precomputed data; 0: no compression "
-                  "(default in paper mode: 0)")
-      ->check(CLI::Range(0.0, 0.99))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--rings", options.rings,
-                  "Angular resolution of the spherical sample points around objects (rings per sphere)")
-      ->check(CLI::Range(1, 64))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--shells", options.shells, "Number of spheres of sample points around each object")
-      ->check(CLI::Range(2, 64))
       ->capture_default_str()
       ->group(group);
 }
@@ -392,6 +377,10 @@ void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
       ->check(CLI::Range(1, 65536))
       ->capture_default_str()
       ->group(group);
+  verb.add_option("--rays", arguments.frame.rays, "Number of rays from each vertex, for indirect light")
+      ->check(CLI::Range(1, 4096))
+      ->capture_default_str()
+      ->group(group);
   verb.add_option("--bounces", arguments.frame.bounces, "Maximum number of indirect bounces")
       ->check(CLI::Range(0, 64))
       ->capture_default_str()
@@ -400,9 +389,6 @@ void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
                   "Stop after a bounce that adds less than this fraction of the direct light")
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str()
-      ->group(group);
-  verb.add_flag("--no-occlusion", arguments.no_occlusion,
-                "Ignore occlusion of indirect light by third objects")
       ->group(group);
 }
 
@@ -414,8 +400,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       "dynamic",
       "Render a scene with moving objects and area lights in real time.\n"
       "\n"
-      "Includes diffuse and glossy interreflection between the objects. Precomputed data are stored in "
-      "~/.cache/refield for later runs; set REFIELD_CACHE=off in the environment to disable this. "
+      "Includes diffuse and glossy interreflection between the objects. What is precomputed (BRDF "
+      "factors; in paper mode fields) is stored in ~/.cache/refield for later runs; set REFIELD_CACHE=off "
+      "in the environment to disable this. "
       "docs/reference/scene-files.md describes the scene format, docs/method/dynamic.md the method.\n"
       "\n"
       "Examples:\n"
@@ -433,9 +420,9 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
   add_exposure_option(*verb, arguments->video.exposure);
   verb->add_option(
           "--mode", arguments->mode,
-          "refined: basis weights common to all BRDF terms, direct light with shadow rays; paper: "
-          "weights per BRDF term, direct light by the BRDF terms, shadows from occlusion fields by products "
-          "of spherical harmonics, no compression")
+          "refined: rays from every vertex for shadows and indirect light; paper: precomputed fields around "
+          "objects, direct light by the BRDF terms, shadows from occlusion fields by products of spherical "
+          "harmonics")
       ->check(CLI::IsMember({"refined", "paper"}))
       ->capture_default_str();
   verb->add_flag("--measure", arguments->measure, "Measure the computation time of a frame by stage");
@@ -448,9 +435,13 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       ->check(CLI::Range(1, 1 << 24));
   add_transport_options(*verb, *arguments);
   add_frame_options(*verb, *arguments);
+  add_paper_options(*verb, *arguments);
   verb->callback([verb, arguments, &common, &action] {
-    if (arguments->mode == "paper" && verb->count("--compression") == 0)
-      arguments->transport.compression = 0.0;
+    for (const char* option : {"--functions", "--order"})
+      if (arguments->mode != "paper" && verb->count(option) > 0)
+        throw InputError(std::string(option) + " is an option of --mode paper; give both or neither");
+    if (arguments->mode == "paper" && verb->count("--rays") > 0)
+      throw InputError("--rays is not an option of --mode paper; give one of the two");
     action = [arguments, &common] { simulate_dynamic(*arguments, common); };
   });
 }

@@ -119,12 +119,14 @@ class PathTracer {
  public:
   PathTracer(const DynamicScene& scene, const SceneRays& rays, std::span<const Pose> poses,
              const PathLight& light, const ReferenceOptions& options)
-      : scene_(scene), rays_(rays), poses_(poses), light_(light), options_(options) {}
+      : scene_(scene), rays_(rays), poses_(poses), light_(light), options_(options) {
+    for (const MovingObject& object : scene.objects) starts_.push_back(ray_starts(object.mesh));
+  }
 
   std::vector<Eigen::Array3d> sum(const PathStart& start, std::size_t number) const {
     const MovingObject& object = scene_.objects[start.object];
     const Mesh& mesh = object.mesh;
-    const PathPoint first = point_on(object, poses_[start.object], mesh.positions[start.vertex],
+    const PathPoint first = point_on(object, poses_[start.object], starts_[start.object][start.vertex],
                                      mesh.normals[start.vertex], mesh.colours[start.vertex], start.to_viewer);
     std::vector<Eigen::Array3d> sum(static_cast<std::size_t>(options_.bounces) + 1, Eigen::Array3d::Zero());
     for (int path = 0; path < options_.paths; ++path) {
@@ -163,6 +165,7 @@ class PathTracer {
   std::span<const Pose> poses_;
   const PathLight& light_;
   const ReferenceOptions& options_;
+  std::vector<std::vector<Eigen::Vector3f>> starts_;  // [objects][vertices]
 };
 
 }  // namespace

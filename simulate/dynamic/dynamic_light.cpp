@@ -38,6 +38,7 @@ double energy_of(std::span<const TermLight> light) {
 void FrameOptions::check() const {
   if (light_samples < 1 || light_samples > 65536)
     throw InputError("number of light samples: give 1 to 65536");
+  if (rays < 1 || rays > 4096) throw InputError("rays: give 1 to 4096");
   if (bounces < 0 || bounces > 64) throw InputError("bounces: give 0 to 64");
   if (!(until >= 0.0 && until < 1.0)) throw InputError("until: give a fraction from 0 to below 1");
 }
@@ -51,7 +52,10 @@ DynamicLight::DynamicLight(const DynamicScene& scene, std::span<const prt::MeshR
       fields_(scene, transport),
       pairs_(scene.objects.size() * scene.objects.size()),
       radiance_(scene.objects.size()),
-      used_(scene.objects.size()) {}
+      used_(scene.objects.size()) {
+  if (!std::ranges::all_of(transport, &ObjectTransport::has_fields))
+    gathered_.emplace(scene, rays, transport);
+}
 
 void DynamicLight::light_directly(const Mesh& area_lights) {
   const Stopwatch watch(times_.direct);
@@ -131,6 +135,8 @@ std::vector<TermLight> DynamicLight::bounce(std::span<const TermLight> light) {
 void DynamicLight::solve(std::span<const Pose> poses, const Mesh& area_lights, const Eigen::Vector3f& eye,
                          const FrameOptions& options) {
   options.check();
+  if (options.direct != DirectLightBy::rays && gathered_)
+    throw InputError("shadows by fields need objects whose transport has fields");
   poses_.assign(poses.begin(), poses.end());
   options_ = options;
   eye_ = eye;
@@ -140,11 +146,16 @@ void DynamicLight::solve(std::span<const Pose> poses, const Mesh& area_lights, c
   light_directly(area_lights);
   times_.place = times_.bounces = 0.0;
   if (options.bounces == 0) return;
-  place();
+  if (gathered_) {
+    const Stopwatch watch(times_.place);
+    gathered_->trace(rays_, poses_, options.rays);
+  } else {
+    place();
+  }
   const Stopwatch watch(times_.bounces);
   const double first = energy_of(light_[0]);
   for (int b = 0; b < options.bounces; ++b) {
-    light_.push_back(bounce(light_.back()));
+    light_.push_back(gathered_ ? gathered_->bounce(light_.back()) : bounce(light_.back()));
     if (energy_of(light_.back()) <= options.until * first) break;
   }
 }

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/field_light.h"
+#include "simulate/dynamic/gathered_light.h"
 #include "simulate/dynamic/object_transport.h"
 #include "simulate/dynamic/pair_transport.h"
 
@@ -19,9 +21,10 @@ enum class DirectLightBy { rays, field_edges, field_products };
 struct FrameOptions {
   DirectLightBy direct = DirectLightBy::rays;
   int light_samples = 32;  ///< that stand for all area lights together
+  int rays = 16;           ///< from each vertex, for indirect light where objects have no fields
   int bounces = 3;         ///< at most, between objects and within them
   double until = 0.0;      ///< bounces end with one that brings less than this share of the direct light
-  bool occlusion = true;   ///< objects hide others from third ones, for indirect light, too
+  bool occlusion = true;   ///< by fields: objects hide others from third ones, for indirect light, too
   /// Light from area lights goes to the eye by the material itself; else by its K terms, as in the paper.
   bool exact_direct = true;
 
@@ -29,8 +32,9 @@ struct FrameOptions {
   void check() const;
 };
 
-/// Light in a scene whose objects and area lights move (Iwasaki et al., sections 3 and 4): direct light from
-/// area lights, then bounce after bounce, each object as an area light for all others and for itself.
+/// Light in a scene whose objects and area lights move: direct light from area lights, then bounce after
+/// bounce, by rays from vertices (GatheredLight), or, where objects have fields, each as an area light for
+/// all others and for itself (Iwasaki et al., sections 3 and 4).
 class DynamicLight {
  public:
   /// All must outlive it; `rays` and `transport` [objects].
@@ -67,6 +71,7 @@ class DynamicLight {
   SceneRays rays_;
   HarmonicProduct product_;
   FieldLight fields_;
+  std::optional<GatheredLight> gathered_;  // where objects have no fields
   FrameOptions options_;
   Eigen::Vector3f eye_ = Eigen::Vector3f::Zero();
   std::vector<std::vector<Eigen::Array3f>> direct_to_eye_;  // [objects]

@@ -402,6 +402,13 @@ void TransportOptions::check() const {
   factors.check();
 }
 
+TransportOptions as_in_the_paper(TransportOptions options) {
+  options.fields = true;
+  options.modes = ModeKind::separate;
+  options.compression = 0.0;
+  return options;
+}
+
 std::size_t ObjectTransport::bytes() const {
   const auto floats = static_cast<std::size_t>(modes.to_weights.size() + coverage.size() + receiving.size());
   return leaving.bytes() + returning.bytes() + floats * sizeof(float) + outside.size() / 8;
@@ -420,6 +427,7 @@ ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays
   transport.factors = factor(object.brdf, options.factors, run);
   run.throw_if_stopped();
   transport.radius = bounding_ball(object.mesh).radius;
+  if (!options.fields) return transport;
   transport.modes =
       options.modes == ModeKind::joint
           ? joint_modes(object.mesh, rays, transport.factors, options.functions, run)

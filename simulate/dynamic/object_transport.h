@@ -102,6 +102,9 @@ SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const Brdf
 enum class ModeKind { joint, separate };
 
 struct TransportOptions {
+  /// All that follows but `factors` is for indirect light by fields (Iwasaki et al., section 4), and for
+  /// shadows by fields; by rays from vertices (GatheredLight) light needs nothing else.
+  bool fields = false;
   int order = 4;       ///< n: light that arrives at a point is represented by n² spherical harmonics
   int functions = 32;  ///< N: patterns an object shines in
   FactorOptions factors{.largest = 0, .error = 0.2};  ///< K; for indirect light
@@ -115,6 +118,9 @@ struct TransportOptions {
   void check() const;
   bool operator==(const TransportOptions&) const = default;
 };
+
+/// With fields, N · K modes and no compression; N, K and n as given.
+TransportOptions as_in_the_paper(TransportOptions options);
 
 /// What an object does to light, computed once, in its own axes: the same wherever it goes. Angular functions
 /// are represented by n² harmonics, of radiance by the direction that it comes from.
@@ -137,6 +143,7 @@ struct ObjectTransport {
   float radius = 0.0f;  ///< of the sphere around it
 
   int terms() const { return factors.terms(); }
+  bool has_fields() const { return receiving.size() > 0; }
   std::size_t bytes() const;
 };
 

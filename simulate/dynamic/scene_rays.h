@@ -35,11 +35,22 @@ class SceneRays {
                            std::span<const float> distance) const;
   /// What a ray meets first.
   std::optional<SceneHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
+  /// Of up to 16 rays.
+  void intersect(std::span<const Eigen::Vector3f> origins, std::span<const Eigen::Vector3f> directions,
+                 std::span<std::optional<SceneHit>> hits) const;
 
  private:
+  SceneHit hit_on_object(const prt::FirstHit& hit, const Eigen::Vector3f& direction) const;
+
   std::span<const prt::MeshRays> objects_;
   std::vector<Pose> poses_;
   prt::RayScene scene_;
 };
+
+/// Where rays from vertices start, in the mesh's own axes: a hundredth of the way to the middle of their
+/// triangles, along the surface. A vertex at the edge of a sheet may lie exactly in another object, as the
+/// foot of a wall in the floor, where it is chance what its rays meet; its light is that of the surface
+/// beside it.
+std::vector<Eigen::Vector3f> ray_starts(const Mesh& mesh);
 
 }  // namespace refield::dynamic

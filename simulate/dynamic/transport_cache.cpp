@@ -209,6 +209,7 @@ void hash_object(Hasher& hasher, const MovingObject& object) {
 }
 
 void hash_options(Hasher& hasher, const TransportOptions& options) {
+  hasher(options.fields ? 1 : 0);
   hasher(options.order);
   hasher(options.functions);
   hasher(options.factors.largest);

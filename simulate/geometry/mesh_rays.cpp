@@ -165,6 +165,44 @@ std::optional<FirstHit> RayScene::first_hit(const Eigen::Vector3f& origin,
                   {query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z}};
 }
 
+void RayScene::first_hits(std::span<const Eigen::Vector3f> origins,
+                          std::span<const Eigen::Vector3f> directions,
+                          std::span<std::optional<FirstHit>> hits) const {
+  RTCRayHit16 query;
+  alignas(64) std::array<int, ray_packet> valid{};
+  RTCRay16& rays = query.ray;
+  for (std::size_t i = 0; i < ray_packet; ++i) {
+    const std::size_t of = std::min(i, origins.size() - 1);
+    valid[i] = i < origins.size() ? -1 : 0;
+    rays.org_x[i] = origins[of].x();
+    rays.org_y[i] = origins[of].y();
+    rays.org_z[i] = origins[of].z();
+    rays.dir_x[i] = directions[of].x();
+    rays.dir_y[i] = directions[of].y();
+    rays.dir_z[i] = directions[of].z();
+    rays.tnear[i] = rays.time[i] = 0.0f;
+    rays.tfar[i] = std::numeric_limits<float>::infinity();
+    rays.mask[i] = ~0u;
+    rays.id[i] = rays.flags[i] = 0;
+    query.hit.geomID[i] = query.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+  }
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect16(valid.data(), scene_.get(), &context, &query);
+  const RTCHit16& hit = query.hit;
+  for (std::size_t i = 0; i < origins.size(); ++i) {
+    hits[i].reset();
+    if (hit.geomID[i] != RTC_INVALID_GEOMETRY_ID)
+      hits[i] = FirstHit{hit.geomID[i],
+                         hit.instID[0][i],
+                         hit.primID[i],
+                         hit.u[i],
+                         hit.v[i],
+                         rays.tfar[i],
+                         {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]}};
+  }
+}
+
 namespace {
 
 /// Rays start off their surface by so much of the scene's diagonal.

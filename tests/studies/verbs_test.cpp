@@ -84,9 +84,10 @@ TEST(DynamicChart, ComparesOurSettingsWithThePapers) {
   std::map<std::string, int> rows;
   while (std::getline(csv, row)) ++rows[row.substr(1, row.find('"', 1) - 1)];
   EXPECT_EQ(rows["as in the paper, K = 4"], 4);
-  EXPECT_EQ(rows["by N"], 5);
-  EXPECT_EQ(rows["rays, by points"], 7);
-  EXPECT_EQ(rows["products, by order"], 4);
+  EXPECT_EQ(rows["rays from vertices"], 6);
+  EXPECT_EQ(rows["fields, by N"], 5);
+  EXPECT_EQ(rows["shadow rays, by points"], 7);
+  EXPECT_EQ(rows["shadows by products, by order"], 4);
   draws(chart, {"dynamic.svg"});
 }
 

@@ -60,43 +60,50 @@ std::vector<Setting> settings() {
     for (const int functions : {4, 8, 16, 32}) {
       Setting paper{
           "as in the paper, K = " + std::to_string(terms), "N = " + std::to_string(functions), {}, {}};
-      paper.transport.modes = dynamic::ModeKind::separate;
-      paper.transport.compression = 0.0;
+      paper.transport = dynamic::as_in_the_paper({});
       paper.transport.functions = functions;
       paper.transport.factors.largest = terms;
       paper.frame.exact_direct = false;
       all.push_back(paper);
     }
-  for (const int functions : {4, 8, 16, 32, 64}) {
-    all.push_back({"by N", "N = " + std::to_string(functions), {}, {}});
-    all.back().transport.functions = functions;
+  for (const int rays : {4, 8, 12, 16, 32, 64}) {
+    all.push_back({"rays from vertices", std::to_string(rays) + " rays", {}, {}});
+    all.back().frame.rays = rays;
   }
   for (const int terms : {1, 4, 9, 36}) {
     all.push_back({"by K", "K = " + std::to_string(terms), {}, {}});
     all.back().transport.factors = {.largest = terms, .error = 0.01};
   }
+  for (const int functions : {4, 8, 16, 32, 64}) {
+    all.push_back({"fields, by N", "N = " + std::to_string(functions), {}, {}});
+    all.back().transport.fields = true;
+    all.back().transport.functions = functions;
+  }
   for (const int order : {3, 4, 5, 6}) {
-    all.push_back({"by order", "n = " + std::to_string(order), {}, {}});
+    all.push_back({"fields, by order", "n = " + std::to_string(order), {}, {}});
+    all.back().transport.fields = true;
     all.back().transport.order = order;
   }
   for (const int points : {1, 2, 4, 8, 16, 32, 128}) {
-    all.push_back({"rays, by points", std::to_string(points) + " points", {}, {}});
+    all.push_back({"shadow rays, by points", std::to_string(points) + " points", {}, {}});
     all.back().frame.light_samples = points;
   }
   const auto add_without_rays = [&](const char* method, dynamic::DirectLightBy way, int order, int points,
                                     const std::string& what) {
     all.push_back({method, what, {}, {}});
+    all.back().transport.fields = true;
     all.back().transport.order = order;
     all.back().frame.direct = way;
     all.back().frame.light_samples = points;
   };
   for (const int points : {2, 4, 8, 16, 32})
-    add_without_rays("fields, by points", dynamic::DirectLightBy::field_edges, 4, points,
+    add_without_rays("shadows by fields, by points", dynamic::DirectLightBy::field_edges, 4, points,
                      std::to_string(points) + " points");
   for (const int order : {3, 4, 6, 8}) {
     const std::string what = "n = " + std::to_string(order);
-    add_without_rays("fields, by order", dynamic::DirectLightBy::field_edges, order, 16, what);
-    add_without_rays("products, by order", dynamic::DirectLightBy::field_products, order, 16, what);
+    add_without_rays("shadows by fields, by order", dynamic::DirectLightBy::field_edges, order, 16, what);
+    add_without_rays("shadows by products, by order", dynamic::DirectLightBy::field_products, order, 16,
+                     what);
   }
   return all;
 }
@@ -118,7 +125,7 @@ std::string csv(const std::vector<Charted>& rows) {
 
 /// shadows.png: the scene with shadows by rays, by edges of occlusion fields and by products of harmonics.
 void write_shadow_pictures(const DynamicChartArguments& arguments, const dynamic::DynamicScene& described) {
-  PreparedScene scene(described, {}, dynamic::TransportCache({}));
+  PreparedScene scene(described, {.fields = true}, dynamic::TransportCache({}));
   std::vector<Image> pictures;
   ExposureMeter meter;
   for (const auto way : {dynamic::DirectLightBy::rays, dynamic::DirectLightBy::field_edges,
@@ -165,9 +172,9 @@ void add_dynamic_chart(CLI::App& app, Action& action) {
   CLI::App* verb =
       app.add_subcommand("dynamic-chart", "Compare settings of moving scenes: error, frame time and size");
   verb->footer(
-      "Settings: number of basis functions, of BRDF terms, of spherical harmonics and of light samples; "
-      "shadows by\n"
-      "rays and by occlusion fields; the paper's method. Errors are relative to traced paths.\n"
+      "Settings: number of rays from vertices, of BRDF terms and of light samples; indirect light by fields\n"
+      "around objects, number of basis functions and of spherical harmonics; shadows by occlusion fields;\n"
+      "the paper's method. Errors are relative to traced paths.\n"
       "Example: refield-studies dynamic-chart datasets_synthetic/dynamic/rabbit.toml -o chart");
   verb->add_option("scene", arguments->scene, "Scene (TOML, docs/reference/scene-files.md)")->required();
   verb->add_option("-o,--output", arguments->folder, "Folder for dynamic.csv")->required();

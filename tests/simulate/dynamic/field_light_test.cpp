@@ -31,6 +31,7 @@ struct BallOverFloor {
     scene.objects[0].motion.path = {{0.0, {0, 0, 0}}};
     scene.objects[1].motion.path = {{0.0, {0, height, 0}}};
     TransportOptions options;
+    options.fields = true;
     options.order = order;
     options.functions = 1;
     options.rings = 6;

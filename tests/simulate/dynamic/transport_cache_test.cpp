@@ -26,6 +26,7 @@ MovingObject glossy_ball() {
 
 TransportOptions quick() {
   TransportOptions options;
+  options.fields = true;
   options.rings = 2;
   options.shells = 3;
   options.directions = 64;
