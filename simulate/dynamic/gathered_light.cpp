@@ -25,7 +25,7 @@ constexpr float same_side = 0.8f;
 /// Neighbours count up to half of the mean (harmonic) distance of what a vertex sees. Of 0 (all count), 1/2,
 /// 1, 2 and 4, the least that is within a tenth of paths at the foot of a wall and around a ball on a floor.
 constexpr float narrowness = 2.0f;
-/// h_k are looked up on a square of so many places a side, onto which the hemisphere is mapped.
+/// h_k are looked up on a square, onto which the hemisphere is mapped: places a side.
 constexpr int side_of_table = 48;
 /// K is padded to whole vectors of add_ray_shares().
 constexpr std::size_t lanes = 16;
