@@ -378,7 +378,7 @@ void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
       ->capture_default_str()
       ->group(group);
   verb.add_option("--rays", arguments.frame.rays, "Number of rays from each vertex, for indirect light")
-      ->check(CLI::Range(1, 4096))
+      ->check(CLI::Range(1, 1024))
       ->capture_default_str()
       ->group(group);
   verb.add_option("--bounces", arguments.frame.bounces, "Maximum number of indirect bounces")

@@ -38,7 +38,7 @@ double energy_of(std::span<const TermLight> light) {
 void FrameOptions::check() const {
   if (light_samples < 1 || light_samples > 65536)
     throw InputError("number of light samples: give 1 to 65536");
-  if (rays < 1 || rays > 4096) throw InputError("rays: give 1 to 4096");
+  if (rays < 1 || rays > 1024) throw InputError("rays: give 1 to 1024");
   if (bounces < 0 || bounces > 64) throw InputError("bounces: give 0 to 64");
   if (!(until >= 0.0 && until < 1.0)) throw InputError("until: give a fraction from 0 to below 1");
 }

@@ -20,6 +20,9 @@ using Eigen::Index;
 /// nearly as many as within two.
 constexpr std::size_t ray_patterns = 16;
 constexpr std::size_t vertices_of_batch = 64;
+/// More than two edges of regular meshes reach; the nearest of fans, whose middle has thousands of
+/// neighbours.
+constexpr std::size_t most_neighbours = 32;
 /// Neighbours face the same side: within 37°.
 constexpr float same_side = 0.8f;
 /// Neighbours count up to half of the mean (harmonic) distance of what a vertex sees. Of 0 (all count), 1/2,
@@ -82,7 +85,7 @@ std::vector<float> table_of(const BrdfFactors& factors) {
   return table;
 }
 
-/// Of each vertex, itself and those within two edges that face the same side.
+/// Of each vertex, itself and those within two edges that face the same side, the nearest of too many.
 void find_neighbours(const Mesh& mesh, std::vector<std::uint32_t>& near, std::vector<std::uint32_t>& first) {
   const std::size_t vertices = mesh.positions.size();
   std::vector<std::vector<std::uint32_t>> ring(vertices);
@@ -99,13 +102,22 @@ void find_neighbours(const Mesh& mesh, std::vector<std::uint32_t>& near, std::ve
     found.clear();
     for (const std::uint32_t next : ring[v]) {
       found.push_back(next);
-      found.insert(found.end(), ring[next].begin(), ring[next].end());
+      if (ring[next].size() <= most_neighbours)
+        found.insert(found.end(), ring[next].begin(), ring[next].end());
     }
     std::ranges::sort(found);
     found.erase(std::unique(found.begin(), found.end()), found.end());
+    std::erase_if(found, [&](std::uint32_t other) {
+      return other == v || mesh.normals[other].dot(mesh.normals[v]) <= same_side;
+    });
+    if (found.size() > most_neighbours) {
+      std::ranges::nth_element(found, found.begin() + most_neighbours, {}, [&](std::uint32_t other) {
+        return (mesh.positions[other] - mesh.positions[v]).squaredNorm();
+      });
+      found.resize(most_neighbours);
+    }
     near.push_back(static_cast<std::uint32_t>(v));
-    for (const std::uint32_t other : found)
-      if (other != v && mesh.normals[other].dot(mesh.normals[v]) > same_side) near.push_back(other);
+    near.insert(near.end(), found.begin(), found.end());
     first.push_back(static_cast<std::uint32_t>(near.size()));
   }
 }

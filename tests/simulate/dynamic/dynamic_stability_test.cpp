@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "simulate/dynamic/dynamic_light.h"
 #include "simulate/geometry/mesh_shapes.h"
@@ -30,6 +31,12 @@ struct Moving {
       rays.emplace_back(each.mesh);
       transport.push_back(object_transport(each, rays.back(), options));
     }
+    light.emplace(scene, rays, transport);
+  }
+
+  void replace_first(const Mesh& mesh) {
+    scene.objects[0].mesh = mesh;
+    rays[0] = prt::MeshRays(scene.objects[0].mesh);
     light.emplace(scene, rays, transport);
   }
 
@@ -126,6 +133,27 @@ TEST(DynamicStability, ExtremeMaterials) {
     expect_sound(moving.at({1.1f, 0, 0}, {0.3f, 2.0f, -0.5f}, by_fields), 1e4f);
     expect_sound(Moving(brdf).at({1.1f, 0, 0}, {0.3f, 2.0f, -0.5f}), 1e4f);
   }
+}
+
+TEST(DynamicStability, AFanOfThousandsOfTriangles) {
+  Brdf brdf;
+  brdf.specular.setConstant(0.5f);
+  brdf.lobe = Lobe::phong;
+  brdf.exponent = 10.0f;
+  Moving moving(brdf);
+  // The first ball becomes a disc whose middle has 20 000 neighbours: pairs of them would take 25 GB.
+  constexpr std::uint32_t corners = 20'000;
+  Mesh disc;
+  disc.positions.emplace_back(0.0f, 0.0f, 0.0f);
+  for (std::uint32_t i = 0; i < corners; ++i) {
+    const auto angle = static_cast<float>(i) * 2.0f * std::numbers::pi_v<float> / static_cast<float>(corners);
+    disc.positions.emplace_back(std::sin(angle), 0.0f, std::cos(angle));
+    disc.triangles.push_back({0, 1 + i, 1 + (i + 1) % corners});
+  }
+  disc.normals.assign(disc.positions.size(), Eigen::Vector3f::UnitY());
+  disc.colours.assign(disc.positions.size(), Eigen::Array3f::Ones());
+  moving.replace_first(disc);
+  expect_sound(moving.at({0.2f, 0.6f, 0}, {0.3f, 2.0f, -0.5f}), 1e4f);
 }
 
 TEST(DynamicStability, NoPoppingAsOneObjectEntersAnother) {
