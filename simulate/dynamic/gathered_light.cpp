@@ -22,7 +22,7 @@ constexpr std::size_t ray_patterns = 16;
 constexpr std::size_t vertices_of_batch = 64;
 /// More than two edges of regular meshes reach; the nearest of fans, whose middle has thousands of
 /// neighbours.
-constexpr std::size_t most_neighbours = 32;
+constexpr std::size_t max_neighbours = 32;
 /// Neighbours face the same side: within 37°.
 constexpr float same_side = 0.8f;
 /// Neighbours count up to half of the mean (harmonic) distance of what a vertex sees. Of 0 (all count), 1/2,
@@ -102,7 +102,7 @@ void find_neighbours(const Mesh& mesh, std::vector<std::uint32_t>& near, std::ve
     found.clear();
     for (const std::uint32_t next : ring[v]) {
       found.push_back(next);
-      if (ring[next].size() <= most_neighbours)
+      if (ring[next].size() <= max_neighbours)
         found.insert(found.end(), ring[next].begin(), ring[next].end());
     }
     std::ranges::sort(found);
@@ -110,11 +110,11 @@ void find_neighbours(const Mesh& mesh, std::vector<std::uint32_t>& near, std::ve
     std::erase_if(found, [&](std::uint32_t other) {
       return other == v || mesh.normals[other].dot(mesh.normals[v]) <= same_side;
     });
-    if (found.size() > most_neighbours) {
-      std::ranges::nth_element(found, found.begin() + most_neighbours, {}, [&](std::uint32_t other) {
+    if (found.size() > max_neighbours) {
+      std::ranges::nth_element(found, found.begin() + max_neighbours, {}, [&](std::uint32_t other) {
         return (mesh.positions[other] - mesh.positions[v]).squaredNorm();
       });
-      found.resize(most_neighbours);
+      found.resize(max_neighbours);
     }
     near.push_back(static_cast<std::uint32_t>(v));
     near.insert(near.end(), found.begin(), found.end());
