@@ -157,7 +157,7 @@ void sort_alike(std::vector<Eigen::Vector3f>& directions, std::size_t count) {
 
 GatheredLight::GatheredLight(const DynamicScene& scene, std::span<const prt::MeshRays> rays,
                              std::span<const ObjectTransport> transport)
-    : scene_(scene), rays_(rays), transport_(transport), surfaces_(scene.objects.size()), first_vertex_{0} {
+    : scene_(scene), transport_(transport), surfaces_(scene.objects.size()), first_vertex_{0} {
   for (std::uint32_t o = 0; o < scene.objects.size(); ++o) {
     const Mesh& mesh = scene.objects[o].mesh;
     const auto vertices = static_cast<std::uint32_t>(mesh.positions.size());

@@ -24,7 +24,7 @@ namespace refield::dynamic {
 /// light of the vertex nearest to the hit. Limit: Embree's rays, three quarters of the time.
 class GatheredLight {
  public:
-  /// All must outlive it; `rays` and `transport` [objects].
+  /// `scene` and `transport` must outlive it; `rays` and `transport` [objects].
   GatheredLight(const DynamicScene& scene, std::span<const prt::MeshRays> rays,
                 std::span<const ObjectTransport> transport);
 
@@ -69,7 +69,6 @@ class GatheredLight {
   }
 
   const DynamicScene& scene_;
-  std::span<const prt::MeshRays> rays_;
   std::span<const ObjectTransport> transport_;
   std::vector<Surface> surfaces_;            // [objects]
   std::vector<std::uint32_t> first_vertex_;  // [objects + 1], of all

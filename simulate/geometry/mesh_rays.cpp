@@ -94,33 +94,44 @@ void RayScene::commit() {
   rtcCommitScene(scene_.get());
 }
 
-std::uint32_t RayScene::unoccluded(std::span<const Eigen::Vector3f> points,
-                                   std::span<const Eigen::Vector3f> directions,
-                                   std::span<const float> distance, bool coherent) const {
-  if (points.empty()) return 0;
-  alignas(64) RTCRay16 rays;
-  alignas(64) int valid[ray_packet];
-  const std::size_t count = std::min(points.size(), ray_packet);
+namespace {
+
+/// Of up to 16 rays: fills all but the lengths, and says how many there are.
+std::size_t fill_packet(std::span<const Eigen::Vector3f> origins, std::span<const Eigen::Vector3f> directions,
+                        RTCRay16& rays, std::span<int, ray_packet> valid) {
+  const std::size_t count = std::min(origins.size(), ray_packet);
   for (std::size_t i = 0; i < ray_packet; ++i) {
     // Idle lanes hold the first ray: what is in them is looked at where packets go through instances.
     const std::size_t of = i < count ? i : 0;
     valid[i] = i < count ? -1 : 0;
-    rays.org_x[i] = points[of].x();
-    rays.org_y[i] = points[of].y();
-    rays.org_z[i] = points[of].z();
+    rays.org_x[i] = origins[of].x();
+    rays.org_y[i] = origins[of].y();
+    rays.org_z[i] = origins[of].z();
     rays.dir_x[i] = directions[of].x();
     rays.dir_y[i] = directions[of].y();
     rays.dir_z[i] = directions[of].z();
-    rays.tfar[i] = distance[of];
     rays.tnear[i] = rays.time[i] = 0.0f;
     rays.id[i] = static_cast<unsigned>(i);
     rays.mask[i] = ~0u;
     rays.flags[i] = 0;
   }
+  return count;
+}
+
+}  // namespace
+
+std::uint32_t RayScene::unoccluded(std::span<const Eigen::Vector3f> points,
+                                   std::span<const Eigen::Vector3f> directions,
+                                   std::span<const float> distance, bool coherent) const {
+  if (points.empty()) return 0;
+  alignas(64) RTCRay16 rays;
+  alignas(64) std::array<int, ray_packet> valid;
+  const std::size_t count = fill_packet(points, directions, rays, valid);
+  for (std::size_t i = 0; i < ray_packet; ++i) rays.tfar[i] = distance[i < count ? i : 0];
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   if (coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-  rtcOccluded16(valid, scene_.get(), &context, &rays);
+  rtcOccluded16(valid.data(), scene_.get(), &context, &rays);
   std::uint32_t free = 0;
   for (std::size_t i = 0; i < count; ++i) free |= static_cast<std::uint32_t>(rays.tfar[i] >= 0.0f) << i;
   return free;
@@ -168,29 +179,19 @@ std::optional<FirstHit> RayScene::first_hit(const Eigen::Vector3f& origin,
 void RayScene::first_hits(std::span<const Eigen::Vector3f> origins,
                           std::span<const Eigen::Vector3f> directions,
                           std::span<std::optional<FirstHit>> hits) const {
+  if (origins.empty()) return;
   RTCRayHit16 query;
-  alignas(64) std::array<int, ray_packet> valid{};
-  RTCRay16& rays = query.ray;
+  alignas(64) std::array<int, ray_packet> valid;
+  const std::size_t count = fill_packet(origins, directions, query.ray, valid);
   for (std::size_t i = 0; i < ray_packet; ++i) {
-    const std::size_t of = std::min(i, origins.size() - 1);
-    valid[i] = i < origins.size() ? -1 : 0;
-    rays.org_x[i] = origins[of].x();
-    rays.org_y[i] = origins[of].y();
-    rays.org_z[i] = origins[of].z();
-    rays.dir_x[i] = directions[of].x();
-    rays.dir_y[i] = directions[of].y();
-    rays.dir_z[i] = directions[of].z();
-    rays.tnear[i] = rays.time[i] = 0.0f;
-    rays.tfar[i] = std::numeric_limits<float>::infinity();
-    rays.mask[i] = ~0u;
-    rays.id[i] = rays.flags[i] = 0;
+    query.ray.tfar[i] = std::numeric_limits<float>::infinity();
     query.hit.geomID[i] = query.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
   }
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   rtcIntersect16(valid.data(), scene_.get(), &context, &query);
   const RTCHit16& hit = query.hit;
-  for (std::size_t i = 0; i < origins.size(); ++i) {
+  for (std::size_t i = 0; i < count; ++i) {
     hits[i].reset();
     if (hit.geomID[i] != RTC_INVALID_GEOMETRY_ID)
       hits[i] = FirstHit{hit.geomID[i],
@@ -198,7 +199,7 @@ void RayScene::first_hits(std::span<const Eigen::Vector3f> origins,
                          hit.primID[i],
                          hit.u[i],
                          hit.v[i],
-                         rays.tfar[i],
+                         query.ray.tfar[i],
                          {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]}};
   }
 }
