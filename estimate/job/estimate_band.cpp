@@ -197,11 +197,11 @@ BandEstimator::Rows BandEstimator::correct(const Rows& kernels, int sweep) const
   const RowRange rows{std::max(input_.rows.first - left, fitted_.first),
                       std::min(input_.rows.last + left, fitted_.last)};
   const PixelAccess grid{width_,
-                       fitted_.first,
-                       fitted_.last,
-                       [&](int x, int y) { return samples(x, y); },
-                       [&](int x, int y) -> const PixelKernels& { return kernels.at(x, y); },
-                       [&](int x, int y) { return active(x, y); }};
+                         fitted_.first,
+                         fitted_.last,
+                         [&](int x, int y) { return samples(x, y); },
+                         [&](int x, int y) -> const PixelKernels& { return kernels.at(x, y); },
+                         [&](int x, int y) { return active(x, y); }};
   Rows next(width_, fitted_);
   for_each(tiles_of(width_, rows), [&](const PixelTile& tile, FitWorker& own) {
     next.set(tile, correct_tile(grid, tile, own.model.cache(), own.weights, run_));

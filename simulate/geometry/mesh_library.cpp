@@ -244,8 +244,8 @@ std::uint32_t ignored_parts_of(const aiMaterial& material) {
 
 /// glTF and the PBR extension of MTL (Pm, Pr) have metallic-roughness. Else highlights are those of MTL: Ks
 /// is the reflectance beside Kd, Ns the exponent n of Blinn's half-vector lobe, as wide as a GGX lobe of α² =
-/// 2/(n + 2) (Walter et al. 2007, section 5.2). Unlit glTF materials, which scans have, are matt: their colour
-/// is all that was measured.
+/// 2/(n + 2) (Walter et al. 2007, section 5.2). Unlit glTF materials, which scans have, are matt: their
+/// colour is all that was measured.
 void read_lobe(const aiMaterial& material, bool is_gltf, ImportedMaterial& result) {
   constexpr float dielectric = 0.04f;  // index of refraction 1.5: glTF 2.0, appendix B
   int shading = 0;
