@@ -3,11 +3,12 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include "core/base/linear_algebra.h"
 
 namespace refield {
 
@@ -70,9 +71,7 @@ Deviation::Deviation(const std::vector<ExposedLight>& light) {
     for (int k = 0; k < terms; ++k)
       smooth(i, k) = std::pow(std::log(light[i].exposure_s / light[0].exposure_s), k);
   }
-  const Eigen::MatrixXd weighted = weight_.asDiagonal() * smooth;
-  smooth_ =
-      Eigen::HouseholderQR<Eigen::MatrixXd>(weighted).householderQ() * Eigen::MatrixXd::Identity(n, terms);
+  smooth_ = orthonormal_basis(weight_.asDiagonal() * smooth);
   const Eigen::VectorXd expected = weight_.cwiseInverse().asDiagonal() *
                                    (smooth_ * (smooth_.transpose() * weight_.cwiseProduct(brightness)));
   values = (brightness - expected).array().exp() - 1.0;

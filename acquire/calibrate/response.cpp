@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/response.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <cerrno>
@@ -9,6 +9,7 @@
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 
 namespace refield {
 
@@ -207,7 +208,7 @@ class ResponseSystem {
       mean(knot + 1) += above;
     }
     const Eigen::VectorXd solution =
-        normal_.bottomRightCorner(size - 1, size - 1).ldlt().solve(mean.tail(size - 1));
+        solve_symmetric(normal_.bottomRightCorner(size - 1, size - 1), mean.tail(size - 1));
     const double top = solution(knots - 2);
     light_.assign(size, 0.0);
     for (int k = 1; k < size; ++k) light_[k] = solution(k - 1) / top;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/colour/colour_chart.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +16,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/least_squares.h"
+#include "core/base/linear_algebra.h"
 #include "core/image/colour.h"
 #include "core/image/tone_map.h"
 
@@ -76,7 +78,7 @@ Parameters linear_fit(const Colours& camera) {
       target[3 * k + c] = weight * reference[c];
     }
   }
-  return system.colPivHouseholderQr().solve(target);
+  return solve_least_squares(system, target);
 }
 
 /// Differences in L*a*b*, those of chroma divided as in CIE94 by 1 + 0.045 C.
@@ -272,9 +274,9 @@ std::optional<Matrix3d> homography_of(const std::vector<GridPoint>& points) {
     system.row(2 * i) << from, Eigen::RowVector3d::Zero(), -at.x() * from;
     system.row(2 * i + 1) << Eigen::RowVector3d::Zero(), from, -at.y() * from;
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(system, Eigen::ComputeFullV);
-  if (svd.singularValues()[7] < 1e-6 * svd.singularValues()[0]) return std::nullopt;
-  const Eigen::VectorXd h = svd.matrixV().col(8);
+  const SingularValues svd = singular_values(system);
+  if (svd.values[7] < 1e-6 * svd.values[0]) return std::nullopt;
+  const Eigen::VectorXd h = svd.v.col(8);
   Matrix3d scaled, back;
   scaled << h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8];
   back << spread, 0.0, mean.x(), 0.0, spread, mean.y(), 0.0, 0.0, 1.0;

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/hdr/relative_map.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 
 namespace refield {
 
@@ -102,7 +103,7 @@ RelativeMap fit_relative_map(const Image& image, const Image& weight, int column
       if (i > 0 && i + 1 < columns) add_straightness(normal, node - 1, node, node + 1, pull);
       if (j > 0 && j + 1 < rows) add_straightness(normal, node - columns, node, node + columns, pull);
     }
-  const Eigen::VectorXd fitted = normal.ldlt().solve(right);
+  const Eigen::VectorXd fitted = solve_symmetric(normal, right);
   RelativeMap map{columns, rows, std::vector<float>(nodes)};
   for (int node = 0; node < nodes; ++node)
     map.values[node] = static_cast<float>(fitted(node) / fitted.maxCoeff());

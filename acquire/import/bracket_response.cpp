@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/import/bracket_response.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <algorithm>
 #include <array>
@@ -11,6 +11,7 @@
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/image/tone_map.h"
 
 namespace refield {
@@ -233,7 +234,7 @@ class LogResponse {
       normal += flatness * data * slope * slope.transpose();
     }
     normal(knots - 1, knots - 1) += data;  // the scale is free
-    coefficients_ = normal.ldlt().solve(right);
+    coefficients_ = solve_symmetric(normal, right);
   }
 
   double light(double share) const {

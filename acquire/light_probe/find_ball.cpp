@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/light_probe/find_ball.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -11,6 +11,7 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
 
 namespace refield {
@@ -74,8 +75,7 @@ Cone fit_cone(std::span<const Eigen::Vector2d> points, const ProbeCamera& camera
     Eigen::VectorXd weight(r.size());
     for (Eigen::Index i = 0; i < r.size(); ++i) weight[i] = tukey(r[i], reach);
     const Eigen::Matrix3d normal = jacobian.transpose() * weight.asDiagonal() * jacobian;
-    const Eigen::Vector3d change =
-        normal.ldlt().solve(-jacobian.transpose() * weight.asDiagonal() * r).eval();
+    const Eigen::Vector3d change = solve_symmetric(normal, -jacobian.transpose() * weight.asDiagonal() * r);
     if (!change.allFinite()) break;
     cone.centre += change.head<2>();
     cone.radius += change[2];
@@ -104,7 +104,7 @@ ImageCircle fit_circle(std::span<const Eigen::Vector2d> points) {
     normal += row * row.transpose();
     right += q.squaredNorm() * row;
   }
-  const Eigen::Vector3d solution = normal.ldlt().solve(right);
+  const Eigen::Vector3d solution = solve_symmetric(normal, right);
   const Eigen::Vector2d centre = solution.head<2>() / 2.0;
   return {mean + centre, std::sqrt(std::max(0.0, solution[2] + centre.squaredNorm()))};
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/light_probe/monitor_by_ball.h"
 
-#include <Eigen/Dense>
 #include <Eigen/Geometry>
 
 #include <algorithm>
@@ -12,6 +11,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/least_squares.h"
+#include "core/base/linear_algebra.h"
 
 namespace refield {
 
@@ -70,8 +70,7 @@ ScreenPose first_pose(std::span<const SpotReflection> spots, const MirrorBall& b
     for (int r = 0; r < 3; ++r)
       for (int k = 0; k < 3; ++k) system.block<1, 3>(3 * i + r, 3 * k) = cross(r, k) * q;
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(system, Eigen::ComputeFullV);
-  const VectorXd h = svd.matrixV().col(8);
+  const VectorXd h = singular_values(system).v.col(8);
   Matrix3d plane = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(h.data());
   // The screen is where the light comes from, not opposite.
   double ahead = 0.0;
@@ -80,8 +79,8 @@ ScreenPose first_pose(std::span<const SpotReflection> spots, const MirrorBall& b
   const double scale = 0.5 * (plane.col(0).norm() + plane.col(1).norm());
   Matrix3d axes;
   axes << plane.col(0), plane.col(1), plane.col(0).cross(plane.col(1)) / scale;
-  const Eigen::JacobiSVD<Matrix3d> nearest(axes, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return {nearest.matrixU() * nearest.matrixV().transpose(), plane.col(2) / scale * height_mm};
+  const SingularValues nearest = singular_values(axes);
+  return {nearest.u * nearest.v.transpose(), plane.col(2) / scale * height_mm};
 }
 
 /// Turn (axis × angle), middle of the screen in its heights, and the ball's centre and radius in standard
@@ -141,7 +140,7 @@ Solution solve_pose(const Problem& problem) {
     const LeastSquaresFit fit =
         least_squares([&](const VectorXd& x) { return problem.residuals(x, sigma); }, solution.x, 1e-5, 1e-9);
     solution.x = fit.parameters;
-    solution.covariance = (fit.jacobian.transpose() * fit.jacobian).inverse();
+    solution.covariance = inverse(fit.jacobian.transpose() * fit.jacobian);
     const auto spots = static_cast<double>(problem.spots.size());
     const double sum = fit.residuals.head(fit.residuals.size() - 3).squaredNorm() * sigma * sigma;
     solution.rms_px = std::sqrt(sum / spots);

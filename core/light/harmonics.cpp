@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/light/harmonics.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+
+#include "core/base/linear_algebra.h"
 
 namespace refield {
 
@@ -95,8 +96,7 @@ Eigen::MatrixXd harmonic_rotation(int order, const Eigen::Matrix3d& rotation) {
   for (int band = 0; band < order; ++band) {
     const int first = band * band, size = 2 * band + 1;
     const Eigen::MatrixXd basis = values.middleCols(first, size);
-    matrix.block(first, first, size, size) =
-        basis.colPivHouseholderQr().solve(turned.middleCols(first, size));
+    matrix.block(first, first, size, size) = solve_least_squares(basis, turned.middleCols(first, size));
   }
   return matrix;
 }

@@ -9,7 +9,7 @@
 #include <optional>
 #include <utility>
 
-#include "core/base/symmetric_eigen.h"
+#include "core/base/linear_algebra.h"
 #include "core/image/metrics.h"
 #include "estimate/fit/vector_kernels.h"
 

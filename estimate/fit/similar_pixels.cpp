@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/base/symmetric_eigen.h"
+#include "core/base/linear_algebra.h"
 #include "estimate/fit/sample_pooling.h"
 #include "estimate/fit/vector_kernels.h"
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <numbers>
 
-#include "core/base/symmetric_eigen.h"
+#include "core/base/linear_algebra.h"
 #include "core/light/cube_map.h"
 #include "core/light/light_map.h"
 

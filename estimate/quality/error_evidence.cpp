@@ -8,8 +8,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
-#include "core/base/symmetric_eigen.h"
 #include "estimate/fit/texel_regression.h"
 
 namespace refield {

@@ -12,6 +12,7 @@
 #include <limits>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "estimate/fit/box_table.h"
@@ -234,7 +235,7 @@ void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& miss
     dots(series, &row, 1, way.stride, &product);
     right[a] = -product;
   }
-  const Eigen::VectorXd values = inner.ldlt().solve(right);
+  const Eigen::VectorXd values = solve_symmetric(inner, right);
   for (Eigen::Index a = 0; a < count; ++a) series[missing[a]] = static_cast<float>(values[a]);
 }
 

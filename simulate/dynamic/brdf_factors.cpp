@@ -11,8 +11,8 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
-#include "core/base/symmetric_eigen.h"
 
 namespace refield::dynamic {
 

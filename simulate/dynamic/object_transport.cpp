@@ -11,8 +11,8 @@
 #include <span>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
-#include "core/base/symmetric_eigen.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/transfer_samples.h"

@@ -2,8 +2,6 @@
 #include "simulate/dynamic/surface_basis.h"
 
 #include <Eigen/Core>
-#include <Eigen/LU>
-#include <Eigen/QR>
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +9,9 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
-#include "core/base/symmetric_eigen.h"
 #include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
@@ -30,11 +28,11 @@ double condition_of(const Eigen::MatrixXd& a) {
 }
 
 Eigen::MatrixXf inverse_of(const Eigen::MatrixXf& a, double condition) {
-  Eigen::MatrixXf inverse = a.inverse();
-  if (!inverse.allFinite())
+  Eigen::MatrixXf result = inverse(a.cast<double>()).cast<float>();
+  if (!result.allFinite())
     throw SolverError("The matrix of equation 7 has no inverse (condition " + std::to_string(condition) +
                       "): use fewer functions, or orthonormal weights");
-  return inverse;
+  return result;
 }
 
 /// One function after another, less what those before it have of it, twice for rounding (Gram and Schmidt).
@@ -89,8 +87,7 @@ Eigen::MatrixXf patterns_of(Eigen::MatrixXf light, Eigen::Index terms) {
 }
 
 Eigen::MatrixXf orthonormal_columns(const Eigen::MatrixXf& matrix) {
-  return Eigen::HouseholderQR<Eigen::MatrixXf>(matrix).householderQ() *
-         Eigen::MatrixXf::Identity(matrix.rows(), matrix.cols());
+  return orthonormal_basis(matrix.cast<double>()).cast<float>();
 }
 
 /// Spans the first left singular vectors of root · patterns, [vertices × columns].

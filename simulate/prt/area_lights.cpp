@@ -13,14 +13,20 @@ namespace {
 
 constexpr double brightest = 1e6;
 
+/// Turns Y towards a unit direction. (Eigen's FromTwoVectors takes fifteen seconds to compile.)
+Eigen::Quaternionf turn_of_y(const Eigen::Vector3f& direction) {
+  constexpr float opposite = -0.999999f;
+  if (direction.y() < opposite) return {0.0f, 1.0f, 0.0f, 0.0f};
+  return Eigen::Quaternionf(1.0f + direction.y(), direction.z(), 0.0f, -direction.x()).normalized();
+}
+
 }  // namespace
 
 Eigen::Isometry3f AreaLight::pose(const Eigen::Vector3f& position) const {
   Eigen::Isometry3f pose = Eigen::Isometry3f::Identity();
   pose.translation() = position;
   if (towards && *towards != position)
-    pose.linear() =
-        Eigen::Quaternionf::FromTwoVectors(Eigen::Vector3f::UnitY(), *towards - position).toRotationMatrix();
+    pose.linear() = turn_of_y((*towards - position).normalized()).toRotationMatrix();
   return pose;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/singular_values.h"
 
-#include "core/base/symmetric_eigen.h"
+#include "core/base/linear_algebra.h"
 
 namespace refield::test {
 

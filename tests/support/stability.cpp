@@ -9,8 +9,8 @@
 #include <fstream>
 #include <limits>
 
+#include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
-#include "core/base/symmetric_eigen.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "tests/support/synthetic_capture.h"

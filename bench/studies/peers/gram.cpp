@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/base/symmetric_eigen.h"
+#include "core/base/linear_algebra.h"
 
 namespace refield::peers {
 
