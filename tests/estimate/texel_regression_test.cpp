@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
-#include "core/base/symmetric_eigen.h"
 #include "core/field/light_error.h"
 #include "core/image/metrics.h"
 #include "estimate/estimate.h"
@@ -96,10 +96,11 @@ struct LightStage {
 };
 
 /// Photographs [images × pixels] with noise of a part of each pixel's mean.
-Eigen::MatrixXd photographs_of(const LightStage& stage, const Eigen::MatrixXd& lights, double noise) {
+Eigen::MatrixXd photographs_of(const LightStage& stage, const Eigen::MatrixXd& lights, double noise,
+                               std::uint64_t seed = 3) {
   Eigen::MatrixXd samples = lights * stage.transport.transpose();
   const Eigen::VectorXd mean = samples.colwise().mean();
-  Rng rng(3);
+  Rng rng(seed);
   for (Eigen::Index p = 0; p < samples.cols(); ++p)
     for (Eigen::Index j = 0; j < samples.rows(); ++j) samples(j, p) += noise * mean(p) * rng.normal();
   return samples;
@@ -315,20 +316,29 @@ std::pair<double, double> prediction_of(const ReflectanceField& field, const Lig
 TEST(TexelRegression, ErrorIsPredictedForLightOfOtherKinds) {
   const LightStage stage(60);
   const Eigen::MatrixXd lights = stage.natural_light(40, 1);
-  const auto field = estimate_stage(stage, lights, photographs_of(stage, lights, 0.01), true);
-  ASSERT_GT(field.quality.light_error.classes(), 1u);
   const struct {
     const char* kind;
     Eigen::MatrixXd lights;
   } tests[] = {{"natural", stage.natural_light(40, 77)},
                {"bars", stage.bars(12)},
                {"single sources", Eigen::MatrixXd::Identity(60, 60)}};
-  for (const auto& test : tests) {
-    const auto [rank, ratio] = prediction_of(field, stage, test.lights);
-    // One draw of the noise: its error under light of few degrees of freedom is itself random.
-    EXPECT_GT(rank, 0.6) << test.kind;
-    EXPECT_GT(ratio, 0.7) << test.kind;
-    EXPECT_LT(ratio, 1.4) << test.kind;
+  // The error under light of few degrees of freedom is itself random: the mean over draws of the noise.
+  constexpr int draws = 4;
+  std::array<double, std::size(tests)> ranks{}, ratios{};
+  for (int draw = 0; draw < draws; ++draw) {
+    const auto samples = photographs_of(stage, lights, 0.01, 3 + static_cast<std::uint64_t>(draw));
+    const auto field = estimate_stage(stage, lights, samples, true);
+    ASSERT_GT(field.quality.light_error.classes(), 1u);
+    for (std::size_t i = 0; i < ranks.size(); ++i) {
+      const auto [rank, ratio] = prediction_of(field, stage, tests[i].lights);
+      ranks[i] += rank / draws;
+      ratios[i] += ratio / draws;
+    }
+  }
+  for (std::size_t i = 0; i < ranks.size(); ++i) {
+    EXPECT_GT(ranks[i], 0.6) << tests[i].kind;
+    EXPECT_GT(ratios[i], 0.7) << tests[i].kind;
+    EXPECT_LT(ratios[i], 1.4) << tests[i].kind;
   }
 }
 
