@@ -18,6 +18,17 @@ namespace {
 
 /// Diffuse radiance as the coefficient of y_00 over I_00: (1/π) (I_0 / y_00) / y_00.
 constexpr float diffuse_factor = 4.0f;
+/// Directions at which a gain is sampled.
+constexpr int gain_samples = 384;
+
+/// Values of the first `count` harmonics, count a square.
+Eigen::RowVectorXf harmonics_towards(const Eigen::Vector3f& direction, Eigen::Index count) {
+  const int order = static_cast<int>(std::lround(std::sqrt(static_cast<double>(count))));
+  Eigen::RowVectorXd values(count);
+  evaluate_harmonics(order, direction.cast<double>().normalized(),
+                     {values.data(), static_cast<std::size_t>(count)});
+  return values.cast<float>();
+}
 
 bool is_grey(const Eigen::Array3f& colour) {
   return (colour == colour[0]).all();
@@ -34,13 +45,26 @@ std::vector<double> lobe_factors(double exponent, int order) {
 }
 
 SurfaceResponse::SurfaceResponse(const Scene& scene, int order) : scene_(&scene) {
+  bool gains = false;
   for (const Material& material : scene.materials) {
     if (!material.is_diffuse()) outputs_ = harmonics_of(order);
     const std::vector<double> bands = lobe_factors(material.exponent, order);
-    std::vector<float>& lobe = lobe_.emplace_back();
+    Eigen::VectorXf& lobe = lobe_.emplace_back(harmonics_of(order));
     for (int l = 0; l < order; ++l)
-      lobe.insert(lobe.end(), 2 * static_cast<std::size_t>(l) + 1,
-                  static_cast<float>(bands[static_cast<std::size_t>(l)]));
+      lobe.segment(l * l, 2 * l + 1).setConstant(static_cast<float>(bands[static_cast<std::size_t>(l)]));
+    gain_.emplace_back();
+    if (material.is_diffuse() || material.roughness <= 0.0f) continue;
+    gain_.back().emplace(material.roughness);
+    gains = true;
+  }
+  if (gains) {
+    const std::vector<Eigen::Vector3d> sights = hammersley_sphere(gain_samples);
+    sights_.resize(gain_samples, 3);
+    at_sights_.resize(gain_samples, harmonics_of(order));
+    for (Eigen::Index i = 0; i < gain_samples; ++i) {
+      sights_.row(i) = sights[static_cast<std::size_t>(i)].transpose().cast<float>();
+      at_sights_.row(i) = harmonics_towards(sights_.row(i).transpose(), at_sights_.cols());
+    }
   }
   for (std::size_t v = 0; v < scene.mesh.positions.size() && grey_; ++v)
     grey_ = prt::is_grey(diffuse(v)) && prt::is_grey(scene.specular(v));
@@ -50,37 +74,59 @@ Eigen::Array3f SurfaceResponse::diffuse(std::size_t vertex) const {
   return material(vertex).diffuse * scene_->mesh.colours[vertex];
 }
 
-Eigen::Array3f SurfaceResponse::factor(std::size_t vertex, int harmonic) const {
-  const float lobe = lobe_[scene_->material_of_vertex[vertex]][static_cast<std::size_t>(harmonic)];
-  Eigen::Array3f factor = scene_->specular(vertex) * lobe;
-  if (harmonic == 0) factor += diffuse_factor * diffuse(vertex);
-  return factor;
-}
-
 Eigen::Array3f SurfaceResponse::colour(std::size_t vertex) const {
   if (material(vertex).is_diffuse()) return diffuse(vertex);
   if ((diffuse(vertex) == 0.0f).all()) return scene_->specular(vertex);
   return Eigen::Array3f::Ones();
 }
 
-Eigen::Array3f SurfaceResponse::factor_before_colour(std::size_t vertex, int harmonic) const {
-  if (material(vertex).is_diffuse()) return Eigen::Array3f::Constant(harmonic == 0 ? diffuse_factor : 0.0f);
-  if ((diffuse(vertex) == 0.0f).all())
-    return Eigen::Array3f::Constant(
-        lobe_[scene_->material_of_vertex[vertex]][static_cast<std::size_t>(harmonic)]);
-  return factor(vertex, harmonic);
+std::array<RowMatrix, 2> SurfaceResponse::gain(std::size_t vertex) const {
+  const GgxGain& gain = *gain_[scene_->material_of_vertex[vertex]];
+  const Eigen::VectorXf cosines = sights_ * scene_->mesh.normals[vertex];
+  constexpr float weight = 4.0f * std::numbers::pi_v<float> / gain_samples;
+  Eigen::VectorXf scale(cosines.size()), offset(cosines.size());
+  for (Eigen::Index i = 0; i < cosines.size(); ++i) {
+    const GgxGain::At at = gain(cosines[i]);
+    scale[i] = weight * (at.scale - 1.0f);  // a gain of one is the identity, whatever the samples
+    offset[i] = weight * at.offset;
+  }
+  std::array<RowMatrix, 2> matrices = {at_sights_.transpose() * scale.asDiagonal() * at_sights_,
+                                       at_sights_.transpose() * offset.asDiagonal() * at_sights_};
+  matrices[0].diagonal().array() += 1.0f;
+  return matrices;
+}
+
+std::array<RowMatrix, 3> SurfaceResponse::reflect(std::size_t vertex, std::span<const RowMatrix> light,
+                                                  bool with_colour) const {
+  const std::uint16_t material = scene_->material_of_vertex[vertex];
+  const Eigen::Array3f colour = this->colour(vertex), diffuse = this->diffuse(vertex);
+  const bool shines = !scene_->materials[material].is_diffuse(), both = (diffuse != 0.0f).any();
+  std::array<RowMatrix, 2> gain;
+  if (shines && gain_[material]) gain = this->gain(vertex);
+  std::array<RowMatrix, 3> sent;
+  for (std::size_t c = 0; c < sent.size(); ++c) {
+    const RowMatrix& arriving = light[std::min(c, light.size() - 1)];
+    RowMatrix& out = sent[c] = RowMatrix::Zero(arriving.rows(), arriving.cols());
+    // Colours come last where they multiply all that a vertex sends.
+    const auto k = static_cast<Eigen::Index>(c);
+    const float last = with_colour || (shines && both) ? 1.0f : colour[k];
+    const auto part = [&](float reflectance) { return last == 1.0f ? reflectance : 1.0f; };
+    if (shines) {
+      const float specular = part(scene_->specular(vertex)[k]);
+      const RowMatrix lobe = lobe_[material].asDiagonal() * arriving;
+      if (!gain_[material])
+        out = specular * lobe;
+      else if (both && specular > 0.0f)
+        out.noalias() = (specular * gain[0] + gain[1]) * lobe;
+      else  // as GgxGain::At: metals keep their colour
+        out.noalias() = specular * (gain[0] + gain[1]) * lobe;
+    }
+    if (!shines || both) out.row(0) += diffuse_factor * part(diffuse[k]) * arriving.row(0);
+  }
+  return sent;
 }
 
 namespace {
-
-/// Values of the first `count` harmonics, count a square.
-Eigen::RowVectorXf harmonics_towards(const Eigen::Vector3f& direction, Eigen::Index count) {
-  const int order = static_cast<int>(std::lround(std::sqrt(static_cast<double>(count))));
-  Eigen::RowVectorXd values(count);
-  evaluate_harmonics(order, direction.cast<double>().normalized(),
-                     {values.data(), static_cast<std::size_t>(count)});
-  return values.cast<float>();
-}
 
 /// Calls work(begin, end) for blocks of successive vertices on all cores.
 template <class Work>
@@ -116,6 +162,12 @@ ArrivingLight::Strided ArrivingLight::of(std::size_t vertex, int channel) {
 ArrivingLight::ConstStrided ArrivingLight::of(std::size_t vertex, int channel) const {
   return {values.data() + start(vertex, channel), rows, columns,
           Eigen::OuterStride<>(Eigen::Index{channels} * columns)};
+}
+
+std::vector<RowMatrix> ArrivingLight::channels_of(std::size_t vertex) const {
+  std::vector<RowMatrix> all;
+  for (int c = 0; c < channels; ++c) all.emplace_back(of(vertex, c));
+  return all;
 }
 
 struct HarmonicPasses::Block {
@@ -238,12 +290,10 @@ ArrivingLight HarmonicPasses::shadow(const RunContext& run) {
 ArrivingLight HarmonicPasses::reflect(const ArrivingLight& light) const {
   const std::size_t vertices = scene_.mesh.positions.size();
   ArrivingLight sent(vertices, light.rows, light.columns, response_.is_grey() ? 1 : 3);
-  for (std::size_t v = 0; v < vertices; ++v)
-    for (int i = 0; i < light.rows; ++i) {
-      const Eigen::Array3f factor = response_.factor(v, i);
-      for (int c = 0; c < sent.channels; ++c)
-        sent.of(v, c).row(i) = factor[c] * light.of(v, std::min(c, light.channels - 1)).row(i);
-    }
+  tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
+    const std::array<RowMatrix, 3> out = response_.reflect(v, light.channels_of(v), true);
+    for (int c = 0; c < sent.channels; ++c) sent.of(v, c) = out[static_cast<std::size_t>(c)];
+  });
   return sent;
 }
 

@@ -3,8 +3,10 @@
 
 #include <Eigen/Core>
 
+#include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -19,9 +21,12 @@ namespace refield::prt {
 /// λ_0 = (n + 2)/(n + 1), λ_1 = 1, λ_l = λ_(l−2) (n − l + 2)/(n + l + 1).
 std::vector<double> lobe_factors(double exponent, int order);
 
+using RowMatrix = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
 /// How the vertices of a scene reflect harmonics of the light that arrives at them times its cosine, I_i,
 /// over the mirrored line of sight R: radiance(R) = Σ_i response_i I_i y_i(R). A lobe takes the harmonics one
-/// by one, a diffuse surface the mean: kd/π · I_0/y_00, as a constant over R the coefficient 4 kd I_0.
+/// by one, a diffuse surface the mean: kd/π · I_0/y_00, as a constant over R the coefficient 4 kd I_0. The
+/// lobe of a GGX material is multiplied by its GgxGain at R · normal, which mixes the harmonics.
 class SurfaceResponse {
  public:
   SurfaceResponse(const Scene& scene, int order);
@@ -30,14 +35,16 @@ class SurfaceResponse {
   int outputs() const { return outputs_; }
   /// Whether all vertices reflect the three channels alike.
   bool is_grey() const { return grey_; }
-  /// Factor of harmonic i at a vertex, colours included.
-  Eigen::Array3f factor(std::size_t vertex, int harmonic) const;
   /// What a field multiplies a vertex by last: its diffuse or specular reflectance, white where it has both.
   Eigen::Array3f colour(std::size_t vertex) const;
-  /// Factor without colour().
-  Eigen::Array3f factor_before_colour(std::size_t vertex, int harmonic) const;
+  /// What a vertex sends in each channel, [outputs × columns of the light]; `light` [1 or 3 channels]; with
+  /// colour() or before it.
+  std::array<RowMatrix, 3> reflect(std::size_t vertex, std::span<const RowMatrix> light,
+                                   bool with_colour) const;
 
  private:
+  /// Scale and offset as matrices over the harmonics of the mirrored line of sight.
+  std::array<RowMatrix, 2> gain(std::size_t vertex) const;
   const Material& material(std::size_t vertex) const {
     return scene_->materials[scene_->material_of_vertex[vertex]];
   }
@@ -46,10 +53,11 @@ class SurfaceResponse {
   const Scene* scene_;
   int outputs_ = 1;
   bool grey_ = true;
-  std::vector<std::vector<float>> lobe_;  // [materials][order²]
+  std::vector<Eigen::VectorXf> lobe_;               // [materials][order²]
+  std::vector<std::optional<GgxGain>> gain_;        // [materials]
+  Eigen::Matrix<float, Eigen::Dynamic, 3> sights_;  // where gains are sampled; no rows: there are none
+  RowMatrix at_sights_;                             // [sights × order²]
 };
-
-using RowMatrix = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// For each vertex and channel a matrix I: row i, the harmonics of light that arrives times its cosine
 /// (I_0 alone where all is diffuse); column j, the harmonics of the scene's light.
@@ -62,6 +70,7 @@ struct ArrivingLight {
   using ConstStrided = Eigen::Map<const RowMatrix, 0, Eigen::OuterStride<>>;
   Strided of(std::size_t vertex, int channel);
   ConstStrided of(std::size_t vertex, int channel) const;
+  std::vector<RowMatrix> channels_of(std::size_t vertex) const;
 
  private:
   std::size_t start(std::size_t vertex, int channel) const;

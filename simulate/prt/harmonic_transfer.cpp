@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/harmonic_transfer.h"
 
+#include <tbb/parallel_for.h>
 #include <Eigen/Geometry>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -88,18 +90,16 @@ HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const H
   const Eigen::RowVectorXf window =
       Eigen::Map<const Eigen::RowVectorXd>(factors.data(), light.columns).cast<float>();
   const float y_00 = static_cast<float>(std::sqrt(0.25 / std::numbers::pi));
-  transfer.values.reserve(vertices *
-                          static_cast<std::size_t>(light.rows * transfer.channels * light.columns));
-  for (std::size_t v = 0; v < vertices; ++v)
-    for (int i = 0; i < light.rows; ++i) {
-      Eigen::Array3f factor = response.factor_before_colour(v, i);
-      if (light.rows == 1) factor *= y_00;
-      for (int c = 0; c < transfer.channels; ++c) {
-        const auto arriving = light.of(v, std::min(c, light.channels - 1)).row(i);
-        const Eigen::RowVectorXf row = factor[c] * arriving.cwiseProduct(window);
-        transfer.values.insert(transfer.values.end(), row.begin(), row.end());
-      }
-    }
+  const auto of_vertex = static_cast<std::size_t>(light.rows * transfer.channels * light.columns);
+  transfer.values.resize(vertices * of_vertex);
+  tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
+    const std::array<RowMatrix, 3> sent = response.reflect(v, light.channels_of(v), false);
+    float* to = transfer.values.data() + v * of_vertex;
+    for (int i = 0; i < light.rows; ++i)
+      for (int c = 0; c < transfer.channels; ++c, to += light.columns)
+        Eigen::Map<Eigen::RowVectorXf>(to, light.columns) =
+            (light.rows == 1 ? y_00 : 1.0f) * sent[static_cast<std::size_t>(c)].row(i).cwiseProduct(window);
+  });
   return transfer;
 }
 

@@ -23,10 +23,9 @@ namespace fs = std::filesystem;
 namespace {
 
 Material material_of(const MaterialDescription& description) {
-  const bool ggx = description.kind == MaterialDescription::Kind::ggx;
-  return {description.colour, description.specular,
-          ggx ? phong_exponent(static_cast<float>(description.roughness))
-              : static_cast<float>(description.exponent)};
+  if (description.kind == MaterialDescription::Kind::ggx)
+    return Material::ggx(description.colour, description.specular, static_cast<float>(description.roughness));
+  return {description.colour, description.specular, static_cast<float>(description.exponent)};
 }
 
 /// `path`: of the scene, for its errors.
@@ -50,8 +49,8 @@ void append(const SceneObject& object, const fs::path& path, Scene& scene) {
     const auto [found, is_new] = of_roughness.try_emplace(lobe[3]);
     if (is_new) {
       const bool diffuse = lobe[3] > max_roughness;
-      found->second = add({Eigen::Array3f::Ones(), Eigen::Array3f::Constant(diffuse ? 0.0f : 1.0f),
-                           diffuse ? 0.0f : phong_exponent(lobe[3])});
+      found->second = add(diffuse ? Material{Eigen::Array3f::Ones()}
+                                  : Material::ggx(Eigen::Array3f::Ones(), Eigen::Array3f::Ones(), lobe[3]));
     }
     scene.material_of_vertex.push_back(found->second);
     scene.specular_of_vertex.emplace_back(lobe.head<3>());
@@ -76,11 +75,6 @@ Scene read_description(const fs::path& path, Gloss gloss, const RunContext& run)
 }
 
 }  // namespace
-
-float phong_exponent(float roughness) {
-  const float alpha = roughness * roughness;
-  return 0.5f * (1.0f / (alpha * alpha) - 1.0f);
-}
 
 Scene read_scene(const fs::path& path, const RunContext& run, Gloss gloss) {
   std::string extension = path.extension().string();

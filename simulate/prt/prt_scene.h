@@ -9,6 +9,7 @@
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "simulate/geometry/mesh_file.h"
+#include "simulate/prt/ggx_gain.h"
 
 namespace refield::prt {
 
@@ -18,15 +19,14 @@ struct Material {
   Eigen::Array3f diffuse = {0.8f, 0.8f, 0.8f};   ///< reflectance, linear RGB; times the vertex' colour
   Eigen::Array3f specular = {0.0f, 0.0f, 0.0f};  ///< reflectance at normal incidence
   float exponent = 0.0f;
+  float roughness = 0.0f;  ///< above 0: of a GGX lobe, for which Phong's stands with GgxGain
 
+  /// Of GGX materials.
+  static Material ggx(const Eigen::Array3f& diffuse, const Eigen::Array3f& specular, float roughness) {
+    return {diffuse, specular, phong_exponent(roughness), roughness};
+  }
   bool is_diffuse() const { return (specular == 0.0f).all(); }
 };
-
-/// The exponent of Phong's lobe around the mirror direction that is as wide as a GGX lobe of α = roughness²:
-/// n = (1/α² − 1)/2. A lobe of Blinn's half vectors is by n_b = 2/α² − 2 (Walter et al. 2007, section 5.2),
-/// and the angle from the mirror direction is twice that between half vector and normal, so that n = n_b/4
-/// (Fisher and Woo 1994). `roughness` above 0, to 1.
-float phong_exponent(float roughness);
 
 /// Meshes in place, joined into one, each vertex with its material.
 struct Scene {

@@ -243,6 +243,8 @@ TransferSamples::TransferSamples(const Scene& scene, const TransferOptions& opti
   const int side = image ? std::max(1, options.pixel_samples) : 1;
   packets_ = static_cast<std::size_t>(side) * side;
   const float share = 1.0f / static_cast<float>(packets_);
+  for (const Material& material : scene.materials)
+    if (material.roughness > 0.0f) gains_.try_emplace(material.roughness, material.roughness);
   const std::size_t group_count = (outputs.size() + group_outputs - 1) / group_outputs;
   points_.resize(group_count * packets_ * group_outputs);
   tbb::parallel_for(std::size_t{0}, outputs.size(), [&](std::size_t i) {
@@ -308,6 +310,10 @@ TransferSamples::Point TransferSamples::pixel_point(const Scene& scene, float x,
   point.mirrored = sight - 2.0f * sight.dot(point.normal) * point.normal;
   const Material& material = scene.material_of_triangle(hit->triangle);
   point.diffuse = share * inverse_pi * colour * material.diffuse;
+  if (material.roughness > 0.0f) {
+    const GgxGain::At gain = gains_.at(material.roughness)(point.normal.dot(sight));
+    specular = gain(specular, (colour * material.diffuse == 0.0f).all());
+  }
   point.specular = share * 0.5f * inverse_pi * (material.exponent + 2.0f) * specular;
   point.exponent = material.exponent;
   return point;

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <span>
 #include <vector>
@@ -127,6 +128,7 @@ class TransferSamples {
   void add_bounced(std::size_t group, const Eigen::Vector3f& direction, std::span<float> values) const;
 
   MeshRays rays_;
+  std::map<float, GgxGain> gains_;  // of roughness
   int channels_ = 1;
   std::size_t packets_ = 1;    // of a group: points of a pixel
   std::vector<Point> points_;  // [groups × packets × 16]

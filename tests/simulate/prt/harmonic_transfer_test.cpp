@@ -79,6 +79,25 @@ TEST(HarmonicTransfer, OfGlossySurfacesIsWhatTracedPathsSee) {
   EXPECT_LT(test::error_of(transfer, scene, light, traced), smooth_error);
 }
 
+/// The Phong lobe that stands for GGX, multiplied by its gain, seen at up to 60 degrees.
+TEST(HarmonicTransfer, OfGgxSurfacesIsNearWhatTracedPathsSee) {
+  constexpr float roughness = 0.5f, tilt = 1.7f;
+  const test::HarmonicLight light = test::random_harmonic_light(3, 5);
+  const HarmonicOptions options{.order = 6, .directions = 1024, .until = 0.01};
+  const Eigen::Array3f gold(0.95f, 0.7f, 0.4f), dark(0.2f, 0.3f, 0.2f);
+  for (const Material& ball : {Material::ggx({0.0f, 0.0f, 0.0f}, gold, roughness),
+                               Material::ggx(dark, {0.04f, 0.04f, 0.04f}, roughness)}) {
+    const bool metal = (ball.diffuse == 0.0f).all();
+    Scene scene = test::ball_scene(ball);
+    const auto traced = test::trace_vertices(scene, 19, distant(light), many_paths, tilt);
+    const double error = test::error_of(transfer_of(scene, options), scene, light, traced);
+    scene.materials[2].roughness = 0.0f;
+    const double of_phong = test::error_of(transfer_of(scene, options), scene, light, traced);
+    EXPECT_LT(error, metal ? 0.08 : 0.06) << metal;
+    EXPECT_GT(of_phong, metal ? 2.0 * error : 1.2 * error) << metal << ' ' << error;
+  }
+}
+
 /// Harmonics cut the lobe off: the sharper it is the later. By the integral over all directions, no
 /// shadows.
 TEST(HarmonicTransfer, OfALobeComesNearerTheIntegralByOrder) {

@@ -26,7 +26,10 @@ dynamic::DynamicScene dynamic_scene(const Scene& scene) {
     object.brdf.diffuse = material.diffuse;
     object.brdf.specular = material.specular;
     object.brdf.exponent = material.exponent;
-    object.brdf.lobe = material.is_diffuse() ? dynamic::Lobe::none : dynamic::Lobe::phong;
+    object.brdf.lobe = material.is_diffuse()       ? dynamic::Lobe::none
+                       : material.roughness > 0.0f ? dynamic::Lobe::ggx
+                                                   : dynamic::Lobe::phong;
+    object.brdf.roughness = material.roughness * material.roughness;
     object.motion.path = {{0.0, Eigen::Vector3f::Zero()}};
   }
   for (const auto& triangle : scene.mesh.triangles)
@@ -37,14 +40,16 @@ dynamic::DynamicScene dynamic_scene(const Scene& scene) {
 }  // namespace
 
 TracedVertices trace_vertices(const Scene& scene, std::size_t step, const PathLight& light,
-                              const dynamic::ReferenceOptions& options) {
+                              const dynamic::ReferenceOptions& options, float tilt) {
   TracedVertices traced;
   std::vector<dynamic::PathStart> starts;
   for (std::size_t v = step / 2; v < scene.mesh.positions.size(); v += step) {
     traced.vertices.push_back(v);
     const auto angle = static_cast<float>(v);
-    const Eigen::Vector3f aside(std::sin(angle), std::cos(angle), std::sin(2.0f * angle));
-    traced.to_viewer.push_back((scene.mesh.normals[v] + 0.6f * aside).normalized());
+    const Eigen::Vector3f& normal = scene.mesh.normals[v];
+    Eigen::Vector3f aside(std::sin(angle), std::cos(angle), std::sin(2.0f * angle));
+    aside -= normal * normal.dot(aside);
+    traced.to_viewer.push_back((normal + tilt * aside).normalized());
     starts.push_back({scene.material_of_vertex[v], static_cast<std::uint32_t>(v), traced.to_viewer.back()});
   }
   const dynamic::DynamicScene objects = dynamic_scene(scene);

@@ -25,9 +25,10 @@ struct TracedVertices {
   std::vector<Eigen::Vector3f> to_viewer;
   std::vector<Eigen::Array3f> radiance;
 };
-/// Every `step`-th vertex, under a distant or near light, of a scene without vertex colours.
+/// Every `step`-th vertex, under a distant or near light, of a scene without vertex colours, seen from up to
+/// atan(1.4 tilt) off its normal.
 TracedVertices trace_vertices(const Scene& scene, std::size_t step, const PathLight& light,
-                              const dynamic::ReferenceOptions& options);
+                              const dynamic::ReferenceOptions& options, float tilt = 0.6f);
 
 /// Of a transfer against them.
 double error_of(const HarmonicTransfer& transfer, const Scene& scene, const HarmonicLight& light,

@@ -190,12 +190,6 @@ TEST_F(Scenes, TakesMaterialsOfMeshFilesUnlessTheSceneNamesOne) {
             1e-6f);
 }
 
-TEST(PhongExponent, IsAsWideAsTheMicrofacets) {
-  EXPECT_FLOAT_EQ(phong_exponent(1.0f), 0.0f);
-  // A quarter of 2/α² − 2 at α = 0.25, whose half vectors turn by half of what the mirrored ray does.
-  EXPECT_FLOAT_EQ(phong_exponent(0.5f), 7.5f);
-}
-
 TEST_F(Scenes, PartsOfAMeshFileKeepTheirLobes) {
   write_text_atomically(folder_ / "m.mtl",
                         "newmtl metal\nKd 0.9 0.6 0.3\nPm 1\nPr 0.5\nnewmtl wall\nKd 0.5 0.5 0.5\n");
@@ -215,7 +209,7 @@ TEST_F(Scenes, PartsOfAMeshFileKeepTheirLobes) {
         metal ? Eigen::Vector3f(0.9f, 0.6f, 0.3f) : Eigen::Vector3f::Zero().eval();
     ASSERT_LT((scene.specular(v).matrix() - specular).norm(), 1e-6f);
     ASSERT_NEAR(scene.mesh.colours[v][0], metal ? 0.0f : 0.5f, 1e-6f);
-    ASSERT_FLOAT_EQ(scene.materials[scene.material_of_vertex[v]].exponent, metal ? 7.5f : 0.0f);
+    ASSERT_FLOAT_EQ(scene.materials[scene.material_of_vertex[v]].exponent, metal ? 5.625f : 0.0f);
   }
   for (const auto& triangle : scene.mesh.triangles)
     for (const std::uint32_t vertex : triangle)
@@ -234,7 +228,8 @@ TEST_F(Scenes, TakeTheGgxMaterialAsAPhongLobe) {
   const Scene scene = read(
       "[[material]]\nname = \"m\"\nkind = \"ggx\"\nspecular = [0.5, 0.5, 0.5]\nroughness = 0.5\n"
       "[[object]]\nshape = \"plane\"\nmaterial = \"m\"\n");
-  EXPECT_FLOAT_EQ(scene.materials[0].exponent, 7.5f);
+  EXPECT_FLOAT_EQ(scene.materials[0].exponent, 5.625f);
+  EXPECT_FLOAT_EQ(scene.materials[0].roughness, 0.5f);
 }
 
 TEST_F(Scenes, DataSetsAreReadAndOfTheSizeTheySay) {
