@@ -65,7 +65,7 @@ def build_mesh(data):
     back.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
     link(at_vertices("reflectance", data["colours"]), front.inputs["Base Color" if glossy else "Color"])
     if glossy:
-        front.distribution = "MULTI_GGX"
+        front.distribution = "GGX"
         parts = nodes.new("ShaderNodeSeparateColor")
         link(at_vertices("lobes", data["lobes"]), parts.inputs[0])
         for part, name in enumerate(("Metallic", "Roughness", "Specular")):
