@@ -65,7 +65,7 @@ def build_mesh(data):
     back.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
     link(at_vertices("reflectance", data["colours"]), front.inputs["Base Color" if glossy else "Color"])
     if glossy:
-        front.distribution = "GGX"
+        front.distribution = str(data["microfacets"])
         parts = nodes.new("ShaderNodeSeparateColor")
         link(at_vertices("lobes", data["lobes"]), parts.inputs[0])
         for part, name in enumerate(("Metallic", "Roughness", "Specular")):
@@ -187,7 +187,7 @@ def read_mesh(field):
 def trace(data, maps, folder, size, samples, bounces):
     """Files of two renderings per map, each with half of the samples. `data`: of read_mesh(), colours being diffuse
     reflectance; or, with "lobes" [vertices × 3], base colours, and metallic, roughness and specular of Blender's
-    Principled BSDF."""
+    Principled BSDF, with its distribution "microfacets"."""
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     numpy.savez(folder / "mesh.npz", **data)

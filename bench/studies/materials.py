@@ -276,6 +276,8 @@ def measure(case, sky, arguments):
     data, order = cycles.read_mesh(field)
     if (order > 1) != glossy:
         sys.exit(f"{case.file}: order {order} of outgoing harmonics; {'glossy' if glossy else 'diffuse'} materials are expected")
+    # One scattering between microfacets, as glTF states it. Clusters reflect lobes diffusely, with all of their reflectance.
+    data["microfacets"] = "GGX" if glossy else "MULTI_GGX"
     data["colours"], data["lobes"] = case.surface(data["positions"] * [1, 1, -1])
     halves, = cycles.trace(data, [sky], folder, arguments.size, arguments.samples, BOUNCES if glossy else 2)
     error, _, brightness, noise = cycles.compare(arguments.program, field, sky, halves, folder, arguments.size)
