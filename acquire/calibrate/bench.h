@@ -87,9 +87,9 @@ struct Metering {
 };
 
 /// Meters under a grey level chosen so that the exposure is about `wanted`, or longer where white is too dark
-/// for that, or shorter where the light of the room would become three quarters of what is measured. Throws InputError
-/// where the scene is too dark or too bright for the camera, or nothing in it responds to the display; the
-/// message says what to change.
+/// for that, or shorter where the light of the room would become three quarters of what is measured. Throws
+/// InputError where the scene is too dark or too bright for the camera, or nothing in it responds to the
+/// display; the message says what to change.
 Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run = {});
 
 }  // namespace refield
