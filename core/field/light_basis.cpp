@@ -305,7 +305,7 @@ VectorBoxTable::VectorBoxTable(std::span<const VectorBox> kernels, int resolutio
   for (Face& face : faces_)
     for (auto* edges : {&face.columns, &face.rows}) {
       std::ranges::sort(*edges);
-      edges->erase(std::ranges::unique(*edges).begin(), edges->end());
+      edges->erase(std::unique(edges->begin(), edges->end()), edges->end());
     }
   for (const std::size_t k : firsts_of_boxes(kernels)) {
     if (k == kernels.size()) break;

@@ -512,7 +512,8 @@ bool PathBatch<Sums>::add_short(const Vector3d& a, const SourceTexel& at_a, cons
     PathPoint to = point((a + t * chord) * (1.0 + shorter * (0.5 + shorter * (0.375 + 0.3125 * shorter))));
     if (column_first) {
       const int step = columns > 0 ? 1 : -1;
-      if (is_fine_) to.level = environment_.edges_[static_cast<std::size_t>(at.column + (step > 0))];
+      if (is_fine_)
+        to.level = environment_.edges_[static_cast<std::size_t>(step > 0 ? at.column + 1 : at.column)];
       add_piece(from, to, at.column, at.row, sums);
       at.column += step;
       if (at.column < 0 || at.column == width) at.column -= step * width;

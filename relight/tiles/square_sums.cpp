@@ -65,7 +65,7 @@ SquareSums::SquareSums(int resolution, std::span<const VectorBox> vector_boxes,
     const int face = box.y0 / resolution_, top = box.y0 % resolution_;
     const auto all = static_cast<std::size_t>(cube_faces) * blocks_ * blocks_;
     const std::size_t block =
-        static_cast<std::size_t>((face * blocks_ + top / block_side_) * blocks_ + box.x0 / block_side_);
+        static_cast<std::size_t>(face * blocks_ + top / block_side_) * blocks_ + box.x0 / block_side_;
     found.emplace_back(square.level > block_level_ ? all : block, square);
   };
   for (const VectorBox& of : vector_boxes) add(small_box(of.box), &of.vector);

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <ranges>
 #include <span>
 #include <string>
 
@@ -66,11 +65,11 @@ Brdf average_lobes(Mesh& mesh, std::span<const Eigen::Array4f> lobes, const std:
   roughness = specular.sum() > 0.0f ? roughness / specular.sum() : 1.0f;
   brdf.roughness = roughness * roughness;
   constexpr float seen = 0.05f;  // of the reflectance
-  const bool differs =
-      std::ranges::any_of(std::views::iota(std::size_t{0}, lobes.size()), [&](std::size_t v) {
-        const Eigen::Array3f mean = brdf.specular * mesh.colours[v];
-        return ((lobes[v].head<3>() - mean).abs() > seen).any() || std::abs(lobes[v][3] - roughness) > seen;
-      });
+  bool differs = false;
+  for (std::size_t v = 0; v < lobes.size() && !differs; ++v) {
+    const Eigen::Array3f mean = brdf.specular * mesh.colours[v];
+    differs = ((lobes[v].head<3>() - mean).abs() > seen).any() || std::abs(lobes[v][3] - roughness) > seen;
+  }
   if (differs)
     run.note(name +
              ": an object of a dynamic scene has one lobe, so the metallic and roughness values of its "

@@ -65,7 +65,7 @@ std::size_t place_of(const Eigen::Vector3f& direction) {
   const auto cell = [](float at) {
     return std::clamp(static_cast<int>((at + 1.0f) * 0.5f * side_of_table), 0, side_of_table - 1);
   };
-  return static_cast<std::size_t>(cell(v) * side_of_table + cell(u));
+  return static_cast<std::size_t>(cell(v)) * side_of_table + static_cast<std::size_t>(cell(u));
 }
 
 Eigen::Vector3f direction_at(int row, int column) {

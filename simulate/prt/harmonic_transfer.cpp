@@ -90,7 +90,7 @@ HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const H
   const Eigen::RowVectorXf window =
       Eigen::Map<const Eigen::RowVectorXd>(factors.data(), light.columns).cast<float>();
   const float y_00 = static_cast<float>(std::sqrt(0.25 / std::numbers::pi));
-  const auto of_vertex = static_cast<std::size_t>(light.rows * transfer.channels * light.columns);
+  const auto of_vertex = static_cast<std::size_t>(light.rows) * transfer.channels * light.columns;
   transfer.values.resize(vertices * of_vertex);
   tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
     const std::array<RowMatrix, 3> sent = response.reflect(v, light.channels_of(v), false);

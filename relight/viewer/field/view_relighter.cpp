@@ -53,7 +53,7 @@ Relighter relighter_of(PackedField& packed) {
   require_content(packed.outline);
   FieldOutline outline = packed.outline;
   Relighter relighter(std::move(packed));
-  packed.outline = std::move(outline);
+  packed.outline = std::move(outline);  // NOLINT(bugprone-use-after-move): what was moved is made anew
   return relighter;
 }
 
