@@ -99,18 +99,17 @@ std::array<RowMatrix, 2> SurfaceResponse::gain(std::size_t vertex) const {
 std::array<RowMatrix, 3> SurfaceResponse::reflect(std::size_t vertex, std::span<const RowMatrix> light,
                                                   bool with_colour) const {
   const std::uint16_t material = scene_->material_of_vertex[vertex];
-  const Eigen::Array3f colour = this->colour(vertex), diffuse = this->diffuse(vertex);
+  const Eigen::Array3f diffuse = this->diffuse(vertex);
   const bool shines = !scene_->materials[material].is_diffuse(), both = (diffuse != 0.0f).any();
+  const bool coloured = with_colour || (shines && both);  // colour() is white there
   std::array<RowMatrix, 2> gain;
   if (shines && gain_[material]) gain = this->gain(vertex);
   std::array<RowMatrix, 3> sent;
   for (std::size_t c = 0; c < sent.size(); ++c) {
     const RowMatrix& arriving = light[std::min(c, light.size() - 1)];
     RowMatrix& out = sent[c] = RowMatrix::Zero(arriving.rows(), arriving.cols());
-    // Colours come last where they multiply all that a vertex sends.
     const auto k = static_cast<Eigen::Index>(c);
-    const float last = with_colour || (shines && both) ? 1.0f : colour[k];
-    const auto part = [&](float reflectance) { return last == 1.0f ? reflectance : 1.0f; };
+    const auto part = [&](float reflectance) { return coloured ? reflectance : 1.0f; };
     if (shines) {
       const float specular = part(scene_->specular(vertex)[k]);
       const RowMatrix lobe = lobe_[material].asDiagonal() * arriving;
