@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+
 #include "core/base/linear_algebra.h"
 
 namespace refield {
