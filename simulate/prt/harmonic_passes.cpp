@@ -96,15 +96,15 @@ std::array<RowMatrix, 2> SurfaceResponse::gain(std::size_t vertex) const {
   return matrices;
 }
 
-std::array<RowMatrix, 3> SurfaceResponse::reflect(std::size_t vertex, std::span<const RowMatrix> light,
-                                                  bool with_colour) const {
+std::vector<RowMatrix> SurfaceResponse::reflect(std::size_t vertex, std::span<const RowMatrix> light,
+                                                int channels, bool with_colour) const {
   const std::uint16_t material = scene_->material_of_vertex[vertex];
   const Eigen::Array3f diffuse = this->diffuse(vertex);
   const bool shines = !scene_->materials[material].is_diffuse(), both = (diffuse != 0.0f).any();
   const bool coloured = with_colour || (shines && both);  // colour() is white there
   std::array<RowMatrix, 2> gain;
   if (shines && gain_[material]) gain = this->gain(vertex);
-  std::array<RowMatrix, 3> sent;
+  std::vector<RowMatrix> sent(static_cast<std::size_t>(channels));
   for (std::size_t c = 0; c < sent.size(); ++c) {
     const RowMatrix& arriving = light[std::min(c, light.size() - 1)];
     RowMatrix& out = sent[c] = RowMatrix::Zero(arriving.rows(), arriving.cols());
@@ -290,7 +290,7 @@ ArrivingLight HarmonicPasses::reflect(const ArrivingLight& light) const {
   const std::size_t vertices = scene_.mesh.positions.size();
   ArrivingLight sent(vertices, light.rows, light.columns, response_.is_grey() ? 1 : 3);
   tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
-    const std::array<RowMatrix, 3> out = response_.reflect(v, light.channels_of(v), true);
+    const std::vector<RowMatrix> out = response_.reflect(v, light.channels_of(v), sent.channels, true);
     for (int c = 0; c < sent.channels; ++c) sent.of(v, c) = out[static_cast<std::size_t>(c)];
   });
   return sent;

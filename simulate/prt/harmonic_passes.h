@@ -37,10 +37,10 @@ class SurfaceResponse {
   bool is_grey() const { return grey_; }
   /// What a field multiplies a vertex by last: its diffuse or specular reflectance, white where it has both.
   Eigen::Array3f colour(std::size_t vertex) const;
-  /// What a vertex sends in each channel, [outputs × columns of the light]; `light` [1 or 3 channels]; with
-  /// colour() or before it.
-  std::array<RowMatrix, 3> reflect(std::size_t vertex, std::span<const RowMatrix> light,
-                                   bool with_colour) const;
+  /// What a vertex sends in each of `channels` (1 where they are alike, or 3), [outputs × columns of the
+  /// light]; `light` [1 or 3 channels]; with colour() or before it.
+  std::vector<RowMatrix> reflect(std::size_t vertex, std::span<const RowMatrix> light, int channels,
+                                 bool with_colour) const;
 
  private:
   /// Scale and offset as matrices over the harmonics of the mirrored line of sight.

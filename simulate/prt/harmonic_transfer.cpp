@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -93,7 +92,7 @@ HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const H
   const auto of_vertex = static_cast<std::size_t>(light.rows) * transfer.channels * light.columns;
   transfer.values.resize(vertices * of_vertex);
   tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
-    const std::array<RowMatrix, 3> sent = response.reflect(v, light.channels_of(v), false);
+    const std::vector<RowMatrix> sent = response.reflect(v, light.channels_of(v), transfer.channels, false);
     float* to = transfer.values.data() + v * of_vertex;
     for (int i = 0; i < light.rows; ++i)
       for (int c = 0; c < transfer.channels; ++c, to += light.columns)
