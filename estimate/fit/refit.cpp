@@ -121,8 +121,9 @@ PixelKernels WeightFitter::fit(const KernelSet& set, const MaskedSamples& sample
 
 namespace {
 
-/// A neighbour's set must be better by more than the rounding of the two residuals.
-constexpr double clear_gain = 1e-6;
+/// A neighbour's set must be better by more than the rounding of the two residuals, which come from float32
+/// Gram matrices: as a share of the squared samples.
+constexpr double clear_gain = 2e-7;
 
 }  // namespace
 
@@ -156,7 +157,7 @@ std::vector<PixelKernels> correct_tile(const PixelAccess& grid, const PixelTile&
           if ((nx == x && ny == y) || !grid.active(nx, ny)) continue;
           const KernelSet& set = set_at(nx, ny);
           if (set.boxes.empty() || set.boxes == own_boxes) continue;
-          const double give_up_above = best.squared_residual * (1.0 - clear_gain);
+          const double give_up_above = best.squared_residual - clear_gain * samples.squared_sum();
           trial.squared_residual = fitter.try_set(set, samples, grid.kernels(nx, ny).weights, give_up_above);
           if (trial.squared_residual >= give_up_above) continue;
           trial.weights.assign(fitter.weights().begin(), fitter.weights().end());
