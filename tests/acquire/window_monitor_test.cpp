@@ -7,9 +7,6 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
-#ifdef __SANITIZE_ADDRESS__
-#include <sanitizer/lsan_interface.h>
-#endif
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -47,10 +44,6 @@ class WindowMonitorOnScreen : public ::testing::Test {
   }
   const TemporaryFolder folder_;
   std::unique_ptr<test::VirtualScreen> screen_;
-#ifdef __SANITIZE_ADDRESS__
-  // Graphics drivers leave memory behind when they are unloaded, under no name to suppress.
-  const __lsan::ScopedDisabler drivers_leak_;
-#endif
 };
 
 TEST_F(WindowMonitorOnScreen, ShowsEveryLevelOfEveryPixel) {
