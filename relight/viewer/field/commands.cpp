@@ -177,9 +177,11 @@ void perform(App& app, const ScriptCommand& command) {
       return state.set_tone({state.tone().exposure, tone_operator_from_name(command.text)});
     case Verb::show:
       return state.show(shown_from_name(command.text));
+    case Verb::pan:
+      if (state.view() == nullptr) return app.picture.pan(command.numbers[0], command.numbers[1]);
+      return move_camera(state.view()->move(), command);
     case Verb::orbit:
     case Verb::approach:
-    case Verb::pan:
       if (state.view() == nullptr) throw InputError("the field has no mesh for a camera to move around");
       return move_camera(state.view()->move(), command);
     case Verb::where:

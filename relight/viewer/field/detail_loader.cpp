@@ -43,7 +43,8 @@ std::shared_ptr<FieldPixels> read_pixels(const FieldSampler& file, const PixelGr
 DetailLoader::DetailLoader(std::unique_ptr<const FieldSampler> file, const RunContext& run)
     : file_(std::move(file)),
       run_(run),
-      coarse_(read_pixels(*file_, file_->whole_image(max_coarse_pixels), run)) {}
+      whole_(file_->whole_image(max_coarse_pixels)),
+      coarse_(read_pixels(*file_, file_->whole_image(max_first_pixels), run)) {}
 
 PixelGrid DetailLoader::grid_for(const VisibleRegion& visible) const {
   PixelGrid grid{widened(visible.region, margin, outline()), stride_at(visible.scale)};
@@ -58,21 +59,26 @@ bool DetailLoader::is_good(const PixelGrid& grid, const VisibleRegion& visible) 
          covers(grid.region, widened(visible.region, 0.5 * margin, outline()));
 }
 
+std::optional<PixelGrid> DetailLoader::wanted(const std::optional<VisibleRegion>& visible) const {
+  std::optional<PixelGrid> grid;
+  const bool has_whole_failed = has_failed_ && reading_ == whole_;
+  if (whole_.stride < coarse_->grid.stride && !has_whole_failed)
+    grid = whole_;
+  else if (visible && !(detail_ && is_good(detail_->grid, *visible)))
+    grid = grid_for(*visible);
+  return grid && grid->stride < coarse_->grid.stride ? grid : std::nullopt;
+}
+
 std::shared_ptr<FieldPixels> DetailLoader::show(const std::optional<VisibleRegion>& visible) {
   take_read();
   is_at_rest_ = std::exchange(visible_, visible) == visible;
   const bool needs_detail = visible && stride_at(visible->scale) < coarse_->grid.stride;
-  if (!needs_detail) {
-    if (job_) job_->cancel();
-    return coarse_;
-  }
   if (job_) {
-    if (!is_good(reading_, *visible)) job_->cancel();
-  } else if (!(detail_ && is_good(detail_->grid, *visible))) {
-    const PixelGrid grid = grid_for(*visible);
-    if (grid.stride < coarse_->grid.stride && !(has_failed_ && grid == reading_)) read(grid);
+    if (reading_ != whole_ && !(needs_detail && is_good(reading_, *visible))) job_->cancel();
+  } else if (const auto grid = wanted(visible); grid && !(has_failed_ && grid == reading_)) {
+    read(*grid);
   }
-  return detail_ && covers(detail_->grid.region, visible->region) ? detail_ : coarse_;
+  return needs_detail && detail_ && covers(detail_->grid.region, visible->region) ? detail_ : coarse_;
 }
 
 void DetailLoader::read(const PixelGrid& grid) {
@@ -87,7 +93,7 @@ void DetailLoader::take_read() {
   const auto job = std::exchange(job_, nullptr);
   if (job->is_cancelled()) return;
   has_failed_ = true;
-  detail_ = job->take();
+  (reading_ == whole_ ? coarse_ : detail_) = job->take();
   has_failed_ = false;
 }
 

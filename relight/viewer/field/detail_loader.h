@@ -21,18 +21,21 @@ struct VisibleRegion {
 };
 
 /// Pixels of a large field for a window: every n-th of the whole image, which stay, and those of the visible
-/// region at the resolution of the window, which a job in the background reads. Every n-th pixel, not the
-/// mean of n × n: means would need all entries of the region, n² times as many bytes of the file.
+/// region at the resolution of the window. A window waits for a few of the first only; a job in the
+/// background reads the others. Every n-th pixel, not the mean of n × n: means would need all entries of the
+/// region, n² times as many bytes of the file.
 class DetailLoader {
  public:
-  /// Pixels of the whole image, which a window waits for, and of a region, at most.
+  /// Pixels of the whole image, which a window waits for, of it later, and of a region, at most.
+  static constexpr std::int64_t max_first_pixels = std::int64_t{3} << 15;
   static constexpr std::int64_t max_coarse_pixels = std::int64_t{3} << 18;
   static constexpr std::int64_t max_detail_pixels = std::int64_t{9} << 18;
 
-  /// Reads the coarse pixels. Throws what FieldSampler::read() throws.
+  /// Reads the first pixels. Throws what FieldSampler::read() throws.
   DetailLoader(std::unique_ptr<const FieldSampler> file, const RunContext& run);
 
   const FieldOutline& outline() const { return file_->outline(); }
+  /// Of the whole image, as read so far.
   const std::shared_ptr<FieldPixels>& coarse() const { return coarse_; }
   /// The best pixels read so far that cover what is visible; starts to read better ones. Called once a frame.
   /// Throws what reading threw, once.
@@ -44,6 +47,8 @@ class DetailLoader {
 
  private:
   PixelGrid grid_for(const VisibleRegion& visible) const;
+  /// What is to be read for a window that shows a region, or no field; nothing where that has been read.
+  std::optional<PixelGrid> wanted(const std::optional<VisibleRegion>& visible) const;
   /// Whether a grid shows a region with room for a move, at the resolution of the window.
   bool is_good(const PixelGrid& grid, const VisibleRegion& visible) const;
   void take_read();
@@ -51,6 +56,7 @@ class DetailLoader {
 
   std::unique_ptr<const FieldSampler> file_;
   RunContext run_;
+  PixelGrid whole_;  // of the coarse pixels, in the end
   std::shared_ptr<FieldPixels> coarse_, detail_;
   std::optional<VisibleRegion> visible_;  // in the last show()
   bool is_at_rest_ = false;

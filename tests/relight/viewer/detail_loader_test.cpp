@@ -62,9 +62,14 @@ void finish_reading(DetailLoader& loader, const VisibleRegion& visible) {
 
 TEST_F(LargeField, DetailFollowsTheVisibleRegion) {
   DetailLoader loader(open(), {});
+  const VisibleRegion all{{0, 0, width, height}, 0.5};
+  const auto first = loader.coarse();
+  EXPECT_EQ(first->grid, (PixelGrid{{0, 0, width, height}, 4}));
+  EXPECT_EQ(loader.show(all), first);
+  finish_reading(loader, all);
   const auto coarse = loader.coarse();
   EXPECT_EQ(coarse->grid, (PixelGrid{{0, 0, width, height}, 2}));
-  EXPECT_EQ(loader.show(VisibleRegion{{0, 0, width, height}, 0.5}), coarse);
+  EXPECT_EQ(loader.show(all), coarse);
   EXPECT_FALSE(loader.is_reading()) << "the coarse pixels suffice";
 
   const VisibleRegion seen{{400, 300, 720, 540}, 2.0};
@@ -88,15 +93,18 @@ TEST_F(LargeField, IsRelitWhereItIsSeen) {
   ViewState state(open());
   EXPECT_EQ(state.image_width(), width);
   state.refresh();
-  expect_pixels(state.radiance(), {{0, 0, width, height}, 2}, state.light());
-
-  const VisibleRegion seen{{400, 300, 720, 540}, 2.0};
-  const auto look = [&] {
+  expect_pixels(state.radiance(), {{0, 0, width, height}, 4}, state.light());
+  const auto look_at = [&](const std::optional<VisibleRegion>& visible) {
     do {
-      state.look_at(seen);
+      state.look_at(visible);
       state.refresh();
     } while (state.is_reading());
   };
+  look_at(std::nullopt);
+  expect_pixels(state.radiance(), {{0, 0, width, height}, 2}, state.light());
+
+  const VisibleRegion seen{{400, 300, 720, 540}, 2.0};
+  const auto look = [&] { look_at(seen); };
   look();
   const PixelGrid detail{{360, 270, 760, 570}, 1};
   EXPECT_EQ(state.grid(), detail);
@@ -141,19 +149,25 @@ TEST_F(LargeField, WindowReadsWhatItShows) {
   ASSERT_TRUE(screen.is_up()) << "Xvfb does not start";
   const auto script = (folder_ / "script").string(), saved = (folder_ / "detail.exr").string(),
              light = (folder_ / "light.exr").string();
-  write_text_atomically(script, "where\nkey Z\nwait 2\nwhere\ndrag light 8 6 14 6 4\nsave " + saved +
-                                    "\nsave-light " + light + "\nkey F\nwait 2\nwhere\nquit\n");
+  write_text_atomically(
+      script, "where\nkey Z\nwait 2\nwhere\npan 60 -40\nwait 2\nwhere\ndrag light 8 6 14 6 4\nsave " + saved +
+                  "\nsave-light " + light + "\nkey F\nwait 2\nwhere\nquit\n");
   testing::internal::CaptureStdout();
   run_viewer(file_, std::nullopt,
              {.script = script, .width = 1000, .height = 700, .large_from_bytes = any_size}, {});
   std::istringstream printed(testing::internal::GetCapturedStdout());
   std::vector<nlohmann::json> places;
   for (std::string line; std::getline(printed, line);) places.push_back(nlohmann::json::parse(line));
-  ASSERT_EQ(places.size(), 3U);
+  ASSERT_EQ(places.size(), 4U);
   EXPECT_EQ(places[0]["image"]["width"], width);
   EXPECT_EQ(places[0]["pixels"]["stride"], 2);
-  EXPECT_EQ(places[2]["pixels"], places[0]["pixels"]);
-  const nlohmann::json& detail = places[1]["pixels"];
+  EXPECT_EQ(places[3]["pixels"], places[0]["pixels"]);
+  const auto shift = [&](const char* axis) {
+    return places[2]["image"][axis].get<double>() - places[1]["image"][axis].get<double>();
+  };
+  EXPECT_EQ(shift("x"), 60.0);
+  EXPECT_EQ(shift("y"), -40.0);
+  const nlohmann::json& detail = places[2]["pixels"];
   EXPECT_EQ(detail["stride"], 1);
   const std::vector<int> corners = detail["region"];
   EXPECT_LT(corners[2] - corners[0], width);
