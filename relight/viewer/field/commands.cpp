@@ -179,7 +179,7 @@ void perform(App& app, const ScriptCommand& command) {
       return state.show(shown_from_name(command.text));
     case Verb::pan:
       if (state.view() == nullptr) return app.picture.pan(command.numbers[0], command.numbers[1]);
-      return move_camera(state.view()->move(), command);
+      [[fallthrough]];
     case Verb::orbit:
     case Verb::approach:
       if (state.view() == nullptr) throw InputError("the field has no mesh for a camera to move around");

@@ -60,13 +60,13 @@ bool DetailLoader::is_good(const PixelGrid& grid, const VisibleRegion& visible) 
 }
 
 std::optional<PixelGrid> DetailLoader::wanted(const std::optional<VisibleRegion>& visible) const {
-  std::optional<PixelGrid> grid;
-  const bool has_whole_failed = has_failed_ && reading_ == whole_;
-  if (whole_.stride < coarse_->grid.stride && !has_whole_failed)
-    grid = whole_;
-  else if (visible && !(detail_ && is_good(detail_->grid, *visible)))
-    grid = grid_for(*visible);
-  return grid && grid->stride < coarse_->grid.stride ? grid : std::nullopt;
+  const auto is_useful = [&](const PixelGrid& grid) {
+    return grid.stride < coarse_->grid.stride && !(has_failed_ && grid == reading_);
+  };
+  if (is_useful(whole_)) return whole_;
+  if (!visible || (detail_ && is_good(detail_->grid, *visible))) return std::nullopt;
+  const PixelGrid grid = grid_for(*visible);
+  return is_useful(grid) ? std::optional(grid) : std::nullopt;
 }
 
 std::shared_ptr<FieldPixels> DetailLoader::show(const std::optional<VisibleRegion>& visible) {
@@ -75,7 +75,7 @@ std::shared_ptr<FieldPixels> DetailLoader::show(const std::optional<VisibleRegio
   const bool needs_detail = visible && stride_at(visible->scale) < coarse_->grid.stride;
   if (job_) {
     if (reading_ != whole_ && !(needs_detail && is_good(reading_, *visible))) job_->cancel();
-  } else if (const auto grid = wanted(visible); grid && !(has_failed_ && grid == reading_)) {
+  } else if (const auto grid = wanted(visible)) {
     read(*grid);
   }
   return needs_detail && detail_ && covers(detail_->grid.region, visible->region) ? detail_ : coarse_;

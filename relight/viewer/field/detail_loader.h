@@ -47,7 +47,8 @@ class DetailLoader {
 
  private:
   PixelGrid grid_for(const VisibleRegion& visible) const;
-  /// What is to be read for a window that shows a region, or no field; nothing where that has been read.
+  /// What is to be read for a window that shows a region, or none; nothing where that has been read or
+  /// failed.
   std::optional<PixelGrid> wanted(const std::optional<VisibleRegion>& visible) const;
   /// Whether a grid shows a region with room for a move, at the resolution of the window.
   bool is_good(const PixelGrid& grid, const VisibleRegion& visible) const;
