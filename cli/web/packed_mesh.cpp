@@ -37,8 +37,7 @@ class GroupEntries {
     };
     visit([&](std::uint32_t kernel, std::size_t, std::size_t) { kernels_.push_back(kernel); });
     std::ranges::sort(kernels_);
-    const auto rest = std::ranges::unique(kernels_);
-    kernels_.erase(rest.begin(), rest.end());
+    kernels_.erase(std::unique(kernels_.begin(), kernels_.end()), kernels_.end());
     weights_.assign(kernels_.size() * 3 * group, 0.0f);
     visit([&](std::uint32_t kernel, std::size_t within, std::size_t i) {
       const auto k = static_cast<std::size_t>(std::ranges::lower_bound(kernels_, kernel) - kernels_.begin());
