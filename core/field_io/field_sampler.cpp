@@ -141,18 +141,23 @@ void FieldSampler::read_transfer(const PixelGrid& grid, SparseTransfer& transfer
 /// Gives a field, whose columns count all kernels of the file, those that it uses.
 void FieldSampler::take_boxes(ReflectanceField& field) const {
   const std::size_t smooth = outline_.basis.smooth(), kernels = smooth + boxes_.size();
-  std::vector<std::uint32_t> number(kernels, 0);
+  std::size_t first = kernels, last = smooth;  // those used lie in [first, last): few of a small region
   for (const std::uint32_t kernel : field.transfer.column) {
     if (kernel >= kernels) values_.fail("transfer/column refers to a kernel that does not exist");
-    number[kernel] = 1;
+    if (kernel < smooth) continue;
+    first = std::min<std::size_t>(first, kernel);
+    last = std::max<std::size_t>(last, kernel + std::size_t{1});
   }
-  for (std::size_t k = smooth; k < kernels; ++k) {
-    if (number[k] == 0) continue;
-    number[k] = static_cast<std::uint32_t>(smooth + field.basis.boxes.size());
+  std::vector<std::uint32_t> number(std::max(first, last) - first, 0);
+  for (const std::uint32_t kernel : field.transfer.column)
+    if (kernel >= smooth) number[kernel - first] = 1;
+  for (std::size_t k = first; k < last; ++k) {
+    if (number[k - first] == 0) continue;
+    number[k - first] = static_cast<std::uint32_t>(smooth + field.basis.boxes.size());
     field.basis.boxes.push_back(boxes_[k - smooth]);
   }
   for (std::uint32_t& kernel : field.transfer.column)
-    if (kernel >= smooth) kernel = number[kernel];
+    if (kernel >= smooth) kernel = number[kernel - first];
 }
 
 }  // namespace refield
