@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The field's data come as scripts, since pages opened from disk may not fetch files: data.js describes the arrays, each
-// data-NNN.js hands over a part of one.
+// data-NNN.js hands over a part of one, and each data-tile-STRIDE-COLUMN-ROW.js a tile of the picture.
 'use strict';
 
 const refield = (() => {
   let description = null;
   let received = null;
+  const receivedTiles = new Map();
 
   function loadScript(name) {
     return new Promise((resolve, reject) => {
@@ -30,23 +31,40 @@ const refield = (() => {
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
 
-  /// An array whose bytes were written by significance, the lowest of all values first.
-  async function loadArray({values, bytes, kind, parts}, onPart) {
-    const result = new ({1: Uint8Array, 2: Uint16Array, 4: Uint32Array})[bytes](values);
-    let at = 0, significance = 0;
-    for (const part of parts) {
-      await loadScript(part);
-      const chunk = await inflated(bytesOfBase64(received));
-      received = null;
+  /// An array whose bytes were written by significance, the lowest of all values first, and then divided into parts.
+  class ArrayReader {
+    constructor({values, bytes, kind}) {
+      Object.assign(this, {values, bytes, kind, at: 0, significance: 0});
+      this.result = new ({1: Uint8Array, 2: Uint16Array, 4: Uint32Array})[bytes](values);
+    }
+
+    async add(base64) {
+      const chunk = await inflated(bytesOfBase64(base64)), {result, values} = this;
+      let {at, significance} = this;
       for (let i = 0; i < chunk.length; ++i) {
         result[at] |= chunk[i] << (8 * significance);
         if (++at === values) { at = 0; ++significance; }
       }
+      Object.assign(this, {at, significance});
+    }
+
+    finish() {
+      if (this.significance !== this.bytes && this.values > 0) throw new Error('the data are incomplete; export the page again');
+      if (this.kind === 'half') return Float32Array.from(this.result, valueOfHalf);
+      return this.kind === 'float' ? new Float32Array(this.result.buffer) : this.result;
+    }
+  }
+
+  async function loadArray(described, onPart) {
+    const reader = new ArrayReader(described);
+    for (const part of described.parts) {
+      await loadScript(part);
+      const base64 = received;
+      received = null;
+      await reader.add(base64);
       onPart();
     }
-    if (significance !== bytes && values > 0) throw new Error('the data are incomplete; export the page again');
-    if (kind === 'half') return Float32Array.from(result, valueOfHalf);
-    return kind === 'float' ? new Float32Array(result.buffer) : result;
+    return reader.finish();
   }
 
   function startsOf(counts) {
@@ -82,10 +100,27 @@ const refield = (() => {
     return {width, height, values: values.map((value) => scale * value)};
   }
 
+  /// A part of the picture at a finer stride, as a field of its own under the same lights.
+  async function loadTile(name) {
+    await loadScript(`data-tile-${name}.js`);
+    const {described: {arrays, ...rest}, parts} = receivedTiles.get(name);
+    receivedTiles.delete(name);
+    const tile = {...rest, light: description.light, hats: description.hats, exponentOffset: rest.exponent_offset};
+    for (const [i, array] of Object.keys(arrays).entries()) {
+      const reader = new ArrayReader(arrays[array]);
+      await reader.add(parts[i]);
+      tile[array] = reader.finish();
+    }
+    tile.starts = startsOf(tile.counts);
+    return tile;
+  }
+
   return {
     loadField,
     loadMap,
+    loadTile,
     describe: (given) => { description = given; },
     receive: (base64) => { received = base64; },
+    receiveTile: (name, described, ...parts) => { receivedTiles.set(name, {described, parts}); },
   };
 })();

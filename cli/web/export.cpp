@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/web/export.h"
 
+#include <tbb/parallel_for.h>
 #include <zlib.h>
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
@@ -10,9 +11,12 @@
 #include <bit>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <functional>
 #include <limits>
 #include <memory>
+#include <mutex>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -186,12 +190,18 @@ std::string deflated(std::string_view bytes, const RunContext& run) {
   return packed;
 }
 
+bool is_data(std::string_view file) {
+  return file.starts_with("data") && file.ends_with(".js");
+}
+
 /// Throws InputError when the folder holds files of the page's names that no export wrote. Data comes first
 /// and the page's own files last, so where one of those is ours, the data lies beside it.
 void require_page_folder(const fs::path& folder) {
   if (!fs::is_directory(folder)) return;
   const auto starts_with = [](const fs::path& path, std::string_view start) {
-    return fs::is_regular_file(path) && read_text(path).starts_with(start);
+    std::string read(start.size(), '\0');
+    return fs::is_regular_file(path) && std::ifstream(path).read(read.data(), std::ssize(read)) &&
+           read == start;
   };
   const auto refuse = [](const fs::path& path) {
     throw InputError(path.string() +
@@ -200,32 +210,49 @@ void require_page_folder(const fs::path& folder) {
   const bool exported = starts_with(folder / "data.js", "refield.describe(");
   for (const auto& entry : fs::directory_iterator(folder)) {
     const std::string name = entry.path().filename().string();
-    const bool data = name.starts_with("data") && name.ends_with(".js");
+    const bool data = is_data(name);
     if (data && !starts_with(entry.path(), "refield.")) refuse(entry.path());
     if (!data && !exported && std::ranges::find(page_files(), name, &PageFile::name) != page_files().end())
       refuse(entry.path());
   }
 }
 
-/// Writes files into the page's folder and counts them.
+/// Writes files into the page's folder, from any thread, and counts them.
 class PageWriter {
  public:
   explicit PageWriter(fs::path folder) : folder_(std::move(folder)) { create_folders(folder_); }
 
-  void write(const char* name, std::string_view content, const RunContext& run) {
+  void write(const std::string& name, std::string_view content, const RunContext& run) {
     run.throw_if_stopped();
     write_text_atomically(folder_ / name, content);
-    ++files_;
+    const std::scoped_lock lock(mutex_);
+    names_.insert(name);
     bytes_ += content.size();
   }
-  std::size_t files() const { return files_; }
+  /// Removes data that an earlier export left and this one did not replace.
+  void remove_other_data() const {
+    std::vector<fs::path> old;
+    for (const auto& entry : fs::directory_iterator(folder_)) {
+      const std::string name = entry.path().filename().string();
+      if (is_data(name) && !names_.contains(name)) old.push_back(entry.path());
+    }
+    for (const fs::path& path : old) fs::remove(path);
+  }
+  std::size_t files() const { return names_.size(); }
   std::uint64_t bytes() const { return bytes_; }
 
  private:
   fs::path folder_;
-  std::size_t files_ = 0;
+  std::mutex mutex_;
+  std::set<std::string> names_;
   std::uint64_t bytes_ = 0;
 };
+
+/// Deflated, as a script holds it.
+std::string script_text(std::string_view bytes, const RunContext& run) {
+  const std::string packed = deflated(bytes, run);
+  return "'" + report::base64({reinterpret_cast<const std::uint8_t*>(packed.data()), packed.size()}) + "'";
+}
 
 /// Writes arrays as scripts `data-NNN.js`, each of which hands a part to the page.
 class DataWriter {
@@ -238,14 +265,12 @@ class DataWriter {
     const std::string bytes = shuffled(values, run);
     nlohmann::ordered_json parts = nlohmann::ordered_json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
-      const std::string packed = deflated(std::string_view(bytes).substr(at, part_bytes), run);
       char file[32];
       std::snprintf(file, sizeof file, "data-%03zu.js", count_++);
-      page_.write(file,
-                  "refield.receive('" +
-                      report::base64({reinterpret_cast<const std::uint8_t*>(packed.data()), packed.size()}) +
-                      "');\n",
-                  run);
+      page_.write(
+          file,
+          "refield.receive(" + script_text(std::string_view(bytes).substr(at, part_bytes), run) + ");\n",
+          run);
       parts.push_back(file);
     }
     arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(T)}, {"parts", parts}};
@@ -274,15 +299,20 @@ class DataWriter {
   nlohmann::ordered_json arrays_;
 };
 
-/// Corners of vector boxes, then of boxes, and the vectors of the first.
-void add_boxes(const LightBasis& basis, DataWriter& data, const RunContext& run) {
+/// Corners of vector boxes, then of boxes.
+std::vector<std::uint16_t> corners_of(const LightBasis& basis) {
   std::vector<std::uint16_t> corners;
   for (const auto corner : {&Box::x0, &Box::y0, &Box::x1, &Box::y1}) {
     for (const VectorBox& of : basis.vector_boxes)
       corners.push_back(static_cast<std::uint16_t>(of.box.*corner));
     for (const Box& box : basis.boxes) corners.push_back(static_cast<std::uint16_t>(box.*corner));
   }
-  data.add("boxes", corners, run);
+  return corners;
+}
+
+/// Corners, and the vectors of vector boxes.
+void add_boxes(const LightBasis& basis, DataWriter& data, const RunContext& run) {
+  data.add("boxes", corners_of(basis), run);
   if (basis.measure != Measure::solid_angle) return;
   std::vector<float> vectors;
   for (const VectorBox& of : basis.vector_boxes)
@@ -454,21 +484,85 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
   return described;
 }
 
+/// A tile as a script that hands it over by its name.
+std::string tile_script(const PackedField& tile, const std::string& name, const RunContext& run) {
+  nlohmann::ordered_json described{
+      {"width", tile.width}, {"height", tile.height}, {"exponent_offset", tile.exponent.offset}};
+  std::string parts;
+  const auto add = [&]<class T>(const char* array, const std::vector<T>& values) {
+    described["arrays"][array] = {{"values", values.size()}, {"bytes", sizeof(T)}};
+    parts += ", " + script_text(shuffled(values, run), run);
+  };
+  add("counts", tile.counts);
+  add("kernels", tile.kernels);
+  add("weights", tile.weights);
+  add("boxes", corners_of(tile.basis));
+  return "refield.receiveTile('" + name + "', " + json_text(described) + parts + ");\n";
+}
+
+/// Where a tile lies in its level.
+struct TilePlace {
+  int stride = 1;
+  int column = 0;
+  int row = 0;
+};
+
+std::vector<TilePlace> tiles_of(const PageDetail& detail) {
+  const FieldOutline& image = detail.pixels.outline();
+  std::vector<TilePlace> tiles;
+  for (int stride = detail.stride / 2; stride >= detail.finest; stride /= 2)
+    for (int row = 0; row * stride * detail.side < image.height; ++row)
+      for (int column = 0; column * stride * detail.side < image.width; ++column)
+        tiles.push_back({stride, column, row});
+  return tiles;
+}
+
+void write_tile(const PageDetail& detail, const TilePlace& place, PageWriter& page, const RunContext& run) {
+  const FieldOutline& image = detail.pixels.outline();
+  const int size = detail.side * place.stride, x = place.column * size, y = place.row * size;
+  const PixelGrid grid{{x, y, std::min(x + size, image.width), std::min(y + size, image.height)},
+                       place.stride};
+  const std::string name =
+      std::to_string(place.stride) + "-" + std::to_string(place.column) + "-" + std::to_string(place.row);
+  page.write("data-tile-" + name + ".js", tile_script(pack(detail.pixels.read(grid, run), run), name, run),
+             run);
+}
+
+/// Writes all tiles, several at a time, and describes them.
+nlohmann::ordered_json add_tiles(const PageDetail& detail, PageWriter& page, const RunContext& run) {
+  const std::vector<TilePlace> tiles = tiles_of(detail);
+  Progress progress(run, "tiles", tiles.size());
+  tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
+    write_tile(detail, tiles[i], page, run);
+    progress.advance();
+  });
+  run.throw_if_stopped();
+  const FieldOutline& image = detail.pixels.outline();
+  return {{"width", image.width},
+          {"height", image.height},
+          {"stride", detail.stride},
+          {"finest", detail.finest},
+          {"side", detail.side}};
+}
+
 }  // namespace
 
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,
-                         const std::vector<PageMap>& maps, const RunContext& run) {
+                         const std::vector<PageMap>& maps, const std::optional<PageDetail>& detail,
+                         const RunContext& run) {
   require_page_folder(folder);
   ExportReport report;
   PageWriter page(folder);
   DataWriter data(page);
   auto described = field.mesh ? add_mesh_field(field, title, data, report, run)
                               : add_image_field(field, title, data, report, run);
+  if (detail && detail->finest < detail->stride) described["tiles"] = add_tiles(*detail, page, run);
   described["maps"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();
   page.write("data.js", "refield.describe(" + json_text(described) + ");\n", run);
   for (const PageFile& file : page_files()) page.write(file.name, file.content, run);
+  page.remove_other_data();
   report.files = page.files();
   report.bytes = page.bytes();
   return report;

@@ -189,10 +189,8 @@ const light = (() => {
     constructor(field) {
       this.field = field;
       this.hatCount = field.hats.columns * field.hats.rows;
-      this.boxCount = field.boxes.length / 4;
       this.table = new Float64Array((field.light.width + 1) * (field.light.height + 1) * 3);
-      const rows = Math.ceil((this.hatCount + this.boxCount) / Projector.width) || 1;
-      this.coefficients = new Float32Array(rows * Projector.width * 4);
+      this.coefficients = Projector.emptyCoefficients(this.hatCount + field.boxes.length / 4);
       if (field.interpolation) this.interpolator = new Interpolator(field.light, field.interpolation);
     }
 
@@ -208,8 +206,8 @@ const light = (() => {
       }
     }
 
-    projectBoxes() {
-      const n = this.boxCount, boxes = this.field.boxes, table = this.table, result = this.coefficients;
+    projectBoxes(boxes, result) {
+      const n = boxes.length / 4, table = this.table;
       const stride = (this.field.light.width + 1) * 3;
       for (let k = 0, to = this.hatCount * 4; k < n; ++k, to += 4) {
         const top = boxes[n + k] * stride, bottom = boxes[3 * n + k] * stride;
@@ -247,9 +245,21 @@ const light = (() => {
     project(map) {
       if (this.interpolator) map = this.interpolator.gathered(map);
       this.fillTable(map);
-      this.projectBoxes();
+      this.projectBoxes(this.field.boxes, this.coefficients);
       if (this.hatCount > 0) this.projectHats(map);
       return this.coefficients;
+    }
+
+    /// As project(), of the light that was projected last, for the boxes of a tile.
+    projectTile(boxes) {
+      const result = Projector.emptyCoefficients(this.hatCount + boxes.length / 4);
+      result.set(this.coefficients.subarray(0, 4 * this.hatCount));
+      this.projectBoxes(boxes, result);
+      return result;
+    }
+
+    static emptyCoefficients(kernels) {
+      return new Float32Array((Math.ceil(kernels / Projector.width) || 1) * Projector.width * 4);
     }
   }
   Projector.width = 2048;

@@ -307,8 +307,13 @@ class MeshRelighter extends Relighter {
   }
 
   setCoefficients(values) {
-    super.setCoefficients(values);
+    this.gl.activeTexture(this.gl.TEXTURE0 + this.coefficients);
+    this.uploadCoefficients(values);
     this.outputGain = null;
+  }
+
+  describe() {
+    return `${this.field.mesh.vertices.toLocaleString('en')} vertices`;
   }
 
   /// The panorama behind the mesh.

@@ -30,8 +30,10 @@ class Relighter {
     uniform usampler2D entries;       // kernel, weights
     uniform sampler2D coefficients;   // of each kernel
     uniform ivec2 entryLayout, kernelLayout;
-    uniform int height;
+    uniform int height;               // of the canvas
     uniform int spacing;              // of drawn pixels; above 1 in a draft
+    uniform float scale;              // pixels of the field for one of the canvas
+    uniform vec2 shift;               // the field's pixel at the canvas's top left corner
     uniform float gain;
     out vec4 colour;
 
@@ -39,8 +41,10 @@ class Relighter {
     ${Relighter.encoding}
 
     void main() {
-      ivec2 pixel = ivec2(gl_FragCoord.xy) * spacing;
-      uvec2 row = texelFetch(rows, ivec2(pixel.x, height - 1 - pixel.y), 0).xy;
+      ivec2 drawn = ivec2(gl_FragCoord.xy) * spacing;
+      ivec2 pixel = ivec2(floor((vec2(drawn.x, height - 1 - drawn.y) + 0.5) * scale + shift));
+      if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, textureSize(rows, 0)))) discard;
+      uvec2 row = texelFetch(rows, pixel, 0).xy;
       vec3 sum = vec3(0.0);
       for (uint i = row.x; i < row.x + row.y; ++i) {
         uvec2 entry = texelFetch(entries, place(i, entryLayout), 0).xy;
@@ -62,14 +66,13 @@ class Relighter {
   }
 
   prepare() {
-    const gl = this.gl, {field} = this;
+    const gl = this.gl;
     this.program = this.link(Relighter.vertexShader, Relighter.fragmentShader);
     gl.useProgram(this.program);
-    this.uploadRows();
-    this.uploadEntries();
-    this.coefficients = this.texture(2, 'coefficients');
-    gl.uniform1i(this.uniform('height'), field.height);
+    ['rows', 'entries', 'coefficients'].forEach((name, unit) => gl.uniform1i(this.uniform(name), unit));
+    gl.uniform1i(this.uniform('height'), this.field.height);
     gl.uniform2i(this.uniform('kernelLayout'), light.Projector.width - 1, Math.log2(light.Projector.width));
+    this.layer = this.layerOf(this.field);
   }
 
   uniform(name) {
@@ -99,10 +102,14 @@ class Relighter {
 
   bindNewTexture(unit) {
     const gl = this.gl, texture = gl.createTexture();
-    gl.activeTexture(gl.TEXTURE0 + unit);
-    gl.bindTexture(gl.TEXTURE_2D, texture);
+    this.bind(texture, unit);
     for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
     return texture;
+  }
+
+  bind(texture, unit) {
+    this.gl.activeTexture(this.gl.TEXTURE0 + unit);
+    this.gl.bindTexture(this.gl.TEXTURE_2D, texture);
   }
 
   requireSize(width, height, what) {
@@ -110,25 +117,32 @@ class Relighter {
       throw new Error(`${what} do not fit this browser's largest texture (${this.largest}); export a smaller field`);
   }
 
-  uploadRows() {
-    const gl = this.gl, {width, height, starts} = this.field;
+  /// A field of pixels on the graphics card. Its textures: rows, entries, coefficients.
+  layerOf(field) {
+    const rows = this.uploadRows(field), {entries, entryLayout} = this.uploadEntries(field);
+    return {field, textures: [rows, entries, this.bindNewTexture(2)], entryLayout};
+  }
+
+  uploadRows({width, height, starts}) {
+    const gl = this.gl;
     this.requireSize(width, height, 'the pixels');
-    const rows = new Uint32Array(width * height * 2);
+    const values = new Uint32Array(width * height * 2);
     for (let p = 0; p < width * height; ++p) {
-      rows[2 * p] = starts[p];
-      rows[2 * p + 1] = starts[p + 1] - starts[p];
+      values[2 * p] = starts[p];
+      values[2 * p + 1] = starts[p + 1] - starts[p];
     }
-    this.texture(0, 'rows');
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32UI, width, height, 0, gl.RG_INTEGER, gl.UNSIGNED_INT, rows);
+    const rows = this.bindNewTexture(0);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32UI, width, height, 0, gl.RG_INTEGER, gl.UNSIGNED_INT, values);
+    return rows;
   }
 
   /// In bands, so that the interleaved copy stays small.
-  uploadEntries() {
-    const gl = this.gl, {kernels, weights} = this.field, count = kernels.length;
+  uploadEntries({kernels, weights}) {
+    const gl = this.gl, count = kernels.length;
     const shift = Math.floor(Math.log2(Math.min(this.largest, 8192))), width = 1 << shift;
     const height = Math.max(1, Math.ceil(count / width)), band = 64;
     this.requireSize(width, height, 'the kernels');
-    this.texture(1, 'entries');
+    const entries = this.bindNewTexture(1);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG32UI, width, height);
     const values = new Uint32Array(width * band * 2);
     for (let top = 0; top < height; top += band) {
@@ -139,13 +153,18 @@ class Relighter {
       }
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, width, Math.min(band, height - top), gl.RG_INTEGER, gl.UNSIGNED_INT, values);
     }
-    gl.uniform2i(this.uniform('entryLayout'), width - 1, shift);
+    return {entries, entryLayout: [width - 1, shift]};
   }
 
-  setCoefficients(values) {
+  setCoefficients(values, layer = this.layer) {
+    this.bind(layer.textures[2], 2);
+    this.uploadCoefficients(values);
+  }
+
+  /// To the texture that was bound last.
+  uploadCoefficients(values) {
     const gl = this.gl, width = light.Projector.width, height = values.length / 4 / width;
     this.requireSize(width, height, 'the boxes');
-    gl.activeTexture(gl.TEXTURE0 + this.coefficients);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, height, 0, gl.RGBA, gl.FLOAT, values);
   }
 
@@ -176,13 +195,37 @@ class Relighter {
     const target = spacing > 1 ? this.draftTarget() : null;
     gl.bindFramebuffer(gl.FRAMEBUFFER, target);
     gl.viewport(0, 0, columns, rows);
+    gl.clear(gl.COLOR_BUFFER_BIT);
     gl.uniform1i(this.uniform('spacing'), spacing);
-    gl.uniform1f(this.uniform('gain'), exposure * 2 ** -this.field.exponentOffset);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    this.drawLayers(exposure, spacing);
     if (!target) return;
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, columns, rows, 0, 0, columns * spacing, rows * spacing, gl.COLOR_BUFFER_BIT, gl.LINEAR);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  drawLayers(exposure) {
+    this.drawLayer(this.layer, exposure, {scale: 1, shift: [0, 0]});
+  }
+
+  drawLayer({field, textures, entryLayout}, exposure, {scale, shift}) {
+    const gl = this.gl;
+    textures.forEach((texture, unit) => this.bind(texture, unit));
+    gl.uniform2i(this.uniform('entryLayout'), ...entryLayout);
+    gl.uniform1f(this.uniform('gain'), exposure * 2 ** -field.exponentOffset);
+    gl.uniform1f(this.uniform('scale'), scale);
+    gl.uniform2f(this.uniform('shift'), ...shift);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /// The pixel at one of the canvas: of which field, and where in the picture.
+  pixelAt(x, y) {
+    return {field: this.field, column: x, row: y, x, y};
+  }
+
+  /// What the page says of the picture.
+  describe() {
+    return `${this.field.width}×${this.field.height} pixels`;
   }
 
   /// As large as the largest draft; made when first asked for.

@@ -5,18 +5,26 @@
 class Viewer {
   static slowMs = 60;
   static restMs = 150;
+  static pictureHelp = 'Click a pixel to see which light it gathers.';
+  static tilesHelp = 'Wheel, two fingers or + to enlarge; drag to pan; F shows all. ' + Viewer.pictureHelp;
   static orbitHelp = 'Drag to orbit; wheel or two fingers to approach; Shift and drag, or two fingers, to pan; F resets the camera.';
 
   constructor(field) {
     this.field = field;
     this.projector = field.light.cube ? new cube.Projector(field) : new light.Projector(field);
-    this.relighter = new (field.mesh ? MeshRelighter : Relighter)(Viewer.element('scene'), field);
+    this.relighter = this.makeRelighter(Viewer.element('scene'));
     this.picks = !field.light.cube;
     Viewer.element('release-note').hidden = !this.picks;
     this.latLong = field.light.parameterisation === 'lat_long';
     this.lightContext = this.prepareLightCanvas();
     this.reset();
     controls.connect(this);
+  }
+
+  makeRelighter(canvas) {
+    if (this.field.mesh) return new MeshRelighter(canvas, this.field);
+    if (this.field.tiles) return new TiledRelighter(canvas, this.field, this.projector, () => this.changed(false));
+    return new Relighter(canvas, this.field);
   }
 
   static element(id) {
@@ -67,9 +75,9 @@ class Viewer {
     requestAnimationFrame((time) => { this.requested = false; this.frame(time); });
   }
 
-  /// Whether the whole image is drawn, and nothing moves.
+  /// Whether the whole image is drawn, nothing moves and nothing is being loaded for it.
   atRest() {
-    return !this.requested && !this.refinement;
+    return !this.requested && !this.refinement && !this.relighter.loading;
   }
 
   /// Where a whole image takes long, drafts are drawn while something moves, and the whole when it rests.
@@ -133,8 +141,7 @@ class Viewer {
 
   showState() {
     const {state, field} = this, show = (id, text) => { Viewer.element(id).textContent = text; };
-    const outputs = field.mesh ? `${field.mesh.vertices.toLocaleString('en')} vertices` : `${field.width}×${field.height} pixels`;
-    show('status', `${outputs}, ${field.weights.length.toLocaleString('en')} weights; ` +
+    show('status', `${this.relighter.describe()}, ${field.weights.length.toLocaleString('en')} weights; ` +
         `light ${this.timing.light.toFixed(1)} ms, image ${this.timing.draw.toFixed(1)} ms`);
     show('size-value', `${Math.round(state.size * 100)} %`);
     show('exposure-value', `${state.stops > 0 ? '+' : ''}${state.stops.toFixed(1)}`);
@@ -156,7 +163,7 @@ class Viewer {
   showPicked() {
     const picked = this.picked, show = (id, text) => { Viewer.element(id).textContent = text; };
     if (!picked) {
-      show('picked', this.field.mesh ? Viewer.orbitHelp : this.picks ? 'Click a pixel to see which light it gathers.' : '');
+      show('picked', this.help());
       show('kernels', '');
       return;
     }
@@ -166,10 +173,16 @@ class Viewer {
         `${kernel.hat ? 'hat' : 'box'} ${kernel.x0}–${kernel.x1} × ${kernel.y0}–${kernel.y1}: ${(100 * energy / total).toFixed(1)} %`).join(' · '));
   }
 
-  pick(x, y) {
+  help() {
+    if (this.field.mesh) return Viewer.orbitHelp;
+    return this.field.tiles ? Viewer.tilesHelp : this.picks ? Viewer.pictureHelp : '';
+  }
+
+  /// The pixel at one of the canvas.
+  pick(canvasX, canvasY) {
     if (!this.picks) return;
-    const list = overlay.kernelsOfPixel(this.field, x, y);
-    this.picked = {x, y, list, gathered: overlay.gathered(this.field, list)};
+    const {field, column, row, x, y} = this.relighter.pixelAt(canvasX, canvasY), list = overlay.kernelsOfPixel(field, column, row);
+    this.picked = {x, y, list, gathered: overlay.gathered(field, list)};
     this.pickedChanged = true;
     this.changed(false);
   }

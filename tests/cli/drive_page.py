@@ -228,20 +228,25 @@ class Check:
 def drive(kind, sun, steps):
     """Exports a page and runs `steps` of a check of that kind on it. `sun`: texel of the environment and its exponent."""
     refield, field, folder = sys.argv[1:4]
-    if not shutil.which("chromedriver") or not shutil.which("chromium"):
-        print("skipped: chromium and chromium-driver are not installed")
-        return SKIPPED
-    page = os.path.join(folder, "page")
     os.makedirs(folder, exist_ok=True)
     environment = os.path.join(folder, "sky.hdr")
     write_hdr(environment, 128, 64, bytes(v for y in range(64) for x in range(128)
               for v in (2 * x, 255 - 3 * y, 90 + (x * 7 + y * 5) % 130, sun[2] if (x, y) == sun[:2] else 128)))
-    subprocess.run([refield, "export-web", field, "-o", page, "--env", environment], check=True)
+    subprocess.run([refield, "export-web", field, "-o", os.path.join(folder, "page"), "--env", environment], check=True)
+    kind.environment = environment
+    return visit(kind, steps)
+
+
+def visit(kind, steps):
+    """Runs `steps` of a check of that kind on the page in the work folder."""
+    refield, field, folder = sys.argv[1:4]
+    if not shutil.which("chromedriver") or not shutil.which("chromium"):
+        print("skipped: chromium and chromium-driver are not installed")
+        return SKIPPED
     browser = Browser(os.path.join(folder, "profile"))
     try:
         check = kind(refield, field, folder, browser)
-        check.environment = environment
-        browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(page, "index.html"))})
+        browser.command("POST", "/url", {"url": "file://" + os.path.abspath(os.path.join(folder, "page", "index.html"))})
         for step in steps:
             step(check)
         if len(sys.argv) > 4:
