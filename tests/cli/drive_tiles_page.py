@@ -27,7 +27,8 @@ class TilesCheck(Check):
         density = tiles["stride"] / stride
         seen = lambda start, length: [math.floor((i + 0.5) / view["zoom"] * density + start * density) * stride for i in range(length)]
         columns, rows = seen(view["left"], canvas_width), seen(view["top"], canvas_height)
-        return b"".join(pixels[3 * (y * tiles["width"] + x):][:3] for y in rows for x in columns)
+        starts = (3 * (y * tiles["width"] + x) for y in rows for x in columns)
+        return b"".join(pixels[start:start + 3] for start in starts)
 
     def moves(self, what, action):
         before = self.view()

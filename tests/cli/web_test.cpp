@@ -230,6 +230,7 @@ TEST_F(TiledPage, HoldsAllLevelsDownToTheFinest) {
 }
 
 TEST_F(TiledPage, LeavesAlonePagesThatItDidNotWrite) {
+  fs::create_directories(page_);
   write_text_atomically(page_ / "data-tile-1-0-0.js", "mine");
   EXPECT_THROW(export_page(1), InputError);
   EXPECT_EQ(read_text(page_ / "data-tile-1-0-0.js"), "mine");
