@@ -77,7 +77,7 @@ struct PageMap {
 /// coarsest.
 struct PageDetail {
   const FieldSampler& pixels;
-  int stride = 1;  ///< of the page's own field: every so manieth pixel in both directions; a power of two
+  int stride = 1;  ///< of the page's own field, which has every n-th pixel in both directions; a power of two
   int finest = 1;  ///< stride of the last level; a power of two
   int side = 256;  ///< pixels of a tile: 1.4 million weights of an estimated field, 9 MB
 };
