@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Drives the page of a field in tiles in headless Chromium (mouse, wheel, fingers, keys) and compares what it draws, enlarged or
+"""Drives the page of a field in tiles in headless Chromium (mouse, wheel, keys) and compares what it draws, enlarged or
 not, with `refield relight` under the same light.
 
     drive_tiles_page.py REFIELD FIELD WORK_FOLDER [SCREENSHOT]
@@ -61,7 +61,7 @@ class TilesCheck(Check):
         self.expect(self.view()["zoom"] == closest, f"{closest:g} times is the limit")
         self.compare("finest pixels, enlarged")
         finest = self.browser.run("const {stride, finest} = viewer.field.tiles; return stride / finest")
-        self.browser.run("viewer.moveCamera((camera) => { camera.reset(); camera.approach(arguments[0], [0, 0]); })".replace("arguments[0]", str(finest)))
+        self.browser.run("const [factor] = arguments; viewer.moveCamera((camera) => { camera.reset(); camera.approach(factor, [0, 0]); })", finest)
         self.compare("finest pixels")
         self.browser.run("viewer.moveCamera((camera) => camera.pan(-1e6, -1e6))")
         self.compare("finest pixels, at the right and lower edge")
@@ -86,13 +86,15 @@ class TilesCheck(Check):
 
     def misses_a_tile(self):
         """The overview stands in for tiles that were not copied."""
+        complaints = self.browser.complaints()  # before the browser's own, of each missing file
+        self.expect(not complaints, "the console is quiet until then" + "".join("\n      " + c for c in complaints))
         for tile in glob.glob(os.path.join(self.folder, "page", "data-tile-*.js")):
             os.remove(tile)
         self.browser.run("const {tiles, camera} = viewer.relighter; tiles.clear(); viewer.moveCamera(() => camera.approach(2));")
         self.settle()
         status = self.browser.run("return document.getElementById('status').textContent")
         self.expect("missing" in status, "missing tiles are named: " + status)
-        self.browser.complaints()  # the browser's own, of each file
+        self.browser.complaints()
 
 
 if __name__ == "__main__":
