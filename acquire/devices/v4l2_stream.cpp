@@ -170,13 +170,14 @@ bool V4l2Stream::wait_until_filled(Seconds timeout) const {
     run_.throw_if_stopped();
     const auto left =
         std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
-    if (left.count() <= 0) return false;
     pollfd waiting{device_.descriptor(), POLLIN, 0};
-    const int wait_ms = static_cast<int>(std::min<std::int64_t>(left.count(), max_stop_checks_ms));
+    const int wait_ms = static_cast<int>(std::clamp<std::int64_t>(left.count(), 0, max_stop_checks_ms));
     const int ready = ::poll(&waiting, 1, wait_ms);
     if (ready < 0 && errno != EINTR) device_.fail(errno, "cannot be waited for");
     // POLLERR and POLLHUP, too: VIDIOC_DQBUF tells what is wrong.
     if (ready > 0) return true;
+    // Looked at least once: after a pause of the whole program a frame may be there.
+    if (left.count() <= 0) return false;
   }
 }
 

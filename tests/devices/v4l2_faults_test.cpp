@@ -99,6 +99,14 @@ TEST(StreamingFault, NumbersThatWrapGoOn) {
   set_vivid("wrap_sequence_number", 0);
 }
 
+TEST(StreamingFault, AfterAPauseOfTheProgramAFrameIsThere) {
+  V4l2Camera camera(vivid_options());
+  auto frames = frames_of(camera, 3);
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  frames.push_back(camera.next_frame(Seconds(0)));
+  expect_in_order(frames);
+}
+
 class HdmiInput : public testing::Test {
  protected:
   void SetUp() override { run("v4l2-ctl -d " + vivid_node() + " -i 3"); }
@@ -113,7 +121,9 @@ TEST_F(HdmiInput, LostSignalGivesNoFrame) {
     V4l2Camera camera(options);
     frames_of(camera, 2);
     set_vivid("dv_timings_signal_mode", 1);
-    EXPECT_THROW(camera.next_frame(Seconds(1)), DeviceError);
+    // A busy machine may need more than a second for the first frame without a signal.
+    for (int tries = 0; tries < 10 && camera.troubles().damaged == 0; ++tries)
+      EXPECT_THROW(camera.next_frame(Seconds(1)), DeviceError);
     EXPECT_GT(camera.troubles().damaged, 0u);
     set_vivid("dv_timings_signal_mode", 0);
     expect_in_order(frames_of(camera, 2));
