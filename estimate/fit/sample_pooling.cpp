@@ -39,6 +39,10 @@ constexpr double min_weighted_noise = 0.02;
 /// Images weigh at most this many times as much as the usual one. The measured noise of nearly black images
 /// is not to be trusted: values below zero are cut off.
 constexpr double max_weight_ratio = 4.0;
+/// Times that the images' noise is measured, each time on images with the weights before. With one, images of
+/// ten times the noise weigh twice what they should, and the field's error grows by a sixth; a fourth reduces
+/// it by 2 %.
+constexpr int weighting_passes = 3;
 /// The noise of an image is measured without it: this many groups of images.
 constexpr int image_folds = 4;
 /// Brightness levels of the noise model, each with at least this number of windows.
@@ -236,8 +240,12 @@ NoiseModel measure_noise(std::span<const SampleWindow> windows, int images, std:
   const double spread = std::sqrt((logarithms - logarithms.mean()).square().mean());
   if (spread > min_noise_spread &&
       quantile(std::move(variances), 0.5) > min_weighted_noise * min_weighted_noise) {
-    const Eigen::VectorXd weights = weights_for(by_image, windows, images, seen);
-    measured = weakest_components_of(windows, images, seen, weights);
+    // Images that are much noisier than others hide in the strong components until they are weighted.
+    Eigen::VectorXd weights = Eigen::VectorXd::Ones(rows);
+    for (int pass = 0; pass < weighting_passes; ++pass) {
+      weights = weights_for(noise_by_image(measured).cwiseQuotient(weights), windows, images, seen);
+      measured = weakest_components_of(windows, images, seen, weights);
+    }
     for (const double weight : weights) noise.image_weights.push_back(static_cast<float>(weight));
   }
   std::ranges::sort(measured, {}, &WeakestComponents::log_level);

@@ -65,6 +65,7 @@ const TreeDictionary& TreeSearch::grow(const SearchTargets& targets, double meas
     unrewarded = criterion < best_criterion ? 0 : unrewarded + 1;
     best_criterion = std::min(best_criterion, criterion);
     if (unrewarded == splits_of_patience) break;
+    update_candidates();
     const int best = best_candidate();
     if (best < 0) break;
     split(best);
@@ -145,7 +146,7 @@ void TreeSearch::start(const SearchTargets& targets) {
     std::copy_n(root[c] + stride_, smooth_rank_, coordinate + dictionary_.smooth_offset);
   }
   update_gram(0);
-  add_candidates(0);
+  has_candidates_.assign(1, 0);
 }
 
 void TreeSearch::add_direction(const std::array<const float*, 3>& direction) {
@@ -174,6 +175,7 @@ void TreeSearch::add_direction(const std::array<const float*, 3>& direction) {
 }
 
 void TreeSearch::add_candidates(int leaf) {
+  has_candidates_[leaf] = 1;
   const std::size_t first = candidates_.size();
   for (Split& split : cache_.splits(dictionary_.boxes[leaf_node_[leaf]])) {
     int slot = slots_;
@@ -239,9 +241,7 @@ void TreeSearch::split(int chosen) {
   for (int c = 0; c < 3; ++c) cache_.make(split, c);
   const int leaf = candidates_[chosen].leaf;
   const int parent = leaf_node_[leaf];
-  for (const Candidate& candidate : candidates_)
-    if (candidate.leaf == leaf) free_slots_.push_back(candidate.slot);
-  std::erase_if(candidates_, [&](const Candidate& candidate) { return candidate.leaf == leaf; });
+  remove_candidates(leaf);
   add_direction(split.direction);
   const int first = dictionary_.size();
   dictionary_.boxes.push_back(split.first);
@@ -268,9 +268,31 @@ void TreeSearch::split(int chosen) {
   }
   update_gram(leaf);
   update_gram(other_leaf);
-  if (static_cast<int>(leaf_node_.size()) == leaves_asked_) return;
-  add_candidates(leaf);
-  add_candidates(other_leaf);
+  has_candidates_.push_back(0);
+}
+
+bool TreeSearch::has_weight(int leaf) const {
+  for (int c = 0; c < 3; ++c)
+    for (int t = 0; t < target_count_[c]; ++t)
+      if (fits_[c][t].weights[leaf] > 0.0) return true;
+  return false;
+}
+
+void TreeSearch::remove_candidates(int leaf) {
+  for (const Candidate& candidate : candidates_)
+    if (candidate.leaf == leaf) free_slots_.push_back(candidate.slot);
+  std::erase_if(candidates_, [&](const Candidate& candidate) { return candidate.leaf == leaf; });
+  has_candidates_[leaf] = 0;
+}
+
+void TreeSearch::update_candidates() {
+  for (int leaf = 0; leaf < static_cast<int>(leaf_node_.size()); ++leaf) {
+    if (has_weight(leaf) == static_cast<bool>(has_candidates_[leaf])) continue;
+    if (has_candidates_[leaf])
+      remove_candidates(leaf);
+    else
+      add_candidates(leaf);
+  }
 }
 
 void TreeSearch::update_gram(int leaf) {

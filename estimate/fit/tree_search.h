@@ -34,7 +34,8 @@ using SearchTargets = std::array<std::vector<const float*>, 3>;
 ///
 /// Deviations from the paper: splits at thirds and halves; a split is scored by its projected gain
 /// ⟨d,r⟩²/‖d⊥‖² summed over targets and channels, d⊥ being the part of its direction outside the space that
-/// the leaves span and r the residual of the non-negative fit, instead of solving for each candidate.
+/// the leaves span and r the residual of the non-negative fit, instead of solving for each candidate; only
+/// leaves with a positive weight are split, since dark ones would use up splits.
 ///
 /// The fit lives in coordinates of an orthonormal basis Q of the space that the leaves' columns span.
 /// Replacing a leaf by its halves keeps that space and adds one direction, so Q grows by a vector a step, and
@@ -77,7 +78,11 @@ class TreeSearch {
   void lay_out(int leaves);
   void start(const SearchTargets& targets);
   void add_direction(const std::array<const float*, 3>& direction);
+  /// Those of leaves with a positive weight, after solve() changed weights.
+  void update_candidates();
   void add_candidates(int leaf);
+  void remove_candidates(int leaf);
+  bool has_weight(int leaf) const;
   void split(int candidate);
   void update_gram(int leaf);
   void solve();
@@ -98,6 +103,7 @@ class TreeSearch {
   int smooth_rank_;
   TreeDictionary dictionary_;
   std::vector<int> leaf_node_;
+  std::vector<char> has_candidates_;  // of the leaves
   std::array<int, 3> target_count_{};
   std::array<std::array<Fit, max_targets>, 3> fits_;
   double squared_targets_ = 0.0;
