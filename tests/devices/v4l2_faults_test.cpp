@@ -122,8 +122,9 @@ TEST_F(HdmiInput, LostSignalGivesNoFrame) {
     frames_of(camera, 2);
     set_vivid("dv_timings_signal_mode", 1);
     // A busy machine may need more than a second for the first frame without a signal.
-    for (int tries = 0; tries < 10 && camera.troubles().damaged == 0; ++tries)
-      EXPECT_THROW(camera.next_frame(Seconds(1)), DeviceError);
+    int tries = 0;
+    do EXPECT_THROW(camera.next_frame(Seconds(1)), DeviceError);
+    while (camera.troubles().damaged == 0 && ++tries < 10);
     EXPECT_GT(camera.troubles().damaged, 0u);
     set_vivid("dv_timings_signal_mode", 0);
     expect_in_order(frames_of(camera, 2));
