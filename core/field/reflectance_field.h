@@ -96,6 +96,7 @@ struct FieldRows {
   /// The transfer of some rows of the image, pixel by pixel. May be called once for each range, ranges
   /// ascending.
   std::function<SparseTransfer(RowRange)> rows;
+  bool repeatable = false;  ///< whether `rows` may be called again, for any range
 };
 
 }  // namespace refield

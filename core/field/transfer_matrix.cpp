@@ -17,6 +17,18 @@ void SparseTransfer::append_row(std::span<const std::uint32_t> columns, std::spa
   row_start.push_back(column.size());
 }
 
+SparseTransfer SparseTransfer::slice(std::size_t first, std::size_t last) const {
+  const auto from = static_cast<std::ptrdiff_t>(row_start[first]),
+             to = static_cast<std::ptrdiff_t>(row_start[last]);
+  SparseTransfer some;
+  some.row_start.clear();
+  for (std::size_t row = first; row <= last; ++row)
+    some.row_start.push_back(row_start[row] - row_start[first]);
+  some.column.assign(column.begin() + from, column.begin() + to);
+  some.weight.assign(weight.begin() + 3 * from, weight.begin() + 3 * to);
+  return some;
+}
+
 void SparseTransfer::pass_by_rows(std::size_t first, std::size_t last) const {
   pass_by(column, row_start[first], row_start[last]);
   pass_by(weight, 3 * row_start[first], 3 * row_start[last]);

@@ -18,6 +18,8 @@ struct SparseTransfer {
 
   std::size_t rows() const { return row_start.size() - 1; }
   std::size_t entries() const { return column.size(); }
+  /// A copy of rows [first, last).
+  SparseTransfer slice(std::size_t first, std::size_t last) const;
   /// Says that a pass is done with some rows, see pass_by().
   void pass_by_rows(std::size_t first, std::size_t last) const;
 

@@ -20,26 +20,27 @@ struct Entry {
   std::array<float, 3> weight;
 };
 
+/// Rows of tiles, to a field of as many rows of pixels as `outline` has.
 template <class Weight>
-ReflectanceField expand(FieldOutline&& outline, const TiledTransfer<Weight>& tiles) {
+ReflectanceField expand(FieldOutline&& outline, const TiledTransfer<Weight>& tiles, RowRange tile_rows) {
   ReflectanceField field{std::move(outline), {}};
+  const int across = tiles.tiles_across();
   std::size_t max_entries = 0;
-  for (int at = 0; at < tiles.tiles(); ++at)
+  for (int at = tile_rows.first * across; at < tile_rows.last * across; ++at)
     max_entries += tiles.tile(at).sparse.size() + tiles.tile(at).record_kernel.size() * group_pixels;
   field.transfer.column.reserve(max_entries);
   field.transfer.weight.reserve(3 * max_entries);
   field.transfer.row_start.reserve(static_cast<std::size_t>(field.width) * field.height + 1);
-  const int across = tiles.tiles_across();
   std::vector<std::vector<Entry>> rows(static_cast<std::size_t>(tile_side_px) * field.width);
   std::vector<std::uint32_t> numbers;  // of a tile's kernels, in the basis
-  for (int at = 0; at < tiles.tiles(); ++at) {
+  for (int at = tile_rows.first * across; at < tile_rows.last * across; ++at) {
     const Tile<Weight> tile = tiles.tile(at);
     numbers.assign(tile.common.begin(), tile.common.end());
     for (const SmallBox& box : tile.support.subspan(numbers.size())) {
       numbers.push_back(static_cast<std::uint32_t>(field.basis.size()));
       field.basis.boxes.push_back({box.x0, box.y0, box.x1, box.y1});
     }
-    const int left = at % across * tile_side_px, top = at / across * tile_side_px;
+    const int left = at % across * tile_side_px, top = (at / across - tile_rows.first) * tile_side_px;
     for_each_weight(tile, [&](std::size_t kernel, std::size_t pixel, const std::array<float, 3>& weight) {
       const int x = left + column_of_tile(pixel), y = row_of_tile(pixel);
       if (x < field.width && top + y < field.height)
@@ -62,7 +63,20 @@ ReflectanceField expand(FieldOutline&& outline, const TiledTransfer<Weight>& til
 }  // namespace
 
 ReflectanceField expand(PackedField&& packed) {
-  return std::visit([&](const auto& tiles) { return expand(std::move(packed.outline), tiles); },
+  return std::visit(
+      [&](const auto& tiles) {
+        return expand(std::move(packed.outline), tiles, {0, tiles.tiles_down()});
+      },
+      packed.tiles);
+}
+
+ReflectanceField expand_tiles(const PackedField& packed, RowRange tile_rows) {
+  FieldOutline outline;
+  outline.width = packed.outline.width;
+  outline.height =
+      std::min(packed.outline.height, tile_rows.last * tile_side_px) - tile_rows.first * tile_side_px;
+  outline.basis = packed.outline.basis;
+  return std::visit([&](const auto& tiles) { return expand(std::move(outline), tiles, tile_rows); },
                     packed.tiles);
 }
 
@@ -87,10 +101,10 @@ template <class Weight>
 void write_tiles(const Hdf5Writer& writer, const TiledTransfer<Weight>& tiles) {
   const std::vector<std::uint64_t> starts = starts_of(tiles);
   writer.dataset("tiles/start", starts.data(), {starts.size()});
-  std::vector<Word> memory(starts.back() / sizeof(Word));
-  auto* to = reinterpret_cast<std::byte*>(memory.data());
-  for (const auto& band : tiles.bands) to = std::ranges::copy(band.memory, to).out;
-  writer.dataset("tiles/memory", memory.data(), {memory.size()});
+  Hdf5DataSetWriter<Word> memory(writer, "tiles/memory", {starts.back() / sizeof(Word)});
+  for (const auto& band : tiles.bands)
+    memory.append({reinterpret_cast<const Word*>(band.memory.data()), band.memory.size() / sizeof(Word)});
+  memory.finish();
 }
 
 /// Reads the tiles' memory band by band; looks at no tile itself.

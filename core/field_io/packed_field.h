@@ -29,6 +29,9 @@ std::string fault_of_tiles(const PackedField& packed);
 /// The field with rows again: the weights as they were rounded, those that became zero left out.
 ReflectanceField expand(PackedField&& packed);
 
+/// The same of rows [first, last) of tiles alone, without all that FieldOutline knows but their basis.
+ReflectanceField expand_tiles(const PackedField& packed, RowRange tile_rows);
+
 /// Writes a packed field (.rfield), atomically. Equal fields give equal bytes. Throws DeviceError where the
 /// disk refuses.
 void write_packed_field(const std::filesystem::path& path, const PackedField& packed);

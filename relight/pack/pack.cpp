@@ -11,7 +11,6 @@
 #include "core/base/errors.h"
 #include "core/base/json_text.h"
 #include "core/base/run_context.h"
-#include "core/image/metrics.h"
 #include "relight/pack/prune.h"
 #include "relight/tiles/tiled_transfer.h"
 
@@ -30,14 +29,6 @@ void keep_common_boxes(LightBasis& basis, TiledTransfer<Weight>& tiles) {
   basis.boxes = std::move(common);
 }
 
-template <class Weight>
-PackedField packed_with(ReflectanceField&& pruned) {
-  auto tiles = tile_transfer<Weight>(std::move(pruned));
-  // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
-  keep_common_boxes(pruned.basis, tiles);
-  return {std::move(pruned), std::move(tiles)};
-}
-
 nlohmann::ordered_json pack_figures(const PackCost& cost, double max_error) {
   auto by_kind = nlohmann::ordered_json::object();
   for (const auto& error : cost.errors) by_kind[error.kind] = error.relative_rmse;
@@ -53,16 +44,53 @@ std::string with_figures(const std::string& provenance, const nlohmann::ordered_
   return json_text(origin);
 }
 
-using Pictures = std::vector<std::vector<Image>>;  // [kinds][lights]
+constexpr int tile_rows = TiledTransfer<std::uint8_t>::band_rows;
 
-Pictures relight_probes(const ReflectanceField& field, const std::vector<ProbeLights>& probes) {
-  Pictures pictures;
-  for (const ProbeLights& probe : probes) {
-    auto& of_kind = pictures.emplace_back();
-    for (const LightMap& light : probe.lights) of_kind.push_back(field.relight(light));
+/// Relates the pictures of packed fields to the full field's, some rows of tiles at a time: pictures of all
+/// lights would take more memory than the packed field. An error is infinite where the full field is black.
+class ErrorOfPacked {
+ public:
+  ErrorOfPacked(const ReflectanceField& full, const std::vector<ProbeLights>& probes)
+      : full_(full), probes_(probes) {
+    for (const ProbeLights& probe : probes)
+      for (const LightMap& light : probe.lights) coefficients_.push_back(full.basis.project(light));
   }
-  return pictures;
-}
+
+  /// Advances `progress` once for each band of tiles.
+  std::vector<PackCost::KindError> of(const PackedField& packed, const RunContext& run,
+                                      Progress& progress) const {
+    std::vector<double> error(probes_.size(), 0.0), signal(probes_.size(), 0.0);
+    const int tiles_down = std::visit([](const auto& tiles) { return tiles.tiles_down(); }, packed.tiles);
+    for (int row = 0; row < tiles_down; row += tile_rows, progress.advance()) {
+      run.throw_if_stopped();
+      const ReflectanceField shown = expand_tiles(packed, {row, std::min(row + tile_rows, tiles_down)});
+      const std::size_t first = static_cast<std::size_t>(row) * tile_side_px * full_.width;
+      const SparseTransfer full = full_.transfer.slice(first, first + shown.transfer.rows());
+      full_.transfer.pass_by_rows(first, first + shown.transfer.rows());
+      std::vector<float> expected(3 * full.rows());
+      auto coefficients = coefficients_.begin();
+      for (std::size_t kind = 0; kind < probes_.size(); ++kind)
+        for (const LightMap& light : probes_[kind].lights) {
+          full.apply(*coefficients++, expected);
+          const Image picture = shown.relight(light);
+          for (std::size_t i = 0; i < expected.size(); ++i) {
+            const double difference = double{picture.values[i]} - expected[i];
+            error[kind] += difference * difference;
+            signal[kind] += double{expected[i]} * expected[i];
+          }
+        }
+    }
+    std::vector<PackCost::KindError> errors;
+    for (std::size_t kind = 0; kind < probes_.size(); ++kind)
+      errors.push_back({probes_[kind].kind, error[kind] > 0.0 ? std::sqrt(error[kind] / signal[kind]) : 0.0});
+    return errors;
+  }
+
+ private:
+  const ReflectanceField& full_;
+  const std::vector<ProbeLights>& probes_;
+  std::vector<std::vector<float>> coefficients_;  // [lights of all kinds]
+};
 
 /// Looks for the smallest packed field of some error.
 class Search {
@@ -71,33 +99,38 @@ class Search {
       : field_(field),
         allowed_(error * error),
         probes_(probe_lights(field.basis.domain)),
-        full_(relight_probes(field, probes_)),
+        error_(field, probes_),
         pruning_(field, probes_, run) {}
 
   /// nullopt where so few bits cannot do; then least_error() says what they can.
   std::optional<PackResult> with_bits(int bits, const RunContext& run) {
     // How much of the error falls to the bits is known when a field has been made.
     std::vector<double> of_bits(probes_.size(), 0.0);
-    std::optional<PackResult> best;
-    int level = highest_level(of_bits, 0.5), best_level = -1;
+    std::optional<PackResult> made;
+    int level = highest_level(of_bits, 0.5), made_level = level, best_level = -1;
     for (int tries = 0; tries < max_tries; ++tries) {
-      PackResult made = make(bits, level, run);
-      const bool within = made.cost.worst_error() * made.cost.worst_error() <= allowed_;
+      made.reset();  // One packed field is in memory at a time: of a large picture it takes gigabytes.
+      made = make(bits, level, run);
+      made_level = level;
+      const bool within = made->cost.worst_error() * made->cost.worst_error() <= allowed_;
       for (std::size_t kind = 0; kind < of_bits.size(); ++kind)
         of_bits[kind] = std::max(
-            0.0, std::pow(made.cost.errors[kind].relative_rmse, 2) - pruning_.squared_errors(level)[kind]);
-      if (within && level > best_level) {
-        best = std::move(made);
-        best_level = level;
-      } else if (!within) {
+            0.0, std::pow(made->cost.errors[kind].relative_rmse, 2) - pruning_.squared_errors(level)[kind]);
+      if (within)
+        best_level = std::max(best_level, level);
+      else
         least_error_ = std::sqrt(std::ranges::max(of_bits));
-      }
       int next = highest_level(of_bits, 0.95);
       if (!within) next = std::min(next, level - 1);
       if (next <= best_level) break;
       level = next;
     }
-    return best;
+    if (best_level < 0) return std::nullopt;
+    if (made_level != best_level) {
+      made.reset();
+      made = make(bits, best_level, run);
+    }
+    return made;
   }
   double least_error() const { return least_error_; }
 
@@ -118,25 +151,38 @@ class Search {
 
   PackResult make(int bits, int level, const RunContext& run) const {
     run.throw_if_stopped();
-    ReflectanceField pruned = pruning_.prune(level);
+    FieldRows pruned;
+    pruned.outline.width = field_.width;
+    pruned.outline.height = field_.height;
+    pruned.outline.basis = field_.basis;
+    pruned.repeatable = true;
+    const int bands = (field_.height + tile_rows * tile_side_px - 1) / (tile_rows * tile_side_px);
+    // Two passes lay out the tiles, the third measures their error.
+    Progress progress(run, "packing with " + std::to_string(bits) + " bits",
+                      3 * static_cast<std::size_t>(bands));
+    std::size_t entries = 0;  // of the last pass
+    pruned.rows = [&](RowRange rows) {
+      if (rows.first == 0) entries = 0;
+      SparseTransfer some = pruning_.prune(level, rows);
+      entries += some.entries();
+      progress.advance();
+      return some;
+    };
     PackResult result;
+    result.field = pack_rows(pruned, bits, run);
+    std::visit([&](auto& tiles) { keep_common_boxes(result.field.outline.basis, tiles); },
+               result.field.tiles);
     result.cost.bits = bits;
     result.cost.entries = field_.transfer.entries();
-    result.cost.pruned = result.cost.entries - pruned.transfer.entries();
-    result.field = bits == 8 ? packed_with<std::uint8_t>(std::move(pruned))
-                             : packed_with<std::uint16_t>(std::move(pruned));
-    run.throw_if_stopped();
-    PackedField copy = result.field;
-    const Pictures pictures = relight_probes(expand(std::move(copy)), probes_);
-    for (std::size_t kind = 0; kind < probes_.size(); ++kind)
-      result.cost.errors.push_back({probes_[kind].kind, relative_rmse(pictures[kind], full_[kind])});
+    result.cost.pruned = result.cost.entries - entries;
+    result.cost.errors = error_.of(result.field, run, progress);
     return result;
   }
 
   const ReflectanceField& field_;
   double allowed_;  // squared
   std::vector<ProbeLights> probes_;
-  Pictures full_;
+  ErrorOfPacked error_;
   Pruning pruning_;
   double least_error_ = 0.0;
 };

@@ -103,7 +103,8 @@ namespace {
 
 using RgbSums = std::array<double, 3>;
 constexpr int levels_an_octave = 4;
-constexpr int least_octave = -24;  // of the lowest threshold, in units of the picture's energy
+constexpr std::size_t stretch = 4096;  // pixels that a pass looks at before it gives memory back
+constexpr int least_octave = -24;      // of the lowest threshold, in units of the picture's energy
 
 /// A pixel's kernels from weak to strong.
 struct RankedEntry {
@@ -250,7 +251,6 @@ class ErrorSums {
 
 Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& probes, const RunContext& run)
     : field_(field) {
-  has_negative_ = std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; });
   area_.resize(field.basis.size());
   tbb::parallel_for(std::size_t{0}, area_.size(),
                     [&](std::size_t k) { area_[k] = static_cast<float>(field.basis.area(k)); });
@@ -258,10 +258,15 @@ Pruning::Pruning(const ReflectanceField& field, const std::vector<ProbeLights>& 
   for (std::size_t p = 0; p < pixels; ++p) {
     RgbSums energy{};
     for (auto e = field.transfer.row_start[p]; e < field.transfer.row_start[p + 1]; ++e)
-      for (std::size_t c = 0; c < 3; ++c)
-        energy[c] += std::abs(field.transfer.weight[3 * e + c]) * area_[field.transfer.column[e]];
+      for (std::size_t c = 0; c < 3; ++c) {
+        const float weight = field.transfer.weight[3 * e + c];
+        has_negative_ = has_negative_ || weight < 0.0f;
+        energy[c] += std::abs(weight) * area_[field.transfer.column[e]];
+      }
     const double strongest = std::ranges::max(energy);
     unit_ += strongest * strongest / static_cast<double>(pixels);
+    if (const std::size_t done = p + 1; done % stretch == 0 || done == pixels)
+      field.transfer.pass_by_rows(p / stretch * stretch, done);
   }
   unit_ = unit_ > 0.0 ? std::sqrt(unit_) : 1.0;
   measure(probes, run);
@@ -272,13 +277,14 @@ void Pruning::measure(const std::vector<ProbeLights>& probes, const RunContext& 
   const PixelRanking ranking(field_, area_, unit_, has_negative_);
   // A sum for each stretch of pixels, added up in their order: the result does not depend on the cores.
   const std::size_t pixels = field_.transfer.rows();
-  constexpr std::size_t stretch = 4096;
   const ErrorSums none(field_.transfer, ranking, light, probes.size());
   std::vector<ErrorSums> sums((pixels + stretch - 1) / stretch, none);
   Progress progress(run, "computing kernel weights", sums.size());
   tbb::parallel_for(std::size_t{0}, sums.size(), [&](std::size_t i) {
     run.throw_if_stopped();
-    for (std::size_t p = i * stretch; p < std::min((i + 1) * stretch, pixels); ++p) sums[i].add_pixel(p);
+    const std::size_t first = i * stretch, last = std::min(first + stretch, pixels);
+    for (std::size_t p = first; p < last; ++p) sums[i].add_pixel(p);
+    field_.transfer.pass_by_rows(first, last);
     progress.advance();
   });
   SumsByKind signal(probes.size(), 0.0), error(probes.size(), 0.0);
@@ -292,32 +298,44 @@ void Pruning::measure(const std::vector<ProbeLights>& probes, const RunContext& 
   }
 }
 
-ReflectanceField Pruning::prune(int level) const {
-  ReflectanceField pruned;
-  pruned.width = field_.width;
-  pruned.height = field_.height;
-  pruned.basis = field_.basis;
+SparseTransfer Pruning::prune(int level, RowRange rows) const {
   const SparseTransfer& from = field_.transfer;
   const PixelRanking ranking(field_, area_, unit_, has_negative_);
-  std::vector<RankedEntry> ranked;
-  for (std::size_t p = 0; p < from.rows(); ++p) {
-    ranking.rank(p, ranked);
-    RgbSums energy{}, pruned_energy{};
-    for (const RankedEntry& entry : ranked)
-      for (int c = 0; c < 3; ++c) {
-        const auto channel = static_cast<std::size_t>(c);
-        energy[channel] += ranking.energy(entry.entry, c);
-        if (entry.level <= level) pruned_energy[channel] += ranking.energy(entry.entry, c);
+  std::vector<SparseTransfer> parts(static_cast<std::size_t>(rows.count()));  // one for each row
+  const auto width = static_cast<std::size_t>(field_.width);
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t y) {
+    SparseTransfer& pruned = parts[y];
+    std::vector<RankedEntry> ranked;
+    const std::size_t first = (static_cast<std::size_t>(rows.first) + y) * width;
+    for (std::size_t p = first; p < first + width; ++p) {
+      ranking.rank(p, ranked);
+      RgbSums energy{}, pruned_energy{};
+      for (const RankedEntry& entry : ranked)
+        for (int c = 0; c < 3; ++c) {
+          const auto channel = static_cast<std::size_t>(c);
+          energy[channel] += ranking.energy(entry.entry, c);
+          if (entry.level <= level) pruned_energy[channel] += ranking.energy(entry.entry, c);
+        }
+      std::erase_if(ranked, [&](const RankedEntry& entry) { return entry.level <= level; });
+      std::ranges::sort(ranked, {}, &RankedEntry::entry);
+      for (const RankedEntry& entry : ranked) {
+        pruned.column.push_back(from.column[entry.entry]);
+        for (std::size_t c = 0; c < 3; ++c)
+          pruned.weight.push_back(static_cast<float>(from.weight[3 * entry.entry + c] *
+                                                     ranking.factor_of(energy[c], pruned_energy[c])));
       }
-    std::erase_if(ranked, [&](const RankedEntry& entry) { return entry.level <= level; });
-    std::ranges::sort(ranked, {}, &RankedEntry::entry);
-    for (const RankedEntry& entry : ranked) {
-      pruned.transfer.column.push_back(from.column[entry.entry]);
-      for (std::size_t c = 0; c < 3; ++c)
-        pruned.transfer.weight.push_back(static_cast<float>(from.weight[3 * entry.entry + c] *
-                                                            ranking.factor_of(energy[c], pruned_energy[c])));
+      pruned.row_start.push_back(pruned.column.size());
     }
-    pruned.transfer.row_start.push_back(pruned.transfer.column.size());
+  });
+  from.pass_by_rows(static_cast<std::size_t>(rows.first) * width,
+                    static_cast<std::size_t>(rows.last) * width);
+  SparseTransfer pruned;
+  for (const SparseTransfer& part : parts) {
+    const std::size_t before = pruned.entries();
+    pruned.column.insert(pruned.column.end(), part.column.begin(), part.column.end());
+    pruned.weight.insert(pruned.weight.end(), part.weight.begin(), part.weight.end());
+    for (std::size_t p = 1; p < part.row_start.size(); ++p)
+      pruned.row_start.push_back(before + part.row_start[p]);
   }
   return pruned;
 }

@@ -40,8 +40,8 @@ class Pruning {
   const std::vector<double>& squared_errors(int level) const {
     return squared_errors_[static_cast<std::size_t>(level)];
   }
-  /// The field without what lies below a level.
-  ReflectanceField prune(int level) const;
+  /// The transfer of some rows of the picture without what lies below a level. Runs on all cores.
+  SparseTransfer prune(int level, RowRange rows) const;
 
  private:
   void measure(const std::vector<ProbeLights>& probes, const RunContext& run);

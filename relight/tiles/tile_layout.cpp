@@ -41,29 +41,7 @@ void for_each_pixel(const ReflectanceField& field, int tile_x, int tile_y, const
     }
 }
 
-/// Kernels that more than one tile has: [basis functions], not zero for those.
-std::vector<std::uint32_t> shared_by_tiles(const ReflectanceField& field) {
-  const int across = (field.width + tile_side_px - 1) / tile_side_px;
-  const int tiles = across * ((field.height + tile_side_px - 1) / tile_side_px);
-  constexpr std::uint32_t unowned = 0, several = std::numeric_limits<std::uint32_t>::max();
-  std::vector<std::uint32_t> owner(field.basis.size(), unowned);
-  tbb::parallel_for(0, tiles, [&](int tile) {
-    const auto self = static_cast<std::uint32_t>(tile) + 1;
-    for_each_pixel(field, tile % across, tile / across, [&](int, std::size_t row) {
-      for (auto e = field.transfer.row_start[row]; e < field.transfer.row_start[row + 1]; ++e) {
-        std::atomic_ref<std::uint32_t> owned(owner[field.transfer.column[e]]);
-        std::uint32_t before = owned.load(std::memory_order_relaxed);
-        if (before == self || before == several) continue;
-        if (before == unowned && owned.compare_exchange_strong(before, self, std::memory_order_relaxed))
-          continue;
-        if (before != self) owned.store(several, std::memory_order_relaxed);
-      }
-    });
-  });
-  for (std::size_t k = 0; k < owner.size(); ++k)
-    owner[k] = owner[k] == several || field.basis.is_smooth(k) ? 1 : 0;
-  return owner;
-}
+constexpr std::uint32_t no_tile = 0, several = std::numeric_limits<std::uint32_t>::max();
 
 }  // namespace
 
@@ -245,13 +223,30 @@ class TileLayout {
 
 }  // namespace
 
-std::vector<std::uint32_t> place_common_kernels(const ReflectanceField& field,
-                                                std::vector<std::uint32_t>& common) {
-  std::vector<std::uint32_t> place = shared_by_tiles(field);
+void CommonKernels::add(const ReflectanceField& rows, int first_tile_row) {
+  const int across = (rows.width + tile_side_px - 1) / tile_side_px;
+  const int tiles = across * ((rows.height + tile_side_px - 1) / tile_side_px);
+  tbb::parallel_for(0, tiles, [&](int tile) {
+    const auto self = static_cast<std::uint32_t>(first_tile_row * across + tile) + 1;
+    for_each_pixel(rows, tile % across, tile / across, [&](int, std::size_t row) {
+      for (auto e = rows.transfer.row_start[row]; e < rows.transfer.row_start[row + 1]; ++e) {
+        std::atomic_ref<std::uint32_t> owned(owner_[rows.transfer.column[e]]);
+        std::uint32_t before = owned.load(std::memory_order_relaxed);
+        if (before == self || before == several) continue;
+        if (before == no_tile && owned.compare_exchange_strong(before, self, std::memory_order_relaxed))
+          continue;
+        if (before != self) owned.store(several, std::memory_order_relaxed);
+      }
+    });
+  });
+}
+
+std::vector<std::uint32_t> CommonKernels::places(std::vector<std::uint32_t>& common) const {
+  std::vector<std::uint32_t> place(owner_.size(), not_common);
   for (std::uint32_t k = 0; k < place.size(); ++k) {
-    const bool shared = place[k] != 0;
-    place[k] = shared ? static_cast<std::uint32_t>(common.size()) : not_common;
-    if (shared) common.push_back(k);
+    if (owner_[k] != several && !basis_.is_smooth(k)) continue;
+    place[k] = static_cast<std::uint32_t>(common.size());
+    common.push_back(k);
   }
   return place;
 }

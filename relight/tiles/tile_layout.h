@@ -11,10 +11,20 @@ namespace refield {
 
 inline constexpr std::uint32_t not_common = std::numeric_limits<std::uint32_t>::max();
 
-/// [basis functions]: place among the kernels that several tiles have, listed in `common`, or not_common.
-/// Hats all count as such.
-std::vector<std::uint32_t> place_common_kernels(const ReflectanceField& field,
-                                                std::vector<std::uint32_t>& common);
+/// Finds the kernels that several tiles have. Hats all count as such.
+class CommonKernels {
+ public:
+  explicit CommonKernels(const LightBasis& basis) : basis_(basis), owner_(basis.size(), 0) {}
+
+  /// Looks at rows of the picture, from its tile row `first_tile_row` on. Runs on all cores.
+  void add(const ReflectanceField& rows, int first_tile_row);
+  /// [basis functions]: place among the common kernels, listed in `common`, or not_common.
+  std::vector<std::uint32_t> places(std::vector<std::uint32_t>& common) const;
+
+ private:
+  const LightBasis& basis_;
+  std::vector<std::uint32_t> owner_;  // [basis functions]: 0, the only tile that has it + 1, or `several`
+};
 
 /// What one thread needs to lay out one tile after another.
 struct TileWorkshop {

@@ -65,7 +65,9 @@ TiledTransfer<Weight> lay_out(const ReflectanceField& field, ReflectanceField* u
   require_nameable(field.basis.domain);
   TiledTransfer<Weight> tiled{field.width, field.height, {}, {}};
   const int across = tiled.tiles_across();
-  const std::vector<std::uint32_t> common_place = place_common_kernels(field, tiled.common);
+  CommonKernels kernels(field.basis);
+  kernels.add(field, 0);
+  const std::vector<std::uint32_t> common_place = kernels.places(tiled.common);
   tbb::enumerable_thread_specific<TileWorkshop> workshops;
   constexpr int band_rows = TiledTransfer<Weight>::band_rows;
   for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
@@ -103,22 +105,34 @@ TiledTransfer<Weight> tile_transfer(const FieldRows& source, const RunContext& r
   const FieldOutline& outline = source.outline;
   require_nameable(outline.basis.domain);
   TiledTransfer<Weight> tiled{outline.width, outline.height, {}, {}};
-  std::vector<std::uint32_t> place(outline.basis.size());
-  std::iota(place.begin(), place.end(), 0u);
-  tiled.common = place;
   ReflectanceField band;  // some rows of the picture
   band.width = outline.width;
   band.basis = outline.basis;
-  tbb::enumerable_thread_specific<TileWorkshop> workshops;
   constexpr int band_rows = TiledTransfer<Weight>::band_rows;
-  for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
-    run.throw_if_stopped();
-    const int rows = std::min(band_rows, tiled.tiles_down() - row);
-    const RowRange range{row * tile_side_px, std::min(outline.height, (row + rows) * tile_side_px)};
-    band.height = range.count();
-    band.transfer = source.rows(range);
-    tiled.bands.push_back(lay_out_band<Weight>(band, place, 0, rows, tiled.tiles_across(), workshops, [] {}));
+  // Calls visit(first row of tiles, rows of tiles) for one band after another.
+  const auto for_each_band = [&](const auto& visit) {
+    for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
+      run.throw_if_stopped();
+      const int rows = std::min(band_rows, tiled.tiles_down() - row);
+      const RowRange range{row * tile_side_px, std::min(outline.height, (row + rows) * tile_side_px)};
+      band.height = range.count();
+      band.transfer = source.rows(range);
+      visit(row, rows);
+    }
+  };
+  std::vector<std::uint32_t> place(outline.basis.size());
+  if (source.repeatable) {
+    CommonKernels kernels(band.basis);
+    for_each_band([&](int row, int) { kernels.add(band, row); });
+    place = kernels.places(tiled.common);
+  } else {
+    std::iota(place.begin(), place.end(), 0u);
+    tiled.common = place;
   }
+  tbb::enumerable_thread_specific<TileWorkshop> workshops;
+  for_each_band([&](int, int rows) {
+    tiled.bands.push_back(lay_out_band<Weight>(band, place, 0, rows, tiled.tiles_across(), workshops, [] {}));
+  });
   tiled.mark_parts();
   return tiled;
 }

@@ -17,8 +17,8 @@ TiledTransfer<Weight> tile_transfer(const ReflectanceField& field);
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(ReflectanceField&& field);
 
-/// The same for a field that is never there as a whole: all its kernels count as common. Throws Interrupted,
-/// too.
+/// The same for a field that is never there as a whole. If its rows are not repeatable, all its kernels count
+/// as common. Throws Interrupted, too.
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(const FieldRows& rows, const RunContext& run);
 

@@ -17,7 +17,8 @@ namespace {
 constexpr LightDomain monitor{50, 40, Parameterisation::monitor};
 
 TEST(Pack, KeepsTheErrorAskedFor) {
-  const ReflectanceField field = test::mixed_field(60, 41, monitor);
+  // Three bands of tiles, the last of them cut off.
+  const ReflectanceField field = test::mixed_field(30, 141, monitor);
   const std::vector<ProbeLights> probes = probe_lights(monitor);
   std::size_t pruned = field.transfer.entries();
   for (const double asked : {1e-1, 1e-2, 3e-3, 3e-4, 1e-5}) {
@@ -34,7 +35,8 @@ TEST(Pack, KeepsTheErrorAskedFor) {
       }
       const double error = relative_rmse(shown, expected);
       EXPECT_LE(error, asked) << probes[kind].kind;
-      EXPECT_DOUBLE_EQ(error, result.cost.errors[kind].relative_rmse);
+      // Summed in another order.
+      EXPECT_NEAR(error, result.cost.errors[kind].relative_rmse, 1e-9 * error);
     }
     // Lights that it was not chosen by.
     Rng rng(9);
@@ -87,7 +89,7 @@ TEST(Pruning, PredictsTheErrorsOfItsLevels) {
   const std::vector<ProbeLights> probes = probe_lights(monitor);
   const Pruning pruning(field, probes);
   for (const int level : {0, 70, 85, Pruning::levels - 1}) {
-    const ReflectanceField pruned = pruning.prune(level);
+    const ReflectanceField pruned{field, pruning.prune(level, {0, field.height})};
     for (std::size_t kind = 0; kind < probes.size(); ++kind) {
       std::vector<Image> expected, shown;
       for (const LightMap& light : probes[kind].lights) {
@@ -100,7 +102,7 @@ TEST(Pruning, PredictsTheErrorsOfItsLevels) {
     // White light is kept whole.
     EXPECT_LT(std::sqrt(pruning.squared_errors(level)[0]), 2e-5) << level;
   }
-  EXPECT_EQ(pruning.prune(0).transfer.column, field.transfer.column);
+  EXPECT_EQ(pruning.prune(0, {0, field.height}).column, field.transfer.column);
   EXPECT_GT(pruning.squared_errors(Pruning::levels - 1)[2], 1e-4);
 }
 
