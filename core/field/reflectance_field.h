@@ -93,10 +93,10 @@ struct ReflectanceField : FieldOutline {
 /// A field whose transfer is too large to stand in rows as a whole: it is read some image rows at a time.
 struct FieldRows {
   FieldOutline outline;
-  /// The transfer of some rows of the image, pixel by pixel. May be called once for each range, ranges
-  /// ascending.
+  /// The transfer of some rows of the image, pixel by pixel. Called once for each range, ranges ascending;
+  /// for `repeatable` rows, again from the first.
   std::function<SparseTransfer(RowRange)> rows;
-  bool repeatable = false;  ///< whether `rows` may be called again, for any range
+  bool repeatable = false;
 };
 
 }  // namespace refield

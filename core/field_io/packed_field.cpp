@@ -20,64 +20,58 @@ struct Entry {
   std::array<float, 3> weight;
 };
 
-/// Rows of tiles, to a field of as many rows of pixels as `outline` has.
 template <class Weight>
-ReflectanceField expand(FieldOutline&& outline, const TiledTransfer<Weight>& tiles, RowRange tile_rows) {
-  ReflectanceField field{std::move(outline), {}};
+SparseTransfer expand(const TiledTransfer<Weight>& tiles, RowRange tile_rows, const NumberOfBox& number_of) {
+  SparseTransfer transfer;
   const int across = tiles.tiles_across();
+  const int first = tile_rows.first * across, last = tile_rows.last * across;
   std::size_t max_entries = 0;
-  for (int at = tile_rows.first * across; at < tile_rows.last * across; ++at)
+  for (int at = first; at < last; ++at)
     max_entries += tiles.tile(at).sparse.size() + tiles.tile(at).record_kernel.size() * group_pixels;
-  field.transfer.column.reserve(max_entries);
-  field.transfer.weight.reserve(3 * max_entries);
-  field.transfer.row_start.reserve(static_cast<std::size_t>(field.width) * field.height + 1);
-  std::vector<std::vector<Entry>> rows(static_cast<std::size_t>(tile_side_px) * field.width);
+  transfer.column.reserve(max_entries);
+  transfer.weight.reserve(3 * max_entries);
+  std::vector<std::vector<Entry>> rows(static_cast<std::size_t>(tile_side_px) * tiles.width);
   std::vector<std::uint32_t> numbers;  // of a tile's kernels, in the basis
-  for (int at = tile_rows.first * across; at < tile_rows.last * across; ++at) {
+  for (int at = first; at < last; ++at) {
     const Tile<Weight> tile = tiles.tile(at);
-    numbers.assign(tile.common.begin(), tile.common.end());
-    for (const SmallBox& box : tile.support.subspan(numbers.size())) {
-      numbers.push_back(static_cast<std::uint32_t>(field.basis.size()));
-      field.basis.boxes.push_back({box.x0, box.y0, box.x1, box.y1});
-    }
-    const int left = at % across * tile_side_px, top = (at / across - tile_rows.first) * tile_side_px;
+    numbers.clear();
+    for (const std::uint32_t place : tile.common) numbers.push_back(tiles.common[place]);
+    for (const SmallBox& box : tile.support.subspan(numbers.size()))
+      numbers.push_back(number_of({box.x0, box.y0, box.x1, box.y1}));
+    const int left = at % across * tile_side_px, top = at / across * tile_side_px;
     for_each_weight(tile, [&](std::size_t kernel, std::size_t pixel, const std::array<float, 3>& weight) {
       const int x = left + column_of_tile(pixel), y = row_of_tile(pixel);
-      if (x < field.width && top + y < field.height)
-        rows[static_cast<std::size_t>(y) * field.width + x].push_back({numbers[kernel], weight});
+      if (x < tiles.width && top + y < tiles.height)
+        rows[static_cast<std::size_t>(y) * tiles.width + x].push_back({numbers[kernel], weight});
     });
     if (at % across != across - 1) continue;
     for (std::size_t p = 0; p < rows.size(); ++p) {
-      if (top + static_cast<int>(p) / field.width >= field.height) break;
+      if (top + static_cast<int>(p) / tiles.width >= tiles.height) break;
       for (const Entry& entry : rows[p]) {
-        field.transfer.column.push_back(entry.column);
-        field.transfer.weight.insert(field.transfer.weight.end(), entry.weight.begin(), entry.weight.end());
+        transfer.column.push_back(entry.column);
+        transfer.weight.insert(transfer.weight.end(), entry.weight.begin(), entry.weight.end());
       }
-      field.transfer.row_start.push_back(field.transfer.column.size());
+      transfer.row_start.push_back(transfer.column.size());
       rows[p].clear();
     }
   }
-  return field;
+  return transfer;
 }
 
 }  // namespace
 
-ReflectanceField expand(PackedField&& packed) {
-  return std::visit(
-      [&](const auto& tiles) {
-        return expand(std::move(packed.outline), tiles, {0, tiles.tiles_down()});
-      },
-      packed.tiles);
+SparseTransfer expand_tiles(const TransferTiles& tiles, RowRange tile_rows, const NumberOfBox& number_of) {
+  return std::visit([&](const auto& of_bits) { return expand(of_bits, tile_rows, number_of); }, tiles);
 }
 
-ReflectanceField expand_tiles(const PackedField& packed, RowRange tile_rows) {
-  FieldOutline outline;
-  outline.width = packed.outline.width;
-  outline.height =
-      std::min(packed.outline.height, tile_rows.last * tile_side_px) - tile_rows.first * tile_side_px;
-  outline.basis = packed.outline.basis;
-  return std::visit([&](const auto& tiles) { return expand(std::move(outline), tiles, tile_rows); },
-                    packed.tiles);
+ReflectanceField expand(PackedField&& packed) {
+  ReflectanceField field{std::move(packed.outline), {}};
+  const int tiles_down = std::visit([](const auto& tiles) { return tiles.tiles_down(); }, packed.tiles);
+  field.transfer = expand_tiles(packed.tiles, {0, tiles_down}, [&](const Box& box) {
+    field.basis.boxes.push_back(box);
+    return static_cast<std::uint32_t>(field.basis.size() - 1);
+  });
+  return field;
 }
 
 namespace fs = std::filesystem;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 
 #include "core/field/reflectance_field.h"
@@ -29,8 +31,12 @@ std::string fault_of_tiles(const PackedField& packed);
 /// The field with rows again: the weights as they were rounded, those that became zero left out.
 ReflectanceField expand(PackedField&& packed);
 
-/// The same of rows [first, last) of tiles alone, without all that FieldOutline knows but their basis.
-ReflectanceField expand_tiles(const PackedField& packed, RowRange tile_rows);
+/// Gives a basis function's number for the box of a kernel that one tile has for itself.
+using NumberOfBox = std::function<std::uint32_t(const Box&)>;
+
+/// The pixels of rows [first, last) of tiles, with those numbers and, for common kernels,
+/// TiledTransfer::common.
+SparseTransfer expand_tiles(const TransferTiles& tiles, RowRange tile_rows, const NumberOfBox& number_of);
 
 /// Writes a packed field (.rfield), atomically. Equal fields give equal bytes. Throws DeviceError where the
 /// disk refuses.

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <unordered_map>
 #include <utility>
 
 #include "core/base/errors.h"
@@ -54,27 +55,30 @@ class ErrorOfPacked {
       : full_(full), probes_(probes) {
     for (const ProbeLights& probe : probes)
       for (const LightMap& light : probe.lights) coefficients_.push_back(full.basis.project(light));
+    for (std::size_t k = full.basis.smooth(); k < full.basis.size(); ++k)
+      numbers_.emplace(full.basis.box(k), static_cast<std::uint32_t>(k));
   }
 
-  /// Advances `progress` once for each band of tiles.
-  std::vector<PackCost::KindError> of(const PackedField& packed, const RunContext& run,
+  /// `tiles`: with the full field's numbers of common kernels. Advances `progress` once for each band.
+  std::vector<PackCost::KindError> of(const TransferTiles& tiles, const RunContext& run,
                                       Progress& progress) const {
     std::vector<double> error(probes_.size(), 0.0), signal(probes_.size(), 0.0);
-    const int tiles_down = std::visit([](const auto& tiles) { return tiles.tiles_down(); }, packed.tiles);
+    const int tiles_down = std::visit([](const auto& of_bits) { return of_bits.tiles_down(); }, tiles);
     for (int row = 0; row < tiles_down; row += tile_rows, progress.advance()) {
       run.throw_if_stopped();
-      const ReflectanceField shown = expand_tiles(packed, {row, std::min(row + tile_rows, tiles_down)});
+      const SparseTransfer shown = expand_tiles(tiles, {row, std::min(row + tile_rows, tiles_down)},
+                                                [&](const Box& box) { return numbers_.at(box); });
       const std::size_t first = static_cast<std::size_t>(row) * tile_side_px * full_.width;
-      const SparseTransfer full = full_.transfer.slice(first, first + shown.transfer.rows());
-      full_.transfer.pass_by_rows(first, first + shown.transfer.rows());
-      std::vector<float> expected(3 * full.rows());
+      const SparseTransfer full = full_.transfer.slice(first, first + shown.rows());
+      full_.transfer.pass_by_rows(first, first + shown.rows());
+      std::vector<float> expected(3 * full.rows()), picture(expected.size());
       auto coefficients = coefficients_.begin();
       for (std::size_t kind = 0; kind < probes_.size(); ++kind)
-        for (const LightMap& light : probes_[kind].lights) {
-          full.apply(*coefficients++, expected);
-          const Image picture = shown.relight(light);
+        for (std::size_t light = 0; light < probes_[kind].lights.size(); ++light, ++coefficients) {
+          full.apply(*coefficients, expected);
+          shown.apply(*coefficients, picture);
           for (std::size_t i = 0; i < expected.size(); ++i) {
-            const double difference = double{picture.values[i]} - expected[i];
+            const double difference = double{picture[i]} - expected[i];
             error[kind] += difference * difference;
             signal[kind] += double{expected[i]} * expected[i];
           }
@@ -90,6 +94,7 @@ class ErrorOfPacked {
   const ReflectanceField& full_;
   const std::vector<ProbeLights>& probes_;
   std::vector<std::vector<float>> coefficients_;  // [lights of all kinds]
+  std::unordered_map<Box, std::uint32_t, BoxHash> numbers_;
 };
 
 /// Looks for the smallest packed field of some error.
@@ -107,11 +112,10 @@ class Search {
     // How much of the error falls to the bits is known when a field has been made.
     std::vector<double> of_bits(probes_.size(), 0.0);
     std::optional<PackResult> made;
-    int level = highest_level(of_bits, 0.5), made_level = level, best_level = -1;
-    for (int tries = 0; tries < max_tries; ++tries) {
+    int level = highest_level(of_bits, 0.5), best_level = -1;
+    for (int tries = 1;; ++tries) {
       made.reset();  // One packed field is in memory at a time: of a large picture it takes gigabytes.
       made = make(bits, level, run);
-      made_level = level;
       const bool within = made->cost.worst_error() * made->cost.worst_error() <= allowed_;
       for (std::size_t kind = 0; kind < of_bits.size(); ++kind)
         of_bits[kind] = std::max(
@@ -122,11 +126,11 @@ class Search {
         least_error_ = std::sqrt(std::ranges::max(of_bits));
       int next = highest_level(of_bits, 0.95);
       if (!within) next = std::min(next, level - 1);
-      if (next <= best_level) break;
+      if (next <= best_level || tries == max_tries) break;
       level = next;
     }
     if (best_level < 0) return std::nullopt;
-    if (made_level != best_level) {
+    if (level != best_level) {
       made.reset();
       made = make(bits, best_level, run);
     }
@@ -170,12 +174,12 @@ class Search {
     };
     PackResult result;
     result.field = pack_rows(pruned, bits, run);
-    std::visit([&](auto& tiles) { keep_common_boxes(result.field.outline.basis, tiles); },
-               result.field.tiles);
     result.cost.bits = bits;
     result.cost.entries = field_.transfer.entries();
     result.cost.pruned = result.cost.entries - entries;
-    result.cost.errors = error_.of(result.field, run, progress);
+    result.cost.errors = error_.of(result.field.tiles, run, progress);
+    std::visit([&](auto& tiles) { keep_common_boxes(result.field.outline.basis, tiles); },
+               result.field.tiles);
     return result;
   }
 

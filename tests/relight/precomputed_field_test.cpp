@@ -78,15 +78,9 @@ LightMap random_light(std::uint64_t seed) {
 FieldRows rows_of(const ReflectanceField& field) {
   FieldRows rows{field, {}};
   rows.rows = [&field](RowRange range) {
-    SparseTransfer some;
-    const auto& all = field.transfer;
-    for (int pixel = range.first * field.width; pixel < range.last * field.width; ++pixel) {
-      const std::uint64_t first = all.row_start[static_cast<std::size_t>(pixel)],
-                          count = all.row_start[static_cast<std::size_t>(pixel) + 1] - first;
-      some.append_row(std::span(all.column).subspan(first, count),
-                      std::span(all.weight).subspan(3 * first, 3 * count));
-    }
-    return some;
+    const auto width = static_cast<std::size_t>(field.width);
+    return field.transfer.slice(static_cast<std::size_t>(range.first) * width,
+                                static_cast<std::size_t>(range.last) * width);
   };
   return rows;
 }
