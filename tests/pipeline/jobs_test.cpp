@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "core/base/files.h"
+#include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/random_data.h"
@@ -342,6 +343,25 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
     EXPECT_LE(held, program.peak_memory_bytes());
     std::printf("%s: %.0f MiB estimated, %.0f MiB held\n", c.name, estimated / 1048576.0, held / 1048576.0);
   }
+}
+
+// Beside the full field, pack holds one packed field and what some rows of tiles need, for a picture of any
+// height.
+TEST(Memory, OfPackIsThatOfTheFieldAndOfItsTiles) {
+  if (!memory_is_the_program_s_own) GTEST_SKIP() << "a sanitizer's own memory would be measured";
+  const TemporaryFolder folder;
+  Rng rng(8);
+  write_reflectance_field(folder / "full.rfield", random_field(rng, 200, 8000, {32, 24}, 500, 20));
+  const auto log = folder / "log";
+  RunningProgram program({"pack", folder / "full.rfield", "-o", folder / "packed.rfield"}, log);
+  ASSERT_EQ(program.wait(), 0) << read_text(log);
+  const double mib = 1 << 20, held = static_cast<double>(program.peak_memory_bytes()) / mib;
+  const auto size = [&](const char* file) {
+    return static_cast<double>(std::filesystem::file_size(folder / file)) / mib;
+  };
+  std::printf("%.0f and %.0f MiB in files, %.0f MiB held\n", size("full.rfield"), size("packed.rfield"),
+              held);
+  EXPECT_LE(held, size("full.rfield") + size("packed.rfield") + 256);
 }
 
 }  // namespace
