@@ -6,7 +6,6 @@
 #include <sys/stat.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
 #include <functional>
 #include <limits>
@@ -421,10 +420,6 @@ TEST(DamagedField, TruncatedAtAnyLength) {
   }
 }
 
-int fuzz_rounds() {
-  return std::getenv("REFIELD_FUZZ_ROUNDS") ? std::atoi(std::getenv("REFIELD_FUZZ_ROUNDS")) : 300;
-}
-
 void flip_some_bits(std::string& bytes, Rng& rng) {
   const std::uint64_t flips = 1 + rng.below(4);
   for (std::uint64_t i = 0; i < flips; ++i)
@@ -439,7 +434,7 @@ TEST(DamagedField, FlippedBytesAreFoundOrHarmless) {
   write_reflectance_field(folder / "whole.rfield", field);
   const std::string bytes = read_text(folder / "whole.rfield");
   Rng rng(2);
-  for (int round = 0; round < fuzz_rounds(); ++round) {
+  for (int round = 0; round < test::fuzz_rounds(); ++round) {
     std::string damaged = bytes;
     flip_some_bits(damaged, rng);
     write_bytes(folder / "damaged.rfield", damaged);
@@ -463,7 +458,7 @@ TEST(DamagedField, ForgedStructuresAreRefusedOrRead) {
   write_reflectance_field(folder / "whole.rfield", sample_field());
   const std::string bytes = read_text(folder / "whole.rfield");
   Rng rng(3);
-  for (int round = 0; round < fuzz_rounds(); ++round) {
+  for (int round = 0; round < test::fuzz_rounds(); ++round) {
     std::string forged = bytes;
     flip_some_bits(forged, rng);
     fuzz::renew_hdf5_checksums({reinterpret_cast<std::uint8_t*>(forged.data()), forged.size()});

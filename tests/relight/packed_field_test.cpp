@@ -3,7 +3,6 @@
 
 #include <gmock/gmock.h>
 
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -163,17 +162,13 @@ TEST(DamagedPackedField, EveryNumberIsLookedAt) {
               HasSubstr("outside the picture"));
 }
 
-int fuzz_rounds() {
-  return std::getenv("REFIELD_FUZZ_ROUNDS") ? std::atoi(std::getenv("REFIELD_FUZZ_ROUNDS")) : 300;
-}
-
 // Wrong bits and words anywhere in the tiles: what passes the check must be safe to use.
 TEST(DamagedPackedField, AnyMemoryIsRefusedOrUsable) {
   const PackedField whole = sample();
   const LightMap light = some_light();
   Rng rng(5);
   int refused = 0;
-  for (int round = 0; round < fuzz_rounds(); ++round) {
+  for (int round = 0; round < test::fuzz_rounds(); ++round) {
     PackedField damaged = whole;
     auto& bands = std::get<Tiles8>(damaged.tiles).bands;
     auto& memory = bands[rng.below(bands.size())].memory;
@@ -196,7 +191,7 @@ TEST(DamagedPackedField, AnyMemoryIsRefusedOrUsable) {
     relighter.update(light, {3, 3, 20, 20});
     expand(std::move(damaged)).relight(light);
   }
-  EXPECT_GT(refused, fuzz_rounds() / 20);
+  EXPECT_GT(refused, test::fuzz_rounds() / 20);
 }
 
 TEST(DamagedPackedField, FilesAreRefusedOrHarmless) {
@@ -205,7 +200,7 @@ TEST(DamagedPackedField, FilesAreRefusedOrHarmless) {
   const std::string bytes = read_text(folder / "whole.rfield");
   const ReflectanceField whole = read_reflectance_field(folder / "whole.rfield");
   Rng rng(2);
-  for (int round = 0; round < fuzz_rounds() / 6; ++round) {
+  for (int round = 0; round < test::fuzz_rounds() / 6; ++round) {
     std::string damaged = bytes;
     for (std::uint64_t i = 1 + rng.below(4); i > 0; --i)
       damaged[rng.below(damaged.size())] ^= static_cast<char>(1 << rng.below(8));

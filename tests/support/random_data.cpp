@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/random_data.h"
 
+#include <algorithm>
 #include <array>
+#include <cstdlib>
 
 namespace refield::test {
 
@@ -42,6 +44,11 @@ ReflectanceField random_field(Rng& rng, int width, int height, const LightDomain
     field.quality.training_error.push_back(static_cast<float>(rng.uniform()));
   }
   return field;
+}
+
+int fuzz_rounds() {
+  const char* text = std::getenv("REFIELD_FUZZ_ROUNDS");
+  return text ? std::max(1, std::atoi(text)) : 300;
 }
 
 }  // namespace refield::test

@@ -19,4 +19,7 @@ Box random_box(Rng& rng, int map_width, int map_height);
 ReflectanceField random_field(Rng& rng, int width, int height, const LightDomain& domain, int boxes,
                               int max_kernels);
 
+/// How often tests of damaged files damage one at random: REFIELD_FUZZ_ROUNDS of the environment, else 300.
+int fuzz_rounds();
+
 }  // namespace refield::test
