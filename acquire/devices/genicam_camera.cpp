@@ -47,7 +47,14 @@ std::uint64_t FrameCounter::number_of(std::uint64_t id) {
   else if (last_id_ && *last_id_ <= round && id + round - *last_id_ < half_round)
     step = id + round - *last_id_;
   last_id_ = id;
-  return number_ += step;
+  number_ += step > incomplete_ ? step - incomplete_ : 1;
+  incomplete_ = 0;
+  return number_;
+}
+
+std::uint64_t FrameCounter::number_of_incomplete() {
+  ++incomplete_;
+  return ++number_;
 }
 
 #if REFIELD_HAS_ARAVIS
@@ -664,14 +671,15 @@ struct GenicamCamera::State {
 
   /// The frame in a buffer; nullopt when it cannot be used.
   std::optional<RawFrame> frame_of(ArvBuffer* buffer) {
-    const std::uint64_t number = last_number = counter.number_of(arv_buffer_get_frame_id(buffer));
     if (arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS) {
+      last_number = counter.number_of_incomplete();
       if (++troubles.damaged == 1)
         run.note(open->name() +
                  ": an incomplete frame was discarded, and more will be without a note; packets are lost on "
                  "the way (docs/guide/genicam.md)");
       return std::nullopt;
     }
+    const std::uint64_t number = last_number = counter.number_of(arv_buffer_get_frame_id(buffer));
     const TimePoint arrival = arrival_of(buffer);
     const auto stamp = static_cast<std::int64_t>(arv_buffer_get_timestamp(buffer));
     if (stamp <= 0)

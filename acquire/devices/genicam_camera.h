@@ -68,14 +68,19 @@ class CameraClock {
 /// Consecutive numbers from frame ids, which wrap at 65535 in GigE Vision and skip 0.
 class FrameCounter {
  public:
-  /// Returns the number of the frame with this id. Ids that go back by more than half a round begin anew.
+  /// Returns the number of the complete frame with this id. Ids that go back by more than half a round begin
+  /// anew.
   std::uint64_t number_of(std::uint64_t id);
+  /// The next number, for a frame that came incomplete. Its id is not believed: one that goes back, even by a
+  /// little, would be taken for 65535 frames lost.
+  std::uint64_t number_of_incomplete();
   /// The next id may be any: the camera was started again.
   void restart() { last_id_.reset(); }
 
  private:
-  std::optional<std::uint64_t> last_id_;
+  std::optional<std::uint64_t> last_id_;  // of a complete frame
   std::uint64_t number_ = 0;
+  std::uint64_t incomplete_ = 0;  // numbers given since then
 };
 
 /// A GenICam camera. Whatever it would choose by itself is switched off, and every setting is read back.

@@ -59,6 +59,12 @@ TEST(GenicamClock, FrameIdsWrapAndSkip) {
   counter.restart();
   EXPECT_EQ(counter.number_of(20'000), 7u);
   EXPECT_EQ(counter.number_of(1), 8u) << "the camera began anew";
+  // An incomplete frame is one of those that the next id tells of, whatever its own id.
+  EXPECT_EQ(counter.number_of_incomplete(), 9u);
+  EXPECT_EQ(counter.number_of(4), 11u);
+  EXPECT_EQ(counter.number_of_incomplete(), 12u);
+  EXPECT_EQ(counter.number_of_incomplete(), 13u);
+  EXPECT_EQ(counter.number_of(5), 14u) << "one of the two was handed over twice";
   FrameCounter wide;
   wide.number_of(65535);
   EXPECT_EQ(wide.number_of(65536), 2u);
