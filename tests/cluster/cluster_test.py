@@ -84,11 +84,12 @@ class Submission:
         return found
 
     def stop_an_estimator(self):
-        """Suspends one, so that it is there until the fault comes; its pid and shard."""
+        """Suspends one before its shard is complete, so that it is there until the fault comes; its pid and shard."""
         self.wait_for(self.estimators, "an estimator", 240)
         for pid, shard in self.estimators():
-            slurm.kill(pid, signal.SIGSTOP)
-            return pid, shard
+            if slurm.suspend(pid) and not (self.shards / "shards" / f"{shard}.rfield").exists():
+                return pid, shard
+            slurm.kill(pid, signal.SIGCONT)
         return self.stop_an_estimator()
 
     def end(self, seconds=300):
@@ -245,8 +246,8 @@ def cancelled(lab):
     """submit --cancel, then --resume"""
     one = Submission(lab, "cancelled", "--shards", 6)
     one.wait_submitted()
-    one.wait_for(lambda: one.done() >= 1, "a shard")
     pid, _ = one.stop_an_estimator()
+    one.wait_for(lambda: one.done() >= 1, "a shard")
     done = one.cancel()
     assert done.returncode == 0 and "--resume" in done.stdout, done
     slurm.kill(pid, signal.SIGCONT)
@@ -258,7 +259,7 @@ def cancelled(lab):
     assert kept >= 1
     one.resume()
     outcome = one.expect_field()
-    assert len(one.state()["rounds"][1]["shards"]) == 6 - kept
+    assert sum(len(again["shards"]) for again in one.state()["rounds"][1:]) == 6 - kept
     return outcome
 
 

@@ -83,6 +83,19 @@ def kill(pid, number=signal.SIGKILL):
         pass
 
 
+def suspend(pid):
+    """Stops a process; False if it ended before that."""
+    kill(pid, signal.SIGSTOP)
+    while True:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            return False
+        if state in "TZ":
+            return state == "T"
+        time.sleep(0.001)
+
+
 def free_ports(count):
     """The first of `count` successive ports that nothing listens on."""
     for first in range(21000, 30000, count):
