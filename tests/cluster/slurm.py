@@ -57,11 +57,16 @@ def run(*words, **options):
     return subprocess.run([str(word) for word in words], capture_output=True, text=True, check=True, **options).stdout
 
 
-def is_alive(pid):
+def state_of(pid):
+    """The letter of proc(5): T for suspended, Z for ended and not yet waited for; X when there is no such process."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except (FileNotFoundError, ProcessLookupError):
-        return False
+        return "X"
+
+
+def is_alive(pid):
+    return state_of(pid) not in "XZ"
 
 
 def processes():
@@ -86,14 +91,9 @@ def kill(pid, number=signal.SIGKILL):
 def suspend(pid):
     """Stops a process; False if it ended before that."""
     kill(pid, signal.SIGSTOP)
-    while True:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except OSError:
-            return False
-        if state in "TZ":
-            return state == "T"
+    while state_of(pid) not in "TXZ":
         time.sleep(0.001)
+    return state_of(pid) == "T"
 
 
 def free_ports(count):
