@@ -109,7 +109,10 @@ TEST(StreamingFault, AfterAPauseOfTheProgramAFrameIsThere) {
 
 class HdmiInput : public testing::Test {
  protected:
-  void SetUp() override { run("v4l2-ctl -d " + vivid_node() + " -i 3"); }
+  // 640×480 at 59.94 Hz, not 1280×720 at 60: where filling a frame takes longer than half a frame's time, as
+  // the noise of a lost signal may in an emulated machine, vivid gives the next frame the same number (its
+  // capture thread waits from the start of the filling).
+  void SetUp() override { run("v4l2-ctl -d " + vivid_node() + " -i 3 --set-dv-bt-timings index=0"); }
   void TearDown() override { run("v4l2-ctl -d " + vivid_node() + " -i 0"); }
 };
 
@@ -119,7 +122,7 @@ TEST_F(HdmiInput, LostSignalGivesNoFrame) {
   options.rate = 0;
   {
     V4l2Camera camera(options);
-    frames_of(camera, 2);
+    EXPECT_EQ(frames_of(camera, 2).back().width, 640);
     set_vivid("dv_timings_signal_mode", 1);
     // A busy machine may need more than a second for the first frame without a signal.
     int tries = 0;
@@ -127,12 +130,7 @@ TEST_F(HdmiInput, LostSignalGivesNoFrame) {
     while (camera.troubles().damaged == 0 && ++tries < 10);
     EXPECT_GT(camera.troubles().damaged, 0u);
     set_vivid("dv_timings_signal_mode", 0);
-    // vivid gives two frames one number where filling the first took longer than half the time of a frame, as
-    // these large ones may in an emulated machine (its capture thread waits from the start of the filling).
-    // FramePairing does not use the second.
-    const auto frames = frames_of(camera, 2);
-    EXPECT_GE(frames[1].sequence, frames[0].sequence);
-    EXPECT_GT(frames[1].exposure_start, frames[0].exposure_start);
+    expect_in_order(frames_of(camera, 2));
   }
   set_vivid("dv_timings_signal_mode", 1);
   EXPECT_THROW(V4l2Camera(options).next_frame(Seconds(1)), DeviceError);
