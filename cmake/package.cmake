@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # The manual, and Debian packages by CPack: refield, librefield-dev, and python3-refield where the module is built.
-# `./dev package` makes them.
+# `./dev check packages` makes them.
 find_package(Python3 3.9 REQUIRED COMPONENTS Interpreter)
 
 # The newest entry of the change log must be this version; its date is that of the packages.
@@ -96,7 +96,7 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
-# Not the tests and benchmarks of target `all`; ./dev package builds what is installed.
+# Not the tests and benchmarks of target `all`; ./dev check packages builds what is installed.
 set(CPACK_CMAKE_GENERATOR Ninja)
 set(CPACK_INSTALL_CMAKE_PROJECTS "${PROJECT_BINARY_DIR};refield;ALL;/")
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)

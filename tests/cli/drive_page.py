@@ -13,7 +13,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 
 from pictures import read_png, write_hdr, write_pfm, write_png
 from webdriver import Browser
@@ -37,11 +36,7 @@ class Check:
 
     def settle(self):
         """Waits for the frame that the last input asked for."""
-        for _ in range(600):
-            if self.browser.run("return viewer !== null && viewer.atRest()"):
-                return
-            time.sleep(0.05)
-        raise RuntimeError("the page does not come to rest")
+        self.browser.wait_until("viewer !== null && viewer.atRest()")
 
     def page_state(self):
         """The page's light and the pixels that it draws under it."""
@@ -96,11 +91,7 @@ class Check:
                     f"{what}: at most {largest} of 255 from the program's, {100 * differing:.1f} % of values differ, mean {mean:.0f}")
 
     def loads(self):
-        for _ in range(1200):
-            status = self.browser.run("return document.getElementById('status').className + document.getElementById('status').textContent")
-            if self.browser.run("return viewer !== null") or status.startswith("error"):
-                break
-            time.sleep(0.1)
+        self.browser.wait_until("viewer !== null || document.getElementById('status').className.startsWith('error')")
         self.settle()
         self.expect(self.LOADED in self.browser.run("return document.getElementById('status').textContent"), "the page loads from disk")
 
@@ -136,10 +127,7 @@ class Check:
         path = os.path.join(self.folder, "map.png")
         write_png(path, width, height, rgb)
         self.browser.type("#map-file", path)
-        for _ in range(100):
-            if self.browser.run("return viewer.state.kind === 'map'"):
-                break
-            time.sleep(0.1)
+        self.browser.wait_until("viewer.state.kind === 'map'")
         pixels = self.compare("map loaded")
         self.expect_exposure("map loaded", "--light", path)
         self.expect_equal("map loaded, read by the program itself", pixels, self.picture(path, self.browser.run("return viewer.exposure()")))

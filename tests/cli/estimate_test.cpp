@@ -266,9 +266,6 @@ int status_under_limit(__rlimit_resource resource, rlim_t value, std::vector<std
 
 // Libraries throw while they are loaded where no one can catch it; oneTBB where a thread is refused.
 TEST_F(EstimateVerb, LimitsOfTheSystemEndItWithAMessage) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "a sanitizer takes the address space and must start first";
-#endif
   const std::vector<std::string> words = {"refield",    "estimate",
                                           "--light",    folder_ / "light/t_*.exr",
                                           "--observed", folder_ / "observed/t_*.exr",

@@ -7,6 +7,7 @@ import urllib.error
 import urllib.request
 
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"  # W3C WebDriver, 11
+PATIENCE = 1200  # seconds; ends what hangs
 
 
 class Browser:
@@ -29,7 +30,7 @@ class Browser:
         ]
         capabilities = {"alwaysMatch": {"goog:chromeOptions": {"args": arguments}, "goog:loggingPrefs": {"browser": "ALL"}}}
         self.session = self.started(capabilities)
-        self.command("POST", "/timeouts", {"script": 120000})
+        self.command("POST", "/timeouts", {"script": 1000 * PATIENCE})
 
     def started(self, capabilities, attempts=3):
         """On a loaded machine Chromium may take longer to start than its driver waits."""
@@ -45,7 +46,7 @@ class Browser:
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(self.base + path, data, {"Content-Type": "application/json"}, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=180) as answer:
+            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
                 return json.load(answer)["value"]
         except urllib.error.HTTPError as error:
             raise RuntimeError(f"{path}: {json.load(error)['value']['message']}") from None
@@ -55,6 +56,11 @@ class Browser:
 
     def run(self, script, *arguments):
         return self.command("POST", "/execute/sync", {"script": script, "args": list(arguments)})
+
+    def wait_until(self, condition):
+        """Waits in the page, frame by frame, until a JavaScript expression holds."""
+        script = f"const done = arguments[0]; const look = () => ({condition}) ? done() : requestAnimationFrame(look); look();"
+        self.command("POST", "/execute/async", {"script": script, "args": []})
 
     def find(self, selector):
         return self.command("POST", "/element", {"using": "css selector", "value": selector})[ELEMENT]

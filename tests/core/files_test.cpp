@@ -4,7 +4,6 @@
 #include <gmock/gmock.h>
 
 #include <cerrno>
-#include <chrono>
 #include <fstream>
 #include <set>
 
@@ -163,15 +162,14 @@ TEST(ExpandGlob, NumbersInNamesCount) {
   EXPECT_FALSE(comes_before("a1.png", "a1.png"));
 }
 
-TEST(ExpandGlob, ManyStarsTakeNoTime) {
+// A matcher that tries every way to share the letters among the stars would take longer than any time-out.
+TEST(ExpandGlob, ManyStarsEnd) {
   const test::TemporaryFolder folder;
   touch(folder / (std::string(120, 'a') + ".exr"));
   std::string pattern;
   for (int i = 0; i < 10; ++i) pattern += "*a";
-  const auto start = std::chrono::steady_clock::now();
   EXPECT_THROW(expand_glob((folder / (pattern + "*b.exr")).string()), InputError);
   EXPECT_EQ(wildcards(expand_glob((folder / (pattern + "*.exr")).string())).size(), 1u);
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
   touch(folder / "ab_abc_abd.exr");
   EXPECT_THAT(wildcards(expand_glob((folder / "*_*b?.exr").string())), ElementsAre("ab/abc_a/d"));
   EXPECT_THAT(wildcards(expand_glob((folder / "*ab?.exr").string())), ElementsAre("ab_abc_/d"));

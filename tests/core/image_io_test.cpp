@@ -10,9 +10,9 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <regex>
 #include <span>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -70,16 +70,14 @@ TEST(Exr, GreyIsRepeatedInAllChannels) {
             (std::vector<float>{0.25f, 0.25f, 0.25f, 4.0f, 4.0f, 4.0f}));
 }
 
-TEST(Exr, EqualContentGivesEqualBytesWithoutADate) {
+TEST(Exr, HoldsNoDate) {
   const test::TemporaryFolder folder;
   Rng rng(3);
-  const Image image = test::random_image(rng, 16, 16, 3);
-  write_exr(folder / "a.exr", image);
+  write_exr(folder / "a.exr", test::random_image(rng, 16, 16, 3));
   const std::string bytes = read_text(folder / "a.exr");
   EXPECT_EQ(bytes.find("capDate"), std::string::npos);
-  std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // dates count seconds
-  write_exr(folder / "b.exr", image);
-  EXPECT_EQ(read_text(folder / "b.exr"), bytes);
+  // OpenImageIO writes "2026:11:27 11:05:15".
+  EXPECT_FALSE(std::regex_search(bytes, std::regex("[0-9]{4}:[0-9]{2}:[0-9]{2} ")));
 }
 
 TEST(Photographs, NoiseRoundTripsWithItsInfinities) {

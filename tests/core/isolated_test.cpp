@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/prctl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -42,13 +43,23 @@ TEST(Isolated, EndsWhatWaitsForEver) {
   EXPECT_FALSE(read("pause", {}, {.wall_seconds = 1}));
 }
 
+/// The number of the process that `read("pause", {pipe})` starts, once it runs.
+pid_t process_from(const std::filesystem::path& pipe) {
+  std::string line;
+  std::ifstream stream(pipe);
+  return std::getline(stream, line) ? std::stoi(line) : 0;
+}
+
 TEST(Isolated, StopsWithTheRun) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path pipe = folder / "pid";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
   std::atomic<bool> stop{false};
   const std::jthread stopper([&] {
-    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    EXPECT_GT(process_from(pipe), 0);
     stop = true;
   });
-  EXPECT_THROW(read("pause", {}, {}, {.stop = &stop}), Interrupted);
+  EXPECT_THROW(read("pause", {pipe.string()}, {}, {.stop = &stop}), Interrupted);
 }
 
 TEST(Isolated, NamesAProgramThatIsMissing) {
@@ -72,30 +83,20 @@ TEST(Isolated, ReadsHereUnlessTheCallerIsolates) {
 // Else what was started to read a file would live on after `kill -9`.
 TEST(Isolated, TheProcessEndsWithItsParent) {
   const test::TemporaryFolder folder;
-  const std::filesystem::path file = folder / "pid";
+  const std::filesystem::path pipe = folder / "pid";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
   ::prctl(PR_SET_CHILD_SUBREAPER, 1);  // the grandchild becomes this process's when its parent is gone
   const pid_t parent = ::fork();
   if (parent == 0) {
-    read("pause", {file.string()});
+    read("pause", {pipe.string()});
     ::_exit(0);
   }
-  pid_t grandchild = 0;
-  for (int i = 0; i < 500 && grandchild == 0; ++i) {
-    ::usleep(10'000);
-    std::string line;
-    if (std::ifstream stream(file); std::getline(stream, line) && !stream.eof()) grandchild = std::stoi(line);
-  }
-  ASSERT_NE(grandchild, 0);
+  const pid_t grandchild = process_from(pipe);
+  ASSERT_GT(grandchild, 0);
   ::kill(parent, SIGKILL);
   ::waitpid(parent, nullptr, 0);
   int status = 0;
-  pid_t ended = 0;
-  for (int i = 0; i < 500 && ended == 0; ++i) {
-    ::usleep(10'000);
-    ended = ::waitpid(grandchild, &status, WNOHANG);
-  }
-  EXPECT_EQ(ended, grandchild) << "still runs after five seconds";
-  if (ended == 0) ::kill(grandchild, SIGKILL);
+  EXPECT_EQ(::waitpid(grandchild, &status, 0), grandchild);
   EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
   ::prctl(PR_SET_CHILD_SUBREAPER, 0);
 }

@@ -4,7 +4,7 @@
 # A small scene of 56 lights, photographed once by the virtual rig for its calibration.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-"$here/closed_loop_before.sh" "$1" 24
+"$here/closed_loop_before.sh" "$1" 24 1
 cat >>"$1/session.toml" <<'TOML'
 [trigger]
 chip = "gpio-sim.0-node0"

@@ -13,7 +13,7 @@ mkdir -p "$share"
 share=$(realpath "$share")
 # Exposures are a fifth of those of the other laboratory, and the light is five times as bright.
 sed "s/^train = .*/train = $((patterns - 30))/; s/^sensitivity = .*/sensitivity = 4e7/" "$here/lab_recipe.toml" >"$share/recipe.toml"
-"$here/virtual_rig.sh" "$share" --exposures "$exposures"
+"$here/virtual_rig.sh" "$share" 5 --exposures "$exposures"
 "$build/tests/devices/genicam_lab" "$share" >"$share/log" 2>&1 || { cat "$share/log" >&2; exit 1; }
 grep '^##' "$share/log"
 "$build/tests/devices/check_pairs" "$share/session" "$share/truth/illumination" "$share"/camera_*.log

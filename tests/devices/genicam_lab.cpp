@@ -211,8 +211,8 @@ int run(const fs::path& share) {
       static_cast<unsigned long long>(camera.troubles().replugs),
       static_cast<unsigned long long>(summary.discarded.early),
       static_cast<unsigned long long>(summary.discarded.stale));
-  const bool as_planned = camera.troubles().replugs == 2 && camera.troubles().damaged > 0;
-  if (!as_planned) std::printf("## FAILED: two reconnections and some lost packets were expected\n");
+  const bool as_planned = camera.troubles().replugs >= 2 && camera.troubles().damaged > 0;
+  if (!as_planned) std::printf("## FAILED: at least two reconnections and some lost packets were expected\n");
   return as_planned ? 0 : 1;
 }
 

@@ -32,16 +32,16 @@ sed "s/^train = .*/train = 1/; s/^natural = .*/natural = 1/; s/^bars = .*/bars =
 "$build/cli/refield" --quiet simulate "$share/recipe.toml" -o "$share/truth" >/dev/null
 started=()
 trap 'kill "${started[@]}" 2>/dev/null || true; wait' EXIT
+mkfifo "$share/display" "$share/ready"
 Xvfb -displayfd 3 -fbdir "$share" -screen 0 640x480x24 -nolisten tcp -noreset 3>"$share/display" 2>/dev/null &
 started+=($!)
-until [[ -s $share/display ]]; do sleep 0.1; done
+read -r display <"$share/display"
 "$build/tests/devices/guided_lab" "$share" "$share/Xvfb_screen0" "$kind" >"$share/ready" 2>"$share/log" &
 started+=($!)
-until [[ -s $share/ready ]]; do kill -0 "${started[1]}" || { cat "$share/log"; exit 1; } >&2; sleep 0.1; done
+read -r _ <"$share/ready" || { cat "$share/log" >&2; exit 1; }
 # libgphoto2 keeps settings in the home folder.
 export HOME=$share LIBGL_ALWAYS_SOFTWARE=1
-DISPLAY=:$(cat "$share/display")
-export DISPLAY
+export DISPLAY=:$display
 if [[ $kind == dslr ]]; then export LD_PRELOAD=$build/tests/devices/libguided_dslr.so; fi
 if [[ $page == *.csv ]]; then
   "$here/capture_time.sh" "$build/cli/refield" "$share" "$kind" "$page"

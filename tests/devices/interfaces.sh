@@ -12,9 +12,11 @@ mount -t configfs config /sys/kernel/config
 
 mkdir -p /tmp/.X11-unix
 # Mesa's renderer without a compiler: what that makes crashes in the emulated processor.
-export DISPLAY=:7 LIBGL_ALWAYS_SOFTWARE=1 GALLIUM_DRIVER=softpipe DRAW_USE_LLVM=0
-Xvfb :7 -screen 0 320x240x24 -nolisten tcp -noreset 2>/dev/null &
-for _ in $(seq 100); do [ -S /tmp/.X11-unix/X7 ] && break; sleep 0.2; done
+export LIBGL_ALWAYS_SOFTWARE=1 GALLIUM_DRIVER=softpipe DRAW_USE_LLVM=0
+mkfifo /run/display
+Xvfb -displayfd 3 -screen 0 320x240x24 -nolisten tcp -noreset 3>/run/display 2>/dev/null &
+read -r DISPLAY </run/display
+export DISPLAY=:$DISPLAY
 "$refield" acquire devices --json >/vmshare/devices.json
 grep -q '"width": 320' /vmshare/devices.json
 "$refield" --quiet acquire run /vmshare/window.toml

@@ -44,7 +44,7 @@ V4l2CameraOptions vivid_options(const std::string& format) {
   options.height = 180;
   options.rate = 30;
   options.fixed_exposure = Seconds(0.01);  // vivid has no exposure control
-  options.replug_patience = Seconds(10);
+  options.replug_patience = Seconds(600);
   return options;
 }
 

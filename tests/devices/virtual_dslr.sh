@@ -15,18 +15,10 @@ if [[ -e $folder/driver/vusb.so && $(cat "$folder/stamp" 2>/dev/null) == "$stamp
   exit
 fi
 exec 3>&1 >"$folder/log" 2>&1
-rm -rf "$folder/driver" "$folder/source" "$folder/lists"
-mkdir -p "$folder/driver" "$folder/lists/partial"
+rm -rf "$folder/driver"
+mkdir -p "$folder/driver"
+"$here/../support/debian_source.sh" libgphoto2-dev libgphoto2 "$folder"
 cd "$folder"
-if ! compgen -G "libgphoto2_*.dsc" >/dev/null; then
-  read -r url suite < <(apt-cache policy libgphoto2-dev | awk '$2 ~ /^https?:/ {print $2, $3; exit}')
-  echo "deb-src $url ${suite%/*} ${suite##*/}" >sources.list
-  apt=(apt-get -o Dir::Etc::SourceList="$folder/sources.list" -o Dir::Etc::SourceParts=/dev/null
-    -o Dir::State::Lists="$folder/lists" -o Dir::Cache="$folder" -o APT::Sandbox::User=)
-  "${apt[@]}" update
-  "${apt[@]}" source --download-only libgphoto2
-fi
-dpkg-source -x libgphoto2_*.dsc source
 vusb=source/libgphoto2_port/vusb
 cp "$here/virtual_dslr.h" "$vusb/"
 # Every place is found by its text; one that is not there ends the script.

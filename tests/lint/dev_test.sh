@@ -34,5 +34,5 @@ head -n 1 "$work/said" | grep -q 'Installing 1 Debian package.*minute.*clang-for
 grep -q 'Waiting for another program' "$work/said" || fail 'dev waited without a word'
 # Any other failure ends it at once, with what apt-get said.
 fake apt-get 'echo "E: Unable to locate package" >&2; exit 100'
-if PATH=$work/bin:$PATH timeout 5 "$work/dev" format >"$work/said" 2>&1; then fail 'a failure of apt-get was passed over'; fi
+if PATH=$work/bin:$PATH "$work/dev" format >"$work/said" 2>&1; then fail 'a failure of apt-get was passed over'; fi
 grep -q 'E: Unable to locate package' "$work/said" || fail 'what apt-get said is lost'

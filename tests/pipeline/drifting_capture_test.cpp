@@ -3,9 +3,7 @@
 // goes on takes the same photographs.
 #include <gtest/gtest.h>
 
-#include <chrono>
 #include <fstream>
-#include <thread>
 
 #include "core/base/files.h"
 #include "core/field/drift.h"
@@ -51,14 +49,8 @@ TEST(AcquireProgram, ReferenceFramesTellTheDriftAndSurviveAKill) {
     EXPECT_NEAR(drift.gain_at(share * end)[2], 1.0, 0.005);
   }
 
-  // Stop it where references lie behind and before it.
-  {
-    RunningProgram program(acquire("cut", ""), log);
-    for (int wait = 0; wait < 10'000 && !std::filesystem::exists(folder / "cut/observed/train_005.exr");
-         ++wait)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    program.kill_after(std::chrono::duration<double>(0.0));
-  }
+  // Ended where references lie behind and before it.
+  ASSERT_TRUE(kill_at_file(acquire("cut", ""), log, "observed/train_005.exr")) << read_text(log);
   ASSERT_EQ(run_program(acquire("cut", "--resume"), log), 0) << read_text(log);
   EXPECT_EQ(folder_difference(folder / "whole", folder / "cut"), "");
 }

@@ -43,11 +43,8 @@ TEST(GenicamSession, IsResumedAfterTheProgramWasKilledAndStillHoldsTheCamera) {
       "rate = 60\ntrigger = \"Software\"\n[controls]\nBlackLevel = 16\n"
       "[monitor]\nwindow = true\nwidth = 16\nheight = 12\n"
       "[lights]\nsession = \"truth\"\n[exposures]\nseconds = [0.002, 0.008]\n");
-  {
-    RunningProgram first({"acquire", "run", folder / "session.toml"}, folder / "log");
-    ASSERT_TRUE(first.kill_at(folder / "session/observed", std::chrono::seconds(60)))
-        << read_text(folder / "log");
-  }
+  ASSERT_TRUE(kill_at_file({"acquire", "run", folder / "session.toml"}, folder / "log", "observed/"))
+      << read_text(folder / "log");
   run({"acquire", "run", folder / "session.toml", "--resume"});
   run({"info", folder / "session"});
   EXPECT_THAT(read_text(folder / "log"), HasSubstr("64"));

@@ -22,12 +22,6 @@ namespace {
 
 using namespace test;
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool memory_is_the_program_s_own = false;
-#else
-constexpr bool memory_is_the_program_s_own = true;
-#endif
-
 std::vector<std::string> words(std::initializer_list<std::string> first,
                                const std::vector<std::string>& more) {
   std::vector<std::string> all(first);
@@ -301,7 +295,6 @@ TEST_F(Jobs, TheLogIsMadeOfPlainLinesThatCarryTheTime) {
 
 /// Tables, photographs and fits each dominate once. A mask keeps the fits few where they shall not.
 TEST(Memory, StaysWithinWhatWasForeseen) {
-  if (!memory_is_the_program_s_own) GTEST_SKIP() << "a sanitizer's own memory would be measured";
   struct Case {
     const char* name;
     int width, height, light_width, light_height, images;
@@ -348,7 +341,6 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
 // Beside the full field, pack holds one packed field and what some rows of tiles need, for a picture of any
 // height.
 TEST(Memory, OfPackIsThatOfTheFieldAndOfItsTiles) {
-  if (!memory_is_the_program_s_own) GTEST_SKIP() << "a sanitizer's own memory would be measured";
   const TemporaryFolder folder;
   Rng rng(8);
   write_reflectance_field(folder / "full.rfield", random_field(rng, 200, 8000, {32, 24}, 500, 20));

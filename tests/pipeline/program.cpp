@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <cstdlib>
 #include <stdexcept>
-#include <thread>
 
 #include "core/base/files.h"
 
@@ -19,16 +18,22 @@ namespace refield::test {
 
 namespace fs = std::filesystem;
 
-RunningProgram::RunningProgram(std::vector<std::string> arguments, const fs::path& log) {
+RunningProgram::RunningProgram(std::vector<std::string> arguments, const fs::path& log,
+                               const std::vector<std::string>& environment) {
   arguments.insert(arguments.begin(), REFIELD_PROGRAM);
   std::vector<char*> argv;
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
+  std::vector<char*> variables;
+  for (const std::string& variable : environment) variables.push_back(const_cast<char*>(variable.c_str()));
+  for (char** variable = environ; *variable; ++variable) variables.push_back(*variable);
+  variables.push_back(nullptr);
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
   posix_spawn_file_actions_adddup2(&actions, STDOUT_FILENO, STDERR_FILENO);
-  const int error = ::posix_spawn(&process_, REFIELD_PROGRAM, &actions, nullptr, argv.data(), environ);
+  const int error =
+      ::posix_spawn(&process_, REFIELD_PROGRAM, &actions, nullptr, argv.data(), variables.data());
   posix_spawn_file_actions_destroy(&actions);
   if (error != 0) throw std::runtime_error("cannot start " REFIELD_PROGRAM);
 }
@@ -49,21 +54,31 @@ int RunningProgram::wait() {
   return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
 }
 
-bool RunningProgram::kill_after(std::chrono::duration<double> delay) {
-  std::this_thread::sleep_for(delay);
-  ::kill(process_, SIGKILL);
-  return wait() == -SIGKILL;
-}
-
-bool RunningProgram::kill_at(const fs::path& sign, std::chrono::duration<double> patience) {
-  const auto end = std::chrono::steady_clock::now() + patience;
-  while (!fs::exists(sign) && std::chrono::steady_clock::now() < end)
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  return kill_after(std::chrono::duration<double>(0));
-}
-
 int run_program(std::vector<std::string> arguments, const fs::path& log) {
   return RunningProgram(std::move(arguments), log).wait();
+}
+
+namespace {
+
+/// `refield` with kill_at_write.cpp loaded into it.
+int run_watched(std::vector<std::string> arguments, const fs::path& log, const std::string& variable) {
+  return RunningProgram(std::move(arguments), log, {"LD_PRELOAD=" REFIELD_KILL_AT_WRITE, variable}).wait();
+}
+
+}  // namespace
+
+long count_steps(std::vector<std::string> arguments, const fs::path& log) {
+  const fs::path file = log.string() + ".steps";
+  const int status = run_watched(std::move(arguments), log, "REFIELD_COUNT_STEPS=" + file.string());
+  return status == 0 ? std::stol(read_text(file)) : 0;
+}
+
+bool kill_at_step(std::vector<std::string> arguments, const fs::path& log, long step) {
+  return run_watched(std::move(arguments), log, "REFIELD_KILL_AT=" + std::to_string(step)) == -SIGKILL;
+}
+
+bool kill_at_file(std::vector<std::string> arguments, const fs::path& log, const std::string& name) {
+  return run_watched(std::move(arguments), log, "REFIELD_KILL_NAME=" + name) == -SIGKILL;
 }
 
 int kills_asked_for() {

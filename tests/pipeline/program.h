@@ -2,7 +2,6 @@
 #pragma once
 #include <sys/types.h>
 
-#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -13,7 +12,9 @@ namespace refield::test {
 /// The program `refield`, running as a process of its own with standard output and error in a file.
 class RunningProgram {
  public:
-  RunningProgram(std::vector<std::string> arguments, const std::filesystem::path& log);
+  /// `environment` [NAME=VALUE] is added to that of this process.
+  RunningProgram(std::vector<std::string> arguments, const std::filesystem::path& log,
+                 const std::vector<std::string>& environment = {});
   ~RunningProgram();
   RunningProgram(const RunningProgram&) = delete;
   RunningProgram& operator=(const RunningProgram&) = delete;
@@ -22,11 +23,6 @@ class RunningProgram {
   int wait();
   /// The most memory that it held, bytes; known after wait().
   std::uint64_t peak_memory_bytes() const { return peak_memory_bytes_; }
-  /// Waits for that long, then kill -9. False when the program had ended by itself.
-  bool kill_after(std::chrono::duration<double> delay);
-  /// Waits until `sign` exists, for `patience` at most, then kill -9. False when the program had ended by
-  /// itself.
-  bool kill_at(const std::filesystem::path& sign, std::chrono::duration<double> patience);
 
  private:
   pid_t process_ = -1;
@@ -35,6 +31,14 @@ class RunningProgram {
 
 /// Runs `refield` to its end and returns its exit status.
 int run_program(std::vector<std::string> arguments, const std::filesystem::path& log);
+
+/// How many steps on disk (tests/support/kill_at_write.cpp) `refield` takes to its end; 0 when it failed.
+long count_steps(std::vector<std::string> arguments, const std::filesystem::path& log);
+/// Runs `refield` and ends it by SIGKILL in place of a step on disk, from 1. False when it ended by itself.
+bool kill_at_step(std::vector<std::string> arguments, const std::filesystem::path& log, long step);
+/// The same as soon as a file is complete whose path contains `name`.
+bool kill_at_file(std::vector<std::string> arguments, const std::filesystem::path& log,
+                  const std::string& name);
 
 /// How often the tests of kill -9 strike: REFIELD_KILLS of the environment, else 10.
 int kills_asked_for();

@@ -38,7 +38,7 @@ NOT_RUN = {
     "refield acquire guide": "needs a terminal: cli.GuidedCapture",
     "refield acquire run": "needs a camera: tests/devices/closed_loop.sh",
     "refield acquire calibrate --from-photographs": "CalibrateProgram.*, bracket_response_test.cpp",
-    "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev test-cluster)",
+    "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev check cluster)",
     "refield-studies": "Studies.*",
     "refield report SESSION": "a summary of the options",
     "tests/cli/drive_page.py": "Maps/PageInChromium.*",

@@ -193,27 +193,19 @@ class ViewStateUnderAnEnvironment : public testing::Test {
   ViewState state_{ReflectanceField(field_)};
 };
 
-// Each frame waits no longer than it said, shows the picture before meanwhile, and a drag of many frames
-// costs few projections: what is made next is what is wanted then. The last one is what stays.
+// Each frame shows the picture before until the next is ready, and a drag of many frames costs at most one
+// projection per frame: what is made next is what is wanted then. The last one is what stays.
 TEST_F(ViewStateUnderAnEnvironment, FramesGoOnAndTheNewestTurnWins) {
   const Image before = state_.radiance();
   const std::size_t relit_before = state_.relit();
   constexpr int moves = 60;
-  std::vector<double> waits_ms;
   for (int i = 1; i <= moves; ++i) {
     state_.setup().set_turns(0.4 * i / moves);
-    const auto start = std::chrono::steady_clock::now();
     state_.refresh(frame);
-    waits_ms.push_back(
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
     if (i == 1 && state_.relit() == relit_before) {
       EXPECT_EQ(state_.radiance().values, before.values);
     }
   }
-  // The median: on a machine that does other things single frames wait for a processor.
-  std::ranges::nth_element(waits_ms, waits_ms.begin() + moves / 2);
-  constexpr double longest_wait_ms = 50.0;
-  EXPECT_LT(waits_ms[moves / 2], longest_wait_ms);
   state_.refresh();
   EXPECT_TRUE(state_.is_current());
   EXPECT_LE(state_.relit() - relit_before, static_cast<std::size_t>(moves));

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <latch>
 #include <thread>
 
 #include "core/base/errors.h"
@@ -162,11 +163,12 @@ TEST(BackgroundJob, GivesResultsAndErrors) {
 // Parallel loops within it end early, and no one takes what they left behind.
 TEST(BackgroundJob, EndsSoonOnceCancelled) {
   std::atomic<int> begun{0};
+  std::latch cancelled(1);
   BackgroundJob<int> job([&] {
     tbb::parallel_for(0, 1000, [&](int) {
       RunContext{}.throw_if_stopped();
       ++begun;
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      cancelled.wait();
     });
     RunContext{}.throw_if_stopped();
     return 1;
@@ -174,19 +176,21 @@ TEST(BackgroundJob, EndsSoonOnceCancelled) {
   while (begun == 0) std::this_thread::yield();
   EXPECT_FALSE(job.wait_for(std::chrono::microseconds(0)));
   job.cancel();
+  cancelled.count_down();
   EXPECT_THROW(job.take(), Interrupted);
-  EXPECT_LT(begun, 500);
+  EXPECT_LE(begun, tbb::this_task_arena::max_concurrency());
   EXPECT_NO_THROW(RunContext{}.throw_if_stopped());  // here nothing was cancelled
 }
 
 TEST(BackgroundJob, WorkThatMustBeCompleteIsNotCutShort) {
   std::atomic<int> done{0};
   std::atomic<bool> is_begun{false};
+  std::latch cancelled(1);
   BackgroundJob<int> job([&] {
     run_uncancelled([&] {
       tbb::parallel_for(0, 40, [&](int) {
         is_begun = true;
-        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+        cancelled.wait();
         RunContext{}.throw_if_stopped();
         ++done;
       });
@@ -195,6 +199,7 @@ TEST(BackgroundJob, WorkThatMustBeCompleteIsNotCutShort) {
   });
   while (!is_begun) std::this_thread::yield();
   job.cancel();
+  cancelled.count_down();
   EXPECT_THROW(job.take(), Interrupted);
   EXPECT_EQ(done, 40);
 }
