@@ -15,13 +15,13 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <string>
 
 namespace {
 
+// Plain arrays: other threads still write while static objects are destroyed.
 std::atomic<long> steps{0};
 long kill_at = 0;
-std::string kill_name, count_file;
+char kill_name[256] = "", count_file[4096] = "";
 
 template <class Function>
 Function* next(const char* name) {
@@ -37,23 +37,24 @@ void step_of(int descriptor) {
   if (descriptor > STDERR_FILENO) step();
 }
 
-std::string taken(const char* name) {
-  const char* value = std::getenv(name);
-  std::string text = value ? value : "";
+template <std::size_t size>
+void take(const char* name, char (&text)[size]) {
+  if (const char* value = std::getenv(name)) std::strncpy(text, value, size - 1);
   ::unsetenv(name);  // programs that this one starts are left alone
-  return text;
 }
 
 [[gnu::constructor]] void begin() {
-  kill_at = std::atol(taken("REFIELD_KILL_AT").c_str());
-  kill_name = taken("REFIELD_KILL_NAME");
-  count_file = taken("REFIELD_COUNT_STEPS");
+  char number[32] = "";
+  take("REFIELD_KILL_AT", number);
+  kill_at = std::atol(number);
+  take("REFIELD_KILL_NAME", kill_name);
+  take("REFIELD_COUNT_STEPS", count_file);
   ::unsetenv("LD_PRELOAD");
 }
 
 [[gnu::destructor]] void end() {
-  if (count_file.empty()) return;
-  if (std::FILE* file = std::fopen(count_file.c_str(), "w")) {
+  if (count_file[0] == '\0') return;
+  if (std::FILE* file = std::fopen(count_file, "w")) {
     std::fprintf(file, "%ld\n", steps.load());
     std::fclose(file);
   }
@@ -91,7 +92,7 @@ int rename(const char* from, const char* to) noexcept {
   static auto* const real = next<int(const char*, const char*)>("rename");
   step();
   const int status = real(from, to);
-  if (!kill_name.empty() && std::strstr(to, kill_name.c_str())) ::kill(::getpid(), SIGKILL);
+  if (kill_name[0] != '\0' && std::strstr(to, kill_name)) ::kill(::getpid(), SIGKILL);
   return status;
 }
 }
