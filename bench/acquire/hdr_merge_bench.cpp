@@ -12,8 +12,8 @@ namespace {
 
 using namespace refield;
 
-constexpr int width = 1024;
-constexpr int height = 768;
+constexpr int photograph_width = 1024;
+constexpr int photograph_height = 768;
 
 CameraCalibration calibration() {
   CameraCalibration camera;
@@ -30,7 +30,7 @@ std::vector<RawFrame> bracket(PixelLayout layout, const std::vector<double>& rad
   Rng random(1);
   const auto camera = calibration();
   for (double seconds : {0.0625, 0.25, 1.0, 4.0}) {
-    RawFrame frame{width, height, layout, {}, {}, Seconds(seconds), 1.0, 0};
+    RawFrame frame{photograph_width, photograph_height, layout, {}, {}, Seconds(seconds), 1.0, 0};
     for (double r : radiance) {
       const double mean = r * seconds * camera.electrons_per_radiance_second;
       const double electrons = mean + std::sqrt(mean + 9.0) * random.normal();
@@ -42,7 +42,8 @@ std::vector<RawFrame> bracket(PixelLayout layout, const std::vector<double>& rad
 }
 
 void merge(benchmark::State& state, PixelLayout layout) {
-  const std::size_t samples = std::size_t{width} * height * (layout == PixelLayout::rgb ? 3 : 1);
+  const std::size_t samples =
+      std::size_t{photograph_width} * photograph_height * (layout == PixelLayout::rgb ? 3 : 1);
   Rng random(2);
   std::vector<double> radiance(samples);
   for (double& r : radiance) r = 0.3 * std::pow(random.uniform(), 4.0);
