@@ -48,6 +48,7 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
   TracedScene scene = scene_of(options.truth, recipe);
   VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
                  seed);
+  rig.vary_room_light(recipe.rig.room_variation);
   request.before_light = place_teller(rig, request.lights);
   const CaptureSummary summary = capture(request, rig.camera(), rig.illuminator(),
                                          options.trigger ? &rig.trigger() : nullptr, run_context());

@@ -50,7 +50,7 @@ CameraCalibration calibration_of(const SensorModel& sensor, const SceneCamera& p
 MonitorCalibration calibration_of(const MonitorModel& model, const MonitorInScene& place) {
   MonitorCalibration monitor;
   monitor.uniformity = map_of({place.texels.width, place.texels.height, model.falloff});
-  const auto curve = model.tone_curve();
+  const auto curve = model.as_stated().tone_curve();
   for (int c = 0; c < 3; ++c) monitor.radiance_from_level[c].assign(curve[c].begin(), curve[c].end());
   return monitor;
 }

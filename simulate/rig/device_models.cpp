@@ -18,6 +18,7 @@ void MonitorModel::check() const {
     if (!good) throw InputError(std::string("monitor: ") + what);
   };
   for (double g : gamma) require(g >= 0.5 && g <= 5.0, "gamma must lie in 0.5 to 5");
+  for (double g : as_stated().gamma) require(g >= 0.5 && g <= 5.0, "stated_gamma must lie in 0.5 to 5");
   require(black_level >= 0.0 && black_level < 1.0,
           "black_level is a fraction of white and must lie in 0 to 1");
   require(white_radiance > 0.0 && std::isfinite(white_radiance), "white_radiance must be positive");
@@ -32,6 +33,12 @@ void MonitorModel::check() const {
           "refresh must lie in 1 to 10000 Hz");
   require(latency.count() >= 0.0 && latency.count() <= 10.0, "latency must lie in 0 to 10 s");
   require(settling.count() >= 0.0 && settling.count() <= 10.0, "settling must lie in 0 to 10 s");
+}
+
+MonitorModel MonitorModel::as_stated() const {
+  MonitorModel stated = *this;
+  stated.gamma = stated_gamma.value_or(gamma);
+  return stated;
 }
 
 double MonitorModel::gain(int channel, double done) const {
@@ -119,6 +126,35 @@ void SensorModel::check() const {
   require(control_latency_frames >= 0 && control_latency_frames <= 64,
           "control_latency_frames must lie in 0 to 64");
   require(latency_frames >= 0 && latency_frames <= 64, "latency_frames must lie in 0 to 64");
+  for (int c = 0; c < 3; ++c)
+    for (int p = 0; p < 3; ++p)
+      require(c == p ? mixing[c][p] == 1.0 : mixing[c][p] >= 0.0 && mixing[c][p] < 1.0,
+              "mixing must have 1 on its diagonal and 0 to 1 beside it");
+  for (const double deviation : {gain_jitter, balance_jitter})
+    require(deviation >= 0.0 && deviation <= 0.3, "gain_jitter and balance_jitter must lie in 0 to 0.3");
+}
+
+Seconds SensorModel::true_exposure(Seconds stated) const {
+  return rounds_exposures ? Seconds(std::exp2(std::round(3.0 * std::log2(stated.count())) / 3.0)) : stated;
+}
+
+std::array<double, 3> SensorModel::jitter(std::uint64_t key) const {
+  Rng random(key);
+  const double all = 1.0 + gain_jitter * random.normal();
+  std::array<double, 3> factors{};
+  for (double& factor : factors) factor = std::max(0.0, all * (1.0 + balance_jitter * random.normal()));
+  return factors;
+}
+
+Image SensorModel::mixed(Image radiance) const {
+  if (mixing == SensorModel{}.mixing) return radiance;
+  for (std::size_t i = 0; i < radiance.values.size(); i += 3) {
+    const std::array<float, 3> light{radiance.values[i], radiance.values[i + 1], radiance.values[i + 2]};
+    for (std::size_t c = 0; c < 3; ++c)
+      radiance.values[i + c] =
+          static_cast<float>(mixing[c][0] * light[0] + mixing[c][1] * light[1] + mixing[c][2] * light[2]);
+  }
+  return radiance;
 }
 
 double SensorModel::mean_dn(double radiance, Seconds exposure, double gain) const {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "acquire/camera.h"
@@ -30,6 +31,9 @@ struct MonitorModel {
   double pwm_hz = 0.0;  ///< of the backlight, which is on bright and dark for half a period each; 0: steady
   double pwm_depth = 0.0;  ///< the halves are brighter and darker than the mean by this share
 
+  /// The exponents that a calibration states, where they are not the true ones.
+  std::optional<std::array<double, 3>> stated_gamma;
+
   /// How much brighter each channel is at the end of a capture than at its start, −0.05: 5 % darker.
   std::array<double, 3> drift{};
   /// Share of the capture in which 1 − 1/e of the change happens, as an area light warms up; 0: evenly.
@@ -41,6 +45,9 @@ struct MonitorModel {
   /// Mean brightness of the pulsing backlight over [start, end], 1 in the long run. A bright half begins at
   /// 0.
   double backlight(TimePoint start, TimePoint end) const;
+
+  /// The monitor that a calibration describes.
+  MonitorModel as_stated() const;
 
   /// Throws InputError naming the property and its range.
   void check() const;
@@ -74,6 +81,21 @@ struct SensorModel {
   Seconds frame_interval{1.0 / 30};  ///< shortest time from one exposure's start to the next
   int control_latency_frames = 0;    ///< frames that still begin with the old settings after a change of them
   int latency_frames = 1;            ///< frames that wait in the driver's queue: the next frame is this old
+
+  /// Share of each primary of the monitor (column) that a channel (row) sees; its diagonal is 1.
+  std::array<std::array<double, 3>, 3> mixing{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}};
+  /// Exposures are powers of 2^(1/3) s, as of cameras that state 1/30 s for 1/32 s.
+  bool rounds_exposures = false;
+  double gain_jitter =
+      0.0;  ///< standard deviation of a photograph's brightness, relative (flicker, aperture)
+  double balance_jitter = 0.0;  ///< of each of its channels (automatic white balance)
+
+  /// How long the shutter is open for a stated exposure.
+  Seconds true_exposure(Seconds stated) const;
+  /// Factor of each channel in the photograph that `key` names.
+  std::array<double, 3> jitter(std::uint64_t key) const;
+  /// What the channels see of `radiance` [height × width × 3] by primaries.
+  Image mixed(Image radiance) const;
 
   /// Throws InputError naming the property and its range.
   void check() const;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <deque>
 #include <map>
+#include <numbers>
 #include <optional>
 #include <string>
 
@@ -69,6 +70,8 @@ struct ExposedFrame {
   std::uint64_t sequence;
   std::vector<Share> light;
   std::array<float, 3> gain_of_monitor;
+  float room;  // room light, relative to the ambient image
+  std::array<double, 3> jitter;
   std::uint64_t noise_key;
 };
 
@@ -117,6 +120,7 @@ struct VirtualRig::State {
   std::uint64_t unsettled_frames = 0;
   double done = 0.0;             // share of the capture that is over
   std::uint64_t repetition = 0;  // of the patterns shown
+  double room_variation = 0.0;   // share of the ambient light
 
   State(ReflectanceField t, Image a, MonitorModel m, SensorModel s, std::uint64_t seed_)
       : transport(std::move(t)), ambient(std::move(a)), monitor(m), sensor(s), seed(seed_) {
@@ -194,12 +198,18 @@ struct VirtualRig::State {
     trigger_edge.reset();
     const Settings acting = coming.front();
     if (coming.size() > 1) coming.pop_front();
-    const TimePoint end = start + to_nanoseconds(acting.exposure);
+    const TimePoint end = start + to_nanoseconds(sensor.true_exposure(acting.exposure));
     camera_ready = std::max(end, start + to_nanoseconds(sensor.frame_interval));
     now = std::max(now, end);
     while (flips.size() > 1 && risen(flips[1], start) >= 1.0) flips.pop_front();
 
-    ExposedFrame frame{start, acting, asked, sequence++, gathered(start, end), {}, 0};
+    ExposedFrame frame{start, acting, asked, sequence++, gathered(start, end), {}, 1.0f, {}, 0};
+    // One and a half swings, of which none is a straight line.
+    constexpr double swings = 1.5;
+    frame.room = static_cast<float>(1.0 + room_variation * std::sin(2.0 * std::numbers::pi * swings * done));
+    // The same for all exposures of a photograph.
+    Rng place(seed, std::bit_cast<std::uint64_t>(done), repetition);
+    frame.jitter = sensor.jitter(place.next());
     const double backlight = monitor.backlight(start, end);
     for (int c = 0; c < 3; ++c)
       frame.gain_of_monitor[c] = static_cast<float>(backlight * monitor.gain(c, done));
@@ -228,7 +238,10 @@ struct VirtualRig::State {
       }
     }
     for (std::size_t i = 0; i < sum.values.size(); ++i)
-      sum.values[i] = sum.values[i] * frame.gain_of_monitor[i % 3] + ambient.values[i];
+      sum.values[i] = sum.values[i] * frame.gain_of_monitor[i % 3] + frame.room * ambient.values[i];
+    sum = sensor.mixed(std::move(sum));
+    for (std::size_t i = 0; i < sum.values.size(); ++i)
+      sum.values[i] *= static_cast<float>(frame.jitter[i % 3]);
     return sum;
   }
 
@@ -271,7 +284,8 @@ struct VirtualRig::State {
     return {transport.width,
             transport.height,
             sensor.layout,
-            sensor.expose(gathered_light(frame), frame.acting.exposure, frame.acting.gain, frame.noise_key),
+            sensor.expose(gathered_light(frame), sensor.true_exposure(frame.acting.exposure),
+                          frame.acting.gain, frame.noise_key),
             frame.start,
             frame.stated.exposure,
             frame.stated.gain,
@@ -319,6 +333,9 @@ Illuminator& VirtualRig::illuminator() {
 void VirtualRig::set_place(double done, std::uint32_t repetition) {
   state_->done = done;
   state_->repetition = repetition;
+}
+void VirtualRig::vary_room_light(double share) {
+  state_->room_variation = share;
 }
 Trigger& VirtualRig::trigger() {
   return state_->trigger;

@@ -51,6 +51,10 @@ class VirtualRig {
   /// anew with each run, so a capture that was stopped and goes on must say where it is.
   void set_place(double done, std::uint32_t repetition);
 
+  /// The room light becomes brighter and darker during the capture, by this share of the ambient image; as
+  /// it is when the capture begins.
+  void vary_room_light(double share);
+
  private:
   struct State;
   std::unique_ptr<State> state_;

@@ -52,6 +52,8 @@ void read_monitor(Section section, MonitorInScene& place, MonitorModel& model) {
     section.fail("towards",
                  "the monitor must not lie flat; give a point that is not above or below its position");
   section.triple("gamma", model.gamma, 0.5, 5.0);
+  if (section.has("stated_gamma"))
+    section.triple("stated_gamma", model.stated_gamma.emplace(model.gamma), 0.5, 5.0);
   section.number("black_level", model.black_level, 0.0, 0.999);
   section.number("white_radiance", model.white_radiance, 1e-6, 1e5);
   section.number("falloff", model.falloff, 0.0, 0.9);
@@ -92,6 +94,13 @@ void read_sensor(Section section, SensorModel& sensor) {
   section.seconds("frame_interval_ms", sensor.frame_interval, Seconds(1e-3), 0.01, 1e6);
   section.integer("control_latency_frames", sensor.control_latency_frames, 0, 64);
   section.integer("latency_frames", sensor.latency_frames, 0, 64);
+  for (const auto& [c, key] : {std::pair{0, "mixing_red"}, {1, "mixing_green"}, {2, "mixing_blue"}}) {
+    section.triple(key, sensor.mixing[c], 0.0, 1.0);
+    if (sensor.mixing[c][c] != 1.0) section.fail(key, "the channel's own primary must have the share 1");
+  }
+  section.flag("rounds_exposures", sensor.rounds_exposures);
+  section.number("gain_jitter", sensor.gain_jitter, 0.0, 0.3);
+  section.number("balance_jitter", sensor.balance_jitter, 0.0, 0.3);
   section.finish();
 }
 
@@ -139,6 +148,7 @@ Recipe read_recipe(const fs::path& path) {
   read_monitor(file.section("monitor"), recipe.scene.monitor, recipe.rig.monitor);
   Section ambient = file.optional_section("ambient");
   read_colour(ambient, "radiance", recipe.scene.ambient_radiance, 1e5);
+  ambient.number("variation", recipe.rig.room_variation, 0.0, 1.0);
   ambient.finish();
   read_lights(file.optional_section("lights"), recipe.lights);
   read_sensor(file.optional_section("sensor"), recipe.rig.sensor);

@@ -33,7 +33,8 @@ struct RigRecipe {
   MonitorModel monitor;
   SensorModel sensor;
   ExposureSeries exposures;
-  int reference_every = 0;  ///< lights between two frames of the reference light; 0: none are taken
+  double room_variation = 0.0;  ///< of the room light during a capture, as a share of it
+  int reference_every = 0;      ///< lights between two frames of the reference light; 0: none are taken
 };
 
 /// One synthetic data set, as datasets_synthetic/<name>/recipe.toml describes it.

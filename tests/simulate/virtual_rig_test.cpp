@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/rig/virtual_rig.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -260,6 +261,72 @@ TEST(VirtualRig, RefusesWhatDevicesRefuse) {
   rig.camera().set_exposure(Seconds(1.0), 1.0);
   EXPECT_THROW(rig.camera().next_frame(Seconds(0.1)), DeviceError);
   EXPECT_THROW(VirtualRig(half_seer(), Image(3, 3, 3), {}, SensorModel{}, 1), InputError);
+}
+
+TEST(ImperfectRig, ChannelsSeeOtherPrimaries) {
+  SensorModel sensor = quiet_sensor();
+  sensor.mixing = {{{1.0, 0.2, 0.1}, {0.0, 1.0, 0.0}, {0.3, 0.0, 1.0}}};
+  Image light(2, 1, 3);
+  light.values = {1.0f, 2.0f, 3.0f, 0.0f, 1.0f, 0.0f};
+  const std::vector<float> expected = {1.7f, 2.0f, 3.3f, 0.2f, 1.0f, 0.0f};
+  EXPECT_THAT(sensor.mixed(light).values, testing::Pointwise(testing::FloatEq(), expected));
+  EXPECT_EQ(quiet_sensor().mixed(light).values, light.values);
+}
+
+TEST(ImperfectRig, ShutterTimesAreRoundedToPowersOfTwo) {
+  SensorModel sensor = quiet_sensor();
+  EXPECT_EQ(sensor.true_exposure(Seconds(1.0 / 30)).count(), 1.0 / 30);
+  sensor.rounds_exposures = true;
+  for (const auto& [stated, open] :
+       {std::pair{1.0 / 30, 1.0 / 32}, {1.0 / 15, 1.0 / 16}, {1.0 / 60, 1.0 / 64}})
+    EXPECT_DOUBLE_EQ(sensor.true_exposure(Seconds(stated)).count(), open);
+}
+
+// Photographs differ by the stated deviations, all exposures of one alike, and another run gives the same.
+TEST(ImperfectRig, BrightnessAndBalanceJitter) {
+  SensorModel sensor = quiet_sensor();
+  sensor.gain_jitter = 0.02;
+  sensor.balance_jitter = 0.01;
+  double all = 0.0, balance = 0.0;
+  constexpr int photographs = 4000;
+  for (int i = 0; i < photographs; ++i) {
+    const auto factors = sensor.jitter(static_cast<std::uint64_t>(i));
+    EXPECT_EQ(factors, sensor.jitter(static_cast<std::uint64_t>(i)));
+    all += std::pow((factors[0] + factors[1] + factors[2]) / 3.0 - 1.0, 2.0) / photographs;
+    balance += std::pow(factors[0] - factors[1], 2.0) / photographs;
+  }
+  EXPECT_NEAR(std::sqrt(all), std::hypot(0.02, 0.01 / std::sqrt(3.0)), 0.001);
+  EXPECT_NEAR(std::sqrt(balance), 0.01 * std::sqrt(2.0), 0.0005);
+  VirtualRig one(half_seer(), {}, {}, sensor, 1), two(half_seer(), {}, {}, sensor, 1);
+  one.set_place(0.25, 0);
+  two.set_place(0.25, 0);
+  const RawFrame frame = settled_frame(one, pattern(200));
+  EXPECT_EQ(frame.samples, settled_frame(two, pattern(200)).samples);
+  EXPECT_NE(mean_of(frame), mean_of(settled_frame(two, pattern(100))));
+  two.set_place(0.5, 0);
+  EXPECT_NE(frame.samples, settled_frame(two, pattern(200)).samples);
+}
+
+TEST(ImperfectRig, RoomLightVariesAndIsAsItWasAtTheStart) {
+  const SensorModel sensor = quiet_sensor();
+  VirtualRig rig(half_seer(), Image(width, height, 3, 0.2f), {}, sensor, 1);
+  rig.vary_room_light(0.5);
+  const auto level = [&](double done) {
+    rig.set_place(done, 0);
+    return mean_of(settled_frame(rig, pattern(0))) - sensor.black_level_dn;
+  };
+  const double start = level(0.0);
+  EXPECT_NEAR(level(1.0 / 6.0) / start, 1.5, 0.02);  // of what little the dark monitor adds
+  EXPECT_NEAR(level(0.5) / start, 0.5, 0.02);
+}
+
+TEST(ImperfectRig, ACalibrationMayStateAnotherToneCurve) {
+  MonitorModel monitor;
+  EXPECT_EQ(monitor.as_stated().gamma, monitor.gamma);
+  monitor.stated_gamma = {2.0, 2.1, 2.2};
+  EXPECT_EQ(monitor.as_stated().gamma, (std::array{2.0, 2.1, 2.2}));
+  monitor.stated_gamma = {2.0, 0.1, 2.2};
+  EXPECT_THROW(monitor.check(), InputError);
 }
 
 }  // namespace
