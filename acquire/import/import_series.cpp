@@ -200,11 +200,14 @@ class SessionImport {
                                             "observed/" + view.name + ".exr"};
     session_.frames.push_back({view.name, role_of(request_, view.name, i), "", request_.folder / files[0],
                                request_.folder / files[1], order_of(i)});
+    const Image light = emitted(request_, view, run);
+    if (request_.parameterisation == Parameterisation::monitor)
+      session_.frames.back().kind = kind_of_light(light);
     if (writer_.is_done(view.name)) return;
     Photograph observed = merger_.merge(view.bracket.paths, true);
     if (ambient_) subtract_ambient(observed, *ambient_);
     if (!view.card.paths.empty()) divide_by_card_of(view, observed);
-    write_exr(request_.folder / files[0], emitted(request_, view, run));
+    write_exr(request_.folder / files[0], light);
     write_photograph(request_.folder / files[1], observed, request_.precision);
     writer_.finish_step(view.name, files);
   }

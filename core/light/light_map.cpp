@@ -74,6 +74,29 @@ Eigen::Array3f radiance_towards(const LightMap& map, const Eigen::Vector3d& dire
          down * ((1.0f - right) * texel(x, y + 1) + right * texel(x + 1, y + 1));
 }
 
+std::string_view kind_of_light(const Image& radiance) {
+  const float largest = *std::ranges::max_element(radiance.values);
+  if (!(largest > 0.0f)) return "black";
+  const float equal = 1e-3f * largest;
+  const auto is_lit = [&](int x, int y) {
+    return radiance.at(x, y, 0) > equal || radiance.at(x, y, 1) > equal || radiance.at(x, y, 2) > equal;
+  };
+  Box lit{radiance.width, radiance.height, 0, 0};
+  for (int y = 0; y < radiance.height; ++y)
+    for (int x = 0; x < radiance.width; ++x)
+      if (is_lit(x, y))
+        lit = {std::min(lit.x0, x), std::min(lit.y0, y), std::max(lit.x1, x + 1), std::max(lit.y1, y + 1)};
+  for (int y = lit.y0; y < lit.y1; ++y)
+    for (int x = lit.x0; x < lit.x1; ++x)
+      for (int c = 0; c < 3; ++c)
+        if (std::abs(radiance.at(x, y, c) - radiance.at(lit.x0, lit.y0, c)) > equal) return "natural";
+  const bool is_wide = lit.width() == radiance.width, is_high = lit.height() == radiance.height;
+  if (!is_wide || !is_high) return is_wide || is_high ? "bar" : "square";
+  int channels = 0;
+  for (int c = 0; c < 3; ++c) channels += radiance.at(0, 0, c) > equal;
+  return channels == 1 ? "primary" : "white";
+}
+
 double lat_long_solid_angle(int row, int width, int height) {
   const double step = std::numbers::pi / height;
   return 2.0 * std::numbers::pi / width * (std::cos(step * row) - std::cos(step * (row + 1)));

@@ -68,6 +68,11 @@ struct LightMap {
   LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
 };
 
+/// What a monitor shows, from its texels: "black", "white" and "primary" (one channel) fill the screen, a
+/// "bar" and a "square" are rectangles of one colour on black, of the full height or width and smaller; all
+/// else is "natural". Values within a thousandth of the largest are equal.
+std::string_view kind_of_light(const Image& radiance);
+
 /// A light map that another user owns.
 struct LightMapView {
   ImageView radiance;  ///< 3 channels

@@ -85,5 +85,31 @@ TEST(Parameterisation, NamesRoundTrip) {
   EXPECT_THROW(parameterisation_from_name("fisheye"), InputError);
 }
 
+TEST(KindOfLight, IsReadFromTheTexels) {
+  const auto with = [](Box box, std::array<float, 3> colour) {
+    Image light(8, 6, 3);
+    for (int y = box.y0; y < box.y1; ++y)
+      for (int x = box.x0; x < box.x1; ++x)
+        for (int c = 0; c < 3; ++c) light.at(x, y, c) = colour[c];
+    return light;
+  };
+  const std::array<float, 3> white{0.5f, 0.5f, 0.5f}, green{0.0f, 0.3f, 0.0f};
+  EXPECT_EQ(kind_of_light(with({0, 0, 8, 6}, white)), "white");
+  EXPECT_EQ(kind_of_light(with({0, 0, 8, 6}, green)), "primary");
+  EXPECT_EQ(kind_of_light(with({0, 0, 8, 6}, {})), "black");
+  EXPECT_EQ(kind_of_light(with({3, 0, 4, 6}, green)), "bar");
+  EXPECT_EQ(kind_of_light(with({0, 2, 8, 3}, white)), "bar");
+  EXPECT_EQ(kind_of_light(with({2, 2, 4, 4}, white)), "square");
+  Image two = with({2, 2, 4, 4}, white);
+  two.at(3, 3, 1) = 0.6f;
+  EXPECT_EQ(kind_of_light(two), "natural");
+  two = with({2, 2, 4, 4}, white);
+  two.at(7, 5, 0) = 0.5f;
+  EXPECT_EQ(kind_of_light(two), "natural") << "two rectangles";
+  Image noise = with({0, 0, 8, 6}, white);
+  noise.at(1, 1, 0) *= 1.0005f;
+  EXPECT_EQ(kind_of_light(noise), "white");
+}
+
 }  // namespace
 }  // namespace refield
