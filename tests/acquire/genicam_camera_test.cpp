@@ -43,9 +43,8 @@ struct Exposed {
   }
 };
 
-/// A frame's time stamp may lie after its true start by what the frames so far were all noticed late: nobody
-/// can know better. This measures that lateness, so that a busy machine widens the bound and does not break
-/// it.
+/// The time stamp of a frame may lie after its true start by what all frames so far were noticed late. This
+/// measures that lateness, so that a busy machine widens the bound and does not break it.
 class LatenessOfFrames {
  public:
   /// Call right after next_frame(). Returns the latest time stamp that the frame may have.

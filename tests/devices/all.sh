@@ -22,7 +22,9 @@ if [[ ! -x $build/tests/devices/gphoto_lab ]]; then
 elif ! driver=$("$here/virtual_dslr.sh" "$devices/dslr"); then
   skip "the DSLR, since the source of libgphoto2's virtual camera cannot be fetched or built"
 else
-  step DSLR "$here/dslr.sh" "$build" "$driver" $([[ -n $short ]] || echo 60)
+  patterns=(60)
+  [[ -z $short ]] || patterns=()
+  step DSLR "$here/dslr.sh" "$build" "$driver" "${patterns[@]}"
 fi
 if [[ $(uname -m) != x86_64 ]]; then
   skip "the emulated machine, since this is no x86-64 machine"
