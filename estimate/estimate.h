@@ -15,6 +15,7 @@
 #include "core/session/capture_session.h"
 #include "estimate/options.h"
 #include "estimate/quality/outlier_frames.h"
+#include "estimate/rig/estimate_rig.h"
 
 namespace refield {
 
@@ -32,6 +33,7 @@ struct FrameReport {
   std::vector<LeftOutFrame> doubtful;
   double typical_residual = 0.0;  ///< relative; 0: frames were not checked
   Drift drift;                    ///< of the capture, as its reference frames show it
+  RigReport rig;                  ///< what contradicts B = T L, and what of it is corrected
 };
 
 /// What an estimation will need, known before it starts.

@@ -3,10 +3,12 @@
 #include <cstdint>
 #include <filesystem>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string_view>
 
 #include "core/field/reflectance_field.h"
+#include "estimate/rig/rig_model.h"
 
 namespace refield {
 
@@ -27,6 +29,9 @@ struct EstimateOptions {
   float clip_level = std::numeric_limits<float>::infinity();
   bool keep_drift = false;     ///< leave brightness as it is where reference frames show drift
   bool keep_outliers = false;  ///< estimate from frames that do not fit the others, too
+  bool keep_rig = false;       ///< do not look for what contradicts B = T L (estimate/rig/rig_model.h)
+  /// The rig to correct for; null: estimated from the photographs.
+  std::shared_ptr<const RigModel> rig = nullptr;
   /// Rows of the picture to estimate, for a job array: the output is then a part
   /// (core/field_io/field_shard.h). Empty: all.
   std::optional<RowRange> rows;

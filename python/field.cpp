@@ -107,7 +107,7 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
       if (view)
         std::ranges::copy(view->show(lays_out ? outputs : plain->relight(light)).values, picture.begin());
       else
-        plain->transfer.apply(plain->basis.project(light), picture);
+        plain->apply(plain->basis.project(light), picture);
     }
     if (is_bright(lights[i]) && !std::ranges::all_of(picture, [](float v) { return std::isfinite(v); }))
       throw InputError("light: is too bright for pictures of 32-bit floats; scale it down");

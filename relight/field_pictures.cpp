@@ -71,7 +71,7 @@ Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) con
   if (!relighters_) {
     if (map) return field_->relight(*map);
     Image image(field_->width, field_->height, 3);
-    field_->transfer.apply(sums, image.values);
+    field_->apply(sums, image.values);
     return image;
   }
   auto relighter = relighters_->take();

@@ -91,16 +91,18 @@ RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision w
 
 }  // namespace
 
-Relighter::Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision)
-    : domain_(basis.domain),
-      smooth_(basis),
+Relighter::Relighter(const FieldOutline& field, RelightPrecision precision)
+    : domain_(field.basis.domain),
+      output_from_primaries_(field.output_from_primaries),
+      mixes_colours_(field.mixes_colours()),
+      smooth_(field.basis),
       precision_(precision),
       double_sums_(precision == RelightPrecision::fine ||
-                   std::int64_t{basis.domain.width} * basis.domain.height > max_fixed_point_texels),
-      image_(width, height, 3) {}
+                   std::int64_t{domain_.width} * domain_.height > max_fixed_point_texels),
+      image_(field.width, field.height, 3) {}
 
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
-    : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
+    : Relighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
   if (precision_ == RelightPrecision::fast)
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(field));
   else
@@ -109,7 +111,7 @@ Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
 }
 
 Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
-    : Relighter(field.basis, field.width, field.height, precision_for(field, precision)) {
+    : Relighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
   if (precision_ == RelightPrecision::fast)
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(std::move(field)));
   else
@@ -119,8 +121,7 @@ Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
 }
 
 Relighter::Relighter(PackedField&& packed)
-    : Relighter(packed.outline.basis, packed.outline.width, packed.outline.height,
-                packed.bits() == 8 ? RelightPrecision::fast : RelightPrecision::fine) {
+    : Relighter(packed.outline, packed.bits() == 8 ? RelightPrecision::fast : RelightPrecision::fine) {
   transfer_ = std::make_shared<const TransferTiles>(std::move(packed.tiles));
   list_boxes(packed.outline.basis);
 }
@@ -165,14 +166,14 @@ const Image& Relighter::relight(std::span<const float> sums) {
   if (!sums_suffice_ || sums.size() != wanted)
     throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
                      std::to_string(wanted));
-  show_sums(sums, image_);
+  show_sums(sums, target());
   light_ = {};
   return image_;
 }
 
 const Image& Relighter::relight(const LightMap& light) {
   require_domain(light, domain_);
-  show(light.radiance, image_);
+  show(light.radiance, target());
   updates_ = 0;
   moved_light_ = 0.0;
   total_light_ = -1.0;
@@ -188,7 +189,7 @@ void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
   if (out.size() != image_.values.size())
     throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
                      std::to_string(image_.values.size()));
-  show(light.radiance, {out.data(), image_.width, image_.height});
+  show(light.radiance, target(out.data()));
   updates_ = refresh_period;
 }
 
@@ -269,7 +270,7 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   const auto add_with = [&](const auto& table) {
     const LightChange<std::decay_t<decltype(table)>> change{changed, changed_texels_, table,
                                                             smooth_.project(difference, changed)};
-    std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, image_); }, *transfer_);
+    std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, target()); }, *transfer_);
   };
   if (double_sums_) {
     exact_table_.build(difference);

@@ -70,7 +70,11 @@ class Relighter {
 
  private:
   /// Without a transfer yet.
-  Relighter(const LightBasis& basis, int width, int height, RelightPrecision precision);
+  Relighter(const FieldOutline& field, RelightPrecision precision);
+  PixelTarget target() { return target(image_.values.data()); }
+  PixelTarget target(float* pixels) const {
+    return {pixels, image_.width, image_.height, mixes_colours_ ? &output_from_primaries_ : nullptr};
+  }
   void list_boxes(const LightBasis& basis);
   /// The scene under a light, which is copied to light_; throws InputError for values that are not finite.
   void show(const ImageView& light, const PixelTarget& target);
@@ -81,6 +85,8 @@ class Relighter {
   Image take_change(const LightMap& light, const Box& changed);
 
   LightDomain domain_;
+  Eigen::Matrix3f output_from_primaries_;
+  bool mixes_colours_;
   SmoothProjector smooth_;
   std::shared_ptr<const TransferTiles> transfer_;
   KernelBlocks blocks_;                 // of transfer_; empty before the first change

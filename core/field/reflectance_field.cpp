@@ -44,8 +44,13 @@ void ReflectanceField::fit_interpolation() {
 
 Image ReflectanceField::relight(const LightMap& light) const {
   Image image(width, height, 3);
-  transfer.apply(basis.project(light), image.values);
+  apply(basis.project(light), image.values);
   return image;
+}
+
+void ReflectanceField::apply(std::span<const float> coefficients, std::span<float> outputs) const {
+  transfer.apply(coefficients, outputs);
+  if (mixes_colours()) convert_colours(outputs, output_from_primaries);
 }
 
 }  // namespace refield

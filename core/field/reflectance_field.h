@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <Eigen/Core>
+
 #include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -66,7 +69,11 @@ struct FieldOutline {
   /// light from there does. Empty where light came from everywhere, or where that is not known.
   std::vector<Box> observed_light;
   ColourSpace colour_space = ColourSpace::camera;  ///< of the outputs
-  std::optional<OutputMesh> mesh;                  ///< where the outputs are no pixels of a camera
+  /// Channels of the outputs from the primaries of the light, which the transfer holds: colour mixing between
+  /// the illuminator and the camera (estimate/rig/rig_model.h). Outputs are multiplied by it, pixel by pixel.
+  Eigen::Matrix3f output_from_primaries = Eigen::Matrix3f::Identity();
+  bool mixes_colours() const { return output_from_primaries != Eigen::Matrix3f::Identity(); }
+  std::optional<OutputMesh> mesh;  ///< where the outputs are no pixels of a camera
   /// JSON text: inputs, options, version of the program that made it. Holds no time or host, so that equal
   /// inputs give equal files.
   std::string provenance = "{}";
@@ -77,10 +84,13 @@ struct FieldOutline {
 };
 
 /// How a scene turns incident light into pixels: B = T L with T = transfer · basis (Matusik et al. 2004, eqs.
-/// 1–4). A row of the transfer is a pixel, row-major, top row first; a pixel outside the mask has an empty
-/// row.
+/// 1–4), multiplied by output_from_primaries. A row of the transfer is a pixel, row-major, top row first; a
+/// pixel outside the mask has an empty row.
 struct ReflectanceField : FieldOutline {
   SparseTransfer transfer;
+
+  /// Outputs [pixels × 3] under light of these coefficients [basis functions × 3].
+  void apply(std::span<const float> coefficients, std::span<float> outputs) const;
 
   /// Sets basis.interpolation from observed_light and up to 300 pixels, where can_interpolate().
   void fit_interpolation();

@@ -39,6 +39,7 @@ constexpr std::array data_set_names = {
     "basis/monitors",
     "basis/observed_light",
     "basis/interpolation",
+    "output_from_primaries",
     "transfer/row_start",
     "transfer/column",
     "transfer/weight",
@@ -70,6 +71,7 @@ constexpr const char* monitors_name = "basis/monitors";
 constexpr std::size_t numbers_of_a_monitor = 8;
 constexpr const char* observed_name = "basis/observed_light";
 constexpr const char* interpolation_name = "basis/interpolation";
+constexpr const char* mixing_name = "output_from_primaries";
 constexpr const char* light_cells_name = "statistics/light_cells";
 constexpr const char* light_directions_name = "statistics/light_directions";
 constexpr const char* light_variances_name = "statistics/light_variances";
@@ -196,6 +198,10 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
     const std::size_t count = model.cells.size();
     writer.dataset(light_directions_name, model.directions.data(), {model.directions.size() / count, count});
     writer.dataset(light_variances_name, model.variances.data(), {model.classes(), count});
+  }
+  if (field.mixes_colours()) {
+    const Eigen::Matrix3f columns = field.output_from_primaries.transpose();  // rows, as the file has them
+    writer.dataset(mixing_name, columns.data(), {3, 3});
   }
   if (!field.monitors.empty()) write_monitors(writer, field.monitors);
   write_precomputed(writer, field);
@@ -379,6 +385,12 @@ FieldOutline read_outline(const Hdf5Values& values) {
     field.colour_space = ColourSpace::rec709;
   }
   field.provenance = values.text("provenance");
+  if (values.has(mixing_name)) {
+    const auto numbers = values.dataset<float>(mixing_name, 3);
+    if (numbers.size() != 9 || !std::ranges::all_of(numbers, [](float v) { return std::isfinite(v); }))
+      values.fail(std::string(mixing_name) + " is not a matrix of 3 × 3 numbers");
+    field.output_from_primaries = Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(numbers.data());
+  }
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);
   if (values.has(observed_name))

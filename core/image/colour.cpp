@@ -99,8 +99,12 @@ Matrix3d rgb_from_rgb(const Chromaticities& from, const Chromaticities& to) {
 }
 
 void convert_colours(Image& image, const Eigen::Matrix3f& matrix) {
-  for (std::size_t i = 0; i < image.values.size(); i += 3) {
-    Eigen::Map<Eigen::Vector3f> pixel(&image.values[i]);
+  convert_colours(image.values, matrix);
+}
+
+void convert_colours(std::span<float> pixels, const Eigen::Matrix3f& matrix) {
+  for (std::size_t i = 0; i < pixels.size(); i += 3) {
+    Eigen::Map<Eigen::Vector3f> pixel(&pixels[i]);
     pixel = (matrix * pixel).eval();
   }
 }

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 
 #include <array>
+#include <span>
 #include <string_view>
 
 #include "core/image/image.h"
@@ -33,6 +34,7 @@ Eigen::Matrix3d rgb_from_rgb(const Chromaticities& from, const Chromaticities& t
 
 /// Multiplies each pixel of an image with three channels by the matrix.
 void convert_colours(Image& image, const Eigen::Matrix3f& matrix);
+void convert_colours(std::span<float> pixels, const Eigen::Matrix3f& matrix);
 
 /// CIE L*a*b* under D50 of linear Rec.709, white adapted from D65. Negative channels are allowed.
 Eigen::Vector3d lab_from_rec709(const Eigen::Vector3d& linear);

@@ -339,14 +339,27 @@ Photograph corrected(Photograph photograph, const CaptureFrame& frame) {
   return photograph;
 }
 
+/// The light that was emitted, of what the light map says.
+LightMap emitted(LightMap light, const FrameCorrection* correction) {
+  if (!correction || correction->tone == std::array<float, 3>{1.0f, 1.0f, 1.0f}) return light;
+  for (std::size_t i = 0; i < light.radiance.values.size(); ++i) {
+    float& value = light.radiance.values[i];
+    const float exponent = correction->tone[i % 3];
+    if (exponent != 1.0f && value > 0.0f)
+      value = correction->white * std::pow(value / correction->white, exponent);
+  }
+  return light;
+}
+
 }  // namespace
 
 LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
                            const RunContext& run) {
-  if (!frame.views) return read_light_map(frame.illumination, parameterisation, run);
+  if (!frame.views)
+    return emitted(read_light_map(frame.illumination, parameterisation, run), frame.correction.get());
   LightMap light{copied_rows(frame.views->light, 0, frame.views->light.height), parameterisation};
   require_finite(light.radiance, frame.illumination.string(), false, "repair that texel in the light map");
-  return light;
+  return emitted(std::move(light), frame.correction.get());
 }
 
 Photograph read_observed(const CaptureFrame& frame) {

@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -18,6 +19,19 @@ namespace refield {
 enum class FrameRole { train, test, reference };
 
 std::string_view name_of(FrameRole role);
+
+/// What the rig did to a frame besides B = T L (estimate/rig/rig_model.h), for readers of training frames to
+/// undo: photograph = gain · mixing · (B + room · room_colour · its mean picture), moved by shift_px.
+struct FrameCorrection {
+  std::array<double, 2> shift_px{};  ///< of the picture, to the right and down, against the first photograph
+  std::array<float, 3> gain{1.0f, 1.0f, 1.0f};  ///< of each channel, on top of CaptureFrame::gain
+  std::array<float, 3> room{};  ///< room light, as a share of the mean photograph, per primary
+  Eigen::Matrix3f primaries_from_camera = Eigen::Matrix3f::Identity();
+  /// The light that was emitted: white · (light / white)^tone of each channel.
+  std::array<float, 3> tone{1.0f, 1.0f, 1.0f};
+  float white = 1.0f;  ///< radiance of the light map's white
+  int height_px = 0;   ///< of the photograph
+};
 
 /// One photograph of the scene and the illumination that it was taken under.
 struct CaptureFrame {
@@ -38,6 +52,9 @@ struct CaptureFrame {
   std::optional<Views> views = std::nullopt;
   /// By which read_observed() multiplies each pixel of the photograph, before the gain: CameraColour's.
   std::optional<Eigen::Matrix3f> rec709_from_camera = std::nullopt;
+  /// Found by estimate, which undoes it where it reads photographs (read_observations()); read_illumination()
+  /// applies the tone curve. Null: nothing to undo.
+  std::shared_ptr<const FrameCorrection> correction = nullptr;
 };
 
 /// What a colour chart told of the camera. Photographs stay in the camera's channels on disk.
@@ -97,7 +114,8 @@ CaptureSession pair_by_globs(const std::string& light_glob, const std::string& o
 /// them. Throws InputError naming the first image whose size differs.
 void check_image_sizes(CaptureSession& session);
 
-/// Reads a frame's light map. Throws what read_light_map() throws.
+/// Reads a frame's light map and applies the tone curve of the frame's correction. Throws what
+/// read_light_map() throws.
 LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
                            const RunContext& run);
 

@@ -36,6 +36,7 @@ FieldAssembler::FieldAssembler(const EstimateJob& job, const EstimateOptions& op
   field_.basis.domain = job.session.light;
   field_.monitors = job.session.monitors;
   field_.colour_space = job.session.colour_space();
+  if (job.rig.mixes_colours()) field_.output_from_primaries = job.rig.mixing.cast<float>();
   field_.basis.hats = hats_of(options, job.session.light, static_cast<int>(job.frames.size()));
   field_.provenance = provenance_of(job, options);
   // Growing vectors would hold the statistics of a large picture twice.
@@ -244,6 +245,7 @@ std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
   if (const auto& colour = job.session.colour)
     key["rec709_from_camera"] =
         std::vector<double>(colour->rec709_from_camera.data(), colour->rec709_from_camera.data() + 9);
+  if (!job.rig.is_identity()) key["rig"] = nlohmann::json::parse(rig_text(job.rig));
   key["inputs"] = inputs_of(job).size();
   key["digest"] = text;
   return json_text(key);
@@ -266,6 +268,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
     provenance["drift_removed"] = {{"reference_frames", job.references.size()},
                                    {"largest_change", job.drift.largest}};
   for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
+  if (!job.rig.is_identity()) provenance["rig"] = nlohmann::json::parse(rig_text(job.rig));
   return json_text(provenance);
 }
 

@@ -19,6 +19,7 @@
 #include "estimate/fit/sample_pooling.h"
 #include "estimate/job/refinement.h"
 #include "estimate/options.h"
+#include "estimate/rig/rig_model.h"
 
 namespace refield {
 
@@ -33,6 +34,7 @@ struct EstimateJob {
   Drift drift;                        ///< what reference frames show; removed where significant
   double mean_square = 0.0;           ///< of the photographs' samples, see EstimateOptions::mean_square
   NoiseModel noise;                   ///< of the photographs, measured by check_frames()
+  RigModel rig;                       ///< what the frames are corrected for
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
   std::vector<std::string> held_out;  ///< names of the test frames
   /// The field that takes in new images; null for a fresh start.

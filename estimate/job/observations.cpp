@@ -13,6 +13,7 @@
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "estimate/fit/vector_kernels.h"
+#include "estimate/rig/rig_model.h"
 
 namespace refield {
 
@@ -22,7 +23,8 @@ namespace {
 constexpr int group_size = 16;
 
 /// A photograph's rows with unmeasured samples as NaN.
-Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
+Image read_measured_rows(const CaptureFrame& frame, int width, int first_row, int last_row,
+                         float clip_level) {
   Photograph photograph = read_observed_rows(frame, first_row, last_row);
   Image& radiance = photograph.radiance;
   if (radiance.width != width)
@@ -51,6 +53,40 @@ Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int
              "repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
   }
   return std::move(radiance);
+}
+
+/// The same without what the rig did, but for the room light.
+Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
+  if (!frame.correction) return read_measured_rows(frame, width, first_row, last_row, clip_level);
+  const int margin = rig_margin(frame.correction.get());
+  const int first = std::max(0, first_row - margin),
+            last = std::min(frame.correction->height_px, last_row + margin);
+  return undo_rig(read_measured_rows(frame, width, first, last, clip_level), first, first_row, last_row,
+                  *frame.correction);
+}
+
+/// Photograph j loses room_j times the grey mean of all photographs.
+void remove_room_light(std::span<const CaptureFrame> frames, ObservationBand& band) {
+  if (std::ranges::none_of(frames, [](const CaptureFrame& frame) {
+        return frame.correction && frame.correction->room != std::array<float, 3>{};
+      }))
+    return;
+  tbb::parallel_for(band.first_row(), band.last_row(), [&](int y) {
+    for (int x = 0; x < band.width(); ++x) {
+      double sum = 0.0;
+      int count = 0;
+      for (int c = 0; c < 3; ++c)
+        for (int j = 0; j < band.images(); ++j)
+          if (const float value = band.samples(x, y, c)[j]; std::isfinite(value)) {
+            sum += value;
+            ++count;
+          }
+      const auto mean = static_cast<float>(count > 0 ? sum / count : 0.0);
+      for (int c = 0; c < 3; ++c)
+        for (int j = 0; j < band.images(); ++j)
+          if (frames[j].correction) band.samples(x, y, c)[j] -= frames[j].correction->room[c] * mean;
+    }
+  });
 }
 
 }  // namespace
@@ -96,6 +132,7 @@ ObservationBand read_observations(std::span<const CaptureFrame> frames, int widt
           for (int j = first; j < last; ++j) samples[j - first] = held[j - first].at(x, y - first_row, c);
         }
   });
+  remove_room_light(frames, band);
   return band;
 }
 

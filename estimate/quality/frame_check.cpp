@@ -44,11 +44,72 @@ void require_usual_brightness(const EstimateJob& job) {
   throw InputError(job.frames.front().observed.parent_path().string() + text);
 }
 
-/// Compares the frames with one another: finds those to leave out, and those that are doubtful.
-void assess_frames(const EstimateJob& job, const PixelSample& sample, FrameReport& report,
-                   const RunContext& run) {
-  const auto grams = light_grams(job.frames, job.session.light, run);
-  const OutlierSearch search = find_outlier_frames(grams, sample, run);
+/// What the frames are compared by.
+struct FrameEvidence {
+  PixelSample sample;
+  LightFeatures lights;
+  OutlierSearch search;
+
+  FrameEvidence(const EstimateJob& job, const EstimateOptions& options, bool can_assess,
+                const RunContext& run)
+      : sample(read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask,
+                                 options.clip_level, run)) {
+    if (!can_assess) return;
+    lights = light_features(job.frames, job.session.light, run);
+    search = find_outlier_frames(light_grams(lights), sample, run);
+  }
+};
+
+/// Puts the rig's model to the frames; those that lose their light map are left out.
+void correct(EstimateJob& job, const RigModel& rig, FrameReport& report) {
+  std::vector<std::string> names;
+  for (const CaptureFrame& frame : job.frames) names.push_back(frame.name);
+  apply_rig(rig, job.session.height, job.frames);
+  job.session.frames = job.frames;
+  job.rig = rig;
+  report.rig.model = rig;
+}
+
+void log_rig(const RigReport& rig, const RunContext& run) {
+  for (const RigFinding& finding : rig.findings) {
+    if (finding.state == RigFinding::State::good) continue;
+    char text[120];
+    std::snprintf(text, sizeof text, "; %s, residual %.4f to %.4f",
+                  finding.state == RigFinding::State::corrected ? "corrected" : "not corrected",
+                  finding.residual_before, finding.residual_after);
+    run.note("rig, " + finding.effect + ": " + finding.measured + text);
+  }
+}
+
+/// Estimates the rig and corrects the frames for it. `evidence` is taken anew where they are.
+void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, FrameEvidence& evidence,
+                          FrameReport& report, const RunContext& run) {
+  RigFinding& pairing = report.rig.findings.emplace_back();
+  RigModel rig;
+  for (const CaptureFrame& frame : job.frames) rig.photographs.push_back(frame.name);
+  rig.light_of =
+      find_pairing(evidence.lights, evidence.sample, !evidence.search.outliers.empty(), pairing, run);
+  EstimateJob paired = job;
+  if (!rig.light_of.empty()) {
+    apply_rig(rig, job.session.height, paired.frames);
+    evidence = FrameEvidence(paired, options, true, run);
+  }
+  for (CaptureFrame& frame : paired.frames) frame.correction = nullptr;
+  std::vector<char> left_out(paired.frames.size(), 0);
+  if (!evidence.search.too_many)
+    for (const OutlierFrame& outlier : evidence.search.outliers) left_out[outlier.frame] = 1;
+  RigReport found =
+      estimate_rig(paired.frames, left_out, job.session, job.mask, options.clip_level, evidence.lights, run);
+  report.rig.findings.insert(report.rig.findings.end(), found.findings.begin(), found.findings.end());
+  found.model.photographs = rig.photographs;
+  found.model.light_of = rig.light_of;
+  if (found.model.is_identity()) return;
+  correct(job, found.model, report);
+  evidence = FrameEvidence(job, options, true, run);
+}
+
+/// Finds the frames to leave out, and those that are doubtful.
+void assess_frames(const EstimateJob& job, const OutlierSearch& search, FrameReport& report) {
   report.typical_residual = search.typical_residual;
   auto& list = search.too_many ? report.doubtful : report.left_out;
   for (const OutlierFrame& outlier : search.outliers)
@@ -145,19 +206,26 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   FrameReport report;
   report.drift = job.drift;
   log_drift(job.drift, run);
-  const bool can_assess =
-      !options.keep_outliers && static_cast<int>(job.frames.size()) >= min_frames_to_assess;
-  if (!can_assess && options.mode != EstimateMode::refined) return report;
-  const auto sample =
-      read_pixel_sample(job.frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
-  job.mean_square = sample.mean_square({});
+  const auto images = static_cast<int>(job.frames.size());
+  const bool can_assess = !options.keep_outliers && images >= min_frames_to_assess;
+  const bool finds_rig = !options.keep_rig && !options.rig && images >= min_frames_for_rig;
+  if (options.rig && !options.keep_rig) correct(job, *options.rig, report);
+  if (!can_assess && !finds_rig && options.mode != EstimateMode::refined) return report;
+  FrameEvidence evidence(job, options, can_assess || finds_rig, run);
+  job.mean_square = evidence.sample.mean_square({});
   require_usual_brightness(job);
-  if (can_assess) assess_frames(job, sample, report, run);
+  if (finds_rig) {
+    estimate_and_correct(job, options, evidence, report, run);
+    job.mean_square = evidence.sample.mean_square({});
+  }
+  log_rig(report.rig, run);
+  const PixelSample& sample = evidence.sample;
+  if (can_assess) assess_frames(job, evidence.search, report);
   log_frames(report, job.frames.size(), run);
-  std::vector<int> images;
-  for (const LeftOutFrame& frame : report.left_out) images.push_back(frame.found.frame);
-  job.noise = measure_noise(sample.windows, sample.images, images);
-  if (!images.empty()) job.mean_square = sample.mean_square(images);
+  std::vector<int> dropped;
+  for (const LeftOutFrame& frame : report.left_out) dropped.push_back(frame.found.frame);
+  job.noise = measure_noise(sample.windows, sample.images, dropped);
+  if (!dropped.empty()) job.mean_square = sample.mean_square(dropped);
   leave_out(job, report, options);
   return report;
 }

@@ -10,6 +10,8 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <optional>
+#include <utility>
 
 #include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
@@ -127,39 +129,94 @@ int cells_along(int texels, int most) {
   return std::min(texels, most);
 }
 
-/// Summed radiance of the cells of a coarse grid: [channel][cells].
-void coarsen(const LightMap& light, int columns, int rows, std::array<Eigen::VectorXd, 3>& features) {
-  const Image& image = light.radiance;
-  for (auto& channel : features) channel = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(columns) * rows);
-  for (int y = 0; y < image.height; ++y) {
-    const int row = static_cast<int>(static_cast<std::int64_t>(y) * rows / image.height);
-    for (int x = 0; x < image.width; ++x) {
-      const int column = static_cast<int>(static_cast<std::int64_t>(x) * columns / image.width);
-      for (int c = 0; c < 3; ++c) features[c][row * columns + column] += image.at(x, y, c);
+/// Rows of texels of a cell that the derivatives by the tone curve's exponent are summed over: logarithms
+/// cost more than all else.
+constexpr int max_tone_rows = 8;
+
+/// What light_features() holds of one light, with logarithms of radiance itself.
+struct CoarseLight {
+  std::array<std::array<Eigen::VectorXd, 3>, 3> sums;  // [channel][derivative], [cells]
+  float white = 0.0f;
+
+  CoarseLight(const LightMap& light, int columns, int rows) {
+    const Image& image = light.radiance;
+    const auto cells = static_cast<Eigen::Index>(columns) * rows;
+    std::array<Eigen::VectorXd, 3> in_tone_rows;
+    for (int c = 0; c < 3; ++c) {
+      sums[c].fill(Eigen::VectorXd::Zero(cells));
+      in_tone_rows[c] = Eigen::VectorXd::Zero(cells);
+    }
+    const int step = std::max(1, image.height / rows / max_tone_rows);
+    for (int y = 0; y < image.height; ++y) {
+      const int row = static_cast<int>(static_cast<std::int64_t>(y) * rows / image.height);
+      for (int x = 0; x < image.width; ++x) {
+        const int column = static_cast<int>(static_cast<std::int64_t>(x) * columns / image.width);
+        const Eigen::Index cell = row * columns + column;
+        for (int c = 0; c < 3; ++c) {
+          const float value = image.at(x, y, c);
+          sums[c][0][cell] += value;
+          white = std::max(white, value);
+          if (y % step != 0 || !(value > 0.0f)) continue;
+          const float logarithm = std::log(value);
+          in_tone_rows[c][cell] += value;
+          sums[c][1][cell] += value * logarithm;
+          sums[c][2][cell] += value * logarithm * logarithm;
+        }
+      }
+    }
+    for (int c = 0; c < 3; ++c)
+      for (Eigen::Index i = 0; step > 1 && i < cells; ++i) {
+        const double factor = in_tone_rows[c][i] > 0.0 ? sums[c][0][i] / in_tone_rows[c][i] : 0.0;
+        sums[c][1][i] *= factor;
+        sums[c][2][i] *= factor;
+      }
+  }
+};
+
+LightFeatures features_of(const std::vector<std::optional<CoarseLight>>& lights, int columns, int rows) {
+  LightFeatures features;
+  features.columns = columns;
+  features.rows = rows;
+  const auto images = static_cast<Eigen::Index>(lights.size());
+  for (const auto& light : lights) features.white = std::max<double>(features.white, light->white);
+  const double log_white = std::log(features.white > 0.0 ? features.white : 1.0);
+  for (int c = 0; c < 3; ++c) {
+    auto& of = features.of_channel[c];
+    of.fill(Eigen::MatrixXd(static_cast<Eigen::Index>(columns) * rows, images));
+    for (Eigen::Index j = 0; j < images; ++j) {
+      const auto& sums = lights[j]->sums[c];
+      of[0].col(j) = sums[0];
+      of[1].col(j) = sums[1] - log_white * sums[0];
+      of[2].col(j) = sums[2] - 2.0 * log_white * sums[1] + log_white * log_white * sums[0];
     }
   }
+  return features;
 }
 
-/// Gaussian weights between the cells along one axis, rows summing to one.
-Eigen::MatrixXd blur_matrix(int cells, double sigma) {
+}  // namespace
+
+Eigen::MatrixXd blur_matrix(Eigen::Index cells, double sigma) {
   Eigen::MatrixXd weights(cells, cells);
-  for (int i = 0; i < cells; ++i)
-    for (int j = 0; j < cells; ++j) weights(i, j) = std::exp(-0.5 * (i - j) * (i - j) / (sigma * sigma));
+  for (Eigen::Index i = 0; i < cells; ++i)
+    for (Eigen::Index j = 0; j < cells; ++j)
+      weights(i, j) = std::exp(-0.5 * static_cast<double>((i - j) * (i - j)) / (sigma * sigma));
   return weights.array().colwise() / weights.rowwise().sum().array();
 }
 
-LightGrams grams_of(const std::vector<std::array<Eigen::VectorXd, 3>>& lights, int columns, int rows) {
-  const auto images = static_cast<Eigen::Index>(lights.size());
+LightGrams light_grams(const LightFeatures& lights) {
+  const Eigen::Index images = lights.images();
+  const int columns = lights.columns, rows = lights.rows;
   LightGrams grams;
   grams.images = static_cast<int>(images);
   for (int c = 0; c < 3; ++c)
     for (const double blur : blurs) {
       Eigen::MatrixXd features(images, static_cast<Eigen::Index>(columns) * rows);
       for (Eigen::Index j = 0; j < images; ++j) {
-        features.row(j) = lights[j][c];
+        const auto light = lights.of_channel[c][0].col(j);
+        features.row(j) = light;
         if (blur == 0.0) continue;
         const double sigma = std::max(0.5, blur * columns);
-        const Eigen::Map<const Eigen::MatrixXd> map(lights[j][c].data(), columns, rows);
+        const Eigen::Map<const Eigen::MatrixXd> map(light.data(), columns, rows);
         const Eigen::MatrixXd blurred =
             blur_matrix(columns, sigma) * map * blur_matrix(rows, sigma).transpose();
         features.row(j) = Eigen::Map<const Eigen::VectorXd>(blurred.data(), blurred.size());
@@ -171,6 +228,14 @@ LightGrams grams_of(const std::vector<std::array<Eigen::VectorXd, 3>>& lights, i
     }
   return grams;
 }
+
+Eigen::MatrixXd ridge_inverse(const Eigen::MatrixXd& gram, double ridge) {
+  Eigen::MatrixXd inner = gram;
+  inner.diagonal().array() += ridge;
+  return inner.llt().solve(Eigen::MatrixXd::Identity(gram.rows(), gram.rows()));
+}
+
+namespace {
 
 float reordered_median(std::vector<float>& values) {
   if (values.empty()) return 0.0f;
@@ -196,9 +261,7 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
   for (Eigen::Index j = 0; j < images; ++j)
     if (!left_out[j]) kept.push_back(j);
   const auto count = static_cast<Eigen::Index>(kept.size());
-  Eigen::MatrixXd inner = gram(kept, kept);
-  inner.diagonal().array() += ridge;
-  const Eigen::MatrixXd inverse = inner.llt().solve(Eigen::MatrixXd::Identity(count, count));
+  const Eigen::MatrixXd inverse = ridge_inverse(gram(kept, kept), ridge);
   Predictor result;
   result.stride = padded_length(images);
   result.inverse.assign(images * result.stride, 0.0f);
@@ -309,27 +372,18 @@ class SeriesBatch {
 
 }  // namespace
 
-LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& domain,
-                       const RunContext& run) {
+LightFeatures light_features(std::span<const CaptureFrame> frames, const LightDomain& domain,
+                             const RunContext& run) {
   const int columns = cells_along(domain.width, max_columns);
   const int rows = cells_along(domain.height, max_rows);
-  std::vector<std::array<Eigen::VectorXd, 3>> features(frames.size());
+  std::vector<std::optional<CoarseLight>> lights(frames.size());
   tbb::parallel_for(std::size_t{0}, frames.size(), [&](std::size_t j) {
     run.throw_if_stopped();
     const LightMap light = read_illumination(frames[j], domain.parameterisation, run);
     require_usable(light, domain, frames[j].illumination.string());
-    coarsen(light, columns, rows, features[j]);
+    lights[j].emplace(light, columns, rows);
   });
-  return grams_of(features, columns, rows);
-}
-
-LightGrams light_grams(std::span<const LightMap> lights) {
-  if (lights.empty()) throw InputError("no light maps were given");
-  const int columns = cells_along(lights[0].radiance.width, max_columns);
-  const int rows = cells_along(lights[0].radiance.height, max_rows);
-  std::vector<std::array<Eigen::VectorXd, 3>> features(lights.size());
-  for (std::size_t j = 0; j < lights.size(); ++j) coarsen(lights[j], columns, rows, features[j]);
-  return grams_of(features, columns, rows);
+  return features_of(lights, columns, rows);
 }
 
 LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen::MatrixXf& series,

@@ -59,11 +59,27 @@ struct LightGrams {
   int images = 0;
 };
 
+/// Lights seen coarsely, and how they change with the exponent of their tone curve.
+struct LightFeatures {
+  int columns = 0, rows = 0;  ///< of the grid
+  /// [channel][derivative]: [cells × images], summed radiance l of each cell, and the sums of l ln(l / white)
+  /// and l ln²(l / white): light of white · (l / white)^(1 + ε) has f₀ + ε f₁ + ε²/2 f₂.
+  std::array<std::array<Eigen::MatrixXd, 3>, 3> of_channel;
+  double white = 0.0;  ///< largest radiance
+
+  Eigen::Index images() const { return of_channel[0][0].cols(); }
+};
+
 /// Reads the lights. Throws InputError for one that is black, not finite or of another size.
-LightGrams light_grams(std::span<const CaptureFrame> frames, const LightDomain& domain,
-                       const RunContext& run);
-/// For lights in memory.
-LightGrams light_grams(std::span<const LightMap> lights);
+LightFeatures light_features(std::span<const CaptureFrame> frames, const LightDomain& domain,
+                             const RunContext& run);
+LightGrams light_grams(const LightFeatures& features);
+
+/// Gaussian weights [cells × cells] between cells along one axis, rows summing to one; `sigma` in cells.
+Eigen::MatrixXd blur_matrix(Eigen::Index cells, double sigma);
+
+/// (gram + ridge)⁻¹ of the images that are not left out.
+Eigen::MatrixXd ridge_inverse(const Eigen::MatrixXd& gram, double ridge);
 
 /// Leave-one-out residuals of `series` [images × series], one channel: what each sample is more than the
 /// others predict of it. NaN stands for samples that were not measured; their residual is 0 and they enter no

@@ -208,6 +208,7 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
       outline.provenance = with_figures(field.provenance, pack_figures(result->cost, error));
       outline.monitors = field.monitors;
       outline.colour_space = field.colour_space;
+      outline.output_from_primaries = field.output_from_primaries;
       outline.observed_light = field.observed_light;
       return std::move(*result);
     }

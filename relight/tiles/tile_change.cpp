@@ -79,7 +79,7 @@ struct TouchedTile {
 
 /// Asks for what the weights and the pixels of a touched tile need.
 template <class Weight>
-void prefetch_touched(const TouchedTile<Weight>& touched, const Image& image, int x0, int y0) {
+void prefetch_touched(const TouchedTile<Weight>& touched, const PixelTarget& image, int x0, int y0) {
   const auto ask_for = [](const auto* first, std::size_t count) {
     const auto* begin = reinterpret_cast<const std::byte*>(first);
     const std::byte* last = reinterpret_cast<const std::byte*>(first + count) - 1;
@@ -98,7 +98,7 @@ void prefetch_touched(const TouchedTile<Weight>& touched, const Image& image, in
   const int columns = std::min(tile_side_px, image.width - x0),
             rows = std::min(tile_side_px, image.height - y0);
   for (int y = y0; y < y0 + rows; ++y)
-    ask_for(image.row(y).data() + std::ptrdiff_t{3} * x0, static_cast<std::size_t>(columns) * 3);
+    ask_for(image.at(x0, y), static_cast<std::size_t>(columns) * 3);
 }
 
 /// The first of ascending values that is not less than `value`, mostly near `first`: in steps of growing
@@ -211,7 +211,7 @@ struct ChangeScratch {
 
 template <class Weight, class Table>
 void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& blocks,
-                const LightChange<Table>& change, Image& image) {
+                const LightChange<Table>& change, const PixelTarget& image) {
   tbb::enumerable_thread_specific<ChangeScratch<Weight>> scratches;
   tbb::parallel_for(tbb::blocked_range<int>(0, transfer.tiles(), 16), [&](const auto& range) {
     ChangeScratch<Weight>& scratch = scratches.local();
@@ -246,12 +246,12 @@ void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& block
 }
 
 template void add_change(const TiledTransfer<std::uint8_t>&, const KernelBlocks&,
-                         const LightChange<FixedPointTable>&, Image&);
+                         const LightChange<FixedPointTable>&, const PixelTarget&);
 template void add_change(const TiledTransfer<std::uint8_t>&, const KernelBlocks&,
-                         const LightChange<SummedAreaTable>&, Image&);
+                         const LightChange<SummedAreaTable>&, const PixelTarget&);
 template void add_change(const TiledTransfer<std::uint16_t>&, const KernelBlocks&,
-                         const LightChange<FixedPointTable>&, Image&);
+                         const LightChange<FixedPointTable>&, const PixelTarget&);
 template void add_change(const TiledTransfer<std::uint16_t>&, const KernelBlocks&,
-                         const LightChange<SummedAreaTable>&, Image&);
+                         const LightChange<SummedAreaTable>&, const PixelTarget&);
 
 }  // namespace refield

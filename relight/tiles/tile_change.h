@@ -8,6 +8,7 @@
 #include "core/field/transfer_tiles.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "relight/tiles/tile_product.h"
 #include "relight/tiles/tiled_transfer.h"
 
 namespace refield {
@@ -74,6 +75,6 @@ struct LightChange {
 /// of their blocks (`blocks`, of this transfer), and weights only of kernels under which texels changed.
 template <class Weight, class Table>
 void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& blocks,
-                const LightChange<Table>& change, Image& image);
+                const LightChange<Table>& change, const PixelTarget& image);
 
 }  // namespace refield

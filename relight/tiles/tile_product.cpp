@@ -7,18 +7,21 @@
 #include <algorithm>
 #include <cstring>
 
+#include "core/image/colour.h"
+
 namespace refield {
 
 void store_tile(const TileSums& sums, std::uint32_t groups, bool add, int x0, int y0,
                 const PixelTarget& image) {
   const int columns = std::min(tile_side_px, image.width - x0);
   const int rows = std::min(tile_side_px, image.height - y0);
-  if (columns == tile_side_px && rows == tile_side_px) {
+  if (columns == tile_side_px && rows == tile_side_px && !image.mixing) {
     store_groups(sums, groups, add, image.at(x0, y0), static_cast<std::size_t>(image.width) * 3);
     return;
   }
   float whole[tile_pixels * 3];
   store_groups(sums, all_groups, false, whole, tile_side_px * 3);
+  if (image.mixing) convert_colours(whole, *image.mixing);
   for (int y = 0; y < rows; ++y)
     for (int i = 0; i < columns * 3; ++i) {
       float& value = image.at(x0, y0 + y)[i];

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <Eigen/Core>
+
 #include <span>
 
 #include "core/base/aligned_memory.h"
@@ -11,14 +13,16 @@
 
 namespace refield {
 
-/// Where pixels go: [height × width × 3] floats without gaps, which another user owns.
+/// Where pixels go: [height × width × 3] floats without gaps, which another user owns. Each is multiplied by
+/// `mixing` (FieldOutline::output_from_primaries) where that is not null.
 struct PixelTarget {
   float* values = nullptr;
   int width = 0;
   int height = 0;
+  const Eigen::Matrix3f* mixing = nullptr;
 
-  PixelTarget(float* first, int width_px, int height_px)
-      : values(first), width(width_px), height(height_px) {}
+  PixelTarget(float* first, int width_px, int height_px, const Eigen::Matrix3f* by = nullptr)
+      : values(first), width(width_px), height(height_px), mixing(by) {}
   PixelTarget(Image& image)  // NOLINT(google-explicit-constructor): wherever pixels go
       : PixelTarget(image.values.data(), image.width, image.height) {}
   float* at(int x, int y) const { return values + (static_cast<std::size_t>(y) * width + x) * 3; }

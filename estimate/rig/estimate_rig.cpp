@@ -1,0 +1,948 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate/rig/estimate_rig.h"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+#include <optional>
+
+#include "core/base/aligned_memory.h"
+#include "core/base/linear_algebra.h"
+#include "estimate/fit/vector_kernels.h"
+#include "estimate/job/observations.h"
+#include "estimate/rig/camera_path.h"
+
+namespace refield {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::MatrixXf;
+using Eigen::VectorXd;
+
+// ---- The predictor: ridge regression on blurred lights, of any pixel from itself under the other lights
+// ----
+
+/// Standard deviation of the blur, in parts of the map's width, and ridge, over the mean of the Gram matrix'
+/// diagonal.
+struct Way {
+  double blur, ridge;
+};
+/// The one that predicts best is taken; undisturbed captures differ by a few per cent of residual between
+/// them.
+constexpr std::array<Way, 6> ways{
+    {{0.06, 1e-2}, {0.12, 1e-2}, {0.12, 1e-3}, {0.25, 1e-3}, {0.25, 3e-4}, {0.25, 1e-4}}};
+/// Lights are seen at most so finely.
+constexpr int coarse_columns = 20, coarse_rows = 15;
+
+/// Blurred lights [images × cells] for the three derivatives by the tone curve's exponent.
+using Blurred = std::array<MatrixXd, 3>;
+
+/// Sums `features` [cells × images] of a grid to at most coarse_columns × coarse_rows cells, and blurs them.
+MatrixXd blurred(const MatrixXd& features, int columns, int rows, double blur) {
+  const int to_columns = std::min(columns, coarse_columns), to_rows = std::min(rows, coarse_rows);
+  const auto gather = [](int from, int to) {
+    MatrixXd sums = MatrixXd::Zero(to, from);
+    for (int i = 0; i < from; ++i) sums(i * to / from, i) = 1.0;
+    return sums;
+  };
+  const MatrixXd across =
+      blur_matrix(to_columns, std::max(0.5, blur * to_columns)) * gather(columns, to_columns);
+  const MatrixXd down = blur_matrix(to_rows, std::max(0.5, blur * to_columns)) * gather(rows, to_rows);
+  MatrixXd result(features.cols(), static_cast<Index>(to_columns) * to_rows);
+  for (Index j = 0; j < features.cols(); ++j) {
+    const Eigen::Map<const MatrixXd> map(features.col(j).data(), columns, rows);
+    const MatrixXd of = across * map * down.transpose();
+    result.row(j) = Eigen::Map<const VectorXd>(of.data(), of.size());
+  }
+  return result;
+}
+
+/// Lights of some frames, for predictors with any exponent of the tone curve.
+class LightPredictors {
+ public:
+  /// `chosen`: numbers of the images that take part.
+  LightPredictors(const LightFeatures& lights, std::span<const int> chosen) : lights_(lights) {
+    chosen_.assign(chosen.begin(), chosen.end());
+    use(1);
+  }
+
+  void use(std::size_t way) {
+    if (way == way_) return;
+    way_ = way;
+    for (int c = 0; c < 3; ++c)
+      for (int k = 0; k < 3; ++k) {
+        const MatrixXd all = blurred(lights_.of_channel[c][k], lights_.columns, lights_.rows, ways[way].blur);
+        blurred_[c][k] = all(chosen_, Eigen::all);
+      }
+  }
+
+  /// A [images × images]: A b is what each sample of a series b is more than the others predict of it. Pixels
+  /// have a constant of their own: room light that does not change must not look like a tone curve.
+  MatrixXf leave_one_out(int channel, double exponent) const {
+    const auto& of = blurred_[channel];
+    const double e = exponent - 1.0;
+    const MatrixXd features = e == 0.0 ? of[0] : of[0] + e * of[1] + 0.5 * e * e * of[2];
+    MatrixXd gram = features * features.transpose();
+    const double mean = gram.trace() / static_cast<double>(gram.rows());
+    if (mean > 0.0) gram /= mean;
+    gram.array() += 1.0;
+    const MatrixXd inverse = ridge_inverse(gram, ways[way_].ridge);
+    return (inverse.array().colwise() / inverse.diagonal().array()).cast<float>();
+  }
+
+ private:
+  const LightFeatures& lights_;
+  std::vector<int> chosen_;
+  std::size_t way_ = ways.size();
+  std::array<Blurred, 3> blurred_;
+};
+
+/// Mean over series (columns) of the logarithm of residual power over power.
+double criterion(const MatrixXf& leave_one_out, const MatrixXf& series) {
+  const MatrixXf residual = leave_one_out * series;
+  double sum = 0.0;
+  for (Index p = 0; p < series.cols(); ++p)
+    sum += std::log((residual.col(p).squaredNorm() + 1e-20) / (series.col(p).squaredNorm() + 1e-20));
+  return sum / static_cast<double>(std::max<Index>(1, series.cols()));
+}
+
+/// Relative root mean square of a residual whose criterion, mean over the channels, is `value`.
+double relative(double value) {
+  return std::exp(0.5 * value);
+}
+
+}  // namespace
+
+// ---- Pairing ----
+
+namespace {
+
+/// Series of up to `count` pixels of a channel, spread over the sample, all measured; [images × pixels].
+MatrixXf measured_series(const PixelSample& sample, int channel, int count) {
+  std::vector<int> usable;
+  std::vector<double> power;
+  for (int p = 0; p < sample.pixels; ++p) {
+    double sum = 0.0;
+    bool measured = true;
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < sample.images; ++j) {
+        const float value = sample.series(c, p)[j];
+        measured = measured && std::isfinite(value);
+        sum += static_cast<double>(value) * value;
+      }
+    if (!measured) continue;
+    usable.push_back(p);
+    power.push_back(sum);
+  }
+  if (usable.empty()) return MatrixXf(sample.images, 0);
+  std::vector<double> ordered = power;
+  std::ranges::sort(ordered);
+  const double least = ordered[ordered.size() / 5];  // dark pixels are mostly noise
+  std::vector<int> bright;
+  for (std::size_t i = 0; i < usable.size(); ++i)
+    if (power[i] >= least && power[i] > 0.0) bright.push_back(usable[i]);
+  const int taken = std::min<int>(count, static_cast<int>(bright.size()));
+  MatrixXf series(sample.images, taken);
+  for (int k = 0; k < taken; ++k) {
+    const int p = bright[static_cast<std::size_t>(k) * bright.size() / taken];
+    series.col(k) = Eigen::Map<const Eigen::VectorXf>(sample.series(channel, p), sample.images);
+  }
+  return series;
+}
+
+/// Assignments of lights to photographs, by how well the photographs predict each other under them.
+class PairingSearch {
+ public:
+  PairingSearch(const LightFeatures& lights, const PixelSample& sample) : images_(sample.images) {
+    std::vector<int> all(images_);
+    std::iota(all.begin(), all.end(), 0);
+    const LightPredictors predictors(lights, all);
+    for (int c = 0; c < 3; ++c) {
+      leave_one_out_[c] = predictors.leave_one_out(c, 1.0);
+      series_[c] = measured_series(sample, c, max_pixels);
+    }
+    usable_ = series_[0].cols() >= 8;
+  }
+
+  bool usable() const { return usable_; }
+  int images() const { return images_; }
+
+  /// Criterion of photograph j under light light_of[j]; each light belongs to one photograph.
+  double score(const std::vector<int>& light_of) const {
+    std::array<double, 3> sums{};
+    tbb::parallel_for(0, 3, [&](int c) {
+      MatrixXf by_light(series_[c].rows(), series_[c].cols());
+      for (int j = 0; j < images_; ++j) by_light.row(light_of[j]) = series_[c].row(j);
+      sums[c] = criterion(leave_one_out_[c], by_light);
+    });
+    return (sums[0] + sums[1] + sums[2]) / 3.0;
+  }
+
+ private:
+  static constexpr int max_pixels = 96;
+  int images_;
+  bool usable_ = false;
+  std::array<MatrixXf, 3> leave_one_out_, series_;
+};
+
+/// Photographs from `first` on show the light `offset` further, in a circle among themselves.
+std::vector<int> with_offset(std::vector<int> light_of, int first, int offset) {
+  const int count = static_cast<int>(light_of.size()) - first;
+  std::vector<int> rest(light_of.begin() + first, light_of.end());
+  for (int i = 0; i < count; ++i) light_of[first + i] = rest[((i + offset) % count + count) % count];
+  return light_of;
+}
+
+/// Offsets that are tried in any capture, and from any photograph on in doubtful ones.
+constexpr int max_offset = 3;
+constexpr int max_later_offset = 2;
+/// Logarithm of the residual's power that another pairing must gain: 2 is a factor of 2.7 in the residual.
+/// Wrong offsets of cycles-b gain nothing, right ones 4.7.
+constexpr double pairing_gain = 0.7;
+/// Residual from which the pairing is in doubt: right pairs of cycles-b leave .04, wrong ones .5.
+constexpr double doubtful_residual = 0.2;
+
+std::string offset_text(int offset) {
+  return std::string("the light of ") + std::to_string(std::abs(offset)) +
+         (std::abs(offset) == 1 ? " frame " : " frames ") + (offset > 0 ? "later" : "earlier");
+}
+
+}  // namespace
+
+std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sample, bool doubtful,
+                              RigFinding& finding, const RunContext& run) {
+  finding.effect = "pairing";
+  finding.measured = "photographs and light maps belong together as they are paired";
+  if (sample.images < min_frames_for_rig) return {};
+  const PairingSearch search(lights, sample);
+  if (!search.usable()) return {};
+  std::vector<int> as_paired(sample.images), best;
+  std::iota(as_paired.begin(), as_paired.end(), 0);
+  const double before = search.score(as_paired);
+  finding.residual_before = finding.residual_after = relative(before);
+  best = as_paired;
+  double best_score = before;
+  std::string how;
+  const auto consider = [&](const std::vector<int>& candidate, const std::string& text) {
+    run.throw_if_stopped();
+    const double score = search.score(candidate);
+    if (score >= best_score) return;
+    best_score = score;
+    best = candidate;
+    how = text;
+  };
+  doubtful = doubtful || relative(before) > doubtful_residual;
+  const int farthest = doubtful ? sample.images / 2 : max_offset;
+  for (int offset = -farthest; offset <= farthest; ++offset)
+    if (offset != 0)
+      consider(with_offset(as_paired, 0, offset), "every photograph shows " + offset_text(offset));
+  for (int changes = 0; doubtful && changes < 4; ++changes) {
+    const std::vector<int> start = best;
+    const double start_score = best_score;
+    const std::string start_how = how.empty() ? "" : how + "; ";
+    for (int first = 1; first + 4 <= sample.images; ++first)
+      for (int offset = -max_later_offset; offset <= max_later_offset; ++offset)
+        if (offset != 0)
+          consider(with_offset(start, first, offset), start_how + "from photograph " + std::to_string(first) +
+                                                          " on each shows " + offset_text(offset));
+    if (start_score - best_score < pairing_gain / 2) {
+      best = start;
+      best_score = start_score;
+      how = start_how.substr(0, start_how.size() - std::min<std::size_t>(2, start_how.size()));
+      break;
+    }
+  }
+  if (before - best_score < pairing_gain) return {};
+  finding.state = RigFinding::State::corrected;
+  finding.residual_after = relative(best_score);
+  int moved = 0;
+  for (int j = 0; j < sample.images; ++j) moved = std::max(moved, std::abs(best[j] - j) % sample.images);
+  finding.amount = moved;
+  finding.measured = how;
+  return best;
+}
+
+// ---- The sample of the picture ----
+
+namespace {
+
+/// Pixels beside a tile's inner ones, for moving it and for gradients.
+constexpr int tile_margin = 8;
+constexpr int inner_width = 32, inner_height = 16;
+constexpr int bands = 4, tiles_across = 4;
+/// Of samples: a picture of no more is taken as one tile.
+constexpr std::size_t max_whole_samples = std::size_t{8} << 20;
+
+/// A part of all photographs.
+struct Tile {
+  int x0 = 0, y0 = 0, width = 0, height = 0;
+  std::size_t stride = 0;
+  AlignedFloats values;      ///< [height][width][3][stride]
+  std::vector<char> usable;  ///< [height × width]: measured in all photographs, as are its neighbours
+
+  float* at(int x, int y, int c) {
+    return values.data() + ((static_cast<std::size_t>(y) * width + x) * 3 + c) * stride;
+  }
+  const float* at(int x, int y, int c) const { return const_cast<Tile*>(this)->at(x, y, c); }
+};
+
+Tile cut(const ObservationBand& band, int x0, int x1, int picture_width, int picture_height,
+         const Mask& mask) {
+  Tile tile;
+  tile.x0 = x0;
+  tile.y0 = band.first_row();
+  tile.width = x1 - x0;
+  tile.height = band.last_row() - band.first_row();
+  tile.stride = padded_length(band.images());
+  tile.values.assign(static_cast<std::size_t>(tile.width) * tile.height * 3 * tile.stride, 0.0f);
+  std::vector<char> bad(static_cast<std::size_t>(tile.width) * tile.height, 0);
+  for (int y = 0; y < tile.height; ++y)
+    for (int x = 0; x < tile.width; ++x)
+      for (int c = 0; c < 3; ++c) {
+        const float* from = band.samples(x0 + x, tile.y0 + y, c);
+        float* to = tile.at(x, y, c);
+        for (int j = 0; j < band.images(); ++j) {
+          const bool measured = std::isfinite(from[j]);
+          to[j] = measured ? from[j] : 0.0f;
+          if (!measured) bad[static_cast<std::size_t>(y) * tile.width + x] = 1;
+        }
+      }
+  tile.usable.assign(bad.size(), 0);
+  constexpr int near_px = 4;
+  const auto margin = [](int edge, int picture_edge) { return edge == picture_edge ? near_px : tile_margin; };
+  const int left = margin(x0, 0), right = margin(x1, picture_width), top = margin(tile.y0, 0),
+            bottom = margin(band.last_row(), picture_height);
+  for (int y = top; y < tile.height - bottom; ++y)
+    for (int x = left; x < tile.width - right; ++x) {
+      if (!mask.empty() && mask[static_cast<std::size_t>(tile.y0 + y) * picture_width + x0 + x] == 0)
+        continue;
+      bool good = true;
+      for (int v = -near_px; v <= near_px; ++v)
+        for (int u = -near_px; u <= near_px; ++u)
+          good = good && !bad[static_cast<std::size_t>(y + v) * tile.width + x + u];
+      tile.usable[static_cast<std::size_t>(y) * tile.width + x] = good;
+    }
+  return tile;
+}
+
+/// Where a band of all columns has most structure: first columns of the inner parts, apart from each other.
+std::vector<int> structured_columns(const ObservationBand& band, int width) {
+  std::vector<double> structure(width, 0.0);
+  for (int x = 1; x < width; ++x)
+    for (int y = band.first_row(); y < band.last_row(); ++y) {
+      const float *left = band.samples(x - 1, y, 1), *here = band.samples(x, y, 1);
+      double difference = 0.0, sum = 1e-12;
+      for (int j = 0; j < band.images(); j += 8) {
+        if (!std::isfinite(left[j]) || !std::isfinite(here[j])) continue;
+        difference += std::abs(static_cast<double>(here[j]) - left[j]);
+        sum += std::abs(static_cast<double>(here[j]));
+      }
+      structure[x] += std::min(1.0, difference / sum);
+    }
+  std::vector<int> found;
+  const int quarter = (width - 2 * tile_margin) / tiles_across;
+  for (int k = 0; k < tiles_across; ++k) {  // the best of each quarter
+    const int first = tile_margin + k * quarter, last = first + quarter - inner_width;
+    int best = first;
+    double most = -1.0,
+           now = std::accumulate(structure.begin() + first, structure.begin() + first + inner_width, 0.0);
+    for (int x = first; x <= last; ++x) {
+      if (now > most) {
+        most = now;
+        best = x;
+      }
+      now += structure[x + inner_width] - structure[x];
+    }
+    found.push_back(best);
+  }
+  return found;
+}
+
+std::vector<Tile> read_tiles(std::span<const CaptureFrame> frames, int width, int height, const Mask& mask,
+                             float clip_level, const RunContext& run) {
+  std::vector<Tile> tiles;
+  const std::size_t samples = static_cast<std::size_t>(width) * height * 3 * padded_length(frames.size());
+  const int band_height = inner_height + 2 * tile_margin;
+  if (samples <= max_whole_samples || width < tiles_across * (inner_width + 1) + 2 * tile_margin ||
+      height < band_height) {
+    const auto band = read_observations(frames, width, 0, height, clip_level, run);
+    tiles.push_back(cut(band, 0, width, width, height, mask));
+    return tiles;
+  }
+  const int blocks = std::max(1, (height - band_height) / 16);  // bands begin where EXR files' blocks do
+  for (int b = 0; b < bands; ++b) {
+    const int y0 = std::min(blocks * (2 * b + 1) / (2 * bands) * 16, height - band_height);
+    const auto band = read_observations(frames, width, y0, y0 + band_height, clip_level, run);
+    for (const int x : structured_columns(band, width))
+      tiles.push_back(cut(band, x - tile_margin, x + inner_width + tile_margin, width, height, mask));
+  }
+  return tiles;
+}
+
+/// One pixel of a tile.
+struct Place {
+  std::size_t tile;
+  int x, y, channel;
+};
+
+// ---- The estimation ----
+
+constexpr int pixels_for_colour = 400;   ///< of all channels
+constexpr int pixels_for_motion = 2000;  ///< samples of one channel
+constexpr int max_alternations = 3, max_steps = 6;
+/// Photographs are smoothed by that many pixels (standard deviation) before gradients are taken.
+constexpr double gradient_blur_px = 0.7;
+/// Steps below that many pixels end the search for the shifts.
+constexpr double small_step_px = 0.002;
+/// Undisturbed captures show shifts of .005 to .013 pixels per photograph: scatter below explains nothing,
+/// and paths that stay within the other are no motion.
+constexpr double shift_floor_px = 0.005, min_motion_px = 0.03;
+/// Undisturbed captures show mixing of up to .005, exponents of .997 to 1.003.
+constexpr double min_mixing = 0.015, min_exponent = 0.01;
+/// Beyond that many pixels photographs are not comparable at all.
+constexpr double max_shift_px = 4.0;
+
+class RigEstimation {
+ public:
+  RigEstimation(std::span<const CaptureFrame> frames, const std::vector<char>& left_out,
+                const CaptureSession& session, const Mask& mask, float clip_level,
+                const LightFeatures& lights, const RunContext& run)
+      : frames_(static_cast<int>(frames.size())),
+        chosen_(chosen_of(left_out)),
+        lights_(lights),
+        run_(run),
+        predictors_(lights, chosen_) {
+    std::vector<CaptureFrame> taking_part;
+    for (const int j : chosen_) taking_part.push_back(frames[j]);
+    original_ = read_tiles(taking_part, session.width, session.height, mask, clip_level, run);
+    images_ = static_cast<Index>(chosen_.size());
+    shift_ = MatrixXd::Zero(images_, 2);
+    gain_ = MatrixXd::Ones(images_, 3);
+    model_.white = lights.white > 0.0 ? lights.white : 1.0;
+    for (const CaptureFrame& frame : frames) model_.photographs.push_back(frame.name);
+  }
+
+  RigReport run() {
+    current_ = original_;
+    choose_places();
+    if (places_.size() < 50) return report();
+    choose_way();
+    before_ = total_criterion();
+    for (int round = 0; round < max_alternations; ++round) {
+      bool changed = estimate_motion(round);
+      changed = estimate_colour() || changed;
+      changed = estimate_tone() || changed;
+      if (!changed) break;
+    }
+    return report();
+  }
+
+ private:
+  static std::vector<int> chosen_of(const std::vector<char>& left_out) {
+    std::vector<int> chosen;
+    for (std::size_t j = 0; j < left_out.size(); ++j)
+      if (!left_out[j]) chosen.push_back(static_cast<int>(j));
+    return chosen;
+  }
+
+  void choose_places();
+  void choose_way();
+  void prepare();
+  MatrixXf series(int channel) const;
+  void use_exponents();
+  double total_criterion() const;
+  bool estimate_motion(int round);
+  MatrixXd motion_step() const;
+  bool estimate_colour();
+  bool estimate_tone();
+  RigReport report() const;
+
+  int frames_;
+  std::vector<int> chosen_;  // numbers of the frames that take part
+  const LightFeatures& lights_;
+  const RunContext& run_;
+  LightPredictors predictors_;
+  Index images_ = 0;
+  std::vector<Tile> original_, current_;  // as photographed, and with the model so far undone
+  std::vector<Place> places_;             // bright pixels, spread over the tiles; channel 0
+  std::array<MatrixXf, 3> leave_one_out_;
+  MatrixXd shift_, gain_;
+  CapturePath path_;
+  RigModel model_;
+  double before_ = 0.0;
+  std::vector<RigFinding> findings_;
+};
+
+/// Bright usable pixels, evenly spread.
+void RigEstimation::choose_places() {
+  std::vector<Place> all;
+  std::vector<double> power;
+  for (std::size_t t = 0; t < current_.size(); ++t) {
+    const Tile& tile = current_[t];
+    for (int y = 0; y < tile.height; ++y)
+      for (int x = 0; x < tile.width; ++x) {
+        if (!tile.usable[static_cast<std::size_t>(y) * tile.width + x]) continue;
+        double sum = 0.0;
+        for (int c = 0; c < 3; ++c)
+          for (Index j = 0; j < images_; j += 4)
+            sum += static_cast<double>(tile.at(x, y, c)[j]) * tile.at(x, y, c)[j];
+        all.push_back({t, x, y, 0});
+        power.push_back(sum);
+      }
+  }
+  if (all.empty()) return;
+  std::vector<double> ordered = power;
+  std::ranges::sort(ordered);
+  const double least = ordered[ordered.size() / 5];
+  std::vector<Place> bright;
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if (power[i] >= least && power[i] > 0.0) bright.push_back(all[i]);
+  const std::size_t count = std::min<std::size_t>(pixels_for_colour, bright.size());
+  for (std::size_t k = 0; k < count; ++k) places_.push_back(bright[k * bright.size() / count]);
+}
+
+MatrixXf RigEstimation::series(int channel) const {
+  MatrixXf values(images_, static_cast<Index>(places_.size()));
+  for (std::size_t k = 0; k < places_.size(); ++k) {
+    const Place& place = places_[k];
+    values.col(static_cast<Index>(k)) =
+        Eigen::Map<const Eigen::VectorXf>(current_[place.tile].at(place.x, place.y, channel), images_);
+  }
+  return values;
+}
+
+void RigEstimation::use_exponents() {
+  tbb::parallel_for(0, 3, [&](int c) { leave_one_out_[c] = predictors_.leave_one_out(c, model_.tone[c]); });
+}
+
+double RigEstimation::total_criterion() const {
+  double sum = 0.0;
+  for (int c = 0; c < 3; ++c) sum += criterion(leave_one_out_[c], series(c));
+  return sum / 3.0;
+}
+
+void RigEstimation::choose_way() {
+  std::size_t best = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t w = 0; w < ways.size(); ++w) {
+    run_.throw_if_stopped();
+    predictors_.use(w);
+    use_exponents();
+    const double value = total_criterion();
+    if (value >= least) continue;
+    least = value;
+    best = w;
+  }
+  predictors_.use(best);
+  use_exponents();
+}
+
+/// `from` moved back by shift [images × 2].
+void move_back(const Tile& from, const MatrixXd& shift, int picture_width, Tile& to);
+
+/// Undoes the model in all tiles.
+void RigEstimation::prepare() {
+  const Eigen::Matrix3f unmix = model_.mixing.inverse().cast<float>();
+  const bool moves = shift_.cwiseAbs().maxCoeff() > 0.0;
+  tbb::parallel_for(std::size_t{0}, original_.size(), [&](std::size_t t) {
+    if (moves)
+      move_back(original_[t], shift_, 0, current_[t]);
+    else
+      current_[t].values = original_[t].values;
+    Tile& tile = current_[t];
+    if (!model_.mixes_colours()) return;
+    for (int y = 0; y < tile.height; ++y)
+      for (int x = 0; x < tile.width; ++x) {
+        float *r = tile.at(x, y, 0), *g = tile.at(x, y, 1), *b = tile.at(x, y, 2);
+        for (std::size_t j = 0; j < tile.stride; ++j) {
+          const Eigen::Vector3f value(r[j], g[j], b[j]);
+          r[j] = unmix.row(0).dot(value);
+          g[j] = unmix.row(1).dot(value);
+          b[j] = unmix.row(2).dot(value);
+        }
+      }
+  });
+}
+
+/// Interpolation weights of each image, [taps][stride], for the pixels first, first + 1, …
+struct Taps {
+  int first = 0;
+  std::vector<AlignedFloats> weights;
+};
+
+Taps taps_of(const VectorXd& shift, std::size_t stride) {
+  const int lowest = static_cast<int>(std::floor(shift.minCoeff())),
+            highest = static_cast<int>(std::floor(shift.maxCoeff()));
+  Taps taps{lowest - 1, {}};
+  taps.weights.assign(static_cast<std::size_t>(highest - lowest + 4), AlignedFloats(stride, 0.0f));
+  for (Index j = 0; j < shift.size(); ++j) {
+    const int whole = static_cast<int>(std::floor(shift[j]));
+    const auto weights = cubic_weights(shift[j] - whole);
+    for (int i = 0; i < 4; ++i) taps.weights[static_cast<std::size_t>(whole - lowest + i)][j] = weights[i];
+  }
+  return taps;
+}
+
+void move_back(const Tile& from, const MatrixXd& shift, int, Tile& to) {
+  const Taps across = taps_of(shift.col(0), from.stride), down = taps_of(shift.col(1), from.stride);
+  const std::size_t row_size = static_cast<std::size_t>(from.width) * 3 * from.stride;
+  AlignedFloats row(row_size);
+  for (int y = 0; y < from.height; ++y) {
+    std::ranges::fill(row, 0.0f);
+    for (std::size_t i = 0; i < down.weights.size(); ++i) {
+      const float* source =
+          from.at(0, std::clamp(y + down.first + static_cast<int>(i), 0, from.height - 1), 0);
+      const float* weights = down.weights[i].data();
+      for (std::size_t k = 0; k < row_size; k += from.stride)
+        for (std::size_t j = 0; j < from.stride; ++j) row[k + j] += weights[j] * source[k + j];
+    }
+    for (int x = 0; x < from.width; ++x)
+      for (int c = 0; c < 3; ++c) {
+        float* out = to.at(x, y, c);
+        std::fill_n(out, from.stride, 0.0f);
+        for (std::size_t i = 0; i < across.weights.size(); ++i) {
+          const int column = std::clamp(x + across.first + static_cast<int>(i), 0, from.width - 1);
+          const float* source = row.data() + (static_cast<std::size_t>(column) * 3 + c) * from.stride;
+          const float* weights = across.weights[i].data();
+          for (std::size_t j = 0; j < from.stride; ++j) out[j] += weights[j] * source[j];
+        }
+      }
+  }
+}
+
+/// Smooths a tile by a Gaussian of gradient_blur_px.
+Tile smoothed(const Tile& tile) {
+  constexpr int reach = 3;
+  std::array<float, 2 * reach + 1> kernel;
+  float sum = 0.0f;
+  for (int i = -reach; i <= reach; ++i)
+    sum += kernel[i + reach] =
+        static_cast<float>(std::exp(-0.5 * i * i / (gradient_blur_px * gradient_blur_px)));
+  for (float& weight : kernel) weight /= sum;
+  Tile across = tile, result = tile;
+  const std::size_t pixel = 3 * tile.stride;
+  tbb::parallel_for(0, tile.height, [&](int y) {
+    for (int x = 0; x < tile.width; ++x) {
+      float* out = across.at(x, y, 0);
+      std::fill_n(out, pixel, 0.0f);
+      for (int i = -reach; i <= reach; ++i) {
+        const float* from = tile.at(std::clamp(x + i, 0, tile.width - 1), y, 0);
+        for (std::size_t k = 0; k < pixel; ++k) out[k] += kernel[i + reach] * from[k];
+      }
+    }
+  });
+  tbb::parallel_for(0, tile.height, [&](int y) {
+    const std::size_t row = pixel * tile.width;
+    float* out = result.at(0, y, 0);
+    std::fill_n(out, row, 0.0f);
+    for (int i = -reach; i <= reach; ++i) {
+      const float* from = across.at(0, std::clamp(y + i, 0, tile.height - 1), 0);
+      for (std::size_t k = 0; k < row; ++k) out[k] += kernel[i + reach] * from[k];
+    }
+  });
+  return result;
+}
+
+/// The samples of one channel that tell most about motion, and their gradients.
+struct MotionSamples {
+  MatrixXf values, right, down;  ///< [images × samples]
+  Eigen::VectorXf weights;       ///< 1 / residual variance
+};
+
+MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index images,
+                             const MatrixXf& leave_one_out) {
+  struct Scored {
+    Place place;
+    double score;
+  };
+  std::vector<Scored> all;
+  for (std::size_t t = 0; t < tiles.size(); ++t) {
+    const Tile& tile = tiles[t];
+    for (int y = 0; y < tile.height; ++y)
+      for (int x = 0; x < tile.width; ++x) {
+        if (!tile.usable[static_cast<std::size_t>(y) * tile.width + x]) continue;
+        const float *here = tile.at(x, y, channel), *left = tile.at(x - 1, y, channel),
+                    *right = tile.at(x + 1, y, channel), *up = tile.at(x, y - 1, channel),
+                    *down = tile.at(x, y + 1, channel);
+        double energy = 0.0, power = 1e-20;
+        for (Index j = 0; j < images; j += 2) {
+          const double dx = right[j] - left[j], dy = down[j] - up[j];
+          energy += dx * dx + dy * dy;
+          power += static_cast<double>(here[j]) * here[j];
+        }
+        all.push_back({{t, x, y, channel}, energy / power});
+      }
+  }
+  const auto keep_best = [&](std::size_t count) {
+    count = std::min(count, all.size());
+    std::ranges::stable_sort(all, std::greater<>{}, &Scored::score);
+    all.resize(count);
+  };
+  keep_best(3 * pixels_for_motion / 3);
+  const auto gather = [&](auto value) {
+    MatrixXf values(images, static_cast<Index>(all.size()));
+    for (std::size_t k = 0; k < all.size(); ++k)
+      for (Index j = 0; j < images; ++j)
+        values(j, static_cast<Index>(k)) = value(tiles[all[k].place.tile], all[k].place, j);
+    return values;
+  };
+  MotionSamples samples;
+  samples.values =
+      gather([](const Tile& tile, const Place& p, Index j) { return tile.at(p.x, p.y, p.channel)[j]; });
+  samples.right = gather([](const Tile& tile, const Place& p, Index j) {
+    return 0.5f * (tile.at(p.x + 1, p.y, p.channel)[j] - tile.at(p.x - 1, p.y, p.channel)[j]);
+  });
+  samples.down = gather([](const Tile& tile, const Place& p, Index j) {
+    return 0.5f * (tile.at(p.x, p.y + 1, p.channel)[j] - tile.at(p.x, p.y - 1, p.channel)[j]);
+  });
+  Eigen::VectorXf variance =
+      (leave_one_out * samples.values).colwise().squaredNorm().transpose() / static_cast<float>(images);
+  std::vector<float> ordered(variance.data(), variance.data() + variance.size());
+  std::ranges::sort(ordered);
+  const float floor = ordered.empty() ? 1.0f : 1e-2f * ordered[ordered.size() / 2] + 1e-20f;
+  samples.weights = (variance.array() + floor).inverse();
+  // The best third by information, its gradients' power over the residual's.
+  std::vector<Index> order(all.size());
+  std::iota(order.begin(), order.end(), Index{0});
+  const Eigen::VectorXf information =
+      (samples.right.colwise().squaredNorm() + samples.down.colwise().squaredNorm())
+          .transpose()
+          .cwiseProduct(samples.weights);
+  std::ranges::stable_sort(order, [&](Index a, Index b) { return information[a] > information[b]; });
+  order.resize(std::min<std::size_t>(order.size(), pixels_for_motion / 3));
+  samples.values = MatrixXf(samples.values(Eigen::all, order));
+  samples.right = MatrixXf(samples.right(Eigen::all, order));
+  samples.down = MatrixXf(samples.down(Eigen::all, order));
+  samples.weights = Eigen::VectorXf(samples.weights(order));
+  return samples;
+}
+
+/// One Gauss-Newton step for the shifts of all photographs: minimises Σ w ‖A (B + d ∘ G)‖² over d, in which
+/// the normal matrix is (AᵀA) ∘ (G W Gᵀ), element by element. [images × 2], mean 0.
+MatrixXd RigEstimation::motion_step() const {
+  std::vector<Tile> smooth;
+  for (const Tile& tile : current_) smooth.push_back(smoothed(tile));
+  MatrixXd normal = MatrixXd::Zero(2 * images_, 2 * images_);
+  VectorXd right = VectorXd::Zero(2 * images_);
+  for (int c = 0; c < 3; ++c) {
+    run_.throw_if_stopped();
+    const MatrixXf& a = leave_one_out_[c];
+    const MotionSamples samples = motion_samples(smooth, c, images_, a);
+    const MatrixXf squared = a.transpose() * a;
+    const MatrixXf pull = a.transpose() * (a * samples.values);
+    const std::array<const MatrixXf*, 2> gradients{&samples.right, &samples.down};
+    for (int i = 0; i < 2; ++i) {
+      const MatrixXf weighted = *gradients[i] * samples.weights.asDiagonal();
+      right.segment(i * images_, images_) -= weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
+      for (int k = i; k < 2; ++k) {
+        const MatrixXf products = weighted * gradients[k]->transpose();
+        const MatrixXd part = squared.cwiseProduct(products).cast<double>();
+        normal.block(i * images_, k * images_, images_, images_) += part;
+        if (k != i) normal.block(k * images_, i * images_, images_, images_) += part.transpose();
+      }
+    }
+  }
+  normal.diagonal().array() += 1e-6 * normal.trace() / static_cast<double>(normal.rows()) + 1e-20;
+  const VectorXd step = solve_symmetric(normal, right);
+  MatrixXd result(images_, 2);
+  result.col(0) = step.head(images_);
+  result.col(1) = step.tail(images_);
+  result.rowwise() -= result.colwise().mean().eval();
+  return result;
+}
+
+bool RigEstimation::estimate_motion(int round) {
+  if (round > 0 && path_.kind == CapturePath::Kind::rest) return false;
+  MatrixXd measured = shift_;
+  for (int step = 0; step < max_steps; ++step) {
+    const MatrixXd change = motion_step();
+    measured += change;
+    if (measured.cwiseAbs().maxCoeff() > max_shift_px) {
+      measured = MatrixXd::Zero(images_, 2);
+      break;
+    }
+    if (step == 0 && round == 0) {
+      path_ = choose_path(measured, chosen_, frames_, shift_floor_px);
+      if (path_.kind == CapturePath::Kind::rest || path_.values.cwiseAbs().maxCoeff() < min_motion_px / 2) {
+        path_.kind = CapturePath::Kind::rest;
+        return false;
+      }
+    }
+    shift_ = measured;
+    prepare();
+    if (change.cwiseAbs().maxCoeff() < small_step_px) break;
+  }
+  path_ = choose_path(measured, chosen_, frames_, shift_floor_px);
+  if (path_.values.cwiseAbs().maxCoeff() < min_motion_px) path_.kind = CapturePath::Kind::rest;
+  if (path_.kind == CapturePath::Kind::rest) path_.values.setZero();
+  shift_ = path_.values(chosen_, Eigen::all);
+  model_.shift_px.clear();
+  if (path_.kind != CapturePath::Kind::rest)
+    for (int j = 0; j < frames_; ++j) model_.shift_px.push_back({path_.values(j, 0), path_.values(j, 1)});
+  prepare();
+  return !model_.shift_px.empty();
+}
+
+/// Newton's method for the weights of the camera's channels that give a primary, by the criterion's power of
+/// residual over power, both quadratic forms of the weights.
+bool RigEstimation::estimate_colour() {
+  std::array<MatrixXf, 3> y;
+  for (int c = 0; c < 3; ++c) y[c] = series(c);
+  const Index pixels = y[0].cols();
+  Eigen::Matrix3d unmix = Eigen::Matrix3d::Identity();
+  double gain = 0.0;
+  int better_groups = 0;
+  constexpr int groups = 8;
+  std::array<double, groups> of_group{};
+  std::array<Eigen::Matrix3d, 3> unused;
+  std::vector<Eigen::Matrix3d> power(static_cast<std::size_t>(pixels)),
+      residual(static_cast<std::size_t>(pixels));
+  for (Index p = 0; p < pixels; ++p)
+    for (int i = 0; i < 3; ++i)
+      for (int k = 0; k < 3; ++k) power[p](i, k) = y[i].col(p).dot(y[k].col(p));
+  for (int c = 0; c < 3; ++c) {
+    const std::array<MatrixXf, 3> z{MatrixXf(leave_one_out_[c] * y[0]), MatrixXf(leave_one_out_[c] * y[1]),
+                                    MatrixXf(leave_one_out_[c] * y[2])};
+    for (Index p = 0; p < pixels; ++p)
+      for (int i = 0; i < 3; ++i)
+        for (int k = 0; k < 3; ++k) residual[p](i, k) = z[i].col(p).dot(z[k].col(p));
+    const int others[2] = {(c + 1) % 3, (c + 2) % 3};
+    Eigen::Vector3d m = Eigen::Vector3d::Unit(c);
+    for (int step = 0; step < 8; ++step) {
+      Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
+      Eigen::Matrix2d hessian = Eigen::Matrix2d::Identity() * 1e-9;
+      for (Index p = 0; p < pixels; ++p) {
+        const Eigen::Vector3d r = residual[p] * m, q = power[p] * m;
+        const double of_r = m.dot(r) + 1e-20, of_q = m.dot(q) + 1e-20;
+        for (int i = 0; i < 2; ++i) {
+          gradient[i] += r[others[i]] / of_r - q[others[i]] / of_q;
+          for (int k = 0; k < 2; ++k) hessian(i, k) += residual[p](others[i], others[k]) / of_r;
+        }
+      }
+      const Eigen::Vector2d change = hessian.inverse() * gradient;
+      if (!change.allFinite()) break;
+      for (int i = 0; i < 2; ++i) m[others[i]] -= std::clamp(change[i], -0.3, 0.3);
+      if (change.cwiseAbs().maxCoeff() < 1e-5) break;
+    }
+    for (Index p = 0; p < pixels; ++p) {
+      const double better = std::log(residual[p](c, c) / power[p](c, c)) -
+                            std::log(m.dot(residual[p] * m) / m.dot(power[p] * m));
+      gain += better / static_cast<double>(pixels);
+      of_group[static_cast<std::size_t>(p) * groups / pixels] += better;
+    }
+    unmix.row(c) = m.transpose();
+  }
+  for (const double better : of_group) better_groups += better > 0.0;
+  Eigen::Matrix3d mixing = (unmix * model_.mixing.inverse()).inverse();
+  mixing = (mixing * mixing.diagonal().cwiseInverse().asDiagonal()).eval();
+  const double largest = (mixing - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!mixing.allFinite() || largest > 1.0) return false;
+  const bool had = model_.mixes_colours();
+  if (!had && (largest < min_mixing || better_groups < groups - 1)) return false;
+  const double change = (mixing - model_.mixing).cwiseAbs().maxCoeff();
+  model_.mixing = mixing;
+  if (largest < min_mixing) model_.mixing.setIdentity();
+  prepare();
+  return change > 1e-3;
+}
+
+/// The exponent of each channel by a parabola through the criterion at five.
+bool RigEstimation::estimate_tone() {
+  constexpr int groups = 8;
+  std::array<double, 3> found{};
+  std::array<int, 3> better_groups{};
+  tbb::parallel_for(0, 3, [&](int c) {
+    const MatrixXf values = series(c);
+    const auto at = [&](double exponent) {
+      return criterion(predictors_.leave_one_out(c, exponent), values);
+    };
+    double centre = model_.tone[c], width = 0.05;
+    for (int step = 0; step < 3; ++step) {
+      const double low = at(centre - width), middle = at(centre), high = at(centre + width);
+      const double curvature = low - 2.0 * middle + high;
+      const double move =
+          curvature > 0.0 ? 0.5 * width * (low - high) / curvature : (low < high ? -width : width);
+      centre = std::clamp(centre + std::clamp(move, -2.0 * width, 2.0 * width), 0.5, 2.0);
+      if (std::abs(move) < 0.5 * width) break;
+    }
+    found[c] = centre;
+    if (std::abs(centre - 1.0) < min_exponent) return;
+    const MatrixXf bent = predictors_.leave_one_out(c, centre) * values,
+                   straight = predictors_.leave_one_out(c, 1.0) * values;
+    for (int g = 0; g < groups; ++g) {
+      double better = 0.0;
+      for (Index p = values.cols() * g / groups; p < values.cols() * (g + 1) / groups; ++p)
+        better += std::log(straight.col(p).squaredNorm() / bent.col(p).squaredNorm());
+      better_groups[c] += better > 0.0;
+    }
+  });
+  double change = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    const bool bends = std::abs(found[c] - 1.0) >= min_exponent && better_groups[c] >= groups - 1;
+    const double exponent = bends ? found[c] : 1.0;
+    change = std::max(change, std::abs(exponent - model_.tone[c]));
+    model_.tone[c] = exponent;
+  }
+  if (change > 0.0) use_exponents();
+  return change > 1e-3;
+}
+
+RigReport RigEstimation::report() const {
+  RigReport report{model_, {}};
+  const double after = places_.size() < 50 ? 0.0 : total_criterion();
+  const auto add = [&](const char* effect, bool corrected, double amount, const std::string& measured) {
+    report.findings.push_back({effect, corrected ? RigFinding::State::corrected : RigFinding::State::good,
+                               amount, measured, relative(before_), relative(corrected ? after : before_)});
+  };
+  char text[300];
+  if (model_.shift_px.empty()) {
+    add("motion", false, 0.0, "the camera rested");
+  } else {
+    const auto largest =
+        *std::ranges::max_element(model_.shift_px, {}, [](const auto& d) { return std::hypot(d[0], d[1]); });
+    const double amount = std::hypot(largest[0], largest[1]);
+    std::string how = "the picture moved from photograph to photograph";
+    if (path_.kind == CapturePath::Kind::line) how = "the picture moved steadily";
+    if (path_.kind == CapturePath::Kind::jumps) {
+      how = "the picture jumped before photograph";
+      for (const int j : path_.jumps) how += " " + model_.photographs[static_cast<std::size_t>(j)];
+    }
+    std::snprintf(text, sizeof text, ", by up to %.2f pixels (%+.2f to the right, %+.2f down)", amount,
+                  largest[0], largest[1]);
+    add("motion", true, amount, how + text);
+  }
+  const Eigen::Matrix3d& m = model_.mixing;
+  const double mixed = (m - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  std::snprintf(text, sizeof text,
+                "the camera's red sees %.1f %% of green and %.1f %% of blue light, green %.1f %% of red and "
+                "%.1f %% of blue, "
+                "blue %.1f %% of red and %.1f %% of green",
+                100 * m(0, 1), 100 * m(0, 2), 100 * m(1, 0), 100 * m(1, 2), 100 * m(2, 0), 100 * m(2, 1));
+  add("colour", model_.mixes_colours(), mixed,
+      model_.mixes_colours() ? text : "camera channels and primaries correspond");
+  const auto& t = model_.tone;
+  std::snprintf(text, sizeof text,
+                "the light follows its maps with exponents of %.3f, %.3f, %.3f (red, green, blue)", t[0],
+                t[1], t[2]);
+  add("tone", model_.bends_tone(), std::max({std::abs(t[0] - 1), std::abs(t[1] - 1), std::abs(t[2] - 1)}),
+      model_.bends_tone() ? text : "the light follows its maps");
+  return report;
+}
+
+}  // namespace
+
+RigReport estimate_rig(std::span<const CaptureFrame> frames, const std::vector<char>& left_out,
+                       const CaptureSession& session, const Mask& mask, float clip_level,
+                       const LightFeatures& lights, const RunContext& run) {
+  if (std::ranges::count(left_out, 0) < min_frames_for_rig) return {};
+  return RigEstimation(frames, left_out, session, mask, clip_level, lights, run).run();
+}
+
+}  // namespace refield
