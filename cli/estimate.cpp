@@ -96,6 +96,8 @@ nlohmann::ordered_json frame_figures(const FrameReport& report) {
                         {"largest_change", report.drift.largest},
                         {"reference_frames", points}};
   }
+  if (!report.rig.findings.empty() || !report.rig.model.is_identity())
+    figures["rig"] = nlohmann::ordered_json::parse(rig_text(report.rig.model));
   if (report.typical_residual > 0.0) figures["typical_frame_residual"] = report.typical_residual;
   return figures;
 }
@@ -255,6 +257,11 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
   verb.add_flag("--keep-outliers", arguments.options.keep_outliers,
                 "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
                 "default they are detected, listed and left out");
+  verb.add_option("--rig", arguments.rig,
+                  "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve and "
+                  "brightness from the photographs), off, or a file (JSON) with the model of another run, as in "
+                  "'rig' of OUTPUT.log.json")
+      ->capture_default_str();
   verb.add_option("--memory", arguments.memory_gib,
                   "Memory limit in GiB; the image is processed in bands of rows that fit")
       ->capture_default_str();
@@ -275,6 +282,9 @@ CaptureSession open_estimation(EstimationArguments& arguments) {
     throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
                      "; give a number of GiB above 0");
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
+  arguments.options.keep_rig = arguments.rig == "off";
+  if (arguments.rig != "off" && arguments.rig != "auto")
+    arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.rig));
   CaptureSession session = open_capture(arguments.capture);
   if (!arguments.monitors.empty()) session.monitors = placements_from_texts(arguments.monitors);
   return session;

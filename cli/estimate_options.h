@@ -18,6 +18,7 @@ struct EstimationArguments {
   std::vector<std::string> monitors;
   std::string mode = "refined";
   double memory_gib = 4.0;
+  std::string rig = "auto";
   EstimateOptions options;
 };
 

@@ -18,6 +18,8 @@ using Eigen::VectorXd;
 
 /// More jumps than that are a walk.
 constexpr int max_jumps = 8;
+/// Photographs between jumps, at least: one photograph that does not fit is no jump.
+constexpr Index min_stretch = 3;
 /// Variances of a walk's step that are tried, over that of the measurements, as powers of ten.
 constexpr double min_log_step = -4.0, max_log_step = 2.0, log_step_width = 0.25;
 
@@ -29,8 +31,15 @@ struct Candidate {
 /// Measurements of components with the same standard deviation, and their criterion.
 class PathChoice {
  public:
-  PathChoice(const MatrixXd& measured, std::span<const int> at, int photographs, double floor)
-      : measured_(measured), at_(at), photographs_(photographs), floor_(floor) {}
+  PathChoice(const MatrixXd& measured, const VectorXd& variance, std::span<const int> at, int photographs,
+             double floor)
+      : measured_(measured), at_(at), photographs_(photographs), floor_(floor) {
+    // Relative to the median measurement; none counts for more than four of it.
+    std::vector<double> ordered(variance.data(), variance.data() + variance.size());
+    std::ranges::sort(ordered);
+    const double typical = ordered[ordered.size() / 2];
+    variance_ = (variance / typical).cwiseMax(0.25);
+  }
 
   /// Minus twice the logarithm of the likelihood, and the penalty; `log_determinant` of the measurements'
   /// covariance over its scale.
@@ -49,12 +58,13 @@ class PathChoice {
       for (Index i = 0; i < design.rows(); ++i) design(i, k) = columns[k](at_[i]);
       for (int j = 0; j < photographs_; ++j) all(j, k) = columns[k](j);
     }
-    const MatrixXd normal = design.transpose() * design;
-    const MatrixXd coefficients = normal.ldlt().solve(design.transpose() * measured_);
+    const MatrixXd weighted = variance_.cwiseInverse().asDiagonal() * design;
+    const MatrixXd normal = weighted.transpose() * design;
+    const MatrixXd coefficients = normal.ldlt().solve(weighted.transpose() * measured_);
     Candidate candidate;
     candidate.path.kind = kind;
     candidate.path.values = all * coefficients;
-    const double squared = (measured_ - design * coefficients).squaredNorm();
+    const double squared = weighted_square(measured_ - design * coefficients);
     candidate.path.scatter = std::sqrt(squared / static_cast<double>(measured_.size()));
     candidate.score = score(squared, parameters);
     return candidate;
@@ -97,6 +107,9 @@ class PathChoice {
  private:
   using Columns = std::vector<std::function<double(int)>>;
   static double constant(int) { return 1.0; }
+  double weighted_square(const MatrixXd& residual) const {
+    return (residual.rowwise().squaredNorm().array() / variance_.array()).sum();
+  }
   double components() const { return static_cast<double>(measured_.cols()); }
 
   /// The first photograph after the jump that leaves the least residual, beside those found; −1: none.
@@ -111,13 +124,18 @@ class PathChoice {
     for (const int end : ends) {
       Index last = first;
       while (last < measured_.rows() && at_[last] < end) ++last;
-      const Eigen::RowVectorXd all = measured_.middleRows(first, last - first).colwise().sum();
-      Eigen::RowVectorXd before = Eigen::RowVectorXd::Zero(measured_.cols());
-      for (Index i = first + 1; i < last; ++i) {
-        before += measured_.row(i - 1);
-        const auto left = static_cast<double>(i - first), right = static_cast<double>(last - i);
-        const double gain = before.squaredNorm() / left + (all - before).squaredNorm() / right -
-                            all.squaredNorm() / (left + right);
+      Eigen::RowVectorXd all = Eigen::RowVectorXd::Zero(measured_.cols()), before = all;
+      double weight = 0.0, left = 0.0;
+      for (Index i = first; i < last; ++i) {
+        all += measured_.row(i) / variance_[i];
+        weight += 1.0 / variance_[i];
+      }
+      for (Index i = first + 1; i <= last - min_stretch; ++i) {
+        before += measured_.row(i - 1) / variance_[i - 1];
+        left += 1.0 / variance_[i - 1];
+        if (i - first < min_stretch) continue;
+        const double gain = before.squaredNorm() / left + (all - before).squaredNorm() / (weight - left) -
+                            all.squaredNorm() / weight;
         if (gain <= best_gain) continue;
         best_gain = gain;
         best = at_[i];
@@ -134,11 +152,11 @@ class PathChoice {
     MatrixXd level(count, measured_.cols());
     double squared = 0.0, log_determinant = 0.0;
     level.row(0) = measured_.row(0);  // nothing is known before
-    variance[0] = 1.0;
+    variance[0] = variance_[0];
     for (Index i = 1; i < count; ++i) {
       predicted_variance[i] = variance[i - 1] + step * (at_[i] - at_[i - 1]);
       const Eigen::RowVectorXd innovation = measured_.row(i) - level.row(i - 1);
-      const double of_innovation = predicted_variance[i] + 1.0;
+      const double of_innovation = predicted_variance[i] + variance_[i];
       squared += innovation.squaredNorm() / of_innovation;
       log_determinant += std::log(of_innovation) * components();
       const double gain = predicted_variance[i] / of_innovation;
@@ -156,7 +174,7 @@ class PathChoice {
       candidate.path.values.row(j) = level.row(i);
     }
     candidate.path.scatter =
-        std::sqrt((measured_ - level).squaredNorm() / static_cast<double>(measured_.size()));
+        std::sqrt(weighted_square(measured_ - level) / static_cast<double>(measured_.size()));
     candidate.score = score(squared, components() + 1.0, log_determinant);
     return candidate;
   }
@@ -165,12 +183,14 @@ class PathChoice {
   std::span<const int> at_;
   int photographs_;
   double floor_;
+  VectorXd variance_;  // relative
 };
 
 }  // namespace
 
-CapturePath choose_path(const MatrixXd& measured, std::span<const int> at, int photographs, double floor) {
-  const PathChoice choice(measured, at, photographs, floor);
+CapturePath choose_path(const MatrixXd& measured, const VectorXd& variance, std::span<const int> at,
+                        int photographs, double floor) {
+  const PathChoice choice(measured, variance, at, photographs, floor);
   Candidate best = choice.rest();
   for (Candidate candidate : {choice.line(), choice.jumps(), choice.walk()})
     if (candidate.score < best.score) best = std::move(candidate);

@@ -86,6 +86,18 @@ class LightPredictors {
   /// A [images × images]: A b is what each sample of a series b is more than the others predict of it. Pixels
   /// have a constant of their own: room light that does not change must not look like a tone curve.
   MatrixXf leave_one_out(int channel, double exponent) const {
+    const MatrixXd inverse = inverse_of(channel, exponent);
+    return (inverse.array().colwise() / inverse.diagonal().array()).cast<float>();
+  }
+
+  /// The constant of each series (column).
+  Eigen::VectorXf constants(int channel, double exponent, const MatrixXf& series) const {
+    const Eigen::RowVectorXf sums = inverse_of(channel, exponent).colwise().sum().cast<float>();
+    return (sums * series).transpose();
+  }
+
+ private:
+  MatrixXd inverse_of(int channel, double exponent) const {
     const auto& of = blurred_[channel];
     const double e = exponent - 1.0;
     const MatrixXd features = e == 0.0 ? of[0] : of[0] + e * of[1] + 0.5 * e * e * of[2];
@@ -93,11 +105,9 @@ class LightPredictors {
     const double mean = gram.trace() / static_cast<double>(gram.rows());
     if (mean > 0.0) gram /= mean;
     gram.array() += 1.0;
-    const MatrixXd inverse = ridge_inverse(gram, ways[way_].ridge);
-    return (inverse.array().colwise() / inverse.diagonal().array()).cast<float>();
+    return ridge_inverse(gram, ways[way_].ridge);
   }
 
- private:
   const LightFeatures& lights_;
   std::vector<int> chosen_;
   std::size_t way_ = ways.size();
@@ -406,6 +416,15 @@ constexpr double small_step_px = 0.002;
 constexpr double shift_floor_px = 0.005, min_motion_px = 0.03;
 /// Undisturbed captures show mixing of up to .005, exponents of .997 to 1.003.
 constexpr double min_mixing = 0.015, min_exponent = 0.01;
+/// Gains of each photograph on their own lower the criterion by less than that.
+constexpr double strong_colour_gain = 0.15, strong_tone_gain = 0.03;
+/// Gains and room light are expected to be of that size, and pixels count as that many independent ones:
+/// the predictor's errors are common to all pixels.
+constexpr double expected_gain = 0.01, independent_pixels = 67.0;
+/// The criterion falls by up to .02 when gains are fitted to undisturbed captures.
+constexpr double min_brightness_gain = 0.04, min_white_balance_gain = 0.02;
+/// Of room light: mean share, and standard deviation over the photographs. Undisturbed: .003 and .001.
+constexpr double min_room = 0.008, min_room_change = 0.002, room_floor = 0.001;
 /// Beyond that many pixels photographs are not comparable at all.
 constexpr double max_shift_px = 4.0;
 
@@ -437,8 +456,13 @@ class RigEstimation {
     before_ = total_criterion();
     for (int round = 0; round < max_alternations; ++round) {
       bool changed = estimate_motion(round);
-      changed = estimate_colour() || changed;
-      changed = estimate_tone() || changed;
+      if (round == 0) {  // what is strong first: it looks like gains of each photograph
+        estimate_colour(strong_colour_gain);
+        estimate_tone(strong_tone_gain);
+      }
+      changed = estimate_brightness() || changed;
+      changed = estimate_colour(0.0) || changed;
+      changed = estimate_tone(0.0) || changed;
       if (!changed) break;
     }
     return report();
@@ -455,13 +479,22 @@ class RigEstimation {
   void choose_places();
   void choose_way();
   void prepare();
+  void scale(Tile& tile) const;
+  void subtract_room(Tile& tile, int x, int y) const;
   MatrixXf series(int channel) const;
   void use_exponents();
   double total_criterion() const;
   bool estimate_motion(int round);
-  MatrixXd motion_step() const;
-  bool estimate_colour();
-  bool estimate_tone();
+  MatrixXd motion_step(VectorXd& variance) const;
+  /// `least_gain`: of the criterion.
+  bool estimate_colour(double least_gain);
+  bool estimate_tone(double least_gain);
+  bool estimate_brightness();
+  struct Brightness;
+  Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene,
+                              bool with_room) const;
+  VectorXd solve_channel_gain(int channel, const MatrixXf& y) const;
+  double criterion_of(const std::array<MatrixXf, 3>& y) const;
   RigReport report() const;
 
   int frames_;
@@ -544,6 +577,28 @@ void RigEstimation::choose_way() {
   use_exponents();
 }
 
+void RigEstimation::scale(Tile& tile) const {
+  std::array<AlignedFloats, 3> factors;
+  for (int c = 0; c < 3; ++c) {
+    factors[c].assign(tile.stride, 0.0f);
+    for (Index i = 0; i < images_; ++i)
+      factors[c][i] = static_cast<float>(1.0 / model_.gain[static_cast<std::size_t>(chosen_[i])][c]);
+  }
+  for (std::size_t k = 0; k < tile.values.size(); k += tile.stride) {
+    const AlignedFloats& factor = factors[k / tile.stride % 3];
+    for (std::size_t j = 0; j < tile.stride; ++j) tile.values[k + j] *= factor[j];
+  }
+}
+
+void RigEstimation::subtract_room(Tile& tile, int x, int y) const {
+  double sum = 0.0;
+  for (int c = 0; c < 3; ++c) sum += std::accumulate(tile.at(x, y, c), tile.at(x, y, c) + images_, 0.0);
+  const double mean = sum / static_cast<double>(3 * images_);
+  for (int c = 0; c < 3; ++c)
+    for (Index i = 0; i < images_; ++i)
+      tile.at(x, y, c)[i] -= static_cast<float>(model_.room[static_cast<std::size_t>(chosen_[i])] * mean);
+}
+
 /// `from` moved back by shift [images × 2].
 void move_back(const Tile& from, const MatrixXd& shift, int picture_width, Tile& to);
 
@@ -557,7 +612,8 @@ void RigEstimation::prepare() {
     else
       current_[t].values = original_[t].values;
     Tile& tile = current_[t];
-    if (!model_.mixes_colours()) return;
+    if (!model_.gain.empty()) scale(tile);
+    if (!model_.mixes_colours() && model_.room.empty()) return;
     for (int y = 0; y < tile.height; ++y)
       for (int x = 0; x < tile.width; ++x) {
         float *r = tile.at(x, y, 0), *g = tile.at(x, y, 1), *b = tile.at(x, y, 2);
@@ -567,6 +623,7 @@ void RigEstimation::prepare() {
           g[j] = unmix.row(1).dot(value);
           b[j] = unmix.row(2).dot(value);
         }
+        if (!model_.room.empty()) subtract_room(tile, x, y);
       }
   });
 }
@@ -725,8 +782,9 @@ MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index 
 }
 
 /// One Gauss-Newton step for the shifts of all photographs: minimises Σ w ‖A (B + d ∘ G)‖² over d, in which
-/// the normal matrix is (AᵀA) ∘ (G W Gᵀ), element by element. [images × 2], mean 0.
-MatrixXd RigEstimation::motion_step() const {
+/// the normal matrix is (AᵀA) ∘ (G W Gᵀ), element by element. [images × 2], mean 0. `variance`: of each
+/// photograph's shift, up to a common factor.
+MatrixXd RigEstimation::motion_step(VectorXd& variance) const {
   std::vector<Tile> smooth;
   for (const Tile& tile : current_) smooth.push_back(smoothed(tile));
   MatrixXd normal = MatrixXd::Zero(2 * images_, 2 * images_);
@@ -750,7 +808,9 @@ MatrixXd RigEstimation::motion_step() const {
     }
   }
   normal.diagonal().array() += 1e-6 * normal.trace() / static_cast<double>(normal.rows()) + 1e-20;
-  const VectorXd step = solve_symmetric(normal, right);
+  const MatrixXd covariance = inverse(normal);
+  const VectorXd step = covariance * right;
+  variance = covariance.diagonal().head(images_) + covariance.diagonal().tail(images_);
   MatrixXd result(images_, 2);
   result.col(0) = step.head(images_);
   result.col(1) = step.tail(images_);
@@ -761,15 +821,16 @@ MatrixXd RigEstimation::motion_step() const {
 bool RigEstimation::estimate_motion(int round) {
   if (round > 0 && path_.kind == CapturePath::Kind::rest) return false;
   MatrixXd measured = shift_;
+  VectorXd variance;
   for (int step = 0; step < max_steps; ++step) {
-    const MatrixXd change = motion_step();
+    const MatrixXd change = motion_step(variance);
     measured += change;
     if (measured.cwiseAbs().maxCoeff() > max_shift_px) {
       measured = MatrixXd::Zero(images_, 2);
       break;
     }
     if (step == 0 && round == 0) {
-      path_ = choose_path(measured, chosen_, frames_, shift_floor_px);
+      path_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
       if (path_.kind == CapturePath::Kind::rest || path_.values.cwiseAbs().maxCoeff() < min_motion_px / 2) {
         path_.kind = CapturePath::Kind::rest;
         return false;
@@ -779,7 +840,7 @@ bool RigEstimation::estimate_motion(int round) {
     prepare();
     if (change.cwiseAbs().maxCoeff() < small_step_px) break;
   }
-  path_ = choose_path(measured, chosen_, frames_, shift_floor_px);
+  path_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
   if (path_.values.cwiseAbs().maxCoeff() < min_motion_px) path_.kind = CapturePath::Kind::rest;
   if (path_.kind == CapturePath::Kind::rest) path_.values.setZero();
   shift_ = path_.values(chosen_, Eigen::all);
@@ -792,7 +853,7 @@ bool RigEstimation::estimate_motion(int round) {
 
 /// Newton's method for the weights of the camera's channels that give a primary, by the criterion's power of
 /// residual over power, both quadratic forms of the weights.
-bool RigEstimation::estimate_colour() {
+bool RigEstimation::estimate_colour(double least_gain) {
   std::array<MatrixXf, 3> y;
   for (int c = 0; c < 3; ++c) y[c] = series(c);
   const Index pixels = y[0].cols();
@@ -845,7 +906,7 @@ bool RigEstimation::estimate_colour() {
   const double largest = (mixing - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (!mixing.allFinite() || largest > 1.0) return false;
   const bool had = model_.mixes_colours();
-  if (!had && (largest < min_mixing || better_groups < groups - 1)) return false;
+  if (!had && (largest < min_mixing || better_groups < groups - 1 || gain < least_gain)) return false;
   const double change = (mixing - model_.mixing).cwiseAbs().maxCoeff();
   model_.mixing = mixing;
   if (largest < min_mixing) model_.mixing.setIdentity();
@@ -854,7 +915,7 @@ bool RigEstimation::estimate_colour() {
 }
 
 /// The exponent of each channel by a parabola through the criterion at five.
-bool RigEstimation::estimate_tone() {
+bool RigEstimation::estimate_tone(double least_gain) {
   constexpr int groups = 8;
   std::array<double, 3> found{};
   std::array<int, 3> better_groups{};
@@ -873,7 +934,8 @@ bool RigEstimation::estimate_tone() {
       if (std::abs(move) < 0.5 * width) break;
     }
     found[c] = centre;
-    if (std::abs(centre - 1.0) < min_exponent) return;
+    if (std::abs(centre - 1.0) < min_exponent || (least_gain > 0.0 && at(1.0) - at(centre) < least_gain))
+      return;
     const MatrixXf bent = predictors_.leave_one_out(c, centre) * values,
                    straight = predictors_.leave_one_out(c, 1.0) * values;
     for (int g = 0; g < groups; ++g) {
@@ -892,6 +954,152 @@ bool RigEstimation::estimate_tone() {
   }
   if (change > 0.0) use_exponents();
   return change > 1e-3;
+}
+
+struct RigEstimation::Brightness {
+  VectorXd gain, room, room_variance;  ///< [images]: relative to 1, mean 0; share of the scene, mean 0
+};
+
+double RigEstimation::criterion_of(const std::array<MatrixXf, 3>& y) const {
+  return (criterion(leave_one_out_[0], y[0]) + criterion(leave_one_out_[1], y[1]) +
+          criterion(leave_one_out_[2], y[2])) /
+         3.0;
+}
+
+/// Least squares of ‖A (y − gain ∘ y − room · scene)‖² with the expected size of both as prior.
+RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<MatrixXf, 3>& y,
+                                                          const Eigen::VectorXf& scene,
+                                                          bool with_room) const {
+  const Index parts = with_room ? 2 : 1;
+  MatrixXd normal = MatrixXd::Zero(parts * images_, parts * images_);
+  VectorXd right = VectorXd::Zero(parts * images_);
+  for (int c = 0; c < 3; ++c) {
+    const MatrixXf& a = leave_one_out_[c];
+    const MatrixXf residual = a * y[c], squared = a.transpose() * a, pull = a.transpose() * residual;
+    const Eigen::VectorXf weights =
+        (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f)
+            .inverse();
+    const std::array<MatrixXf, 2> by{y[c], scene.transpose().replicate(images_, 1)};
+    for (Index i = 0; i < parts; ++i) {
+      const MatrixXf weighted = by[i] * weights.asDiagonal();
+      right.segment(i * images_, images_) += weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
+      for (Index k = 0; k < parts; ++k)
+        normal.block(i * images_, k * images_, images_, images_) +=
+            squared.cwiseProduct(MatrixXf(weighted * by[k].transpose())).cast<double>();
+    }
+  }
+  const double share = independent_pixels / static_cast<double>(y[0].cols());
+  normal *= share;
+  normal.diagonal().array() += 1.0 / (expected_gain * expected_gain);
+  Brightness found;
+  if (!with_room) {
+    found.gain = solve_symmetric(normal, share * right);
+    found.gain.array() -= found.gain.mean();
+    return found;
+  }
+  const MatrixXd covariance = inverse(normal);
+  const VectorXd solution = covariance * (share * right);
+  found.gain = solution.head(images_);
+  found.gain.array() -= found.gain.mean();
+  found.room = solution.tail(images_);
+  found.room.array() -= found.room.mean();
+  found.room_variance = covariance.diagonal().tail(images_);
+  return found;
+}
+
+/// Gains of each photograph and channel, and room light, which changes along a path. Both change the
+/// brightness: room light is taken where its few parameters explain as much.
+bool RigEstimation::estimate_brightness() {
+  const auto gain_before = model_.gain;
+  const auto room_before = model_.room;
+  model_.gain.clear();
+  model_.room.clear();
+  prepare();
+  std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
+  const Eigen::VectorXf scene =
+      (y[0].colwise().mean() + y[1].colwise().mean() + y[2].colwise().mean()).transpose() / 3.0f;
+  const double start = criterion_of(y);
+  // Room light: its changes by the joint solution, its mean by the constants that pixels have.
+  const Brightness joint = solve_brightness(y, scene, true);
+  const CapturePath path = choose_path(joint.room, joint.room_variance, chosen_, frames_, room_floor);
+  VectorXd room = path.values.col(0);
+  room.array() -= room(chosen_).mean();
+  double product = 0.0, power = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    const Eigen::VectorXf constants = predictors_.constants(c, model_.tone[c], y[c]);
+    const Eigen::VectorXf weights =
+        ((leave_one_out_[c] * y[c]).colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
+    product += weights.cwiseProduct(constants).dot(scene);
+    power += weights.cwiseProduct(scene).dot(scene);
+  }
+  const double mean_room = power > 0.0 ? product / power : 0.0;
+  const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
+  std::array<MatrixXf, 3> dark = y;
+  for (auto& channel : dark) channel -= room(chosen_).cast<float>() * scene.transpose();
+  const VectorXd gain_alone = solve_brightness(y, scene, false).gain;
+  std::array<MatrixXf, 3> even = y;
+  for (auto& channel : even) channel.array().colwise() *= (1.0 - gain_alone.array()).cast<float>();
+  const double by_gain = start - criterion_of(even), by_room = start - criterion_of(dark);
+  const bool changes = change > min_room_change && by_room > std::max(min_brightness_gain / 2, 0.5 * by_gain);
+  const bool shines = changes || std::abs(mean_room) > min_room;
+  std::fprintf(stderr, "room path %d change %.4f mean %.4f by_gain %.4f by_room %.4f sd gain %.4f\n",
+               static_cast<int>(path.kind), change, mean_room, by_gain, by_room,
+               std::sqrt(gain_alone.squaredNorm() / images_));
+  if (shines) {
+    for (int j = 0; j < frames_; ++j) model_.room.push_back(mean_room + (changes ? room[j] : 0.0));
+    if (changes) y = dark;
+  }
+  // Gains: of all channels, and what each channel has besides.
+  const double before_gain = criterion_of(y);
+  const VectorXd common = solve_brightness(y, scene, false).gain;
+  std::array<MatrixXf, 3> corrected = y;
+  for (auto& channel : corrected) channel.array().colwise() *= (1.0 - common.array()).cast<float>();
+  const bool gains = before_gain - criterion_of(corrected) > min_brightness_gain;
+  if (gains) y = corrected;
+  MatrixXd of_channel(images_, 3);
+  for (int c = 0; c < 3; ++c) {
+    of_channel.col(c) = solve_channel_gain(c, y[c]);
+  }
+  const VectorXd mean_gain = of_channel.rowwise().mean();
+  of_channel.colwise() -= mean_gain;
+  corrected = y;
+  for (int c = 0; c < 3; ++c)
+    corrected[c].array().colwise() *= (1.0 - of_channel.col(c).array()).cast<float>();
+  const double by_balance = criterion_of(y) - criterion_of(corrected);
+  std::fprintf(stderr, "gain %.4f balance %.4f sd %.4f\n",
+               before_gain - criterion_of(std::array<MatrixXf, 3>{y}), by_balance,
+               std::sqrt(of_channel.squaredNorm() / images_ / 3));
+  const bool balances = by_balance > min_white_balance_gain;
+  if (gains || balances) {
+    model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
+    for (Index i = 0; i < images_; ++i)
+      for (int c = 0; c < 3; ++c)
+        model_.gain[static_cast<std::size_t>(chosen_[i])][c] =
+            1.0 / ((1.0 - (gains ? common[i] : 0.0)) * (1.0 - (balances ? of_channel(i, c) : 0.0)));
+  }
+  prepare();
+  if (gain_before.size() != model_.gain.size() || room_before.size() != model_.room.size()) return true;
+  double largest = 0.0;
+  for (std::size_t j = 0; j < model_.gain.size(); ++j)
+    for (int c = 0; c < 3; ++c) largest = std::max(largest, std::abs(model_.gain[j][c] - gain_before[j][c]));
+  for (std::size_t j = 0; j < model_.room.size(); ++j)
+    largest = std::max(largest, std::abs(model_.room[j] - room_before[j]));
+  return largest > 1e-3;
+}
+
+VectorXd RigEstimation::solve_channel_gain(int c, const MatrixXf& y) const {
+  const MatrixXf& a = leave_one_out_[c];
+  const MatrixXf residual = a * y, squared = a.transpose() * a, pull = a.transpose() * residual;
+  const Eigen::VectorXf weights =
+      (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f).inverse();
+  const MatrixXf weighted = y * weights.asDiagonal();
+  const double share = independent_pixels / static_cast<double>(y.cols());
+  MatrixXd normal = share * squared.cwiseProduct(MatrixXf(weighted * y.transpose())).cast<double>();
+  normal.diagonal().array() += 1.0 / (expected_gain * expected_gain);
+  const VectorXd right = share * weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
+  VectorXd gain = solve_symmetric(normal, right);
+  gain.array() -= gain.mean();
+  return gain;
 }
 
 RigReport RigEstimation::report() const {
@@ -933,6 +1141,15 @@ RigReport RigEstimation::report() const {
                 t[1], t[2]);
   add("tone", model_.bends_tone(), std::max({std::abs(t[0] - 1), std::abs(t[1] - 1), std::abs(t[2] - 1)}),
       model_.bends_tone() ? text : "the light follows its maps");
+  double most = 0.0;
+  for (const auto& gain : model_.gain)
+    for (const double of : gain) most = std::max(most, std::abs(of - 1.0));
+  std::snprintf(text, sizeof text, "the brightness of photographs is off by up to %.1f %%", 100.0 * most);
+  add("gain", !model_.gain.empty(), most, model_.gain.empty() ? "photographs are equally exposed" : text);
+  most = 0.0;
+  for (const double room : model_.room) most = std::max(most, std::abs(room));
+  std::snprintf(text, sizeof text, "room light of up to %.1f %% of the mean photograph", 100.0 * most);
+  add("room light", !model_.room.empty(), most, model_.room.empty() ? "none was found" : text);
   return report;
 }
 
