@@ -417,12 +417,12 @@ constexpr double shift_floor_px = 0.005, min_motion_px = 0.03;
 /// Undisturbed captures show mixing of up to .005, exponents of .997 to 1.003.
 constexpr double min_mixing = 0.015, min_exponent = 0.01;
 /// Gains of each photograph on their own lower the criterion by less than that.
-constexpr double strong_colour_gain = 0.15, strong_tone_gain = 0.03;
+constexpr double strong_colour_gain = 0.15, strong_tone_gain = 0.006;
 /// Gains and room light are expected to be of that size, and pixels count as that many independent ones:
-/// the predictor's errors are common to all pixels.
-constexpr double expected_gain = 0.01, independent_pixels = 67.0;
+/// the predictor's errors are common to all pixels, and in part to all channels.
+constexpr double expected_gain = 0.01, expected_balance = 0.02, independent_pixels = 67.0;
 /// The criterion falls by up to .02 when gains are fitted to undisturbed captures.
-constexpr double min_brightness_gain = 0.04, min_white_balance_gain = 0.02;
+constexpr double min_brightness_gain = 0.04, min_white_balance_gain = 0.02, min_room_gain = 0.015;
 /// Of room light: mean share, and standard deviation over the photographs. Undisturbed: .003 and .001.
 constexpr double min_room = 0.008, min_room_change = 0.002, room_floor = 0.001;
 /// Beyond that many pixels photographs are not comparable at all.
@@ -457,8 +457,11 @@ class RigEstimation {
     for (int round = 0; round < max_alternations; ++round) {
       bool changed = estimate_motion(round);
       if (round == 0) {  // what is strong first: it looks like gains of each photograph
-        estimate_colour(strong_colour_gain);
-        estimate_tone(strong_tone_gain);
+        for (int k = 0; k < 3; ++k) {
+          const bool mixes = estimate_colour(strong_colour_gain), bends = estimate_tone(strong_tone_gain);
+          if (!mixes && !bends) break;
+          changed = true;
+        }
       }
       changed = estimate_brightness() || changed;
       changed = estimate_colour(0.0) || changed;
@@ -486,7 +489,7 @@ class RigEstimation {
   double total_criterion() const;
   bool estimate_motion(int round);
   MatrixXd motion_step(VectorXd& variance) const;
-  /// `least_gain`: of the criterion.
+  /// `least_gain`: of the criterion, of the tone curve in each channel.
   bool estimate_colour(double least_gain);
   bool estimate_tone(double least_gain);
   bool estimate_brightness();
@@ -906,6 +909,7 @@ bool RigEstimation::estimate_colour(double least_gain) {
   const double largest = (mixing - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (!mixing.allFinite() || largest > 1.0) return false;
   const bool had = model_.mixes_colours();
+  std::fprintf(stderr, "colour largest %.4f gain %.4f groups %d least %.3f\n", largest, gain, better_groups, least_gain);
   if (!had && (largest < min_mixing || better_groups < groups - 1 || gain < least_gain)) return false;
   const double change = (mixing - model_.mixing).cwiseAbs().maxCoeff();
   model_.mixing = mixing;
@@ -917,7 +921,7 @@ bool RigEstimation::estimate_colour(double least_gain) {
 /// The exponent of each channel by a parabola through the criterion at five.
 bool RigEstimation::estimate_tone(double least_gain) {
   constexpr int groups = 8;
-  std::array<double, 3> found{};
+  std::array<double, 3> found{}, gains{};
   std::array<int, 3> better_groups{};
   tbb::parallel_for(0, 3, [&](int c) {
     const MatrixXf values = series(c);
@@ -934,8 +938,8 @@ bool RigEstimation::estimate_tone(double least_gain) {
       if (std::abs(move) < 0.5 * width) break;
     }
     found[c] = centre;
-    if (std::abs(centre - 1.0) < min_exponent || (least_gain > 0.0 && at(1.0) - at(centre) < least_gain))
-      return;
+    gains[c] = at(1.0) - at(centre);
+    if (std::abs(centre - 1.0) < min_exponent) return;
     const MatrixXf bent = predictors_.leave_one_out(c, centre) * values,
                    straight = predictors_.leave_one_out(c, 1.0) * values;
     for (int g = 0; g < groups; ++g) {
@@ -945,6 +949,9 @@ bool RigEstimation::estimate_tone(double least_gain) {
       better_groups[c] += better > 0.0;
     }
   });
+  std::fprintf(stderr, "tone %.4f %.4f %.4f gains %.4f %.4f %.4f groups %d %d %d least %.3f\n", found[0], found[1], found[2], gains[0], gains[1], gains[2], better_groups[0], better_groups[1], better_groups[2], least_gain);
+  if (least_gain > 0.0 && std::ranges::any_of(gains, [&](double gain) { return gain < least_gain; }))
+    return false;
   double change = 0.0;
   for (int c = 0; c < 3; ++c) {
     const bool bends = std::abs(found[c] - 1.0) >= min_exponent && better_groups[c] >= groups - 1;
@@ -1040,7 +1047,7 @@ bool RigEstimation::estimate_brightness() {
   std::array<MatrixXf, 3> even = y;
   for (auto& channel : even) channel.array().colwise() *= (1.0 - gain_alone.array()).cast<float>();
   const double by_gain = start - criterion_of(even), by_room = start - criterion_of(dark);
-  const bool changes = change > min_room_change && by_room > std::max(min_brightness_gain / 2, 0.5 * by_gain);
+  const bool changes = change > min_room_change && by_room > min_room_gain;
   const bool shines = changes || std::abs(mean_room) > min_room;
   std::fprintf(stderr, "room path %d change %.4f mean %.4f by_gain %.4f by_room %.4f sd gain %.4f\n",
                static_cast<int>(path.kind), change, mean_room, by_gain, by_room,
@@ -1095,7 +1102,7 @@ VectorXd RigEstimation::solve_channel_gain(int c, const MatrixXf& y) const {
   const MatrixXf weighted = y * weights.asDiagonal();
   const double share = independent_pixels / static_cast<double>(y.cols());
   MatrixXd normal = share * squared.cwiseProduct(MatrixXf(weighted * y.transpose())).cast<double>();
-  normal.diagonal().array() += 1.0 / (expected_gain * expected_gain);
+  normal.diagonal().array() += 1.0 / (expected_balance * expected_balance);
   const VectorXd right = share * weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
   VectorXd gain = solve_symmetric(normal, right);
   gain.array() -= gain.mean();
