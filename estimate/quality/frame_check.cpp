@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <stdexcept>
 
 #include "core/base/errors.h"
@@ -60,10 +61,8 @@ struct FrameEvidence {
   }
 };
 
-/// Puts the rig's model to the frames; those that lose their light map are left out.
+/// Corrects the frames for the rig.
 void correct(EstimateJob& job, const RigModel& rig, FrameReport& report) {
-  std::vector<std::string> names;
-  for (const CaptureFrame& frame : job.frames) names.push_back(frame.name);
   apply_rig(rig, job.session.height, job.frames);
   job.session.frames = job.frames;
   job.rig = rig;
@@ -150,7 +149,29 @@ nlohmann::json json_of(const std::vector<LeftOutFrame>& frames) {
   return list;
 }
 
-std::vector<LeftOutFrame> frames_from(const nlohmann::json& list, const EstimateJob& job) {
+nlohmann::json json_of(const std::vector<RigFinding>& findings) {
+  auto list = nlohmann::json::array();
+  for (const RigFinding& finding : findings)
+    list.push_back({{"effect", finding.effect},
+                    {"state", static_cast<int>(finding.state)},
+                    {"amount", finding.amount},
+                    {"measured", finding.measured},
+                    {"residual_before", finding.residual_before},
+                    {"residual_after", finding.residual_after}});
+  return list;
+}
+
+std::vector<RigFinding> findings_from(const nlohmann::json& list) {
+  std::vector<RigFinding> findings;
+  for (const auto& entry : list)
+    findings.push_back({entry.at("effect"), static_cast<RigFinding::State>(entry.at("state").get<int>()),
+                        entry.at("amount"), entry.at("measured"), entry.at("residual_before"),
+                        entry.at("residual_after")});
+  return findings;
+}
+
+std::vector<LeftOutFrame> frames_from(const nlohmann::json& list,
+                                      std::span<const CaptureFrame> frames_there) {
   std::vector<LeftOutFrame> frames;
   for (const auto& entry : list) {
     OutlierFrame found;
@@ -163,7 +184,8 @@ std::vector<LeftOutFrame> frames_from(const nlohmann::json& list, const Estimate
     entry.at("x").get_to(found.x);
     entry.at("y").get_to(found.y);
     // By number: a name need not be UTF-8.
-    frames.push_back({job.frames.at(found.frame).name, entry.at("why"), found});
+    if (found.frame < 0 || found.frame >= std::ssize(frames_there)) throw std::out_of_range("frame");
+    frames.push_back({frames_there[found.frame].name, entry.at("why"), found});
   }
   return frames;
 }
@@ -181,8 +203,12 @@ std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, co
   const auto json = nlohmann::json::parse(read_text(file));
   if (json.at("job") != key) return std::nullopt;
   FrameCheck check;
-  check.report.left_out = frames_from(json.at("left_out"), job);
-  check.report.doubtful = frames_from(json.at("doubtful"), job);
+  check.report.rig.model = rig_from_text(json_text(json.at("rig")), file.string());
+  check.report.rig.findings = findings_from(json.at("rig_findings"));
+  std::vector<CaptureFrame> frames = job.frames;
+  apply_rig(check.report.rig.model, job.session.height, frames);
+  check.report.left_out = frames_from(json.at("left_out"), frames);
+  check.report.doubtful = frames_from(json.at("doubtful"), frames);
   json.at("typical_residual").get_to(check.report.typical_residual);
   json.at("mean_square").get_to(check.mean_square);
   const auto& noise = json.at("noise");
@@ -191,12 +217,14 @@ std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, co
   noise.at("samples_per_image").get_to(check.noise.samples_per_image);
   noise.at("image_weights").get_to(check.noise.image_weights);
   const std::size_t weights = check.noise.image_weights.size();
-  const bool fits = weights == 0 || weights + check.report.left_out.size() == job.frames.size();
+  const bool fits = weights == 0 || weights + check.report.left_out.size() == frames.size();
   if (!fits || check.noise.log_level.size() != check.noise.log_variance.size()) return std::nullopt;
   return check;
 } catch (const nlohmann::json::exception&) {
   return std::nullopt;
 } catch (const std::out_of_range&) {
+  return std::nullopt;
+} catch (const InputError&) {  // not a rig model of this capture
   return std::nullopt;
 }
 
@@ -235,14 +263,18 @@ std::string frame_check_key(const EstimateJob& job, const EstimateOptions& optio
   auto gains = nlohmann::json::array();
   if (job.drift.significant)
     for (const CaptureFrame& frame : job.frames) gains.push_back(frame.gain);
-  return job_key(job, options) +
-         json_text(nlohmann::json{
-             {"keep_outliers", options.keep_outliers}, {"keep_drift", options.keep_drift}, {"gains", gains}});
+  return job_key(job, options) + json_text(nlohmann::json{{"keep_outliers", options.keep_outliers},
+                                                          {"keep_drift", options.keep_drift},
+                                                          {"keep_rig", options.keep_rig},
+                                                          {"rig", options.rig ? rig_text(*options.rig) : ""},
+                                                          {"gains", gains}});
 }
 
 std::string frame_check_text(const EstimateJob& job, const FrameReport& report, const std::string& key) {
   // Numbers are written with all digits that they need to be read back to the bit.
   const nlohmann::ordered_json json = {{"job", key},
+                                       {"rig", nlohmann::json::parse(rig_text(report.rig.model))},
+                                       {"rig_findings", json_of(report.rig.findings)},
                                        {"left_out", json_of(report.left_out)},
                                        {"doubtful", json_of(report.doubtful)},
                                        {"typical_residual", report.typical_residual},
@@ -261,6 +293,9 @@ FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
   if (auto check = read_frame_check(file, job, key)) {
     check->report.drift = job.drift;
     log_drift(job.drift, run);
+    if (!check->report.rig.model.is_identity())
+      correct(job, RigModel(check->report.rig.model), check->report);
+    log_rig(check->report.rig, run);
     log_frames(check->report, job.frames.size(), run);
     job.mean_square = check->mean_square;
     job.noise = std::move(check->noise);

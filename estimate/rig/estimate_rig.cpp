@@ -10,9 +10,11 @@
 #include <cstdio>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include "core/base/aligned_memory.h"
 #include "core/base/linear_algebra.h"
+#include "core/base/rng.h"
 #include "estimate/fit/vector_kernels.h"
 #include "estimate/job/observations.h"
 #include "estimate/rig/camera_path.h"
@@ -76,41 +78,54 @@ class LightPredictors {
   void use(std::size_t way) {
     if (way == way_) return;
     way_ = way;
-    for (int c = 0; c < 3; ++c)
-      for (int k = 0; k < 3; ++k) {
-        const MatrixXd all = blurred(lights_.of_channel[c][k], lights_.columns, lights_.rows, ways[way].blur);
-        blurred_[c][k] = all(chosen_, Eigen::all);
-      }
+    blur(0, 1);
+    has_exponents_ = false;
+  }
+
+  /// Before exponents other than 1.
+  void prepare_exponents() {
+    if (!has_exponents_) blur(1, 3);
+    has_exponents_ = true;
   }
 
   /// A [images × images]: A b is what each sample of a series b is more than the others predict of it. Pixels
   /// have a constant of their own: room light that does not change must not look like a tone curve.
-  MatrixXf leave_one_out(int channel, double exponent) const {
-    const MatrixXd inverse = inverse_of(channel, exponent);
+  MatrixXf leave_one_out(int channel, double exponent, bool with_constant = true) const {
+    const MatrixXd inverse = inverse_of(channel, exponent, with_constant);
     return (inverse.array().colwise() / inverse.diagonal().array()).cast<float>();
   }
 
   /// The constant of each series (column).
   Eigen::VectorXf constants(int channel, double exponent, const MatrixXf& series) const {
-    const Eigen::RowVectorXf sums = inverse_of(channel, exponent).colwise().sum().cast<float>();
+    const Eigen::RowVectorXf sums = inverse_of(channel, exponent, true).colwise().sum().cast<float>();
     return (sums * series).transpose();
   }
 
  private:
-  MatrixXd inverse_of(int channel, double exponent) const {
+  void blur(int first, int last) {
+    for (int c = 0; c < 3; ++c)
+      for (int k = first; k < last; ++k) {
+        const MatrixXd all =
+            blurred(lights_.of_channel[c][k], lights_.columns, lights_.rows, ways[way_].blur);
+        blurred_[c][k] = all(chosen_, Eigen::all);
+      }
+  }
+
+  MatrixXd inverse_of(int channel, double exponent, bool with_constant) const {
     const auto& of = blurred_[channel];
     const double e = exponent - 1.0;
     const MatrixXd features = e == 0.0 ? of[0] : of[0] + e * of[1] + 0.5 * e * e * of[2];
     MatrixXd gram = features * features.transpose();
     const double mean = gram.trace() / static_cast<double>(gram.rows());
     if (mean > 0.0) gram /= mean;
-    gram.array() += 1.0;
+    if (with_constant) gram.array() += 1.0;
     return ridge_inverse(gram, ways[way_].ridge);
   }
 
   const LightFeatures& lights_;
   std::vector<int> chosen_;
   std::size_t way_ = ways.size();
+  bool has_exponents_ = false;
   std::array<Blurred, 3> blurred_;
 };
 
@@ -121,6 +136,24 @@ double criterion(const MatrixXf& leave_one_out, const MatrixXf& series) {
   for (Index p = 0; p < series.cols(); ++p)
     sum += std::log((residual.col(p).squaredNorm() + 1e-20) / (series.col(p).squaredNorm() + 1e-20));
   return sum / static_cast<double>(std::max<Index>(1, series.cols()));
+}
+
+/// Whether photographs agree that residuals `after` [channel][images × pixels] are smaller than `before`:
+/// mean over its standard error of the logarithm of their powers' ratio. A few photographs that gain much
+/// show nothing.
+double agreement(const std::array<MatrixXf, 3>& before, const std::array<MatrixXf, 3>& after) {
+  Eigen::ArrayXd gains = Eigen::ArrayXd::Zero(before[0].rows());
+  for (int c = 0; c < 3; ++c) {
+    const Eigen::VectorXf weights =
+        (before[c].colwise().squaredNorm().array() + 1e-20f).inverse().transpose();
+    const MatrixXf old_squares = before[c].cwiseAbs2(), new_squares = after[c].cwiseAbs2();
+    const Eigen::VectorXf old_power = old_squares * weights, new_power = new_squares * weights;
+    gains += ((old_power.array() + 1e-12f) / (new_power.array() + 1e-12f)).log().cast<double>();
+  }
+  const auto count = static_cast<double>(gains.size());
+  const double mean = gains.mean();
+  const double variance = (gains - mean).square().sum() / (count - 1.0);
+  return variance > 0.0 ? mean / std::sqrt(variance / count) : 0.0;
 }
 
 /// Relative root mean square of a residual whose criterion, mean over the channels, is `value`.
@@ -216,8 +249,8 @@ constexpr int max_later_offset = 2;
 /// Logarithm of the residual's power that another pairing must gain: 2 is a factor of 2.7 in the residual.
 /// Wrong offsets of cycles-b gain nothing, right ones 4.7.
 constexpr double pairing_gain = 0.7;
-/// Residual from which the pairing is in doubt: right pairs of cycles-b leave .04, wrong ones .5.
-constexpr double doubtful_residual = 0.2;
+/// Pairs that are not so much better than random ones are in doubt: those of cycles-b gain 4.7.
+constexpr double doubtful_gain = 1.5;
 
 std::string offset_text(int offset) {
   return std::string("the light of ") + std::to_string(std::abs(offset)) +
@@ -248,7 +281,10 @@ std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sa
     best = candidate;
     how = text;
   };
-  doubtful = doubtful || relative(before) > doubtful_residual;
+  std::vector<int> mixed_up = as_paired;
+  Rng rng(static_cast<std::uint64_t>(sample.images));
+  for (std::size_t j = mixed_up.size() - 1; j > 0; --j) std::swap(mixed_up[j], mixed_up[rng.below(j + 1)]);
+  doubtful = doubtful || search.score(mixed_up) - before < doubtful_gain;
   const int farthest = doubtful ? sample.images / 2 : max_offset;
   for (int offset = -farthest; offset <= farthest; ++offset)
     if (offset != 0)
@@ -415,16 +451,26 @@ constexpr double small_step_px = 0.002;
 /// and paths that stay within the other are no motion.
 constexpr double shift_floor_px = 0.005, min_motion_px = 0.03;
 /// Undisturbed captures show mixing of up to .005, exponents of .997 to 1.003.
-constexpr double min_mixing = 0.015, min_exponent = 0.01;
-/// Gains of each photograph on their own lower the criterion by less than that.
-constexpr double strong_colour_gain = 0.15, strong_tone_gain = 0.006;
-/// Gains and room light are expected to be of that size, and pixels count as that many independent ones:
-/// the predictor's errors are common to all pixels, and in part to all channels.
-constexpr double expected_gain = 0.01, expected_balance = 0.02, independent_pixels = 67.0;
-/// The criterion falls by up to .02 when gains are fitted to undisturbed captures.
-constexpr double min_brightness_gain = 0.04, min_white_balance_gain = 0.02, min_room_gain = 0.015;
-/// Of room light: mean share, and standard deviation over the photographs. Undisturbed: .003 and .001.
-constexpr double min_room = 0.008, min_room_change = 0.002, room_floor = 0.001;
+constexpr double min_mixing = 0.01, max_mixing = 0.8, min_exponent = 0.01;
+/// Twice the logarithm of the likelihood, of one independent pixel, that mixing, a tone curve or room light
+/// must gain. Undisturbed captures gain up to .6, those with gains that are not yet known 1.6, a tone curve
+/// of 1.03 and mixing of 2 % gain more than 8.
+constexpr double min_evidence = 5.0;
+/// Gains are expected to be of that size, and pixels count as that many independent ones: the predictor's
+/// errors are common to all pixels.
+constexpr double expected_gain = 0.01, no_balance = 0.001, independent_pixels = 67.0;
+/// What gains must gain of the criterion, and their standard deviation. Undisturbed: .023 and .005.
+constexpr double min_gain_gain = 0.04, min_gain = 0.0085;
+/// The same for gains that channels have besides.
+constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
+/// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
+/// 0.
+/// Undisturbed captures show less than 1.
+constexpr double min_agreement = 2.2;
+/// Room light that does not change: 1 % agrees to .5 that pixels have constants, undisturbed captures to -6 to -2.
+constexpr double min_room_agreement = 0.3;
+constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
+constexpr double room_floor = 0.001;
 /// Beyond that many pixels photographs are not comparable at all.
 constexpr double max_shift_px = 4.0;
 
@@ -455,18 +501,11 @@ class RigEstimation {
     choose_way();
     before_ = total_criterion();
     for (int round = 0; round < max_alternations; ++round) {
-      bool changed = estimate_motion(round);
-      if (round == 0) {  // what is strong first: it looks like gains of each photograph
-        for (int k = 0; k < 3; ++k) {
-          const bool mixes = estimate_colour(strong_colour_gain), bends = estimate_tone(strong_tone_gain);
-          if (!mixes && !bends) break;
-          changed = true;
-        }
-      }
-      changed = estimate_brightness() || changed;
-      changed = estimate_colour(0.0) || changed;
-      changed = estimate_tone(0.0) || changed;
-      if (!changed) break;
+      const bool moved = estimate_motion(round);
+      const bool bent = estimate_colour_and_tone();
+      const bool brighter = estimate_brightness();
+      if (!moved && !brighter && (round > 0 || !bent)) break;
+      if (brighter) estimate_colour_and_tone();
     }
     return report();
   }
@@ -489,14 +528,15 @@ class RigEstimation {
   double total_criterion() const;
   bool estimate_motion(int round);
   MatrixXd motion_step(VectorXd& variance) const;
-  /// `least_gain`: of the criterion, of the tone curve in each channel.
-  bool estimate_colour(double least_gain);
-  bool estimate_tone(double least_gain);
+  bool estimate_colour_and_tone();
+  void estimate_colour();
+  std::array<double, 3> best_exponents();
+  std::array<MatrixXf, 3> relative_residuals() const;
   bool estimate_brightness();
   struct Brightness;
-  Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene,
-                              bool with_room) const;
-  VectorXd solve_channel_gain(int channel, const MatrixXf& y) const;
+  Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
+  double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
+  MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
   RigReport report() const;
 
@@ -823,6 +863,7 @@ MatrixXd RigEstimation::motion_step(VectorXd& variance) const {
 
 bool RigEstimation::estimate_motion(int round) {
   if (round > 0 && path_.kind == CapturePath::Kind::rest) return false;
+  const MatrixXd before = shift_;
   MatrixXd measured = shift_;
   VectorXd variance;
   for (int step = 0; step < max_steps; ++step) {
@@ -851,120 +892,210 @@ bool RigEstimation::estimate_motion(int round) {
   if (path_.kind != CapturePath::Kind::rest)
     for (int j = 0; j < frames_; ++j) model_.shift_px.push_back({path_.values(j, 0), path_.values(j, 1)});
   prepare();
-  return !model_.shift_px.empty();
+  return (shift_ - before).cwiseAbs().maxCoeff() > 2.0 * small_step_px;
 }
 
-/// Newton's method for the weights of the camera's channels that give a primary, by the criterion's power of
-/// residual over power, both quadratic forms of the weights.
-bool RigEstimation::estimate_colour(double least_gain) {
-  std::array<MatrixXf, 3> y;
-  for (int c = 0; c < 3; ++c) y[c] = series(c);
-  const Index pixels = y[0].cols();
-  Eigen::Matrix3d unmix = Eigen::Matrix3d::Identity();
-  double gain = 0.0;
-  int better_groups = 0;
-  constexpr int groups = 8;
-  std::array<double, groups> of_group{};
-  std::array<Eigen::Matrix3d, 3> unused;
-  std::vector<Eigen::Matrix3d> power(static_cast<std::size_t>(pixels)),
-      residual(static_cast<std::size_t>(pixels));
-  for (Index p = 0; p < pixels; ++p)
-    for (int i = 0; i < 3; ++i)
-      for (int k = 0; k < 3; ++k) power[p](i, k) = y[i].col(p).dot(y[k].col(p));
-  for (int c = 0; c < 3; ++c) {
-    const std::array<MatrixXf, 3> z{MatrixXf(leave_one_out_[c] * y[0]), MatrixXf(leave_one_out_[c] * y[1]),
-                                    MatrixXf(leave_one_out_[c] * y[2])};
-    for (Index p = 0; p < pixels; ++p)
-      for (int i = 0; i < 3; ++i)
-        for (int k = 0; k < 3; ++k) residual[p](i, k) = z[i].col(p).dot(z[k].col(p));
-    const int others[2] = {(c + 1) % 3, (c + 2) % 3};
-    Eigen::Vector3d m = Eigen::Vector3d::Unit(c);
-    for (int step = 0; step < 8; ++step) {
-      Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
-      Eigen::Matrix2d hessian = Eigen::Matrix2d::Identity() * 1e-9;
-      for (Index p = 0; p < pixels; ++p) {
-        const Eigen::Vector3d r = residual[p] * m, q = power[p] * m;
-        const double of_r = m.dot(r) + 1e-20, of_q = m.dot(q) + 1e-20;
-        for (int i = 0; i < 2; ++i) {
-          gradient[i] += r[others[i]] / of_r - q[others[i]] / of_q;
-          for (int k = 0; k < 2; ++k) hessian(i, k) += residual[p](others[i], others[k]) / of_r;
-        }
-      }
-      const Eigen::Vector2d change = hessian.inverse() * gradient;
-      if (!change.allFinite()) break;
-      for (int i = 0; i < 2; ++i) m[others[i]] -= std::clamp(change[i], -0.3, 0.3);
-      if (change.cwiseAbs().maxCoeff() < 1e-5) break;
-    }
-    for (Index p = 0; p < pixels; ++p) {
-      const double better = std::log(residual[p](c, c) / power[p](c, c)) -
-                            std::log(m.dot(residual[p] * m) / m.dot(power[p] * m));
-      gain += better / static_cast<double>(pixels);
-      of_group[static_cast<std::size_t>(p) * groups / pixels] += better;
-    }
-    unmix.row(c) = m.transpose();
+/// Products ⟨A_c y_k, A_d y_l⟩ of the residuals of camera channel k under the lights of primary c, of each
+/// pixel: [pixels] of [3 c + k][3 d + l]; and what colour mixing makes of them.
+class MixingCriterion {
+ public:
+  MixingCriterion(const std::array<MatrixXf, 3>& leave_one_out, const std::array<MatrixXf, 3>& y) {
+    std::array<MatrixXf, 9> residuals;
+    for (int c = 0; c < 3; ++c)
+      for (int k = 0; k < 3; ++k) residuals[3 * c + k] = leave_one_out[c] * y[k];
+    products_.resize(static_cast<std::size_t>(y[0].cols()));
+    for (std::size_t p = 0; p < products_.size(); ++p)
+      for (int a = 0; a < 9; ++a)
+        for (int b = a; b < 9; ++b)
+          products_[p](a, b) = products_[p](b, a) = residuals[a].col(p).dot(residuals[b].col(p));
   }
-  for (const double better : of_group) better_groups += better > 0.0;
-  Eigen::Matrix3d mixing = (unmix * model_.mixing.inverse()).inverse();
-  mixing = (mixing * mixing.diagonal().cwiseInverse().asDiagonal()).eval();
-  const double largest = (mixing - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
-  if (!mixing.allFinite() || largest > 1.0) return false;
-  const bool had = model_.mixes_colours();
-  std::fprintf(stderr, "colour largest %.4f gain %.4f groups %d least %.3f\n", largest, gain, better_groups, least_gain);
-  if (!had && (largest < min_mixing || better_groups < groups - 1 || gain < least_gain)) return false;
-  const double change = (mixing - model_.mixing).cwiseAbs().maxCoeff();
-  model_.mixing = mixing;
-  if (largest < min_mixing) model_.mixing.setIdentity();
-  prepare();
+
+  /// Minus twice the logarithm of the likelihood of the residuals, normally distributed with a covariance of
+  /// the three primaries that each pixel has, mean over pixels and images: log det R − 2 log |det M|, R the
+  /// products of the residuals of M y. Noise that channels have on their own and residuals that they have in
+  /// common leave it as it is; residuals that the other primaries explain do not. `gradient`: by M.
+  double at(const Eigen::Matrix3d& unmix, Eigen::Matrix3d* gradient = nullptr) const {
+    double value = 0.0;
+    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+    for (const auto& products : products_) {
+      Eigen::Matrix<double, 3, 9> half;  // of M y's primary c with [3 d + l]
+      for (int c = 0; c < 3; ++c) half.row(c) = unmix.row(c) * products.middleRows<3>(3 * c);
+      Eigen::Matrix3d r;
+      for (int d = 0; d < 3; ++d) r.col(d) = half.middleCols<3>(3 * d) * unmix.row(d).transpose();
+      r.diagonal().array() += 1e-12 * r.trace() + 1e-30;
+      value += std::log(r.determinant());
+      if (!gradient) continue;
+      const Eigen::Matrix3d inverse = r.inverse();
+      for (int d = 0; d < 3; ++d) sum.row(d) += 2.0 * inverse.row(d) * half.middleCols<3>(3 * d);
+    }
+    const auto count = static_cast<double>(products_.size());
+    if (gradient) *gradient = sum / count - 2.0 * unmix.inverse().transpose();
+    return value / count - 2.0 * std::log(std::abs(unmix.determinant()));
+  }
+
+ private:
+  std::vector<Eigen::Matrix<double, 9, 9>> products_;
+};
+
+/// Minimises the criterion over the entries beside the diagonal by Newton's method, with differences of the
+/// gradient for the second derivatives.
+Eigen::Matrix3d best_unmixing(const MixingCriterion& criterion) {
+  using Entries = Eigen::Matrix<double, 6, 1>;
+  constexpr std::array<std::array<int, 2>, 6> places{{{0, 1}, {0, 2}, {1, 0}, {1, 2}, {2, 0}, {2, 1}}};
+  const auto with = [&](Eigen::Matrix3d m, const Entries& entries) {
+    for (int i = 0; i < 6; ++i) m(places[i][0], places[i][1]) += entries[i];
+    return m;
+  };
+  const auto gradient_at = [&](const Eigen::Matrix3d& m) {
+    Eigen::Matrix3d all;
+    criterion.at(m, &all);
+    Entries gradient;
+    for (int i = 0; i < 6; ++i) gradient[i] = all(places[i][0], places[i][1]);
+    return gradient;
+  };
+  Eigen::Matrix3d m = Eigen::Matrix3d::Identity();
+  double value = criterion.at(m);
+  for (int step = 0; step < 12; ++step) {
+    constexpr double difference = 1e-4;
+    Eigen::MatrixXd hessian(6, 6);
+    for (int i = 0; i < 6; ++i)
+      hessian.col(i) = (gradient_at(with(m, difference * Entries::Unit(i))) -
+                        gradient_at(with(m, -difference * Entries::Unit(i)))) /
+                       (2.0 * difference);
+    const auto eigen = symmetric_eigen(0.5 * (hessian + hessian.transpose()));
+    // Directions that the data say nothing about, such as under grey light, are not gone.
+    const Entries along = eigen.vectors.transpose() * gradient_at(m);
+    Entries move = Entries::Zero();
+    for (int i = 0; i < 6; ++i)
+      if (std::abs(eigen.values[i]) > 1e-3)
+        move -= along[i] / std::abs(eigen.values[i]) * eigen.vectors.col(i);
+    move *= std::min(1.0, 0.3 / (move.cwiseAbs().maxCoeff() + 1e-12));
+    double after = criterion.at(with(m, move));
+    for (int halving = 0; !(after < value) && halving < 8; ++halving) {
+      move *= 0.5;
+      after = criterion.at(with(m, move));
+    }
+    if (!(after < value)) break;
+    m = with(m, move);
+    value = after;
+    if (move.cwiseAbs().maxCoeff() < 1e-5) break;
+  }
+  return m;
+}
+
+/// Residuals of all channels, each pixel's relative to what it shows.
+std::array<MatrixXf, 3> RigEstimation::relative_residuals() const {
+  std::array<MatrixXf, 3> residuals;
+  for (int c = 0; c < 3; ++c) {
+    const MatrixXf values = series(c);
+    residuals[c] = leave_one_out_[c] * values;
+    residuals[c].array().rowwise() /= values.colwise().norm().array() + 1e-20f;
+  }
+  return residuals;
+}
+
+/// A tone curve that is left out looks like colour mixing, and the other way round: both together are
+/// compared with mixing alone.
+bool RigEstimation::estimate_colour_and_tone() {
+  const Eigen::Matrix3d mixing_before = model_.mixing;
+  const auto tone_before = model_.tone;
+  constexpr std::array<double, 3> straight{1.0, 1.0, 1.0};
+  const auto use_tone = [&](const std::array<double, 3>& tone) {
+    model_.tone = tone;
+    use_exponents();
+  };
+  if (model_.bends_tone()) use_tone(straight);
+  estimate_colour();
+  const Eigen::Matrix3d mixing_alone = model_.mixing;
+  const auto residuals = relative_residuals();
+  for (int k = 0; k < 4; ++k) {
+    const auto tone = best_exponents();
+    double change = 0.0;
+    for (int c = 0; c < 3; ++c) change = std::max(change, std::abs(tone[c] - model_.tone[c]));
+    if (change < 1e-3) break;
+    use_tone(tone);
+    estimate_colour();
+  }
+  if (model_.bends_tone()) {
+    const double agrees = agreement(residuals, relative_residuals());
+    std::fprintf(stderr, "tone %.4f %.4f %.4f evidence agree %.2f\n", model_.tone[0], model_.tone[1],
+                 model_.tone[2], agrees);
+    if (agrees < min_agreement) {
+      model_.mixing = mixing_alone;
+      prepare();
+      use_tone(straight);
+    }
+  }
+  double change = (model_.mixing - mixing_before).cwiseAbs().maxCoeff();
+  for (int c = 0; c < 3; ++c) change = std::max(change, std::abs(model_.tone[c] - tone_before[c]));
   return change > 1e-3;
 }
 
-/// The exponent of each channel by a parabola through the criterion at five.
-bool RigEstimation::estimate_tone(double least_gain) {
-  constexpr int groups = 8;
-  std::array<double, 3> found{}, gains{};
-  std::array<int, 3> better_groups{};
+void RigEstimation::estimate_colour() {
+  if (model_.mixes_colours()) {
+    model_.mixing.setIdentity();
+    prepare();
+  }
+  const MixingCriterion criterion(leave_one_out_, {series(0), series(1), series(2)});
+  const Eigen::Matrix3d unmix = best_unmixing(criterion);
+  Eigen::Matrix3d mixing = unmix.inverse();
+  mixing = (mixing * mixing.diagonal().cwiseInverse().asDiagonal()).eval();
+  const double largest = (mixing - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  const double evidence =
+      static_cast<double>(images_) * (criterion.at(Eigen::Matrix3d::Identity()) - criterion.at(unmix));
+  if (!mixing.allFinite() || largest < min_mixing || largest > max_mixing || evidence < min_evidence) return;
+  const auto residuals = relative_residuals();
+  model_.mixing = mixing;
+  prepare();
+  const double agrees = agreement(residuals, relative_residuals());
+  std::fprintf(stderr, "colour largest %.4f evidence %.4f agree %.2f\n", largest, evidence, agrees);
+  if (agrees > min_agreement) return;
+  model_.mixing.setIdentity();
+  prepare();
+}
+
+/// The exponent of each channel, by a search for the least criterion that ends with a parabola.
+std::array<double, 3> RigEstimation::best_exponents() {
+  predictors_.prepare_exponents();
+  std::array<double, 3> found{1.0, 1.0, 1.0};
   tbb::parallel_for(0, 3, [&](int c) {
     const MatrixXf values = series(c);
     const auto at = [&](double exponent) {
+      run_.throw_if_stopped();
       return criterion(predictors_.leave_one_out(c, exponent), values);
     };
-    double centre = model_.tone[c], width = 0.05;
-    for (int step = 0; step < 3; ++step) {
-      const double low = at(centre - width), middle = at(centre), high = at(centre + width);
-      const double curvature = low - 2.0 * middle + high;
-      const double move =
-          curvature > 0.0 ? 0.5 * width * (low - high) / curvature : (low < high ? -width : width);
-      centre = std::clamp(centre + std::clamp(move, -2.0 * width, 2.0 * width), 0.5, 2.0);
-      if (std::abs(move) < 0.5 * width) break;
+    double centre = 1.0, width = 0.04, middle = at(1.0), low = at(centre - width), high = at(centre + width);
+    for (int step = 0; step < 16 && (low < middle || high < middle) && std::abs(centre - 1.0) < 0.4; ++step) {
+      if (low < high) {
+        centre -= width;
+        high = std::exchange(middle, low);
+        low = at(centre - width);
+      } else {
+        centre += width;
+        low = std::exchange(middle, high);
+        high = at(centre + width);
+      }
     }
-    found[c] = centre;
-    gains[c] = at(1.0) - at(centre);
-    if (std::abs(centre - 1.0) < min_exponent) return;
-    const MatrixXf bent = predictors_.leave_one_out(c, centre) * values,
-                   straight = predictors_.leave_one_out(c, 1.0) * values;
-    for (int g = 0; g < groups; ++g) {
-      double better = 0.0;
-      for (Index p = values.cols() * g / groups; p < values.cols() * (g + 1) / groups; ++p)
-        better += std::log(straight.col(p).squaredNorm() / bent.col(p).squaredNorm());
-      better_groups[c] += better > 0.0;
+    for (int narrowing = 0; narrowing < 3; ++narrowing) {
+      const double curvature = low - 2.0 * middle + high;
+      if (!(curvature > 0.0)) break;
+      const double best = centre + 0.5 * width * (low - high) / curvature;
+      found[c] = best;
+      if (std::abs(best - 1.0) < min_exponent) break;
+      centre = best;
+      width /= 3.0;
+      middle = at(centre);
+      low = at(centre - width);
+      high = at(centre + width);
     }
   });
-  std::fprintf(stderr, "tone %.4f %.4f %.4f gains %.4f %.4f %.4f groups %d %d %d least %.3f\n", found[0], found[1], found[2], gains[0], gains[1], gains[2], better_groups[0], better_groups[1], better_groups[2], least_gain);
-  if (least_gain > 0.0 && std::ranges::any_of(gains, [&](double gain) { return gain < least_gain; }))
-    return false;
-  double change = 0.0;
-  for (int c = 0; c < 3; ++c) {
-    const bool bends = std::abs(found[c] - 1.0) >= min_exponent && better_groups[c] >= groups - 1;
-    const double exponent = bends ? found[c] : 1.0;
-    change = std::max(change, std::abs(exponent - model_.tone[c]));
-    model_.tone[c] = exponent;
-  }
-  if (change > 0.0) use_exponents();
-  return change > 1e-3;
+  for (double& exponent : found)
+    if (std::abs(exponent - 1.0) < min_exponent) exponent = 1.0;
+  return found;
 }
 
 struct RigEstimation::Brightness {
-  VectorXd gain, room, room_variance;  ///< [images]: relative to 1, mean 0; share of the scene, mean 0
+  VectorXd room, room_variance;  ///< [images]: share of the scene, mean 0
 };
 
 double RigEstimation::criterion_of(const std::array<MatrixXf, 3>& y) const {
@@ -975,9 +1106,8 @@ double RigEstimation::criterion_of(const std::array<MatrixXf, 3>& y) const {
 
 /// Least squares of ‖A (y − gain ∘ y − room · scene)‖² with the expected size of both as prior.
 RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<MatrixXf, 3>& y,
-                                                          const Eigen::VectorXf& scene,
-                                                          bool with_room) const {
-  const Index parts = with_room ? 2 : 1;
+                                                          const Eigen::VectorXf& scene) const {
+  constexpr Index parts = 2;
   MatrixXd normal = MatrixXd::Zero(parts * images_, parts * images_);
   VectorXd right = VectorXd::Zero(parts * images_);
   for (int c = 0; c < 3; ++c) {
@@ -998,16 +1128,9 @@ RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<Matri
   const double share = independent_pixels / static_cast<double>(y[0].cols());
   normal *= share;
   normal.diagonal().array() += 1.0 / (expected_gain * expected_gain);
-  Brightness found;
-  if (!with_room) {
-    found.gain = solve_symmetric(normal, share * right);
-    found.gain.array() -= found.gain.mean();
-    return found;
-  }
   const MatrixXd covariance = inverse(normal);
   const VectorXd solution = covariance * (share * right);
-  found.gain = solution.head(images_);
-  found.gain.array() -= found.gain.mean();
+  Brightness found;
   found.room = solution.tail(images_);
   found.room.array() -= found.room.mean();
   found.room_variance = covariance.diagonal().tail(images_);
@@ -1027,62 +1150,46 @@ bool RigEstimation::estimate_brightness() {
       (y[0].colwise().mean() + y[1].colwise().mean() + y[2].colwise().mean()).transpose() / 3.0f;
   const double start = criterion_of(y);
   // Room light: its changes by the joint solution, its mean by the constants that pixels have.
-  const Brightness joint = solve_brightness(y, scene, true);
+  const Brightness joint = solve_brightness(y, scene);
   const CapturePath path = choose_path(joint.room, joint.room_variance, chosen_, frames_, room_floor);
   VectorXd room = path.values.col(0);
   room.array() -= room(chosen_).mean();
-  double product = 0.0, power = 0.0;
-  for (int c = 0; c < 3; ++c) {
-    const Eigen::VectorXf constants = predictors_.constants(c, model_.tone[c], y[c]);
-    const Eigen::VectorXf weights =
-        ((leave_one_out_[c] * y[c]).colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
-    product += weights.cwiseProduct(constants).dot(scene);
-    power += weights.cwiseProduct(scene).dot(scene);
-  }
-  const double mean_room = power > 0.0 ? product / power : 0.0;
   const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
   std::array<MatrixXf, 3> dark = y;
   for (auto& channel : dark) channel -= room(chosen_).cast<float>() * scene.transpose();
-  const VectorXd gain_alone = solve_brightness(y, scene, false).gain;
-  std::array<MatrixXf, 3> even = y;
-  for (auto& channel : even) channel.array().colwise() *= (1.0 - gain_alone.array()).cast<float>();
-  const double by_gain = start - criterion_of(even), by_room = start - criterion_of(dark);
-  const bool changes = change > min_room_change && by_room > min_room_gain;
-  const bool shines = changes || std::abs(mean_room) > min_room;
-  std::fprintf(stderr, "room path %d change %.4f mean %.4f by_gain %.4f by_room %.4f sd gain %.4f\n",
-               static_cast<int>(path.kind), change, mean_room, by_gain, by_room,
-               std::sqrt(gain_alone.squaredNorm() / images_));
-  if (shines) {
+  const bool changes = change > min_room_change && start - criterion_of(dark) > min_room_gain;
+  const double mean_room = mean_room_light(y, scene);
+  std::fprintf(stderr, "room path %d change %.4f mean %.4f by_room %.4f\n", static_cast<int>(path.kind),
+               change, mean_room, start - criterion_of(dark));
+  if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j) model_.room.push_back(mean_room + (changes ? room[j] : 0.0));
-    if (changes) y = dark;
-  }
+  if (changes) y = dark;
   // Gains: of all channels, and what each channel has besides.
-  const double before_gain = criterion_of(y);
-  const VectorXd common = solve_brightness(y, scene, false).gain;
-  std::array<MatrixXf, 3> corrected = y;
-  for (auto& channel : corrected) channel.array().colwise() *= (1.0 - common.array()).cast<float>();
-  const bool gains = before_gain - criterion_of(corrected) > min_brightness_gain;
-  if (gains) y = corrected;
-  MatrixXd of_channel(images_, 3);
-  for (int c = 0; c < 3; ++c) {
-    of_channel.col(c) = solve_channel_gain(c, y[c]);
-  }
-  const VectorXd mean_gain = of_channel.rowwise().mean();
-  of_channel.colwise() -= mean_gain;
-  corrected = y;
-  for (int c = 0; c < 3; ++c)
-    corrected[c].array().colwise() *= (1.0 - of_channel.col(c).array()).cast<float>();
-  const double by_balance = criterion_of(y) - criterion_of(corrected);
-  std::fprintf(stderr, "gain %.4f balance %.4f sd %.4f\n",
-               before_gain - criterion_of(std::array<MatrixXf, 3>{y}), by_balance,
-               std::sqrt(of_channel.squaredNorm() / images_ / 3));
-  const bool balances = by_balance > min_white_balance_gain;
+  const auto corrected = [&](const MatrixXd& gains) {
+    std::array<MatrixXf, 3> result = y;
+    for (int c = 0; c < 3; ++c) result[c].array().colwise() *= (1.0 - gains.col(c).array()).cast<float>();
+    return criterion_of(result);
+  };
+  const auto size_of = [](const MatrixXd& gains) {
+    return std::sqrt(gains.squaredNorm() / static_cast<double>(gains.size()));
+  };
+  const auto common_of = [](const MatrixXd& gains) {
+    return MatrixXd(gains.rowwise().mean().replicate(1, 3));
+  };
+  MatrixXd gain = solve_gains(y, expected_gain);
+  MatrixXd common = common_of(gain);
+  const bool balances =
+      corrected(common) - corrected(gain) > min_balance_gain && size_of(gain - common) > min_balance;
+  std::fprintf(stderr, "balance %.4f %.4f\n", corrected(common) - corrected(gain), size_of(gain - common));
+  if (!balances) gain = common = common_of(solve_gains(y, no_balance));
+  const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain && size_of(common) > min_gain;
+  std::fprintf(stderr, "gain %.4f %.4f\n", corrected(gain - common) - corrected(gain), size_of(common));
+  if (!gains) gain -= common;
   if (gains || balances) {
     model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
     for (Index i = 0; i < images_; ++i)
       for (int c = 0; c < 3; ++c)
-        model_.gain[static_cast<std::size_t>(chosen_[i])][c] =
-            1.0 / ((1.0 - (gains ? common[i] : 0.0)) * (1.0 - (balances ? of_channel(i, c) : 0.0)));
+        model_.gain[static_cast<std::size_t>(chosen_[i])][c] = 1.0 / (1.0 - gain(i, c));
   }
   prepare();
   if (gain_before.size() != model_.gain.size() || room_before.size() != model_.room.size()) return true;
@@ -1094,19 +1201,51 @@ bool RigEstimation::estimate_brightness() {
   return largest > 1e-3;
 }
 
-VectorXd RigEstimation::solve_channel_gain(int c, const MatrixXf& y) const {
-  const MatrixXf& a = leave_one_out_[c];
-  const MatrixXf residual = a * y, squared = a.transpose() * a, pull = a.transpose() * residual;
-  const Eigen::VectorXf weights =
-      (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f).inverse();
-  const MatrixXf weighted = y * weights.asDiagonal();
-  const double share = independent_pixels / static_cast<double>(y.cols());
-  MatrixXd normal = share * squared.cwiseProduct(MatrixXf(weighted * y.transpose())).cast<double>();
-  normal.diagonal().array() += 1.0 / (expected_balance * expected_balance);
-  const VectorXd right = share * weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
-  VectorXd gain = solve_symmetric(normal, right);
-  gain.array() -= gain.mean();
-  return gain;
+/// Gains of each photograph and channel [images × 3], relative to 1: least squares of ‖A (y − gain ∘ y)‖²
+/// with a prior of gains that all channels have, and of their own.
+MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double expected_balance) const {
+  const Eigen::Matrix3d covariance = expected_gain * expected_gain * Eigen::Matrix3d::Ones() +
+                                     expected_balance * expected_balance * Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d precision = covariance.inverse();
+  MatrixXd normal = MatrixXd::Zero(3 * images_, 3 * images_);
+  VectorXd right(3 * images_);
+  const double share = independent_pixels / static_cast<double>(y[0].cols());
+  for (int c = 0; c < 3; ++c) {
+    const MatrixXf& a = leave_one_out_[c];
+    const MatrixXf residual = a * y[c], squared = a.transpose() * a, pull = a.transpose() * residual;
+    const Eigen::VectorXf weights =
+        (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f)
+            .inverse();
+    const MatrixXf weighted = y[c] * weights.asDiagonal();
+    normal.block(c * images_, c * images_, images_, images_) =
+        share * squared.cwiseProduct(MatrixXf(weighted * y[c].transpose())).cast<double>();
+    right.segment(c * images_, images_) = share * weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
+    for (int d = 0; d < 3; ++d)
+      normal.block(c * images_, d * images_, images_, images_).diagonal().array() += precision(c, d);
+  }
+  const VectorXd solution = solve_symmetric(normal, right);
+  MatrixXd gains = Eigen::Map<const MatrixXd>(solution.data(), images_, 3);
+  gains.rowwise() -= gains.colwise().mean().eval();
+  return gains;
+}
+
+/// Room light that all photographs have, as a share of the scene; 0 where pixels have no constants.
+double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const {
+  double product = 0.0, power = 0.0;
+  std::array<MatrixXf, 3> without, with;
+  for (int c = 0; c < 3; ++c) {
+    const Eigen::VectorXf constants = predictors_.constants(c, model_.tone[c], y[c]);
+    const MatrixXf residual = leave_one_out_[c] * y[c];
+    const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
+    product += weights.cwiseProduct(constants).dot(scene);
+    power += weights.cwiseProduct(scene).dot(scene);
+    without[c] = predictors_.leave_one_out(c, model_.tone[c], false) * y[c];
+    with[c] = residual;
+  }
+  const double mean = power > 0.0 ? product / power : 0.0;
+  const double agrees = agreement(without, with);
+  std::fprintf(stderr, "mean room %.4f agree %.4f\n", mean, agrees);
+  return std::abs(mean) > min_room && agrees > min_room_agreement ? mean : 0.0;
 }
 
 RigReport RigEstimation::report() const {

@@ -1,0 +1,362 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a rig does besides B = T L is found from the image pairs, and nothing is where there is nothing.
+#include "estimate/rig/estimate_rig.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "core/base/errors.h"
+#include "core/base/rng.h"
+#include "estimate/estimate.h"
+#include "estimate/rig/camera_path.h"
+#include "estimate/rig/rig_model.h"
+#include "relight/relighter.h"
+#include "tests/support/message_of.h"
+#include "tests/support/synthetic_capture.h"
+
+namespace refield {
+namespace {
+
+/// A scene of smooth waves, whose photographs are known between the pixels, under random lights.
+class WavyCapture {
+ public:
+  static constexpr int width = 64, height = 48, waves = 40;
+
+  explicit WavyCapture(int images, double noise = 0.01, std::uint64_t seed = 1)
+      : lights_(test::random_lights(images, 16, 12, seed)), noise_(noise), seed_(seed) {
+    shift.assign(images, {0.0, 0.0});
+    gain.assign(images, {1.0, 1.0, 1.0});
+    room.assign(images, 0.0);
+    light_of.resize(images);
+    std::iota(light_of.begin(), light_of.end(), 0);
+    for (LightMap& light : lights_)
+      for (float& value : light.radiance.values) value = std::min(1.0f, 0.02f + 0.5f * value);
+  }
+
+  Eigen::Matrix3d mixing = Eigen::Matrix3d::Identity();
+  double tone = 1.0;  ///< exponent of the true light
+  std::vector<std::array<double, 2>> shift;
+  std::vector<std::array<double, 3>> gain;
+  std::vector<double> room;
+  std::vector<int> light_of;  ///< what each photograph shows
+
+  int images() const { return static_cast<int>(lights_.size()); }
+
+  RigReport report() {
+    photograph();
+    const auto features = light_features(session_.frames, session_.light, {});
+    const std::vector<char> none(lights_.size(), 0);
+    return estimate_rig(session_.frames, none, session_, {}, INFINITY, features, {});
+  }
+  std::vector<int> pairing() {
+    photograph();
+    const auto features = light_features(session_.frames, session_.light, {});
+    const auto sample = read_pixel_sample(session_.frames, width, height, {}, INFINITY, {});
+    RigFinding finding;
+    return find_pairing(features, sample, false, finding, {});
+  }
+  std::vector<LightMap>& lights() { return lights_; }
+
+ private:
+  /// The sum of the light in a blob around the wave's own place.
+  double lit(const LightMap& light, int wave, int c) const {
+    Rng rng(seed_ + 77, static_cast<std::uint64_t>(wave));
+    const double x0 = 16 * rng.uniform(), y0 = 12 * rng.uniform(), reach = 1.5 + 2.0 * rng.uniform();
+    double sum = 0.0;
+    for (int y = 0; y < 12; ++y)
+      for (int x = 0; x < 16; ++x)
+        sum += std::exp(-0.5 * ((x - x0) * (x - x0) + (y - y0) * (y - y0)) / (reach * reach)) *
+               std::pow(light.radiance.at(x, y, c), tone);
+    return sum / (reach * reach);
+  }
+
+  void photograph() {
+    photographs_.clear();
+    std::vector<Image> scenes;
+    Image mean(width, height, 1);
+    for (int j = 0; j < images(); ++j) {
+      Image& image = scenes.emplace_back(width, height, 3);
+      for (int c = 0; c < 3; ++c)
+        for (int w = 0; w < waves; ++w) {
+          Rng rng(seed_ + 5, static_cast<std::uint64_t>(10 * w + c));
+          const double angle = 2 * std::numbers::pi * rng.uniform(), phase = 6.0 * rng.uniform(),
+                       period = 7.0 + 8.0 * rng.uniform(),
+                       power = lit(lights_[static_cast<std::size_t>(light_of[j])], w, c) / waves;
+          for (int y = 0; y < height; ++y)
+            for (int x = 0; x < width; ++x) {
+              const double along = (x - shift[j][0]) * std::cos(angle) + (y - shift[j][1]) * std::sin(angle);
+              image.at(x, y, c) += static_cast<float>(
+                  power * (1.0 + 0.8 * std::sin(2 * std::numbers::pi * along / period + phase)));
+            }
+        }
+      for (std::size_t i = 0; i < image.values.size(); ++i)
+        mean.values[i / 3] += image.values[i] / static_cast<float>(3 * images());
+    }
+    for (int j = 0; j < images(); ++j) {
+      Image& image = scenes[static_cast<std::size_t>(j)];
+      Rng rng(seed_ + 9, static_cast<std::uint64_t>(j));
+      for (std::size_t i = 0; i < image.values.size(); i += 3) {
+        Eigen::Vector3d pixel(image.values[i], image.values[i + 1], image.values[i + 2]);
+        pixel.array() += room[j] * mean.values[i / 3];
+        pixel = mixing * pixel;
+        for (int c = 0; c < 3; ++c)
+          image.values[i + c] = static_cast<float>(gain[j][c] * pixel[c] * (1.0 + noise_ * rng.normal()));
+      }
+      photographs_.push_back(std::move(image));
+    }
+    session_ = {};
+    session_.width = width;
+    session_.height = height;
+    session_.light = {16, 12, Parameterisation::monitor};
+    for (int j = 0; j < images(); ++j) {
+      CaptureFrame& frame = session_.frames.emplace_back();
+      frame.name = std::to_string(j);
+      frame.order = j;
+      frame.views = {
+          lights_[static_cast<std::size_t>(j)].radiance, photographs_[static_cast<std::size_t>(j)], {}};
+    }
+  }
+
+  std::vector<LightMap> lights_;
+  std::vector<Image> photographs_;
+  CaptureSession session_;
+  double noise_;
+  std::uint64_t seed_;
+};
+
+const RigFinding& finding(const RigReport& report, const std::string& effect) {
+  const auto found = std::ranges::find(report.findings, effect, &RigFinding::effect);
+  EXPECT_NE(found, report.findings.end()) << effect;
+  return *found;
+}
+
+double shift_error(const RigReport& report, const WavyCapture& capture) {
+  if (report.model.shift_px.empty()) return INFINITY;
+  double sum = 0.0;
+  for (std::size_t j = 0; j < capture.shift.size(); ++j)
+    for (int i = 0; i < 2; ++i)
+      sum += std::pow(report.model.shift_px[j][i] - (capture.shift[j][i] - capture.shift[0][i]), 2);
+  return std::sqrt(sum / static_cast<double>(2 * capture.shift.size()));
+}
+
+constexpr double max_shift_error_px = 0.03, max_mixing_error = 0.02, max_tone_error = 0.012;
+
+TEST(Rig, AnUndisturbedCaptureIsTheIdentity) {
+  for (const std::uint64_t seed : {1, 2, 3})
+    for (const double noise : {0.0, 0.01, 0.05}) {
+      const RigReport report = WavyCapture(40, noise, seed).report();
+      EXPECT_TRUE(report.model.is_identity()) << seed << " " << noise << " " << rig_text(report.model);
+      EXPECT_EQ(report.findings.size(), 5u);
+    }
+}
+
+TEST(Rig, FewImagesSayNothing) {
+  WavyCapture capture(min_frames_for_rig - 1);
+  for (std::size_t j = 10; j < capture.shift.size(); ++j) capture.shift[j] = {0.5, 0.0};
+  EXPECT_TRUE(capture.report().findings.empty());
+}
+
+TEST(Rig, ACreepingCameraIsALine) {
+  WavyCapture capture(60);
+  for (int j = 0; j < 60; ++j) capture.shift[j] = {0.3 * j / 59, -0.2 * j / 59};
+  const RigReport report = capture.report();
+  EXPECT_LT(shift_error(report, capture), max_shift_error_px);
+  EXPECT_NE(finding(report, "motion").measured.find("steadily"), std::string::npos);
+  EXPECT_FALSE(report.model.mixes_colours());
+}
+
+TEST(Rig, ABumpIsAJumpWithItsPlace) {
+  WavyCapture capture(60);
+  for (int j = 25; j < 60; ++j) capture.shift[j] = {-0.4, 0.9};
+  const RigReport report = capture.report();
+  EXPECT_LT(shift_error(report, capture), max_shift_error_px);
+  EXPECT_NE(finding(report, "motion").measured.find("before photograph 25"), std::string::npos);
+}
+
+TEST(Rig, ARandomWalkIsFollowed) {
+  WavyCapture capture(60);
+  Rng rng(4);
+  for (int j = 1; j < 60; ++j)
+    for (int i = 0; i < 2; ++i) capture.shift[j][i] = capture.shift[j - 1][i] + 0.05 * rng.normal();
+  EXPECT_LT(shift_error(capture.report(), capture), max_shift_error_px);
+}
+
+TEST(Rig, ColourMixingIsFoundAndUndone) {
+  WavyCapture capture(60);
+  capture.mixing << 1, 0.05, 0.12, 0.15, 1, 0.02, -0.03, 0.1, 1;
+  const RigReport report = capture.report();
+  EXPECT_LT((report.model.mixing - capture.mixing).cwiseAbs().maxCoeff(), max_mixing_error);
+  EXPECT_EQ(finding(report, "colour").state, RigFinding::State::corrected);
+  EXPECT_LT(finding(report, "colour").residual_after, finding(report, "colour").residual_before);
+}
+
+TEST(Rig, ToneCurveAndConstantRoomLightAreToldApart) {
+  WavyCapture capture(60);
+  capture.tone = 1.06;
+  capture.room.assign(60, 0.02);
+  const RigReport report = capture.report();
+  for (const double exponent : report.model.tone) EXPECT_NEAR(exponent, capture.tone, max_tone_error);
+  capture.tone = 1.0;
+  EXPECT_FALSE(capture.report().model.bends_tone());
+}
+
+TEST(Rig, WhiteBalanceOfEachPhotographIsFound) {
+  WavyCapture capture(60);
+  Rng rng(8);
+  for (auto& gain : capture.gain)
+    for (double& of : gain) of = 1.0 + 0.03 * rng.normal();
+  const RigReport report = capture.report();
+  ASSERT_FALSE(report.model.gain.empty());
+  double error = 0.0, size = 0.0;
+  for (int j = 0; j < 60; ++j) {
+    const double true_ratio = capture.gain[j][0] / capture.gain[j][2],
+                 found = report.model.gain[j][0] / report.model.gain[j][2];
+    error += std::pow(found - true_ratio, 2);
+    size += std::pow(true_ratio - 1.0, 2);
+  }
+  EXPECT_LT(error, 0.2 * size);
+  EXPECT_FALSE(report.model.mixes_colours());
+}
+
+TEST(Rig, ColouredLightThatIsGreyTellsNothingOfMixing) {
+  WavyCapture capture(60);
+  for (LightMap& light : capture.lights())
+    for (std::size_t i = 0; i < light.radiance.values.size(); i += 3)
+      light.radiance.values[i + 1] = light.radiance.values[i + 2] = light.radiance.values[i];
+  capture.mixing << 1, 0.1, 0.1, 0.1, 1, 0.1, 0.1, 0.1, 1;
+  EXPECT_FALSE(capture.report().model.mixes_colours());
+}
+
+TEST(Rig, PairsThatAreRightStay) {
+  for (const std::uint64_t seed : {1, 2, 3})
+    EXPECT_TRUE(WavyCapture(40, 0.02, seed).pairing().empty()) << seed;
+}
+
+TEST(Rig, AnotherOffsetOfThePairsIsFound) {
+  for (const int offset : {1, -2, 7}) {
+    WavyCapture capture(40);
+    for (int j = 0; j < 40; ++j) capture.light_of[j] = (j + offset + 40) % 40;
+    const std::vector<int> truth = capture.light_of;
+    EXPECT_EQ(capture.pairing(), truth) << offset;
+  }
+}
+
+TEST(Rig, ADoubledAndAMissingPhotographAreFound) {
+  for (const int offset : {-1, 1}) {
+    WavyCapture capture(50);
+    for (int j = 20; j < 50; ++j) capture.light_of[j] = std::min(j + offset, 49);
+    const std::vector<int> found = capture.pairing();
+    ASSERT_FALSE(found.empty()) << offset;
+    for (int j = 0; j < 48; ++j)
+      if (j < 19 || j > 21) {
+        EXPECT_EQ(found[j], capture.light_of[j]) << j;
+      }
+  }
+}
+
+TEST(Rig, RandomPairsAreLeftAsTheyAre) {
+  WavyCapture capture(40);
+  Rng rng(6);
+  for (int j = 39; j > 0; --j)
+    std::swap(capture.light_of[j], capture.light_of[static_cast<int>(rng.uniform() * (j + 1))]);
+  EXPECT_TRUE(capture.pairing().empty());
+}
+
+TEST(CapturePath, ChoosesTheFewestParameters) {
+  std::vector<int> all(80);
+  std::iota(all.begin(), all.end(), 0);
+  const Eigen::VectorXd even = Eigen::VectorXd::Ones(80);
+  Eigen::MatrixXd noise(80, 2);
+  Rng rng(3);
+  for (Eigen::Index i = 0; i < noise.size(); ++i) noise.data()[i] = 0.01 * rng.normal();
+  const auto kind = [&](const Eigen::MatrixXd& path) {
+    return choose_path(path + noise, even, all, 80, 0.005);
+  };
+  Eigen::MatrixXd path = Eigen::MatrixXd::Zero(80, 2);
+  EXPECT_EQ(kind(path).kind, CapturePath::Kind::rest);
+  EXPECT_EQ(kind(path).values.cwiseAbs().maxCoeff(), 0.0);
+  for (int j = 0; j < 80; ++j) path.row(j) << 0.004 * j, 0.0;
+  EXPECT_EQ(kind(path).kind, CapturePath::Kind::line);
+  EXPECT_LT((kind(path).values - path).cwiseAbs().maxCoeff(), 0.015);
+  path.setZero();
+  path.bottomRows(50).col(1).setConstant(0.2);
+  path.bottomRows(10).col(0).setConstant(-0.1);
+  EXPECT_EQ(kind(path).jumps, (std::vector<int>{30, 70}));
+  for (int j = 1; j < 80; ++j)
+    path.row(j) = path.row(j - 1) + Eigen::RowVector2d(0.04 * rng.normal(), 0.04 * rng.normal());
+  EXPECT_EQ(kind(path).kind, CapturePath::Kind::walk);
+}
+
+TEST(RigModel, TextGivesTheSameModel) {
+  RigModel rig;
+  rig.photographs = {"a", "b"};
+  rig.light_of = {1, -1};
+  rig.shift_px = {{0.0, 0.0}, {0.1, -1.0 / 3.0}};
+  rig.mixing(0, 1) = 0.1;
+  rig.tone = {1.01, 1.0, 0.97};
+  rig.white = 0.9;
+  rig.gain = {{1.0, 1.01, 0.99}, {1.0, 1.0, 1.0}};
+  rig.room = {0.0, 0.02};
+  EXPECT_EQ(rig_text(rig_from_text(rig_text(rig), "test")), rig_text(rig));
+  EXPECT_THROW(rig_from_text("{}", "test"), InputError);
+  EXPECT_THROW(rig_from_text(R"({"photographs": ["a"], "room": [1, 2]})", "test"), InputError);
+  std::vector<CaptureFrame> frames(1);
+  frames[0].name = "c";
+  EXPECT_THROW(apply_rig(rig, 10, frames), InputError);
+}
+
+TEST(RigModel, UndoesShiftGainAndMixingOfAParabola) {
+  // Cubic convolution is exact for parabolas.
+  Image image(12, 10, 3);
+  FrameCorrection correction;
+  correction.shift_px = {0.3, -1.6};
+  correction.gain = {1.1f, 1.0f, 0.9f};
+  Eigen::Matrix3f mixing;
+  mixing << 1, 0.1f, 0, 0.2f, 1, 0, 0, 0.1f, 1;
+  correction.primaries_from_camera = mixing.inverse();
+  const auto truth = [](double x, double y, int c) {
+    return static_cast<float>(1.0 + 0.1 * x * y + 0.02 * c * x * x - 0.03 * y * y + c);
+  };
+  for (int y = 0; y < 10; ++y)
+    for (int x = 0; x < 12; ++x) {
+      Eigen::Vector3f pixel;
+      for (int c = 0; c < 3; ++c) pixel[c] = truth(x - 0.3, y + 1.6, c);
+      pixel = (mixing * pixel).eval();
+      for (int c = 0; c < 3; ++c) image.at(x, y, c) = correction.gain[c] * pixel[c];
+    }
+  const Image undone = undo_rig(image, 0, 4, 7, correction);
+  for (int y = 4; y < 7; ++y)
+    for (int x = 2; x < 9; ++x)
+      for (int c = 0; c < 3; ++c) EXPECT_NEAR(undone.at(x, y - 4, c), truth(x, y, c), 1e-4);
+  image.at(5, 4, 1) = NAN;
+  EXPECT_TRUE(std::isnan(undo_rig(image, 0, 4, 7, correction).at(5, 1, 0)));
+}
+
+TEST(RigModel, TheFieldMixesColoursWhereItIsRelit) {
+  const LightDomain domain{16, 12, Parameterisation::monitor};
+  auto field = test::field_of_boxes(20, 18, domain, {{0, 0, 8, 6}, {4, 2, 16, 12}, {3, 3, 5, 9}}, 5);
+  const auto lights = test::random_lights(2, 16, 12, 3);
+  const Image plain = field.relight(lights[0]);
+  field.output_from_primaries << 1, 0.1f, 0.02f, 0.2f, 1, 0.1f, 0, 0.15f, 1;
+  const Image mixed = field.relight(lights[0]);
+  Relighter relighter(field, RelightPrecision::fine);
+  const Image first = relighter.relight(lights[1]);
+  const Image& updated = relighter.update(lights[0], {0, 0, 16, 12});
+  for (std::size_t i = 0; i < plain.values.size(); i += 3) {
+    const Eigen::Vector3f expected =
+        field.output_from_primaries *
+        Eigen::Vector3f(plain.values[i], plain.values[i + 1], plain.values[i + 2]);
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_NEAR(mixed.values[i + c], expected[c], 1e-5 * expected[c]);
+      EXPECT_NEAR(updated.values[i + c], expected[c], 1e-4 * expected[c]);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace refield
