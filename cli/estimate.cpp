@@ -257,10 +257,11 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
   verb.add_flag("--keep-outliers", arguments.options.keep_outliers,
                 "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
                 "default they are detected, listed and left out");
-  verb.add_option("--rig", arguments.rig,
-                  "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve and "
-                  "brightness from the photographs), off, or a file (JSON) with the model of another run, as in "
-                  "'rig' of OUTPUT.log.json")
+  verb.add_option(
+          "--rig", arguments.rig,
+          "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve and "
+          "brightness from the photographs), off, or a file (JSON) with the model of another run, as in "
+          "'rig' of OUTPUT.log.json")
       ->capture_default_str();
   verb.add_option("--memory", arguments.memory_gib,
                   "Memory limit in GiB; the image is processed in bands of rows that fit")

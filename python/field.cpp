@@ -331,7 +331,7 @@ class Frames {
 // ---- estimation
 
 EstimateOptions options_of(const std::string& mode, int max_kernels, bool predict_errors, bool keep_outliers,
-                           double memory_gib) {
+                           const std::string& rig, double memory_gib) {
   if (!(memory_gib > 0.0 && memory_gib < 1e6))
     throw InputError("memory is " + std::to_string(memory_gib) + "; give a number of GiB above 0");
   EstimateOptions options;
@@ -339,6 +339,9 @@ EstimateOptions options_of(const std::string& mode, int max_kernels, bool predic
   options.kernels = max_kernels;
   options.predict_errors = predict_errors;
   options.keep_outliers = keep_outliers;
+  options.keep_rig = rig == "off";
+  if (rig != "off" && rig != "auto")
+    options.rig = std::make_shared<const RigModel>(rig_from_text(rig, "rig"));
   options.memory_bytes = static_cast<std::uint64_t>(memory_gib * 1024.0 * 1024.0 * 1024.0);
   options.check();
   return options;
@@ -374,7 +377,7 @@ Field estimate_arrays(const Floats& light, const Floats& observed, const std::op
 void bind_field(py::module_& module) {
   py::class_<EstimateOptions>(module, "EstimateOptions")
       .def(py::init(&options_of), py::arg("mode"), py::arg("max_kernels"), py::arg("predict_errors"),
-           py::arg("keep_outliers"), py::arg("memory"));
+           py::arg("keep_outliers"), py::arg("rig"), py::arg("memory"));
   py::class_<Field>(module, "Field")
       .def_static("load", &load)
       .def("save", &save)

@@ -73,7 +73,7 @@ const refield = (() => {
     return starts;
   }
 
-  /// {width, height, light, hats, harmonics, exponentOffset, exposure, title} and the arrays: of a picture starts, kernels,
+  /// {width, height, light, hats, harmonics, exponentOffset, exposure, title, mixing (3 × 3, row by row)} and the arrays: of a picture starts, kernels,
   /// weights, boxes; of a mesh what mesh.js says. boxes holds all x0, then y0, x1, y1. `onProgress` is called with a share
   /// from 0 to 1.
   async function loadField(onProgress) {
@@ -82,7 +82,7 @@ const refield = (() => {
     const total = loaded.reduce((sum, name) => sum + arrays[name].parts.length, 0);
     let done = 0;
     const onPart = () => onProgress(++done / total);
-    const field = {...description, exponentOffset: description.exponent_offset};
+    const field = {mixing: [1, 0, 0, 0, 1, 0, 0, 0, 1], ...description, exponentOffset: description.exponent_offset};
     for (const name of loaded) field[name] = await loadArray(arrays[name], onPart);
     if (!field.mesh) field.starts = startsOf(field.counts);
     return field;

@@ -470,7 +470,8 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
                                        DataWriter& data, ExportReport& report, const RunContext& run) {
   const PackedField packed = pack(field, run);
   const auto full = [&](const LightMap& light) { return field.relight(light); };
-  const ReflectanceField shown = unpacked(packed, run);
+  ReflectanceField shown = unpacked(packed, run);
+  shown.output_from_primaries = field.output_from_primaries;
   measure(
       field.basis.domain, full, [&](const LightMap& light) { return shown.relight(light); }, report, run);
   data.add("counts", packed.counts, run);
@@ -479,6 +480,9 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
   add_boxes(packed.basis, data, run);
   auto described = description(packed.basis, packed.width, packed.height, title, report.exposure);
   described["exponent_offset"] = packed.exponent.offset;
+  if (field.mixes_colours())
+    for (const auto& row : field.output_from_primaries.rowwise())
+      for (const float entry : row) described["mixing"].push_back(entry);
   described["light"]["window"] = window_of(field);
   if (packed.basis.interpolation) described["interpolation"] = interpolation_of(*packed.basis.interpolation);
   return described;

@@ -35,6 +35,7 @@ class Relighter {
     uniform float scale;              // pixels of the field for one of the canvas
     uniform vec2 shift;               // the field's pixel at the canvas's top left corner
     uniform float gain;
+    uniform mat3 mixing;              // of the primaries of the light in the camera's channels
     out vec4 colour;
 
     ${Relighter.placement}
@@ -52,7 +53,7 @@ class Relighter {
         float power = uintBitsToFloat(((entry.y >> 27) + 127u) << 23);
         sum += mantissa * power * texelFetch(coefficients, place(entry.x, kernelLayout), 0).rgb;
       }
-      colour = vec4(encoded(clamp(sum * gain, 0.0, 1.0)), 1.0);
+      colour = vec4(encoded(clamp(mixing * sum * gain, 0.0, 1.0)), 1.0);
     }`;
 
   constructor(canvas, field) {
@@ -71,6 +72,7 @@ class Relighter {
     gl.useProgram(this.program);
     ['rows', 'entries', 'coefficients'].forEach((name, unit) => gl.uniform1i(this.uniform(name), unit));
     gl.uniform1i(this.uniform('height'), this.field.height);
+    gl.uniformMatrix3fv(this.uniform('mixing'), true, this.field.mixing);
     gl.uniform2i(this.uniform('kernelLayout'), light.Projector.width - 1, Math.log2(light.Projector.width));
     this.layer = this.layerOf(this.field);
   }
@@ -170,7 +172,7 @@ class Relighter {
 
   /// The exposure at which fewer than 1 % of the lit pixels are white, as exposure_to_white() of core/image/tone_map.h.
   exposureToWhite(coefficients) {
-    const {starts, kernels, weights, exponentOffset} = this.field;
+    const {starts, kernels, weights, exponentOffset, mixing} = this.field;
     const brightest = new Float32Array(starts.length - 1), sum = [0, 0, 0];
     for (let p = 0; p < brightest.length; ++p) {
       sum.fill(0);
@@ -178,7 +180,7 @@ class Relighter {
         const power = 2 ** ((weights[i] >>> 27) - exponentOffset);
         for (let c = 0; c < 3; ++c) sum[c] += ((weights[i] >>> (9 * c)) & 511) * power * coefficients[4 * kernels[i] + c];
       }
-      brightest[p] = Math.max(...sum);
+      brightest[p] = Math.max(...[0, 3, 6].map((row) => mixing[row] * sum[0] + mixing[row + 1] * sum[1] + mixing[row + 2] * sum[2]));
     }
     return Relighter.whiteOf(brightest);
   }

@@ -101,10 +101,11 @@ def read_field(path):
             field = entries_of_tiles(file, int(attrs["width"]), int(attrs["height"]), hats)
         else:
             raise FieldError(f"has format version {attrs['version']}; this program reads 2 and 3")
+        mixing = read(file, "output_from_primaries") if "output_from_primaries" in file else np.eye(3)
         interpolation = None
         if "basis/interpolation" in file:
             interpolation = read(file, "basis/observed_light"), read(file, "basis/interpolation")[0]
-    return attrs, interpolation, field
+    return attrs, interpolation, mixing, field
 
 
 def interpolated(light, sources, numbers):
@@ -146,7 +147,7 @@ def interpolated(light, sources, numbers):
 
 def relight(path, light):
     """The scene of a field file under a light map [height × width × 3], as [height × width × 3]."""
-    attrs, interpolation, (corners, pixel, column, weight) = read_field(path)
+    attrs, interpolation, mixing, (corners, pixel, column, weight) = read_field(path)
     x0, y0, x1, y1 = corners.reshape(-1, 4).T
     width, height = int(attrs["width"]), int(attrs["height"])
     needed = (int(attrs["light_height"]), int(attrs["light_width"]), 3)
@@ -172,7 +173,7 @@ def relight(path, light):
 
     # Each pixel is the sum of its entries.
     image = [np.bincount(pixel, weight[:, c] * coefficients[column, c], width * height) for c in range(3)]
-    return np.stack(image, axis=1).reshape(height, width, 3)
+    return (np.stack(image, axis=1) @ mixing.T).reshape(height, width, 3)
 
 
 def exr_library():

@@ -250,7 +250,7 @@ constexpr int max_later_offset = 2;
 /// Wrong offsets of cycles-b gain nothing, right ones 4.7.
 constexpr double pairing_gain = 0.7;
 /// Pairs that are not so much better than random ones are in doubt: those of cycles-b gain 4.7.
-constexpr double doubtful_gain = 1.5;
+constexpr double doubtful_gain = 2.5;
 
 std::string offset_text(int offset) {
   return std::string("the light of ") + std::to_string(std::abs(offset)) +
@@ -289,6 +289,11 @@ std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sa
   for (int offset = -farthest; offset <= farthest; ++offset)
     if (offset != 0)
       consider(with_offset(as_paired, 0, offset), "every photograph shows " + offset_text(offset));
+  if (before - best_score < pairing_gain) {
+    best = as_paired;
+    best_score = before;
+    how.clear();
+  }
   for (int changes = 0; doubtful && changes < 4; ++changes) {
     const std::vector<int> start = best;
     const double start_score = best_score;
@@ -456,9 +461,9 @@ constexpr double min_mixing = 0.01, max_mixing = 0.8, min_exponent = 0.01;
 /// must gain. Undisturbed captures gain up to .6, those with gains that are not yet known 1.6, a tone curve
 /// of 1.03 and mixing of 2 % gain more than 8.
 constexpr double min_evidence = 5.0;
-/// Gains are expected to be of that size, and pixels count as that many independent ones: the predictor's
-/// errors are common to all pixels.
-constexpr double expected_gain = 0.01, no_balance = 0.001, independent_pixels = 67.0;
+/// Gains are expected to be of that size, or so much wider than what was found with that expectation, and
+/// pixels count as that many independent ones: the predictor's errors are common to all pixels.
+constexpr double expected_gain = 0.01, no_balance = 0.001, wider = 1.3, independent_pixels = 67.0;
 /// What gains must gain of the criterion, and their standard deviation. Undisturbed: .023 and .005.
 constexpr double min_gain_gain = 0.04, min_gain = 0.0085;
 /// The same for gains that channels have besides.
@@ -467,7 +472,8 @@ constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
 /// 0.
 /// Undisturbed captures show less than 1.
 constexpr double min_agreement = 2.2;
-/// Room light that does not change: 1 % agrees to .5 that pixels have constants, undisturbed captures to -6 to -2.
+/// Room light that does not change: 1 % agrees to .5 that pixels have constants, undisturbed captures to -6
+/// to -2.
 constexpr double min_room_agreement = 0.3;
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
 constexpr double room_floor = 0.001;
@@ -536,7 +542,8 @@ class RigEstimation {
   struct Brightness;
   Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
   double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
-  MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_balance) const;
+  MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
+                       double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
   RigReport report() const;
 
@@ -1018,8 +1025,6 @@ bool RigEstimation::estimate_colour_and_tone() {
   }
   if (model_.bends_tone()) {
     const double agrees = agreement(residuals, relative_residuals());
-    std::fprintf(stderr, "tone %.4f %.4f %.4f evidence agree %.2f\n", model_.tone[0], model_.tone[1],
-                 model_.tone[2], agrees);
     if (agrees < min_agreement) {
       model_.mixing = mixing_alone;
       prepare();
@@ -1048,7 +1053,6 @@ void RigEstimation::estimate_colour() {
   model_.mixing = mixing;
   prepare();
   const double agrees = agreement(residuals, relative_residuals());
-  std::fprintf(stderr, "colour largest %.4f evidence %.4f agree %.2f\n", largest, evidence, agrees);
   if (agrees > min_agreement) return;
   model_.mixing.setIdentity();
   prepare();
@@ -1159,8 +1163,6 @@ bool RigEstimation::estimate_brightness() {
   for (auto& channel : dark) channel -= room(chosen_).cast<float>() * scene.transpose();
   const bool changes = change > min_room_change && start - criterion_of(dark) > min_room_gain;
   const double mean_room = mean_room_light(y, scene);
-  std::fprintf(stderr, "room path %d change %.4f mean %.4f by_room %.4f\n", static_cast<int>(path.kind),
-               change, mean_room, start - criterion_of(dark));
   if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j) model_.room.push_back(mean_room + (changes ? room[j] : 0.0));
   if (changes) y = dark;
@@ -1176,14 +1178,16 @@ bool RigEstimation::estimate_brightness() {
   const auto common_of = [](const MatrixXd& gains) {
     return MatrixXd(gains.rowwise().mean().replicate(1, 3));
   };
-  MatrixXd gain = solve_gains(y, expected_gain);
+  MatrixXd gain = solve_gains(y, expected_gain, expected_gain);
   MatrixXd common = common_of(gain);
   const bool balances =
       corrected(common) - corrected(gain) > min_balance_gain && size_of(gain - common) > min_balance;
-  std::fprintf(stderr, "balance %.4f %.4f\n", corrected(common) - corrected(gain), size_of(gain - common));
-  if (!balances) gain = common = common_of(solve_gains(y, no_balance));
+  const double expected_balance =
+      balances ? std::max(expected_gain, wider * size_of(gain - common)) : no_balance;
+  gain = solve_gains(y, std::max(expected_gain, wider * size_of(common)), expected_balance);
+  common = common_of(gain);
+  if (!balances) gain = common;
   const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain && size_of(common) > min_gain;
-  std::fprintf(stderr, "gain %.4f %.4f\n", corrected(gain - common) - corrected(gain), size_of(common));
   if (!gains) gain -= common;
   if (gains || balances) {
     model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
@@ -1203,8 +1207,9 @@ bool RigEstimation::estimate_brightness() {
 
 /// Gains of each photograph and channel [images × 3], relative to 1: least squares of ‖A (y − gain ∘ y)‖²
 /// with a prior of gains that all channels have, and of their own.
-MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double expected_balance) const {
-  const Eigen::Matrix3d covariance = expected_gain * expected_gain * Eigen::Matrix3d::Ones() +
+MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
+                                    double expected_balance) const {
+  const Eigen::Matrix3d covariance = expected_common * expected_common * Eigen::Matrix3d::Ones() +
                                      expected_balance * expected_balance * Eigen::Matrix3d::Identity();
   const Eigen::Matrix3d precision = covariance.inverse();
   MatrixXd normal = MatrixXd::Zero(3 * images_, 3 * images_);
@@ -1244,7 +1249,6 @@ double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Ei
   }
   const double mean = power > 0.0 ? product / power : 0.0;
   const double agrees = agreement(without, with);
-  std::fprintf(stderr, "mean room %.4f agree %.4f\n", mean, agrees);
   return std::abs(mean) > min_room && agrees > min_room_agreement ? mean : 0.0;
 }
 

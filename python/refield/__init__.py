@@ -222,6 +222,13 @@ class Field:
         return self._native.colour_space
 
     @property
+    def rig(self) -> dict[str, Any]:
+        """What the photographs were corrected for, empty where nothing was found: "photographs" (names), "light_of" (number
+        of the light of each), "shift_px" (right, down), "mixing" (camera channel per primary), "tone" (exponents), "white",
+        "gain" (of each photograph and channel) and "room" (share of the mean photograph)."""
+        return dict(self.provenance.get("rig", {}))
+
+    @property
     def bits(self) -> int:
         """Bits per weight: 32, or 8 or 16 of packed fields."""
         return self._native.bits
@@ -613,7 +620,7 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
              mode: str = "default", max_kernels: Optional[int] = None, threads: Optional[int] = None,
              progress: Progress = None, *, parameterisation: str = "monitor",
              monitor: Union[str, Sequence[str], None] = None, predict_errors: bool = True,
-             keep_outliers: bool = False, memory: float = 4.0) -> Field:
+             keep_outliers: bool = False, rig: Union[str, Path, dict[str, Any]] = "auto", memory: float = 4.0) -> Field:
     """Estimate a reflectance field from photographs under known lights.
 
     Parameters
@@ -642,6 +649,9 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
         Predict the error of each pixel; takes a fifth more time.
     keep_outliers : bool
         Keep photographs that do not fit the others.
+    rig : "auto", "off", path or dict
+        "auto": find wrong pairs, motion of the camera, colour mixing, tone curve and brightness from the photographs, and
+        correct them. "off": use the pairs as they are. Otherwise a model: Field.rig of another estimate, or a JSON file of it.
     memory : float
         Limit in GiB for bands of rows and the field, besides the arrays that are given.
 
@@ -666,7 +676,7 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
     options = _refield.EstimateOptions(
         _arguments.text(mode, "mode"), 0 if max_kernels is None else _arguments.whole(max_kernels, "max_kernels"),
         _arguments.flag(predict_errors, "predict_errors"), _arguments.flag(keep_outliers, "keep_outliers"),
-        _arguments.number(memory, "memory"))
+        _arguments.rig(rig), _arguments.number(memory, "memory"))
     how, places = _arguments.text(parameterisation, "parameterisation"), _arguments.texts(monitor, "monitor")
     report, limit = _arguments.progress_function(progress), _arguments.thread_limit(threads)
     if isinstance(light, Session) or _arguments.is_path(light) or _arguments.are_paths(light):

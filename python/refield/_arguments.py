@@ -2,6 +2,7 @@
 """Arguments of the package's functions: converted for the extension module, or refused with name, value and remedy."""
 from __future__ import annotations
 
+import json
 import math
 import operator
 import os
@@ -22,6 +23,21 @@ Progress = Union[Callable[[str, int, int], object], Any, None]
 
 def refuse(name: str, value: object, remedy: str) -> NoReturn:
     raise InputError(f"{name} is {reprlib.repr(value)}; give {remedy}")
+
+
+def rig(value: Any) -> str:
+    """ "auto", "off", or a model as JSON."""
+    if isinstance(value, dict):
+        return json.dumps(value)
+    if value in ("auto", "off"):
+        return str(value)
+    if not is_path(value):
+        refuse("rig", value, "'auto', 'off', a model (Field.rig) or the path of one (JSON)")
+    try:
+        with open(value, encoding="utf-8") as file:
+            return file.read()
+    except OSError as error:
+        raise InputError(f"rig: {value}: {error.strerror}") from None
 
 
 def whole(value: Any, name: str) -> int:
