@@ -94,11 +94,13 @@ void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, Fram
     evidence = FrameEvidence(paired, options, true, run);
   }
   for (CaptureFrame& frame : paired.frames) frame.correction = nullptr;
-  std::vector<char> left_out(paired.frames.size(), 0);
-  if (!evidence.search.too_many)
+  RigReport found;
+  if (!evidence.search.too_many) {  // else there is no majority to measure by
+    std::vector<char> left_out(paired.frames.size(), 0);
     for (const OutlierFrame& outlier : evidence.search.outliers) left_out[outlier.frame] = 1;
-  RigReport found =
-      estimate_rig(paired.frames, left_out, job.session, job.mask, options.clip_level, evidence.lights, run);
+    found = estimate_rig(paired.frames, left_out, job.session, job.mask, options.clip_level, evidence.lights,
+                         run);
+  }
   report.rig.findings.insert(report.rig.findings.end(), found.findings.begin(), found.findings.end());
   found.model.photographs = rig.photographs;
   found.model.light_of = rig.light_of;
