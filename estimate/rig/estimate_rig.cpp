@@ -468,6 +468,10 @@ constexpr double min_evidence = 20.0;
 constexpr double expected_gain = 0.01, no_balance = 0.001, wider = 1.3, independent_pixels = 67.0;
 /// What gains must gain of the criterion, and their standard deviation. Undisturbed: .023 and .005.
 constexpr double min_gain_gain = 0.04, min_gain = 0.0085;
+/// Of the residuals along the photographs themselves: undisturbed captures have 1.5 to 9, gains of 1 % 30, of
+/// 2 % 75 and more.
+constexpr double min_own_share = 15.0;
+constexpr Index own_directions = 8;
 /// The same for gains that channels have besides.
 constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
 /// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
@@ -562,6 +566,7 @@ class RigEstimation {
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
+  double own_share(const std::array<MatrixXf, 3>& y) const;
   RigReport report() const;
 
   int frames_;
@@ -1168,6 +1173,33 @@ RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<Matri
   return found;
 }
 
+/// How much more of the photographs' residuals lies along what they show themselves than along other
+/// directions that photographs show (the largest own_directions − 1 principal ones): a wrong gain leaves a
+/// residual proportional to the photograph, light that the predictor does not know leaves any.
+double RigEstimation::own_share(const std::array<MatrixXf, 3>& y) const {
+  MatrixXd seen = MatrixXd::Zero(images_, images_), crossed = seen;  // ⟨y_i, y_j⟩ and ⟨residual_i, y_j⟩
+  for (int c = 0; c < 3; ++c) {
+    const MatrixXf residual = leave_one_out_[c] * y[c];
+    const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
+    const MatrixXf weighted = y[c] * weights.asDiagonal();
+    seen += MatrixXf(weighted * y[c].transpose()).cast<double>();
+    crossed += MatrixXf(residual * weighted.transpose()).cast<double>();
+  }
+  const VectorXd lengths = seen.diagonal().cwiseSqrt().cwiseMax(1e-20);
+  const auto normalise = lengths.cwiseInverse().asDiagonal();
+  const auto eigen = symmetric_eigen(normalise * seen * normalise);
+  const Index directions = std::min<Index>(own_directions, images_);
+  const MatrixXd vectors = eigen.vectors.rightCols(directions);
+  const VectorXd sizes = eigen.values.tail(directions).cwiseMax(1e-12).cwiseSqrt();
+  const auto scale = sizes.cwiseInverse().asDiagonal();
+  const MatrixXd of_residuals = crossed * normalise * vectors * scale;
+  MatrixXd of_photographs = vectors * sizes.asDiagonal();
+  of_photographs.rowwise().normalize();
+  const VectorXd own = of_residuals.cwiseProduct(of_photographs).rowwise().sum().cwiseAbs2();
+  const double others = of_residuals.squaredNorm() - own.sum();
+  return others > 0.0 ? own.sum() * static_cast<double>(directions - 1) / others : 0.0;
+}
+
 /// Gains of each photograph and channel, and room light, which changes along a path. Both change the
 /// brightness: room light is taken where its few parameters explain as much.
 bool RigEstimation::estimate_brightness() {
@@ -1215,7 +1247,8 @@ bool RigEstimation::estimate_brightness() {
   gain = solve_gains(y, expected_gain, expected_balance);
   common = common_of(gain);
   if (!balances) gain = common;
-  const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain && size_of(common) > min_gain;
+  const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain &&
+                     size_of(common) > min_gain && own_share(y) > min_own_share;
   if (!gains) gain -= common;
   if (gains || balances) {
     model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
