@@ -389,7 +389,8 @@ FieldOutline read_outline(const Hdf5Values& values) {
     const auto numbers = values.dataset<float>(mixing_name, 3);
     if (numbers.size() != 9 || !std::ranges::all_of(numbers, [](float v) { return std::isfinite(v); }))
       values.fail(std::string(mixing_name) + " is not a matrix of 3 × 3 numbers");
-    field.output_from_primaries = Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(numbers.data());
+    field.output_from_primaries =
+        Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(numbers.data());
   }
   read_precomputed(values, field);
   if (values.has(monitors_name)) field.monitors = read_monitors(values, field.basis.domain);

@@ -42,9 +42,10 @@ class ObservationBand {
 /// Samples and texels beyond this are faults of a file: the sun's disc has 1.6e9 cd/m².
 inline constexpr float largest_radiance = 1e10f;
 
-/// Reads rows [first_row, last_row) of the frames' photographs and undoes their corrections. Samples at or above `clip_level` count as not
-/// measured. Throws FormatError for a damaged file and InputError for a radiance that is not finite or beyond
-/// `largest_radiance`, or a sigma that is no standard deviation, naming file, pixel, channel and value.
+/// Reads rows [first_row, last_row) of the frames' photographs and undoes what the frames' corrections say.
+/// Samples at or above `clip_level` count as not measured. Throws FormatError for a damaged file and
+/// InputError for a radiance that is not finite or beyond `largest_radiance`, or a sigma that is no standard
+/// deviation, naming file, pixel, channel and value.
 ObservationBand read_observations(std::span<const CaptureFrame> frames, int width, int first_row,
                                   int last_row, float clip_level, const RunContext& run);
 

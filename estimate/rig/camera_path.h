@@ -20,9 +20,10 @@ struct CapturePath {
 };
 
 /// Chooses the path of `measured` [measurements × components], taken of the photographs `at` (ascending, of
-/// `photographs`), whose variances are those of `variance` [measurements] times an unknown factor, by the Bayesian information criterion: a line has one parameter per component, a jump has
-/// its place and one per component, a walk has its step (local level model, Kalman filter). `floor`: standard
-/// deviation below which scatter explains nothing. Source: Schwarz 1978; Durbin and Koopman 2012, chapter 2.
+/// `photographs`), whose variances are those of `variance` [measurements] times an unknown factor, by the
+/// Bayesian information criterion: a line has one parameter per component, a jump has its place and one per
+/// component, a walk has its step (local level model, Kalman filter). `floor`: standard deviation below which
+/// scatter explains nothing. Source: Schwarz 1978; Durbin and Koopman 2012, chapter 2.
 CapturePath choose_path(const Eigen::MatrixXd& measured, const Eigen::VectorXd& variance,
                         std::span<const int> at, int photographs, double floor);
 

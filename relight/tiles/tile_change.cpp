@@ -97,8 +97,7 @@ void prefetch_touched(const TouchedTile<Weight>& touched, const PixelTarget& ima
   }
   const int columns = std::min(tile_side_px, image.width - x0),
             rows = std::min(tile_side_px, image.height - y0);
-  for (int y = y0; y < y0 + rows; ++y)
-    ask_for(image.at(x0, y), static_cast<std::size_t>(columns) * 3);
+  for (int y = y0; y < y0 + rows; ++y) ask_for(image.at(x0, y), static_cast<std::size_t>(columns) * 3);
 }
 
 /// The first of ascending values that is not less than `value`, mostly near `first`: in steps of growing
