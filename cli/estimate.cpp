@@ -18,6 +18,7 @@
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
+#include "estimate/rig/verdict.h"
 
 namespace refield::cli {
 
@@ -124,6 +125,11 @@ nlohmann::ordered_json log_of(const EstimateArguments& arguments, const Estimate
               {"mean_kernels", summary.mean_kernels},
               {"median_training_error", summary.median_training_error}});
   log.update(frame_figures(summary.frames));
+  const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
+  log["check"] = nlohmann::ordered_json::parse(verdict_json(verdict));
+  const std::string unexplained = unexplained_error(summary.median_training_error,
+                                                    summary.median_photograph_noise.value_or(0.0), verdict);
+  if (!unexplained.empty()) log["unexplained_error"] = unexplained;
   if (summary.median_predicted_error)
     log.update({{"median_predicted_error", *summary.median_predicted_error},
                 {"median_photograph_noise", *summary.median_photograph_noise}});
@@ -212,8 +218,14 @@ void run(EstimateArguments arguments, const Common& common) {
   if (summary.median_predicted_error)
     std::printf("predicted error on new photographs %.4f (median), of which photograph noise %.4f\n",
                 *summary.median_predicted_error, *summary.median_photograph_noise);
-  if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
-      curve.known())
+  const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
+  if (verdict.state() != RigFinding::State::good) std::printf("%s", verdict_table(verdict).c_str());
+  const std::string unexplained = unexplained_error(summary.median_training_error,
+                                                    summary.median_photograph_noise.value_or(0.0), verdict);
+  if (!unexplained.empty())
+    std::printf("%s\n", unexplained.c_str());
+  else if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
+           curve.known())
     std::printf("%s\n", curve.advice().c_str());
   if (!summary.frames.left_out.empty())
     std::printf("left out because they do not fit the other photographs: %s\n",

@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -20,6 +21,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "core/session/capture_session.h"
+#include "estimate/rig/verdict.h"
 
 namespace refield::cli {
 
@@ -179,6 +181,12 @@ ordered_json describe_part(const fs::path& path) {
   return info;
 }
 
+/// The check that an estimation makes before it fits; none where frames are too few to be compared.
+std::optional<CaptureVerdict> checked(const CaptureSession& session) {
+  if (std::ssize(session.frames_of(FrameRole::train)) < min_frames_to_assess) return std::nullopt;
+  return check_capture(session, {}, run_context());
+}
+
 ordered_json describe_session(const fs::path& folder) {
   const CaptureSession session = read_capture_session(folder);
   std::map<std::string, std::map<std::string, int>> counts;
@@ -299,20 +307,30 @@ void print_text(const ordered_json& value, int indent) {
 
 void add_info(CLI::App& app, const Common& common, Action& action) {
   const auto path = std::make_shared<fs::path>();
-  CLI::App* verb = app.add_subcommand("info",
-                                      "Print a summary of a reflectance field, capture session or image.\n"
-                                      "\n"
-                                      "Examples:\n"
-                                      "  refield info scene.rfield\n"
-                                      "  refield info session --json");
+  CLI::App* verb =
+      app.add_subcommand("info",
+                         "Print a summary of a reflectance field, capture session or image.\n"
+                         "\n"
+                         "The photographs of a session are checked as an estimation does before it "
+                         "fits: pairing, camera motion, colours, tone curve, brightness, room "
+                         "light, drift, clipping, noise and outlier frames, each with what it does "
+                         "to the error and a remedy.\n"
+                         "\n"
+                         "Examples:\n"
+                         "  refield info scene.rfield\n"
+                         "  refield info session --json");
   verb->add_option("file", *path, "Reflectance field (.rfield), session folder or image")->required();
   verb->callback([path, &common, &action] {
     action = [path, &common] {
-      const ordered_json info = describe_path(*path);
+      ordered_json info = describe_path(*path);
+      std::optional<CaptureVerdict> verdict;
+      if (fs::is_directory(*path)) verdict = checked(read_capture_session(*path));
+      if (verdict && common.json) info["check"] = ordered_json::parse(verdict_json(*verdict));
       if (common.json)
         std::printf("%s\n", json_text(info, 2).c_str());
       else
         print_text(info, 0);
+      if (verdict && !common.json) std::printf("%s", verdict_table(*verdict).c_str());
     };
   });
 }

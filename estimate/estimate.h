@@ -32,6 +32,8 @@ struct FrameReport {
   /// Frames that disagree but are kept, since they are too many to be the exception.
   std::vector<LeftOutFrame> doubtful;
   double typical_residual = 0.0;  ///< relative; 0: frames were not checked
+  double clipped_share = 0.0;     ///< of the samples that were compared: not measured
+  double noise = 0.0;             ///< of a sample, relative standard deviation; 0: unknown
   Drift drift;                    ///< of the capture, as its reference frames show it
   RigReport rig;                  ///< what contradicts B = T L, and what of it is corrected
 };

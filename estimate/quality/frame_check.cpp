@@ -45,6 +45,11 @@ void require_usual_brightness(const EstimateJob& job) {
   throw InputError(job.frames.front().observed.parent_path().string() + text);
 }
 
+double share_not_measured(const PixelSample& sample) {
+  const auto count = std::ranges::count_if(sample.values, [](float value) { return std::isnan(value); });
+  return sample.values.empty() ? 0.0 : static_cast<double>(count) / static_cast<double>(sample.values.size());
+}
+
 /// What the frames are compared by.
 struct FrameEvidence {
   PixelSample sample;
@@ -212,6 +217,8 @@ std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, co
   check.report.left_out = frames_from(json.at("left_out"), frames);
   check.report.doubtful = frames_from(json.at("doubtful"), frames);
   json.at("typical_residual").get_to(check.report.typical_residual);
+  json.at("clipped_share").get_to(check.report.clipped_share);
+  json.at("relative_noise").get_to(check.report.noise);
   json.at("mean_square").get_to(check.mean_square);
   const auto& noise = json.at("noise");
   noise.at("log_level").get_to(check.noise.log_level);
@@ -243,6 +250,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   if (!can_assess && !finds_rig && options.mode != EstimateMode::refined) return report;
   FrameEvidence evidence(job, options, can_assess || finds_rig, run);
   job.mean_square = evidence.sample.mean_square({});
+  report.clipped_share = share_not_measured(evidence.sample);
   require_usual_brightness(job);
   if (finds_rig) {
     estimate_and_correct(job, options, evidence, report, run);
@@ -255,6 +263,8 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   std::vector<int> dropped;
   for (const LeftOutFrame& frame : report.left_out) dropped.push_back(frame.found.frame);
   job.noise = measure_noise(sample.windows, sample.images, dropped);
+  if (!job.noise.log_level.empty())
+    report.noise = std::sqrt(job.noise.relative_variance(sample.mean_square(dropped)));
   if (!dropped.empty()) job.mean_square = sample.mean_square(dropped);
   leave_out(job, report, options);
   return report;
@@ -280,6 +290,8 @@ std::string frame_check_text(const EstimateJob& job, const FrameReport& report, 
                                        {"left_out", json_of(report.left_out)},
                                        {"doubtful", json_of(report.doubtful)},
                                        {"typical_residual", report.typical_residual},
+                                       {"clipped_share", report.clipped_share},
+                                       {"relative_noise", report.noise},
                                        {"mean_square", job.mean_square},
                                        {"noise",
                                         {{"log_level", job.noise.log_level},
