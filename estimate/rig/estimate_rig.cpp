@@ -483,9 +483,8 @@ constexpr double min_agreement = 2.2, min_motion_agreement = 1.5;
 /// errors for gains of 9 %.
 constexpr double max_residual_of_tone = 0.1, max_residual_of_gains = 0.08;
 constexpr Index min_images_for_gains = 60;
-/// Room light that does not change: 1 % agrees to .5 that pixels have constants, undisturbed captures to -6
-/// to -2.
-constexpr double min_room_agreement = 0.3;
+/// That pixels have constants: room light of 1 % shows about 0, of 2 % 1.7, undisturbed captures -7 to -2.
+constexpr double min_room_agreement = -0.5, min_room_agreement_if_changing = -3.0;
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
 constexpr double room_floor = 0.001;
 /// Beyond that many pixels photographs are not comparable at all.
@@ -562,7 +561,8 @@ class RigEstimation {
   bool estimate_brightness();
   struct Brightness;
   Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
-  double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
+  double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene,
+                         double least_agreement) const;
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
@@ -1214,15 +1214,21 @@ bool RigEstimation::estimate_brightness() {
       (y[0].colwise().mean() + y[1].colwise().mean() + y[2].colwise().mean()).transpose() / 3.0f;
   const double start = criterion_of(y);
   // Room light: its changes by the joint solution, its mean by the constants that pixels have.
-  const Brightness joint = solve_brightness(y, scene);
-  const CapturePath path = choose_path(joint.room, joint.room_variance, chosen_, frames_, room_floor);
-  VectorXd room = path.values.col(0);
-  room.array() -= room(chosen_).mean();
-  const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
   std::array<MatrixXf, 3> dark = y;
-  for (auto& channel : dark) channel -= room(chosen_).cast<float>() * scene.transpose();
+  VectorXd room = VectorXd::Zero(frames_), measured = VectorXd::Zero(images_);
+  for (int step = 0; step < 2; ++step) {  // the prior holds back the first
+    const Brightness found = solve_brightness(dark, scene);
+    measured = room(chosen_) + found.room;
+    room = choose_path(measured, found.room_variance, chosen_, frames_, room_floor).values.col(0);
+    room.array() -= room(chosen_).mean();
+    dark = y;
+    for (auto& channel : dark) channel -= room(chosen_).cast<float>() * scene.transpose();
+    if (room.isZero()) break;
+  }
+  const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
   const bool changes = change > min_room_change && start - criterion_of(dark) > min_room_gain;
-  const double mean_room = mean_room_light(y, scene);
+  const double mean_room =
+      mean_room_light(y, scene, changes ? min_room_agreement_if_changing : min_room_agreement);
   if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j) model_.room.push_back(mean_room + (changes ? room[j] : 0.0));
   if (changes) y = dark;
@@ -1244,11 +1250,12 @@ bool RigEstimation::estimate_brightness() {
       corrected(common) - corrected(gain) > min_balance_gain && size_of(gain - common) > min_balance;
   const double expected_balance =
       balances ? std::max(expected_gain, wider * size_of(gain - common)) : no_balance;
-  gain = solve_gains(y, expected_gain, expected_balance);
+  const double expected_common = size_of(common) > 2.0 * expected_gain ? size_of(common) : expected_gain;
+  gain = solve_gains(y, expected_common, expected_balance);
   common = common_of(gain);
   if (!balances) gain = common;
   const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain &&
-                     size_of(common) > min_gain && own_share(y) > min_own_share;
+                     size_of(common) > min_gain && (balances || own_share(y) > min_own_share);
   if (!gains) gain -= common;
   if (gains || balances) {
     model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
@@ -1296,7 +1303,8 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
 }
 
 /// Room light that all photographs have, as a share of the scene; 0 where pixels have no constants.
-double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const {
+double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene,
+                                      double least_agreement) const {
   double product = 0.0, power = 0.0;
   std::array<MatrixXf, 3> without, with;
   for (int c = 0; c < 3; ++c) {
@@ -1310,7 +1318,7 @@ double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Ei
   }
   const double mean = power > 0.0 ? product / power : 0.0;
   const double agrees = agreement(without, with);
-  return std::abs(mean) > min_room && agrees > min_room_agreement ? mean : 0.0;
+  return std::abs(mean) > min_room && agrees > least_agreement ? mean : 0.0;
 }
 
 RigReport RigEstimation::report() const {
