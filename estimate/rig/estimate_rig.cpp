@@ -505,7 +505,6 @@ class RigEstimation {
     original_ = read_tiles(taking_part, session.width, session.height, mask, clip_level, run);
     images_ = static_cast<Index>(chosen_.size());
     shift_ = MatrixXd::Zero(images_, 2);
-    gain_ = MatrixXd::Ones(images_, 3);
     model_.white = lights.white > 0.0 ? lights.white : 1.0;
     for (const CaptureFrame& frame : frames) model_.photographs.push_back(frame.name);
   }
@@ -578,7 +577,7 @@ class RigEstimation {
   std::vector<Tile> original_, current_;  // as photographed, and with the model so far undone
   std::vector<Place> places_;             // bright pixels, spread over the tiles; channel 0
   std::array<MatrixXf, 3> leave_one_out_;
-  MatrixXd shift_, gain_;
+  MatrixXd shift_;
   CapturePath path_;
   RigModel model_;
   double before_ = 0.0;
@@ -672,7 +671,7 @@ void RigEstimation::subtract_room(Tile& tile, int x, int y) const {
 }
 
 /// `from` moved back by shift [images × 2].
-void move_back(const Tile& from, const MatrixXd& shift, int picture_width, Tile& to);
+void move_back(const Tile& from, const MatrixXd& shift, Tile& to);
 
 /// Undoes the model in all tiles.
 void RigEstimation::prepare() {
@@ -680,7 +679,7 @@ void RigEstimation::prepare() {
   const bool moves = shift_.cwiseAbs().maxCoeff() > 0.0;
   tbb::parallel_for(std::size_t{0}, original_.size(), [&](std::size_t t) {
     if (moves)
-      move_back(original_[t], shift_, 0, current_[t]);
+      move_back(original_[t], shift_, current_[t]);
     else
       current_[t].values = original_[t].values;
     Tile& tile = current_[t];
@@ -719,7 +718,7 @@ Taps taps_of(const VectorXd& shift, std::size_t stride) {
   return taps;
 }
 
-void move_back(const Tile& from, const MatrixXd& shift, int, Tile& to) {
+void move_back(const Tile& from, const MatrixXd& shift, Tile& to) {
   const Taps across = taps_of(shift.col(0), from.stride), down = taps_of(shift.col(1), from.stride);
   const std::size_t row_size = static_cast<std::size_t>(from.width) * 3 * from.stride;
   AlignedFloats row(row_size);
