@@ -27,7 +27,7 @@ TEST(Verdict, OfACaptureThatObeysTheModelIsGood) {
   EXPECT_EQ(verdict.state(), State::good);
   for (const VerdictRow& row : verdict.rows) EXPECT_THAT(row.remedy, IsEmpty()) << row.property;
   EXPECT_THAT(verdict_table(verdict), HasSubstr("check of 120 photographs: good"));
-  EXPECT_THAT(unexplained_error(0.03, 0.01, verdict), IsEmpty()) << "what rectangles cannot represent";
+  EXPECT_THAT(unexplained_error(0.02, 0.01, verdict), IsEmpty()) << "what rectangles cannot represent";
 }
 
 TEST(Verdict, NamesWhatIsWrongAndWhatToDo) {
