@@ -6,7 +6,6 @@
 //   REFIELD_KILL_NAME=TEXT   SIGKILL once a file whose new name contains TEXT was renamed
 //   REFIELD_COUNT_STEPS=FILE the number of steps is written to FILE when the program ends by itself
 #include <dlfcn.h>
-#include <fcntl.h>
 #include <signal.h>
 #include <sys/uio.h>
 #include <unistd.h>
