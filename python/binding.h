@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "core/base/errors.h"
+#include "core/base/floating_point.h"
 #include "core/base/run_context.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
@@ -34,6 +35,15 @@ using Floats = py::array_t<float, 0>;  ///< float32 of any strides; nothing is c
 /// Throws Error in a process that was forked from one whose threads had already been started: they do not
 /// exist in the child. Called by everything that works on several threads.
 void require_own_threads();
+
+/// A short call, in this thread, without the interpreter's lock. Not every state of a thread of Python's is
+/// ours: other modules may flush denormals in it.
+template <class Work>
+void unlocked(const Work& work) {
+  require_own_threads();
+  const py::gil_scoped_release without_lock;
+  with_default_floating_point(work);
+}
 
 /// Passes findings of the library on to Python's logger "refield".
 void log_note(const std::string& text);

@@ -146,12 +146,10 @@ py::array relight(const Field& field, const Floats& light, const std::optional<p
   py::array result = out ? *out : py::array_t<float>(shape);
   float* target = target_of(result, shape);
   if (lights.size() == 1 && progress.is_none()) {
-    require_own_threads();
-    const py::gil_scoped_release without_lock;
     RunContext run;
     run.max_threads = threads.value_or(0);
     const ThreadLimit limit(run);
-    field.relight(lights, target, run);
+    unlocked([&] { field.relight(lights, target, run); });
   } else {
     LongCall(std::move(progress), threads)([&](const RunContext& run) {
       const ThreadLimit limit(run);
@@ -197,12 +195,8 @@ py::array lit_by(const Field& field, int u, int v) {
   const std::vector<py::ssize_t> shape = field.shape();
   py::array_t<float> result(shape);
   float* target = result.mutable_data();
-  require_own_threads();
-  {
-    const py::gil_scoped_release without_lock;
-    const ImageView view(light.radiance);
-    field.relight({&view, 1}, target, {});
-  }
+  const ImageView view(light.radiance);
+  unlocked([&] { field.relight({&view, 1}, target, {}); });
   return result;
 }
 
@@ -231,12 +225,10 @@ py::object predicted_error_of(const Field& field, const Floats& light) {
   if (outline.quality.predicted_error.empty()) return py::none();
   Image relit(outline.width, outline.height, 3);
   std::vector<float> error;
-  require_own_threads();
-  {
-    const py::gil_scoped_release without_lock;
+  unlocked([&] {
     field.relight({&view, 1}, relit.values.data(), {});
     error = predicted_error_under(outline, map.radiance, relit);
-  }
+  });
   return quality_map(field, error);
 }
 
@@ -264,9 +256,7 @@ py::bytes png(const Field& field) {
   const std::vector<py::ssize_t> shape = field.shape();
   Image image(static_cast<int>(shape[1]), static_cast<int>(shape[0]), 3);
   std::vector<std::uint8_t> file;
-  require_own_threads();
-  {
-    const py::gil_scoped_release without_lock;
+  unlocked([&] {
     const ImageView view(white);
     field.relight({&view, 1}, image.values.data(), {});
     constexpr int max_side = 640;
@@ -275,7 +265,7 @@ py::bytes png(const Field& field) {
       image = resample_area(image, std::max(1, image.width * max_side / side),
                             std::max(1, image.height * max_side / side));
     file = encode_png(image, {exposure_to_white(image)});
-  }
+  });
   return {reinterpret_cast<const char*>(file.data()), file.size()};
 }
 
@@ -314,12 +304,10 @@ class Frames {
     const std::vector<py::ssize_t> shape{height_, width_, 3};
     py::array result = out ? *out : py::array_t<float>(shape);
     const std::span<float> target(target_of(result, shape), static_cast<std::size_t>(width_) * height_ * 3);
-    require_own_threads();
-    {
-      const py::gil_scoped_release without_lock;
+    unlocked([&] {
       const std::scoped_lock lock(mutex_);
       show(view, target);
-    }
+    });
     return result;
   }
 
@@ -429,9 +417,9 @@ void bind_field(py::module_& module) {
       });
   py::class_<Frames>(module, "Frames")
       .def(py::init([](const Field& field, const std::string& precision) {
-        require_own_threads();
-        const py::gil_scoped_release without_lock;
-        return std::make_unique<Frames>(field, precision_from_name(precision));
+        std::unique_ptr<Frames> frames;
+        unlocked([&] { frames = std::make_unique<Frames>(field, precision_from_name(precision)); });
+        return frames;
       }))
       .def("relight", &Frames::relight)
       .def("update", &Frames::update);

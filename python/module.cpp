@@ -71,6 +71,7 @@ class Workers {
 
  private:
   [[noreturn]] void serve() {
+    const DefaultFloatingPoint not_the_callers;
     for (;;) {
       std::unique_lock lock(mutex_);
       ++idle_;

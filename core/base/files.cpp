@@ -23,12 +23,14 @@ namespace {
 /// Flushes a file's or folder's content to the device.
 void sync_to_device(const fs::path& path, int flags) {
   const int fd = ::open(path.c_str(), flags | O_CLOEXEC);
+  // A folder in which files may be created need not be readable.
+  if (fd < 0 && errno == EACCES && (flags & O_DIRECTORY)) return;
   if (fd < 0) throw DeviceError(path.string(), errno, "cannot open to flush it");
   const int status = ::fsync(fd);
   const int error_number = errno;
   ::close(fd);
-  // Some file systems cannot sync folders; the rename is then as safe as they allow.
-  if (status != 0 && error_number != EINVAL)
+  // Some file systems cannot sync; the rename is then as safe as they allow.
+  if (status != 0 && error_number != EINVAL && error_number != ENOSYS && error_number != EOPNOTSUPP)
     throw DeviceError(path.string(), error_number, "cannot flush to disk");
 }
 
@@ -190,7 +192,7 @@ MappedFile::MappedFile(const fs::path& path) {
   int error_number = ::fstat(fd, &status) == 0 ? 0 : errno;
   if (error_number == 0 && status.st_size > 0) {  // nothing cannot be mapped
     size_ = static_cast<std::size_t>(status.st_size);
-    memory_ = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, fd, 0);
+    memory_ = ::mmap(nullptr, size_, PROT_READ, MAP_PRIVATE, fd, 0);  // FUSE may refuse shared ones
     if (memory_ == MAP_FAILED) error_number = errno;
   }
   ::close(fd);

@@ -4,6 +4,7 @@
 #include <hdf5.h>
 
 #include <array>
+#include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -68,12 +69,19 @@ std::optional<std::int64_t> integer_of(hid_t attribute) {
   return value;
 }
 
-/// nullopt unless the attribute is one text of fixed length.
+/// nullopt unless the attribute is one text; of variable length as h5py writes `str`.
 std::optional<std::string> text_of(hid_t attribute, std::size_t longest) {
   const Id type(H5Aget_type(attribute));
-  if (H5Tget_class(type) != H5T_STRING || H5Tis_variable_str(type) != 0 ||
-      H5Sget_simple_extent_npoints(Id(H5Aget_space(attribute))) != 1 || H5Tget_size(type) > longest)
+  if (H5Tget_class(type) != H5T_STRING || H5Sget_simple_extent_npoints(Id(H5Aget_space(attribute))) != 1)
     return std::nullopt;
+  if (H5Tis_variable_str(type) > 0) {
+    char* text = nullptr;
+    if (H5Aread(attribute, type, &text) < 0 || !text) return std::nullopt;
+    std::string value(text, ::strnlen(text, longest));
+    H5free_memory(text);
+    return value;
+  }
+  if (H5Tget_size(type) > longest) return std::nullopt;
   std::string value(H5Tget_size(type), '\0');
   if (H5Aread(attribute, type, value.data()) < 0) return std::nullopt;
   value.resize(value.find_last_not_of('\0') + 1);
@@ -146,7 +154,9 @@ void describe_data_set(hid_t file, const char* name, Json& outline) {
 std::string describe_hdf5(const std::vector<std::string>& arguments) {
   const std::string& path = arguments.at(0);
   const QuietLibrary quiet;
-  const Id file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
+  const Id access(H5Pcreate(H5P_FILE_ACCESS));
+  H5Pset_file_locking(access, false, true);  // network file systems may refuse flock(); OutputLock holds ours
+  const Id file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access));
   if (file < 0) throw std::runtime_error("no HDF5 file");
   Json outline{{"numbers", Json::object()},
                {"texts", Json::object()},

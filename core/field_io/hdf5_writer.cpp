@@ -60,6 +60,7 @@ hid_t create(const std::filesystem::path& file) {
                nullptr);  // its error stack would be printed; ours go through exceptions
   const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V110);
+  H5Pset_file_locking(access, false, true);  // network file systems may refuse flock(); OutputLock holds ours
   const Handle timeless(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
   H5Pset_obj_track_times(timeless, false);
   return H5Fcreate(file.c_str(), H5F_ACC_TRUNC, timeless, access);

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/floating_point.h"
 
 namespace refield::prt {
 
@@ -91,7 +92,7 @@ void RayScene::set_pose(std::uint32_t instance, const Eigen::Isometry3f& pose) {
 }
 
 void RayScene::commit() {
-  rtcCommitScene(scene_.get());
+  with_default_floating_point([&] { rtcCommitScene(scene_.get()); });
 }
 
 namespace {

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "simulate/geometry/mesh_import.h"
+
+namespace refield::prt {
+
+/// Why a mesh is refused, in words that are not the file's.
+struct MeshFault : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// A polygon over vertices of the mesh as triangles: ears are clipped, so it may be concave. Throws MeshFault
+/// where it names a vertex that the mesh does not have.
+void append_polygon(std::vector<std::uint32_t> corners, ImportedMesh& mesh);
+
+/// The index in mesh.textures of an image file that the mesh file `path` names, in its folder or below; −1
+/// where it is not there.
+std::int32_t texture_beside(const std::filesystem::path& path, std::string name, ImportedMesh& mesh);
+
+/// What a texture's coordinates are multiplied by and moved by.
+struct TexturePlacement {
+  Eigen::Matrix2f turn = Eigen::Matrix2f::Identity();
+  Eigen::Vector2f offset = Eigen::Vector2f::Zero();
+  bool operator==(const TexturePlacement&) const = default;
+};
+
+/// Files that are read without a library, since assimp 5.2 changes many of them silently: PLY of all
+/// encodings (Turk 1994; polygons, strips and fans), OFF and its variants (Geomview) but four-dimensional and
+/// binary ones, OBJ with polygons, and MTL (Ramey et al. 1995) with the extension for metallic-roughness.
+/// `bytes`: the file. Throws MeshFault.
+ImportedMesh read_ply(std::string_view bytes, const std::filesystem::path& path);
+ImportedMesh read_off(std::string_view bytes);
+ImportedMesh read_obj(std::string_view bytes, const std::filesystem::path& path);
+
+}  // namespace refield::prt
