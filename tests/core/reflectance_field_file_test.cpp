@@ -4,7 +4,10 @@
 #include <gmock/gmock.h>
 #include <hdf5.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <cmath>
 #include <fstream>
 #include <functional>
@@ -20,6 +23,17 @@
 #include "tests/support/random_data.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/temporary_folder.h"
+
+namespace {
+int flock_error = 0;
+}
+
+/// The system's, or one that fails as on network file systems, for libraries, too.
+extern "C" int flock(int descriptor, int operation) {
+  if (flock_error == 0) return static_cast<int>(::syscall(SYS_flock, descriptor, operation));
+  errno = flock_error;
+  return -1;
+}
 
 namespace refield {
 namespace {
@@ -400,6 +414,53 @@ TEST(ReflectanceFieldFile, ContentInAnotherPlaceIsNotFollowed) {
     H5Pclose(creation);
     H5Sclose(space);
   });
+}
+
+TEST(ReflectanceFieldFile, NeedsNoLocksOfTheFileSystem) {
+  const test::TemporaryFolder folder;
+  constexpr int no_support = 524;  // the kernel's ENOTSUPP
+  for (const int error : {ENOLCK, EOPNOTSUPP, ENOSYS, no_support}) {
+    flock_error = error;
+    EXPECT_NO_THROW(write_reflectance_field(folder / "a.rfield", sample_field())) << error;
+    EXPECT_NO_THROW(read_reflectance_field(folder / "a.rfield")) << error;
+    flock_error = 0;
+  }
+}
+
+TEST(ReflectanceFieldFile, TextsMayHaveVariableLength) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder / "a.rfield";
+  write_reflectance_field(path, sample_field());
+  const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT), type = H5Tcopy(H5T_C_S1);
+  const hid_t space = H5Screate(H5S_SCALAR);
+  H5Tset_size(type, H5T_VARIABLE);
+  for (const auto& [name, text] : {std::pair{"format", "refield reflectance field"}, {"provenance", "{\"by\": \"h5py\"}"}}) {
+    H5Adelete(file, name);
+    const hid_t attribute = H5Acreate2(file, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+    ASSERT_GE(H5Awrite(attribute, type, &text), 0) << name;
+    H5Aclose(attribute);
+  }
+  H5Sclose(space);
+  H5Tclose(type);
+  H5Fclose(file);
+  EXPECT_EQ(read_reflectance_field(path).provenance, "{\"by\": \"h5py\"}");
+}
+
+TEST(ReflectanceFieldFile, NamesTheTypeOfValuesThatItDoesNotRead) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "a.rfield", sample_field());
+  const hid_t file = H5Fopen((folder / "a.rfield").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t old = H5Dopen2(file, "transfer/weight", H5P_DEFAULT), space = H5Dget_space(old);
+  H5Dclose(old);
+  H5Ldelete(file, "transfer/weight", H5P_DEFAULT);
+  const hid_t doubles =
+      H5Dcreate2(file, "transfer/weight", H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+  const std::vector<double> values(static_cast<std::size_t>(H5Sget_simple_extent_npoints(space)), 0.5);
+  ASSERT_GE(H5Dwrite(doubles, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), 0);
+  H5Dclose(doubles);
+  H5Sclose(space);
+  H5Fclose(file);
+  EXPECT_THAT(message_of(folder / "a.rfield"), HasSubstr("holds f8 where f4 is expected"));
 }
 
 TEST(ReflectanceFieldFile, ContentOfAnotherProgramNeedsNoChecksums) {
