@@ -310,7 +310,7 @@ ImageHeader read_image_header(const fs::path& path) {
           rows_stored_together(file.spec(), file.is_exr)};
 }
 
-Image read_image(const fs::path& path) {
+Image read_image(const fs::path& path, Alpha alpha) {
   const ImageFile file = open_image(path);
   const OIIO::ImageSpec& spec = file.spec();
   const auto colour = colour_channels(spec, file.is_exr, path);
@@ -318,7 +318,8 @@ Image read_image(const fs::path& path) {
   Image image = select_channels(raw, file.width, file.height, spec.nchannels, colour);
   if (!spec.format.is_floating_point() && spec.get_string_attribute("oiio:ColorSpace") != "Linear")
     std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
-  if (spec.alpha_channel >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
+  if (alpha == Alpha::multiply && spec.alpha_channel >= 0 &&
+      spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
     for (std::size_t p = 0; p < image.pixel_count(); ++p)
       for (std::size_t c = 0; c < 3; ++c)
         image.values[3 * p + c] *= raw[p * spec.nchannels + spec.alpha_channel];

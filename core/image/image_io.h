@@ -36,9 +36,11 @@ enum class Precision { half, single };
 ImageHeader read_image_header(const std::filesystem::path& path);
 
 /// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are
-/// taken as sRGB and decoded, then multiplied by alpha, if any: transparent pixels are black. Values are
-/// returned as stored: check them with require_finite(). Throws FormatError for a truncated file or no image.
-Image read_image(const std::filesystem::path& path);
+/// taken as sRGB and decoded, then multiplied by alpha, if any: transparent pixels are black. Textures of
+/// meshes ignore it, since exporters leave alpha in those of opaque materials. Values are returned as stored:
+/// check them with require_finite(). Throws FormatError for a truncated file or no image.
+enum class Alpha { multiply, ignore };
+Image read_image(const std::filesystem::path& path, Alpha alpha = Alpha::multiply);
 
 /// Reads rows [first, last) of a photograph, and no more of the file than the blocks that hold them.
 Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);

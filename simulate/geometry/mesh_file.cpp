@@ -6,10 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <limits>
 #include <numeric>
-#include <sstream>
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
@@ -17,66 +15,6 @@
 #include "simulate/geometry/vertex_materials.h"
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
-
-namespace {
-
-/// The first lines of a file; a binary one's rest is cut off.
-std::istringstream begin_of(const fs::path& path) {
-  constexpr std::size_t longest = std::size_t{1} << 16;
-  std::string text(std::min<std::uintmax_t>(longest, fs::file_size(path)), '\0');
-  std::ifstream(path, std::ios::binary).read(text.data(), static_cast<std::streamsize>(text.size()));
-  return std::istringstream(text);
-}
-
-void require_room(const fs::path& path, const char* what, double count, std::uint64_t least_bytes) {
-  const auto bytes = static_cast<double>(fs::file_size(path));
-  if (count * static_cast<double>(least_bytes) <= bytes) return;
-  std::ostringstream message;
-  message.precision(12);
-  message << "promises " << count << ' ' << what << ", but a file of " << bytes
-          << " bytes cannot hold that many; it is damaged or cut off";
-  throw FormatError(path, message.str());
-}
-
-void check_off(const fs::path& path) {
-  std::istringstream text = begin_of(path);
-  std::string line;
-  std::getline(text, line);  // OFF, COFF, …, or with the counts in the same line
-  const auto is_blank = [](const std::string& l) {
-    return l.find_first_not_of(" \t\r") == std::string::npos || l.starts_with('#');
-  };
-  while (std::getline(text, line) && is_blank(line)) {
-  }
-  double vertices = 0.0, faces = 0.0;
-  if (!(std::istringstream(line) >> vertices >> faces)) return;
-  require_room(path, "vertices", vertices, 6);  // "0 0 0\n"
-  require_room(path, "faces", faces, 4);
-}
-
-void check_ply(const fs::path& path) {
-  std::istringstream text = begin_of(path);
-  std::string line;
-  bool ends = false;
-  while (!ends && std::getline(text, line)) {
-    ends = line.starts_with("end_header");
-    std::istringstream words(line);
-    std::string element, name;
-    double count = 0.0;
-    if (words >> element >> name >> count && element == "element")
-      require_room(path, name == "vertex" ? "vertices" : "elements", count, name == "vertex" ? 3 : 1);
-  }
-  // The library would look for it for ever.
-  if (!ends) throw FormatError(path, "its header does not end; it is damaged or no PLY file");
-}
-
-}  // namespace
-
-void check_mesh_header(const fs::path& path, const std::string& format) {
-  if (format == "off") check_off(path);
-  if (format == "ply") check_ply(path);
-}
 
 namespace fs = std::filesystem;
 
@@ -129,19 +67,13 @@ std::vector<std::uint32_t> first_of(const ImportedMesh& file, Alike alike) {
   return first;
 }
 
-Eigen::Array3f linear_colour(const Eigen::Array3f& colour, float scale, ColourCoding coding) {
+Eigen::Array3f linear_colour(const Eigen::Array3f& colour, ColourCoding coding) {
   Eigen::Array3f linear;
   for (int c = 0; c < 3; ++c) {
-    const float value = std::isfinite(colour[c]) ? std::clamp(colour[c] * scale, 0.0f, 1.0f) : 0.0f;
+    const float value = std::isfinite(colour[c]) ? std::clamp(colour[c], 0.0f, 1.0f) : 0.0f;
     linear[c] = coding == ColourCoding::srgb ? linear_from_srgb(value) : value;
   }
   return linear;
-}
-
-/// OFF files may count colours to 255.
-float colour_scale(const ImportedMesh& file) {
-  const auto beyond_one = [](const Eigen::Array3f& colour) { return colour.maxCoeff() > 1.0f; };
-  return std::ranges::any_of(file.colours, beyond_one) ? 1.0f / 255.0f : 1.0f;
 }
 
 bool shines(const VertexMaterial& material) {
@@ -168,7 +100,6 @@ MeshFile in_light_axes(const ImportedMesh& file, const MeshFileOptions& options,
   result.has_materials = !materials.empty();
   Mesh& mesh = result.mesh;
   const std::vector<std::uint32_t> first = first_of(file, Alike::coloured);
-  const float scale = colour_scale(file);
   std::vector<std::uint32_t> number(file.positions.size(), no_vertex);
   Mesh all;
   all.positions = file.positions;
@@ -184,7 +115,7 @@ MeshFile in_light_axes(const ImportedMesh& file, const MeshFileOptions& options,
         const Eigen::Vector3f& position = file.positions[joined[i]];
         mesh.positions.emplace_back(position.x(), position.y(), -position.z());
         mesh.colours.push_back(file.colours.empty() ? Eigen::Array3f(Eigen::Array3f::Ones())
-                                                    : linear_colour(file.colours[joined[i]], scale, coding));
+                                                    : linear_colour(file.colours[joined[i]], coding));
         if (!materials.empty())
           reflect(materials[joined[i]], options.gloss, mesh.colours.back(),
                   result.lobes.emplace_back(0.0f, 0.0f, 0.0f, 1.0f));

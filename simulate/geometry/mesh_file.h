@@ -13,12 +13,6 @@
 
 namespace refield::prt {
 
-/// Looks at what the first lines of an OFF or PLY file promise, before any library reserves memory for it.
-/// Throws FormatError where they count more vertices or faces than a file of this size can hold, or where the
-/// header of a PLY has no end. Other
-/// formats have no counts and pass.
-void check_mesh_header(const std::filesystem::path& path, const std::string& format);
-
 /// Normals from the triangles: at each vertex the mean of theirs, weighted by area. A vertex whose triangles
 /// cancel out takes the first one's.
 void compute_normals(Mesh& mesh);

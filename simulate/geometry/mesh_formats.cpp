@@ -67,9 +67,10 @@ double number_of(std::string_view word) {
                       : "a word stands where a number is expected; export the file again");
 }
 
+/// Up to a comment.
 std::vector<double> numbers_of(Words words) {
   std::vector<double> numbers;
-  for (std::string_view word = words.next(); !word.empty(); word = words.next())
+  for (std::string_view word = words.next(); !word.empty() && !word.starts_with('#'); word = words.next())
     numbers.push_back(number_of(word));
   return numbers;
 }
@@ -115,50 +116,50 @@ void require_room(std::string_view bytes, const char* what, double count, std::u
                   std::to_string(bytes.size()) + " bytes cannot hold that many; it is damaged or cut off");
 }
 
-/// Divides colours by what they count to. Integers of more than 8 bits, and floats, may still count to 255.
-void scale_colours(std::vector<Colour>& colours, bool are_integers, bool are_bytes) {
+/// Divides colours by what they count to: bytes by 255; longer integers and floats may count to 1, 255 or
+/// 65535.
+void scale_colours(std::vector<Colour>& colours, bool are_bytes) {
   float largest = 0.0f;
   for (const Colour& colour : colours) largest = std::max(largest, colour.maxCoeff());
   if (largest > 65535.0f) throw MeshFault("its colours exceed 65535; export them as bytes");
-  const float full = are_bytes                                 ? 255.0f
-                     : largest <= (are_integers ? 0.0f : 2.0f) ? 1.0f
-                     : largest <= 255.0f                       ? 255.0f
-                                                               : 65535.0f;
+  const float full = largest > 255.0f ? 65535.0f : largest > 2.0f || are_bytes ? 255.0f : 1.0f;
   for (Colour& colour : colours) colour /= full;
 }
 
 /// Polygons over vertices, which may have colours and texture coordinates of their own.
 struct Faces {
-  std::vector<std::vector<double>> corners;  ///< indices as the file has them
-  std::vector<Colour> colours;               ///< [faces], or empty
-  std::vector<std::vector<double>> places;   ///< u, v of each corner, or empty
+  void append(std::span<const double> polygon) {
+    corners.insert(corners.end(), polygon.begin(), polygon.end());
+    sizes.push_back(polygon.size());
+  }
+  std::vector<double> corners;     ///< indices as the file has them
+  std::vector<std::size_t> sizes;  ///< [faces]
+  std::vector<Colour> colours;     ///< [faces], or empty
+  std::vector<double> places;      ///< u, v of each corner, or empty
 };
 
-/// Where a face has values of its own, its vertices are its alone.
+/// Where faces have values of their own, each gets vertices of its own.
 void append_faces(const Faces& faces, ImportedMesh& mesh) {
-  const std::size_t count = mesh.positions.size();
   const ImportedMesh vertices = mesh;
-  const bool own_places = !faces.places.empty(), own = own_places || !faces.colours.empty();
+  const bool own = !faces.places.empty() || !faces.colours.empty();
   if (own) mesh.positions.clear(), mesh.normals.clear(), mesh.colours.clear(), mesh.texture_places.clear();
-  for (std::size_t f = 0; f < faces.corners.size(); ++f) {
+  for (std::size_t f = 0, first = 0; f < faces.sizes.size(); first += faces.sizes[f++]) {
     std::vector<std::uint32_t> polygon;
-    for (std::size_t i = 0; i < faces.corners[f].size(); ++i) {
-      const std::uint32_t vertex = index_of(faces.corners[f][i], count);
-      polygon.push_back(own ? static_cast<std::uint32_t>(mesh.positions.size()) : vertex);
+    for (std::size_t i = first; i < first + faces.sizes[f]; ++i) {
+      polygon.push_back(index_of(faces.corners[i], vertices.positions.size()));
       if (!own) continue;
+      const std::uint32_t vertex =
+          std::exchange(polygon.back(), static_cast<std::uint32_t>(mesh.positions.size()));
       mesh.positions.push_back(vertices.positions[vertex]);
       if (!vertices.normals.empty()) mesh.normals.push_back(vertices.normals[vertex]);
-      if (!faces.colours.empty() || !vertices.colours.empty())
-        mesh.colours.push_back(faces.colours.empty() ? vertices.colours[vertex] : faces.colours[f]);
-      if (own_places) {
-        const auto& places = faces.places[f];
-        if (places.size() != 2 * faces.corners[f].size())
-          throw MeshFault(
-              "a face has other numbers of vertices and texture coordinates; export the file again");
-        mesh.texture_places.emplace_back(places[2 * i], places[2 * i + 1]);
-      } else if (!vertices.texture_places.empty()) {
+      if (!faces.colours.empty())
+        mesh.colours.push_back(faces.colours[f]);
+      else if (!vertices.colours.empty())
+        mesh.colours.push_back(vertices.colours[vertex]);
+      if (!faces.places.empty())
+        mesh.texture_places.emplace_back(faces.places[2 * i], faces.places[2 * i + 1]);
+      else if (!vertices.texture_places.empty())
         mesh.texture_places.push_back(vertices.texture_places[vertex]);
-      }
     }
     append_polygon(std::move(polygon), mesh);
   }
@@ -273,12 +274,9 @@ class PlyBody {
     return type.bytes == 1 ? as(std::int8_t{}) : type.bytes == 2 ? as(std::int16_t{}) : as(std::int32_t{});
   }
 
-  std::vector<double> list(const PlyProperty& property) {
-    const double count = property.count ? next(*property.count) : 1.0;
-    require_room(rest_, "values in a list", count, 1);
-    std::vector<double> values(static_cast<std::size_t>(count));
-    for (double& value : values) value = next(property.type);
-    return values;
+  void require_room(double count) const {
+    if (!(count >= 0.0 && count <= static_cast<double>(room_)))
+      throw MeshFault("a list promises more values than the file can hold; it is damaged");
   }
 
   /// A row that was misread leaves something over.
@@ -292,69 +290,80 @@ class PlyBody {
  private:
   std::string_view rest_;
   Words words_;
+  std::size_t room_ = rest_.size();
   bool is_text_, big_;
 };
 
-/// What a property of a vertex or of a face is.
-enum PlySlot {
-  ply_x,
-  ply_y,
-  ply_z,
-  ply_nx,
-  ply_ny,
-  ply_nz,
-  ply_red,
-  ply_green,
-  ply_blue,
-  ply_u,
-  ply_v,
-  ply_slots
-};
+/// Values of a vertex or of a face that are read: x y z, normal, colour, u v; under up to three names.
+constexpr std::size_t ply_normal = 3, ply_colour = 6, ply_place = 9, ply_slots = 11;
 
 std::size_t ply_slot(std::string_view name) {
-  static const std::map<std::string_view, PlySlot> slots = {{"x", ply_x},
-                                                            {"y", ply_y},
-                                                            {"z", ply_z},
-                                                            {"nx", ply_nx},
-                                                            {"ny", ply_ny},
-                                                            {"nz", ply_nz},
-                                                            {"red", ply_red},
-                                                            {"green", ply_green},
-                                                            {"blue", ply_blue},
-                                                            {"r", ply_red},
-                                                            {"g", ply_green},
-                                                            {"b", ply_blue},
-                                                            {"diffuse_red", ply_red},
-                                                            {"diffuse_green", ply_green},
-                                                            {"diffuse_blue", ply_blue},
-                                                            {"u", ply_u},
-                                                            {"v", ply_v},
-                                                            {"s", ply_u},
-                                                            {"t", ply_v},
-                                                            {"texture_u", ply_u},
-                                                            {"texture_v", ply_v}};
-  const auto slot = slots.find(name);
-  return slot == slots.end() ? ply_slots : slot->second;
+  using Names = std::array<std::string_view, ply_slots>;
+  static constexpr std::array<Names, 3> names = {
+      Names{"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "u", "v"},
+      Names{"x", "y", "z", "nx", "ny", "nz", "diffuse_red", "diffuse_green", "diffuse_blue", "s", "t"},
+      Names{"x", "y", "z", "nx", "ny", "nz", "r", "g", "b", "texture_u", "texture_v"}};
+  for (const Names& alternative : names)
+    if (const auto found = std::ranges::find(alternative, name); found != alternative.end())
+      return static_cast<std::size_t>(found - alternative.begin());
+  return ply_slots;
 }
 
-struct PlyRow {
+/// An element's rows, one after the other.
+class PlyRows {
+ public:
+  PlyRows(const PlyElement& element, PlyBody& body) : body_(body) {
+    for (const PlyProperty& property : element.properties) {
+      const bool is_list = property.count.has_value();
+      const std::size_t slot = is_list ? ply_slots : ply_slot(property.name);
+      columns_.push_back({property, slot, nullptr});
+      has_[slot] = true;
+      if (slot == ply_colour) are_bytes_ = property.type.kind == 'u' && property.type.bytes == 1;
+      if (is_list && (property.name == "vertex_indices" || property.name == "vertex_index"))
+        columns_.back().list = &corners;
+      if (is_list && property.name == "texcoord") columns_.back().list = &places;
+      has_corners = has_corners || columns_.back().list == &corners;
+      has_places = has_places || columns_.back().list == &places;
+    }
+  }
+
+  void next() {
+    for (const Column& column : columns_) {
+      if (!column.property.count) {
+        value[column.slot] = static_cast<float>(body_.next(column.property.type));
+        continue;
+      }
+      std::vector<double>& list = column.list ? *column.list : ignored_;
+      const double count = body_.next(*column.property.count);
+      body_.require_room(count);
+      list.resize(static_cast<std::size_t>(count));
+      for (double& number : list) number = body_.next(column.property.type);
+    }
+  }
+  bool has(std::size_t first, std::size_t count) const {
+    return std::all_of(&has_[first], &has_[first] + count, std::identity());
+  }
+  Eigen::Vector3f three(std::size_t first) const {
+    return {value[first], value[first + 1], value[first + 2]};
+  }
+  void scale(std::vector<Colour>& colours) const { scale_colours(colours, are_bytes_); }
+
   std::array<float, ply_slots + 1> value{};
   std::vector<double> corners, places;
-};
+  bool has_corners = false, has_places = false;
 
-PlyRow read_row(const PlyElement& element, PlyBody& body) {
-  PlyRow row;
-  for (const PlyProperty& property : element.properties) {
-    std::vector<double> values = body.list(property);
-    if (!property.count)
-      row.value[ply_slot(property.name)] = static_cast<float>(values[0]);
-    else if (property.name == "vertex_indices" || property.name == "vertex_index")
-      row.corners = std::move(values);
-    else if (property.name == "texcoord")
-      row.places = std::move(values);
-  }
-  return row;
-}
+ private:
+  struct Column {
+    PlyProperty property;
+    std::size_t slot;
+    std::vector<double>* list;
+  };
+  PlyBody& body_;
+  std::vector<Column> columns_;
+  std::vector<double> ignored_;
+  std::array<bool, ply_slots + 1> has_{};
+  bool are_bytes_ = false;
+};
 
 /// Strips (a negative index begins another) and fans as triangles.
 void append_strips(const std::vector<double>& corners, bool fan, Faces& faces) {
@@ -364,60 +373,41 @@ void append_strips(const std::vector<double>& corners, bool fan, Faces& faces) {
     const double a = corners[fan ? first : i - 2], b = corners[i - 1], c = corners[i];
     if (a == b || b == c || a == c) continue;  // joins strips
     const bool odd = !fan && (i - first) % 2 == 1;
-    faces.corners.push_back(odd ? std::vector{b, a, c} : std::vector{a, b, c});
+    faces.append(std::array{odd ? b : a, odd ? a : b, c});
   }
 }
 
-struct PlyHas {
-  explicit PlyHas(const PlyElement& element) {
-    for (const PlyProperty& property : element.properties) {
-      const std::size_t slot = ply_slot(property.name);
-      if (!property.count) slots[slot] = true;
-      if (slot == ply_red) colour = property.type;
-      corners = corners || property.name == "vertex_indices" || property.name == "vertex_index";
-      places = places || (property.count && property.name == "texcoord");
-    }
-  }
-  bool all(PlySlot first, PlySlot last) const {
-    return std::all_of(&slots[first], &slots[last] + 1, std::identity());
-  }
-  void scale(std::vector<Colour>& colours) const {
-    if (!colours.empty()) scale_colours(colours, colour.kind != 'f', colour.kind == 'u' && colour.bytes == 1);
-  }
-  std::array<bool, ply_slots + 1> slots{};
-  PlyType colour{'f', 4};
-  bool corners = false, places = false;
-};
-
 void read_vertices(const PlyElement& element, PlyBody& body, ImportedMesh& mesh) {
-  const PlyHas has(element);
-  if (!has.all(ply_x, ply_z)) throw MeshFault("its vertices have no properties x, y and z");
+  PlyRows row(element, body);
+  if (!row.has(0, 3)) throw MeshFault("its vertices have no properties x, y and z");
   for (double i = 0.0; i < element.count; ++i) {
-    const auto value = read_row(element, body).value;
-    mesh.positions.emplace_back(value[ply_x], value[ply_y], value[ply_z]);
-    if (has.all(ply_nx, ply_nz)) mesh.normals.emplace_back(value[ply_nx], value[ply_ny], value[ply_nz]);
-    if (has.all(ply_red, ply_blue))
-      mesh.colours.emplace_back(value[ply_red], value[ply_green], value[ply_blue]);
-    if (has.all(ply_u, ply_v)) mesh.texture_places.emplace_back(value[ply_u], value[ply_v]);
+    row.next();
+    mesh.positions.push_back(row.three(0));
+    if (row.has(ply_normal, 3)) mesh.normals.push_back(row.three(ply_normal));
+    if (row.has(ply_colour, 3)) mesh.colours.emplace_back(row.three(ply_colour));
+    if (row.has(ply_place, 2))
+      mesh.texture_places.emplace_back(row.value[ply_place], row.value[ply_place + 1]);
   }
-  has.scale(mesh.colours);
+  row.scale(mesh.colours);
 }
 
 void read_faces(const PlyElement& element, PlyBody& body, Faces& faces) {
-  const PlyHas has(element);
-  if (!has.corners) throw MeshFault("its faces have no list vertex_indices; export the file again");
+  PlyRows row(element, body);
+  if (!row.has_corners) throw MeshFault("its faces have no list vertex_indices; export the file again");
   for (double i = 0.0; i < element.count; ++i) {
-    PlyRow row = read_row(element, body);
+    row.next();
     if (element.name != "face") {
       append_strips(row.corners, element.name == "trifans", faces);
       continue;
     }
-    faces.corners.push_back(std::move(row.corners));
-    if (has.all(ply_red, ply_blue))
-      faces.colours.emplace_back(row.value[ply_red], row.value[ply_green], row.value[ply_blue]);
-    if (has.places) faces.places.push_back(std::move(row.places));
+    faces.append(row.corners);
+    if (row.has(ply_colour, 3)) faces.colours.emplace_back(row.three(ply_colour));
+    if (!row.has_places) continue;
+    if (row.places.size() != 2 * row.corners.size())
+      throw MeshFault("a face has other numbers of vertices and texture coordinates; export the file again");
+    faces.places.insert(faces.places.end(), row.places.begin(), row.places.end());
   }
-  has.scale(faces.colours);
+  row.scale(faces.colours);
 }
 
 // ---- MTL
@@ -428,52 +418,35 @@ struct Mtl {
   std::map<std::string, std::uint32_t, std::less<>> index;
 };
 
-/// RGB of Kd, Ks and Ke: one value stands for all three.
+/// RGB of Kd, Ks and Ke: one value stands for all three. Nothing for a spectrum or CIE XYZ.
 std::optional<std::array<float, 3>> mtl_colour(Words words, ImportedMesh& mesh) {
-  const bool xyz = Words(words).next() == "xyz";
-  if (xyz || Words(words).next() == "spectral") words.next();
-  const auto first = number_in(Words(words).next());
-  if (!first) {
-    mesh.notes += "colours of its materials that are given as spectra are ignored\n";
+  if (!number_in(Words(words).next())) {
+    mesh.notes += "colours of its materials that are given as spectra or CIE XYZ are ignored\n";
     return std::nullopt;
   }
   const std::vector<double> values = numbers_of(words);
-  const auto value = [&](std::size_t i) { return i < values.size() ? values[i] : values[0]; };
-  Eigen::Vector3d colour(value(0), value(1), value(2));
-  // IEC 61966-2-1: CIE XYZ, D65.
-  if (xyz)
-    colour =
-        Eigen::Matrix3d{{3.2406, -1.5372, -0.4986}, {-0.9689, 1.8758, 0.0415}, {0.0557, -0.2040, 1.0570}} *
-        colour;
-  return std::array{static_cast<float>(colour[0]), static_cast<float>(colour[1]),
-                    static_cast<float>(colour[2])};
+  std::array<float, 3> colour{};
+  for (std::size_t c = 0; c < 3; ++c) colour[c] = static_cast<float>(values[c < values.size() ? c : 0]);
+  return colour;
 }
 
 /// "-s 2 2 1 -clamp on name of the file.png".
 std::int32_t mtl_texture(Words words, const fs::path& path, TexturePlacement& placement,
                          ImportedMaterial& material, ImportedMesh& mesh) {
-  static const std::map<std::string_view, int> values = {
-      {"-blendu", 1}, {"-blendv", 1},  {"-bm", 1},  {"-boost", 1}, {"-cc", 1},
-      {"-clamp", 1},  {"-imfchan", 1}, {"-mm", 2},  {"-o", 3},     {"-s", 3},
-      {"-t", 3},      {"-texres", 1},  {"-type", 1}};
-  for (Words after = words;; words = after) {
-    const std::string_view option = after.next();
-    const auto known = values.find(option);
-    if (known == values.end()) break;
-    std::array<float, 3> given = {1.0f, 1.0f, 1.0f};
-    if (option != "-s") given.fill(0.0f);
+  while (words.rest().starts_with('-')) {
+    const std::string_view option = words.next();
     std::string_view word;
-    for (int i = 0; i < known->second; ++i) {
-      Words ahead = after;
-      word = ahead.next();
-      const auto number = number_in(word);
-      if (known->second == 3 && !number) break;  // the second and third are optional
-      given[static_cast<std::size_t>(i)] = static_cast<float>(number.value_or(0.0));
-      after = ahead;
+    std::vector<float> given;
+    const bool has_word = option == "-imfchan" || option == "-type";
+    for (Words ahead = words; word = ahead.next(),
+               number_in(word) || word == "on" || word == "off" || (has_word && given.empty());) {
+      words = ahead;
+      given.push_back(static_cast<float>(number_in(word).value_or(word == "on" ? 1.0 : 0.0)));
     }
+    given.resize(3, option == "-s" ? 1.0f : 0.0f);
     if (option == "-s") placement.turn.diagonal() = Eigen::Vector2f(given[0], given[1]);
     if (option == "-o") placement.offset = Eigen::Vector2f(given[0], given[1]);
-    if (option == "-mm" || option == "-t" || option == "-imfchan" || (option == "-clamp" && word == "on"))
+    if (option == "-mm" || option == "-t" || option == "-imfchan" || (option == "-clamp" && given[0] > 0.0f))
       mesh.notes += "of its textures, the options -clamp, -imfchan, -mm and -t are ignored\n";
   }
   const std::int32_t texture = texture_beside(path, std::string(words.rest()), mesh);
@@ -526,27 +499,21 @@ void read_mtl_line(const std::string& key, Words words, const fs::path& path, Mt
 /// Highlights are those of Ks, the reflectance beside Kd, and of Ns, the exponent n of Blinn's half-vector
 /// lobe, as wide as a GGX lobe of α² = 2/(n + 2) (Walter et al. 2007, section 5.2). The illumination models 0
 /// and 1 have none.
-ImportedMaterial finish(MtlMaterial m) {
+const ImportedMaterial& finish(MtlMaterial& m) {
   ImportedMaterial& result = m.result;
-  const auto exceeds = [](float factor) { return !(factor >= 0.0f && factor <= 1.0f); };
   const bool textured = result.texture >= 0;
   result.base_colour =
       m.diffuse.value_or(textured ? std::array{1.0f, 1.0f, 1.0f} : std::array{0.8f, 0.8f, 0.8f});
-  // Exporters that let the texture say everything write black.
-  if (textured && result.base_colour == std::array{0.0f, 0.0f, 0.0f}) result.base_colour = {1.0f, 1.0f, 1.0f};
-  bool excess = std::ranges::any_of(result.base_colour, exceeds) || exceeds(result.metallic) ||
-                exceeds(result.roughness);
   if (!m.rough) result.roughness = std::pow(2.0f / (std::max(m.exponent, 0.0f) + 2.0f), 0.25f);
+  if (m.specular && m.illumination >= 2.0f && !m.metallic_roughness) result.specular = *m.specular;
+  note_excess(result);
   if (m.metallic_roughness) {
     result.specular.fill(dielectric_reflectance);
-  } else if (m.specular && m.illumination >= 2.0f) {
-    result.specular = *m.specular;
+  } else {
     // Kd and Ks add up, where the diffuse part of metallic-roughness is multiplied by what is left.
     for (std::size_t c = 0; c < 3; ++c)
       result.base_colour[c] /= std::clamp(1.0f - result.specular[c], 1e-3f, 1.0f);
-    excess = excess || std::ranges::any_of(result.specular, exceeds);
   }
-  if (excess) result.ignored |= ignored_excess;
   if (!textured) m.placement = m.other;
   if (!(m.placement == m.other) && (result.metallic_texture >= 0 || result.roughness_texture >= 0))
     result.ignored |= ignored_texture;
@@ -590,7 +557,7 @@ class Obj {
   explicit Obj(const fs::path& path) : path_(path) {}
 
   void read_line(std::string_view line) {
-    Words words(line.substr(0, line.find('#')));
+    Words words(line);
     const std::string_view key = words.next();
     if (key == "v") return read_vertex(numbers_of(words));
     if (key == "vt" || key == "vn") {
@@ -599,22 +566,24 @@ class Obj {
       (key == "vt" ? places_ : normals_).emplace_back(values[0], values[1], values[2]);
     }
     if (key == "f" || key == "fo") read_face(words);
-    if (key == "usemtl") {
-      const auto material = mtl_.index.find(words.rest());
-      material_ = material == mtl_.index.end() ? 0 : material->second;
-      lacks_ = lacks_ || (material_ == 0 && !words.rest().empty());
-    }
+    if (key == "usemtl") used_.emplace_back(words.rest());
     if (key == "mtllib") read_library(words);
     if (key == "surf" || key == "curv" || key == "call")
       mesh_.notes += "free-form curves and surfaces, and files that it includes, are ignored\n";
   }
 
   ImportedMesh finish() {
+    std::vector<std::uint32_t> materials;
+    for (const std::string& name : used_) {
+      const auto material = mtl_.index.find(name);
+      materials.push_back(material == mtl_.index.end() ? 0 : material->second);
+      lacks_ = lacks_ || (materials.back() == 0 && !name.empty());
+    }
     if (lacks_)
       mesh_.notes +=
           "it has not all the materials that it names; parts without are white (reflectance 0.8)\n";
     mtl_.materials[0].base_colour = {0.8f, 0.8f, 0.8f};
-    scale_colours(colours_, false, false);
+    scale_colours(colours_, false);
     const auto all = [&](std::size_t part) {
       return std::ranges::none_of(corners_, [&](const Corner& c) { return c.index[part] == none; });
     };
@@ -623,11 +592,11 @@ class Obj {
       mesh_.positions.push_back(at(positions_, corner.index[0]).cast<float>());
       if (normals) mesh_.normals.push_back(at(normals_, corner.index[2]).cast<float>());
       if (is_coloured_) mesh_.colours.push_back(colours_[static_cast<std::size_t>(corner.index[0])]);
-      mesh_.material.push_back(corner.material);
+      mesh_.material.push_back(materials[corner.material]);
       if (!places) continue;
       const Eigen::Vector3d place =
           corner.index[1] == none ? Eigen::Vector3d(0, 0, 0) : at(places_, corner.index[1]);
-      const TexturePlacement& placement = mtl_.placements[corner.material];
+      const TexturePlacement& placement = mtl_.placements[mesh_.material.back()];
       mesh_.texture_places.push_back(placement.turn * place.head<2>().cast<float>() + placement.offset);
     }
     std::uint32_t vertex = 0;
@@ -644,7 +613,7 @@ class Obj {
   static constexpr double none = -1e300;
   struct Corner {
     std::array<double, 3> index;  ///< position, texture coordinates, normal; from 0
-    std::uint32_t material;
+    std::uint32_t material;       ///< index in used_
   };
 
   static const Eigen::Vector3d& at(const std::vector<Eigen::Vector3d>& values, double index) {
@@ -667,8 +636,8 @@ class Obj {
     const std::array counts = {positions_.size(), places_.size(), normals_.size()};
     std::uint32_t size = 0;
     std::vector<Corner> corners;
-    for (std::string_view word = words.next(); !word.empty(); word = words.next(), ++size) {
-      Corner corner{{none, none, none}, material_};
+    for (std::string_view word = words.next(); !word.empty() && word[0] != '#'; word = words.next(), ++size) {
+      Corner corner{{none, none, none}, static_cast<std::uint32_t>(used_.size() - 1)};
       for (std::size_t part = 0; part < 3 && !word.empty(); ++part) {
         const std::string_view number = word.substr(0, word.find('/'));
         word.remove_prefix(std::min(number.size() + 1, word.size()));
@@ -713,11 +682,21 @@ class Obj {
   std::vector<Colour> colours_;
   std::vector<Corner> corners_;
   std::vector<std::uint32_t> sizes_;
-  std::uint32_t material_ = 0;
+  std::vector<std::string> used_{""};  ///< names of materials, in the order of their use
   bool is_coloured_ = false, lacks_ = false;
 };
 
 }  // namespace
+
+void note_excess(ImportedMaterial& material) {
+  const auto exceeds = [](float factor) { return !(factor >= 0.0f && factor <= 1.0f); };
+  std::array<float, 3>& base = material.base_colour;
+  // Exporters that let the texture say everything write black.
+  if (material.texture >= 0 && base == std::array{0.0f, 0.0f, 0.0f}) base = {1.0f, 1.0f, 1.0f};
+  if (std::ranges::any_of(base, exceeds) || std::ranges::any_of(material.specular, exceeds) ||
+      exceeds(material.metallic) || exceeds(material.roughness))
+    material.ignored |= ignored_excess;
+}
 
 std::int32_t texture_beside(const fs::path& path, std::string name, ImportedMesh& mesh) {
   std::ranges::replace(name, '\\', '/');  // of Windows
@@ -777,7 +756,7 @@ ImportedMesh read_ply(std::string_view bytes, const fs::path& path) {
     else if (element.name == "face" || element.name == "tristrips" || element.name == "trifans")
       read_faces(element, body, faces);
     else
-      for (double i = 0.0; i < element.count; ++i) read_row(element, body);
+      for (auto [row, i] = std::pair(PlyRows(element, body), 0.0); i < element.count; ++i) row.next();
   }
   body.require_end();
   if (!header.texture.empty()) {
@@ -794,7 +773,7 @@ ImportedMesh read_off(std::string_view bytes) {
   ImportedMesh mesh;
   Faces faces;
   std::optional<double> vertices, face_count;
-  bool normals = false, colours = false, places = false, begun = false, whole_numbers = true;
+  bool normals = false, colours = false, places = false, begun = false;
   const auto read_line = [&](std::string_view line) {
     Words words(line.substr(0, line.find('#')));
     if (words.rest().empty()) return;
@@ -831,16 +810,16 @@ ImportedMesh read_off(std::string_view bytes) {
       if (places) mesh.texture_places.emplace_back(v[v.size() - 2], v[v.size() - 1]);
       return;
     }
-    if (static_cast<double>(faces.corners.size()) >= *face_count)
+    if (static_cast<double>(faces.sizes.size()) >= *face_count)
       throw MeshFault("it holds more faces than it promises; it is damaged");
     const double count = number_of(words.next());
     require_room(line, "corners of a face", count, 1);
-    std::vector<double>& corners = faces.corners.emplace_back();
+    std::vector<double> corners;
     for (double i = 0.0; i < count; ++i) corners.push_back(number_of(words.next()));
-    whole_numbers = whole_numbers && words.rest().find('.') == std::string_view::npos;
+    faces.append(corners);
     const std::vector<double> colour = numbers_of(words);
     if (colour.size() >= 3) {
-      faces.colours.resize(faces.corners.size() - 1, Colour::Constant(-1.0f));
+      faces.colours.resize(faces.sizes.size() - 1, Colour::Constant(-1.0f));
       faces.colours.push_back(Eigen::Array3d(colour[0], colour[1], colour[2]).cast<float>());
     } else if (colour.size() == 1) {
       mesh.notes = "colours of faces that are indices of a colour map are ignored\n";
@@ -849,12 +828,12 @@ ImportedMesh read_off(std::string_view bytes) {
   for_lines(bytes, false, read_line);
   if (!vertices) throw MeshFault("it holds no counts of vertices and faces; it is empty or no OFF file");
   if (static_cast<double>(mesh.positions.size()) < *vertices ||
-      static_cast<double>(faces.corners.size()) < *face_count)
+      static_cast<double>(faces.sizes.size()) < *face_count)
     throw MeshFault("it holds less than it promises; it is damaged or cut off");
-  scale_colours(mesh.colours, false, false);
+  scale_colours(mesh.colours, false);
   if (!faces.colours.empty()) {
-    faces.colours.resize(faces.corners.size(), Colour::Constant(-1.0f));
-    scale_colours(faces.colours, whole_numbers, false);
+    faces.colours.resize(faces.sizes.size(), Colour::Constant(-1.0f));
+    scale_colours(faces.colours, false);
     for (Colour& colour : faces.colours)
       if ((colour < 0.0f).any()) colour = Colour::Ones();
   }

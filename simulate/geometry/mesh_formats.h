@@ -22,6 +22,12 @@ void append_polygon(std::vector<std::uint32_t> corners, ImportedMesh& mesh);
 /// where it is not there.
 std::int32_t texture_beside(const std::filesystem::path& path, std::string name, ImportedMesh& mesh);
 
+/// Of what is no metal, at normal incidence: index of refraction 1.5 (glTF 2.0, appendix B).
+inline constexpr float dielectric_reflectance = 0.04f;
+
+/// Marks factors outside [0, 1]; the base colour of a texture whose exporter left it black becomes white.
+void note_excess(ImportedMaterial& material);
+
 /// What a texture's coordinates are multiplied by and moved by.
 struct TexturePlacement {
   Eigen::Matrix2f turn = Eigen::Matrix2f::Identity();

@@ -4,12 +4,13 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <set>
+#include <sstream>
 #include <string>
 #include <string_view>
 
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
-#include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/mesh_library.h"
 
 namespace refield::prt {
@@ -101,7 +102,6 @@ ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
     throw DeviceError(path.string(), error ? error.value() : EINVAL, "is no mesh file");
   const std::uint64_t bytes = fs::file_size(path);
   if (bytes > largest_file_bytes) throw FormatError(path, "the file has more than 2 GiB; simplify the mesh");
-  check_mesh_header(path, format);
 
   const auto answer =
       answer_of({"mesh", {path.string()}, library_limits(bytes)}, read_with_mesh_library, run);
@@ -113,14 +113,20 @@ ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
   std::string_view rest(*answer);
   rest.remove_prefix(1);
   ImportedMesh mesh;
+  std::vector<char> notes;
   const bool complete = take(rest, mesh.positions) && take(rest, mesh.normals) && take(rest, mesh.colours) &&
                         take(rest, mesh.triangles) && take(rest, mesh.texture_places) &&
-                        take(rest, mesh.material) && take(rest, mesh.materials) && take(rest, mesh.textures);
+                        take(rest, mesh.material) && take(rest, mesh.materials) &&
+                        take(rest, mesh.textures) && take(rest, notes);
   const auto fits = [&](std::size_t count) { return count == 0 || count == mesh.positions.size(); };
   if (!complete || !fits(mesh.normals.size()) || !fits(mesh.colours.size()) ||
       !fits(mesh.texture_places.size()) || mesh.material.size() != mesh.positions.size())
     throw FormatError(path, "the mesh library returned inconsistent data; repair the mesh");
   require_valid(mesh, path);
+  std::istringstream lines(std::string(notes.begin(), notes.end()));
+  std::set<std::string> told;
+  for (std::string line; std::getline(lines, line);)
+    if (told.insert(line).second) run.note(path.string() + ": " + line);
   return mesh;
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -19,6 +20,7 @@ enum IgnoredMaterialParts : std::uint32_t {
   ignored_transparency = 8,
   ignored_texture = 16,  ///< by other coordinates than the first ones, or missing
   ignored_excess = 32,   ///< factors outside [0, 1], which are clamped
+  ignored_back = 64,     ///< the other side of double-sided surfaces
 };
 
 /// A material of a file in the terms of glTF 2.0 (metallic-roughness), and what is not read of it. Factors as
@@ -45,14 +47,15 @@ struct ImportedTexture {
 /// What a mesh's file says: right-handed, in the file's own units, a vertex possibly once for each of its
 /// triangles.
 struct ImportedMesh {
-  std::vector<Eigen::Vector3f> positions;               ///< [vertices], finite
-  std::vector<Eigen::Vector3f> normals;                 ///< [vertices] or, where the file has none, empty
-  std::vector<Eigen::Array3f> colours;                  ///< [vertices] as the file encodes them, or empty
+  std::vector<Eigen::Vector3f> positions;  ///< [vertices], finite
+  std::vector<Eigen::Vector3f> normals;    ///< [vertices] or, where the file has none, empty
+  std::vector<Eigen::Array3f> colours;     ///< [vertices], full is 1, encoded as in the file; or empty
   std::vector<std::array<std::uint32_t, 3>> triangles;  ///< indices in range
   std::vector<Eigen::Vector2f> texture_places;          ///< [vertices], u to the right, v up; or empty
   std::vector<std::uint32_t> material;                  ///< [vertices], index in range
   std::vector<ImportedMaterial> materials;
   std::vector<ImportedTexture> textures;
+  std::string notes;  ///< what is not read of the file: lines, possibly repeated
 };
 
 /// How a file's vertex colours are encoded.
@@ -63,7 +66,7 @@ ColourCoding usual_colour_coding(const std::filesystem::path& path);
 /// Reads OBJ, PLY, OFF, glTF and GLB, represented by the file's name, with all their parts in place.
 /// Draco-compressed glTF is read where the library was built with its decoder, as Debian's is. The library
 /// (assimp) is not made for hostile files, so where files may be hostile, run.read_isolated calls it in
-/// another process, with limits.
+/// another process, with limits. run.note tells what is not read of a file.
 /// Throws FormatError for what is no mesh, breaks its format, holds coordinates that are not finite or asks
 /// for more than the limits; DeviceError where the file cannot be read.
 ImportedMesh import_mesh(const std::filesystem::path& path, const RunContext& run);

@@ -2,26 +2,30 @@
 #include "simulate/geometry/mesh_library.h"
 
 #include <assimp/DefaultIOSystem.h>
+#include <assimp/MemoryIOWrapper.h>
 #include <assimp/importerdesc.h>
-#include <assimp/material.h>
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
-#include <assimp/DefaultLogger.hpp>
 #include <assimp/Importer.hpp>
-#include <assimp/LogStream.hpp>
 
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <new>
+#include <nlohmann/json.hpp>
+#include <set>
 #include <span>
 #include <sstream>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
 
+#include "simulate/geometry/mesh_formats.h"
 #include "simulate/geometry/mesh_import.h"
 
 namespace refield::prt {
@@ -48,42 +52,17 @@ bool may_be_read_for(const fs::path& mesh, const fs::path& file, std::string* re
 
 namespace {
 
-/// Some readers mend wrong indices and only say so in the log.
-class WrongIndexListener final : public Assimp::LogStream {
- public:
-  explicit WrongIndexListener(bool& heard) : heard_(&heard) {}
-  void write(const char* message) override {
-    *heard_ = *heard_ || std::string_view(message).find("out of range") != std::string_view::npos;
-  }
-
- private:
-  bool* heard_;
-};
-
-/// The library's log, of the whole process, with such a listener alone.
-class HeardLog {
- public:
-  explicit HeardLog(bool& wrong_index) {
-    Assimp::DefaultLogger::create("", Assimp::Logger::NORMAL, 0)
-        ->attachStream(new WrongIndexListener(wrong_index), Assimp::Logger::Err);  // owned by the logger
-  }
-  ~HeardLog() { Assimp::DefaultLogger::kill(); }
-  HeardLog(const HeardLog&) = delete;
-  HeardLog& operator=(const HeardLog&) = delete;
-};
-
-/// Why a mesh is refused, in words that are not the file's.
-struct MeshFault : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
-
-/// A mesh may name other files: materials, buffers. Only those of may_be_read_for() are opened.
+/// What the library opens: the mesh, as `json` has it, and files of may_be_read_for() that it names.
 class FolderOnly final : public Assimp::DefaultIOSystem {
  public:
-  FolderOnly(fs::path mesh, std::string& refused) : mesh_(std::move(mesh)), refused_(&refused) {}
+  FolderOnly(fs::path mesh, const std::string& content, std::string& refused)
+      : mesh_(std::move(mesh)), content_(&content), refused_(&refused) {}
 
   bool Exists(const char* file) const override { return allowed(file) && DefaultIOSystem::Exists(file); }
   Assimp::IOStream* Open(const char* file, const char* mode) override {
+    if (fs::path(file) == mesh_)
+      return new Assimp::MemoryIOStream(reinterpret_cast<const std::uint8_t*>(content_->data()),
+                                        content_->size());
     return allowed(file) ? DefaultIOSystem::Open(file, mode) : nullptr;
   }
 
@@ -93,6 +72,7 @@ class FolderOnly final : public Assimp::DefaultIOSystem {
   }
 
   fs::path mesh_;
+  const std::string* content_;
   std::string* refused_;
 };
 
@@ -124,219 +104,334 @@ void append(std::string& bytes, const std::vector<ImportedTexture>& textures) {
   for (const ImportedTexture& texture : textures) bytes += texture.file + texture.content;
 }
 
-void append_part(const aiMesh& part, bool normals, bool colours, bool places, ImportedMesh& mesh) {
+struct Parts {
+  bool normals, colours, places;
+};
+
+/// A part of the scene in its place; mirrored ones are turned around, so that their outside stays outside.
+void append_part(const aiMesh& part, const aiMatrix4x4& place, const Parts& have, ImportedMesh& mesh) {
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+  const aiMatrix3x3 turn(place), of_normals = aiMatrix3x3(turn).Inverse().Transpose();
+  const bool mirrored = turn.Determinant() < 0.0f;
   for (unsigned v = 0; v < part.mNumVertices; ++v) {
-    mesh.positions.emplace_back(part.mVertices[v].x, part.mVertices[v].y, part.mVertices[v].z);
-    if (normals) mesh.normals.emplace_back(part.mNormals[v].x, part.mNormals[v].y, part.mNormals[v].z);
+    const aiVector3D position = place * part.mVertices[v];
+    mesh.positions.emplace_back(position.x, position.y, position.z);
+    if (have.normals) {
+      const aiVector3D normal = (of_normals * part.mNormals[v]).NormalizeSafe();
+      mesh.normals.emplace_back(normal.x, normal.y, normal.z);
+    }
     mesh.material.push_back(part.mMaterialIndex);
-    if (places && part.HasTextureCoords(0))
-      mesh.texture_places.emplace_back(part.mTextureCoords[0][v].x, part.mTextureCoords[0][v].y);
-    else if (places)
-      mesh.texture_places.emplace_back(0.0f, 0.0f);
-    if (!colours) continue;
-    if (!part.HasVertexColors(0))
-      mesh.colours.push_back(Eigen::Array3f::Ones());
-    else
-      mesh.colours.emplace_back(part.mColors[0][v].r, part.mColors[0][v].g, part.mColors[0][v].b);
+    const aiVector3D at = have.places && part.HasTextureCoords(0) ? part.mTextureCoords[0][v] : aiVector3D();
+    if (have.places) mesh.texture_places.emplace_back(at.x, at.y);
+    const aiColor4D colour = part.HasVertexColors(0) ? part.mColors[0][v] : aiColor4D(1, 1, 1, 1);
+    if (have.colours) mesh.colours.emplace_back(colour.r, colour.g, colour.b);
   }
   for (const aiFace& face : std::span(part.mFaces, part.mNumFaces)) {
-    if (face.mNumIndices != 3) continue;  // points and lines
-    std::array<std::uint32_t, 3> triangle{};
-    for (std::size_t i = 0; i < 3; ++i) {
-      if (face.mIndices[i] >= part.mNumVertices)
-        throw MeshFault("a triangle names vertex " + std::to_string(face.mIndices[i]) + " of " +
-                        std::to_string(part.mNumVertices) + "; export the file again");
-      triangle[i] = first + face.mIndices[i];
-    }
-    mesh.triangles.push_back(triangle);
+    if (face.mNumIndices < 3) continue;  // points and lines
+    std::vector<std::uint32_t> corners;
+    for (unsigned i = 0; i < face.mNumIndices; ++i)
+      corners.push_back(first + std::min(face.mIndices[i], unsigned{1} << 31));
+    if (mirrored) std::ranges::reverse(corners);
+    append_polygon(std::move(corners), mesh);
   }
+}
+
+void append_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& above, const Parts& have,
+                 ImportedMesh& mesh) {
+  const aiMatrix4x4 place = above * node.mTransformation;
+  for (const unsigned part : std::span(node.mMeshes, node.mNumMeshes))
+    append_part(*scene.mMeshes[part], place, have, mesh);
+  for (const aiNode* child : std::span(node.mChildren, node.mNumChildren))
+    append_node(scene, *child, place, have, mesh);
+}
+
+// ---- glTF: the library reads the geometry, since it has the decoder of Draco; the rest is as the JSON says
+
+using Json = nlohmann::json;
+
+/// What stands under a key, or an empty object.
+const Json& child(const Json& object, const char* key) {
+  static const Json none = Json::object();
+  return object.contains(key) ? object.at(key) : none;
+}
+
+/// The JSON of a file, and of a GLB all after the chunk of JSON.
+struct Gltf {
+  Json json;
+  std::string rest;
+  bool binary = false;
+
+  std::string content() const {
+    std::string text = json.dump();
+    if (!binary) return text;
+    text.resize((text.size() + 3) / 4 * 4, ' ');
+    std::string bytes = "glTF";
+    for (const std::size_t number : {std::size_t{2}, 20 + text.size() + rest.size(), text.size()})
+      for (int shift = 0; shift < 32; shift += 8) bytes += static_cast<char>(number >> shift & 255);
+    return bytes + "JSON" + text + rest;
+  }
+};
+
+Gltf parse_gltf(const std::string& bytes, bool binary) {
+  if (bytes.empty()) throw MeshFault("the file is empty");
+  if (!binary) return {Json::parse(bytes), {}, false};
+  const auto word = [&](std::size_t at) {
+    std::uint32_t number = 0;
+    std::memcpy(&number, bytes.data() + at, sizeof number);
+    return number;
+  };
+  if (bytes.size() < 20 || !bytes.starts_with("glTF") || word(4) != 2)
+    throw MeshFault("it is no GLB file of version 2");
+  if (word(8) != bytes.size() || word(12) > bytes.size() - 20)
+    throw MeshFault("its header promises another size; it is cut off or damaged");
+  return {Json::parse(bytes.substr(20, word(12))), bytes.substr(20 + word(12)), true};
+}
+
+/// The library looks for files under names as they stand, and fails on skins without inverse bind matrices.
+void prepare_for_library(Json& gltf, const fs::path& path) {
+  const auto each = [&](const char* kind) -> Json {
+    return gltf.contains(kind) ? gltf[kind] : Json::array();
+  };
+  for (const char* kind : {"buffers", "images"})
+    for (Json items = each(kind); Json & item : items) {
+      const std::string uri = item.value("uri", "");
+      if (uri.starts_with("data:") || fs::exists(path.parent_path() / uri)) continue;
+      std::string name;
+      for (std::size_t i = 0; i < uri.size(); ++i) {
+        int code = 0;
+        const bool escaped = uri[i] == '%' && i + 2 < uri.size() &&
+                             std::from_chars(&uri[i + 1], &uri[i + 1] + 2, code, 16).ptr == &uri[i + 1] + 2;
+        name += escaped ? static_cast<char>(code) : uri[i];
+        if (escaped) i += 2;
+      }
+      gltf[kind][&item - &items[0]]["uri"] = name;
+    }
+  gltf.erase("skins");
+  gltf.erase("animations");
+  if (gltf.contains("nodes"))
+    for (Json& node : gltf["nodes"]) node.erase("skin");
+}
+
+void require_supported(const Json& gltf) {
+  static const std::set<std::string> supported = {"KHR_draco_mesh_compression", "KHR_texture_transform",
+                                                  "KHR_materials_unlit", "KHR_lights_punctual"};
+  for (const std::string& name : gltf.value("extensionsRequired", std::vector<std::string>{})) {
+    if (supported.contains(name)) continue;
+    const bool plain = name.size() < 64 &&
+                       std::ranges::all_of(name, [](unsigned char c) { return std::isalnum(c) || c == '_'; });
+    throw MeshFault("it requires the glTF extension " + (plain ? name : "of an odd name") +
+                    ", which is not supported; export the mesh without it");
+  }
+}
+
+std::uint64_t triangles_of(const Json& gltf, const Json& primitive) {
+  const Json& attributes = primitive.at("attributes");
+  const auto accessor = [&](const Json& index) -> const Json& {
+    return gltf.at("accessors").at(index.get<std::size_t>());
+  };
+  constexpr int of_floats = 5126;
+  for (const char* name : {"POSITION", "NORMAL", "TEXCOORD_0"})
+    if (attributes.contains(name) && accessor(attributes[name]).value("componentType", 0) != of_floats)
+      throw MeshFault(std::string("its attribute ") + name +
+                      " is stored as integers (quantized); export it as floats");
+  if (!attributes.contains("POSITION")) return 0;
+  const Json& corners = primitive.contains("indices") ? primitive["indices"] : attributes["POSITION"];
+  const auto count = accessor(corners).at("count").get<std::uint64_t>();
+  const int mode = primitive.value("mode", 4);  // triangles; 5 and 6 are strips and fans
+  return mode == 4 ? count / 3 : mode == 5 || mode == 6 ? count - std::min<std::uint64_t>(count, 2) : 0;
+}
+
+/// What the JSON promises in some nodes and below, each mesh as often as it is placed. Notes what is not
+/// read.
+std::uint64_t triangles_below(const Json& gltf, const Json& nodes, std::set<std::size_t>& seen,
+                              std::string& notes) {
+  std::uint64_t triangles = 0;
+  for (const Json& index : nodes) {
+    const auto number = index.get<std::size_t>();
+    if (!seen.insert(number).second)
+      throw MeshFault("one of its nodes has two parents; export the file again");
+    const Json& node = gltf.at("nodes").at(number);
+    triangles += triangles_below(gltf, child(node, "children"), seen, notes);
+    if (!node.contains("mesh")) continue;
+    const Json& mesh = gltf.at("meshes").at(node.at("mesh").get<std::size_t>());
+    for (const Json& primitive : mesh.at("primitives")) triangles += triangles_of(gltf, primitive);
+    const auto weights = (node.contains("weights") ? node : mesh).value("weights", std::vector<double>{});
+    if (std::ranges::any_of(weights, [](double weight) { return weight != 0.0; }))
+      notes += "morph targets are ignored\n";
+    if (node.contains("skin"))
+      notes += "skins are ignored: the mesh is shown as it is stored, in its node's place\n";
+    if (child(node, "extensions").contains("EXT_mesh_gpu_instancing"))
+      notes += "instances of its nodes (EXT_mesh_gpu_instancing) are ignored\n";
+  }
+  return triangles;
+}
+
+std::int32_t texture_of(const Json& gltf, const Json& info, const aiScene& scene, const fs::path& path,
+                        ImportedMesh& mesh) {
+  const Json& texture = gltf.at("textures").at(info.at("index").get<std::size_t>());
+  if (!texture.contains("source")) return -1;  // an image of an extension
+  const Json &images = gltf.at("images"), &image = images.at(texture["source"].get<std::size_t>());
+  const auto is_inside = [](const Json& one) {
+    return one.contains("bufferView") || one.value("uri", "").starts_with("data:");
+  };
+  if (!is_inside(image)) return texture_beside(path, image.value("uri", ""), mesh);
+  std::ptrdiff_t number = 0;  // as the library counts them
+  for (const Json* one = &images[0]; one != &image; ++one) number += is_inside(*one);
+  if (number >= scene.mNumTextures || scene.mTextures[number]->mHeight > 0) return -1;
+  const aiTexture& inside = *scene.mTextures[number];
+  const std::string content(reinterpret_cast<const char*>(inside.pcData), inside.mWidth);
+  const auto known = std::ranges::find(mesh.textures, content, &ImportedTexture::content);
+  const auto index = static_cast<std::int32_t>(known - mesh.textures.begin());
+  if (known == mesh.textures.end()) mesh.textures.push_back({{}, content});
+  return index;
+}
+
+std::uint32_t ignored_parts_of(const Json& material) {
+  std::uint32_t ignored = 0;
+  for (const auto& extension : child(material, "extensions").items()) {
+    const std::string& name = extension.key();
+    if (name == "KHR_materials_transmission")
+      ignored |= ignored_transparency;
+    else if (name.starts_with("KHR_materials_") && name != "KHR_materials_unlit")
+      ignored |= ignored_layers;
+  }
+  if (material.value("doubleSided", false)) ignored |= ignored_back;
+  if (material.contains("normalTexture")) ignored |= ignored_relief;
+  for (const float factor : material.value("emissiveFactor", std::array{0.0f, 0.0f, 0.0f}))
+    if (factor > 0.0f) ignored |= ignored_emission;
+  const Json& pbr = child(material, "pbrMetallicRoughness");
+  const bool has_alpha = pbr.contains("baseColorTexture") ||
+                         pbr.value("baseColorFactor", std::array{1.0f, 1.0f, 1.0f, 1.0f})[3] < 1.0f;
+  if (has_alpha && material.value("alphaMode", "OPAQUE") != "OPAQUE") ignored |= ignored_transparency;
+  return ignored;
+}
+
+/// KHR_texture_transform. Its rotation turns counter-clockwise in an image whose rows go down, as three.js,
+/// Babylon and Blender have it.
+TexturePlacement placement_of(const Json& transform) {
+  const auto scale = transform.value("scale", std::array{1.0f, 1.0f});
+  const auto offset = transform.value("offset", std::array{0.0f, 0.0f});
+  const float turn = transform.value("rotation", 0.0f);
+  const Eigen::Matrix2f rotation{{std::cos(turn), std::sin(turn)}, {-std::sin(turn), std::cos(turn)}};
+  return {rotation * Eigen::Vector2f(scale[0], scale[1]).asDiagonal(), {offset[0], offset[1]}};
+}
+
+ImportedMaterial material_of(const Json& gltf, const Json& material, const aiScene& scene,
+                             const fs::path& path, TexturePlacement& placement, ImportedMesh& mesh) {
+  ImportedMaterial result{.is_of_the_file = 1};
+  result.ignored = ignored_parts_of(material);
+  const Json& pbr = child(material, "pbrMetallicRoughness");
+  const auto factor = pbr.value("baseColorFactor", std::array{1.0f, 1.0f, 1.0f, 1.0f});
+  std::copy_n(factor.begin(), 3, result.base_colour.begin());
+  std::vector<TexturePlacement> placements;
+  const auto read_texture = [&](const char* key, std::int32_t& texture) {
+    const Json& info = child(pbr, key);
+    if (info.empty()) return;
+    const Json& transform = child(child(info, "extensions"), "KHR_texture_transform");
+    placements.push_back(placement_of(transform));
+    // One placement is applied to all textures of a material.
+    if (transform.value("texCoord", info.value("texCoord", 0)) == 0 &&
+        placements.back() == placements.front())
+      texture = texture_of(gltf, info, scene, path, mesh);
+    if (texture < 0) result.ignored |= ignored_texture;
+    const Json& sampler = child(gltf.at("textures").at(info.at("index").get<std::size_t>()), "sampler");
+    constexpr int repeats = 10497;
+    for (const char* axis : {"wrapS", "wrapT"})
+      if (sampler.is_number() &&
+          gltf.at("samplers").at(sampler.get<std::size_t>()).value(axis, repeats) != repeats)
+        mesh.notes += "its textures repeat, though their samplers clamp or mirror them\n";
+  };
+  read_texture("baseColorTexture", result.texture);
+  // Unlit materials, which scans have, are matt: their colour is all that was measured.
+  if (!child(material, "extensions").contains("KHR_materials_unlit")) {
+    result.specular.fill(dielectric_reflectance);
+    result.metallic = pbr.value("metallicFactor", 1.0f);
+    result.roughness = pbr.value("roughnessFactor", 1.0f);
+    read_texture("metallicRoughnessTexture", result.metallic_texture);
+    result.roughness_texture = result.metallic_texture;
+  }
+  note_excess(result);
+  if (!placements.empty()) placement = placements.front();
+  return result;
 }
 
 /// What the library says may quote the file, so only the kind of fault is passed on.
 std::string kind_of_fault(const std::string& error) {
   const auto speaks_of = [&](const char* word) { return error.find(word) != std::string::npos; };
   if (speaks_of("bad_alloc")) throw std::bad_alloc();
-  if (speaks_of("raco"))
-    return "this build of assimp lacks the Draco decoder: export the mesh without compression";
-  for (const auto& [word, kind] : {std::pair{"mpty", "the file is empty"},
-                                   {"too small", "the file is too short"},
-                                   {"ndex", "an index is out of range"},
-                                   {"JSON", "its JSON is damaged"},
-                                   {"open", "a file that it refers to cannot be opened"},
-                                   {"No suitable reader", "its content does not match its file extension"}})
-    if (speaks_of(word)) return kind;
-  return "its content breaks the format";
+  if (speaks_of("Draco")) return "its Draco data are damaged, or this build of assimp lacks the decoder";
+  return speaks_of("ould not open") ? "a file that it refers to cannot be opened"
+                                    : "its content breaks the format";
 }
 
-float number_of(const aiMaterial& material, const char* key, unsigned type, unsigned index, float standard) {
-  float value = standard;
-  return material.Get(key, type, index, value) == AI_SUCCESS ? value : standard;
-}
-
-/// Whether a material says more than the one that the library makes up for parts without.
-bool is_of_the_file(const aiMaterial& material) {
-  for (int type = aiTextureType_NONE + 1; type <= AI_TEXTURE_TYPE_MAX; ++type)
-    if (material.GetTextureCount(static_cast<aiTextureType>(type)) > 0) return true;
-  aiColor4D colour;
-  if (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS &&
-      (colour.r != 1.0f || colour.g != 1.0f || colour.b != 1.0f))
-    return true;
-  if (number_of(material, AI_MATKEY_METALLIC_FACTOR, 1.0f) != 1.0f ||
-      number_of(material, AI_MATKEY_ROUGHNESS_FACTOR, 1.0f) != 1.0f)
-    return true;
-  aiString name;
-  return material.Get(AI_MATKEY_NAME, name) == AI_SUCCESS && name.length > 0 &&
-         std::string_view(name.C_Str()) != AI_DEFAULT_MATERIAL_NAME;
-}
-
-/// The texture's index in the mesh; −1 where it is not read.
-std::int32_t texture_of(const aiScene& scene, const fs::path& path, const aiString& name,
-                        ImportedMesh& mesh) {
-  ImportedTexture texture;
-  if (const aiTexture* inside = scene.GetEmbeddedTexture(name.C_Str())) {
-    if (inside->mHeight > 0) return -1;  // no image file
-    texture.content.assign(reinterpret_cast<const char*>(inside->pcData), inside->mWidth);
-  } else {
-    std::string text = name.C_Str();
-    std::ranges::replace(text, '\\', '/');  // of Windows
-    fs::path file = path.parent_path() / text;
-    // Exporters write where the image was on their own machine.
-    if (!may_be_read_for(path, file)) file = path.parent_path() / fs::path(text).filename();
-    if (!may_be_read_for(path, file)) return -1;
-    texture.file = file;
-  }
-  const auto known = std::ranges::find_if(mesh.textures, [&](const ImportedTexture& other) {
-    return other.file == texture.file && other.content == texture.content;
-  });
-  const auto index = static_cast<std::int32_t>(known - mesh.textures.begin());
-  if (known == mesh.textures.end()) mesh.textures.push_back(std::move(texture));
-  return index;
-}
-
-std::uint32_t ignored_parts_of(const aiMaterial& material) {
-  const auto has_texture = [&](std::initializer_list<aiTextureType> types) {
-    return std::ranges::any_of(types, [&](aiTextureType type) { return material.GetTextureCount(type) > 0; });
-  };
-  const auto number = [&](const char* key, unsigned type, unsigned index, float standard) {
-    return number_of(material, key, type, index, standard);
-  };
-  const auto shines = [&](const char* key, unsigned type, unsigned index) {
-    aiColor4D colour;
-    return material.Get(key, type, index, colour) == AI_SUCCESS && colour.r + colour.g + colour.b > 0.0f;
-  };
-  std::uint32_t ignored = 0;
-  float glossiness = 0.0f;
-  if (number(AI_MATKEY_CLEARCOAT_FACTOR, 0.0f) > 0.0f || shines(AI_MATKEY_SHEEN_COLOR_FACTOR) ||
-      material.Get(AI_MATKEY_GLOSSINESS_FACTOR, glossiness) == AI_SUCCESS ||
-      has_texture({aiTextureType_SPECULAR, aiTextureType_SHININESS}))
-    ignored |= ignored_layers;
-  if (has_texture({aiTextureType_NORMALS, aiTextureType_HEIGHT, aiTextureType_DISPLACEMENT,
-                   aiTextureType_NORMAL_CAMERA}))
-    ignored |= ignored_relief;
-  if (shines(AI_MATKEY_COLOR_EMISSIVE) || has_texture({aiTextureType_EMISSIVE, aiTextureType_EMISSION_COLOR}))
-    ignored |= ignored_emission;
-  if (number(AI_MATKEY_OPACITY, 1.0f) < 1.0f || number(AI_MATKEY_TRANSMISSION_FACTOR, 0.0f) > 0.0f ||
-      has_texture({aiTextureType_OPACITY}))
-    ignored |= ignored_transparency;
-  return ignored;
-}
-
-/// glTF and the PBR extension of MTL (Pm, Pr) have metallic-roughness. Else highlights are those of MTL: Ks
-/// is the reflectance beside Kd, Ns the exponent n of Blinn's half-vector lobe, as wide as a GGX lobe of α² =
-/// 2/(n + 2) (Walter et al. 2007, section 5.2). Unlit glTF materials, which scans have, are matt: their
-/// colour is all that was measured.
-void read_lobe(const aiMaterial& material, bool is_gltf, ImportedMaterial& result) {
-  constexpr float dielectric = 0.04f;  // index of refraction 1.5: glTF 2.0, appendix B
-  int shading = 0;
-  if (is_gltf && material.Get(AI_MATKEY_SHADING_MODEL, shading) == AI_SUCCESS &&
-      shading == aiShadingMode_Unlit)
-    return;
-  const bool metallic = material.Get(AI_MATKEY_METALLIC_FACTOR, result.metallic) == AI_SUCCESS;
-  const float exponent = number_of(material, AI_MATKEY_SHININESS, 0.0f);
-  result.roughness = std::pow(2.0f / (std::max(exponent, 0.0f) + 2.0f), 0.25f);
-  const bool rough = material.Get(AI_MATKEY_ROUGHNESS_FACTOR, result.roughness) == AI_SUCCESS;
-  aiColor4D specular;
-  if (is_gltf || metallic || rough) {
-    result.specular = {dielectric, dielectric, dielectric};
-  } else if (material.Get(AI_MATKEY_COLOR_SPECULAR, specular) == AI_SUCCESS) {
-    result.specular = {specular.r, specular.g, specular.b};
-    // Kd and Ks add up, where the diffuse part of metallic-roughness is multiplied by what is left.
-    for (std::size_t c = 0; c < 3; ++c)
-      result.base_colour[c] /= std::clamp(1.0f - result.specular[c], 1e-3f, 1.0f);
+/// Materials, and texture coordinates as they place them.
+void append_materials(const Json& gltf, const aiScene& scene, const fs::path& path, ImportedMesh& mesh) {
+  std::vector<TexturePlacement> placements;
+  for (const Json& material : child(gltf, "materials"))
+    mesh.materials.push_back(material_of(gltf, material, scene, path, placements.emplace_back(), mesh));
+  mesh.materials.resize(scene.mNumMaterials);  // the library adds one for parts without
+  placements.resize(mesh.materials.size());
+  for (std::size_t v = 0; v < mesh.texture_places.size(); ++v) {
+    const TexturePlacement& placement = placements.at(mesh.material[v]);
+    Eigen::Vector2f& place = mesh.texture_places[v];
+    place.y() = 1.0f - place.y();  // the library turned it upwards
+    place = placement.turn * place + placement.offset;
+    place.y() = 1.0f - place.y();
   }
 }
 
-ImportedMaterial material_of(const aiScene& scene, const aiMaterial& material, const fs::path& path,
-                             ImportedMesh& mesh) {
-  ImportedMaterial result;
-  if (!is_of_the_file(material)) return result;
-  result.is_of_the_file = 1;
-  // Of these formats the library makes materials up.
-  const std::string format = mesh_format_of(path);
-  const bool made_up = format == "ply" || format == "off";
-  result.ignored = ignored_parts_of(material);
-  aiColor4D colour;
-  if (!made_up && (material.Get(AI_MATKEY_BASE_COLOR, colour) == AI_SUCCESS ||
-                   material.Get(AI_MATKEY_COLOR_DIFFUSE, colour) == AI_SUCCESS))
-    result.base_colour = {colour.r, colour.g, colour.b};
-  const auto exceeds = [](float factor) { return !(factor >= 0.0f && factor <= 1.0f); };
-  const auto read_texture = [&](std::initializer_list<aiTextureType> types, std::int32_t& texture) {
-    for (const aiTextureType type : types) {
-      if (material.GetTextureCount(type) == 0) continue;
-      aiString name;
-      unsigned coordinates = 0;
-      if (material.GetTexture(type, 0, &name, nullptr, &coordinates) == AI_SUCCESS && coordinates == 0)
-        texture = texture_of(scene, path, name, mesh);
-      if (texture < 0) result.ignored |= ignored_texture;
-      return;
-    }
-  };
-  read_texture({aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}, result.texture);
-  read_texture({aiTextureType_METALNESS}, result.metallic_texture);
-  read_texture({aiTextureType_DIFFUSE_ROUGHNESS}, result.roughness_texture);
-  // Exporters that let the texture say everything write black.
-  if (result.texture >= 0 && result.base_colour == std::array{0.0f, 0.0f, 0.0f})
-    result.base_colour = {1.0f, 1.0f, 1.0f};
-  bool excess = std::ranges::any_of(result.base_colour, exceeds);
-  if (!made_up) read_lobe(material, format == "gltf" || format == "glb", result);
-  excess = excess || std::ranges::any_of(result.specular, exceeds) || exceeds(result.metallic) ||
-           exceeds(result.roughness);
-  if (excess) result.ignored |= ignored_excess;
-  return result;
-}
+ImportedMesh read_gltf(const std::string& bytes, const fs::path& path) {
+  Gltf gltf = parse_gltf(bytes, mesh_format_of(path) == "glb");
+  require_supported(gltf.json);
+  ImportedMesh mesh;
+  const Json& scenes = child(gltf.json, "scenes");
+  const Json none = Json::array();
+  const Json& roots = scenes.empty() ? none : scenes.at(gltf.json.value("scene", std::size_t{0})).at("nodes");
+  std::set<std::size_t> seen;
+  const std::uint64_t promised = triangles_below(gltf.json, roots, seen, mesh.notes);
+  prepare_for_library(gltf.json, path);
 
-ImportedMesh run_library(const fs::path& path) {
-  bool wrong_index = false;
-  const HeardLog log(wrong_index);
   Assimp::Importer importer;
   keep_readers_of(importer, mesh_format_of(path));
   std::string refused;
-  importer.SetIOHandler(new FolderOnly(path, refused));  // owned by the importer
-  const aiScene* scene = importer.ReadFile(path, aiProcess_Triangulate | aiProcess_PreTransformVertices);
+  const std::string content = gltf.content();
+  importer.SetIOHandler(new FolderOnly(path, content, refused));  // owned by the importer
+  const aiScene* scene = importer.ReadFile(path, 0);
   if (!refused.empty())
     throw MeshFault("it refers to " + refused + "; put all that belongs to the mesh into one folder");
   if (scene == nullptr) throw MeshFault(kind_of_fault(importer.GetErrorString()));
-  if (wrong_index)
-    throw MeshFault("a triangle refers to a vertex that does not exist; export the file again");
   const std::span parts(scene->mMeshes, scene->mNumMeshes);
-  const bool normals = std::ranges::all_of(parts, [](const aiMesh* part) { return part->HasNormals(); });
-  const bool colours =
-      std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasVertexColors(0); });
-  ImportedMesh mesh;
-  const bool places =
-      std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasTextureCoords(0); });
-  for (const aiMesh* part : parts) append_part(*part, normals, colours, places, mesh);
-  for (const aiMaterial* material : std::span(scene->mMaterials, scene->mNumMaterials))
-    mesh.materials.push_back(material_of(*scene, *material, path, mesh));
+  const Parts have{std::ranges::all_of(parts, [](const aiMesh* part) { return part->HasNormals(); }),
+                   std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasVertexColors(0); }),
+                   std::ranges::any_of(parts, [](const aiMesh* part) { return part->HasTextureCoords(0); })};
+  append_node(*scene, *scene->mRootNode, aiMatrix4x4(), have, mesh);
+  // The library leaves out triangles whose indices are out of range.
+  if (mesh.triangles.size() != promised)
+    throw MeshFault("it promises " + std::to_string(promised) + " triangles, of which " +
+                    std::to_string(mesh.triangles.size()) +
+                    " can be read: an index is out of range; export the file again");
+  append_materials(gltf.json, *scene, path, mesh);
   return mesh;
+}
+
+ImportedMesh read_any(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(stream), {}}, format = mesh_format_of(path);
+  if (format == "ply") return read_ply(bytes, path);
+  if (format == "off") return read_off(bytes);
+  if (format == "obj") return read_obj(bytes, path);
+  try {
+    return read_gltf(bytes, path);
+  } catch (const Json::exception&) {
+    throw MeshFault("its JSON is damaged, or lacks what glTF 2.0 requires");
+  }
 }
 
 }  // namespace
 
 std::string read_with_mesh_library(const std::vector<std::string>& arguments) {
   try {
-    const ImportedMesh mesh = run_library(arguments.at(0));
+    const ImportedMesh mesh = read_any(arguments.at(0));
     std::string answer = "M";
     append(answer, mesh.positions);
     append(answer, mesh.normals);
@@ -346,6 +441,7 @@ std::string read_with_mesh_library(const std::vector<std::string>& arguments) {
     append(answer, mesh.material);
     append(answer, mesh.materials);
     append(answer, mesh.textures);
+    append(answer, std::vector<char>(mesh.notes.begin(), mesh.notes.end()));
     return answer;
   } catch (const std::bad_alloc&) {
     throw;

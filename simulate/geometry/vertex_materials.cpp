@@ -9,7 +9,9 @@
 #include <array>
 #include <cerrno>
 #include <cmath>
+#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -58,10 +60,10 @@ std::optional<Image> read_texture(const ImportedTexture& texture, const fs::path
   try {
     if (texture.file.empty()) {
       const MemoryFile inside(texture.content);
-      return read_image(inside.path());
+      return read_image(inside.path(), Alpha::ignore);
     }
     // The process that reads meshes is not trusted.
-    if (may_be_read_for(path, texture.file)) return read_image(texture.file);
+    if (may_be_read_for(path, texture.file)) return read_image(texture.file, Alpha::ignore);
   } catch (const Interrupted&) {
     throw;
   } catch (const Error&) {  // its message names a file that no user knows
@@ -94,34 +96,42 @@ class Textures {
   std::vector<bool> tried_;
 };
 
-/// Half of the mean edge at each vertex, on the texture.
-std::vector<Eigen::Array2f> reaches_of(const ImportedMesh& mesh) {
-  std::vector<Eigen::Array2f> sums(mesh.positions.size(), Eigen::Array2f::Zero());
+/// How far the footprint of a vertex goes on the texture: left, right, up and down.
+using Reach = Eigen::Array4f;
+
+/// Half of the mean edge at each vertex; at a border of the texture's use, no further than the edges go.
+std::vector<Reach> reaches_of(const ImportedMesh& mesh) {
+  std::vector<Reach> sums(mesh.positions.size(), Reach::Zero());
   std::vector<float> edges(mesh.positions.size(), 0.0f);
   for (const auto& triangle : mesh.triangles)
     for (std::size_t i = 0; i < 3; ++i)
       for (const std::size_t other : {(i + 1) % 3, (i + 2) % 3}) {
-        sums[triangle[i]] +=
-            (mesh.texture_places[triangle[other]] - mesh.texture_places[triangle[i]]).array().abs();
+        const Eigen::Vector2f edge = mesh.texture_places[triangle[other]] - mesh.texture_places[triangle[i]];
+        sums[triangle[i]] += Reach(-edge.x(), edge.x(), edge.y(), -edge.y()).max(0.0f);
         edges[triangle[i]] += 1.0f;
       }
-  for (std::size_t v = 0; v < sums.size(); ++v) sums[v] *= 0.5f / std::max(edges[v], 1.0f);
+  for (std::size_t v = 0; v < sums.size(); ++v) {
+    sums[v] /= std::max(edges[v], 1.0f);
+    const float across = 0.5f * (sums[v][0] + sums[v][1]), along = 0.5f * (sums[v][2] + sums[v][3]);
+    sums[v] = sums[v].min(Reach(across, across, along, along));
+  }
   return sums;
 }
 
-/// Texels of one axis and what each counts: the overlaps with [middle − reach, middle + reach], at least one
+/// Texels of one axis and what each counts: the overlaps with [middle − before, middle + after], at least one
 /// texel wide, in texels.
 struct Overlaps {
-  Overlaps(double middle, double reach) {
-    reach = std::max(reach, 0.5);
-    first = static_cast<long>(std::floor(middle - reach));
-    const auto last = static_cast<long>(std::ceil(middle + reach));
+  Overlaps(double middle, double before, double after) {
+    const double width = before + after;
+    if (width < 1.0) before = width > 0.0 ? before / width : 0.5, after = 1.0 - before;
+    first = static_cast<long>(std::floor(middle - before));
+    const auto last = static_cast<long>(std::ceil(middle + after));
     // Some texels speak for all of many.
     step = std::max(1L, (last - first) / 64);
     for (long texel = first; texel < last; texel += step) {
       const auto low = static_cast<double>(texel), high = static_cast<double>(texel + step);
       shares.push_back(
-          static_cast<float>(std::max(std::min(high, middle + reach) - std::max(low, middle - reach), 0.0)));
+          static_cast<float>(std::max(std::min(high, middle + after) - std::max(low, middle - before), 0.0)));
     }
   }
   long first, step;
@@ -133,14 +143,17 @@ long wrapped(long texel, long size) {
 }
 
 /// Texels are decoded as sRGB; `encoded` takes them as the file has them.
-Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, const Eigen::Array2f& reach,
+Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, const Reach& reach,
                            bool encoded) {
   if (!place.allFinite() || !reach.allFinite()) return Eigen::Array3f::Ones();
   // Textures repeat: whole turns change nothing, and are all the same beyond a turn.
   const double u = place.x() - std::floor(place.x()), v = place.y() - std::floor(place.y());
-  const Overlaps columns(u * texture.width, std::min(reach.x(), 0.5f) * static_cast<double>(texture.width));
-  const Overlaps rows((1.0 - v) * texture.height,
-                      std::min(reach.y(), 0.5f) * static_cast<double>(texture.height));
+  const auto size = Eigen::Array2d(texture.width, texture.height);
+  const Eigen::Array2d shrunk = size / Eigen::Array2d(reach[0] + reach[1], reach[2] + reach[3]).max(1.0);
+  const Eigen::Array4d far =
+      reach.cast<double>() * Eigen::Array4d(shrunk[0], shrunk[0], shrunk[1], shrunk[1]);
+  const Overlaps columns(u * texture.width, far[0], far[1]);
+  const Overlaps rows((1.0 - v) * texture.height, far[2], far[3]);
   Eigen::Array3f sum = Eigen::Array3f::Zero();
   float weight = 0.0f;
   for (std::size_t j = 0; j < rows.shares.size(); ++j)
@@ -158,6 +171,21 @@ Eigen::Array3f mean_around(const Image& texture, const Eigen::Vector2f& place, c
   return sum / weight;
 }
 
+/// Whether a triangle has an edge without another one on its other side.
+bool is_open(const ImportedMesh& mesh) {
+  std::map<std::array<float, 3>, std::size_t> points;
+  std::set<std::array<std::size_t, 2>> edges;
+  for (const auto& triangle : mesh.triangles) {
+    std::array<std::size_t, 3> corner{};
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Eigen::Vector3f& p = mesh.positions[triangle[i]];
+      corner[i] = points.try_emplace({p.x(), p.y(), p.z()}, points.size()).first->second;
+    }
+    for (std::size_t i = 0; i < 3; ++i) edges.insert({corner[i], corner[(i + 1) % 3]});
+  }
+  return std::ranges::any_of(edges, [&](const auto& edge) { return !edges.contains({edge[1], edge[0]}); });
+}
+
 void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const fs::path& path,
                   const RunContext& run) {
   std::uint32_t ignored = 0;
@@ -169,11 +197,17 @@ void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const
              "coordinates; its parts are shown without it");
   if (ignored & ignored_excess)
     run.note(path.string() + ": its materials have factors outside [0, 1], which are clamped");
+  if (ignored & ignored_back && is_open(mesh))
+    run.note(path.string() +
+             ": its double-sided surfaces are lit on one side, that of their normals; give those that are "
+             "seen from "
+             "behind a thickness");
   std::string parts;
-  for (const auto& [part, name] : {std::pair{ignored_layers, "clear coat, sheen or textures of highlights"},
-                                   {ignored_relief, "normal and bump maps"},
-                                   {ignored_emission, "emission"},
-                                   {ignored_transparency, "transparency"}})
+  for (const auto& [part, name] :
+       {std::pair{ignored_layers, "clear coat, sheen, textures and further factors of highlights"},
+        {ignored_relief, "normal and bump maps"},
+        {ignored_emission, "emission"},
+        {ignored_transparency, "transparency"}})
     if (ignored & part) parts += (parts.empty() ? "" : ", ") + std::string(name);
   if (!parts.empty())
     run.note(path.string() + ": of its materials, " + parts +
@@ -229,7 +263,7 @@ std::vector<VertexMaterial> vertex_materials(const ImportedMesh& mesh, const fs:
   if (!any) return {};
   note_ignored(mesh, used, path, run);
 
-  const std::vector<Eigen::Array2f> reaches = textured ? reaches_of(mesh) : std::vector<Eigen::Array2f>();
+  const std::vector<Reach> reaches = textured ? reaches_of(mesh) : std::vector<Reach>();
   std::vector<VertexMaterial> vertices(mesh.positions.size());
   tbb::parallel_for(std::size_t{0}, vertices.size(), [&](std::size_t v) {
     const ImportedMaterial& material = mesh.materials[mesh.material[v]];

@@ -112,13 +112,13 @@ TEST_F(MeshFiles, TrianglesWithoutAreaAreLeftOut) {
 
 TEST_F(MeshFiles, BadMeshesAreNamedWithTheRemedy) {
   EXPECT_THAT(error_of("empty.off", ""), HasSubstr("empty"));
-  EXPECT_THAT(error_of("none.off", "OFF\n0 0 0\n"), HasSubstr("no readable mesh"));
+  EXPECT_THAT(error_of("none.off", "OFF\n0 0 0\n"), HasSubstr("convert a point cloud"));
   EXPECT_THAT(error_of("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), HasSubstr("none with an area"));
   EXPECT_THAT(error_of("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), HasSubstr("not finite"));
   EXPECT_THAT(error_of("inf.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1e39 0\n3 0 1 2\n"), HasSubstr("not finite"));
   EXPECT_THAT(error_of("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), HasSubstr("index"));
   EXPECT_THAT(error_of("index.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"),
-              HasSubstr("refers to a vertex"));
+              HasSubstr("names vertex 7 of 3"));
   EXPECT_THAT(error_of("index.ply", ply_head + "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 9\n"),
               HasSubstr("names vertex 9 of 4"));
   EXPECT_THAT(
