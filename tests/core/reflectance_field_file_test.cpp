@@ -24,9 +24,7 @@
 #include "tests/support/small_disk.h"
 #include "tests/support/temporary_folder.h"
 
-namespace {
-int flock_error = 0;
-}
+static int flock_error = 0;
 
 /// The system's, or one that fails as on network file systems, for libraries, too.
 extern "C" int flock(int descriptor, int operation) {
