@@ -4,16 +4,19 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <fstream>
 #include <functional>
+#include <iomanip>
 #include <iterator>
 #include <map>
 #include <optional>
 #include <span>
+#include <sstream>
 #include <utility>
 
 #include "simulate/geometry/mesh_library.h"
@@ -99,26 +102,28 @@ void for_lines(std::string_view text, bool continued, const std::function<void(s
   }
 }
 
+std::string text_of(double number) {
+  std::ostringstream text;
+  text << std::setprecision(12) << number;
+  return text.str();
+}
+
 std::uint32_t index_of(double index, std::size_t count) {
   if (index >= 0.0 && index < static_cast<double>(count) && index == std::floor(index))
     return static_cast<std::uint32_t>(index);
-  char text[32];
-  std::snprintf(text, sizeof text, "%.10g", index);
-  throw MeshFault(std::string("a face names vertex ") + text + " of " + std::to_string(count) +
+  throw MeshFault("a face names vertex " + text_of(index) + " of " + std::to_string(count) +
                   ": the index is out of range; export the file again");
 }
 
-void require_room(std::string_view bytes, const char* what, double count, std::uint64_t least_bytes) {
-  if (count >= 0.0 && count * static_cast<double>(least_bytes) <= static_cast<double>(bytes.size())) return;
-  char text[32];
-  std::snprintf(text, sizeof text, "%.12g ", count);
-  throw MeshFault(std::string("it promises ") + text + what + ", but a file of " +
+void require_room(std::string_view bytes, const char* what, double count, double least_bytes) {
+  if (count >= 0.0 && count * least_bytes <= static_cast<double>(bytes.size())) return;
+  throw MeshFault("it promises " + text_of(count) + ' ' + what + ", but a file of " +
                   std::to_string(bytes.size()) + " bytes cannot hold that many; it is damaged or cut off");
 }
 
 /// Divides colours by what they count to: bytes by 255; longer integers and floats may count to 1, 255 or
 /// 65535.
-void scale_colours(std::vector<Colour>& colours, bool are_bytes) {
+void scale_colours(std::vector<Colour>& colours, bool are_bytes = false) {
   float largest = 0.0f;
   for (const Colour& colour : colours) largest = std::max(largest, colour.maxCoeff());
   if (largest > 65535.0f) throw MeshFault("its colours exceed 65535; export them as bytes");
@@ -126,289 +131,297 @@ void scale_colours(std::vector<Colour>& colours, bool are_bytes) {
   for (Colour& colour : colours) colour /= full;
 }
 
-/// Polygons over vertices, which may have colours and texture coordinates of their own.
-struct Faces {
-  void append(std::span<const double> polygon) {
-    corners.insert(corners.end(), polygon.begin(), polygon.end());
-    sizes.push_back(polygon.size());
-  }
-  std::vector<double> corners;     ///< indices as the file has them
-  std::vector<std::size_t> sizes;  ///< [faces]
-  std::vector<Colour> colours;     ///< [faces], or empty
-  std::vector<double> places;      ///< u, v of each corner, or empty
+constexpr double no_index = -1e300;
+
+struct Corner {
+  double position, place = no_index, normal = no_index;  ///< as the file has them, from 0
 };
 
-/// Where faces have values of their own, each gets vertices of its own.
-void append_faces(const Faces& faces, ImportedMesh& mesh) {
-  const ImportedMesh vertices = mesh;
-  const bool own = !faces.places.empty() || !faces.colours.empty();
-  if (own) mesh.positions.clear(), mesh.normals.clear(), mesh.colours.clear(), mesh.texture_places.clear();
-  for (std::size_t f = 0, first = 0; f < faces.sizes.size(); first += faces.sizes[f++]) {
+/// What files hold: values, and faces whose corners have an index of each.
+struct Faces {
+  void append(std::span<const Corner> polygon, std::uint32_t material = 0) {
+    corners.insert(corners.end(), polygon.begin(), polygon.end());
+    sizes.push_back(polygon.size());
+    materials.push_back(material);
+  }
+  /// A face of vertices that have all values.
+  void append(std::span<const double> vertices) {
+    std::vector<Corner> polygon;
+    for (const double v : vertices)
+      polygon.push_back({v, places.empty() ? no_index : v, normals.empty() ? no_index : v});
+    append(polygon);
+  }
+
+  std::vector<Eigen::Vector3f> positions, normals;
+  std::vector<Colour> colours;  ///< [positions], or empty
+  std::vector<Eigen::Vector2f> places;
+  std::vector<Corner> corners;
+  std::vector<std::size_t> sizes;        ///< [faces]
+  std::vector<std::uint32_t> materials;  ///< [faces]
+  std::vector<Colour> face_colours;      ///< [faces], or empty
+};
+
+/// Adds the faces to a mesh without vertices. Each corner has its own, unless all values have the same index.
+ImportedMesh assemble(const Faces& faces, ImportedMesh mesh) {
+  const bool own = !faces.face_colours.empty() || mesh.materials.size() > 1 ||
+                   std::ranges::any_of(faces.corners, [](const Corner& c) {
+                     return (c.place != no_index && c.place != c.position) ||
+                            (c.normal != no_index && c.normal != c.position);
+                   });
+  const bool normals = !faces.normals.empty() && std::ranges::none_of(faces.corners, [](const Corner& c) {
+    return c.normal == no_index;
+  });
+  const auto append_vertex = [&](const Corner& c, std::size_t face) {
+    const std::uint32_t position = index_of(c.position, faces.positions.size());
+    mesh.positions.push_back(faces.positions[position]);
+    if (normals) mesh.normals.push_back(faces.normals[index_of(c.normal, faces.normals.size())]);
+    if (!faces.face_colours.empty())
+      mesh.colours.push_back(faces.face_colours[face]);
+    else if (!faces.colours.empty())
+      mesh.colours.push_back(faces.colours[position]);
+    if (!faces.places.empty())
+      mesh.texture_places.push_back(c.place == no_index
+                                        ? Eigen::Vector2f(0.0f, 0.0f)
+                                        : faces.places[index_of(c.place, faces.places.size())]);
+    mesh.material.push_back(own ? faces.materials[face] : 0);
+  };
+  for (std::size_t v = 0; !own && v < faces.positions.size(); ++v) {
+    const auto index = static_cast<double>(v);
+    append_vertex({index, index < static_cast<double>(faces.places.size()) ? index : no_index, index}, 0);
+  }
+  for (std::size_t face = 0, first = 0; face < faces.sizes.size(); first += faces.sizes[face++]) {
     std::vector<std::uint32_t> polygon;
-    for (std::size_t i = first; i < first + faces.sizes[f]; ++i) {
-      polygon.push_back(index_of(faces.corners[i], vertices.positions.size()));
-      if (!own) continue;
-      const std::uint32_t vertex =
-          std::exchange(polygon.back(), static_cast<std::uint32_t>(mesh.positions.size()));
-      mesh.positions.push_back(vertices.positions[vertex]);
-      if (!vertices.normals.empty()) mesh.normals.push_back(vertices.normals[vertex]);
-      if (!faces.colours.empty())
-        mesh.colours.push_back(faces.colours[f]);
-      else if (!vertices.colours.empty())
-        mesh.colours.push_back(vertices.colours[vertex]);
-      if (!faces.places.empty())
-        mesh.texture_places.emplace_back(faces.places[2 * i], faces.places[2 * i + 1]);
-      else if (!vertices.texture_places.empty())
-        mesh.texture_places.push_back(vertices.texture_places[vertex]);
+    for (const Corner& corner : std::span(faces.corners).subspan(first, faces.sizes[face])) {
+      polygon.push_back(own ? static_cast<std::uint32_t>(mesh.positions.size())
+                            : index_of(corner.position, faces.positions.size()));
+      if (own) append_vertex(corner, face);
     }
     append_polygon(std::move(polygon), mesh);
   }
-  mesh.material.assign(mesh.positions.size(), 0);
   if (mesh.materials.empty()) mesh.materials.emplace_back();
+  return mesh;
 }
 
 // ---- PLY
 
-struct PlyType {
-  char kind;  ///< integers i, u; floats f
-  std::size_t bytes;
-};
-
-struct PlyProperty {
-  std::string name;
-  PlyType type;
-  std::optional<PlyType> count;  ///< of a list
-};
-
-struct PlyElement {
-  std::string name;
-  double count;
-  std::vector<PlyProperty> properties;
-};
-
-struct PlyHeader {
-  std::string format;
-  std::string texture;
-  std::vector<PlyElement> elements;
-  std::string_view body;
-};
-
-PlyType ply_type(std::string_view name) {
-  static const std::map<std::string_view, PlyType> types = {
-      {"char", {'i', 1}},  {"int8", {'i', 1}},    {"uchar", {'u', 1}},  {"uint8", {'u', 1}},
-      {"short", {'i', 2}}, {"int16", {'i', 2}},   {"ushort", {'u', 2}}, {"uint16", {'u', 2}},
-      {"int", {'i', 4}},   {"int32", {'i', 4}},   {"uint", {'u', 4}},   {"uint32", {'u', 4}},
-      {"float", {'f', 4}}, {"float32", {'f', 4}}, {"double", {'f', 8}}, {"float64", {'f', 8}}};
-  const auto type = types.find(name);
-  if (type == types.end())
-    throw MeshFault("its header has a property of an unknown type; export the file again");
-  return type->second;
-}
-
-PlyHeader read_ply_header(std::string_view bytes) {
-  if (bytes.starts_with("\xEF\xBB\xBF")) bytes.remove_prefix(3);
-  if (!bytes.starts_with("ply")) throw MeshFault("it does not begin with 'ply'; it is no PLY file");
-  // The body of a binary file may begin with any byte, so lines end as the first one does.
-  const std::string_view line_end = bytes.substr(3, 2) == "\r\n" ? "\r\n"
-                                    : bytes.substr(3, 1) == "\r" ? "\r"
-                                                                 : "\n";
-  PlyHeader header;
-  for (std::size_t begin = 0;;) {
-    const std::size_t end = bytes.find(line_end, begin);
-    if (end == std::string_view::npos && !bytes.substr(begin).starts_with("end_header"))
-      throw MeshFault("its header does not end; it is damaged or no PLY file");
-    Words words(bytes.substr(begin, end - begin));
-    begin = end == std::string_view::npos ? bytes.size() : end + line_end.size();
-    const std::string_view word = words.next();
-    if (word == "end_header") {
-      header.body = bytes.substr(begin);
-      return header;
-    }
-    if (word == "format") header.format = words.next();
-    if (word == "comment" && words.next() == "TextureFile") header.texture = words.rest();
-    if (word == "element") {
-      const std::string name(words.next());
-      const double count = number_of(words.next());
-      const bool vertices = name == "vertex";
-      require_room(bytes, vertices ? "vertices" : "elements", count, vertices ? 3 : 1);
-      header.elements.push_back({name, count, {}});
-    }
-    if (word != "property") continue;
-    if (header.elements.empty()) throw MeshFault("its header has a property before the first element");
-    PlyProperty property;
-    const std::string_view type = words.next();
-    if (type == "list") property.count = ply_type(words.next());
-    property.type = ply_type(type == "list" ? words.next() : type);
-    property.name = words.next();
-    header.elements.back().properties.push_back(property);
-  }
-}
-
-class PlyBody {
- public:
-  explicit PlyBody(const PlyHeader& header)
-      : rest_(header.body),
-        words_(rest_),
-        is_text_(header.format == "ascii"),
-        big_(header.format == "binary_big_endian") {
-    if (!is_text_ && !big_ && header.format != "binary_little_endian")
-      throw MeshFault("its format is none of ascii, binary_little_endian and binary_big_endian");
-  }
-
-  double next(PlyType type) {
-    if (is_text_) return number_of(words_.next());
-    if (rest_.size() < type.bytes) throw MeshFault("it holds less than its header promises; it is cut off");
-    std::array<char, 8> bytes{};
-    std::copy_n(rest_.data(), type.bytes, bytes.begin());
-    rest_.remove_prefix(type.bytes);
-    if (big_) std::reverse(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(type.bytes));
-    const auto as = [&]<class Value>(Value value) {
-      std::memcpy(&value, bytes.data(), sizeof value);
-      return static_cast<double>(value);
-    };
-    if (type.kind == 'f') return type.bytes == 4 ? as(0.0f) : as(0.0);
-    if (type.kind == 'u')
-      return type.bytes == 1   ? as(std::uint8_t{})
-             : type.bytes == 2 ? as(std::uint16_t{})
-                               : as(std::uint32_t{});
-    return type.bytes == 1 ? as(std::int8_t{}) : type.bytes == 2 ? as(std::int16_t{}) : as(std::int32_t{});
-  }
-
-  void require_room(double count) const {
-    if (!(count >= 0.0 && count <= static_cast<double>(room_)))
-      throw MeshFault("a list promises more values than the file can hold; it is damaged");
-  }
-
-  /// A row that was misread leaves something over.
-  void require_end() {
-    if (is_text_ ? words_.next().empty()
-                 : rest_.find_first_not_of(std::string_view(" \t\r\n\0", 5)) == std::string_view::npos)
-      return;
-    throw MeshFault("it holds more than its header promises; it is damaged");
-  }
-
- private:
-  std::string_view rest_;
-  Words words_;
-  std::size_t room_ = rest_.size();
-  bool is_text_, big_;
-};
-
-/// Values of a vertex or of a face that are read: x y z, normal, colour, u v; under up to three names.
-constexpr std::size_t ply_normal = 3, ply_colour = 6, ply_place = 9, ply_slots = 11;
+/// Values that are read, under up to three names: x y z, normal, colour, u v; then lists.
+constexpr std::size_t ply_normal = 3, ply_colour = 6, ply_place = 9, ply_corners = 11, ply_places = 12,
+                      ply_slots = 13;
 
 std::size_t ply_slot(std::string_view name) {
   using Names = std::array<std::string_view, ply_slots>;
   static constexpr std::array<Names, 3> names = {
-      Names{"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "u", "v"},
-      Names{"x", "y", "z", "nx", "ny", "nz", "diffuse_red", "diffuse_green", "diffuse_blue", "s", "t"},
-      Names{"x", "y", "z", "nx", "ny", "nz", "r", "g", "b", "texture_u", "texture_v"}};
+      Names{"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "u", "v", "vertex_indices", "texcoord"},
+      Names{"", "", "", "", "", "", "diffuse_red", "diffuse_green", "diffuse_blue", "s", "t", "vertex_index"},
+      Names{"", "", "", "", "", "", "r", "g", "b", "texture_u", "texture_v"}};
   for (const Names& alternative : names)
     if (const auto found = std::ranges::find(alternative, name); found != alternative.end())
       return static_cast<std::size_t>(found - alternative.begin());
   return ply_slots;
 }
 
-/// An element's rows, one after the other.
-class PlyRows {
- public:
-  PlyRows(const PlyElement& element, PlyBody& body) : body_(body) {
-    for (const PlyProperty& property : element.properties) {
-      const bool is_list = property.count.has_value();
-      const std::size_t slot = is_list ? ply_slots : ply_slot(property.name);
-      columns_.push_back({property, slot, nullptr});
-      has_[slot] = true;
-      if (slot == ply_colour) are_bytes_ = property.type.kind == 'u' && property.type.bytes == 1;
-      if (is_list && (property.name == "vertex_indices" || property.name == "vertex_index"))
-        columns_.back().list = &corners;
-      if (is_list && property.name == "texcoord") columns_.back().list = &places;
-      has_corners = has_corners || columns_.back().list == &corners;
-      has_places = has_places || columns_.back().list == &places;
-    }
-  }
+/// Signed and unsigned integers b B h H i I, floats f d.
+char ply_type(std::string_view name) {
+  static const std::map<std::string_view, char> types = {
+      {"char", 'b'},   {"int8", 'b'},    {"uchar", 'B'},  {"uint8", 'B'},  {"short", 'h'}, {"int16", 'h'},
+      {"ushort", 'H'}, {"uint16", 'H'},  {"int", 'i'},    {"int32", 'i'},  {"uint", 'I'},  {"uint32", 'I'},
+      {"float", 'f'},  {"float32", 'f'}, {"double", 'd'}, {"float64", 'd'}};
+  const auto type = types.find(name);
+  if (type == types.end())
+    throw MeshFault("its header has a property of an unknown type; export the file again");
+  return type->second;
+}
 
-  void next() {
-    for (const Column& column : columns_) {
-      if (!column.property.count) {
-        value[column.slot] = static_cast<float>(body_.next(column.property.type));
-        continue;
-      }
-      std::vector<double>& list = column.list ? *column.list : ignored_;
-      const double count = body_.next(*column.property.count);
-      body_.require_room(count);
-      list.resize(static_cast<std::size_t>(count));
-      for (double& number : list) number = body_.next(column.property.type);
-    }
-  }
-  bool has(std::size_t first, std::size_t count) const {
-    return std::all_of(&has_[first], &has_[first] + count, std::identity());
-  }
-  Eigen::Vector3f three(std::size_t first) const {
-    return {value[first], value[first + 1], value[first + 2]};
-  }
-  void scale(std::vector<Colour>& colours) const { scale_colours(colours, are_bytes_); }
-
-  std::array<float, ply_slots + 1> value{};
-  std::vector<double> corners, places;
-  bool has_corners = false, has_places = false;
-
- private:
-  struct Column {
-    PlyProperty property;
-    std::size_t slot;
-    std::vector<double>* list;
-  };
-  PlyBody& body_;
-  std::vector<Column> columns_;
-  std::vector<double> ignored_;
-  std::array<bool, ply_slots + 1> has_{};
-  bool are_bytes_ = false;
+struct PlyProperty {
+  char type, count;  ///< count: 0 where it is no list
+  std::size_t slot;
 };
 
-/// Strips (a negative index begins another) and fans as triangles.
-void append_strips(const std::vector<double>& corners, bool fan, Faces& faces) {
-  for (std::size_t first = 0, i = 0; i < corners.size(); ++i) {
-    if (corners[i] < 0.0) first = i + 1;
-    if (i < first + 2) continue;
-    const double a = corners[fan ? first : i - 2], b = corners[i - 1], c = corners[i];
-    if (a == b || b == c || a == c) continue;  // joins strips
-    const bool odd = !fan && (i - first) % 2 == 1;
-    faces.append(std::array{odd ? b : a, odd ? a : b, c});
+struct PlyElement {
+  /// Whether it has these values, or this list.
+  bool has(std::size_t slot, std::size_t values) const {
+    std::size_t found = 0;
+    for (const PlyProperty& property : properties)
+      found += property.slot >= slot && property.slot < slot + values &&
+               (property.count != 0) == (slot >= ply_corners);
+    return found >= values;
   }
-}
+  std::string name;
+  double rows;
+  std::vector<PlyProperty> properties{};
+};
 
-void read_vertices(const PlyElement& element, PlyBody& body, ImportedMesh& mesh) {
-  PlyRows row(element, body);
-  if (!row.has(0, 3)) throw MeshFault("its vertices have no properties x, y and z");
-  for (double i = 0.0; i < element.count; ++i) {
-    row.next();
-    mesh.positions.push_back(row.three(0));
-    if (row.has(ply_normal, 3)) mesh.normals.push_back(row.three(ply_normal));
-    if (row.has(ply_colour, 3)) mesh.colours.emplace_back(row.three(ply_colour));
-    if (row.has(ply_place, 2))
-      mesh.texture_places.emplace_back(row.value[ply_place], row.value[ply_place + 1]);
-  }
-  row.scale(mesh.colours);
-}
-
-void read_faces(const PlyElement& element, PlyBody& body, Faces& faces) {
-  PlyRows row(element, body);
-  if (!row.has_corners) throw MeshFault("its faces have no list vertex_indices; export the file again");
-  for (double i = 0.0; i < element.count; ++i) {
-    row.next();
-    if (element.name != "face") {
-      append_strips(row.corners, element.name == "trifans", faces);
-      continue;
+class Ply {
+ public:
+  explicit Ply(std::string_view bytes) : rest_(bytes) {
+    if (rest_.starts_with("\xEF\xBB\xBF")) rest_.remove_prefix(3);
+    if (!rest_.starts_with("ply")) throw MeshFault("it does not begin with 'ply'; it is no PLY file");
+    // The body of a binary file may begin with any byte, so lines end as the first one does.
+    const std::string_view line_end = rest_.substr(3, rest_.substr(3).starts_with("\r\n") ? 2 : 1);
+    for (bool ends = false; !ends;) {
+      const std::size_t end = line_end.empty() ? std::string_view::npos : rest_.find(line_end);
+      Words line(rest_.substr(0, end));
+      ends = line.rest() == "end_header";
+      if (end == std::string_view::npos && !ends)
+        throw MeshFault("its header does not end; it is damaged or no PLY file");
+      rest_.remove_prefix(end == std::string_view::npos ? rest_.size() : end + line_end.size());
+      read_header(line, bytes);
     }
-    faces.append(row.corners);
-    if (row.has(ply_colour, 3)) faces.colours.emplace_back(row.three(ply_colour));
-    if (!row.has_places) continue;
-    if (row.places.size() != 2 * row.corners.size())
-      throw MeshFault("a face has other numbers of vertices and texture coordinates; export the file again");
-    faces.places.insert(faces.places.end(), row.places.begin(), row.places.end());
+    words_ = Words(rest_);
+    room_ = static_cast<double>(rest_.size());
   }
-  row.scale(faces.colours);
-}
+
+  ImportedMesh read(const fs::path& path) {
+    for (const PlyElement& element : elements_) read_element(element);
+    // A row that was misread leaves something over.
+    constexpr std::string_view blank(" \t\r\n\0", 5);
+    if (is_text_ ? !words_.next().empty() : rest_.find_first_not_of(blank) != std::string_view::npos)
+      throw MeshFault("it holds more than its header promises; it is damaged");
+    ImportedMesh mesh;
+    if (!texture_.empty()) {
+      ImportedMaterial& material = mesh.materials.emplace_back();
+      material.is_of_the_file = 1;
+      material.texture = texture_beside(path, texture_, mesh);
+      if (material.texture < 0) material.ignored |= ignored_texture;
+    }
+    return assemble(faces_, std::move(mesh));
+  }
+
+ private:
+  void read_header(Words line, std::string_view bytes) {
+    const std::string_view key = line.next();
+    if (key == "comment" && line.next() == "TextureFile") texture_ = line.rest();
+    if (key == "format") {
+      const std::string_view format = line.next();
+      is_text_ = format == "ascii";
+      big_ = format == "binary_big_endian";
+      if (!is_text_ && !big_ && format != "binary_little_endian")
+        throw MeshFault("its format is none of ascii, binary_little_endian and binary_big_endian");
+    }
+    if (key == "element") {
+      const std::string name(line.next());
+      elements_.push_back({name, number_of(line.next())});
+      const bool vertices = name == "vertex";
+      require_room(bytes, vertices ? "vertices" : "elements", elements_.back().rows, vertices ? 3 : 1);
+    }
+    if (key != "property") return;
+    if (elements_.empty()) throw MeshFault("its header has a property before the first element");
+    std::string_view type = line.next();
+    const char count = type == "list" ? ply_type(line.next()) : '\0';
+    if (count != 0) type = line.next();
+    elements_.back().properties.push_back({ply_type(type), count, ply_slot(line.next())});
+  }
+
+  template <class Value>
+  double binary() {
+    if (rest_.size() < sizeof(Value))
+      throw MeshFault("it holds less than its header promises; it is cut off");
+    std::array<char, sizeof(Value)> bytes;
+    std::copy_n(rest_.data(), bytes.size(), bytes.begin());
+    if (big_) std::ranges::reverse(bytes);
+    rest_.remove_prefix(bytes.size());
+    return static_cast<double>(std::bit_cast<Value>(bytes));
+  }
+
+  double next(char type) {
+    if (is_text_) return number_of(words_.next());
+    switch (type) {
+      case 'b':
+        return binary<std::int8_t>();
+      case 'B':
+        return binary<std::uint8_t>();
+      case 'h':
+        return binary<std::int16_t>();
+      case 'H':
+        return binary<std::uint16_t>();
+      case 'i':
+        return binary<std::int32_t>();
+      case 'I':
+        return binary<std::uint32_t>();
+      case 'f':
+        return binary<float>();
+      default:
+        return binary<double>();
+    }
+  }
+
+  void read_row(const PlyElement& element) {
+    for (const PlyProperty& property : element.properties) {
+      if (property.count == 0) {
+        value_[property.slot] = static_cast<float>(next(property.type));
+        continue;
+      }
+      std::vector<double>& list = lists_[property.slot];
+      const double count = next(property.count);
+      if (!(count >= 0.0 && count <= room_))
+        throw MeshFault("a list promises more values than the file can hold; it is damaged");
+      list.resize(static_cast<std::size_t>(count));
+      for (double& number : list) number = next(property.type);
+    }
+  }
+
+  void read_element(const PlyElement& element) {
+    const bool vertices = element.name == "vertex", fans = element.name == "trifans";
+    const bool strips = fans || element.name == "tristrips", faces = element.name == "face";
+    const bool normals = element.has(ply_normal, 3), colours = element.has(ply_colour, 3);
+    const bool places = element.has(vertices ? ply_place : ply_places, vertices ? 2 : 1);
+    if (vertices && !element.has(0, 3)) throw MeshFault("its vertices have no properties x, y and z");
+    if ((faces || strips) && !element.has(ply_corners, 1))
+      throw MeshFault("its faces have no list vertex_indices; export the file again");
+    std::vector<Colour>& own_colours = vertices ? faces_.colours : faces_.face_colours;
+    const auto three = [&](std::size_t slot) {
+      return Eigen::Vector3f(value_[slot], value_[slot + 1], value_[slot + 2]);
+    };
+    for (double row = 0.0; row < element.rows; ++row) {
+      read_row(element);
+      if (vertices) faces_.positions.push_back(three(0));
+      if (vertices && normals) faces_.normals.push_back(three(ply_normal));
+      if (vertices && places) faces_.places.emplace_back(value_[ply_place], value_[ply_place + 1]);
+      if ((vertices || faces) && colours) own_colours.emplace_back(three(ply_colour));
+      if (faces) append_face(places);
+      if (strips) append_strips(fans);
+    }
+    const auto red = std::ranges::find(element.properties, ply_colour, &PlyProperty::slot);
+    if (vertices || faces) scale_colours(own_colours, red != element.properties.end() && red->type == 'B');
+  }
+
+  void append_face(bool places) {
+    const std::vector<double>&corners = lists_[ply_corners], &coordinates = lists_[ply_places];
+    if (!places) return faces_.append(corners);
+    if (coordinates.size() != 2 * corners.size())
+      throw MeshFault("a face has other numbers of vertices and texture coordinates; export the file again");
+    std::vector<Corner> polygon;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      polygon.push_back({corners[i], static_cast<double>(faces_.places.size()),
+                         faces_.normals.empty() ? no_index : corners[i]});
+      faces_.places.emplace_back(coordinates[2 * i], coordinates[2 * i + 1]);
+    }
+    faces_.append(polygon);
+  }
+
+  /// Strips (a negative index begins another) and fans as triangles.
+  void append_strips(bool fans) {
+    const std::vector<double>& corners = lists_[ply_corners];
+    for (std::size_t first = 0, i = 0; i < corners.size(); ++i) {
+      if (corners[i] < 0.0) first = i + 1;
+      if (i < first + 2) continue;
+      const double a = corners[fans ? first : i - 2], b = corners[i - 1], c = corners[i];
+      if (a == b || b == c || a == c) continue;  // joins strips
+      const bool odd = !fans && (i - first) % 2 == 1;
+      faces_.append(std::array{odd ? b : a, odd ? a : b, c});
+    }
+  }
+
+  std::string_view rest_;
+  Words words_{{}};
+  double room_ = 0.0;
+  bool is_text_ = false, big_ = false;
+  std::string texture_;
+  std::vector<PlyElement> elements_;
+  Faces faces_;
+  std::array<float, ply_slots + 1> value_{};
+  std::array<std::vector<double>, ply_slots + 1> lists_;
+};
 
 // ---- MTL
 
@@ -559,11 +572,13 @@ class Obj {
   void read_line(std::string_view line) {
     Words words(line);
     const std::string_view key = words.next();
-    if (key == "v") return read_vertex(numbers_of(words));
+    if (key == "v") read_vertex(numbers_of(words));
     if (key == "vt" || key == "vn") {
       std::vector<double> values = numbers_of(words);
       values.resize(3);
-      (key == "vt" ? places_ : normals_).emplace_back(values[0], values[1], values[2]);
+      const Eigen::Vector3f value = Eigen::Vector3d(values[0], values[1], values[2]).cast<float>();
+      if (key == "vt") faces_.places.emplace_back(value.head<2>());
+      if (key == "vn") faces_.normals.push_back(value);
     }
     if (key == "f" || key == "fo") read_face(words);
     if (key == "usemtl") used_.emplace_back(words.rest());
@@ -582,79 +597,54 @@ class Obj {
     if (lacks_)
       mesh_.notes +=
           "it has not all the materials that it names; parts without are white (reflectance 0.8)\n";
+    for (std::uint32_t& material : faces_.materials) material = materials[material];
+    if (is_coloured_)
+      scale_colours(faces_.colours);
+    else
+      faces_.colours.clear();
     mtl_.materials[0].base_colour = {0.8f, 0.8f, 0.8f};
-    scale_colours(colours_, false);
-    const auto all = [&](std::size_t part) {
-      return std::ranges::none_of(corners_, [&](const Corner& c) { return c.index[part] == none; });
-    };
-    const bool normals = all(2), places = !places_.empty();
-    for (const Corner& corner : corners_) {
-      mesh_.positions.push_back(at(positions_, corner.index[0]).cast<float>());
-      if (normals) mesh_.normals.push_back(at(normals_, corner.index[2]).cast<float>());
-      if (is_coloured_) mesh_.colours.push_back(colours_[static_cast<std::size_t>(corner.index[0])]);
-      mesh_.material.push_back(materials[corner.material]);
-      if (!places) continue;
-      const Eigen::Vector3d place =
-          corner.index[1] == none ? Eigen::Vector3d(0, 0, 0) : at(places_, corner.index[1]);
-      const TexturePlacement& placement = mtl_.placements[mesh_.material.back()];
-      mesh_.texture_places.push_back(placement.turn * place.head<2>().cast<float>() + placement.offset);
-    }
-    std::uint32_t vertex = 0;
-    for (const std::uint32_t size : sizes_) {
-      std::vector<std::uint32_t> polygon(size);
-      for (std::uint32_t& corner : polygon) corner = vertex++;
-      append_polygon(std::move(polygon), mesh_);
-    }
     mesh_.materials = std::move(mtl_.materials);
-    return std::move(mesh_);
+    ImportedMesh mesh = assemble(faces_, std::move(mesh_));
+    for (std::size_t v = 0; v < mesh.texture_places.size(); ++v) {
+      const TexturePlacement& placement = mtl_.placements[mesh.material[v]];
+      mesh.texture_places[v] = (placement.turn * mesh.texture_places[v] + placement.offset).eval();
+    }
+    return mesh;
   }
 
  private:
-  static constexpr double none = -1e300;
-  struct Corner {
-    std::array<double, 3> index;  ///< position, texture coordinates, normal; from 0
-    std::uint32_t material;       ///< index in used_
-  };
-
-  static const Eigen::Vector3d& at(const std::vector<Eigen::Vector3d>& values, double index) {
-    return values[index_of(index, values.size())];
-  }
-
   void read_vertex(const std::vector<double>& values) {
     if (values.size() != 3 && values.size() != 4 && values.size() != 6)
       throw MeshFault("a vertex has " + std::to_string(values.size()) +
                       " numbers; give x y z, x y z w or x y z r g b");
     const double w = values.size() == 4 && values[3] != 0.0 ? values[3] : 1.0;
-    positions_.emplace_back(values[0] / w, values[1] / w, values[2] / w);
+    faces_.positions.push_back((Eigen::Vector3d(values[0], values[1], values[2]) / w).cast<float>());
     const bool coloured = values.size() == 6;
     is_coloured_ = is_coloured_ || coloured;
-    colours_.push_back(coloured ? Eigen::Array3d(values[3], values[4], values[5]).cast<float>()
-                                : Colour(Colour::Ones()));
+    faces_.colours.push_back(coloured ? Eigen::Array3d(values[3], values[4], values[5]).cast<float>()
+                                      : Colour(Colour::Ones()));
   }
 
   void read_face(Words words) {
-    const std::array counts = {positions_.size(), places_.size(), normals_.size()};
-    std::uint32_t size = 0;
+    const std::array counts = {faces_.positions.size(), faces_.places.size(), faces_.normals.size()};
     std::vector<Corner> corners;
-    for (std::string_view word = words.next(); !word.empty() && word[0] != '#'; word = words.next(), ++size) {
-      Corner corner{{none, none, none}, static_cast<std::uint32_t>(used_.size() - 1)};
+    for (std::string_view word = words.next(); !word.empty() && word[0] != '#'; word = words.next()) {
+      std::array index = {no_index, no_index, no_index};
       for (std::size_t part = 0; part < 3 && !word.empty(); ++part) {
         const std::string_view number = word.substr(0, word.find('/'));
         word.remove_prefix(std::min(number.size() + 1, word.size()));
         if (number.empty()) continue;
-        const double index = number_of(number);
+        index[part] = number_of(number);
         // Negative ones count from the last.
-        corner.index[part] = index < 0.0 ? static_cast<double>(counts[part]) + index : index - 1.0;
+        index[part] += index[part] < 0.0 ? static_cast<double>(counts[part]) : -1.0;
       }
-      corners.push_back(corner);
+      corners.push_back({index[0], index[1], index[2]});
     }
-    if (size < 3) return;  // a point or a line
-    corners_.insert(corners_.end(), corners.begin(), corners.end());
-    sizes_.push_back(size);
+    // Less are a point or a line.
+    if (corners.size() > 2) faces_.append(corners, static_cast<std::uint32_t>(used_.size() - 1));
   }
 
   void read_library(Words words) {
-    std::vector<std::string> names{std::string(words.rest())};
     const auto found = [&](std::string name) {
       std::ranges::replace(name, '\\', '/');
       std::string refused;
@@ -670,7 +660,7 @@ class Obj {
       return false;
     };
     // One name with blanks in it, or several names.
-    if (found(names[0])) return;
+    if (found(std::string(words.rest()))) return;
     for (std::string_view word = words.next(); !word.empty(); word = words.next())
       lacks_ = !found(std::string(word)) || lacks_;
   }
@@ -678,12 +668,92 @@ class Obj {
   fs::path path_;
   ImportedMesh mesh_;
   Mtl mtl_;
-  std::vector<Eigen::Vector3d> positions_, places_, normals_;
-  std::vector<Colour> colours_;
-  std::vector<Corner> corners_;
-  std::vector<std::uint32_t> sizes_;
+  Faces faces_;
   std::vector<std::string> used_{""};  ///< names of materials, in the order of their use
   bool is_coloured_ = false, lacks_ = false;
+};
+
+// ---- OFF
+
+class Off {
+ public:
+  explicit Off(std::string_view bytes) : bytes_(bytes) {}
+
+  void read_line(std::string_view line) {
+    Words words(line.substr(0, line.find('#')));
+    if (words.rest().empty()) return;
+    if (!std::exchange(begun_, true) && words.rest().find("OFF") != std::string_view::npos) {
+      const std::string_view key = words.next();
+      if (key.find_first_of("4n") != std::string_view::npos || words.rest() == "BINARY")
+        throw MeshFault("it is a binary or four-dimensional OFF; export it as text with x, y and z");
+      places_ = key.starts_with("ST");
+      colours_ = key.find('C') != std::string_view::npos;
+      normals_ = key.find('N') != std::string_view::npos;
+      if (words.rest().empty()) return;
+    }
+    if (vertices_ < 0.0) {
+      require_room(bytes_, "vertices", vertices_ = number_of(words.next()), 6);  // "0 0 0\n"
+      require_room(bytes_, "faces", face_count_ = number_of(words.next()), 4);
+    } else if (static_cast<double>(faces_.positions.size()) < vertices_) {
+      read_vertex(numbers_of(words));
+    } else {
+      read_face(words, line);
+    }
+  }
+
+  ImportedMesh finish() {
+    if (vertices_ < 0.0)
+      throw MeshFault("it holds no counts of vertices and faces; it is empty or no OFF file");
+    if (static_cast<double>(faces_.positions.size()) < vertices_ ||
+        static_cast<double>(faces_.sizes.size()) != face_count_)
+      throw MeshFault("it holds fewer or more faces than it promises; it is damaged or cut off");
+    scale_colours(faces_.colours);
+    if (!faces_.face_colours.empty()) faces_.face_colours.resize(faces_.sizes.size(), uncoloured());
+    scale_colours(faces_.face_colours);
+    for (Colour& colour : faces_.face_colours)
+      if (colour[0] < 0.0f) colour = Colour::Ones();
+    return assemble(faces_, std::move(mesh_));
+  }
+
+ private:
+  static Colour uncoloured() { return Colour::Constant(-1.0f); }
+
+  void read_vertex(const std::vector<double>& v) {
+    const std::size_t plain = 3 + (normals_ ? 3 : 0) + (places_ ? 2 : 0),
+                      expected = plain + (colours_ ? 4 : 0);
+    if (v.size() != expected && !(colours_ && v.size() == plain + 3))
+      throw MeshFault("a vertex has " + std::to_string(v.size()) +
+                      " numbers where the first line of the file promises " + std::to_string(expected) +
+                      "; put each vertex on a line, and name the file's variant (COFF, NOFF, STOFF)");
+    const auto three = [&](std::size_t i) {
+      return Eigen::Vector3d(v[i], v[i + 1], v[i + 2]).cast<float>().eval();
+    };
+    faces_.positions.push_back(three(0));
+    if (normals_) faces_.normals.push_back(three(3));
+    if (colours_) faces_.colours.emplace_back(three(normals_ ? 6 : 3));
+    if (places_) faces_.places.emplace_back(v[v.size() - 2], v[v.size() - 1]);
+  }
+
+  void read_face(Words words, std::string_view line) {
+    const double count = number_of(words.next());
+    require_room(line, "corners of a face", count, 1);
+    std::vector<double> corners;
+    for (double i = 0.0; i < count; ++i) corners.push_back(number_of(words.next()));
+    const std::vector<double> colour = numbers_of(words);
+    if (colour.size() >= 3) {
+      faces_.face_colours.resize(faces_.sizes.size(), uncoloured());
+      faces_.face_colours.push_back(Eigen::Array3d(colour[0], colour[1], colour[2]).cast<float>());
+    } else if (!colour.empty()) {
+      mesh_.notes = "colours of faces that are indices of a colour map are ignored\n";
+    }
+    faces_.append(corners);
+  }
+
+  std::string_view bytes_;
+  ImportedMesh mesh_;
+  Faces faces_;
+  double vertices_ = -1.0, face_count_ = 0.0;
+  bool begun_ = false, normals_ = false, colours_ = false, places_ = false;
 };
 
 }  // namespace
@@ -746,99 +816,13 @@ void append_polygon(std::vector<std::uint32_t> corners, ImportedMesh& mesh) {
 }
 
 ImportedMesh read_ply(std::string_view bytes, const fs::path& path) {
-  const PlyHeader header = read_ply_header(bytes);
-  PlyBody body(header);
-  ImportedMesh mesh;
-  Faces faces;
-  for (const PlyElement& element : header.elements) {
-    if (element.name == "vertex")
-      read_vertices(element, body, mesh);
-    else if (element.name == "face" || element.name == "tristrips" || element.name == "trifans")
-      read_faces(element, body, faces);
-    else
-      for (auto [row, i] = std::pair(PlyRows(element, body), 0.0); i < element.count; ++i) row.next();
-  }
-  body.require_end();
-  if (!header.texture.empty()) {
-    ImportedMaterial& material = mesh.materials.emplace_back();
-    material.is_of_the_file = 1;
-    material.texture = texture_beside(path, header.texture, mesh);
-    if (material.texture < 0) material.ignored |= ignored_texture;
-  }
-  append_faces(faces, mesh);
-  return mesh;
+  return Ply(bytes).read(path);
 }
 
 ImportedMesh read_off(std::string_view bytes) {
-  ImportedMesh mesh;
-  Faces faces;
-  std::optional<double> vertices, face_count;
-  bool normals = false, colours = false, places = false, begun = false;
-  const auto read_line = [&](std::string_view line) {
-    Words words(line.substr(0, line.find('#')));
-    if (words.rest().empty()) return;
-    if (!std::exchange(begun, true) && words.rest().find("OFF") != std::string_view::npos) {
-      const std::string_view key = words.next();
-      if (key.find_first_of("4n") != std::string_view::npos || words.rest() == "BINARY")
-        throw MeshFault("it is a binary or four-dimensional OFF; export it as text with x, y and z");
-      places = key.starts_with("ST");
-      colours = key.find('C') != std::string_view::npos;
-      normals = key.find('N') != std::string_view::npos;
-      if (words.rest().empty()) return;
-    }
-    if (!vertices) {
-      vertices = number_of(words.next());
-      face_count = number_of(words.next());
-      require_room(bytes, "vertices", *vertices, 6);  // "0 0 0\n"
-      require_room(bytes, "faces", *face_count, 4);
-      return;
-    }
-    if (static_cast<double>(mesh.positions.size()) < *vertices) {
-      const std::vector<double> v = numbers_of(words);
-      const std::size_t plain = 3 + (normals ? 3 : 0) + (places ? 2 : 0),
-                        expected = plain + (colours ? 4 : 0);
-      if (v.size() != expected && !(colours && v.size() == plain + 3))
-        throw MeshFault("a vertex has " + std::to_string(v.size()) +
-                        " numbers where the first line of the file promises " + std::to_string(expected) +
-                        "; put each vertex on a line, and name the file's variant (COFF, NOFF, STOFF)");
-      const auto part = [&](std::size_t i) {
-        return Eigen::Vector3d(v[i], v[i + 1], v[i + 2]).cast<float>().eval();
-      };
-      mesh.positions.push_back(part(0));
-      if (normals) mesh.normals.push_back(part(3));
-      if (colours) mesh.colours.push_back(part(normals ? 6 : 3).array());
-      if (places) mesh.texture_places.emplace_back(v[v.size() - 2], v[v.size() - 1]);
-      return;
-    }
-    if (static_cast<double>(faces.sizes.size()) >= *face_count)
-      throw MeshFault("it holds more faces than it promises; it is damaged");
-    const double count = number_of(words.next());
-    require_room(line, "corners of a face", count, 1);
-    std::vector<double> corners;
-    for (double i = 0.0; i < count; ++i) corners.push_back(number_of(words.next()));
-    faces.append(corners);
-    const std::vector<double> colour = numbers_of(words);
-    if (colour.size() >= 3) {
-      faces.colours.resize(faces.sizes.size() - 1, Colour::Constant(-1.0f));
-      faces.colours.push_back(Eigen::Array3d(colour[0], colour[1], colour[2]).cast<float>());
-    } else if (colour.size() == 1) {
-      mesh.notes = "colours of faces that are indices of a colour map are ignored\n";
-    }
-  };
-  for_lines(bytes, false, read_line);
-  if (!vertices) throw MeshFault("it holds no counts of vertices and faces; it is empty or no OFF file");
-  if (static_cast<double>(mesh.positions.size()) < *vertices ||
-      static_cast<double>(faces.sizes.size()) < *face_count)
-    throw MeshFault("it holds less than it promises; it is damaged or cut off");
-  scale_colours(mesh.colours, false);
-  if (!faces.colours.empty()) {
-    faces.colours.resize(faces.sizes.size(), Colour::Constant(-1.0f));
-    scale_colours(faces.colours, false);
-    for (Colour& colour : faces.colours)
-      if ((colour < 0.0f).any()) colour = Colour::Ones();
-  }
-  append_faces(faces, mesh);
-  return mesh;
+  Off off(bytes);
+  for_lines(bytes, false, [&](std::string_view line) { off.read_line(line); });
+  return off.finish();
 }
 
 ImportedMesh read_obj(std::string_view bytes, const fs::path& path) {

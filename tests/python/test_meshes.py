@@ -10,7 +10,8 @@ import h5py
 import mesh_files
 import numpy as np
 import pytest
-from mesh_files import M, STRIP_TRIANGLES, coloured, data_uri, element, gltf, linear, mtl, obj, off, ply, png, strips, truth
+from mesh_files import (DRACO, M, STRIP_TRIANGLES, coloured, data_uri, draco, element, gltf, linear, mtl, obj, off, ply, png,
+                        strips, truth)
 
 import refield
 
@@ -168,6 +169,7 @@ READ = [
      truth(triangles=STRIP_TRIANGLES[:6]), None),
     ("gltf fans", gltf(indices=[0, 1, 5, 4], mode=6), truth(triangles=FAN), None),
     ("gltf sparse accessor", gltf(sparse=True), PLAIN, None),
+    ("gltf Draco", draco(), PLAIN, None),
     ("gltf interleaved", gltf(stride=20), PLAIN, None),
     ("gltf colours of floats", gltf(colour=(LEVELS / 255, 5126)), LINEAR, None),
     ("gltf colours of bytes", gltf(colour=(RGBA, 5121)), LINEAR, None),
@@ -252,6 +254,8 @@ REFUSED = [
     ("gltf quantized positions", gltf(change=lambda d: d["accessors"][0].update(componentType=5122), stride=12),
      None, "POSITION is stored as integers"),
     ("gltf integer coordinates", textured(places=(255 * M["places"], 5121)), None, "TEXCOORD_0 is stored as integers"),
+    ("gltf Draco cut off", draco(DRACO[:90]), None, "Draco data are damaged"),
+    ("gltf Draco of other numbers", draco(triangles=13), None, "breaks the format|index is out of range"),
     ("gltf cut off", {"m.gltf": gltf()["m.gltf"][:-9]}, None, "JSON is damaged"),
     ("glb cut off", {"m.glb": gltf(binary=True)["m.glb"][:-9]}, None, "cut off"),
     ("gltf buffer missing", {"m.gltf": gltf(uri=("a.bin", "a.bin"))["m.gltf"]}, None, "cannot be opened"),
