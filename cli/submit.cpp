@@ -100,14 +100,15 @@ std::string call_slurm(const std::vector<std::string>& words) {
   }
 }
 
-/// "123" or "123;cluster" in a line of its own; warnings may come before it.
+/// "123" or "123;cluster" in a line of its own; warnings may come before it. Numbers of a federation's
+/// clusters have ten digits.
 std::int64_t submitted_job(const std::vector<std::string>& words) {
   const std::string text = call_slurm(words);
   std::istringstream lines(text);
   std::int64_t job = 0;
   for (std::string line; std::getline(lines, line);)
     if (const std::string number = line.substr(0, line.find(';'));
-        !number.empty() && number.size() < 10 && number.find_first_not_of("0123456789") == std::string::npos)
+        !number.empty() && number.size() < 19 && number.find_first_not_of("0123456789") == std::string::npos)
       job = std::stoll(number);
   if (job == 0) throw InputError("sbatch printed no number of a job: " + text);
   return job;

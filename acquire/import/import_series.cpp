@@ -229,6 +229,11 @@ class SessionImport {
   Mask mask_of(int width, int height) const {
     Mask mask;
     if (request_.mask) mask = read_mask(*request_.mask, width, height);
+    if (request_.mask && std::ranges::count(mask, 0) == std::ssize(mask))
+      throw InputError(
+          request_.mask->string() +
+          ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
+          "than one half (188 of 255, not 1)");
     if (ball_) {
       if (mask.empty()) mask.assign(static_cast<std::size_t>(width) * height, 1);
       exclude_ball(mask, width, height, *ball_);

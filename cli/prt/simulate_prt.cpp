@@ -176,7 +176,7 @@ void add_harmonic_options(CLI::App& verb, PrtArguments& arguments) {
       ->group(group);
   verb.add_option("--directions", options.directions, "Number of rays per vertex")
       ->capture_default_str()
-      ->check(CLI::Range(16, 1 << 20))
+      ->check(CLI::Range(64, 1 << 20))
       ->group(group);
   verb.add_option("--until", options.until,
                   "Stop interreflection after a pass that adds less than this fraction of the first pass; 1: "
