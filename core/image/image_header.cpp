@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cerrno>
 #include <cstdio>
 #include <optional>
@@ -10,6 +11,7 @@
 #include <string_view>
 
 #include "core/base/errors.h"
+#include "core/image/radiance_file.h"
 
 namespace refield {
 
@@ -79,6 +81,7 @@ constexpr std::size_t longest_name = 255;
 constexpr std::uint64_t offset_bytes = 8;
 constexpr std::uint64_t least_chunk_bytes = 8;  // row number and size
 constexpr int max_parts = 1024;
+constexpr const char* deep_text = "is a deep image, which has no single colour per pixel; flatten it";
 /// Rows that are compressed together, by the number of the compression.
 constexpr std::array<int, 10> rows_of_chunk = {1, 1, 1, 16, 32, 16, 32, 32, 32, 256};
 
@@ -89,17 +92,28 @@ struct Header {
   std::optional<std::int64_t> channels;
   std::optional<std::array<std::int64_t, 2>> tile;
   std::string type;
+  std::optional<Chromaticities> chromaticities;
+  std::optional<bool> is_cube;
 };
+
+/// Ends reading of a file that is whole but holds what refield cannot use.
+[[noreturn]] void refuse(const ByteReader& reader, const std::string& what) {
+  throw FormatError(reader.path(), what);
+}
 
 std::int64_t read_channels(ByteReader& reader) {
   for (std::int64_t count = 0;; ++count) {
-    if (reader.zero_terminated(longest_name).empty()) return count;
+    const std::string name = reader.zero_terminated(longest_name);
+    if (name.empty()) return count;
     const std::int32_t pixel_type = reader.little_endian_int32();
     reader.skip(4);
     const std::int32_t x_sampling = reader.little_endian_int32(), y_sampling = reader.little_endian_int32();
     if (pixel_type < 0 || pixel_type > 2) reader.fail("has a channel of unknown type");
-    // The format allows sub-sampled channels; colour and noise of photographs never are.
-    if (x_sampling != 1 || y_sampling != 1) reader.fail("has sub-sampled channels");
+    if (x_sampling != 1 || y_sampling != 1)
+      refuse(reader, "has sub-sampled channels (luminance and chroma); export it as RGB");
+    const std::string last = name.substr(name.rfind('.') + 1);
+    if (pixel_type == 0 && (last == "R" || last == "G" || last == "B" || last == "Y"))
+      refuse(reader, "stores '" + name + "' as whole numbers (uint), not as light; export half or float");
   }
 }
 
@@ -119,6 +133,11 @@ void read_attribute(ByteReader& reader, const std::string& name, Header& header)
                    static_cast<std::int64_t>(reader.little_endian(4))};
   } else if (name == "channels") {
     header.channels = read_channels(reader);
+  } else if (name == "envmap" && size == 1) {
+    header.is_cube = reader.byte() == 1;
+  } else if (name == "chromaticities" && size == 32) {
+    for (Eigen::Vector2d& xy : header.chromaticities.emplace())
+      for (double& value : xy) value = std::bit_cast<float>(reader.little_endian_int32());
   } else if (name == "type") {
     for (std::int32_t i = 0; i < size; ++i) header.type.push_back(static_cast<char>(reader.byte()));
   }
@@ -135,12 +154,14 @@ PromisedImage promised_by(const Header& header, bool tiled, ByteReader& reader) 
     reader.fail("lacks dataWindow, compression or channels in its header");
   if (*header.compression >= static_cast<int>(rows_of_chunk.size()))
     reader.fail("is compressed in an unknown way");
-  if (header.type.starts_with("deep")) reader.fail("is a deep image, which cannot be used here");
+  if (header.type.starts_with("deep")) refuse(reader, deep_text);
   const auto& window = *header.data_window;
   PromisedImage promised;
   promised.width = window[2] - window[0] + 1;
   promised.height = window[3] - window[1] + 1;
   promised.channels = *header.channels;
+  promised.chromaticities = header.chromaticities;
+  promised.is_cube = header.is_cube;
   if (promised.width <= 0 || promised.height <= 0) return promised;  // refused for that
   std::uint64_t chunks = divided_up(promised.height, rows_of_chunk[*header.compression]);
   if (tiled || header.type == "tiledimage") {
@@ -162,7 +183,7 @@ std::vector<PromisedImage> read_exr_headers(ByteReader& reader) {
   reader.skip(4);  // magic number
   const auto version = static_cast<std::uint32_t>(reader.little_endian(4));
   if ((version & 0xff) != 2) reader.fail("is of an unknown version of OpenEXR");
-  if (version & deep_flag) reader.fail("is a deep image, which cannot be used here");
+  if (version & deep_flag) refuse(reader, deep_text);
   std::vector<PromisedImage> parts;
   for (int part = 0; part < max_parts; ++part) {
     std::string name = reader.zero_terminated(longest_name);
@@ -227,22 +248,6 @@ PromisedImage read_jpeg_header(ByteReader& reader) {
       reader.fail("has more than " + std::to_string(max_jpeg_scans) + " scans");
     return promised;
   }
-}
-
-PromisedImage read_hdr_header(ByteReader& reader) {
-  while (!reader.line().empty()) {
-  }
-  const std::string resolution = reader.line();
-  PromisedImage promised;
-  char first = 0, second = 0, sign[2] = {};
-  long long a = 0, b = 0;
-  if (std::sscanf(resolution.c_str(), "%c%c %9lld %c%c %9lld", &sign[0], &first, &a, &sign[1], &second, &b) !=
-      6)
-    reader.fail("states no resolution");
-  promised.height = first == 'Y' ? a : b;
-  promised.width = first == 'Y' ? b : a;
-  promised.channels = 3;
-  return promised;
 }
 
 }  // namespace
@@ -310,9 +315,11 @@ void check_image_header(const fs::path& path, ImageFormat format) {
     case ImageFormat::exr:
       for (const PromisedImage& part : read_exr_headers(reader)) require_plausible(part, path);
       break;
-    case ImageFormat::hdr:
-      require_plausible(read_hdr_header(reader), path);
+    case ImageFormat::hdr: {
+      const RadianceHeader header = read_radiance_header(path);
+      require_plausible({header.width, header.height, 3}, path);
       break;
+    }
     case ImageFormat::png:
       require_plausible(read_png_header(reader), path);
       break;

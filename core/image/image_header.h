@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "core/image/colour.h"
+
 namespace refield {
 
 /// Reads a file from front to back in small pieces. Running past the end throws FormatError, as fail() does.
@@ -17,6 +19,7 @@ class ByteReader {
   explicit ByteReader(const std::filesystem::path& path);
 
   [[noreturn]] void fail(const std::string& what) const;
+  const std::filesystem::path& path() const { return path_; }
   /// Bytes between here and the end.
   std::uint64_t left();
   void skip(std::int64_t bytes);
@@ -26,8 +29,6 @@ class ByteReader {
   std::int32_t little_endian_int32() { return static_cast<std::int32_t>(little_endian(4)); }
   /// Up to the next zero byte, which is consumed. At most `longest` bytes, else fails.
   std::string zero_terminated(std::size_t longest) { return until('\0', longest); }
-  /// Up to the next line feed, which is consumed.
-  std::string line() { return until('\n', 4096); }
   /// How often two bytes follow one another from here to the end.
   int count(std::string_view pair);
 
@@ -49,6 +50,8 @@ struct PromisedImage {
   std::int64_t tile_pixels = 0;  ///< 0: no tiles
   /// The fewest bytes that a file with that many pixels can have, where the format makes that plain.
   std::uint64_t least_bytes = 0;
+  std::optional<Chromaticities> chromaticities{};  ///< as an EXR file states them
+  std::optional<bool> is_cube{};                   ///< EXR attribute envmap: cube or lat-long
 };
 
 /// The library's name of a format.

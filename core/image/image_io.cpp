@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <numbers>
@@ -22,7 +23,9 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
+#include "core/image/image_facts.h"
 #include "core/image/image_header.h"
+#include "core/image/radiance_file.h"
 #include "core/light/cube_map.h"
 
 namespace refield {
@@ -147,7 +150,8 @@ void place_data_window(ImageFile& file, const fs::path& path) {
   const OIIO::ImageSpec& spec = file.spec();
   file.width = spec.width;
   file.height = spec.height;
-  if (!file.is_exr) return;
+  // OpenImageIO takes one face of a tiled cube map for the display window.
+  if (!file.is_exr || spec.get_string_attribute("textureformat") == "CubeFace Environment") return;
   const auto text = [](int width, int height) {
     return std::to_string(width) + "×" + std::to_string(height);
   };
@@ -169,11 +173,20 @@ void place_data_window(ImageFile& file, const fs::path& path) {
   file.top = static_cast<int>(top);
 }
 
-ImageFile open_image(const fs::path& path) {
+void require_file(const fs::path& path) {
   std::error_code error;
   if (!fs::exists(path, error))
     throw DeviceError(path.string(), error ? error.value() : ENOENT, "cannot open the image");
   if (!fs::is_regular_file(path, error)) throw FormatError(path, "is not a file; name an image");
+}
+
+bool is_radiance(const fs::path& path) {
+  require_file(path);
+  return !is_camera_raw(path) && image_format(path) == ImageFormat::hdr;
+}
+
+ImageFile open_image(const fs::path& path) {
+  require_file(path);
   silence_openimageio();
   ImageFile file{.input = open_with_decoder(path)};
   file.is_exr = std::string_view(file.input->format_name()) == name_of(ImageFormat::exr);
@@ -185,6 +198,11 @@ ImageFile open_image(const fs::path& path) {
                     path);
   place_data_window(file, path);
   return file;
+}
+
+/// Orientation and encoding. EXR files have neither, and RAW files are developed to sRGB, upright.
+ImageFacts facts_of(const ImageFile& file, const fs::path& path) {
+  return file.is_exr || is_camera_raw(path) ? ImageFacts{} : read_image_facts(path);
 }
 
 /// All channels of the stored rows [first, last), interleaved.
@@ -305,33 +323,56 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
 }  // namespace
 
 ImageHeader read_image_header(const fs::path& path) {
+  if (is_radiance(path)) {
+    check_image_header(path, ImageFormat::hdr);
+    const RadianceHeader header = read_radiance_header(path);
+    return {header.width, header.height, false, header.height};
+  }
   const ImageFile file = open_image(path);
+  if (const int orientation = facts_of(file, path).orientation; orientation > 1)
+    return orientation < 5 ? ImageHeader{file.width, file.height, false, file.height}
+                           : ImageHeader{file.height, file.width, false, file.width};
   return {file.width, file.height, find_channels(file.spec(), "sigma.").has_value(),
           rows_stored_together(file.spec(), file.is_exr)};
 }
 
-Image read_image(const fs::path& path, Alpha alpha) {
+Image read_image(const fs::path& path, ImageUse use) {
+  if (is_radiance(path)) return read_radiance(path);
   const ImageFile file = open_image(path);
   const OIIO::ImageSpec& spec = file.spec();
+  const ImageFacts facts = facts_of(file, path);
+  if (facts.is_raw)
+    throw FormatError(path, "holds samples of a camera's sensor; develop it, or import it as a photograph");
+  if (facts.is_unusual)
+    throw FormatError(path, "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB");
   const auto colour = colour_channels(spec, file.is_exr, path);
   const auto raw = read_raw_rows(file, path, 0, file.height);
   Image image = select_channels(raw, file.width, file.height, spec.nchannels, colour);
-  if (!spec.format.is_floating_point() && spec.get_string_attribute("oiio:ColorSpace") != "Linear")
-    std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
-  if (alpha == Alpha::multiply && spec.alpha_channel >= 0 &&
-      spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
+  if (!spec.format.is_floating_point()) linearise(image, use == ImageUse::picture ? facts.response : "");
+  if (use == ImageUse::texture) return image;
+  if (spec.alpha_channel >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
     for (std::size_t p = 0; p < image.pixel_count(); ++p)
       for (std::size_t c = 0; c < 3; ++c)
         image.values[3 * p + c] *= raw[p * spec.nchannels + spec.alpha_channel];
-  return image;
+  return upright(image, facts.orientation);
 }
 
 Photograph read_photograph_rows(const fs::path& path, int first, int last) {
+  const auto require_rows = [&](int height) {
+    if (first < 0 || last > height || first >= last)
+      throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " +
+                       std::to_string(last));
+  };
+  const auto rows_of = [&](const Image& whole) {  // these formats store no noise
+    require_rows(whole.height);
+    return Photograph{copied_rows(whole, first, last), {}};
+  };
+  if (is_radiance(path)) return rows_of(read_radiance(path));
   const ImageFile file = open_image(path);
   const OIIO::ImageSpec& spec = file.spec();
-  if (first < 0 || last > file.height || first >= last)
-    throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " +
-                     std::to_string(last));
+  if (spec.format.is_floating_point() && facts_of(file, path).orientation > 1)
+    return rows_of(read_image(path));
+  require_rows(file.height);
   if (!spec.format.is_floating_point())
     throw FormatError(path, "is not scene-linear; photographs must be OpenEXR or another float format");
   const auto colour = colour_channels(spec, file.is_exr, path);
@@ -360,6 +401,20 @@ std::vector<double> solid_angles_of(const LightDomain& domain) {
   if (domain.parameterisation == Parameterisation::cube && domain.height == cube_faces * domain.width)
     for (const float angle : cube_solid_angles(domain.width)) angles.push_back(angle);
   return angles;
+}
+
+/// A note about one of the first light maps of a kind, once each.
+void note_of_map(const RunContext& run, const fs::path& path, const std::string& kind,
+                 const std::string& text) {
+  static std::mutex mutex;
+  static std::map<std::string, std::set<fs::path>> reported;
+  constexpr std::size_t max_reports = 8;
+  const std::scoped_lock lock(mutex);
+  std::set<fs::path>& paths = reported[kind];
+  if (paths.size() > max_reports || !paths.insert(path).second) return;
+  if (paths.size() > max_reports)
+    return run.note("more light maps " + kind + "; they are treated in the same way");
+  run.note(path.string() + ": " + text);
 }
 
 /// Negative texels of a light map: lossy compression leaves some around bright lights, other software many.
@@ -442,18 +497,12 @@ class NegativeTexels {
   }
 
   void report(const RunContext& run) const {
-    static std::mutex mutex;
-    static std::set<fs::path> reported;
-    constexpr std::size_t max_reports = 8;
-    const std::scoped_lock lock(mutex);
-    if (reported.size() > max_reports || !reported.insert(path_).second) return;
-    if (reported.size() > max_reports)
-      return run.note("more light maps have negative texels; they are treated in the same way");
-    run.note(path_.string() + ": " + percent(share_of_texels(texels_)) +
-             " of its texels are negative (lowest " + lowest_text() +
-             "), as caused by lossy compression; they are set to zero and their neighbours are reduced to "
-             "preserve the mean radiance (setting them to zero alone would add " +
-             percent(share_of_light()) + ")");
+    note_of_map(
+        run, path_, "have negative texels",
+        percent(share_of_texels(texels_)) + " of its texels are negative (lowest " + lowest_text() +
+            "), as caused by lossy compression; they are set to zero and their neighbours are reduced "
+            "to preserve the mean radiance (setting them to zero alone would add " +
+            percent(share_of_light()) + ")");
   }
 
   /// Takes what zero adds off the positive texels of the same block, and what these lack off the blocks of
@@ -509,11 +558,68 @@ class NegativeTexels {
 
 }  // namespace
 
-LightMap read_light_map(const fs::path& path, Parameterisation parameterisation, const RunContext& run) {
+namespace {
+
+bool are_of_rec709(const Chromaticities& stated) {
+  // Radiance states its own primaries, which all programs take for those of Rec.709.
+  static const Chromaticities of_radiance = {Eigen::Vector2d(0.64, 0.33), Eigen::Vector2d(0.29, 0.60),
+                                             Eigen::Vector2d(0.15, 0.06), Eigen::Vector2d(0.333, 0.333)};
+  constexpr double rounding = 2e-3;
+  return std::ranges::any_of(std::array{rec709_chromaticities(), of_radiance}, [&](const auto& known) {
+    return std::ranges::equal(stated, known, [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+      return (a - b).cwiseAbs().maxCoeff() < rounding;
+    });
+  });
+}
+
+void treat_primaries(const Chromaticities& stated, Primaries primaries, Image& light, const fs::path& path,
+                     const RunContext& run) {
+  if (are_of_rec709(stated)) return;
+  std::string text = "its primaries are not those of Rec.709 (x, y of red, green, blue, white:";
+  for (const Eigen::Vector2d& xy : stated) {
+    char digits[48];
+    std::snprintf(digits, sizeof digits, " %.4g, %.4g;", xy.x(), xy.y());
+    text += digits;
+  }
+  text.back() = ')';
+  if (primaries == Primaries::as_stored)
+    return note_of_map(
+        run, path, "have other primaries than Rec.709",
+        text + "; its values are used as they are, so photographs must have the same primaries");
+  const Eigen::Matrix3d matrix = rgb_from_rgb(stated, rec709_chromaticities());
+  if (!matrix.allFinite())
+    throw FormatError(path, "states primaries that span no colours; correct its header");
+  convert_colours(light, matrix.cast<float>());
+  std::size_t outside = 0;
+  for (float& value : light.values)
+    if (value < 0.0f) {
+      value = 0.0f;
+      ++outside;
+    }
+  char share[64];
+  std::snprintf(share, sizeof share, " (%.2g %% of the values, outside of that gamut, became zero)",
+                100.0 * static_cast<double>(outside) / static_cast<double>(light.values.size()));
+  note_of_map(run, path, "were converted to the primaries of Rec.709",
+              text + "; it is converted to linear Rec.709" + (outside > 0 ? share : ""));
+}
+
+}  // namespace
+
+LightMap read_light_map(const fs::path& path, Parameterisation parameterisation, const RunContext& run,
+                        Primaries primaries) {
   LightMap light{read_image(path), parameterisation};
+  const ImageFacts facts = is_camera_raw(path) ? ImageFacts{} : read_image_facts(path);
+  if (facts.is_cube && parameterisation != Parameterisation::monitor &&
+      *facts.is_cube != (parameterisation == Parameterisation::cube))
+    throw InputError(path.string() + ": its attribute envmap says that it is a " +
+                     (*facts.is_cube ? "cube" : "lat-long") + " map, which contradicts its use as a " +
+                     std::string(name_of(parameterisation)) + " map of " + shape_text(light.radiance));
+  if (facts.is_cube.value_or(false) && parameterisation == Parameterisation::cube)
+    light.radiance = from_openexr_cube(light.radiance);
   require_finite(light.radiance, path.string(), true, "repair that texel in the light map");
   if (std::ranges::any_of(light.radiance.values, [](float value) { return value < 0.0f; }))
     NegativeTexels(light, path).remove(run);
+  if (facts.chromaticities) treat_primaries(*facts.chromaticities, primaries, light.radiance, path, run);
   for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
   return light;
 }

@@ -35,21 +35,33 @@ enum class Precision { half, single };
 /// Throws DeviceError for a missing file and FormatError for one that is no image.
 ImageHeader read_image_header(const std::filesystem::path& path);
 
-/// Reads a file as linear RGB. A grey image is repeated in all channels. Integer formats (PNG, JPEG) are
-/// taken as sRGB and decoded, then multiplied by alpha, if any: transparent pixels are black. Textures of
-/// meshes ignore it, since exporters leave alpha in those of opaque materials. Values are returned as stored:
-/// check them with require_finite(). Throws FormatError for a truncated file or no image.
-enum class Alpha { multiply, ignore };
-Image read_image(const std::filesystem::path& path, Alpha alpha = Alpha::multiply);
+/// What an image is read for. Textures of meshes are sRGB, upright and opaque whatever their files state:
+/// exporters leave alpha in those of opaque materials, and glTF 2.0, section 3.8.3, has profiles ignored.
+enum class ImageUse { picture, texture };
+
+/// Reads a file as linear RGB, upright by its stated orientation. A grey image is repeated in all channels.
+/// Integer formats (PNG, JPEG) are decoded by the curve that they state, else as sRGB, then multiplied by
+/// alpha, if any: transparent pixels are black. Radiance pictures are divided by their exposure. Other values
+/// are returned as stored: check them with require_finite(). Throws FormatError for a truncated file or no
+/// image. docs/reference/image-files.md lists the variants of the formats.
+Image read_image(const std::filesystem::path& path, ImageUse use = ImageUse::picture);
 
 /// Reads rows [first, last) of a photograph, and no more of the file than the blocks that hold them.
 Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
 Photograph read_photograph(const std::filesystem::path& path);
 
+/// What becomes of a light map whose file states other primaries than Rec.709's, apart from a note.
+enum class Primaries {
+  as_stored,  ///< its values are kept, as photographs of the same program have the same primaries
+  rec709      ///< it is converted; negative values of colours outside that gamut become zero
+};
+
 /// Reads a light map: finite, nothing negative. Negative values of lossy compression become zero, with a
-/// warning; the channels' means stay. Throws InputError on NaN, Inf, many negative values, naming the texel.
+/// warning; the channels' means stay. The faces of EXR cube maps (attribute envmap) are put into the layout
+/// of cube_face_axes(). Throws InputError on NaN, Inf, many negative values, naming the texel, and where the
+/// attribute contradicts the parameterisation.
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
-                        const RunContext& run = {});
+                        const RunContext& run = {}, Primaries primaries = Primaries::as_stored);
 
 /// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically, with the attribute `chromaticities` where
 /// the colour space has any. Throws DeviceError where the disk refuses.

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/errors.h"
+
 namespace refield {
 
 namespace {
@@ -16,6 +18,36 @@ double angle_up_to(double u, double v) {
 }
 
 }  // namespace
+
+Image from_openexr_cube(const Image& stored) {
+  const int resolution = stored.width, last = resolution - 1;
+  if (stored.height != cube_faces * resolution)
+    throw InputError("a cube map of OpenEXR has six square faces, one above the other, not " +
+                     shape_text(stored));
+  Image cube(stored.width, stored.height, stored.channels);
+  for (int y = 0; y < cube.height; ++y)
+    for (int x = 0; x < cube.width; ++x) {
+      Eigen::Vector3d direction = cube_direction(x + 0.5, y + 0.5, resolution);
+      direction.x() = -direction.x();  // OpenEXR's axes are right-handed
+      int axis = 0;
+      direction.cwiseAbs().maxCoeff(&axis);
+      const auto place = [&](int along) {  // −1 to 1 becomes 0 to last
+        return std::clamp(
+            static_cast<int>((direction[along] / std::abs(direction[axis]) + 1.0) / 2.0 * resolution), 0,
+            last);
+      };
+      const int face = 2 * axis + (direction[axis] < 0.0), first_row = face * resolution;
+      const int p = place(axis == 0 ? 1 : 0), q = place(axis == 2 ? 1 : 2);
+      int column = p, row = last - q;
+      if (axis == 0) column = face == 0 ? q : last - q, row = last - p;
+      if (face == 3) row = q;
+      if (face == 4) column = last - p;
+      std::copy_n(
+          &stored.values[(static_cast<std::size_t>(first_row + row) * resolution + column) * stored.channels],
+          stored.channels, &cube.at(x, y, 0));
+    }
+  return cube;
+}
 
 Eigen::Vector3d cube_direction(double column, double row, int resolution) {
   const int face = std::clamp(static_cast<int>(row / resolution), 0, cube_faces - 1);

@@ -15,6 +15,12 @@ constexpr LightDomain cube_domain(int resolution) {
   return {resolution, cube_faces * resolution, Parameterisation::cube};
 }
 
+/// A cube map whose faces lie as OpenEXR defines them (attribute envmap), in the layout of cube_face_axes():
+/// the same view as OpenEXR's lat-long map of the place, which is a lat-long map here too. OpenEXR puts the
+/// middles of the outermost texels onto the edges of the cube, half a texel further out: that is not made up
+/// for. Throws InputError unless height = 6 × width. Source: ImfEnvmap.h, "Cube map".
+Image from_openexr_cube(const Image& stored);
+
 /// Unit direction of the point (column, row) of a cube map, in texels; the centre of texel (x, y) is at
 /// (x + ½, y + ½). The face is the one that row ∕ R lies in.
 Eigen::Vector3d cube_direction(double column, double row, int resolution);

@@ -90,7 +90,7 @@ std::optional<Parameterisation> environment_kind(int width, int height) {
 LightMap read_environment(const std::filesystem::path& path, const RunContext& run) {
   const ImageHeader header = read_image_header(path);
   if (const auto kind = environment_kind(header.width, header.height))
-    return read_light_map(path, *kind, run);
+    return read_light_map(path, *kind, run, Primaries::rec709);
   throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
                    std::to_string(header.height) +
                    ", which is not an environment map: give a lat-long map (twice as wide as high) or a cube "

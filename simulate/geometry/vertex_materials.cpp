@@ -60,10 +60,10 @@ std::optional<Image> read_texture(const ImportedTexture& texture, const fs::path
   try {
     if (texture.file.empty()) {
       const MemoryFile inside(texture.content);
-      return read_image(inside.path(), Alpha::ignore);
+      return read_image(inside.path(), ImageUse::texture);
     }
     // The process that reads meshes is not trusted.
-    if (may_be_read_for(path, texture.file)) return read_image(texture.file, Alpha::ignore);
+    if (may_be_read_for(path, texture.file)) return read_image(texture.file, ImageUse::texture);
   } catch (const Interrupted&) {
     throw;
   } catch (const Error&) {  // its message names a file that no user knows

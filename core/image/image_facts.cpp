@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/image/image_facts.h"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "core/base/errors.h"
+#include "core/image/image_header.h"
+#include "core/image/radiance_file.h"
+#include "core/image/tone_map.h"
+
+namespace refield {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using namespace std::string_view_literals;
+
+constexpr std::uint64_t max_profile_bytes = 1 << 22;
+
+/// Numbers at any place of a file. What lies beyond its end reads as zero.
+class FileBytes {
+ public:
+  explicit FileBytes(const fs::path& path) : file_(path, std::ios::binary), size_(fs::file_size(path)) {}
+
+  std::uint64_t size() const { return size_; }
+  std::string text(std::uint64_t at, std::uint64_t count) {
+    std::string bytes(at < size_ ? std::min(count, size_ - at) : 0, '\0');
+    file_.clear();
+    file_.seekg(static_cast<std::streamoff>(at));
+    file_.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    return bytes;
+  }
+  std::uint64_t number(std::uint64_t at, int bytes, bool is_big_endian) {
+    const std::string stored = text(at, static_cast<std::uint64_t>(bytes));
+    std::uint64_t value = 0;
+    for (int i = 0; i < bytes; ++i) {
+      const auto place = static_cast<std::size_t>(is_big_endian ? i : bytes - 1 - i);
+      value = value << 8 | (place < stored.size() ? static_cast<unsigned char>(stored[place]) : 0u);
+    }
+    return value;
+  }
+
+ private:
+  std::ifstream file_;
+  std::uint64_t size_;
+};
+
+/// The curve of an ICC profile's red channel, rTRC. Empty: it has none. Source: ICC.1:2010, 10.5 and 10.15.
+std::string response_of_profile(std::string_view icc) {
+  const auto number = [&](std::size_t at, int bytes) {
+    std::uint32_t value = 0;
+    for (int i = 0; i < bytes; ++i)
+      value = value << 8 | (at + i < icc.size() ? static_cast<unsigned char>(icc[at + i]) : 0u);
+    return value;
+  };
+  std::size_t curve = 0;
+  for (std::size_t k = 0; k < std::min(number(128, 4), 100u); ++k)
+    if (icc.substr(std::min(icc.size(), 132 + 12 * k), 4) == "rTRC") curve = number(132 + 12 * k + 4, 4);
+  if (curve == 0 || curve + 12 > icc.size()) return {};
+  const auto fixed = [&](std::size_t i) {
+    return static_cast<std::int32_t>(number(curve + 12 + 4 * i, 4)) / 65536.0;
+  };
+  const bool is_table = icc.substr(curve, 4) == "curv";
+  const std::uint32_t count = is_table ? number(curve + 8, 4) : 0, kind = is_table ? 0 : number(curve + 8, 2);
+  const auto light = [&](double x) {
+    if (is_table && count == 0) return x;
+    if (is_table && count == 1) return std::pow(x, number(curve + 12, 2) / 256.0);
+    if (is_table) return number(curve + 12 + 2 * std::lround(x * (count - 1)), 2) / 65535.0;
+    if (kind == 0) return std::pow(x, fixed(0));
+    const double a = fixed(1), b = fixed(2), c = fixed(3);
+    if (kind < 3) return x >= -b / a ? std::pow(a * x + b, fixed(0)) : 0.0;  // apart from an offset
+    return x >= fixed(4) ? std::pow(a * x + b, fixed(0)) : c * x;
+  };
+  constexpr double tolerance = 0.002;
+  const double gamma = std::log(light(0.5)) / std::log(0.5);
+  const auto is_curve = [&](auto&& expected) {
+    return std::ranges::all_of(std::array{0.1, 0.25, 0.5, 0.75, 0.9},
+                               [&](double x) { return std::abs(light(x) - expected(x)) < tolerance; });
+  };
+  if (is_curve([](double x) { return x; })) return "linear";
+  if (is_curve([](double x) { return linear_from_srgb(static_cast<float>(x)); })) return "srgb";
+  if (is_curve([&](double x) { return std::pow(x, gamma); }) && gamma > 0.1 && gamma < 10.0)
+    return "gamma:" + std::to_string(gamma);
+  return "unknown";
+}
+
+/// The first directory of a TIFF structure that begins at `base`, and its EXIF directory. Source: TIFF 6.0,
+/// section 2; EXIF 2.3, section 4.6; BigTIFF has numbers of 8 bytes.
+void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
+  const std::string start = file.text(base, 4);
+  if (start.size() < 4 || (!start.starts_with("II") && !start.starts_with("MM"))) return;
+  const bool is_big_endian = start[0] == 'M';
+  const auto number = [&](std::uint64_t at, int bytes) { return file.number(at, bytes, is_big_endian); };
+  const bool is_big_tiff = number(base + 2, 2) == 43;
+  const int word = is_big_tiff ? 8 : 4;
+  const auto read_directory = [&](std::uint64_t at, const auto& self, int depth) -> void {
+    constexpr std::uint64_t max_entries = 4096;
+    const std::uint64_t entries = std::min(number(at, is_big_tiff ? 8 : 2), max_entries);
+    const std::uint64_t first = at + (is_big_tiff ? 8 : 2), entry_bytes = is_big_tiff ? 20 : 12;
+    for (std::uint64_t entry = first; entry < first + entries * entry_bytes && entry < file.size();
+         entry += entry_bytes) {
+      const std::uint64_t tag = number(entry, 2), type = number(entry + 2, 2),
+                          count = number(entry + 4, word);
+      static constexpr std::array<int, 17> bytes_of_type = {0, 1, 1, 2, 4, 8, 1, 1, 2,
+                                                            4, 8, 4, 8, 4, 0, 0, 8};
+      const int bytes = type < bytes_of_type.size() ? bytes_of_type[type] : 0;
+      if (bytes == 0 || count == 0) continue;
+      const std::uint64_t inside = entry + 4 + static_cast<std::uint64_t>(word);
+      const std::uint64_t place =
+          count * static_cast<std::uint64_t>(bytes) <= static_cast<std::uint64_t>(word)
+              ? inside
+              : base + number(inside, word);
+      const bool is_rational = type == 5 || type == 10;
+      const auto value = static_cast<double>(number(place, is_rational ? 4 : bytes));
+      const double fraction = is_rational ? value / static_cast<double>(number(place + 4, 4)) : value;
+      const std::optional<double> positive =
+          fraction > 0.0 && std::isfinite(fraction) ? std::optional(fraction) : std::nullopt;
+      if (tag == 274 && value >= 1.0 && value <= 8.0) facts.orientation = static_cast<int>(value);
+      if (tag == 262) {
+        facts.is_raw |= value == 32803.0 || value == 34892.0;  // colour filter array, LinearRaw
+        facts.is_unusual = value == 0.0 || (value >= 8.0 && value <= 10.0);
+      }
+      if (tag == 50706) facts.is_raw = true;  // DNGVersion
+      if (tag == 33434) facts.exposure_seconds = positive;
+      if (tag == 33437) facts.f_number = positive;
+      if (tag == 34855) facts.iso = positive;
+      if (tag == 37386) facts.focal_length_mm = positive;
+      if (tag == 37384) facts.light_source = static_cast<int>(value);
+      if (tag == 41987) facts.white_balance = static_cast<int>(value);
+      if (tag == 34675)
+        facts.response = response_of_profile(file.text(place, std::min(count, max_profile_bytes)));
+      if (tag == 34665 && depth == 0) self(base + static_cast<std::uint64_t>(value), self, 1);
+    }
+  };
+  read_directory(base + number(base + (is_big_tiff ? 8 : 4), word), read_directory, 0);
+}
+
+/// Segments up to the first scan: APP1 holds EXIF, APP2 the profile, perhaps in parts.
+void read_jpeg(FileBytes& file, ImageFacts& facts) {
+  std::string profile;
+  for (std::uint64_t at = 2; at + 4 < file.size();) {
+    const std::uint64_t marker = file.number(at, 2, true), length = file.number(at + 2, 2, true);
+    if (marker == 0xffff) {  // padding
+      ++at;
+      continue;
+    }
+    if (marker >> 8 != 0xff || marker == 0xffda || length < 2) break;
+    if (marker == 0xffe1 && file.text(at + 4, 6) == "Exif\0\0"sv) read_tiff(file, at + 10, facts);
+    if (marker == 0xffe2 && file.text(at + 4, 12) == "ICC_PROFILE\0"sv && length > 16)
+      profile += file.text(at + 18, length - 16);
+    at += 2 + length;
+  }
+  if (!profile.empty()) facts.response = response_of_profile(profile);
+}
+
+std::string inflated(const std::string& compressed) {
+  std::string bytes(max_profile_bytes, '\0');
+  uLongf size = bytes.size();
+  if (uncompress(reinterpret_cast<Bytef*>(bytes.data()), &size,
+                 reinterpret_cast<const Bytef*>(compressed.data()), compressed.size()) != Z_OK)
+    return {};
+  bytes.resize(size);
+  return bytes;
+}
+
+/// Of several chunks that state a curve, cICP counts first, then iCCP, sRGB and gAMA. Source: PNG, third
+/// edition, section 4.3.
+void read_png(FileBytes& file, ImageFacts& facts) {
+  std::array<std::string, 4> curves;
+  for (std::uint64_t at = 8; at + 12 <= file.size();) {
+    const std::uint64_t length = file.number(at, 4, true), data = at + 8;
+    const std::string name = file.text(at + 4, 4);
+    if (name == "cICP") {  // ITU-T H.273, table 3
+      const std::uint64_t transfer = file.number(data + 1, 1, true);
+      curves[0] = transfer == 13 ? "srgb" : transfer == 8 ? "linear" : "unknown";
+    }
+    if (name == "iCCP") {
+      const std::string content = file.text(data, std::min(length, max_profile_bytes));
+      if (const auto end = content.find('\0'); end != std::string::npos && end + 2 < content.size())
+        curves[1] = response_of_profile(inflated(content.substr(end + 2)));
+    }
+    if (name == "sRGB") curves[2] = "srgb";
+    if (name == "gAMA") {
+      const double gamma = 1e5 / static_cast<double>(std::max<std::uint64_t>(file.number(data, 4, true), 1));
+      curves[3] = std::abs(gamma - 1.0) < 0.01 ? "linear" : "gamma:" + std::to_string(gamma);
+    }
+    if (name == "eXIf") read_tiff(file, data, facts);
+    at = data + length + 4;
+  }
+  if (const auto found = std::ranges::find_if(curves, [](const auto& curve) { return !curve.empty(); });
+      found != curves.end())
+    facts.response = *found;
+}
+
+}  // namespace
+
+ImageFacts read_image_facts(const fs::path& path) {
+  ImageFacts facts;
+  const auto format = image_format(path);
+  if (format == ImageFormat::exr) {
+    ByteReader reader(path);
+    for (const PromisedImage& part : read_exr_headers(reader)) {
+      if (part.chromaticities) facts.chromaticities = part.chromaticities;
+      if (part.is_cube) facts.is_cube = part.is_cube;
+    }
+    return facts;
+  }
+  if (format == ImageFormat::hdr) {
+    facts.chromaticities = read_radiance_header(path).primaries;
+    return facts;
+  }
+  FileBytes file(path);
+  if (format == ImageFormat::png) read_png(file, facts);
+  if (format == ImageFormat::jpeg) read_jpeg(file, facts);
+  if (format == ImageFormat::tiff) read_tiff(file, 0, facts);
+  return facts;
+}
+
+Image upright(const Image& stored, int orientation) {
+  if (orientation < 2 || orientation > 8) return stored;
+  const bool is_transposed = orientation >= 5;
+  // Where the first row and the first column lie: at the far end of the axis that they run across?
+  const bool row_is_last = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  const bool column_is_last = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  Image image(is_transposed ? stored.height : stored.width, is_transposed ? stored.width : stored.height,
+              stored.channels);
+  for (int y = 0; y < stored.height; ++y)
+    for (int x = 0; x < stored.width; ++x) {
+      const int row = row_is_last ? stored.height - 1 - y : y,
+                column = column_is_last ? stored.width - 1 - x : x;
+      std::copy_n(&stored.values[(static_cast<std::size_t>(y) * stored.width + x) * stored.channels],
+                  stored.channels, &image.at(is_transposed ? row : column, is_transposed ? column : row, 0));
+    }
+  return image;
+}
+
+void linearise(Image& image, const std::string& response) {
+  if (response == "linear") return;
+  if (response.starts_with("gamma:")) {
+    const float gamma = std::stof(response.substr(6));
+    for (float& value : image.values) value = std::pow(value, gamma);
+  } else {
+    std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
+  }
+}
+
+}  // namespace refield
