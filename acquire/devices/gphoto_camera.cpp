@@ -706,12 +706,12 @@ struct GphotoCamera::State {
       fail(EINVAL, "was set to " + shutter.choice + " (" + seconds_text(shutter.time) +
                        "), but its file states " + seconds_text(*file.exposure) +
                        "; turn the mode dial to M and switch off bracketing and automatic modes");
-    if (file.iso && iso && differs(*file.iso, *iso))
+    if (file.settings.iso && iso && differs(*file.settings.iso, *iso))
       fail(EINVAL, "was set to ISO " + std::to_string(*iso) + ", but its file states ISO " +
-                       std::to_string(*file.iso) + "; switch off automatic ISO");
-    if (file.f_number && aperture && differs(*file.f_number * *file.f_number, *aperture * *aperture))
+                       std::to_string(*file.settings.iso) + "; switch off automatic ISO");
+    if (file.settings.f_number && aperture && differs(*file.settings.f_number * *file.settings.f_number, *aperture * *aperture))
       fail(EINVAL, "was set to f/" + std::to_string(*aperture) + ", but its file states f/" +
-                       std::to_string(*file.f_number) + "; turn the mode dial to M");
+                       std::to_string(*file.settings.f_number) + "; turn the mode dial to M");
   }
 
   RawFrame cut(RawFrame frame) const {

@@ -10,12 +10,15 @@
 #include <cctype>
 #include <cerrno>
 #include <cmath>
+#include <cstdio>
 #include <memory>
 #include <string_view>
 #include <utility>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/image/image_facts.h"
+#include "core/image/image_header.h"
 #include "core/image/image_io.h"
 
 namespace refield {
@@ -47,39 +50,131 @@ PixelLayout raw_layout(const std::string& pattern, const fs::path& path) {
     std::ranges::transform(letters, letters.begin(), [](unsigned char c) { return std::toupper(c); });
     if (pattern.starts_with(letters)) return layout;
   }
-  throw FormatError(
-      path, "has the colour filter '" + pattern +
-                "', which is none of RGGB, GRBG, GBRG, BGGR; give its layout with --layout, or develop "
-                "it to a linear 16-bit TIFF");
+  throw FormatError(path,
+                    "has the colour filter '" + pattern +
+                        "', which is none of RGGB, GRBG, GBRG, BGGR; develop it to a linear 16-bit TIFF");
 }
 
-struct RawFacts {
-  std::optional<RawLevels> levels;
-  std::string pattern;  ///< colours of the first two by two sites; empty: not known
-};
-
-/// What OpenImageIO does not hand on, and the pattern, since version 2.4 takes RGGB for GMCY. Cameras without
-/// a stated black level have it in masked pixels, from which LibRaw takes it when it unpacks the samples.
-RawFacts facts_of_raw([[maybe_unused]] const fs::path& path) {
-  RawFacts facts;
 #if REFIELD_HAS_LIBRAW
-  const auto raw = std::make_unique<LibRaw>();  // some hundred kilobytes
-  if (raw->open_file(path.c_str()) != LIBRAW_SUCCESS || raw->unpack() != LIBRAW_SUCCESS) return facts;
-  constexpr unsigned special_filters = 1000;  // below it, the number names other patterns, such as X-Trans
-  if (raw->imgdata.idata.filters >= special_filters)
-    for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 1), std::pair(1, 0), std::pair(1, 1)})
-      facts.pattern += raw->imgdata.idata.cdesc[raw->COLOR(row, column)];
-  const libraw_colordata_t& colour = raw->imgdata.color;
+/// Throws FormatError unless LibRaw succeeded.
+void check_raw(int code, const fs::path& path, const std::string& what) {
+  if (code != LIBRAW_SUCCESS)
+    throw FormatError(path, "cannot be " + what + " by LibRaw (" + LibRaw::strerror(code) +
+                                "); develop it to a linear 16-bit TIFF");
+}
+
+RawLevels levels_of_raw(const libraw_colordata_t& colour, const fs::path& path) {
   // One level for all, one for each of four colours, then a repeating pattern of rows × columns.
   double black = colour.black;
   for (int c = 0; c < 4; ++c) black += colour.cblack[c] / 4.0;
   const unsigned pattern = colour.cblack[4] * colour.cblack[5];
   for (unsigned i = 0; i < pattern && 6 + i < std::size(colour.cblack); ++i)
     black += colour.cblack[6 + i] / static_cast<double>(pattern);
-  const double saturation = colour.maximum;
-  if (saturation > black) facts.levels = RawLevels{black, saturation};
+  if (!(colour.maximum > black))
+    throw FormatError(path, "states a black level of " + std::to_string(black) + " and saturation at " +
+                                std::to_string(colour.maximum) + "; develop it to a linear 16-bit TIFF");
+  return {black, static_cast<double>(colour.maximum)};
+}
+
+/// Layout of one sample per pixel. `filters` is LibRaw's: 0 none, 9 X-Trans, else two bits per site of eight
+/// rows and two columns.
+PixelLayout layout_of_raw(LibRaw& raw, std::optional<PixelLayout> given, const fs::path& path) {
+  const libraw_iparams_t& camera = raw.imgdata.idata;
+  if (camera.filters == LIBRAW_XTRANS) return raw_layout("X-Trans", path);
+  if (camera.filters == 0) return given.value_or(PixelLayout::grey);
+  if ((camera.filters & 0xff) * 0x01010101u != camera.filters || raw.is_fuji_rotated())
+    return raw_layout("of another period than 2×2", path);
+  if (given) return *given;
+  std::string pattern;
+  for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 1), std::pair(1, 0), std::pair(1, 1)})
+    pattern += camera.cdesc[raw.COLOR(row, column)];
+  return raw_layout(pattern, path);
+}
+
+std::unique_ptr<LibRaw> open_raw(const fs::path& path) {
+  auto raw = std::make_unique<LibRaw>();  // some hundred kilobytes
+  check_raw(raw->open_file(path.c_str()), path, "read as a camera's RAW");
+  return raw;
+}
+
+/// Samples in the order of the sensor. LibRaw turns pictures when it develops them, not when it unpacks them.
+BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given) {
+  const auto raw = open_raw(path);
+  const auto positive = [](float value) {
+    return value > 0.0f && std::isfinite(value) ? std::optional<double>(value) : std::nullopt;
+  };
+  const libraw_imgother_t& shot = raw->imgdata.other;
+  BracketFile file;
+  file.is_raw = true;
+  file.bits = 16;
+  if (const auto seconds = positive(shot.shutter)) file.exposure = Seconds(*seconds);
+  file.settings.iso = positive(shot.iso_speed);
+  file.settings.f_number = positive(shot.aperture);
+  file.settings.focal_length_mm = positive(shot.focal_len);
+  if (raw->is_floating_point())
+    throw FormatError(path, "stores floating-point samples; convert it to 16 bits, or develop it to OpenEXR");
+  check_raw(raw->unpack(), path, "unpacked");
+  const libraw_rawdata_t& data = raw->imgdata.rawdata;
+  const libraw_image_sizes_t& size = raw->imgdata.sizes;
+  const bool is_linear_dng = raw->imgdata.idata.dng_version > 0 && raw->imgdata.idata.colors == 3 &&
+                             (data.color3_image || data.color4_image);
+  if (!data.raw_image && !is_linear_dng)
+    throw FormatError(path, "has no samples of a mosaic (such as sRAW); develop it to a linear 16-bit TIFF");
+  if (size.left_margin + size.width > size.raw_width || size.top_margin + size.height > size.raw_height)
+    throw FormatError(path, "has a picture larger than its sensor; the file is damaged");
+  file.raw_levels = levels_of_raw(raw->imgdata.color, path);
+  file.frame.width = size.width;
+  file.frame.height = size.height;
+  file.frame.layout = !data.raw_image ? PixelLayout::rgb : layout_of_raw(*raw, given, path);
+  const std::size_t stored = data.raw_image      ? 1
+                             : data.color3_image ? 3
+                                                 : 4,
+                    kept = std::min<std::size_t>(stored, 3);
+  const std::uint16_t* first = data.raw_image      ? data.raw_image
+                               : data.color3_image ? &data.color3_image[0][0]
+                                                   : &data.color4_image[0][0];
+  const std::size_t pitch =
+      size.raw_pitch > 0 ? size.raw_pitch / sizeof(std::uint16_t) : size.raw_width * stored;
+  for (std::size_t y = 0; y < size.height; ++y) {
+    const std::uint16_t* row = first + (y + size.top_margin) * pitch + size.left_margin * stored;
+    for (std::size_t x = 0; x < size.width; ++x)
+      file.frame.samples.insert(file.frame.samples.end(), row + x * stored, row + x * stored + kept);
+  }
+  return file;
+}
+#else
+BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout>) {
+  throw FormatError(path,
+                    "is a camera's RAW file, which this build cannot read (libraw-dev was not there); "
+                    "develop it to a linear 16-bit TIFF");
+}
 #endif
+
+bool is_raw_file(const fs::path& path, const ImageFacts& facts) {
+  return is_camera_raw(path) || facts.is_raw;
+}
+
+/// Facts of a file that exists; of RAW files they are read by LibRaw.
+ImageFacts facts_of_photograph(const fs::path& path) {
+  std::error_code error;
+  if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
+  if (is_camera_raw(path)) return {};
+  ImageFacts facts = read_image_facts(path);
+  if (!facts.is_raw) read_image_header(path);  // for its checks
+  if (facts.is_unusual)
+    throw FormatError(path, "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB");
   return facts;
+}
+
+/// Opens the decoder that the content asks for. Samples must come as stored: no division by alpha.
+std::unique_ptr<OIIO::ImageInput> open_stored(const fs::path& path) {
+  auto input = OIIO::ImageInput::create(name_of(image_format(path).value()));
+  OIIO::ImageSpec spec, as_stored;
+  as_stored.attribute("oiio:UnassociatedAlpha", 1);
+  if (!input || !input->open(path.string(), spec, as_stored))
+    throw FormatError(path,
+                      "cannot be read as an image (" + (input ? input->geterror() : OIIO::geterror()) + ")");
+  return input;
 }
 
 template <class T>
@@ -98,42 +193,35 @@ std::vector<std::uint16_t> read_samples(OIIO::ImageInput& input, const fs::path&
 }  // namespace
 
 BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> one_channel) {
-  const ImageHeader header = read_image_header(path);  // also for its checks
+  const ImageFacts facts = facts_of_photograph(path);
+  if (is_raw_file(path, facts)) return read_raw_file(path, one_channel);
   BracketFile file;
-  // Samples must come as stored: no division by alpha, no conversion.
-  OIIO::ImageSpec as_stored;
-  as_stored.attribute("oiio:UnassociatedAlpha", 1);
-  as_stored.attribute("raw:Demosaic", "none");
-  auto input = OIIO::ImageInput::open(path.string(), &as_stored);
-  if (!input) throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + ")");
-  const OIIO::ImageSpec& spec = input->spec();
-  file.exposure = exposure_of(spec);
-  file.iso = positive_attribute(spec, {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
-  file.f_number = positive_attribute(spec, {"FNumber", "Exif:FNumber"});
-  if (spec.format.is_floating_point()) {
-    input.reset();
-    if (header.has_sigma) {
+  file.settings = {facts.iso,           facts.f_number,     facts.focal_length_mm,
+                   facts.white_balance, facts.light_source, facts.orientation};
+  if (facts.exposure_seconds) file.exposure = Seconds(*facts.exposure_seconds);
+  const auto input = image_format(path) == ImageFormat::hdr ? nullptr : open_stored(path);
+  if (input && !file.exposure) file.exposure = exposure_of(input->spec());
+  if (input && !file.settings.iso)
+    file.settings.iso = positive_attribute(
+        input->spec(), {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
+  if (input && !file.settings.f_number)
+    file.settings.f_number = positive_attribute(input->spec(), {"FNumber", "Exif:FNumber"});
+  if (!input || input->spec().format.is_floating_point()) {
+    if (read_image_header(path).has_sigma) {
       Photograph photograph = read_photograph(path);
       file.linear = std::move(photograph.radiance);
       file.sigma = std::move(photograph.sigma);
     } else {
-      file.linear = read_image(path);
+      file.linear = upright(read_image(path), inverse_orientation(facts.orientation));
     }
     return file;
   }
+  const OIIO::ImageSpec& spec = input->spec();
   const int channels = spec.nchannels >= 3 ? 3 : 1;
-  // Not the header's: undeveloped, a RAW file may have more pixels than developed.
+  file.response = facts.response;
   file.frame.width = spec.width;
   file.frame.height = spec.height;
-  file.is_raw = std::string_view(input->format_name()) == "raw";
-  RawFacts facts;
-  if (file.is_raw) facts = facts_of_raw(path);
-  if (facts.pattern.empty()) facts.pattern = spec.get_string_attribute("raw:FilterPattern");
-  file.raw_levels = facts.levels;
-  file.frame.layout = channels == 3 ? PixelLayout::rgb
-                      : one_channel ? *one_channel
-                      : file.is_raw ? raw_layout(facts.pattern, path)
-                                    : PixelLayout::grey;
+  file.frame.layout = channels == 3 ? PixelLayout::rgb : one_channel.value_or(PixelLayout::grey);
   if (spec.format == OIIO::TypeDesc::UINT8) {
     file.bits = 8;
     file.frame.samples = read_samples<std::uint8_t>(*input, path, channels);
@@ -147,13 +235,43 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   return file;
 }
 
+void require_same_settings(const CameraSettings& settings, const fs::path& path,
+                           const CameraSettings& expected, const fs::path& expected_path) {
+  const auto require = [&](const char* name, std::optional<double> value, std::optional<double> other,
+                           const char* remedy) {
+    constexpr double rounding = 0.02;
+    if (!value || !other || std::abs(*value - *other) <= rounding * std::abs(*other)) return;
+    const auto text = [](double number) {
+      char digits[32];
+      std::snprintf(digits, sizeof digits, "%.4g", number);
+      return std::string(digits);
+    };
+    throw InputError(path.string() + ": was taken with " + name + " " + text(*value) + ", but " +
+                     expected_path.string() + " with " + text(*other) + "; " + remedy);
+  };
+  const char* again = "photograph the series with one setting";
+  require("ISO speed", settings.iso, expected.iso, again);
+  require("aperture f/", settings.f_number, expected.f_number, again);
+  require("focal length (mm)", settings.focal_length_mm, expected.focal_length_mm, again);
+  const char* develop = "develop all with one white balance, or give the RAW files";
+  require("EXIF WhiteBalance", settings.white_balance, expected.white_balance, develop);
+  require("EXIF LightSource (white balance preset)", settings.light_source, expected.light_source, develop);
+  require("EXIF Orientation", settings.orientation, expected.orientation,
+          "turn the pictures that differ, or, if all are stored in the order of the sensor, set the tag of "
+          "all to 1");
+}
+
 std::optional<Seconds> stated_exposure(const fs::path& path) {
-  std::error_code error;
-  if (!fs::exists(path, error)) throw DeviceError(path.string(), ENOENT, "cannot open the image");
-  read_image_header(path);  // for its checks
-  const auto input = OIIO::ImageInput::open(path.string());
-  if (!input) throw FormatError(path, "cannot be read as an image (" + OIIO::geterror() + "); copy it again");
-  return exposure_of(input->spec());
+  const ImageFacts facts = facts_of_photograph(path);
+#if REFIELD_HAS_LIBRAW
+  if (is_raw_file(path, facts)) {
+    const float seconds = open_raw(path)->imgdata.other.shutter;
+    return seconds > 0.0f && std::isfinite(seconds) ? std::optional(Seconds(seconds)) : std::nullopt;
+  }
+#endif
+  if (facts.exposure_seconds) return Seconds(*facts.exposure_seconds);
+  if (image_format(path) == ImageFormat::hdr) return std::nullopt;
+  return exposure_of(open_stored(path)->spec());
 }
 
 void write_raw_frame(const fs::path& path, const RawFrame& frame) {

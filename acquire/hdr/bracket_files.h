@@ -2,6 +2,7 @@
 #pragma once
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "acquire/camera.h"
 #include "core/image/image.h"
@@ -14,6 +15,17 @@ struct RawLevels {
   double saturation = 0.0;  ///< lowest sample that may be clipped
 };
 
+/// Settings of a camera that photographs of one scene must have in common, as far as files state them.
+struct CameraSettings {
+  std::optional<double> iso;
+  std::optional<double> f_number;
+  std::optional<double> focal_length_mm;
+  // Of developed files alone: RAW samples do not depend on them.
+  std::optional<int> white_balance;  ///< 0 automatic, 1 manual (EXIF)
+  std::optional<int> light_source;   ///< preset of the white balance, such as 1 daylight (EXIF)
+  int orientation = 1;               ///< as ImageFacts::orientation; samples stay in the order stored
+};
+
 /// One exposure of a bracketed series, from an ordinary image file.
 struct BracketFile {
   int bits = 0;    ///< 8 or 16 for integer formats; 0 for float ones
@@ -21,19 +33,25 @@ struct BracketFile {
   Image linear;    ///< float formats: [height × width × 3]
   Image sigma;     ///< of `linear`, where the file carries it (core/image/image_io.h, Photograph)
   std::optional<Seconds> exposure;  ///< as the file's metadata state it (EXIF ExposureTime, EXR expTime)
-  std::optional<double> iso;
-  std::optional<double> f_number;
+  CameraSettings settings;
+  std::string response;  ///< of integer formats: as ImageFacts::response
   bool is_raw =
       false;  ///< a camera's own format: samples of the sensor, not interpolated, black not subtracted
-  std::optional<RawLevels> raw_levels;  ///< RAW: where the file states them and LibRaw was there at the build
+  std::optional<RawLevels> raw_levels;  ///< RAW: where the file states them
 };
 
-/// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or a camera's RAW (DNG, CR2, NEF and so on, by LibRaw
-/// where OpenImageIO was built with it). A one-channel integer file is taken to have the layout
-/// `one_channel`; nullopt: grey, or for RAW what the file says. Alpha is ignored. Throws DeviceError for a
-/// missing file and FormatError for one that is damaged or no image.
+/// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or, if LibRaw was there at the build, a camera's RAW
+/// (DNG, CR2, NEF and so on): Bayer, monochrome, or three linear samples per pixel. A one-channel integer
+/// file is taken to have the layout `one_channel`; nullopt: grey, or for RAW what the file says. Samples stay
+/// in the order stored, for RAW that of the sensor, whatever the orientation stated: photographs of a fixed
+/// camera match. Radiance pictures are upright. Alpha is ignored. Throws DeviceError for a missing file and
+/// FormatError for one that is damaged or no image.
 BracketFile read_bracket_file(const std::filesystem::path& path,
                               std::optional<PixelLayout> one_channel = std::nullopt);
+
+/// Throws InputError naming both files and the first setting that differs, where both state it.
+void require_same_settings(const CameraSettings& settings, const std::filesystem::path& path,
+                           const CameraSettings& expected, const std::filesystem::path& expected_path);
 
 /// The exposure time that a file's metadata state; its samples are not read. Throws as read_bracket_file().
 std::optional<Seconds> stated_exposure(const std::filesystem::path& path);

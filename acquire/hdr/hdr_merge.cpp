@@ -390,7 +390,9 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
   const auto scale = static_cast<float>(sensor.electrons_per_value);
   const auto black = static_cast<float>(sensor.black);
   const auto clipped_from =
-      static_cast<float>(sensor.saturation - options.clip_margin * (sensor.saturation - sensor.black));
+      std::isinf(sensor.saturation)
+          ? infinity
+          : static_cast<float>(sensor.saturation - options.clip_margin * (sensor.saturation - sensor.black));
   // Half-float files resolve 2^-11 of a value: small beside shot noise, but it keeps the floor above zero.
   const auto floor_variance =
       static_cast<float>(std::max(sensor.read_noise_electrons * sensor.read_noise_electrons, 1e-3));

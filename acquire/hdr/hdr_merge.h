@@ -84,6 +84,8 @@ struct MergeStatistics {
   /// tenth, of four exposures. One near zero could have been saved.
   std::vector<double> useful_fraction;
   double clipped_fraction = 0.0;  ///< of the samples, clipped in every exposure
+  /// Where the samples show that they clip below the level that the files state: the level used.
+  std::optional<double> found_saturation{};
 };
 
 /// Merges frames of one scene, taken with several exposures (or several times with one), into a photograph of
@@ -109,7 +111,8 @@ Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibra
 /// What is known of float images, such as bracketed EXR files. Values are taken as black + scale · light.
 struct LinearSensor {
   double black = 0.0;
-  double saturation = 1.0;               ///< lowest value that may be clipped
+  /// Lowest value that may be clipped; by default none is.
+  double saturation = std::numeric_limits<double>::infinity();
   double electrons_per_value = 20000.0;  ///< photo-electrons that a value of 1 above black stands for
   double read_noise_electrons = 5.0;
 };

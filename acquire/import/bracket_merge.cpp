@@ -8,6 +8,7 @@
 
 #include "acquire/hdr/relative_map.h"
 #include "acquire/import/bracket_response.h"
+#include "acquire/import/bracket_saturation.h"
 #include "core/base/errors.h"
 
 namespace refield {
@@ -33,9 +34,7 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
     if (!file.exposure)
       throw InputError(bracket.paths[i].string() +
                        ": does not state its exposure time; give the times of all images with --exposures");
-    if (file.iso != bracket.files[0].iso)
-      throw InputError(bracket.paths[i].string() + ": was taken at another ISO speed than " +
-                       bracket.paths[0].string() + "; give times multiplied by speed with --exposures");
+    require_same_settings(file.settings, bracket.paths[i], bracket.files[0].settings, bracket.paths[0]);
     exposures.push_back(*file.exposure);
   }
   return exposures;
@@ -115,7 +114,7 @@ Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, Me
     throw InputError("--response " + camera.response + ": float images are linear already; leave it out");
   LinearSensor sensor;
   sensor.black = camera.black.value_or(0.0);
-  sensor.saturation = camera.saturation.value_or(1.0);
+  sensor.saturation = camera.saturation.value_or(sensor.saturation);
   sensor.electrons_per_value = camera.full_scale_electrons;
   sensor.read_noise_electrons = camera.read_noise_electrons;
   const auto carries_sigma = [](const BracketFile& file) { return !file.sigma.empty(); };
@@ -145,19 +144,26 @@ Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& ca
         !file.linear.same_shape(first.linear))
       throw InputError(path.string() + ": differs in size, bits or channels from " + paths.front().string() +
                        "; merge exposures of one camera and one view");
-    if (file.is_raw && !fs::is_regular_file(camera.response) && !file.raw_levels &&
-        !(camera.black && camera.saturation))
-      throw InputError(
-          path.string() +
-          ": does not state its black and saturation levels in a way that is understood here; give "
-          "--black and --saturation, or a calibration with --response");
+    if (camera.response.empty() &&
+        (file.response != first.response || (file.bits > 8 && file.response == "unknown")))
+      throw InputError(path.string() + ": states another encoding ('" + file.response + "') than " +
+                       (file.response == first.response
+                            ? "is known here"
+                            : paths.front().string() + " ('" + first.response + "')") +
+                       "; give the response of all with --response");
   }
   bracket.exposures = exposures_of(bracket, exposures);
   return bracket;
 }
 
+std::string response_of(const BracketCamera& camera, int bits) {
+  if (!camera.response.empty()) return camera.response;
+  if (!camera.stated.empty() && camera.stated != "unknown") return camera.stated;
+  return bits == 8 ? "srgb" : "linear";
+}
+
 CameraCalibration bracket_calibration(const BracketCamera& camera, int bits) {
-  const std::string response = camera.response.empty() ? (bits == 8 ? "srgb" : "linear") : camera.response;
+  const std::string response = response_of(camera, bits);
   if (fs::is_regular_file(response)) return read_camera_calibration(response);
   CameraCalibration calibration;
   calibration.bits = bits;
@@ -189,24 +195,34 @@ CameraCalibration bracket_calibration(const BracketCamera& camera, int bits) {
 
 Photograph merge_bracket(Bracket& bracket, const BracketCamera& given, MergeStatistics* statistics) {
   BracketCamera camera = given;
+  camera.stated = bracket.files.at(0).response;
+  const bool measured = fs::is_regular_file(camera.response);
+  std::optional<double> found;
+  if (!camera.saturation && !measured)
+    if (const HighestSamples highest = highest_samples(bracket); highest.is_saturation) found = highest.level;
+  if (found) camera.saturation = found;
   if (const auto& levels = bracket.files.at(0).raw_levels) {
     camera.black = camera.black.value_or(levels->black);
     camera.saturation = camera.saturation.value_or(levels->saturation);
   }
   require_brighter_with_time(samples_of(bracket), camera);
-  if (bracket.files.at(0).bits == 0) return merge_float_bracket(bracket, camera, statistics);
+  if (bracket.files.at(0).bits == 0) {
+    Photograph merged = merge_float_bracket(bracket, camera, statistics);
+    if (statistics) statistics->found_saturation = found;
+    return merged;
+  }
   std::vector<RawFrame> frames;
   for (std::size_t i = 0; i < bracket.files.size(); ++i) {
     frames.push_back(std::move(bracket.files[i].frame));
     frames.back().exposure = bracket.exposures[i];
   }
   const CameraCalibration calibration = bracket_calibration(camera, bracket.files[0].bits);
-  const bool measured = fs::is_regular_file(camera.response);
   const MergeOptions unmeasured =
       calibration.bits == 8 && !camera.saturation ? with_compressed_samples : with_unmeasured_saturation;
   Photograph merged =
       merge_exposures(frames, calibration, measured ? MergeOptions{} : unmeasured, statistics);
   divide(merged, calibration.flat_field);
+  if (statistics) statistics->found_saturation = found;
   return merged;
 }
 

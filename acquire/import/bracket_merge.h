@@ -14,15 +14,17 @@ namespace refield {
 /// What is known of the camera behind ordinary image files.
 struct BracketCamera {
   /// How samples encode light: "linear", "srgb", "gamma:X" (sample = light^(1/X)) or a calibration.toml.
-  /// Empty: srgb for 8 bits, else linear.
+  /// Empty: as the files state it (`stated`), else srgb for 8 bits and linear for others.
   std::string response;
+  std::string stated;  ///< as BracketFile::response; counts where `response` is empty
   std::vector<float>
       curve;  ///< [2^bits], inverse response estimated from brackets; empty: as `response` says
   std::string
       layout;  ///< of one-channel files: name of a PixelLayout, "bayer" (RGGB); empty: grey, RAW: theirs
   /// Of samples without light, in linearised units; nullopt: as RAW files state it, else 0.
   std::optional<double> black;
-  /// Lowest sample that may be clipped; nullopt: as RAW files state it, else the largest.
+  /// Lowest sample that may be clipped; nullopt: where the samples pile up (highest_samples()), else as RAW
+  /// files state it, else the largest; none for float files.
   std::optional<double> saturation;
   double full_scale_electrons = 20000.0;
   double read_noise_electrons = 5.0;
@@ -36,10 +38,13 @@ struct Bracket {
 };
 
 /// Reads the files of a bracket. `exposures`: one for each file, or none: as the files' metadata state them.
-/// Throws InputError when files differ in size, bits, channels or ISO speed, or do not state their exposure
-/// or, for RAW files, black and saturation that `camera` does not give, either.
+/// Throws InputError when files differ in size, bits, channels, encoding or, where `exposures` are not given,
+/// in settings (require_same_settings()), or do not state their exposure.
 Bracket read_bracket(const std::vector<std::filesystem::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures = {});
+
+/// The response of integer files: "linear", "srgb", "gamma:X" or a calibration file.
+std::string response_of(const BracketCamera& camera, int bits);
 
 /// Camera of integer files: a calibration file as it is; else radiance 1 fills the range in one second.
 /// Throws InputError naming the option.

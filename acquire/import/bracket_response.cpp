@@ -7,7 +7,9 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <numeric>
+#include <optional>
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "core/base/errors.h"
@@ -37,7 +39,8 @@ std::string percent(double share) {
 }
 
 double range_of(const BracketSamples& bracket) {
-  return bracket.bits == 0 ? 1.0 : static_cast<double>((1 << bracket.bits) - 1);
+  return bracket.bits == 0 ? std::numeric_limits<double>::infinity()
+                           : static_cast<double>((1 << bracket.bits) - 1);
 }
 
 /// From where on samples are left out as clipped: below what the files hold at most, for the level at which
@@ -58,10 +61,12 @@ class Linearisation {
   Linearisation(const BracketSamples& bracket, const BracketCamera& camera) {
     if (bracket.bits == 0) {
       black_ = camera.black.value_or(0.0);
-      range_ = camera.saturation.value_or(1.0) - black_;
+      range_ = camera.saturation.value_or(bracket.highest.level) - black_;
       return;
     }
-    const CameraCalibration calibration = bracket_calibration(camera, bracket.bits);
+    BracketCamera of_bracket = camera;
+    of_bracket.stated = bracket.response;
+    const CameraCalibration calibration = bracket_calibration(of_bracket, bracket.bits);
     table_ = calibration.linear_from_dn;
     black_ = calibration.black_level_dn;
     range_ = table_[static_cast<std::size_t>(calibration.saturation_dn)] - black_;
@@ -341,7 +346,10 @@ bool is_contrast(const BracketSamples& bracket, const ExposureAgreement& agreeme
 
 std::string name_of_response(const BracketCamera& camera, int bits) {
   if (!camera.response.empty()) return "'" + camera.response + "'";
-  return bits == 8 ? "the sRGB curve" : "a linear response";
+  const std::string response = response_of(camera, bits);
+  return response == "srgb"     ? "the sRGB curve"
+         : response == "linear" ? "a linear response"
+                                : "'" + response + "'";
 }
 
 constexpr const char* unconfirmed_curve =
@@ -389,6 +397,9 @@ BracketSamples samples_of(const Bracket& bracket) {
   BracketSamples samples;
   const BracketFile& first = bracket.files.at(0);
   samples.bits = first.bits;
+  samples.response = first.response;
+  samples.automatic_white_balance = !first.is_raw && first.settings.white_balance == 0;
+  samples.highest = highest_samples(bracket);
   samples.is_sensor =
       first.is_raw || (first.frame.layout != PixelLayout::rgb && first.frame.layout != PixelLayout::grey);
   std::vector<std::size_t> order(bracket.files.size());
@@ -498,30 +509,73 @@ ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
   return estimate;
 }
 
+namespace {
+
+/// Sets the level at which samples clip, where they show it. Returns what to note.
+std::optional<std::string> settle_saturation(std::span<const BracketSamples> brackets,
+                                             BracketCamera& camera) {
+  if (camera.saturation || fs::is_regular_file(camera.response)) return std::nullopt;
+  double highest = 0.0;
+  for (const BracketSamples& bracket : brackets) highest = std::max(highest, bracket.highest.level);
+  const HighestSamples* found = nullptr;
+  std::size_t alike = 0;
+  for (const BracketSamples& bracket : brackets) {
+    constexpr double same = 0.999;
+    if (!bracket.highest.piles_up || bracket.highest.level < same * highest) continue;
+    ++alike;
+    if (!found || bracket.highest.is_saturation > found->is_saturation) found = &bracket.highest;
+  }
+  if (!found || (!found->is_saturation && alike < 2)) return std::nullopt;
+  const std::string many = std::to_string(found->at_level) + " samples of " + found->file.string() +
+                           " share the level " + digits(highest, 6) + ", and none exceeds it";
+  if (!found->is_saturation)
+    return many + "; if the camera saturates there, give --saturation " + digits(highest, 6);
+  camera.saturation = highest;
+  return many + ": it is taken as saturation; --saturation overrules it";
+}
+
+}  // namespace
+
 std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera) {
   for (const BracketSamples& bracket : brackets) require_brighter_with_time(bracket, camera);
+  std::vector<std::string> notes;
   const BracketSamples& first = brackets.front();
+  camera.stated = first.response;
+  if (const auto note = settle_saturation(brackets, camera)) notes.push_back(*note);
+  if (first.automatic_white_balance)
+    notes.emplace_back(
+        "the photographs were developed with automatic white balance, which may differ between them without "
+        "a "
+        "trace; fix it, or give the RAW files");
   const bool assumed = camera.response.empty() && !first.is_sensor && first.bits > 0;
+  const std::string response = response_of(camera, first.bits);
   const bool several = std::ranges::any_of(brackets, [](const BracketSamples& bracket) {
     return bracket.seconds.back() >= another_exposure * bracket.seconds.front();
   });
   if (!several) {
-    if (assumed && first.bits == 8) return {unconfirmed_curve};
-    return {};
+    if (assumed && first.bits == 8 && response == "srgb")
+      notes.emplace_back(unconfirmed_curve);
+    else if (assumed && response != "linear")
+      notes.push_back("the photographs are decoded by the curve that they state, " + response +
+                      ", which one exposure cannot confirm; --response overrules it");
+    return notes;
   }
   std::size_t worst = 0;
   const ExposureAgreement agreement = worst_agreement(brackets, camera, worst);
   const bool bends = agreement.spread > tolerated_spread;
   const bool off = std::abs(agreement.factor - 1.0) > tolerated_factor;
-  if (!bends && !off) return {};
+  if (!bends && !off) return notes;
   const std::string wrong = bends ? "the exposures contradict " + name_of_response(camera, first.bits) +
                                         " by " + percent(agreement.spread)
                                   : factor_text(brackets[worst], agreement);
   const bool may_be_a_curve = assumed && !camera.black;
   if (!bends && !(may_be_a_curve && is_contrast(brackets[worst], agreement)))
-    return {wrong + check_exposures_text};
-  if (!may_be_a_curve) return {wrong + remedy_without_curve(first)};
-  return {estimate_curve(brackets, wrong, bends, camera)};
+    notes.push_back(wrong + check_exposures_text);
+  else if (!may_be_a_curve)
+    notes.push_back(wrong + remedy_without_curve(first));
+  else
+    notes.push_back(estimate_curve(brackets, wrong, bends, camera));
+  return notes;
 }
 
 }  // namespace refield

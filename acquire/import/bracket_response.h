@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "acquire/import/bracket_merge.h"
+#include "acquire/import/bracket_saturation.h"
 
 namespace refield {
 
@@ -12,6 +13,9 @@ namespace refield {
 struct BracketSamples {
   int bits = 0;            ///< as BracketFile::bits
   bool is_sensor = false;  ///< a sensor's own samples (RAW or Bayer), which no tone curve has bent
+  std::string response;    ///< as BracketFile::response
+  bool automatic_white_balance = false;  ///< developed files say so (EXIF)
+  HighestSamples highest;
   std::vector<std::filesystem::path> paths;
   std::vector<double> seconds;
   std::vector<std::vector<float>> values;  ///< [exposures][samples], as stored
@@ -55,7 +59,8 @@ struct ResponseEstimate {
 /// the inverse variance of the logarithm; the result is made monotone (never_falling()).
 ResponseEstimate estimate_response(std::span<const BracketSamples> brackets);
 
-/// Checks what `camera` assumes against some brackets of one kind and, where no response was given and the
+/// Checks what `camera` assumes against some brackets of one kind: sets `camera.saturation` where it was not
+/// given and samples pile up below the level that the files state, and, where no response was given and the
 /// brackets contradict the assumed one, estimates the response from them into `camera.curve`. Returns what
 /// the user should know, one sentence each. Throws InputError as require_brighter_with_time().
 std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera);

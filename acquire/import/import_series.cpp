@@ -453,6 +453,7 @@ namespace fs = std::filesystem;
 
 Photograph SeriesMerger::merge(const std::vector<fs::path>& paths, bool counts) {
   Bracket bracket = read_bracket(paths, request_.camera, request_.exposures);
+  require_same_settings_as_first(bracket);
   MergeStatistics statistics;
   Photograph merged;
   try {
@@ -476,7 +477,21 @@ void SeriesMerger::require_same_size(const Image& merged, const fs::path& path) 
                      "; give photographs of one camera");
 }
 
+void SeriesMerger::require_same_settings_as_first(const Bracket& bracket) {
+  if (first_.empty())
+    for (std::size_t i = 0; i < bracket.files.size(); ++i)
+      first_.emplace_back(bracket.files[i].settings, bracket.paths[i]);
+  for (std::size_t i = 0; i < bracket.files.size(); ++i) {
+    const auto& [settings, path] = first_[std::min(i, first_.size() - 1)];
+    require_same_settings(bracket.files[i].settings, bracket.paths[i], settings, path);
+  }
+}
+
 void SeriesMerger::add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures) {
+  if (const auto found = statistics.found_saturation) {
+    saturation_ = std::min(saturation_.value_or(*found), *found);
+    ++with_found_saturation_;
+  }
   if (exposures_.empty()) {
     exposures_ = exposures;
     useful_.assign(exposures.size(), 0.0);
@@ -488,6 +503,14 @@ void SeriesMerger::add(const MergeStatistics& statistics, const std::vector<Seco
 
 void SeriesMerger::report(ImportSummary& summary) const {
   summary.exposures = exposures_;
+  if (saturation_) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "the samples of %d photographs show that they are clipped below the level that the files "
+                  "state, from %.6g; --saturation overrules it",
+                  with_found_saturation_, *saturation_);
+    summary.notes.emplace_back(text);
+  }
   if (merged_ == 0) return;
   for (double useful : useful_) summary.useful_fraction.push_back(useful / merged_);
   summary.clipped_fraction = clipped_ / merged_;

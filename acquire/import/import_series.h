@@ -116,10 +116,14 @@ class SeriesMerger {
 
  private:
   void require_same_size(const Image& merged, const std::filesystem::path& path);
+  void require_same_settings_as_first(const Bracket& bracket);
   void add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures);
 
   const ImportRequest& request_;
   int width_ = 0, height_ = 0;
+  std::vector<std::pair<CameraSettings, std::filesystem::path>> first_;  // of the first bracket's files
+  std::optional<double> saturation_;  // lowest that was found in samples, and in how many photographs
+  int with_found_saturation_ = 0;
   std::vector<Seconds> exposures_;
   std::vector<double> useful_;
   double clipped_ = 0.0;

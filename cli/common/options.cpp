@@ -205,16 +205,19 @@ void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
   verb.add_option(
       "--response", camera.response,
       "Response of the camera: linear, srgb, gamma:X (sample = light^(1/X)) or a calibration.toml (default: "
-      "srgb for 8-bit files, else linear; estimated if the exposures contradict it)");
+      "as PNG chunks and ICC profiles state it, else srgb for 8-bit files and linear for others; estimated "
+      "if "
+      "the exposures contradict it)");
   verb.add_option("--layout", camera.layout,
                   "Layout of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg or "
                   "bayer_bggr (default: grey; for camera RAW files, from the file)")
       ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}));
   verb.add_option("--black", camera.black,
                   "Black level of the camera in linearised sample units (default: from RAW files, else 0)");
-  verb.add_option("--saturation", camera.saturation,
-                  "Lowest sample value that may be clipped (default: from RAW files, else the largest value; "
-                  "1.0 for float images)");
+  verb.add_option(
+      "--saturation", camera.saturation,
+      "Lowest sample value that may be clipped (default: the level at which samples pile up, else "
+      "from RAW files, else the largest value; none for float images)");
   verb.add_option("--full-scale-electrons", camera.full_scale_electrons,
                   "Number of photo-electrons at full scale, which determines the shot noise used for weights "
                   "and sigma")

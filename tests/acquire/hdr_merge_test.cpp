@@ -255,6 +255,7 @@ TEST(HdrMerge, MergesLinearImages) {
   }
   LinearSensor sensor;
   sensor.black = 0.02;
+  sensor.saturation = 1.0;
   const auto merged = merge_linear_exposures(images, times, sensor);
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(merged.radiance.values[c], radiance[c], 1e-5 * radiance[c]) << c;
 }

@@ -56,7 +56,7 @@ TEST_F(RawFile, GivesTheSensorsSamples) {
 }
 
 TEST_F(RawFile, StatesItsLayoutAndAperture) {
-  EXPECT_NEAR(file_.f_number.value_or(0.0), 2.8, 1e-6);
+  EXPECT_NEAR(file_.settings.f_number.value_or(0.0), 2.8, 1e-6);
   if (!file_.raw_levels) GTEST_SKIP() << "SKIPPED: built without LibRaw (libraw-dev)";
   constexpr U16 other = 300;
   const std::vector<U16> samples(width * height, other);
