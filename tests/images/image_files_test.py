@@ -1,0 +1,364 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Reads files of every variant that the image formats allow (orientation × layout × depth × metadata × container),
+which image_corpus.py writes, as photographs (`refield hdr`, `acquire import`) and as light maps (`relight`), and
+compares them with values that NumPy computes. Each variant is right, or is refused with the stated message.
+docs/reference/image-files.md lists them. A new kind is one line of `cases`.
+
+usage: tests/images/image_files_test.py PROGRAM [TEXT in the names of the cases]
+"""
+import concurrent.futures
+import itertools
+import pathlib
+import re
+import struct
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+
+import image_corpus as corpus
+from image_corpus import BAYER, PNG_CURVES, dng, encoded, exr, icc, integers, jpeg, pfm, png, rgb_channels, rgbe, tiff, turned
+
+HEIGHT, WIDTH = 16, 32
+SCENE = corpus.scene(HEIGHT, WIDTH)
+FULL = 65535.0
+HALF = 2.0 ** -11      # relative resolution of half floats
+FLOAT = 1e-5
+ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+
+def case(name, files, truth=None, refused=None, note=None, tolerance=FLOAT, how="photograph", options=(), where=None):
+    """`files`: {name: bytes}, the first ones in order are given. `truth` [rows × columns × 3]; `where`: of which
+    samples. `refused`, `note`: a pattern that the messages have."""
+    return dict(name=name, files=files, truth=truth, refused=refused, note=note, tolerance=tolerance, how=how,
+                options=list(options), where=where)
+
+
+def sites(layout, shape):
+    where = np.zeros(shape + (3,), bool)
+    for i, c in enumerate(BAYER[layout]):
+        where[i // 2::2, i % 2::2, c] = True
+    return where
+
+
+def raw_cases():
+    light = corpus.scene(48, 64)  # LibRaw refuses less than 22 rows
+    sensor = np.round(corpus.BLACK + light * 3000).astype(np.uint16)
+    truth = (sensor - corpus.BLACK) / FULL
+    for layout, orientation, order in itertools.product(BAYER, range(1, 9), "<>"):
+        container = "dng" if order == "<" else "tif"
+        yield case(f"RAW {layout} orientation {orientation} order {order} .{container}",
+                   {f"a.{container}": dng(corpus.mosaic(sensor, layout), BAYER[layout], orientation, order, iso=100)},
+                   truth, where=sites(layout, light.shape[:2]))
+    for height, width in itertools.product((60, 68, 100), (64, 66)):  # memory that libraries overwrote
+        tall = np.full((height, width), 1000, np.uint16)
+        yield case(f"RAW {height}×{width} in portrait", {"a.dng": dng(tall, orientation=6)},
+                   np.full((height, width, 3), (1000 - corpus.BLACK) / FULL))
+    for orientation in range(1, 9):
+        yield case(f"LinearRaw orientation {orientation}", {"a.dng": dng(sensor, orientation=orientation)}, truth)
+    for layout in ("grey", "bayer_rggb"):
+        yield case(f"LinearRaw with --layout {layout}", {"a.dng": dng(sensor)}, truth, options=["--layout", layout])
+    grey = sensor[..., 1]
+    yield case("RAW of a monochrome camera", {"a.dng": dng(grey, None)}, np.repeat(truth[..., 1:2], 3, 2))
+    yield case("RAW, layout given", {"a.dng": dng(corpus.mosaic(sensor, "grbg"))}, truth,
+               where=sites("grbg", light.shape[:2]), options=["--layout", "bayer_grbg"])
+    xtrans = [1, 1, 0, 1, 1, 2, 1, 1, 2, 1, 1, 0, 2, 0, 1, 0, 2, 1, 1, 1, 2, 1, 1, 0, 1, 1, 0, 1, 1, 2, 0, 2, 1, 2, 0, 1]
+    yield case("RAW of X-Trans", {"a.dng": dng(grey, xtrans, period=6)}, refused="colour filter 'X-Trans'")
+    yield case("RAW of X-Trans, layout given", {"a.dng": dng(grey, xtrans, period=6)}, refused="X-Trans", options=["--layout", "grey"])
+    yield case("RAW of float samples", {"a.dng": dng(grey.astype(np.float32))}, refused="floating-point|by LibRaw")
+    yield case("RAW of half samples", {"a.dng": dng(grey.astype(np.float16))}, refused="floating-point")
+    yield case("RAW of half samples, layout given", {"a.dng": dng(grey.astype(np.float16))}, refused="floating-point", options=["--layout", "grey"])
+    yield case("RAW cut off", {"a.dng": dng(corpus.mosaic(sensor, "rggb"))[:700]}, refused="LibRaw|plausible|truncated")
+    yield case("RAW as a light map", {"a.tif": dng(corpus.mosaic(sensor, "rggb"))}, refused="sensor", how="map")
+
+
+def tiff_cases():
+    for orientation, dtype in itertools.product(range(1, 9), (np.uint8, np.uint16, np.float32)):
+        bits = np.dtype(dtype).itemsize * 8
+        stored = turned(SCENE, orientation)
+        stored = stored.astype(dtype) if bits == 32 else integers(stored, bits)
+        light = stored / (2 ** bits - 1) if bits < 32 else stored.astype(float)
+        file = {"a.tif": tiff(stored, orientation=orientation)}
+        yield case(f"TIFF {bits} bits orientation {orientation}: photograph as stored", file, light, options=["--response", "linear"])
+        upright = turned(light, {6: 8, 8: 6}.get(orientation, orientation))
+        yield case(f"TIFF {bits} bits orientation {orientation}: map upright", file,
+                   upright if bits == 32 else srgb_decoded(upright), how="map")
+    sixteen = integers(SCENE, 16)
+    light = sixteen / FULL
+    for order, planar, compression, tile, big in itertools.product("<>", (1, 2), (1, 8), (0, 16), (False, True)):
+        name = f"TIFF order {order} planar {planar} compression {compression} tile {tile} {'Big' * big}"
+        kinds = dict(order=order, planar=planar, compression=compression, tile=tile, big=big)
+        yield case(name, {"a.tif": tiff(sixteen, **kinds)}, light)
+        yield case(name + " float", {"a.tif": tiff(SCENE.astype(np.float32), **kinds)}, SCENE, how="map")
+    for dtype in (np.float16, np.float64):
+        yield case(f"TIFF {np.dtype(dtype).name}", {"a.tif": tiff(SCENE.astype(dtype))}, SCENE, tolerance=HALF)
+    grey = np.repeat(light[..., :1], 3, 2)
+    yield case("TIFF grey", {"a.tif": tiff(sixteen[..., :1])}, grey)
+    for how in ("photograph", "map"):
+        yield case(f"TIFF grey, 0 is white: {how}", {"a.tif": tiff(65535 - sixteen[..., :1], grey_is_white=True)},
+                   refused="white as zero", how=how)
+    yield case("TIFF of 32-bit integers", {"a.tif": tiff(sixteen.astype(np.uint32))}, refused="type uint32|uint")
+    for curve, bits in itertools.product(("linear", "srgb", "table", "1.8"), (8, 16)):
+        stored = integers(encoded(SCENE, curve, ""), bits)
+        yield case(f"TIFF {bits} bits, ICC profile {curve}", {"a.tif": tiff(stored, icc=icc(curve))}, SCENE,
+                   tolerance=0.08 if bits == 8 else 4e-3)
+    yield case("TIFF 16 bits, ICC profile of another curve", {"a.tif": tiff(sixteen, icc=icc("odd"))}, refused="encoding.*--response")
+    yield case("TIFF with '?' in its name", {"a?b=1.tif": tiff(sixteen)}, light)
+
+
+def png_cases():
+    for curve, bits, how in itertools.product(PNG_CURVES, (8, 16), ("photograph", "map")):
+        default = "linear" if bits == 16 and how == "photograph" else "sRGB"
+        stored = integers(encoded(SCENE, curve, default), bits)
+        yield case(f"PNG {bits} bits, {curve}: {how}", {"a.png": png(stored, PNG_CURVES[curve])}, SCENE,
+                   tolerance=0.08 if bits == 8 else 4e-3, how=how)
+    for orientation in (3, 6):
+        stored = integers(turned(SCENE, orientation), 16)
+        file = {"a.png": png(stored, [(b"eXIf", corpus.exif_block(orientation))])}
+        yield case(f"PNG eXIf orientation {orientation}: photograph as stored", file, stored / FULL)
+        yield case(f"PNG eXIf orientation {orientation}: map upright", file, srgb_decoded(integers(SCENE, 16) / FULL), how="map")
+    grey = integers(SCENE[..., :1], 8)
+    yield case("PNG grey", {"a.png": png(grey)}, np.repeat(srgb_decoded(grey / 255), 3, 2))
+    few = (integers(SCENE, 8) // 64 * 64).astype(np.uint8)
+    yield case("PNG palette", {"a.png": png(few, palette=True)}, srgb_decoded(few / 255), how="map")
+    alpha = np.concatenate([few, np.full(few.shape[:2] + (1,), 128, np.uint8)], -1)
+    yield case("PNG alpha: photograph without", {"a.png": png(alpha)}, srgb_decoded(few / 255))
+    yield case("PNG alpha: map multiplied", {"a.png": png(alpha)}, srgb_decoded(few / 255) * 128 / 255, how="map")
+
+
+def jpeg_cases():
+    try:
+        import PIL  # noqa: F401
+    except ImportError:
+        print("SKIPPED JPEG: Pillow (python3-pil) is not there")
+        return
+    flat = np.repeat(np.repeat(corpus.scene(2, 4), 8, 0), 8, 1)  # blocks of one colour survive JPEG
+    for orientation in range(1, 9):
+        stored = np.ascontiguousarray(integers(corpus.to_srgb(turned(flat, orientation)), 8))
+        file = {"a.jpg": jpeg(stored, orientation)}
+        yield case(f"JPEG orientation {orientation}: photograph as stored", file, turned(flat, orientation), tolerance=0.08)
+        yield case(f"JPEG orientation {orientation}: map upright", file, flat, tolerance=0.08, how="map")
+    for curve in ("srgb", "1.8", "linear"):
+        stored = integers(encoded(flat, curve, ""), 8)
+        yield case(f"JPEG, ICC profile {curve}", {"a.jpg": jpeg(stored, profile=icc(curve))}, flat, tolerance=0.08, how="map")
+
+
+def radiance_cases():
+    runs = SCENE.copy()
+    runs[:, 5:20] = runs[:, 5:6]
+    runs[3] = 0
+    for orientation, coding in itertools.product(range(1, 9), ("new", "old", "flat")):
+        file, values = rgbe(runs, orientation, coding)
+        for how in ("photograph", "map"):
+            yield case(f"Radiance orientation {orientation} coding {coding}: {how}", {"a.hdr": file}, values, how=how)
+    for name, header, divisor in (("EXPOSURE", ["EXPOSURE=2"], 2), ("two of EXPOSURE", ["EXPOSURE=2", "EXPOSURE= 0.125"], 0.25),
+                                  ("COLORCORR", ["COLORCORR=1 2 4", "EXPOSURE=0.5"], np.array([0.5, 1, 2])),
+                                  ("PRIMARIES of Radiance", ["PRIMARIES=.64 .33 .29 .6 .15 .06 .3333 .3333"], 1),
+                                  ("line feeds of DOS", ["SOFTWARE=x\r"], 1)):
+        file, values = rgbe(runs, header=header)
+        for how in ("photograph", "map"):
+            yield case(f"Radiance {name}: {how}", {"a.hdr": file}, values / divisor, how=how)
+    file, values = rgbe(SCENE @ XYZ_FROM_REC709.T, kind="xyze")
+    yield case("Radiance XYZE", {"a.hdr": file}, values @ np.linalg.inv(XYZ_FROM_REC709).T, tolerance=1e-4, how="map")
+    yield case("Radiance PRIMARIES of ACEScg", {"a.hdr": rgbe(SCENE, header=["PRIMARIES=" + " ".join(map(str, ACESCG))])[0]},
+               np.maximum(rgbe(SCENE)[1] @ REC709_FROM_ACESCG.T, 0), tolerance=1e-3, how="map", note="primaries.*converted")
+    wide = np.tile(SCENE, (1, 40, 1))
+    file, values = rgbe(np.where(wide > 2, wide, 0.5), coding="old")
+    yield case("Radiance old run lengths of more than 255", {"a.hdr": file}, values)
+    narrow, values = rgbe(SCENE[:, :6], coding="flat")
+    yield case("Radiance of 6 columns", {"a.hdr": narrow}, values)
+    file, _ = rgbe(SCENE)
+    yield case("Radiance EXPOSURE of zero", {"a.hdr": rgbe(SCENE, header=["EXPOSURE=0"])[0]}, refused="EXPOSURE=0.*not above zero")
+    yield case("Radiance cut off", {"a.hdr": file[:-5]}, refused="damaged or truncated")
+    yield case("Radiance of unknown pixels", {"a.hdr": file.replace(b"32-bit_rle_rgbe", b"32-bit_rle_cmyk")}, refused="pixels of the kind")
+
+
+def exr_cases():
+    for dtype, compression, tile, window in itertools.product((np.float16, np.float32), (0, 3), (0, 8), ((0, 0), (-3, 5))):
+        file = {"a.exr": exr(rgb_channels(SCENE, dtype), compression=compression, tile=tile, window=window)}
+        yield case(f"EXR {np.dtype(dtype).name} compression {compression} tile {tile} window {window}", file, SCENE, tolerance=HALF)
+    bright = SCENE * 50
+    yield case("EXR above 1: no saturation", {"a.exr": exr(rgb_channels(bright))}, bright)
+    yield case("EXR of Y", {"a.exr": exr({"Y": SCENE[..., 0].astype(np.float32)})}, np.repeat(SCENE[..., :1], 3, 2), how="map")
+    yield case("EXR of uint", {"a.exr": exr(rgb_channels(SCENE * 1000, np.uint32))}, refused="whole numbers", how="map")
+    numbers = {**rgb_channels(SCENE), "object.id": np.ones(SCENE.shape[:2], np.uint32)}
+    yield case("EXR with a uint channel beside R, G, B", {"a.exr": exr(numbers)}, SCENE, how="map")
+    yield case("EXR of lat-long (envmap)", {"a.exr": exr(rgb_channels(SCENE), [corpus.envmap(0)])}, SCENE, how="map")
+    for name, xy, truth, note in (("Rec.709", REC709, SCENE, None), ("ACEScg", ACESCG, np.maximum(SCENE @ REC709_FROM_ACESCG.T, 0), "primaries.*converted")):
+        yield case(f"EXR chromaticities of {name}", {"a.exr": exr(rgb_channels(SCENE), [corpus.chromaticities(xy)])}, truth,
+                   tolerance=1e-3, how="map", note=note)
+    radiance = lambda d: 1 + np.stack([d[..., 0], d[..., 1], d[..., 2]], -1) / np.linalg.norm(d, axis=-1, keepdims=True)
+    faces = corpus.openexr_cube(radiance, 4)
+    mirrored = lambda d: radiance(d * [-1, 1, 1])  # axes of refield are left-handed
+    for tile, dtype in itertools.product((0, 4), (np.float16, np.float32)):
+        yield case(f"EXR of a cube (envmap) tile {tile} {np.dtype(dtype).name}",
+                   {"a.exr": exr(rgb_channels(faces, dtype), [corpus.envmap(1)], tile=tile)}, refield_cube(mirrored, 4), tolerance=HALF, how="cube")
+    cube = refield_cube(mirrored, 4)
+    for tile in (0, 4):
+        yield case(f"EXR of a cube without attribute, tile {tile}", {"a.exr": exr(rgb_channels(cube), tile=tile)}, cube, how="cube")
+    yield case("EXR whose envmap contradicts its size", {"a.exr": exr(rgb_channels(SCENE), [corpus.envmap(1)])}, refused="envmap", how="map")
+    for order in "<>":
+        yield case(f"PFM order {order}", {"a.pfm": pfm(SCENE, order)}, SCENE, how="map")
+    yield case("PFM grey", {"a.pfm": pfm(SCENE[..., 0])}, np.repeat(SCENE[..., :1], 3, 2), how="map")
+
+
+def setting_cases():
+    """Two photographs of a bracket or dome that differ in one setting, in every container that states it."""
+    sensor = corpus.mosaic(np.round(corpus.BLACK + corpus.scene(48, 64) * 3000).astype(np.uint16), "rggb")
+    sixteen = integers(SCENE / 4, 16)
+    containers = {"dng": lambda **s: dng(sensor, **s), "tif": lambda **s: tiff(sixteen, **s),
+                  "png": lambda **s: png(sixteen, [(b"eXIf", corpus.exif_block(**s))]),
+                  "jpg": lambda **s: jpeg((sixteen // 256).astype(np.uint8), **s)}
+    try:
+        import PIL  # noqa: F401
+    except ImportError:
+        del containers["jpg"]
+    for setting, values, text in (("iso", (100, 200), "ISO speed 200.*100"), ("f_number", (8, 11), "aperture f/ ?11.*8"),
+                                  ("focal", (50, 70), "focal length.*70.*50"), ("white_balance", (0, 1), "WhiteBalance 1.*0"),
+                                  ("light_source", (1, 3), "LightSource.*3.*1"), ("orientation", (1, 3), "Orientation 3.*1")):
+        for container, write in containers.items():
+            files = {f"{i}.{container}": write(seconds=0.01, **{setting: value}) for i, value in enumerate(values)}
+            of_development = setting in ("white_balance", "light_source", "orientation")
+            yield case(f"{setting} differs, {container}", files, how="dome",
+                       **({"truth": True} if container == "dng" and of_development else {"refused": text}))
+    for setting, value in (("iso", 100), ("f_number", 8)):
+        for container, write in containers.items():
+            yield case(f"{setting} is equal, {container}",
+                       {f"{i}.{container}": write(seconds=0.01, **{setting: value}) for i in range(2)}, truth=True, how="dome")
+    neutrals = {f"{i}.dng": dng(sensor, neutral=n, seconds=0.01) for i, n in enumerate(((1, 1, 1), (0.4, 1, 0.7)))}
+    yield case("white balance of RAW files differs", neutrals, truth=True, how="dome")
+    for container, write in containers.items():
+        yield case(f"automatic white balance is noted, {container}", {f"{i}.{container}": write(seconds=0.01, white_balance=0) for i in range(2)},
+                   truth=True, how="dome", **({} if container == "dng" else {"note": "automatic white balance"}))
+    curves = {"0.png": png(sixteen), "1.png": png(sixteen, PNG_CURVES["sRGB"])}
+    yield case("encoding differs in a bracket", curves, refused="another encoding", options=["--exposures", "1,2"])
+
+
+def saturation_cases():
+    """Brackets that clip below the level that the files state."""
+    times = (1, 4, 16)
+
+    def bracket(full, write, noise=0):
+        random = np.random.default_rng(7)
+        light = corpus.scene(96, 128) * np.linspace(0.02, 1, 128)[None, :, None]
+        shots = [np.minimum(light * t / 4 * full + noise * random.standard_normal(light.shape), full) for t in times]
+        return light / 4, {f"{t:02}.{write[0]}": write[1](shot) for t, shot in zip(times, shots)}
+    options = ["--exposures", ",".join(map(str, times))]
+    sixteen = lambda shot: np.round(np.maximum(shot, 0)).astype(np.uint16)
+    for bits in (10, 12, 14):
+        full = 2 ** bits - 1
+        light, files = bracket(full, ("tif", lambda s: tiff(sixteen(s))), noise=0.3)
+        yield case(f"{bits} bits in TIFF of 16", files, light * full / FULL, tolerance=0.08 if bits == 10 else 0.04, options=options, note=f"level {full}")
+    for full in (16372, 16383, 15311):
+        light, files = bracket(full, ("png", lambda s: png(sixteen(s))), noise=3)
+        yield case(f"PNG that clips at {full}", files, light * full / FULL, tolerance=0.02, options=options, note=f"level {full}")
+        for layout in BAYER:
+            light, files = bracket(full - 800, ("dng", lambda s: dng(corpus.mosaic(sixteen(s + 800), layout), BAYER[layout], black=800, white=17220)), noise=3)
+            yield case(f"RAW {layout}, white level 17220, clips at {full}", files, light * (full - 800) / FULL, tolerance=0.02,
+                       options=options, note=f"level {full}", where=sites(layout, light.shape[:2]))
+            one = dict(list(files.items())[-1:])
+            yield case(f"RAW {layout}, one exposure, clips at {full}", one, light * (full - 800) / FULL * 16, tolerance=0.02,
+                       options=["--exposures", "1"], note=f"level {full}", where=sites(layout, light.shape[:2]) & (light * 16 < 0.97))
+    light, files = bracket(1.0, ("exr", lambda s: exr(rgb_channels(s))))
+    yield case("EXR clipped at 1", files, light, tolerance=0.02, options=options, note="level 1")
+    light, files = bracket(1e9, ("exr", lambda s: exr(rgb_channels(s))))
+    yield case("EXR that clips nowhere in the bracket", {k: exr(rgb_channels(light * t)) for k, t in zip(files, times)}, light, options=options)
+    flat = np.full((64, 64, 3), 20000, np.uint16)
+    flat[:32] = 5000
+    yield case("a flat surface without noise is no saturation", {"a.tif": tiff(flat)}, flat / FULL)
+
+
+# ── running ──
+
+def srgb_decoded(x):
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
+def xyz_from_rgb(xy):
+    columns = np.array([[x / y, 1, (1 - x - y) / y] for x, y in zip(xy[::2], xy[1::2])]).T
+    return columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])
+
+
+def adapted(source, target):
+    """Bradford."""
+    white = lambda xy: np.array([xy[6] / xy[7], 1, (1 - xy[6] - xy[7]) / xy[7]])
+    cones = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+    gain = np.diag(cones @ white(target) / (cones @ white(source)))
+    return np.linalg.inv(xyz_from_rgb(target)) @ np.linalg.inv(cones) @ gain @ cones @ xyz_from_rgb(source)
+
+
+XYZ_FROM_REC709 = xyz_from_rgb(REC709)
+REC709_FROM_ACESCG = adapted(ACESCG, REC709)
+
+
+def refield_cube(radiance, size):
+    """Six faces in the layout of docs/reference/conventions.md: what someone inside sees, upright, up from +Z with −Z
+    at the top edge, down with +Z at the top edge."""
+    p = (np.arange(size) + 0.5) / size * 2 - 1
+    v, u = np.meshgrid(-p, p, indexing="ij")
+    axes = [((0, 0, -1), (0, 1, 0), (1, 0, 0)), ((0, 0, 1), (0, 1, 0), (-1, 0, 0)), ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+            ((1, 0, 0), (0, 0, 1), (0, -1, 0)), ((1, 0, 0), (0, 1, 0), (0, 0, 1)), ((-1, 0, 0), (0, 1, 0), (0, 0, -1))]
+    return np.concatenate([radiance(u[..., None] * np.array(right) + v[..., None] * np.array(up) + np.array(ahead))
+                           for right, up, ahead in axes])
+
+
+def judge(item, program, folder):
+    """None where the case is right, else what is wrong."""
+    folder.mkdir()
+    for name, data in item["files"].items():
+        (folder / name).write_bytes(data)
+    files, out = [str(folder / name) for name in item["files"]], str(folder / "out.exr")
+    if item["how"] == "photograph":
+        options = item["options"] if "--exposures" in item["options"] else item["options"] + ["--exposures", "1"]
+        command = ["hdr", *files, "-o", out, *options]
+    elif item["how"] == "dome":
+        (folder / "dome.lp").write_text(f"{len(files)}\n" + "".join(f"{pathlib.Path(f).name} {k * 0.3} 0.1 0.9\n" for k, f in enumerate(files)))
+        out = str(folder / "session")
+        command = ["acquire", "import", *files, "--light-sources", str(folder / "dome.lp"), "-o", out]
+    else:
+        size, kind = ((24, 4), "cube") if item["how"] == "cube" else (item["truth"].shape[:2] if item["truth"] is not None else (HEIGHT, WIDTH), "lat_long")
+        corpus.write_identity_field(folder / "identity.rfield", *size, kind)
+        command = ["relight", str(folder / "identity.rfield"), "--env", files[0], "-o", out]
+    ran = subprocess.run([program, *command], capture_output=True, text=True, errors="replace", timeout=600)
+    text = ran.stdout + ran.stderr
+    if item["refused"]:
+        if ran.returncode != 2 or not re.search(item["refused"], text, re.S):
+            return f"exit {ran.returncode}, expected a refusal with '{item['refused']}': {text.strip()[:300]}"
+        return None
+    if ran.returncode != 0:
+        return f"exit {ran.returncode}: {text.strip()[:300]}"
+    if item["note"] and not re.search(item["note"], text, re.S):
+        return f"lacks the note '{item['note']}': {text.strip()[:300]}"
+    if item["how"] == "dome":
+        return None
+    channels = corpus.read_exr(out)
+    read = np.stack([channels[c] for c in "RGB"], -1).astype(float)
+    if read.shape != item["truth"].shape:
+        return f"is {read.shape}, expected {item['truth'].shape}"
+    error = np.abs(read - item["truth"]) / np.maximum(np.abs(item["truth"]), 1e-2 * np.abs(item["truth"]).max())
+    if item["where"] is not None:
+        error = error[item["where"]]
+    # Of brackets, noise leaves some samples off by more.
+    worst = np.quantile(error, 0.99) if len(item["files"]) > 1 else error.max()
+    return None if worst <= item["tolerance"] else f"differs by {worst:.2e} of the value, tolerance {item['tolerance']:.1e}"
+
+
+def main():
+    program = str(pathlib.Path(sys.argv[1]).resolve())
+    wanted = sys.argv[2] if len(sys.argv) > 2 else ""
+    groups = (raw_cases, tiff_cases, png_cases, jpeg_cases, radiance_cases, exr_cases, setting_cases, saturation_cases)
+    items = [item for group in groups for item in group() if wanted in item["name"]]
+    with tempfile.TemporaryDirectory() as work, concurrent.futures.ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(lambda k: judge(items[k], program, pathlib.Path(work) / str(k)), range(len(items))))
+    wrong = [(item["name"], result) for item, result in zip(items, results) if result]
+    for name, result in wrong:
+        print(f"{name}: {result}")
+    print(f"{len(items)} variants, {len(wrong)} wrong")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
