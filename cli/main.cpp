@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield: reads the command line, runs one verb, turns errors into messages and exit statuses.
 #include <fcntl.h>
-#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -119,14 +118,9 @@ bool lacks_threads(const std::exception& error) {
   std::abort();
 }
 
-/// Runs before the shared libraries' constructors, one of which (log4cplus, which OpenImageIO needs) starts
-/// threads. OpenBLAS, where it is the system's BLAS, would start one for each core, and nothing here uses it.
+/// Runs before the shared libraries' constructors. OpenBLAS, where it is the system's BLAS, would start one
+/// thread for each core, and nothing here uses it.
 void prepare_for_libraries() {
-  // They take 50 MiB, and not all look whether they get it.
-  constexpr std::size_t least_bytes = std::size_t{64} << 20;
-  void* room = ::mmap(nullptr, least_bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  if (room == MAP_FAILED) end_for_lack_of_resources();
-  ::munmap(room, least_bytes);
   ::setenv("OPENBLAS_NUM_THREADS", "1", 0);
   std::set_terminate(end_uncaught);
 }

@@ -4,6 +4,8 @@ enable_language(C)  # what FindHDF5 tries its headers with
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(HDF5 REQUIRED COMPONENTS C)
 find_package(OpenImageIO REQUIRED)
+find_package(OpenEXR 3 REQUIRED)
+find_package(PNG REQUIRED)
 find_package(ZLIB REQUIRED)
 find_package(TBB REQUIRED)
 find_package(tomlplusplus REQUIRED)

@@ -49,7 +49,7 @@ viewer and web pages. It also precomputes the light transport of meshes.")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME librefield-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 # Static libraries leave what they link to their users: the packages of cmake/dependencies.cmake.
-set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libassimp-dev, libeigen3-dev, libembree-dev, libhdf5-dev, libhwy-dev, libopencv-core-dev, libopencv-imgproc-dev, libopenimageio-dev, openimageio-tools, libraw-dev, libtbb-dev, libtomlplusplus-dev, nlohmann-json3-dev, pkg-config, zlib1g-dev")
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libassimp-dev, libeigen3-dev, libembree-dev, libhdf5-dev, libhwy-dev, libopencv-core-dev, libopencv-imgproc-dev, libopenexr-dev, libopenimageio-dev, libpng-dev, openimageio-tools, libraw-dev, libtbb-dev, libtomlplusplus-dev, nlohmann-json3-dev, pkg-config, zlib1g-dev")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SUGGESTS "refield")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "estimate and relight reflectance fields (C++ library)
 Headers and static libraries for C++ programs that estimate reflectance
@@ -100,7 +100,7 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_CMAKE_GENERATOR Ninja)
 set(CPACK_INSTALL_CMAKE_PROJECTS "${PROJECT_BINARY_DIR};refield;ALL;/")
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
-add_custom_target(packaged DEPENDS manual refield-reader refield-thumbnailer refield_core refield_estimate refield_hdr
+add_custom_target(packaged DEPENDS manual refield_image_formats_module refield-reader refield-thumbnailer refield_core refield_estimate refield_hdr
                   refield_relight refield_simulate)
 if(TARGET refield_python)
   add_dependencies(packaged refield_python)

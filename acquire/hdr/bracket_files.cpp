@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/hdr/bracket_files.h"
 
-#include <OpenImageIO/imageio.h>
 #if REFIELD_HAS_LIBRAW
 #include <libraw/libraw.h>
 #endif
@@ -18,6 +17,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_facts.h"
+#include "core/image/image_file.h"
 #include "core/image/image_header.h"
 #include "core/image/image_io.h"
 
@@ -27,16 +27,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::optional<double> positive_attribute(const OIIO::ImageSpec& spec,
-                                         std::initializer_list<const char*> names) {
+std::optional<double> positive_attribute(const ImageFile& file, std::initializer_list<const char*> names) {
   for (const char* name : names)
-    if (const float value = spec.get_float_attribute(name, 0.0f); value > 0.0f && std::isfinite(value))
-      return value;
+    if (const auto value = file.number(name); value && *value > 0.0 && std::isfinite(*value)) return value;
   return std::nullopt;
 }
 
-std::optional<Seconds> exposure_of(const OIIO::ImageSpec& spec) {
-  if (const auto time = positive_attribute(spec, {"ExposureTime", "Exif:ExposureTime", "expTime"}))
+std::optional<Seconds> exposure_of(const ImageFile& file) {
+  if (const auto time = positive_attribute(file, {"ExposureTime", "Exif:ExposureTime", "expTime"}))
     return Seconds(*time);
   return std::nullopt;
 }
@@ -166,28 +164,20 @@ ImageFacts facts_of_photograph(const fs::path& path) {
   return facts;
 }
 
-/// Opens the decoder that the content asks for. Samples must come as stored: no division by alpha.
-std::unique_ptr<OIIO::ImageInput> open_stored(const fs::path& path) {
-  auto input = OIIO::ImageInput::create(name_of(image_format(path).value()));
-  OIIO::ImageSpec spec, as_stored;
-  as_stored.attribute("oiio:UnassociatedAlpha", 1);
-  if (!input || !input->open(path.string(), spec, as_stored))
-    throw FormatError(path,
-                      "cannot be read as an image (" + (input ? input->geterror() : OIIO::geterror()) + ")");
-  return input;
-}
-
-template <class T>
-std::vector<std::uint16_t> read_samples(OIIO::ImageInput& input, const fs::path& path, int channels) {
-  const OIIO::ImageSpec& spec = input.spec();
-  const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
-  std::vector<T> stored(pixels * spec.nchannels);
-  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, stored.data()))
-    throw FormatError(path, "cannot be read to its end (" + input.geterror() + "); copy it again");
-  std::vector<std::uint16_t> samples(pixels * channels);
-  for (std::size_t p = 0; p < pixels; ++p)
-    for (int c = 0; c < channels; ++c) samples[p * channels + c] = stored[p * spec.nchannels + c];
-  return samples;
+/// One channel of `stored`, or its first three.
+std::vector<std::uint16_t> read_samples(ImageFile& file, const fs::path& path, int channels) {
+  try {
+    const auto samples = file.read_samples();
+    const std::size_t stored = file.stored().channels.size();
+    if (stored == static_cast<std::size_t>(channels)) return samples;
+    std::vector<std::uint16_t> first;
+    first.reserve(samples.size() / stored * channels);
+    for (std::size_t p = 0; p + stored <= samples.size(); p += stored)
+      first.insert(first.end(), samples.begin() + p, samples.begin() + p + channels);
+    return first;
+  } catch (const std::exception& error) {
+    throw FormatError(path, "cannot be read to its end (" + std::string(error.what()) + "); copy it again");
+  }
 }
 
 }  // namespace
@@ -199,14 +189,14 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   file.settings = {facts.iso,           facts.f_number,     facts.focal_length_mm,
                    facts.white_balance, facts.light_source, facts.orientation};
   if (facts.exposure_seconds) file.exposure = Seconds(*facts.exposure_seconds);
-  const auto input = image_format(path) == ImageFormat::hdr ? nullptr : open_stored(path);
-  if (input && !file.exposure) file.exposure = exposure_of(input->spec());
+  const auto input = image_format(path) == ImageFormat::hdr ? nullptr : open_image_file(path);
+  if (input && !file.exposure) file.exposure = exposure_of(*input);
   if (input && !file.settings.iso)
-    file.settings.iso = positive_attribute(
-        input->spec(), {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
+    file.settings.iso =
+        positive_attribute(*input, {"Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings", "isoSpeed"});
   if (input && !file.settings.f_number)
-    file.settings.f_number = positive_attribute(input->spec(), {"FNumber", "Exif:FNumber"});
-  if (!input || input->spec().format.is_floating_point()) {
+    file.settings.f_number = positive_attribute(*input, {"FNumber", "Exif:FNumber"});
+  if (!input || input->stored().samples == StoredSamples::floating_point) {
     if (read_image_header(path).has_sigma) {
       Photograph photograph = read_photograph(path);
       file.linear = std::move(photograph.radiance);
@@ -216,22 +206,18 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
     }
     return file;
   }
-  const OIIO::ImageSpec& spec = input->spec();
-  const int channels = spec.nchannels >= 3 ? 3 : 1;
+  const StoredImage& stored = input->stored();
+  const int channels = stored.channels.size() >= 3 ? 3 : 1;
   file.response = facts.response;
-  file.frame.width = spec.width;
-  file.frame.height = spec.height;
+  file.frame.width = stored.width;
+  file.frame.height = stored.height;
   file.frame.layout = channels == 3 ? PixelLayout::rgb : one_channel.value_or(PixelLayout::grey);
-  if (spec.format == OIIO::TypeDesc::UINT8) {
-    file.bits = 8;
-    file.frame.samples = read_samples<std::uint8_t>(*input, path, channels);
-  } else if (spec.format == OIIO::TypeDesc::UINT16) {
-    file.bits = 16;
-    file.frame.samples = read_samples<std::uint16_t>(*input, path, channels);
-  } else {
-    throw FormatError(path, "has samples of type " + std::string(spec.format.c_str()) +
-                                "; convert it to 8 or 16 bits or to OpenEXR");
-  }
+  if (stored.samples == StoredSamples::other_integers)
+    throw FormatError(path,
+                      "has integer samples of neither 8 nor 16 bits; convert it to one of them or to "
+                      "OpenEXR");
+  file.bits = stored.samples == StoredSamples::uint8 ? 8 : 16;
+  file.frame.samples = read_samples(*input, path, channels);
   return file;
 }
 
@@ -271,22 +257,19 @@ std::optional<Seconds> stated_exposure(const fs::path& path) {
 #endif
   if (facts.exposure_seconds) return Seconds(*facts.exposure_seconds);
   if (image_format(path) == ImageFormat::hdr) return std::nullopt;
-  return exposure_of(open_stored(path)->spec());
+  return exposure_of(*open_image_file(path));
 }
 
 void write_raw_frame(const fs::path& path, const RawFrame& frame) {
   write_atomically(path, [&](const fs::path& temporary) {
     errno = 0;
-    const auto fail = [&](const std::string& why) {
-      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the raw frame (" + why + ")");
-    };
-    auto output = OIIO::ImageOutput::create(temporary.string());
-    if (!output) fail(OIIO::geterror());
-    const OIIO::ImageSpec spec(frame.width, frame.height, frame.layout == PixelLayout::rgb ? 3 : 1,
-                               OIIO::TypeDesc::UINT16);
-    if (!output->open(temporary.string(), spec) ||
-        !output->write_image(OIIO::TypeDesc::UINT16, frame.samples.data()) || !output->close())
-      fail(output->geterror());
+    try {
+      image_formats().write_samples(temporary.string(), frame.width, frame.height,
+                                    frame.layout == PixelLayout::rgb ? 3 : 1, frame.samples.data());
+    } catch (const std::exception& error) {
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO,
+                        "cannot write the raw frame (" + std::string(error.what()) + ")");
+    }
   });
 }
 

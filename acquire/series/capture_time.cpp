@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/series/capture_time.h"
 
-#include <OpenImageIO/imageio.h>
-
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -11,6 +9,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/image/image_file.h"
 
 namespace refield {
 
@@ -68,16 +67,17 @@ std::optional<ClockSeconds> clock_seconds_from_name(const std::string& name) {
 }
 
 std::optional<ClockSeconds> capture_time(const fs::path& image) {
-  if (const auto input = OIIO::ImageInput::open(image.string())) {
-    const OIIO::ImageSpec& spec = input->spec();
+  try {
+    const auto file = open_image_file(image);
     for (const auto& [key, fraction] : {std::pair{"Exif:DateTimeOriginal", "Exif:SubsecTimeOriginal"},
                                         std::pair{"DateTime", "Exif:SubsecTime"}}) {
-      std::string text(spec.get_string_attribute(key));
+      std::string text = file->text(key);
       if (text.empty()) continue;
-      if (const std::string digits(spec.get_string_attribute(fraction)); !digits.empty())
-        text += "." + digits;
+      if (const std::string digits = file->text(fraction); !digits.empty()) text += "." + digits;
       if (const auto seconds = clock_seconds_from_text(text)) return seconds;
     }
+  } catch (const Error&) {
+    // What it shows is checked where it is read.
   }
   return clock_seconds_from_name(image.stem().string());
 }

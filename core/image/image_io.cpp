@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/image/image_io.h"
 
-#include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imageio.h>
+#include <png.h>
 
 #include <algorithm>
 #include <array>
@@ -12,9 +11,11 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <numbers>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -24,6 +25,7 @@
 #include "core/base/files.h"
 #include "core/base/run_context.h"
 #include "core/image/image_facts.h"
+#include "core/image/image_file.h"
 #include "core/image/image_header.h"
 #include "core/image/radiance_file.h"
 #include "core/light/cube_map.h"
@@ -34,42 +36,39 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Debian's OpenImageIO prints its debugging notes to standard error unless told not to; errors reach us as
-/// results.
-void silence_openimageio() {
-  static const bool done = OIIO::attribute("debug", 0);
-  static_cast<void>(done);
+[[noreturn]] void fail_to_open(const fs::path& path, const std::string& why) {
+  throw FormatError(path, "cannot be read as an image (" + why + "); check that the file is complete");
 }
 
-/// The one decoder that the content asks for. OpenImageIO itself would try all of its decoders on a file that
-/// the one of its name refuses, among them some that a hostile file can crash. RAW files, which are
-/// identified by their names, are left to it.
-std::unique_ptr<OIIO::ImageInput> open_with_decoder(const fs::path& path) {
-  const auto fail = [&](const std::string& why) {
-    throw FormatError(path, "cannot be read as an image (" + why + "); check that the file is complete");
-  };
-  if (is_camera_raw(path)) {
-    auto input = OIIO::ImageInput::open(path.string());
-    if (!input) fail(OIIO::geterror());
-    return input;
+/// The one decoder that the content asks for: OpenImageIO itself would try all of its decoders on a file that
+/// the one of its name refuses, among them some that a hostile file can crash. RAW files are identified by
+/// their names.
+std::unique_ptr<ImageFile> open_with_decoder(const fs::path& path) {
+  try {
+    if (is_camera_raw(path)) return image_formats().open(path.string(), "");
+    const auto format = image_format(path);
+    if (!format) fail_to_open(path, "the format must be EXR, HDR, PNG, JPEG, TIFF or PFM");
+    check_image_header(path, *format);
+    if (*format == ImageFormat::exr) return open_exr(path);
+    return image_formats().open(path.string(), name_of(*format));
+  } catch (const Error&) {
+    throw;
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    fail_to_open(path, error.what());
   }
-  const auto format = image_format(path);
-  if (!format) fail("the format must be EXR, HDR, PNG, JPEG, TIFF or PFM");
-  check_image_header(path, *format);
-  auto input = OIIO::ImageInput::create(name_of(*format));
-  OIIO::ImageSpec spec, config;
-  config.attribute("oiio:UnassociatedAlpha", 1);  // else it multiplies encoded values by alpha
-  if (!input) fail(OIIO::geterror());
-  if (!input->open(path.string(), spec, config)) fail(input->geterror());
-  return input;
 }
 
 /// Numbers of the named channels in a file.
-std::optional<std::array<int, 3>> find_channels(const OIIO::ImageSpec& spec, const std::string& prefix) {
-  const std::array<int, 3> found = {spec.channelindex(prefix + "R"), spec.channelindex(prefix + "G"),
-                                    spec.channelindex(prefix + "B")};
-  if (std::ranges::any_of(found, [](int c) { return c < 0; })) return std::nullopt;
-  return found;
+std::optional<std::array<int, 3>> find_channels(const StoredImage& stored, const std::string& prefix) {
+  std::array<int, 3> numbers{};
+  for (std::size_t c = 0; c < 3; ++c) {
+    const auto found = std::ranges::find(stored.channels, prefix + "RGB"[c]);
+    if (found == stored.channels.end()) return std::nullopt;
+    numbers[c] = static_cast<int>(found - stored.channels.begin());
+  }
+  return numbers;
 }
 
 /// Channels that may be meant as the image, and the name of their layer; "" for that without a name.
@@ -80,17 +79,17 @@ struct ColourLayer {
 
 /// R, G, B without a layer's name are the image, whatever else there is. Else every layer that has R, G, B,
 /// or Y (grey), is one possibility.
-std::vector<ColourLayer> colour_layers(const OIIO::ImageSpec& spec) {
-  if (const auto rgb = find_channels(spec, "")) return {{"", *rgb}};
+std::vector<ColourLayer> colour_layers(const StoredImage& stored) {
+  if (const auto rgb = find_channels(stored, "")) return {{"", *rgb}};
   std::vector<ColourLayer> layers;
-  for (int c = 0; c < spec.nchannels; ++c) {
-    const std::string& name = spec.channelnames[c];
+  for (int c = 0; c < static_cast<int>(stored.channels.size()); ++c) {
+    const std::string& name = stored.channels[c];
     const std::size_t dot = name.rfind('.');
     const std::string prefix = dot == std::string::npos ? "" : name.substr(0, dot + 1);
     if (prefix == "sigma.") continue;
     const std::string layer = prefix.substr(0, prefix.empty() ? 0 : dot);
     const std::string last = name.substr(prefix.size());
-    const auto rgb = find_channels(spec, prefix);
+    const auto rgb = find_channels(stored, prefix);
     if (last == "R" && rgb) layers.push_back({layer, *rgb});
     if (last == "Y" && !rgb) layers.push_back({layer, {c, c, c}});
   }
@@ -104,12 +103,12 @@ std::string joined(const std::vector<std::string>& names) {
 }
 
 /// Throws FormatError unless the file says clearly which channels are the image.
-std::array<int, 3> colour_channels(const OIIO::ImageSpec& spec, bool is_exr, const fs::path& path) {
-  const auto layers = colour_layers(spec);
+std::array<int, 3> colour_channels(const StoredImage& stored, bool is_exr, const fs::path& path) {
+  const auto layers = colour_layers(stored);
   if (layers.size() == 1) return layers.front().channels;
-  if (!is_exr && spec.nchannels <= 2) return {0, 0, 0};  // grey, perhaps with alpha, under whatever names
+  if (!is_exr && stored.channels.size() <= 2) return {0, 0, 0};  // grey, perhaps with alpha, however named
   if (layers.empty())
-    throw FormatError(path, "has no colour: its channels are " + joined(spec.channelnames) +
+    throw FormatError(path, "has no colour: its channels are " + joined(stored.channels) +
                                 "; an image needs R, G and B, or Y for grey");
   std::vector<std::string> names;
   for (const ColourLayer& layer : layers) names.push_back("'" + layer.name + "'");
@@ -117,58 +116,60 @@ std::array<int, 3> colour_channels(const OIIO::ImageSpec& spec, bool is_exr, con
                               "; export one of them alone");
 }
 
-/// An image file that is open for reading. Its pixels are placed as its header says: an EXR file stores
-/// those of its data window, which may be smaller or larger than the image, its display window.
-struct ImageFile {
-  std::unique_ptr<OIIO::ImageInput> input;
+/// An image file whose pixels are placed as its header says: an EXR file stores those of its data window,
+/// which may be smaller or larger than the image, its display window.
+struct PlacedFile {
+  std::unique_ptr<ImageFile> file;
   bool is_exr = false;
   int width = 0;   ///< of the image, pixels
   int height = 0;  ///< rows
   int left = 0;    ///< column of the image where the stored pixels begin; below 0 for overscan
   int top = 0;     ///< row
 
-  const OIIO::ImageSpec& spec() const { return input->spec(); }
+  const StoredImage& stored() const { return file->stored(); }
 };
 
 /// A file of several parts: goes to the one that holds colour.
-void choose_part(OIIO::ImageInput& input, const fs::path& path) {
-  if (!input.seek_subimage(1, 0)) return;
+void choose_part(ImageFile& file, const fs::path& path) {
+  if (!file.select_part(1)) return;
   std::vector<int> with_colour;
   std::vector<std::string> names;
-  for (int part = 0; input.seek_subimage(part, 0); ++part) {
-    const std::string name = input.spec().get_string_attribute("oiio:subimagename", std::to_string(part));
-    names.push_back("'" + name + "' (" + joined(input.spec().channelnames) + ")");
-    if (!colour_layers(input.spec()).empty()) with_colour.push_back(part);
+  for (int part = 0; file.select_part(part); ++part) {
+    names.push_back("'" + file.stored().part + "' (" + joined(file.stored().channels) + ")");
+    if (!colour_layers(file.stored()).empty()) with_colour.push_back(part);
   }
-  if (with_colour.size() == 1 && input.seek_subimage(with_colour.front(), 0)) return;
+  if (with_colour.size() == 1 && file.select_part(with_colour.front())) return;
   throw FormatError(path, "has several parts, and which is the image is not clear: " + joined(names) +
                               "; export one of them alone");
 }
 
 /// Sets the size of the image and the place of the stored pixels in it.
-void place_data_window(ImageFile& file, const fs::path& path) {
-  const OIIO::ImageSpec& spec = file.spec();
-  file.width = spec.width;
-  file.height = spec.height;
-  // OpenImageIO takes one face of a tiled cube map for the display window.
-  if (!file.is_exr || spec.get_string_attribute("textureformat") == "CubeFace Environment") return;
+void place_data_window(PlacedFile& file, const fs::path& path) {
+  const StoredImage& stored = file.stored();
+  file.width = stored.width;
+  file.height = stored.height;
+  if (!file.is_exr) return;
   const auto text = [](int width, int height) {
     return std::to_string(width) + "×" + std::to_string(height);
   };
-  const std::int64_t left = std::int64_t{spec.x} - spec.full_x, top = std::int64_t{spec.y} - spec.full_y;
-  if (left >= spec.full_width || top >= spec.full_height || left + spec.width <= 0 || top + spec.height <= 0)
+  const std::int64_t left = std::int64_t{stored.left} - stored.image_left,
+                     top = std::int64_t{stored.top} - stored.image_top;
+  if (left >= stored.image_width || top >= stored.image_height || left + stored.width <= 0 ||
+      top + stored.height <= 0)
     throw FormatError(path, "stores no pixel of its display window of " +
-                                text(spec.full_width, spec.full_height) + "; export it with that window");
+                                text(stored.image_width, stored.image_height) +
+                                "; export it with that window");
   // Pixels outside of the data window are zero and take no space in the file, but in memory.
   constexpr std::int64_t always_allowed = 1 << 24, max_side = 1 << 16, max_ratio = 64;
-  const std::int64_t pixels = std::int64_t{spec.full_width} * spec.full_height;
-  const std::int64_t stored = std::int64_t{spec.width} * spec.height;
-  if (spec.full_width > max_side || spec.full_height > max_side ||
-      (pixels > always_allowed && pixels / max_ratio > stored))
-    throw FormatError(path, "stores " + text(spec.width, spec.height) + " pixels of a display window of " +
-                                text(spec.full_width, spec.full_height) + "; crop that window");
-  file.width = spec.full_width;
-  file.height = spec.full_height;
+  const std::int64_t pixels = std::int64_t{stored.image_width} * stored.image_height;
+  const std::int64_t stored_pixels = std::int64_t{stored.width} * stored.height;
+  if (stored.image_width > max_side || stored.image_height > max_side ||
+      (pixels > always_allowed && pixels / max_ratio > stored_pixels))
+    throw FormatError(path, "stores " + text(stored.width, stored.height) +
+                                " pixels of a display window of " +
+                                text(stored.image_width, stored.image_height) + "; crop that window");
+  file.width = stored.image_width;
+  file.height = stored.image_height;
   file.left = static_cast<int>(left);
   file.top = static_cast<int>(top);
 }
@@ -185,142 +186,91 @@ bool is_radiance(const fs::path& path) {
   return !is_camera_raw(path) && image_format(path) == ImageFormat::hdr;
 }
 
-ImageFile open_image(const fs::path& path) {
-  require_file(path);
-  silence_openimageio();
-  ImageFile file{.input = open_with_decoder(path)};
-  file.is_exr = std::string_view(file.input->format_name()) == name_of(ImageFormat::exr);
-  if (file.is_exr) choose_part(*file.input, path);
-  const OIIO::ImageSpec& spec = file.spec();
-  if (spec.depth > 1) throw FormatError(path, "has impossible dimensions: it is a volume, not an image");
-  require_plausible({spec.width, spec.height, spec.nchannels,
-                     static_cast<std::int64_t>(spec.tile_width) * spec.tile_height, 0},
-                    path);
+PlacedFile place_image(const fs::path& path) {
+  PlacedFile file{.file = open_image_file(path)};
+  file.is_exr = file.stored().decoder == name_of(ImageFormat::exr);
+  if (file.is_exr) choose_part(*file.file, path);
+  const StoredImage& stored = file.stored();
+  if (stored.depth > 1) throw FormatError(path, "has impossible dimensions: it is a volume, not an image");
+  require_plausible(
+      {stored.width, stored.height, static_cast<std::int64_t>(stored.channels.size()), stored.tile_pixels, 0},
+      path);
   place_data_window(file, path);
   return file;
 }
 
 /// Orientation and encoding. EXR files have neither, and RAW files are developed to sRGB, upright.
-ImageFacts facts_of(const ImageFile& file, const fs::path& path) {
+ImageFacts facts_of(const PlacedFile& file, const fs::path& path) {
   return file.is_exr || is_camera_raw(path) ? ImageFacts{} : read_image_facts(path);
 }
 
-/// All channels of the stored rows [first, last), interleaved.
-std::vector<float> read_stored_rows(const ImageFile& file, const fs::path& path, int first, int last) {
-  OIIO::ImageInput& input = *file.input;
-  const OIIO::ImageSpec spec = input.spec();
-  const int part = input.current_subimage();
-  const std::size_t row_size = static_cast<std::size_t>(spec.width) * spec.nchannels;
-  const auto fail = [&] {
-    throw FormatError(path, "cannot read rows " + std::to_string(first) + " to " + std::to_string(last) +
-                                " (" + input.geterror() +
+/// The given channels of rows [first, last) of the image. Where the file stores no pixels, radiance is zero,
+/// and noise infinite: nothing was measured there.
+Image read_rows(PlacedFile& file, const fs::path& path, int first, int last, std::span<const int> channels) {
+  const StoredImage& stored = file.stored();
+  const auto count = static_cast<int>(channels.size());
+  const int stored_first = std::clamp(first - file.top, 0, stored.height);
+  const int stored_last = std::clamp(last - file.top, 0, stored.height);
+  Image rows(stored.width, stored_last - stored_first, count);
+  try {
+    if (stored_first < stored_last)
+      file.file->read_rows(stored_first, stored_last, channels, rows.values.data());
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw FormatError(path, "cannot read rows " + std::to_string(stored_first) + " to " +
+                                std::to_string(stored_last) + " (" + error.what() +
                                 "); the file is damaged or truncated: copy or capture it again");
-  };
-  std::vector<float> raw(row_size * (last - first));
-  if (spec.tile_width == 0) {
-    if (!input.read_scanlines(part, 0, spec.y + first, spec.y + last, 0, 0, spec.nchannels,
-                              OIIO::TypeDesc::FLOAT, raw.data()))
-      fail();
-    return raw;
   }
-  const int tiles_first = first / spec.tile_height * spec.tile_height;
-  const int tiles_last =
-      std::min((last + spec.tile_height - 1) / spec.tile_height * spec.tile_height, spec.height);
-  std::vector<float> tiles(row_size * (tiles_last - tiles_first));
-  if (!input.read_tiles(part, 0, spec.x, spec.x + spec.width, spec.y + tiles_first, spec.y + tiles_last, 0, 1,
-                        0, spec.nchannels, OIIO::TypeDesc::FLOAT, tiles.data()))
-    fail();
-  std::copy_n(tiles.data() + row_size * (first - tiles_first), raw.size(), raw.data());
-  return raw;
-}
-
-/// See ImageHeader::block_rows. Source: "Technical Introduction to OpenEXR", Scan Line Files: compression.
-int rows_stored_together(const OIIO::ImageSpec& spec, bool is_exr) {
-  if (spec.tile_width > 0) return spec.tile_height;
-  if (!is_exr) return 1;
-  static constexpr std::array<std::pair<std::string_view, int>, 8> blocks = {{{"zips", 1},
-                                                                              {"zip", 16},
-                                                                              {"pxr24", 16},
-                                                                              {"piz", 32},
-                                                                              {"b44", 32},
-                                                                              {"b44a", 32},
-                                                                              {"dwaa", 32},
-                                                                              {"dwab", 256}}};
-  const std::string compression = spec.get_string_attribute("compression", "none");
-  const std::string name = compression.substr(0, compression.find(':'));  // without its level
-  const auto found = std::ranges::find(blocks, name, &std::pair<std::string_view, int>::first);
-  return found != blocks.end() ? found->second : 1;
-}
-
-/// All channels of rows [first, last) of the image, interleaved. Where the file stores no pixels, radiance is
-/// zero, and noise infinite: nothing was measured there.
-std::vector<float> read_raw_rows(const ImageFile& file, const fs::path& path, int first, int last) {
-  const OIIO::ImageSpec& spec = file.spec();
-  const int stored_first = std::clamp(first - file.top, 0, spec.height);
-  const int stored_last = std::clamp(last - file.top, 0, spec.height);
-  std::vector<float> stored;
-  if (stored_first < stored_last) stored = read_stored_rows(file, path, stored_first, stored_last);
-  if (file.left == 0 && file.width == spec.width && stored_last - stored_first == last - first) return stored;
-  std::vector<float> background(spec.nchannels, 0.0f);
-  for (int c = 0; c < spec.nchannels; ++c)
-    if (spec.channelnames[c].starts_with("sigma.")) background[c] = std::numeric_limits<float>::infinity();
-  std::vector<float> raw;
-  raw.reserve(static_cast<std::size_t>(file.width) * spec.nchannels * (last - first));
-  for (std::size_t p = 0; p < static_cast<std::size_t>(file.width) * (last - first); ++p)
-    raw.insert(raw.end(), background.begin(), background.end());
-  const int x_first = std::max(file.left, 0), x_last = std::min(file.left + spec.width, file.width);
-  const std::size_t channels = spec.nchannels;
-  for (int row = stored_first; row < stored_last; ++row) {
-    const float* from =
-        stored.data() +
-        (static_cast<std::size_t>(row - stored_first) * spec.width + (x_first - file.left)) * channels;
-    float* to =
-        raw.data() + (static_cast<std::size_t>(row + file.top - first) * file.width + x_first) * channels;
-    std::copy_n(from, static_cast<std::size_t>(x_last - x_first) * channels, to);
-  }
-  return raw;
-}
-
-Image select_channels(const std::vector<float>& raw, int width, int height, int channels,
-                      const std::array<int, 3>& selected) {
-  Image image(width, height, 3);
-  for (std::size_t p = 0; p < image.pixel_count(); ++p)
-    for (int c = 0; c < 3; ++c) image.values[3 * p + c] = raw[p * channels + selected[c]];
+  if (file.left == 0 && file.width == stored.width && rows.height == last - first) return rows;
+  Image image(file.width, last - first, count);
+  for (int c = 0; c < count; ++c)
+    if (stored.channels[channels[c]].starts_with("sigma."))
+      for (std::size_t p = 0; p < image.pixel_count(); ++p)
+        image.values[p * count + c] = std::numeric_limits<float>::infinity();
+  const int x_first = std::max(file.left, 0), x_last = std::min(file.left + stored.width, file.width);
+  for (int row = stored_first; row < stored_last; ++row)
+    std::copy_n(&rows.at(x_first - file.left, row - stored_first, 0),
+                static_cast<std::size_t>(x_last - x_first) * count,
+                &image.at(x_first, row + file.top - first, 0));
   return image;
+}
+
+/// Leaves the other three.
+std::vector<float> take_fourth_channel(Image& image) {
+  Image others(image.width, image.height, 3);
+  std::vector<float> taken(image.pixel_count());
+  for (std::size_t p = 0; p < taken.size(); ++p) {
+    std::copy_n(&image.values[4 * p], 3, &others.values[3 * p]);
+    taken[p] = image.values[4 * p + 3];
+  }
+  image = std::move(others);
+  return taken;
 }
 
 void write_channels(const fs::path& path, int width, int height, const std::vector<std::string>& names,
                     const float* values, Precision precision, ColourSpace space) {
+  std::vector<float> xy;
+  if (space == ColourSpace::rec709)
+    for (const auto& point : rec709_chromaticities())
+      for (const auto coordinate : {point[0], point[1]}) xy.push_back(static_cast<float>(coordinate));
   write_atomically(path, [&](const fs::path& temporary) {
-    const auto fail = [&](const std::string& why) {
-      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the image (" + why + ")");
-    };
-    silence_openimageio();
     errno = 0;
-    auto output = OIIO::ImageOutput::create(temporary.string());
-    if (!output) fail(OIIO::geterror());
-    OIIO::ImageSpec spec(width, height, static_cast<int>(names.size()),
-                         precision == Precision::half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT);
-    spec.channelnames = names;
-    spec.attribute("compression", "zip");
-    // OpenImageIO stores the date and time of writing unless there is one: equal content must give equal
-    // files. It leaves out an attribute whose type EXR does not know.
-    constexpr std::int8_t no_date = 0;
-    spec.attribute("DateTime", OIIO::TypeDesc::INT8, &no_date);
-    spec.attribute("oiio:ColorSpace", "Linear");
-    if (space == ColourSpace::rec709) {
-      std::array<float, 8> xy{};
-      for (std::size_t i = 0; i < xy.size(); ++i)
-        xy[i] = static_cast<float>(rec709_chromaticities()[i / 2][static_cast<Eigen::Index>(i % 2)]);
-      spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), xy.data());
+    try {
+      write_exr_channels(temporary, width, height, names, values, precision == Precision::half, xy);
+    } catch (const std::exception& error) {
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO,
+                        "cannot write the image (" + std::string(error.what()) + ")");
     }
-    if (!output->open(temporary.string(), spec)) fail(output->geterror());
-    if (!output->write_image(OIIO::TypeDesc::FLOAT, values)) fail(output->geterror());
-    if (!output->close()) fail(output->geterror());
   });
 }
 
 }  // namespace
+
+std::unique_ptr<ImageFile> open_image_file(const fs::path& path) {
+  require_file(path);
+  return open_with_decoder(path);
+}
 
 ImageHeader read_image_header(const fs::path& path) {
   if (is_radiance(path)) {
@@ -328,32 +278,35 @@ ImageHeader read_image_header(const fs::path& path) {
     const RadianceHeader header = read_radiance_header(path);
     return {header.width, header.height, false, header.height};
   }
-  const ImageFile file = open_image(path);
+  const PlacedFile file = place_image(path);
   if (const int orientation = facts_of(file, path).orientation; orientation > 1)
     return orientation < 5 ? ImageHeader{file.width, file.height, false, file.height}
                            : ImageHeader{file.height, file.width, false, file.width};
-  return {file.width, file.height, find_channels(file.spec(), "sigma.").has_value(),
-          rows_stored_together(file.spec(), file.is_exr)};
+  return {file.width, file.height, find_channels(file.stored(), "sigma.").has_value(),
+          file.stored().block_rows};
 }
 
 Image read_image(const fs::path& path, ImageUse use) {
   if (is_radiance(path)) return read_radiance(path);
-  const ImageFile file = open_image(path);
-  const OIIO::ImageSpec& spec = file.spec();
+  PlacedFile file = place_image(path);
+  const StoredImage& stored = file.stored();
   const ImageFacts facts = facts_of(file, path);
   if (facts.is_raw)
     throw FormatError(path, "holds samples of a camera's sensor; develop it, or import it as a photograph");
   if (facts.is_unusual)
     throw FormatError(path, "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB");
-  const auto colour = colour_channels(spec, file.is_exr, path);
-  const auto raw = read_raw_rows(file, path, 0, file.height);
-  Image image = select_channels(raw, file.width, file.height, spec.nchannels, colour);
-  if (!spec.format.is_floating_point()) linearise(image, use == ImageUse::picture ? facts.response : "");
+  const auto colour = colour_channels(stored, file.is_exr, path);
+  std::vector<int> channels(colour.begin(), colour.end());
+  const bool has_alpha = use == ImageUse::picture && stored.straight_alpha;
+  if (has_alpha) channels.push_back(*stored.straight_alpha);
+  Image image = read_rows(file, path, 0, file.height, channels);
+  std::vector<float> alpha;
+  if (has_alpha) alpha = take_fourth_channel(image);
+  if (stored.samples != StoredSamples::floating_point)
+    linearise(image, use == ImageUse::picture ? facts.response : "");
+  for (std::size_t p = 0; p < alpha.size(); ++p)
+    for (std::size_t c = 0; c < 3; ++c) image.values[3 * p + c] *= alpha[p];
   if (use == ImageUse::texture) return image;
-  if (spec.alpha_channel >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") != 0)
-    for (std::size_t p = 0; p < image.pixel_count(); ++p)
-      for (std::size_t c = 0; c < 3; ++c)
-        image.values[3 * p + c] *= raw[p * spec.nchannels + spec.alpha_channel];
   return upright(image, facts.orientation);
 }
 
@@ -368,19 +321,23 @@ Photograph read_photograph_rows(const fs::path& path, int first, int last) {
     return Photograph{copied_rows(whole, first, last), {}};
   };
   if (is_radiance(path)) return rows_of(read_radiance(path));
-  const ImageFile file = open_image(path);
-  const OIIO::ImageSpec& spec = file.spec();
-  if (spec.format.is_floating_point() && facts_of(file, path).orientation > 1)
-    return rows_of(read_image(path));
+  PlacedFile file = place_image(path);
+  const StoredImage& stored = file.stored();
+  const bool is_linear = stored.samples == StoredSamples::floating_point;
+  if (is_linear && facts_of(file, path).orientation > 1) return rows_of(read_image(path));
   require_rows(file.height);
-  if (!spec.format.is_floating_point())
+  if (!is_linear)
     throw FormatError(path, "is not scene-linear; photographs must be OpenEXR or another float format");
-  const auto colour = colour_channels(spec, file.is_exr, path);
-  const auto raw = read_raw_rows(file, path, first, last);
-  Photograph photograph;
-  photograph.radiance = select_channels(raw, file.width, last - first, spec.nchannels, colour);
-  if (auto sigma = find_channels(spec, "sigma."))
-    photograph.sigma = select_channels(raw, file.width, last - first, spec.nchannels, *sigma);
+  const auto colour = colour_channels(stored, file.is_exr, path);
+  const auto sigma = find_channels(stored, "sigma.");
+  if (!sigma) return {read_rows(file, path, first, last, colour), {}};
+  const std::array both = {colour[0], colour[1], colour[2], (*sigma)[0], (*sigma)[1], (*sigma)[2]};
+  const Image rows = read_rows(file, path, first, last, both);
+  Photograph photograph{Image(rows.width, rows.height, 3), Image(rows.width, rows.height, 3)};
+  for (std::size_t p = 0; p < rows.pixel_count(); ++p) {
+    std::copy_n(&rows.values[6 * p], 3, &photograph.radiance.values[3 * p]);
+    std::copy_n(&rows.values[6 * p + 3], 3, &photograph.sigma.values[3 * p]);
+  }
   return photograph;
 }
 
@@ -650,14 +607,20 @@ void write_photograph(const fs::path& path, const Photograph& photograph, Precis
 }
 
 std::vector<std::uint8_t> encode_png(const ScreenImage& image) {
-  std::vector<std::uint8_t> file;
-  OIIO::Filesystem::IOVecOutput sink(file);
-  auto output = OIIO::ImageOutput::create("png");
-  OIIO::ImageSpec spec(image.width, image.height, image.channels, OIIO::TypeDesc::UINT8);
-  spec.attribute("oiio:UnassociatedAlpha", 1);  // else levels are multiplied or divided by alpha
-  if (!output || !output->set_ioproxy(&sink) || !output->open("memory.png", spec) ||
-      !output->write_image(OIIO::TypeDesc::UINT8, image.levels.data()) || !output->close())
-    throw InputError("cannot encode a PNG: " + (output ? output->geterror() : OIIO::geterror()));
+  static constexpr std::array<png_uint_32, 4> formats = {PNG_FORMAT_GRAY, PNG_FORMAT_GA, PNG_FORMAT_RGB,
+                                                         PNG_FORMAT_RGBA};
+  if (image.channels < 1 || image.channels > static_cast<int>(formats.size()))
+    throw InputError("a PNG of 1 to 4 channels can be encoded");
+  png_image header{};
+  header.version = PNG_IMAGE_VERSION;
+  header.width = static_cast<png_uint_32>(image.width);
+  header.height = static_cast<png_uint_32>(image.height);
+  header.format = formats[static_cast<std::size_t>(image.channels) - 1];
+  std::vector<std::uint8_t> file(PNG_IMAGE_PNG_SIZE_MAX(header));
+  png_alloc_size_t size = file.size();
+  if (png_image_write_to_memory(&header, file.data(), &size, 0, image.levels.data(), 0, nullptr) == 0)
+    throw InputError("cannot encode a PNG: " + std::string(header.message));
+  file.resize(size);
   return file;
 }
 
