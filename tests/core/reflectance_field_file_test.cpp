@@ -432,7 +432,8 @@ TEST(ReflectanceFieldFile, TextsMayHaveVariableLength) {
   const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT), type = H5Tcopy(H5T_C_S1);
   const hid_t space = H5Screate(H5S_SCALAR);
   H5Tset_size(type, H5T_VARIABLE);
-  for (const auto& [name, text] : {std::pair{"format", "refield reflectance field"}, {"provenance", "{\"by\": \"h5py\"}"}}) {
+  for (const auto& [name, text] :
+       {std::pair{"format", "refield reflectance field"}, {"provenance", "{\"by\": \"h5py\"}"}}) {
     H5Adelete(file, name);
     const hid_t attribute = H5Acreate2(file, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
     ASSERT_GE(H5Awrite(attribute, type, &text), 0) << name;
