@@ -189,8 +189,10 @@ bool is_open(const ImportedMesh& mesh) {
 void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const fs::path& path,
                   const RunContext& run) {
   std::uint32_t ignored = 0;
-  for (std::size_t i = 0; i < used.size(); ++i)
+  for (std::size_t i = 0; i < used.size(); ++i) {
     if (used[i]) ignored |= mesh.materials[i].ignored;
+    if (used[i] && mesh.materials[i].texture >= 0 && mesh.texture_places.empty()) ignored |= ignored_texture;
+  }
   if (ignored & ignored_texture)
     run.note(path.string() +
              ": a texture of its materials is not in its folder, or not placed by the first texture "

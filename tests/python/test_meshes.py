@@ -222,6 +222,7 @@ IGNORED = [
     ("gltf optional instancing", gltf(node={"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}}, used=["EXT_mesh_gpu_instancing"]), PLAIN, "instances of its nodes"),
     ("gltf clear coat", gltf(material={**WHITE, "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1}}}),
      truth(reflectance=1.0), "clear coat"),
+    ("gltf texture without coordinates", textured(places=None), truth(reflectance=1.0), "first texture coordinates"),
     ("gltf second coordinates", textured({"texCoord": 1}, extra_attributes=[("TEXCOORD_1", M["places"])]),
      truth(reflectance=1.0), "first texture coordinates"),
 ]
