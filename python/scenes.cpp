@@ -317,8 +317,7 @@ class MovingPictures {
     }
     LongCall(std::move(progress), threads)([&](const RunContext& run) {
       const ThreadLimit limit(run);
-      scene_ = std::make_unique<cli::PreparedScene>(dynamic::read_dynamic_scene(path, run), transport,
-                                                    dynamic::TransportCache::from_environment(), run);
+      scene_ = std::make_unique<cli::PreparedScene>(dynamic::read_dynamic_scene(path, run), transport, run);
     });
   }
 

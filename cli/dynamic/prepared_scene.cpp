@@ -43,19 +43,13 @@ constexpr int reference_area_light_points = 4096;
 }  // namespace
 
 PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
-                             const dynamic::TransportCache& cache, const RunContext& run)
+                             const RunContext& run)
     : scene_(std::move(scene)) {
   rays_.reserve(scene_.objects.size());
   for (const dynamic::MovingObject& object : scene_.objects) {
     rays_.emplace_back(object.mesh);
-    if (auto stored = cache.load(object, options)) {
-      transport_.push_back(*std::move(stored));
-      ++cached_;
-      continue;
-    }
     transport_.push_back(dynamic::object_transport(object, rays_.back(), options, run));
     run.throw_if_stopped();  // else it may be incomplete
-    cache.store(object, options, transport_.back());
   }
   light_ = std::make_unique<dynamic::DynamicLight>(scene_, rays_, transport_);
 }
@@ -182,8 +176,7 @@ SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t
 
 MovingScene read_moving_scene(const std::filesystem::path& path) {
   const auto prepared = std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path, run_context()),
-                                                        dynamic::TransportOptions{},
-                                                        dynamic::TransportCache::from_environment());
+                                                        dynamic::TransportOptions{});
   const dynamic::DynamicScene& scene = prepared->scene();
   const std::vector<prt::AreaLight>& lights = scene.lights.lights;
   MovingScene moving;

@@ -11,23 +11,20 @@
 #include "relight/viewer/viewer.h"
 #include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/dynamic_light.h"
-#include "simulate/dynamic/transport_cache.h"
 
 namespace refield::cli {
 
 /// A moving scene with its precomputed transport.
 class PreparedScene {
  public:
-  /// Takes from the cache what it holds, and stores there what it does not. Throws Interrupted.
+  /// Throws Interrupted.
   PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
-                const dynamic::TransportCache& cache, const RunContext& run = run_context());
+                const RunContext& run = run_context());
 
   const dynamic::DynamicScene& scene() const { return scene_; }
   const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }
   dynamic::DynamicLight& light() { return *light_; }
   std::size_t bytes() const;
-  /// Number of objects whose transport came from the cache.
-  std::size_t cached() const { return cached_; }
 
   void solve(double time, const PinholeCamera& camera, const dynamic::FrameOptions& options);
   /// The same with all in other places; `area lights`: colours are radiance.
@@ -53,7 +50,6 @@ class PreparedScene {
   dynamic::DynamicScene scene_;
   std::vector<prt::MeshRays> rays_;
   std::vector<dynamic::ObjectTransport> transport_;
-  std::size_t cached_ = 0;
   std::unique_ptr<dynamic::DynamicLight> light_;
   std::vector<dynamic::Pose> poses_;
   Mesh area_lights_;

@@ -279,9 +279,8 @@ void print(const ordered_json& figures) {
     std::printf("%-12s %6d vertices, %3d terms (error %.3f)\n", object["name"].get<std::string>().c_str(),
                 object["vertices"].get<int>(), object["terms"].get<int>(),
                 object["term_error"].get<double>());
-  std::printf("%.1f MB, precomputed in %.1f s, %zu of %zu objects from the cache\n",
-              figures["bytes"].get<double>() / 1e6, figures["precompute_seconds"].get<double>(),
-              figures["from_cache"].get<std::size_t>(), figures["objects"].size());
+  std::printf("%.1f MB, precomputed in %.1f s\n", figures["bytes"].get<double>() / 1e6,
+              figures["precompute_seconds"].get<double>());
   if (figures.contains("times")) {
     const auto& times = figures["times"];
     const double frame = times["frame_ms"].get<double>();
@@ -314,8 +313,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   std::optional<OutputLock> lock;
   if (!arguments.output.empty()) lock.emplace(arguments.output, std::vector<fs::path>{arguments.scene});
   const auto start = std::chrono::steady_clock::now();
-  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene, run_context()), arguments.transport,
-                      dynamic::TransportCache::from_environment());
+  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene, run_context()), arguments.transport);
   ordered_json figures{{"objects", ordered_json::array()}};
   for (std::size_t o = 0; o < scene.transport().size(); ++o) {
     const dynamic::ObjectTransport& transport = scene.transport()[o];
@@ -327,7 +325,6 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
                                   {"bytes", transport.bytes()}});
   }
   figures["bytes"] = scene.bytes();
-  figures["from_cache"] = scene.cached();
   figures["precompute_seconds"] = seconds_since(start);
   if (!arguments.output.empty())
     if (const auto exposure = write_frames(scene, arguments)) figures["exposure"] = *exposure;
@@ -400,9 +397,7 @@ void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
       "dynamic",
       "Render a scene with moving objects and area lights in real time.\n"
       "\n"
-      "Includes diffuse and glossy interreflection between the objects. What is precomputed (BRDF "
-      "factors; in paper mode fields) is stored in ~/.cache/refield for later runs; set REFIELD_CACHE=off "
-      "in the environment to disable this. "
+      "Includes diffuse and glossy interreflection between the objects. "
       "docs/reference/scene-files.md describes the scene format, docs/method/dynamic.md the method.\n"
       "\n"
       "Examples:\n"

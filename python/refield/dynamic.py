@@ -23,7 +23,7 @@ class Scene:
     mode : {"refined", "paper"}
         "paper": as published by Iwasaki et al. 2007.
     progress, threads
-        As in `refield.estimate`; precomputed data are kept in ~/.cache/refield (REFIELD_CACHE=off: not kept).
+        As in `refield.estimate`.
 
     Raises
     ------

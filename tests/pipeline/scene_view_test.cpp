@@ -180,30 +180,6 @@ TEST_F(ViewScene, DragsBesideThingsTurnTheCameraAndClicksSelect) {
   EXPECT_EQ(where[4]["selected"], nullptr);
 }
 
-// The second start, and `simulate dynamic`, take the objects' transport from the cache, and show the same.
-TEST_F(ViewScene, OpensFromTheCacheAndWithoutIt) {
-  ::setenv("REFIELD_CACHE", path("cache").c_str(), 1);
-  const auto saved_as = [&](const std::string& name) {
-    EXPECT_EQ(view({}, "wait 2\nsave " + path(name) + "\nquit\n"), 0) << output_;
-    return read_image(path(name));
-  };
-  const Image first = saved_as("first.exr");
-  std::vector<std::filesystem::path> stored;
-  for (const auto& entry : std::filesystem::directory_iterator(path("cache"))) stored.push_back(entry.path());
-  EXPECT_EQ(stored.size(), 2U);  // floor and ball
-  EXPECT_EQ(saved_as("second.exr").values, first.values);
-  const auto cached_objects = [&] {
-    EXPECT_EQ(test::run_program({"--json", "simulate", "dynamic", path("scene.toml")}, path("log")), 0);
-    const std::string log = read_text(path("log"));
-    return json::parse(log.substr(log.find("{\n")))["from_cache"].get<int>();
-  };
-  EXPECT_EQ(cached_objects(), 2);
-  for (const auto& file : stored) write_text_atomically(file, "damaged");
-  EXPECT_EQ(cached_objects(), 0);
-  EXPECT_EQ(cached_objects(), 2);  // written again
-  EXPECT_EQ(saved_as("third.exr").values, first.values);
-}
-
 TEST_F(ViewScene, SaysWhatIsWrong) {
   EXPECT_EQ(view({}, "wait 2\nplace 0 0 0\n"), 2);
   EXPECT_THAT(output_, HasSubstr("script, line 2: nothing is selected"));

@@ -372,8 +372,7 @@ def test_precompute(program, tmp_path, method, settings):
     assert image.shape == field.shape and image.max() > 0.1
 
 
-def test_dynamic_scene(program, tmp_path, monkeypatch):
-    monkeypatch.setenv("REFIELD_CACHE", str(tmp_path / "cache"))  # for both: transport is precomputed once
+def test_dynamic_scene(program, tmp_path):
     text = (ROOT / "tests/support/moving_ball.toml").read_text()
     for fine, coarse in {"tion = 5": "tion = 3", "tion = 8": "tion = 4", "64": "32", "48": "24"}.items():
         assert fine in text

@@ -92,7 +92,7 @@ class Reader:
         return re.sub(r"^count = 4", "count = 2", text, flags=re.M)
 
     def run(self, command, folder, **more):
-        environment = {**os.environ, "PATH": f"{self.program.parent}:{pathlib.Path(sys.executable).parent}:{os.environ['PATH']}", "REFIELD_CACHE": str(self.work / "cache"), **more}
+        environment = {**os.environ, "PATH": f"{self.program.parent}:{pathlib.Path(sys.executable).parent}:{os.environ['PATH']}", **more}
         done = subprocess.run(["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
         if done.returncode != 0:
             raise RuntimeError(f"{command}\n  ends with status {done.returncode}: {(done.stderr or done.stdout)[-600:]}")

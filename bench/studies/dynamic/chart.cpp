@@ -125,7 +125,7 @@ std::string csv(const std::vector<Charted>& rows) {
 
 /// shadows.png: the scene with shadows by rays, by edges of occlusion fields and by products of harmonics.
 void write_shadow_pictures(const DynamicChartArguments& arguments, const dynamic::DynamicScene& described) {
-  PreparedScene scene(described, {.fields = true}, dynamic::TransportCache({}));
+  PreparedScene scene(described, {.fields = true});
   std::vector<Image> pictures;
   ExposureMeter meter;
   for (const auto way : {dynamic::DirectLightBy::rays, dynamic::DirectLightBy::field_edges,
@@ -149,8 +149,7 @@ void make_dynamic_chart(const DynamicChartArguments& arguments) {
   std::optional<PreparedScene> scene;
   dynamic::TransportOptions prepared;
   for (const Setting& setting : settings()) {
-    if (!scene || !(setting.transport == prepared))
-      scene.emplace(described, setting.transport, dynamic::TransportCache({}));
+    if (!scene || !(setting.transport == prepared)) scene.emplace(described, setting.transport);
     prepared = setting.transport;
     if (!reference)
       reference = frame_reference(*scene, arguments.time, setting.frame.bounces, arguments.paths);
