@@ -13,11 +13,11 @@
 
 #include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
-#include "acquire/capture/journal.h"
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
+#include "core/session/journal.h"
 
 namespace refield {
 

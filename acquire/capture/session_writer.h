@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "acquire/capture/journal.h"
 #include "core/session/capture_session.h"
+#include "core/session/journal.h"
 
 namespace refield {
 

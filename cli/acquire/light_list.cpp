@@ -6,12 +6,12 @@
 #include <cstdio>
 #include <numbers>
 
-#include "acquire/capture/journal.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
+#include "core/session/journal.h"
 #include "simulate/rig/panorama.h"
 
 namespace refield::cli {

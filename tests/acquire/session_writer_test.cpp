@@ -5,9 +5,10 @@
 
 #include <fstream>
 
-#include "acquire/capture/journal.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/image/image_io.h"
+#include "core/session/journal.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -11,11 +11,11 @@
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/capture.h"
-#include "acquire/capture/journal.h"
 #include "acquire/hdr/bracket_files.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
+#include "core/session/journal.h"
 
 namespace refield::test {
 namespace {

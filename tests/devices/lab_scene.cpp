@@ -3,10 +3,10 @@
 
 #include <bit>
 
-#include "acquire/capture/journal.h"
 #include "core/base/errors.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
+#include "core/session/journal.h"
 
 namespace refield::test {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/capture/journal.h"
+#include "core/session/journal.h"
 
 #include <fcntl.h>
 #include <unistd.h>
