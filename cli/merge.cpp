@@ -31,8 +31,6 @@ void merge(const MergeArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   const OutputLock lock(arguments.output, arguments.parts, ".rfield");
   const ReflectanceField field = merge_field_parts(arguments.parts, arguments.output, run_context());
-  std::error_code ignored;  // large, and of no use once all shards are there
-  for (const fs::path& part : arguments.parts) fs::remove(part.parent_path() / light_tables_name, ignored);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const nlohmann::ordered_json figures = {{"parts", arguments.parts.size()},
                                           {"width", field.width},

@@ -41,11 +41,10 @@ struct BandsDone {
   LightErrorModel light_error;      ///< see FieldQuality
 };
 
-/// Estimates all bands that `find` does not already have, handing each to `keep`. `shared_tables` names the
-/// file of the tables that shards share; empty: none.
+/// Estimates all bands that `find` does not already have, handing each to `keep`.
 template <class Find, class Keep>
-BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan,
-                         const fs::path& shared_tables, Find find, Keep keep, const RunContext& run) {
+BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
+                         Keep keep, const RunContext& run) {
   options.mean_square = job.mean_square;
   const int width = job.session.width;
   const int height = job.session.height;
@@ -61,8 +60,7 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
   // Also where no band is missing, for what depends on the lights alone.
   std::unique_ptr<LightTables> lights;
   if (options.mode == EstimateMode::refined || options.predict_errors || !missing.empty())
-    lights = shared_tables.empty() ? std::make_unique<LightTables>(job, options, run)
-                                   : LightTables::shared(shared_tables, job, options, run);
+    lights = std::make_unique<LightTables>(job, options, run);
   if (job.refinement) job.refinement->use_frames(job.frames);
   Progress progress(run, "estimate", pixels);
   std::optional<ObservationBand> band;
@@ -152,7 +150,7 @@ ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const 
   check_frames(job, options, run);
   FieldAssembler assembler(job, options);
   BandsDone done = estimate_bands(
-      job, options, plan_job(job, options, FieldGoes::to_memory), {}, [](RowRange) { return false; },
+      job, options, plan_job(job, options, FieldGoes::to_memory), [](RowRange) { return false; },
       [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); }, run);
   return assembler.take(std::move(done.observed_light), std::move(done.light_error));
 }
@@ -186,8 +184,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
     checkpoint.remove();
   const int width = job.session.width;
   BandsDone done = estimate_bands(
-      job, options, summary.plan, options.rows ? output.parent_path() / light_tables_name : fs::path(),
-      [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
+      job, options, summary.plan, [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
       [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); }, run);
   summary.resumed_bands = done.resumed;
 

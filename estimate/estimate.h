@@ -75,9 +75,6 @@ RowRange rows_of_shard(int shard, int shards, const ImageHeader& photograph, con
 
 /// The file in which the shards of one folder share the check of frames.
 inline constexpr const char* frame_check_name = "frame-check.json";
-/// That in which they share the tables of the lights, 24 bytes × images × texels. Made again where it is
-/// gone.
-inline constexpr const char* light_tables_name = "light-tables.bin";
 
 /// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
 struct CostEstimate {
@@ -102,11 +99,10 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
 
 /// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
 /// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). The check of
-/// frames and the tables of the lights are made once for all parts of a folder, which share them as
-/// `frame_check_name` and `light_tables_name`. Finished bands are kept in the folder `output`.partial; with
-/// `resume` they are taken over, and the result is the same bit for bit. `announce` is told the plan before
-/// the work begins. Throws Interrupted between units of work when asked to stop. Source: Matusik et al. 2004,
-/// sections 3 to 5.
+/// frames is made once for all parts of a folder, which share it as `frame_check_name`. Finished bands are
+/// kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit for
+/// bit. `announce` is told the plan before the work begins. Throws Interrupted between units of work when
+/// asked to stop. Source: Matusik et al. 2004, sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
                                  const std::filesystem::path& output, bool resume, const RunContext& run = {},
                                  const std::function<void(const EstimatePlan&)>& announce = {});

@@ -36,7 +36,8 @@ ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) 
   if (until && until->last().images > 0)
     figures["until_error"] = {{"target", until->target()},
                               {"reached", until->reached()},
-                              {"predicted", until->last().predicted},
+                              {"predicted", until->last().predicted ? ordered_json(*until->last().predicted)
+                                                                    : ordered_json(nullptr)},
                               {"photograph_noise", until->last().noise},
                               {"images", until->last().images},
                               {"images_needed", until->images_for()}};
@@ -45,7 +46,12 @@ ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) 
 
 void print(const UntilError& until, const CaptureSummary& summary) {
   if (until.last().images == 0) return;
-  std::printf("predicted error %.2f %% after %d images, target %.2f %%: ", 100.0 * until.last().predicted,
+  if (!until.last().predicted) {
+    std::printf("the error cannot be predicted from %d lights that differ; it takes %d\n",
+                until.last().lights, min_lights_for_errors);
+    return;
+  }
+  std::printf("predicted error %.2f %% after %d images, target %.2f %%: ", 100.0 * *until.last().predicted,
               until.last().images, 100.0 * until.target());
   if (until.reached())
     std::printf("reached, %zu lights skipped\n", summary.left_out);

@@ -70,16 +70,25 @@ bool UntilError::is_enough(const CaptureFrame& frame) {
   if (images < min_images_ || (images - min_images_) % check_every_ != 0) return false;
   last_ = follower_.predict(run_context());
   char text[160];
-  if (error_ == 0.0) {
-    std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %%", images,
-                  100.0 * last_.predicted);
+  if (!last_.predicted) {
+    std::snprintf(
+        text, sizeof text,
+        "after %d photographs: the error cannot be predicted from %d lights that differ; it takes %d", images,
+        last_.lights, min_lights_for_errors);
     run_context().note(text);
     return false;
   }
-  reached_ = last_.predicted <= error_;
+  const double predicted = *last_.predicted;
+  if (error_ == 0.0) {
+    std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %%", images,
+                  100.0 * predicted);
+    run_context().note(text);
+    return false;
+  }
+  reached_ = predicted <= error_;
   const int needed = reached_ ? 0 : follower_.images_for(error_);
   std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (target: %.2f %%)%s",
-                images, 100.0 * last_.predicted, 100.0 * error_,
+                images, 100.0 * predicted, 100.0 * error_,
                 needed > 0 ? (", about " + std::to_string(needed) + " photographs are needed").c_str() : "");
   run_context().note(text);
   return reached_;

@@ -53,27 +53,6 @@ BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
   prefix_ = {own, own->data()};
 }
 
-bool BoxTable::Stored::fits(std::size_t numbers) const {
-  return numbers * sizeof(double) == bytes(domain, static_cast<std::uint64_t>(images)) &&
-         weights.size() == static_cast<std::size_t>(images) &&
-         hat_sums.size() == std::size_t{3} * hats.count() * images;
-}
-
-BoxTable::BoxTable(Stored stored)
-    : domain_(stored.domain),
-      unit_(stored.unit),
-      images_(stored.images),
-      stored_images_(stored.images),
-      stride_(padded_length(stored.images)),
-      hats_(stored.hats),
-      weights_(std::move(stored.weights)),
-      hat_sums_(std::move(stored.hat_sums)),
-      prefix_(std::move(stored.sums)) {}
-
-std::span<const double> BoxTable::sums() const {
-  return {prefix_.get(), size()};
-}
-
 BoxTable BoxTable::subset(const std::vector<int>& images) const {
   BoxTable part = *this;
   part.selected_.clear();
@@ -93,6 +72,7 @@ BoxTable::BoxTable(std::span<const CaptureFrame> frames, LightDomain domain, Hat
     : BoxTable(domain, static_cast<int>(frames.size()), hats) {
   Progress progress(run, "light maps", frames.size());
   const int groups = (images_ + group_size - 1) / group_size;
+  std::vector<LightSketch> sketches(frames.size());
   tbb::parallel_for(0, groups, [&](int group) {
     std::vector<LightMap> held;
     const int first = group * group_size;
@@ -102,8 +82,10 @@ BoxTable::BoxTable(std::span<const CaptureFrame> frames, LightDomain domain, Hat
       require_usable(held.back(), domain, frames[j].illumination.string());
       progress.advance();
     }
-    fill(held, first);
+    fill(held, first, sketches);
   });
+  groups_ = refield::light_groups(sketches);
+  light_rank_ = refield::light_rank(sketches);
   integrate(run);
 }
 
@@ -111,13 +93,17 @@ BoxTable::BoxTable(std::span<const LightMap> lights, HatGrid hats, const RunCont
     : BoxTable(lights.empty() ? throw InputError("no light maps were given") : lights[0].domain(),
                static_cast<int>(lights.size()), hats) {
   for (const LightMap& light : lights) require_usable(light, domain_, "light map");
+  std::vector<LightSketch> sketches(lights.size());
   for (int first = 0; first < images_; first += group_size)
-    fill(lights.subspan(first, std::min(group_size, images_ - first)), first);
+    fill(lights.subspan(first, std::min(group_size, images_ - first)), first, sketches);
+  groups_ = refield::light_groups(sketches);
+  light_rank_ = refield::light_rank(sketches);
   integrate(run);
 }
 
-void BoxTable::fill(std::span<const LightMap> lights, int first) {
+void BoxTable::fill(std::span<const LightMap> lights, int first, std::span<LightSketch> sketches) {
   for (std::size_t j = 0; j < lights.size(); ++j) {
+    sketches[first + j] = sketch_of(lights[j].radiance);
     const auto sums = hats_.project(lights[j]);
     for (std::size_t i = 0; i < sums.size(); ++i) hat_sums_[i * images_ + first + j] = sums[i];
   }

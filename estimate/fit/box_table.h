@@ -11,6 +11,7 @@
 #include "core/field/light_basis.h"
 #include "core/light/light_map.h"
 #include "core/session/capture_session.h"
+#include "estimate/fit/light_groups.h"
 
 namespace refield {
 
@@ -28,20 +29,6 @@ class BoxTable {
            const RunContext& run = {});
   /// For lights in memory.
   explicit BoxTable(std::span<const LightMap> lights, HatGrid hats = {}, const RunContext& run = {});
-
-  /// A table as it was filled, kept elsewhere: what the accessors below return.
-  struct Stored {
-    LightDomain domain;
-    int images = 0;
-    HatGrid hats;
-    double unit = 1.0;
-    std::vector<float> weights;          ///< [images]
-    std::vector<double> hat_sums;        ///< as all_hat_sums()
-    std::shared_ptr<const double> sums;  ///< as sums(); only read
-    /// Whether the sizes belong together; `numbers` is the length of sums().
-    bool fits(std::size_t numbers) const;
-  };
-  explicit BoxTable(Stored stored);
 
   /// The same table of some of its images; shares its memory.
   BoxTable subset(const std::vector<int>& images) const;
@@ -74,27 +61,26 @@ class BoxTable {
   double unit() const { return unit_; }
 
   /// Multiplies all sums of image j by weights[j], [images], > 0, as the samples are to be. Tables that share
-  /// this one's memory are no longer valid. Not of a table that was stored.
+  /// this one's memory are no longer valid.
   void weight_images(std::span<const float> weights);
   /// The weights, [images]; 1 before weight_images().
   std::span<const float> image_weights() const { return weights_; }
 
-  static std::uint64_t bytes(const LightDomain& domain, std::uint64_t images);
+  /// See light_groups.h, [images]; of a table that is no subset.
+  std::span<const int> light_groups() const { return groups_; }
+  int light_rank() const { return light_rank_; }
 
-  /// The summed-area table, [(height + 1) × (width + 1) × 3 × images], and all sums over hats, [hats × 3 ×
-  /// images]: of a table that is no subset.
-  std::span<const double> sums() const;
-  std::span<const double> all_hat_sums() const { return hat_sums_; }
+  static std::uint64_t bytes(const LightDomain& domain, std::uint64_t images);
 
  private:
   BoxTable(LightDomain domain, int images, HatGrid hats);
-  void fill(std::span<const LightMap> lights, int first);
+  void fill(std::span<const LightMap> lights, int first, std::span<LightSketch> sketches);
   void integrate(const RunContext& run);
   void choose_unit();
   std::size_t size() const {
     return static_cast<std::size_t>(domain_.width + 1) * (domain_.height + 1) * 3 * stored_images_;
   }
-  /// While the table is filled; not of one that was stored.
+  /// While the table is filled.
   double* writable() { return const_cast<double*>(prefix_.get()); }
   /// Upper before lower, left before right.
   std::array<const double*, 4> corners(const Box& box, int channel) const;
@@ -108,7 +94,9 @@ class BoxTable {
   std::vector<int> selected_;  // which of the stored images; empty: all
   std::size_t stride_;
   HatGrid hats_;
-  std::vector<float> weights_;            // [images]
+  std::vector<float> weights_;  // [images]
+  std::vector<int> groups_;     // [images]
+  int light_rank_ = 0;
   std::vector<double> hat_sums_;          // [hats × 3 × images]
   std::shared_ptr<const double> prefix_;  // [(height+1) × (width+1) × 3 × images]
 };

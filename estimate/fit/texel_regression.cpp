@@ -198,12 +198,24 @@ std::vector<Box> light_cells(const BoxTable& table) {
 }
 
 TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cells)
-    : table_(&table), cells_(cells.begin(), cells.end()), images_(table.images()) {
+    : table_(&table),
+      cells_(cells.begin(), cells.end()),
+      images_(table.images()),
+      repeats_(repeats_in(table.light_groups())) {
   const auto count = static_cast<Eigen::Index>(cells.size());
   lights_ = lights_of(table, cells);
   is_grey_ = lights_[1] == lights_[0] && lights_[2] == lights_[0];
   const int channels = is_grey_ ? 1 : 3;
   noise_levels_ = are_nearly_orthogonal(lights_) ? 1 : cell_noise_levels;
+  is_of_single_lights_ = is_interpolating();
+  if (!repeats_.empty()) {
+    std::vector<int> first(count_of(table.light_groups()), images_);
+    for (int j = 0; j < images_; ++j)
+      first[table.light_groups()[j]] = std::min(first[table.light_groups()[j]], j);
+    std::array<Eigen::MatrixXd, 3> differing;
+    for (std::size_t c = 0; c < 3; ++c) differing[c] = lights_[c](first, Eigen::all);
+    is_of_single_lights_ = are_nearly_orthogonal(differing);
+  }
   spectra_.resize(3 * priors.size());
   for (std::size_t p = 0; p < priors.size(); ++p) {
     covariances_.push_back(weight_covariance(priors[p].length, priors[p].independent, cells, table.domain()));
@@ -474,18 +486,36 @@ TexelRegression::LeftOut TexelRegression::left_out_of(const PixelKernels& kernel
   return out;
 }
 
+TexelRegression::GroupLeverage TexelRegression::leverage_of(const std::vector<int>& group, const LeftOut& out,
+                                                            double noise_ratio) {
+  GroupLeverage taken{Eigen::ArrayXd::Zero(static_cast<Eigen::Index>(group.size())), 1.0};
+  for (std::size_t i = 0; i < group.size(); ++i)
+    if (std::ranges::binary_search(out.measured, group[i]))
+      taken.root(static_cast<Eigen::Index>(i)) =
+          std::sqrt(std::max(1.0 - noise_ratio * out.diagonal(group[i]), 0.0));
+  constexpr double least = 1e-12;
+  taken.rest = std::max(1.0 - taken.root.square().sum(), least);
+  return taken;
+}
+
 double TexelRegression::leave_one_out(const PixelKernels& kernels, const MaskedSamples& samples,
                                       float* residuals) const {
   const std::size_t stride = table_->stride();
+  const double noise_ratio = cell_noise_ratio(kernels.light_class % cell_noise_levels);
   std::fill_n(residuals, 3 * stride, 0.0f);
   double squared = 0.0;
   for (int c = 0; c < 3; ++c) {
     if (!(samples.squared[c] > 0.0)) continue;
     const LeftOut out = left_out_of(kernels, samples, c);
+    Eigen::ArrayXd residual = out.misfit.array() / out.diagonal.array();
+    for (const auto& group : repeats_) {
+      const GroupLeverage taken = leverage_of(group, out, noise_ratio);
+      const double with_misfit = (taken.root * out.misfit(group).array()).sum();
+      residual(group) = noise_ratio * (out.misfit(group).array() + taken.root * with_misfit / taken.rest);
+    }
     for (const int j : out.measured) {
-      const double residual = out.misfit(j) / out.diagonal(j);
-      residuals[c * stride + j] = static_cast<float>(residual);
-      squared += residual * residual;
+      residuals[c * stride + j] = static_cast<float>(residual(j));
+      squared += residual(j) * residual(j);
     }
   }
   return squared;
@@ -497,10 +527,15 @@ double TexelRegression::expected_error(const PixelKernels& kernels, const Masked
   for (int c = 0; c < 3; ++c) {
     if (!(samples.squared[c] > 0.0)) continue;
     const LeftOut out = left_out_of(kernels, samples, c);
-    double variance = 0.0;  // of the samples, in units of the prior's scale
-    for (const int j : out.measured) variance += std::max(1.0 / out.diagonal(j) - lambda, 0.0);
+    // Of the samples, in units of the prior's scale.
+    Eigen::ArrayXd variance = (out.diagonal.array().inverse() - lambda).max(0.0);
+    for (const auto& group : repeats_) {
+      const GroupLeverage taken = leverage_of(group, out, lambda);
+      variance(group) = lambda * taken.root.square() / taken.rest;
+    }
     // The scale of the prior with the highest evidence: bᵀ (K + λI)⁻¹ b / n.
-    expected += out.values.dot(out.dual) / static_cast<double>(out.measured.size()) * variance;
+    expected +=
+        out.values.dot(out.dual) / static_cast<double>(out.measured.size()) * variance(out.measured).sum();
   }
   return expected;
 }

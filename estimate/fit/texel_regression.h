@@ -53,6 +53,9 @@ class TexelRegression {
   /// Whether the lights are nearly orthogonal, as photographs of one light source at a time are. Nothing then
   /// tells noise from detail, and the regression interpolates the samples.
   bool is_interpolating() const { return noise_levels_ == 1; }
+  /// Whether the lights that differ are; with several photographs of each, the regression need not
+  /// interpolate.
+  bool is_of_single_lights() const { return is_of_single_lights_; }
 
   struct Fit {
     PixelKernels kernels;    ///< of the cells with a weight
@@ -84,6 +87,12 @@ class TexelRegression {
     Eigen::VectorXd misfit;    ///< (b − L w) / λ
   };
   LeftOut left_out_of(const PixelKernels& kernels, const MaskedSamples& samples, int channel) const;
+  /// What the fit takes of the measured samples of one light: h hᵀ, since they are multiples of each other.
+  struct GroupLeverage {
+    Eigen::ArrayXd root;  ///< h
+    double rest;          ///< 1 − hᵀh
+  };
+  static GroupLeverage leverage_of(const std::vector<int>& group, const LeftOut& out, double noise_ratio);
   /// Of one prior and channel: the covariance of the samples is V diag(values) Vᵀ.
   struct Spectrum {
     Eigen::MatrixXd vectors;                   ///< [images × rank]
@@ -117,7 +126,9 @@ class TexelRegression {
   const BoxTable* table_;
   std::vector<Box> cells_;
   int images_;
+  std::vector<std::vector<int>> repeats_;  // images of one light, which are left out together
   int noise_levels_;
+  bool is_of_single_lights_;
   bool is_grey_ = true;                       // the lights of the three channels are equal
   std::array<Eigen::MatrixXd, 3> lights_;     // [images × cells]
   std::vector<Eigen::MatrixXd> covariances_;  // of the weights, of each prior

@@ -54,7 +54,7 @@ class BandEstimator {
     Rows kernels = fit_blocks();
     for (int sweep = 1; sweep <= input_.options.sweeps(); ++sweep) kernels = correct(kernels, sweep);
     Rows result = wanted_rows(std::move(kernels));
-    if (input_.options.predict_errors && is_error_known()) gather_evidence(result);
+    if (input_.options.predict_errors && knows_error()) gather_evidence(result);
     to_texel_sums(result);
     return std::move(result.pixels);
   }
@@ -100,11 +100,8 @@ class BandEstimator {
     return own.pool.pool(tile, width_, input_.height,
                          [&](int x, int y) { return active(x, y) ? samples(x, y) : PixelSamples{}; });
   }
-  /// Photographs of one light source at a time do not tell how noisy they are, and the regression passes
-  /// through all of them.
-  bool is_error_known() const {
-    const auto texels = input_.texels ? input_.texels->of_all() : nullptr;
-    return !texels || !texels->is_interpolating();
+  bool knows_error() const {
+    return is_error_known(input_.table, input_.texels ? input_.texels->of_all().get() : nullptr);
   }
   /// Squared and relative to Σ b²; 0 where it is not known of the photographs as they are.
   double measured_noise(const PixelKernels& pixel) const {
@@ -256,6 +253,8 @@ bool BandEstimator::residuals_of(const Rows& rows, int x, int y, FitWorker& own,
   own.model.cache().keep_within(cache_limit_bytes);
   const BoxTable& table = input_.table;
   masked.assign(samples(x, y), table.stride(), table.images());
+  // Nothing is known of a channel without samples.
+  if (std::ranges::any_of(masked.count, [](int count) { return count == 0; })) return false;
   residuals.resize(3 * table.stride());
   squared =
       own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
@@ -318,6 +317,7 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
     for (int x = block.x0; x < block.x1; ++x)
       has_rectangles = has_rectangles || (in_rows(x, y) && !rows.at(x, y).is_on_cells);
   const auto pooled = pooled_samples_of(block, own);
+  const double share = share_of_cross_validation(input_.table);
   std::vector<double> validated;
   if (has_rectangles) validated = own.evaluator.cross_validate(pooled, block_width, 5, run_, b);
   std::vector<double> half, quarter;
@@ -333,8 +333,12 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
       const auto relative = [&](double squared) {
         return static_cast<float>(squared / pixel.squared_samples);
       };
-      pixel.evidence.cross_validated =
-          pixel.is_on_cells ? pixel.evidence.leave_one_out : relative(validated[i]);
+      const float left_out = pixel.evidence.leave_one_out;
+      pixel.evidence.cross_validated = pixel.is_on_cells ? left_out : relative(validated[i]);
+      // predict_errors() goes half the way.
+      if (share > 0.5)
+        pixel.evidence.cross_validated =
+            static_cast<float>(std::lerp(left_out, pixel.evidence.cross_validated, 2.0 * share));
       if (half.empty()) continue;
       pixel.evidence.from_half = relative(half[i]);
       pixel.evidence.from_quarter = relative(quarter[i]);

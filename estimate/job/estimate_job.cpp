@@ -114,13 +114,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// What messages call the capture: its folder or, for one given by patterns, its first photograph's folder.
-std::string name_of(const CaptureSession& session) {
-  if (!session.folder.empty() || session.frames.empty()) return session.folder.string();
-  if (session.frames.front().views) return "the capture in memory";
-  return session.frames.front().observed.parent_path().string();
-}
-
 /// Everything but the input files that the result depends on.
 nlohmann::ordered_json options_of(const EstimateOptions& options) {
   nlohmann::ordered_json description = {{"program", "refield"},
@@ -176,6 +169,20 @@ void add_file(std::uint64_t& hash, const fs::path& path) {
 }
 
 }  // namespace
+
+std::string name_of(const CaptureSession& session) {
+  if (!session.folder.empty() || session.frames.empty()) return session.folder.string();
+  if (session.frames.front().views) return "the capture in memory";
+  return session.frames.front().observed.parent_path().string();
+}
+
+std::map<std::string, JournalFile> journal_files(const CaptureSession& session) {
+  std::map<std::string, JournalFile> files;
+  if (session.folder.empty()) return files;
+  for (const JournalEntry& entry : read_journal(session.folder / "journal"))
+    for (const JournalFile& file : entry.files) files[file.path] = file;
+  return files;
+}
 
 void require_enough_frames(const EstimateJob& job, const EstimateOptions& options) {
   const int images = static_cast<int>(job.frames.size());
@@ -239,7 +246,18 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
 std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
   nlohmann::ordered_json key = options_of(options);
   std::uint64_t hash = 0xcbf29ce484222325ull;
-  for (const fs::path& path : inputs_of(job)) add_file(hash, path);
+  const auto files = journal_files(job.session);
+  for (const fs::path& path : inputs_of(job)) {
+    // The mask may be painted over.
+    const auto file = path == job.session.mask
+                          ? files.end()
+                          : files.find(path.lexically_relative(job.session.folder).generic_string());
+    if (file == files.end())
+      add_file(hash, path);
+    else
+      add_bytes(hash, path.filename().string() + ' ' + std::to_string(fs::file_size(path)) + ' ' +
+                          crc32_text(file->second.crc32) + '\n');
+  }
   char text[17];
   std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
   if (const auto& colour = job.session.colour)
@@ -262,7 +280,9 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
   if (std::isfinite(options.clip_level)) provenance["clip_level"] = options.clip_level;
   if (job.refinement) provenance["refined_from_images"] = job.refinement->known_images();
   if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
-  for (const CaptureFrame& frame : job.frames) provenance["frames"].push_back(frame.name);
+  // Numbers of arrays name no photographs that a field could be compared with.
+  for (const CaptureFrame& frame : job.frames)
+    if (!frame.views) provenance["frames"].push_back(frame.name);
   for (const std::string& name : job.held_out) provenance["held_out"].push_back(name);
   if (job.drift.significant)
     provenance["drift_removed"] = {{"reference_frames", job.references.size()},

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
@@ -15,6 +16,7 @@
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
 #include "core/session/capture_session.h"
+#include "core/session/journal.h"
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/sample_pooling.h"
 #include "estimate/job/refinement.h"
@@ -47,6 +49,12 @@ struct EstimateJob {
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options,
                      const RunContext& run = {});
 
+/// What messages call a capture: its folder or, for one given by patterns, its first photograph's folder.
+std::string name_of(const CaptureSession& session);
+
+/// The files that the session's journal names, by path; none without a journal.
+std::map<std::string, JournalFile> journal_files(const CaptureSession& session);
+
 /// Throws InputError, naming `name`, for a mask without any pixel.
 void require_any_inside(const Mask& mask, const std::string& name);
 
@@ -54,7 +62,8 @@ void require_any_inside(const Mask& mask, const std::string& name);
 void require_enough_frames(const EstimateJob& job, const EstimateOptions& options);
 
 /// Names everything that the result depends on, the same on every host: options, and a digest of the names,
-/// sizes and sampled content of all input files, but no folder or time. Shards are merged, and the bands of
+/// sizes and checksums of all input files (sampled content of files that no journal names), but no folder or
+/// time. Shards are merged, and the bands of
 /// an interrupted estimation taken over, only where this text is the same. Throws DeviceError where a file
 /// cannot be read.
 std::string job_key(const EstimateJob& job, const EstimateOptions& options);

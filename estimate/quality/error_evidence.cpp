@@ -47,6 +47,7 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
                 : std::vector<CellPrior>{{error_length, error_independent}};
   const auto count = static_cast<Eigen::Index>(cells.size());
   const int images = table.images();
+  const auto repeats = repeats_in(table.light_groups());
   const std::array<Eigen::MatrixXd, 3> lights = lights_of(table, cells);
   // The colours of natural light vary together, so that all channels tell about as much as their mean.
   const Eigen::MatrixXd grey = (lights[0] + lights[1] + lights[2]) / 3.0;
@@ -79,10 +80,11 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
       const double lambda = are_cells ? cell_noise_ratio(level) : error_noise;
       const Eigen::ArrayXd unknown = lambda / (values + lambda);
       // A sample of variance p given all samples, its leverage is p / λ, has p / (1 − p / λ) given the
-      // others.
+      // others; the leverages of images of one light add up.
       const Eigen::ArrayXd given = (squares * unknown.matrix()).array();
-      const double left_out =
-          (given / (1.0 - given / lambda).max(1e-12)).mean() + (of_colours * unknown).sum();
+      Eigen::ArrayXd leverage = given / lambda;
+      for (const auto& group : repeats) leverage(group).setConstant(leverage(group).sum());
+      const double left_out = (given / (1.0 - leverage).max(1e-12)).mean() + (of_colours * unknown).sum();
       // 1 for the training lights if each is left out.
       const double factor = 1.0 / (mean_square_brightness * left_out * table.unit() * table.unit());
       for (Eigen::Index k = 0; k < count; ++k)
@@ -98,6 +100,15 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
     return {};
   model.cells = std::move(cells);
   return model;
+}
+
+double share_of_cross_validation(const BoxTable& table) {
+  return 1.0 - 0.5 * count_of(table.light_groups()) / table.images();
+}
+
+bool is_error_known(const BoxTable& table, const TexelRegression* texels) {
+  return count_of(table.light_groups()) >= min_lights_for_errors &&
+         !(texels && texels->is_of_single_lights());
 }
 
 double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
@@ -145,8 +156,22 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
       const float* q = orthonormal_.data() + i * stride_;
       for (std::size_t j = 0; j < stride_; ++j) leverage[j] += q[j] * q[j];
     }
+    std::vector<float> left_out(stride_);
+    for (std::size_t j = 0; j < stride_; ++j)
+      left_out[j] = residual[j] / std::max(1.0f - leverage[j], least_freedom);
+    // Columns are parallel there, so that the block of the projection is √h √hᵀ.
+    for (const auto& group : repeats_) {
+      float sum = 0.0f, with_residual = 0.0f;
+      for (const int j : group) {
+        sum += leverage[j];
+        with_residual += std::sqrt(leverage[j]) * residual[j];
+      }
+      for (const int j : group)
+        left_out[j] =
+            residual[j] + std::sqrt(leverage[j]) * with_residual / std::max(1.0f - sum, least_freedom);
+    }
     for (std::size_t j = 0; j < stride_; ++j) {
-      float r = residual[j] / std::max(1.0f - leverage[j], least_freedom);
+      float r = left_out[j];
       if (measured) r *= measured[j];
       if (j < weights.size()) r /= weights[j];
       residual[j] = r;
@@ -171,9 +196,10 @@ ErrorEvaluator::Part::Part(const BoxTable& all, std::vector<int> seen_images, co
 ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
   auto& found = parts_[{fold, folds, alone ? 1 : 0}];
   if (!found) {
+    const std::span<const int> group = table_.light_groups();
     std::vector<int> seen;
     for (int j = 0; j < images_; ++j)
-      if ((j % folds == fold) == alone) seen.push_back(j);
+      if ((group[j] % folds == fold) == alone) seen.push_back(j);
     found = std::make_unique<Part>(table_, std::move(seen), options_, texels_);
   }
   return *found;
@@ -182,7 +208,7 @@ ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
 std::vector<double> ErrorEvaluator::cross_validate(std::span<const PixelSamples> block, int width, int folds,
                                                    const RunContext& run,
                                                    std::span<const PixelSamples> observed) {
-  folds = std::min(folds, images_);
+  folds = std::min(folds, count_of(table_.light_groups()));
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
     add_errors_on_unseen(part(fold, folds, false), block, observed.empty() ? block : observed, width, squared,
@@ -193,7 +219,7 @@ std::vector<double> ErrorEvaluator::cross_validate(std::span<const PixelSamples>
 std::vector<double> ErrorEvaluator::validate_folds_alone(std::span<const PixelSamples> block, int width,
                                                          int folds, const RunContext& run,
                                                          std::span<const PixelSamples> observed) {
-  folds = std::min(folds, images_);
+  folds = std::min(folds, count_of(table_.light_groups()));
   std::vector<double> squared(block.size(), 0.0);
   for (int fold = 0; fold < folds; ++fold)
     add_errors_on_unseen(part(fold, folds, true), block, observed.empty() ? block : observed, width, squared,

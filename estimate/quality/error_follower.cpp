@@ -75,11 +75,14 @@ double ErrorFollower::mean_square() const {
 FollowedError ErrorFollower::predict(const RunContext& run) {
   if (images() < 2) throw InputError("an error can be predicted from two images or more");
   const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()), run);
+  FollowedError error{images(), count_of(table.light_groups()), {}, 0.0};
+  if (!is_error_known(table, nullptr)) return error;
   EstimateOptions options = options_;
   options.kernels = std::min(options.kernels, images());
   options.mean_square = mean_square();
   FitWorkers workers;
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
+  const double share = share_of_cross_validation(table);
   constexpr std::size_t block_size = block_side_px * block_side_px;
   tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
     run.throw_if_stopped();
@@ -105,16 +108,16 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
       masked.assign(block[i], table.stride(), images());
       const double left_out = own->evaluator.leave_one_out(fitted[i], cache, masked, residuals.data());
       predicted[b * block_size + i] =
-          static_cast<float>(std::sqrt(0.5 * (left_out + validated[i]) / squared));
+          static_cast<float>(std::sqrt(std::lerp(left_out, validated[i], share) / squared));
       noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));
     }
   });
   std::erase(predicted, 0.0f);
   std::erase(noise, 0.0f);
-  const FollowedError error{images(), predicted.empty() ? 0.0 : quantile(predicted, 0.5),
-                            noise.empty() ? 0.0 : quantile(noise, 0.5)};
+  error.predicted = predicted.empty() ? 0.0 : quantile(predicted, 0.5);
+  error.noise = noise.empty() ? 0.0 : quantile(noise, 0.5);
   noise_ = error.noise;
-  history_.push_back({static_cast<float>(error.images), static_cast<float>(error.predicted)});
+  history_.push_back({static_cast<float>(error.images), static_cast<float>(*error.predicted)});
   return error;
 }
 

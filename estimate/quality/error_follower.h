@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
 #include "core/light/light_map.h"
 #include "core/session/capture_session.h"
+#include "estimate/fit/light_groups.h"
 #include "estimate/options.h"
 
 namespace refield {
@@ -14,8 +16,10 @@ namespace refield {
 /// What the images so far would give.
 struct FollowedError {
   int images = 0;
-  double predicted = 0.0;  ///< relative RMSE of the median pixel on new photographs
-  double noise = 0.0;      ///< the part of it that is the photographs' own, where they carry it
+  int lights = 0;  ///< that differ: images under multiples of one light count once
+  /// Relative RMSE of the median pixel on new photographs; nothing below `min_lights_for_errors` lights.
+  std::optional<double> predicted;
+  double noise = 0.0;  ///< the part of it that is the photographs' own, where they carry it
 };
 
 /// Follows a capture: estimates a sample of pixels from the photographs taken so far and predicts the error

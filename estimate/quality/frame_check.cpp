@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/quality/frame_check.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -48,6 +51,57 @@ void require_usual_brightness(const EstimateJob& job) {
 double share_not_measured(const PixelSample& sample) {
   const auto count = std::ranges::count_if(sample.values, [](float value) { return std::isnan(value); });
   return sample.values.empty() ? 0.0 : static_cast<double>(count) / static_cast<double>(sample.values.size());
+}
+
+/// Throws where a channel was measured nowhere, which would leave it black; notes where some pixels lack one.
+void require_measured_channels(const EstimateJob& job, const PixelSample& sample, const RunContext& run) {
+  static constexpr const char* channels[] = {"red", "green", "blue"};
+  int lacking = 0;
+  std::array<bool, 3> measured{};
+  for (int p = 0; p < sample.pixels; ++p) {
+    bool lacks = false;
+    for (int c = 0; c < 3; ++c) {
+      const bool any = std::any_of(sample.series(c, p), sample.series(c, p) + sample.images,
+                                   [](float value) { return std::isfinite(value); });
+      measured[c] = measured[c] || any;
+      lacks = lacks || !any;
+    }
+    lacking += lacks;
+  }
+  if (lacking == 0) return;
+  for (int c = 0; c < 3; ++c)
+    if (!measured[c])
+      throw InputError(
+          name_of(job.session) + ": no photograph measured the " + channels[c] +
+          " channel (all its samples are clipped or marked by sigma = inf), so it would be black; check "
+          "sigma and the exposure");
+  char text[200];
+  std::snprintf(
+      text, sizeof text,
+      "about %.2g %% of the pixels have a channel that no photograph measured (sigma = inf or clipped): "
+      "it is black there, and the error of these pixels is not predicted",
+      100.0 * lacking / sample.pixels);
+  run.note(text);
+}
+
+/// A photograph or light map that changed since it was taken changes the field.
+void require_intact(const EstimateJob& job, const RunContext& run) {
+  const auto files = journal_files(job.session);
+  std::vector<std::filesystem::path> paths;
+  for (const auto* frames : {&job.frames, &job.references})
+    for (const CaptureFrame& frame : *frames) {
+      paths.push_back(frame.illumination);
+      paths.push_back(frame.observed);
+    }
+  tbb::parallel_for(std::size_t{0}, paths.size(), [&](std::size_t i) {
+    run.throw_if_stopped();
+    const auto file = files.find(paths[i].lexically_relative(job.session.folder).generic_string());
+    if (file != files.end() && !is_intact(job.session.folder, file->second))
+      throw FormatError(paths[i],
+                        "differs from the checksum in the session's journal: it was damaged or changed "
+                        "after the capture; take it again with --resume, or remove the file 'journal' if "
+                        "the change is intended");
+  });
 }
 
 /// What the frames are compared by.
@@ -247,10 +301,11 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   const bool can_assess = !options.keep_outliers && images >= min_frames_to_assess;
   const bool finds_rig = !options.keep_rig && !options.rig && images >= min_frames_for_rig;
   if (options.rig && !options.keep_rig) correct(job, *options.rig, report);
-  if (!can_assess && !finds_rig && options.mode != EstimateMode::refined) return report;
+  require_intact(job, run);
   FrameEvidence evidence(job, options, can_assess || finds_rig, run);
   job.mean_square = evidence.sample.mean_square({});
   report.clipped_share = share_not_measured(evidence.sample);
+  require_measured_channels(job, evidence.sample, run);
   require_usual_brightness(job);
   if (finds_rig) {
     estimate_and_correct(job, options, evidence, report, run);

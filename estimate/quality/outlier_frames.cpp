@@ -137,8 +137,9 @@ constexpr int max_tone_rows = 8;
 struct CoarseLight {
   std::array<std::array<Eigen::VectorXd, 3>, 3> sums;  // [channel][derivative], [cells]
   float white = 0.0f;
+  LightSketch sketch;
 
-  CoarseLight(const LightMap& light, int columns, int rows) {
+  CoarseLight(const LightMap& light, int columns, int rows) : sketch(sketch_of(light.radiance)) {
     const Image& image = light.radiance;
     const auto cells = static_cast<Eigen::Index>(columns) * rows;
     std::array<Eigen::VectorXd, 3> in_tone_rows;
@@ -178,7 +179,12 @@ LightFeatures features_of(const std::vector<std::optional<CoarseLight>>& lights,
   features.columns = columns;
   features.rows = rows;
   const auto images = static_cast<Eigen::Index>(lights.size());
-  for (const auto& light : lights) features.white = std::max<double>(features.white, light->white);
+  std::vector<LightSketch> sketches;
+  for (const auto& light : lights) {
+    features.white = std::max<double>(features.white, light->white);
+    sketches.push_back(light->sketch);
+  }
+  features.groups = light_groups(sketches);
   const double log_white = std::log(features.white > 0.0 ? features.white : 1.0);
   for (int c = 0; c < 3; ++c) {
     auto& of = features.of_channel[c];
@@ -208,6 +214,7 @@ LightGrams light_grams(const LightFeatures& lights) {
   const int columns = lights.columns, rows = lights.rows;
   LightGrams grams;
   grams.images = static_cast<int>(images);
+  grams.repeats = repeats_in(lights.groups);
   for (int c = 0; c < 3; ++c)
     for (const double blur : blurs) {
       Eigen::MatrixXd features(images, static_cast<Eigen::Index>(columns) * rows);
@@ -248,14 +255,57 @@ float reordered_median(std::vector<float>& values) {
 /// others what it takes to predict them.
 struct Predictor {
   std::size_t stride = 0;
-  AlignedFloats inverse;     ///< rows of [stride] floats, padded with zeros; [images × stride]
-  Eigen::VectorXf diagonal;  ///< of the inverse; for frames that are left out the inverse predictive variance
+  AlignedFloats inverse;  ///< rows of [stride] floats, padded with zeros; [images × stride]
+  /// Of the inverse; for frames that are left out, and those of repeated lights, inverse predictive variance.
+  Eigen::VectorXf diagonal;
+  AlignedFloats with_repeats;  ///< `inverse` before frames of one light were kept from predicting each other
 
   float* row(Eigen::Index j) { return inverse.data() + j * stride; }
   const float* row(Eigen::Index j) const { return inverse.data() + j * stride; }
+  const float* filling_row(Eigen::Index j) const {
+    return (with_repeats.empty() ? inverse : with_repeats).data() + j * stride;
+  }
 };
 
-Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector<char>& left_out) {
+/// Rows for the frames of one light, from the inverse of the `kept` frames, its rows and columns in their
+/// order: (P_GG)⁻¹ P_G is what these show more than the other frames predict, and (P_GG)⁻¹ its covariance.
+void predict_without(const std::vector<int>& group, const Eigen::MatrixXd& gram, double ridge,
+                     const std::vector<Eigen::Index>& kept, const Eigen::MatrixXd& inverse,
+                     Predictor& result) {
+  std::vector<Eigen::Index> own, places;  // of the group's frames that are kept
+  for (const int j : group)
+    if (const auto found = std::ranges::lower_bound(kept, j); found != kept.end() && *found == j) {
+      own.push_back(j);
+      places.push_back(found - kept.begin());
+    }
+  if (own.empty()) return;
+  const Eigen::MatrixXd inner = inverse(places, places);
+  const Eigen::LLT<Eigen::MatrixXd> factor(inner);
+  const Eigen::MatrixXd residual = factor.solve(Eigen::MatrixXd(inverse(places, Eigen::all)));
+  const Eigen::MatrixXd covariance = factor.solve(Eigen::MatrixXd::Identity(inner.rows(), inner.rows()));
+  const auto set_row = [&](Eigen::Index j, const Eigen::VectorXd& functional, double precision) {
+    std::fill_n(result.row(j), result.stride, 0.0f);
+    for (std::size_t a = 0; a < kept.size(); ++a)
+      result.row(j)[kept[a]] = static_cast<float>(precision * functional[static_cast<Eigen::Index>(a)]);
+    for (const Eigen::Index other : own) result.row(j)[other] = 0.0f;  // but for rounding
+    result.row(j)[j] = result.diagonal[j] = static_cast<float>(precision);
+  };
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    const auto a = static_cast<Eigen::Index>(i);
+    set_row(own[i], residual.row(a), 1.0 / covariance(a, a));
+  }
+  for (const int j : group) {
+    if (std::ranges::binary_search(own, j)) continue;  // the others are left out
+    Eigen::VectorXd k = gram(kept, j);
+    k(places).setZero();
+    const Eigen::VectorXd with_own = inverse * k;
+    const Eigen::VectorXd weights = with_own - residual.transpose() * with_own(places);
+    set_row(j, -weights, 1.0 / (gram(j, j) + ridge - k.dot(weights)));
+  }
+}
+
+Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector<char>& left_out,
+                    const std::vector<std::vector<int>>& repeats) {
   const Eigen::Index images = gram.rows();
   std::vector<Eigen::Index> kept;
   for (Eigen::Index j = 0; j < images; ++j)
@@ -281,6 +331,8 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
       result.row(j)[kept[a]] = static_cast<float>(-precision * weights[a]);
     result.row(j)[j] = result.diagonal[j] = static_cast<float>(precision);
   }
+  if (!repeats.empty()) result.with_repeats = result.inverse;
+  for (const auto& group : repeats) predict_without(group, gram, ridge, kept, inverse, result);
   return result;
 }
 
@@ -292,7 +344,7 @@ void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& miss
   Eigen::MatrixXd inner(count, count);
   Eigen::VectorXd right(count);
   for (Eigen::Index a = 0; a < count; ++a) {
-    const float* row = way.row(missing[a]);
+    const float* row = way.filling_row(missing[a]);
     for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = row[missing[b]];
     float product = 0.0f;
     dots(series, &row, 1, way.stride, &product);
@@ -308,7 +360,8 @@ class SeriesBatch {
   /// `first`, `count`: of the columns of `series`, which must outlive this.
   SeriesBatch(const Eigen::MatrixXf& series, Eigen::Index first, Eigen::Index count,
               const std::vector<char>& left_out)
-      : first_(first),
+      : series_(series),
+        first_(first),
         count_(count),
         images_(series.rows()),
         stride_(padded_length(images_)),
@@ -323,10 +376,8 @@ class SeriesBatch {
       for (Eigen::Index j = 0; j < images_; ++j) {
         const float value = series(j, first + s);
         values_[s * stride_ + j] = value;
-        if (!std::isfinite(value))
-          missing_[s].push_back(j);
-        else if (!left_out[j])
-          counted_[s].push_back(j);
+        if (!std::isfinite(value)) values_[s * stride_ + j] = 0.0f;
+        if (!left_out[j]) (std::isfinite(value) ? counted_ : missing_)[s].push_back(j);
       }
     }
   }
@@ -355,18 +406,20 @@ class SeriesBatch {
         residual[j] = residual_[j];
         standardised[j] = scale > 0.0f ? residual_[j] * std::sqrt(way.diagonal[j]) / scale : 0.0f;
       }
-      for (const Eigen::Index j : missing_[s]) residual[j] = standardised[j] = 0.0f;
+      for (Eigen::Index j = 0; j < images_; ++j)
+        if (!std::isfinite(series_(j, first_ + s))) residual[j] = standardised[j] = 0.0f;
     }
   }
 
  private:
+  const Eigen::MatrixXf& series_;
   const Eigen::Index first_, count_, images_;
   const std::size_t stride_;
-  AlignedFloats values_;                 // [count × stride]
-  std::vector<const float*> values_of_;  // of each series
-  std::vector<float> products_;          // [images × count]
-  std::vector<std::vector<Eigen::Index>> missing_, counted_;
-  std::vector<float> best_;  // median size of the residuals
+  AlignedFloats values_;                                      // [count × stride]
+  std::vector<const float*> values_of_;                       // of each series
+  std::vector<float> products_;                               // [images × count]
+  std::vector<std::vector<Eigen::Index>> missing_, counted_;  // of the frames that are not left out
+  std::vector<float> best_;                                   // median size of the residuals
   std::vector<float> residual_, sizes_, standardised_;
 };
 
@@ -387,10 +440,11 @@ LightFeatures light_features(std::span<const CaptureFrame> frames, const LightDo
 }
 
 LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen::MatrixXf& series,
-                          const std::vector<char>& left_out, const RunContext& run) {
+                          const std::vector<char>& left_out, const std::vector<std::vector<int>>& repeats,
+                          const RunContext& run) {
   std::vector<Predictor> ways;
   for (const Eigen::MatrixXd& gram : grams)
-    for (const double ridge : ridges) ways.push_back(predictor(gram, ridge, left_out));
+    for (const double ridge : ridges) ways.push_back(predictor(gram, ridge, left_out, repeats));
   const Eigen::Index images = series.rows();
   LeaveOneOut result;
   result.residual = Eigen::MatrixXf::Zero(images, series.cols());
@@ -457,7 +511,7 @@ class Examination {
       : sample_(sample) {
     for (int c = 0; c < 3; ++c) {
       const Eigen::Map<const Eigen::MatrixXf> series(sample.series(c, 0), sample.images, sample.pixels);
-      loo_[c] = leave_one_out(grams.of_channel[c], series, left_out, run);
+      loo_[c] = leave_one_out(grams.of_channel[c], series, left_out, grams.repeats, run);
     }
     cells_.resize(sample.cells.size());
     std::vector<float> sizes(sample.pixels);

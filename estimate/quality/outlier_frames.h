@@ -14,6 +14,7 @@
 #include "core/image/metrics.h"
 #include "core/light/light_map.h"
 #include "core/session/capture_session.h"
+#include "estimate/fit/light_groups.h"
 #include "estimate/fit/sample_pooling.h"
 
 namespace refield {
@@ -57,6 +58,7 @@ struct LightGrams {
   /// [channel][blur], [images × images], mean of the diagonal 1.
   std::array<std::vector<Eigen::MatrixXd>, 3> of_channel;
   int images = 0;
+  std::vector<std::vector<int>> repeats;  ///< images of one light each, repeats_in()
 };
 
 /// Lights seen coarsely, and how they change with the exponent of their tone curve.
@@ -65,7 +67,8 @@ struct LightFeatures {
   /// [channel][derivative]: [cells × images], summed radiance l of each cell, and the sums of l ln(l / white)
   /// and l ln²(l / white): light of white · (l / white)^(1 + ε) has f₀ + ε f₁ + ε²/2 f₂.
   std::array<std::array<Eigen::MatrixXd, 3>, 3> of_channel;
-  double white = 0.0;  ///< largest radiance
+  double white = 0.0;       ///< largest radiance
+  std::vector<int> groups;  ///< light_groups(), [images]
 
   Eigen::Index images() const { return of_channel[0][0].cols(); }
 };
@@ -83,7 +86,8 @@ Eigen::MatrixXd ridge_inverse(const Eigen::MatrixXd& gram, double ridge);
 
 /// Leave-one-out residuals of `series` [images × series], one channel: what each sample is more than the
 /// others predict of it. NaN stands for samples that were not measured; their residual is 0 and they enter no
-/// prediction. Frames with `left_out` set predict nothing; their own residual is that of a new frame.
+/// prediction. Frames with `left_out` set predict nothing; their own residual is that of a new frame. Frames
+/// of one of `repeats` do not predict each other.
 /// Each series takes the blur and ridge that predict it best.
 struct LeaveOneOut {
   Eigen::MatrixXf residual;      ///< [images × series]
@@ -91,7 +95,8 @@ struct LeaveOneOut {
                                  ///< series by its median
 };
 LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen::MatrixXf& series,
-                          const std::vector<char>& left_out, const RunContext& run = {});
+                          const std::vector<char>& left_out, const std::vector<std::vector<int>>& repeats,
+                          const RunContext& run = {});
 
 /// A photograph that does not show what the others predict under its light.
 struct OutlierFrame {

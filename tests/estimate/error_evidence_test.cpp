@@ -120,7 +120,6 @@ TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
                                           {{0, 0, 8, 6}, {8, 6, 12, 9}, {4, 0, 8, 12}, {1, 7, 3, 11}}, 9);
   const auto session = test::write_capture(folder / "session", truth, lights, 0.03);
   EstimateOptions options;
-  options.kernels = 10;
   const auto field = estimate_field(session, options);
   ASSERT_EQ(field.quality.predicted_error.size(), field.transfer.rows());
 

@@ -102,51 +102,6 @@ TEST_F(Jobs, ShardsShareTheCheckOfFrames) {
   EXPECT_NE(found_by(options), 0.125) << "another photograph";
 }
 
-TEST_F(Jobs, ShardsShareTheTablesOfTheLights) {
-  const std::vector<std::string> options = {"--kernels", "4"};
-  ASSERT_EQ(estimate("whole.rfield", options), 0) << log();
-  const auto file = folder_ / "light-tables.bin";
-  EXPECT_FALSE(std::filesystem::exists(file)) << "for shards only";
-  ASSERT_EQ(estimate("a.rfield", words({"--rows", "1/2"}, options)), 0) << log();
-  const std::string tables = read_text(file);
-  // A file that is taken as it is stays; one that is not is replaced.
-  const auto other = folder_ / "other_name";
-  const auto is_taken_by = [&](const std::vector<std::string>& more) {
-    std::filesystem::remove(other);
-    std::filesystem::create_hard_link(file, other);
-    EXPECT_EQ(estimate("b.rfield", words({"--rows", "2/2"}, more)), 0) << log();
-    return std::filesystem::equivalent(file, other);
-  };
-  const auto merged_is_whole = [&] {
-    EXPECT_EQ(
-        run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "joined.rfield"},
-                    log_),
-        0)
-        << log();
-    EXPECT_FALSE(std::filesystem::exists(file)) << "of no use once the shards are merged";
-    return read_text(folder_ / "joined.rfield") == read_text(folder_ / "whole.rfield");
-  };
-  EXPECT_TRUE(is_taken_by(options));
-  EXPECT_TRUE(merged_is_whole());
-
-  // Another job, or damage: of the header, the small parts, the table and the length.
-  write_text_atomically(file, tables);
-  EXPECT_FALSE(is_taken_by({"--kernels", "5"}));
-  const std::size_t unit = tables.find("\"unit\":1") + 7, last = tables.find_last_not_of(' ');
-  for (const std::size_t at : {std::size_t{9}, unit, std::size_t{4096}, tables.size() / 2, last}) {
-    std::string damaged = tables;
-    damaged[at] = static_cast<char>(damaged[at] ^ 2);
-    write_text_atomically(file, damaged);
-    EXPECT_FALSE(is_taken_by(options)) << "byte " << at;
-    EXPECT_TRUE(read_text(file) == tables) << "byte " << at;
-  }
-  for (const std::size_t length : {std::size_t{0}, std::size_t{100}, tables.size() / 2}) {
-    write_text_atomically(file, std::string_view(tables).substr(0, length));
-    EXPECT_FALSE(is_taken_by(options)) << "first " << length << " bytes";
-  }
-  EXPECT_TRUE(merged_is_whole());
-}
-
 TEST_F(Jobs, PartsOfARefinementJoinToo) {
   ASSERT_EQ(run_program(
                 {"estimate", "--light", folder_ / "session/illumination/train_0?0.exr", "--observed",
