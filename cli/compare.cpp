@@ -95,6 +95,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
     progress.advance();
   }
   error.images = series.images();
+  error.trained_on = 0;
   error.relative_rmse = series.relative_rmse();
   error.median = series.pixel_quantile(0.5);
   error.percentile_90 = series.pixel_quantile(0.9);
@@ -122,6 +123,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
     throw InputError("--noise-scale is " + std::to_string(options.noise_scale) + "; give 0 or more");
   const auto errors = held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test,
                                       options.noise_scale, run_context());
+  if (const std::string warning = training_warning(errors); !warning.empty()) run_context().note(warning);
   if (common.json) {
     std::printf("%s\n", json_text(ordered_json{{"held_out", held_out_figures(errors)}}, 2).c_str());
     return;

@@ -113,13 +113,13 @@ void hold_out_every(CaptureSession& session, int every) {
                      " images to train from, so none would be held out; give a smaller number");
 }
 
-std::string mark_held_out(CaptureSession& session, const ReflectanceField& field) {
+void mark_held_out(CaptureSession& session, const ReflectanceField& field) {
   const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
   if (!session.folder.empty()) {
     const std::set<std::string> held_out = names_in(provenance, "held_out");
     for (CaptureFrame& frame : session.frames)
       if (frame.role == FrameRole::train && held_out.contains(frame.name)) frame.role = FrameRole::test;
-    return "";
+    return;
   }
   std::set<std::string> known = names_in(provenance, "frames");
   known.merge(names_in(provenance, "left_out"));
@@ -128,9 +128,23 @@ std::string mark_held_out(CaptureSession& session, const ReflectanceField& field
   const bool of_this_estimate = !known.empty() && overlap == known.size() && overlap < session.frames.size();
   for (CaptureFrame& frame : session.frames)
     frame.role = of_this_estimate && is_known(frame) ? FrameRole::train : FrameRole::test;
-  if (of_this_estimate || overlap == 0) return "";
-  return "warning: " + std::to_string(overlap) + " of " + std::to_string(session.frames.size()) +
-         " pairs have the names of images that the field was estimated from. If they are these images, the "
+}
+
+std::string training_warning(const std::vector<HeldOutError>& errors) {
+  std::size_t images = 0, trained = 0;
+  bool is_known = true;
+  for (const HeldOutError& error : errors) {
+    images += error.images;
+    is_known = is_known && error.trained_on;
+    trained += error.trained_on.value_or(0);
+  }
+  if (!is_known)
+    return "warning: the field does not name the photographs that it was estimated from. If these are among "
+           "them, the errors are training errors";
+  if (trained == 0) return "";
+  return "warning: " + std::to_string(trained) + " of the " + std::to_string(images) +
+         " photographs have the names of images that the field was estimated from. If they are these images, "
+         "the "
          "errors are training errors; estimate with --hold-out 10 to measure errors on new images";
 }
 
@@ -155,6 +169,9 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
 
   const bool predicts = !field.quality.predicted_error.empty();
+  const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
+  const std::set<std::string> trained = names_in(provenance, "frames");
+  const bool is_exact = provenance.is_object() && provenance.contains("program");  // simulated, not estimated
   if (truth) noise_scale = 0.0;
   std::vector<std::string> kinds;
   for (const CaptureFrame& frame : frames)
@@ -181,7 +198,11 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
       progress.advance();
     }
     const SeriesError& error = sums.error;
-    errors.push_back({kind, error.images(), error.relative_rmse(), error.pixel_quantile(0.5),
+    std::optional<std::size_t> trained_on;
+    if (!trained.empty() || is_exact)
+      trained_on = std::ranges::count_if(
+          sums.per_image, [&](const HeldOutImage& image) { return trained.contains(image.name); });
+    errors.push_back({kind, error.images(), trained_on, error.relative_rmse(), error.pixel_quantile(0.5),
                       error.pixel_quantile(0.9), tone_mapped_psnr_db(sums.per_image), std::nullopt,
                       sums.per_image});
     if (predicts) errors.back().prediction = check_prediction(field, sums, mask, noise_scale);

@@ -32,6 +32,9 @@ struct HeldOutImage {
 struct HeldOutError {
   std::string kind;
   std::size_t images = 0;
+  /// Of these images, those that the field was estimated from, by the names in its provenance; nothing where
+  /// it names none. Their errors are training errors.
+  std::optional<std::size_t> trained_on;
   double relative_rmse = 0.0;
   double median = 0.0;
   double percentile_90 = 0.0;
@@ -53,9 +56,11 @@ void hold_out_every(CaptureSession& session, int every);
 
 /// Tells which frames `field` was not estimated from, by the names that its provenance holds. Of a session's
 /// frames, those that the estimate held out take the role test. Pairs without roles, if all frames of the
-/// estimate are among them: those train, the others are the test. Else all pairs are the test. Returns a
-/// warning where some of these have the names of frames of the estimate, else nothing.
-std::string mark_held_out(CaptureSession& session, const ReflectanceField& field);
+/// estimate are among them: those train, the others are the test. Else all pairs are the test.
+void mark_held_out(CaptureSession& session, const ReflectanceField& field);
+
+/// What to say of errors on images that the field was estimated from, or may have been; empty if on none.
+std::string training_warning(const std::vector<HeldOutError>& errors);
 
 /// Relights `field` with each of the session's frames of a role and compares by kind of light, kinds in order
 /// of first appearance; the session's mask is respected and samples that were not measured are left out. With

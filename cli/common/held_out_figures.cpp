@@ -18,11 +18,13 @@ ordered_json finite_or_null(double value) {
 }  // namespace
 
 ordered_json held_out_figures(const HeldOutError& error) {
-  ordered_json figures = {{"images", error.images},
-                          {"relative_rmse", finite_or_null(error.relative_rmse)},
-                          {"median", finite_or_null(error.median)},
-                          {"percentile_90", finite_or_null(error.percentile_90)},
-                          {"tone_mapped_psnr_db", finite_or_null(error.tone_mapped_psnr_db)}};
+  ordered_json figures = {
+      {"images", error.images},
+      {"trained_on", error.trained_on ? ordered_json(*error.trained_on) : ordered_json(nullptr)},
+      {"relative_rmse", finite_or_null(error.relative_rmse)},
+      {"median", finite_or_null(error.median)},
+      {"percentile_90", finite_or_null(error.percentile_90)},
+      {"tone_mapped_psnr_db", finite_or_null(error.tone_mapped_psnr_db)}};
   if (error.prediction)
     figures["predicted_error"] = {{"rank_correlation", finite_or_null(error.prediction->rank_correlation)},
                                   {"median_ratio", finite_or_null(error.prediction->median_ratio)},

@@ -260,9 +260,7 @@ CaptureSession open_capture(const CaptureOptions& options) {
 }
 
 void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session) {
-  if (options.hold_out != 0) return;
-  if (const std::string warning = mark_held_out(session, field); !warning.empty())
-    run_context().note(warning);
+  if (options.hold_out == 0) mark_held_out(session, field);
 }
 
 }  // namespace refield::cli

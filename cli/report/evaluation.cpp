@@ -118,6 +118,7 @@ Json kinds_json(const std::vector<HeldOutError>& errors) {
   Json json = Json::object();
   for (const HeldOutError& error : errors)
     json[name_of_kind(error)] = {{"images", error.images},
+                                 {"trained_on", error.trained_on ? Json(*error.trained_on) : Json(nullptr)},
                                  {"relative_rmse", error.relative_rmse},
                                  {"median", error.median},
                                  {"percentile_90", error.percentile_90},

@@ -169,9 +169,7 @@ ReportInput load_input(const CaptureSession& session, bool find_held_out,
     input.mask = read_mask(*input.session.mask, input.session.width, input.session.height);
   for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session, run));
   label_fields(input.fields);
-  if (find_held_out)
-    if (const auto warning = mark_held_out(input.session, input.fields.front().field); !warning.empty())
-      run.note(warning);
+  if (find_held_out) mark_held_out(input.session, input.fields.front().field);
   input.truth_folder = truth_folder;
   if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty())
     load_truth(input, scratch, run);

@@ -557,7 +557,13 @@ std::string error_table(const ReportInput& input, const std::vector<FieldFigures
       }
       html += "</tr>";
     }
-  return html + "</tbody></table></div>";
+  html += "</tbody></table></div>";
+  for (std::size_t f = 0; f < input.fields.size(); ++f) {
+    if (figures[f].errors.empty()) continue;
+    if (const std::string warning = training_warning(figures[f].errors.front().kinds); !warning.empty())
+      html += "<p><b>" + escaped(input.fields[f].label) + ": " + escaped(warning) + "</b>.</p>";
+  }
+  return html;
 }
 
 /// One sentence for each kind of light: how far single images lie apart, and which is the worst.

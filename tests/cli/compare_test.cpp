@@ -143,14 +143,24 @@ TEST_F(ComparePairs, OnlyThoseThatTheFieldWasNotEstimatedFrom) {
   ASSERT_EQ(held_out["images"], 2);
   EXPECT_EQ(held_out["per_image"][0]["name"], "2");
   EXPECT_EQ(held_out["per_image"][1]["name"], "4");
+  EXPECT_EQ(held_out["trained_on"], 0);
   EXPECT_EQ(warning_.find("warning"), std::string::npos);
-  // By the user's word, whatever the field says.
+  // By the user's word, whatever the field says; but what it says is told.
   EXPECT_EQ(compare(R"({"frames": ["0", "1", "3"]})", {"--hold-out", "3"})["per_image"][0]["name"], "2");
+  const json trained = compare(R"({"frames": ["0", "1", "2", "3", "4", "5"]})", {"--hold-out", "3"});
+  EXPECT_EQ(trained["images"], 2);
+  EXPECT_EQ(trained["trained_on"], 2);
+  EXPECT_NE(warning_.find("2 of the 2 photographs"), std::string::npos) << warning_;
+  // Fields of arrays, and of others' estimators, name none; those of a simulation were not estimated.
+  EXPECT_TRUE(compare(R"({"made_by": "refield estimate"})")["trained_on"].is_null());
+  EXPECT_NE(warning_.find("does not name the photographs"), std::string::npos) << warning_;
+  EXPECT_EQ(compare(R"({"program": "refield 1"})")["trained_on"], 0);
+  EXPECT_EQ(warning_.find("warning"), std::string::npos);
   // Names of another series: all pairs count, and where some have a known name, the user is warned.
   EXPECT_EQ(compare(R"({"frames": ["a", "b"]})")["images"], pairs);
   EXPECT_EQ(warning_.find("warning"), std::string::npos);
   EXPECT_EQ(compare(R"({"frames": ["a", "b", "1"]})")["images"], pairs);
-  EXPECT_NE(warning_.find("1 of 6 pairs"), std::string::npos) << warning_;
+  EXPECT_NE(warning_.find("1 of the 6 photographs"), std::string::npos) << warning_;
 }
 
 TEST_F(ComparePairs, NamesWhatIsMissing) {
