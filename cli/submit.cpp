@@ -433,6 +433,10 @@ std::string job_name(const fs::path& output) {
   return name + unique;
 }
 
+std::string threads_text(const ClusterJob& job) {
+  return job.threads > 0 ? std::to_string(job.threads) : "all";
+}
+
 /// Shards, processors, memory and time from the cost of the estimation, as measured on this machine.
 std::pair<ClusterJob, CostEstimate> plan(SubmitArguments& arguments) {
   CaptureSession session = open_estimation(arguments);
@@ -501,7 +505,7 @@ std::pair<ClusterJob, CostEstimate> plan(SubmitArguments& arguments) {
   for (int shard = 1; shard <= job.shards; ++shard) job.rounds[0].shards.push_back(shard);
   job.rounds[0].limits = limits;
   run_context().note("submit: " + std::to_string(job.shards) + " shards of about " +
-                     std::to_string(std::lround(seconds)) + " s, each with " + std::to_string(job.threads) +
+                     std::to_string(std::lround(seconds)) + " s, each with " + threads_text(job) +
                      " threads, " + std::to_string(limits.memory_mib) + " MiB and at most " +
                      std::to_string(limits.minutes) + " min");
   return {job, cost};
@@ -528,8 +532,9 @@ void submit(SubmitArguments arguments, const Common& common) {
     job.directory = fs::current_path();
     job.program = fs::read_symlink("/proc/self/exe");
     if (arguments.dry_run) {
-      std::printf("%d shards, %d threads and %lld MiB each, at most %lld min; nothing was submitted\n",
-                  job.shards, job.threads, static_cast<long long>(job.rounds[0].limits.memory_mib),
+      std::printf("%d shards, %s threads and %lld MiB each, at most %lld min; nothing was submitted\n",
+                  job.shards, threads_text(job).c_str(),
+                  static_cast<long long>(job.rounds[0].limits.memory_mib),
                   static_cast<long long>(job.rounds[0].limits.minutes));
       return;
     }

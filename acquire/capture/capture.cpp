@@ -341,10 +341,11 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
                         steps_of(request), request.if_exists);
   CaptureRun captured(request, described, display, exposures, pairing, session);
 
+  // The plan states its checksum; of a complete session it is written again where it was lost or changed.
+  write_calibration(request.folder / "calibration.toml", request.camera, request.monitor, request.timing);
   if (!session.is_complete()) {
     require_free_space(request.folder, captured.bytes_needed());
     if (request.keep_raw) create_folders(request.folder / "raw");
-    write_calibration(request.folder / "calibration.toml", request.camera, request.monitor, request.timing);
     captured.take_ambient(run);
     captured.make_mask();
     Progress progress(run, "capturing", request.lights.size());

@@ -56,6 +56,27 @@ void remove_inside(const fs::path& folder, const fs::path& file) {
   if (!fs::is_directory(folder / normal, ignored)) fs::remove(folder / normal, ignored);
 }
 
+/// Whether a step may have left a file: one of its name, inside the folder.
+bool is_own(const std::string& step, const fs::path& file) {
+  const fs::path normal = file.lexically_normal();
+  return normal.is_relative() && *normal.begin() != ".." && normal.filename().string().starts_with(step);
+}
+
+/// Throws where the manifest of a complete session names other files than its frames left.
+void require_frames_of(const std::vector<JournalEntry>& entries, const fs::path& folder) {
+  for (const CaptureFrame& frame : read_capture_session(folder).frames) {
+    const auto entry = std::ranges::find(entries, frame.name, &JournalEntry::step);
+    for (const fs::path& path : {frame.illumination, frame.observed})
+      if (entry == entries.end() ||
+          std::ranges::find(entry->files, path.lexically_relative(folder).generic_string(),
+                            &JournalFile::path) == entry->files.end())
+        throw InputError((folder / session_manifest_name).string() + ": frame '" + frame.name + "' names " +
+                         path.string() +
+                         ", which the capture did not write for it; correct the manifest, or remove "
+                         "it so that --resume writes it again");
+  }
+}
+
 void require_same_plan(const fs::path& path, const std::string& stored, const std::string& wanted) {
   if (stored == wanted) return;
   std::istringstream old_lines(stored);
@@ -141,14 +162,16 @@ void SessionWriter::take_over_finished_steps() {
   for (const std::string& step : steps_) {
     const auto entry = std::ranges::find(found, step, &JournalEntry::step);
     if (entry == found.end()) continue;
-    if (std::ranges::all_of(entry->files, [&](const JournalFile& file) { return is_intact(folder_, file); }))
+    if (std::ranges::all_of(entry->files, [&](const JournalFile& file) {
+          return is_own(step, file.path) && is_intact(folder_, file);
+        }))
       entries_.push_back(*entry);
     else
       ++found_damaged_;
   }
   found_done_ = entries_.size();
   complete_ = entries_.size() == steps_.size() && fs::exists(folder_ / session_manifest_name);
-  if (complete_) return;
+  if (complete_) return require_frames_of(entries_, folder_);
   if (fs::exists(folder_ / session_manifest_name))
     fs::rename(folder_ / session_manifest_name, folder_ / former_manifest_name);
   // Torn lines and lines of damaged steps go, so that what follows is appended to a sound journal.

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 namespace {
 
 /// As given or, for all images, from their metadata.
-std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Seconds> given) {
+std::vector<Seconds> stated_exposures(const Bracket& bracket, std::span<const Seconds> given) {
   if (!given.empty()) {
     if (given.size() != bracket.files.size())
       throw InputError("--exposures gives " + std::to_string(given.size()) + " times for " +
@@ -37,6 +37,18 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
     require_same_settings(file.settings, bracket.paths[i], bracket.files[0].settings, bracket.paths[0]);
     exposures.push_back(*file.exposure);
   }
+  return exposures;
+}
+
+std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Seconds> given) {
+  constexpr double least = 1e-7, most = 1e5;  // seconds
+  auto exposures = stated_exposures(bracket, given);
+  for (std::size_t i = 0; i < exposures.size(); ++i)
+    if (const double seconds = exposures[i].count(); !(seconds >= least && seconds <= most)) {
+      char text[80];
+      std::snprintf(text, sizeof text, ": has an exposure time of %g s; give 1e-7 to 1e5 s", seconds);
+      throw InputError(bracket.paths[i].string() + text + " with --exposures");
+    }
   return exposures;
 }
 
@@ -133,6 +145,8 @@ Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, Me
 Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures) {
   if (paths.empty()) throw InputError("there is no exposure to merge");
+  if (!(camera.full_scale_electrons >= 10.0 && camera.full_scale_electrons <= 1e9))
+    throw InputError("--full-scale-electrons is outside 10 to 1e9; cameras hold 1e3 to 1e6 photo-electrons");
   Bracket bracket{paths, {}, {}};
   const auto layout = layout_of(camera.layout);
   for (const fs::path& path : paths) {

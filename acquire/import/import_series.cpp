@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <regex>
+#include <optional>
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/scene_mask.h"
@@ -22,40 +22,74 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The pattern as a regular expression; {light} is its only group.
-std::regex expression_of(const std::string& pattern) {
+/// A pattern of --pattern: characters, or one of these.
+constexpr int any_text = 256, any_character = 257, light_name = 258;
+
+std::vector<int> parsed(const std::string& pattern) {
   static const std::string name = "{light}";
   const auto at = pattern.find(name);
   if (at == std::string::npos || pattern.find(name, at + 1) != std::string::npos)
     throw InputError("--pattern '" + pattern +
                      "': must contain {light} exactly once, at the position of the view's name");
-  std::string expression;
+  std::vector<int> tokens;
   for (std::size_t i = 0; i < pattern.size(); ++i) {
     if (i == at) {
-      expression += "(.+)";
+      tokens.push_back(light_name);
       i += name.size() - 1;
-    } else if (pattern[i] == '*') {
-      expression += ".*";
-    } else if (pattern[i] == '?') {
-      expression += '.';
     } else {
-      if (!std::isalnum(static_cast<unsigned char>(pattern[i])) && pattern[i] != '_') expression += '\\';
-      expression += pattern[i];
+      tokens.push_back(pattern[i] == '*'   ? any_text
+                       : pattern[i] == '?' ? any_character
+                                           : static_cast<unsigned char>(pattern[i]));
     }
   }
-  return std::regex(expression);
+  return tokens;
+}
+
+/// The text that {light} stands for, each wildcard taking as much as it can; nothing where `text` does not
+/// match. Takes time in proportion to the product of the lengths.
+std::optional<std::string> light_in(const std::vector<int>& pattern, const std::string& text) {
+  const std::size_t rows = pattern.size() + 1, columns = text.size() + 1;
+  std::vector<char> fits(rows * columns, 0);  // the rest of the pattern the rest of the text
+  fits.back() = 1;
+  for (std::size_t p = pattern.size(); p-- > 0;)
+    for (std::size_t t = columns; t-- > 0;) {
+      const bool has_more = t < text.size();
+      const char after = has_more ? fits[(p + 1) * columns + t + 1] : 0,
+                 same = has_more ? fits[p * columns + t + 1] : 0;
+      switch (pattern[p]) {
+        case any_text:
+          fits[p * columns + t] = fits[(p + 1) * columns + t] || same;
+          break;
+        case light_name:
+          fits[p * columns + t] = after || same;
+          break;
+        default:
+          fits[p * columns + t] =
+              after && (pattern[p] == any_character || pattern[p] == static_cast<unsigned char>(text[t]));
+      }
+    }
+  if (!fits[0]) return std::nullopt;
+  std::string light;
+  for (std::size_t p = 0, t = 0; p < pattern.size(); ++p) {
+    std::size_t end = t + 1;
+    if (pattern[p] == any_text || pattern[p] == light_name)
+      for (end = text.size(); !fits[(p + 1) * columns + end];) --end;
+    if (pattern[p] == light_name) light = text.substr(t, end - t);
+    t = end;
+  }
+  return light;
 }
 
 std::vector<BracketGroup> by_pattern(const std::vector<fs::path>& files, const std::string& pattern) {
-  const std::regex expression = expression_of(pattern);
+  const std::vector<int> tokens = parsed(pattern);
   std::vector<BracketGroup> groups;
   for (const fs::path& file : files) {
-    std::smatch match;
-    const std::string name = file.filename().string(), stem = file.stem().string();
-    if (!std::regex_match(name, match, expression) && !std::regex_match(stem, match, expression))
+    auto found = light_in(tokens, file.filename().string());
+    if (!found) found = light_in(tokens, file.stem().string());
+    if (!found)
       throw InputError(file.string() + ": does not match --pattern '" + pattern +
                        "'; correct the pattern, or remove the file from the folder");
-    const std::string light = match[1].str();
+    const std::string& light = *found;
     const auto group = std::ranges::find(groups, light, &BracketGroup::name);
     if (group == groups.end())
       groups.push_back({light, {file}});

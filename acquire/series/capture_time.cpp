@@ -94,7 +94,7 @@ std::map<std::string, ClockSeconds> read_times(const fs::path& folder) {
     const auto seconds =
         tab == std::string::npos ? std::nullopt : clock_seconds_from_text(line.substr(tab + 1));
     if (!seconds)
-      throw FormatError(path, "line " + std::to_string(number) + ", '" + line +
+      throw FormatError(path, "line " + std::to_string(number) + ", '" + line.substr(0, 80) +
                                   "', is not NAME<tab>TIME with a time as 2004-06-21T12:30:05.25");
     times[line.substr(0, tab)] = *seconds;
   }

@@ -216,34 +216,66 @@ std::map<std::string, std::string> discarded_probes(const fs::path& folder) {
   return reasons;
 }
 
+/// "a, b, c and 4 more".
+std::string list_of(const std::vector<std::string>& names) {
+  constexpr std::size_t max_names = 5;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(names.size(), max_names); ++i) text += (i > 0 ? ", " : "") + names[i];
+  return names.size() > max_names ? text + " and " + std::to_string(names.size() - max_names) + " more"
+                                  : text;
+}
+
+/// Names what the list of times and the files do not have in common, and files that only their names order.
+void note_doubtful_times(const std::string& pattern, const std::vector<SeriesFile>& series,
+                         const std::vector<std::string>& without_line, std::vector<std::string> without_file,
+                         const RunContext& run) {
+  if (!without_line.empty())
+    run.note(pattern + ": not listed in " + times_file_name +
+             ", left out where their metadata have no time: " + list_of(without_line));
+  if (!without_file.empty())
+    run.note(pattern + ": listed in " + times_file_name +
+             ", but there is no such file: " + list_of(without_file));
+  std::vector<std::string> equal;
+  for (std::size_t i = 0; i < series.size(); ++i)
+    if ((i > 0 && series[i].time == series[i - 1].time) ||
+        (i + 1 < series.size() && series[i].time == series[i + 1].time))
+      equal.push_back(series[i].path.filename().string());
+  if (!equal.empty())
+    run.note(pattern +
+             ": files share one time, so that they are paired in the order of their names, which need "
+             "not be that of their lights: " +
+             list_of(equal) + "; list times with fractions of a second in " + times_file_name);
+}
+
 /// In order of time.
 std::vector<SeriesFile> read_series(const std::string& pattern, const RunContext& run) {
   const fs::path folder = folder_of(pattern);
   const auto times = read_times(folder);
+  const auto discarded = discarded_probes(folder);
+  std::map<std::string, ClockSeconds> unused = times;
+  for (const auto& [name, reason] : discarded) unused.erase(name);
+  for (const auto& entry : fs::directory_iterator(folder))  // the pattern need not match all
+    for (const fs::path& name : {entry.path().filename(), entry.path().stem()}) unused.erase(name.string());
   std::vector<SeriesFile> series;
-  std::size_t unlisted = 0;
+  std::vector<std::string> without_line, without_file;
+  for (const auto& [name, time] : unused) without_file.push_back(name);
   for (const GlobMatch& match : expand_glob(pattern)) {
-    SeriesFile file{match.path, 0.0, ""};
-    const auto listed = times.find(match.path.stem().string());
+    auto listed = times.find(match.path.stem().string());
+    if (listed == times.end()) listed = times.find(match.path.filename().string());
     const auto time = listed != times.end() ? std::optional(listed->second) : capture_time(match.path);
-    if (!time && !times.empty()) {  // not photographed, or not shown
-      ++unlisted;
-      continue;
-    }
+    if (listed == times.end() && !times.empty()) without_line.push_back(match.path.filename().string());
+    if (!time && !times.empty()) continue;  // not photographed, or not shown
     if (!time)
       throw InputError(match.path.string() +
                        ": has no capture time in its metadata or its name; list it in " +
                        (folder / times_file_name).string() + " as NAME<tab>2004-06-21T12:30:05");
-    file.time = *time;
-    series.push_back(file);
+    series.push_back({match.path, *time, ""});
   }
-  if (unlisted > 0)
-    run.note(std::to_string(unlisted) + " files of " + pattern + " are not listed in " + times_file_name +
-             " and were left out");
-  for (const auto& [name, reason] : discarded_probes(folder))
+  for (const auto& [name, reason] : discarded)
     if (const auto listed = times.find(name); listed != times.end() && !fs::exists(folder / (name + ".exr")))
       series.push_back({folder / (name + ".exr"), listed->second, reason});
   std::ranges::stable_sort(series, {}, &SeriesFile::time);
+  note_doubtful_times(pattern, series, without_line, without_file, run);
   return series;
 }
 

@@ -78,6 +78,7 @@ class PatternWriter {
             require_not_an_input(file, inputs);
     create_folders(options.output);
     if (!options.png.empty()) create_folders(options.png);
+    lock_.emplace(options.output, std::vector<fs::path>{});
   }
 
   std::size_t steps() const { return steps_.size(); }
@@ -109,6 +110,7 @@ class PatternWriter {
 
   const LightsOptions& options_;
   std::vector<double> steps_ = options_.steps;
+  std::optional<OutputLock> lock_;
 };
 
 void report(const LightsOptions& options, std::size_t count, int width, int height, double clipped,

@@ -95,6 +95,10 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
     figures["two_area_lights_ms"] = times.two_area_lights_ms;
     figures["update_error"] = times.update_error;
   }
+  if (figures.contains("clusters") && figures["clusters"].get<std::uint64_t>() == 0)
+    run_context().note(arguments.scene.string() +
+                       ": no light reaches any vertex, so that every picture is black; if the surfaces face "
+                       "inwards, flip their normals (the winding of their faces)");
   if (common.json) {
     std::printf("%s\n", json_text(figures, 2).c_str());
     return;

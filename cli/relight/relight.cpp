@@ -106,7 +106,7 @@ void relight(const RelightOptions& options, const Common& common) {
   std::vector<fs::path> inputs = {options.field, options.area_lights};
   for (const auto* patterns : {&options.lights, &options.environments})
     inputs.insert(inputs.end(), patterns->begin(), patterns->end());
-  require_not_an_input(options.output, inputs);
+  const OutputLock lock(options.output, inputs);
   const ReflectanceField field = read_reflectance_field(options.field, run_context());
   const LightSeries series = light_series(options, field);
   const bool is_video = options.output.extension() == ".mp4";

@@ -33,7 +33,7 @@ std::string text_of(const toml::node& node) {
 
 std::string range_text(double low, double high) {
   std::ostringstream text;
-  if (high < ConfigSection::unlimited && high < 1e6)
+  if (high < ConfigSection::unlimited)
     text << "from " << low << " to " << high;
   else if (low > -1e6)
     text << "of at least " << low;

@@ -146,13 +146,24 @@ void write_text_atomically(const fs::path& path, std::string_view text) {
 
 std::string read_text(const fs::path& path) {
   if (fs::is_directory(path)) throw DeviceError(path.string(), EISDIR, "cannot read");
-  std::FILE* file = std::fopen(path.c_str(), "rbe");
+  // A pipe that no one writes to is not waited for.
+  const int descriptor = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  std::FILE* file = descriptor < 0 ? nullptr : ::fdopen(descriptor, "rb");
   if (!file) throw DeviceError(path.string(), errno, "cannot open");
   // A regular file ends; what comes from a pipe or a device need not.
   constexpr std::size_t max_stream_bytes = std::size_t{64} << 20;
   const bool ends = fs::is_regular_file(path);
   std::string text;
   char buffer[1 << 16];
+  if (!ends) {
+    const ssize_t got = ::read(descriptor, buffer, sizeof buffer);
+    if (got == 0 && fs::is_fifo(path)) {
+      std::fclose(file);
+      throw FormatError(path, "is a pipe that no program writes to; give a regular file");
+    }
+    if (got > 0) text.assign(buffer, static_cast<std::size_t>(got));
+    ::fcntl(descriptor, F_SETFL, ::fcntl(descriptor, F_GETFL) & ~O_NONBLOCK);
+  }
   while (const std::size_t got = std::fread(buffer, 1, sizeof buffer, file)) {
     text.append(buffer, got);
     if (ends || text.size() <= max_stream_bytes) continue;

@@ -96,17 +96,17 @@ fs::path lock_file_of(const fs::path& output) {
   return output.parent_path() / lock_name;
 }
 
-/// Temporaries of write_atomically() for this output; no one writes them now.
-void remove_leftovers(const fs::path& output) {
+/// Temporaries of write_atomically() for the files of `folder` that are `wanted`.
+template <class Wanted>
+void remove_leftovers(const fs::path& folder, Wanted wanted) {
   constexpr std::string_view prefix = ".partial-";
   constexpr std::size_t digits = 16;
   std::error_code ignored;
-  for (fs::directory_iterator entry(output.parent_path(), ignored), end; entry != end;
-       entry.increment(ignored)) {
+  for (fs::directory_iterator entry(folder, ignored), end; entry != end; entry.increment(ignored)) {
     if (ignored) return;
     const std::string name = entry->path().filename().string();
-    if (name.starts_with(prefix) && name.size() > prefix.size() + digits &&
-        name.substr(prefix.size() + digits) == "-" + output.filename().string() &&
+    if (name.starts_with(prefix) && name.size() > prefix.size() + digits + 1 &&
+        wanted(name.substr(prefix.size() + digits + 1)) &&
         entry->symlink_status(ignored).type() == fs::file_type::regular)
       fs::remove(entry->path(), ignored);
   }
@@ -175,7 +175,13 @@ OutputLock::OutputLock(const fs::path& given, const std::vector<fs::path>& input
     ::close(descriptor_);
     descriptor_ = -1;
   }
-  if (!file_.empty()) remove_leftovers(output);
+  // No one writes them now: those in a folder belong to runs that hold the folder, or the file itself.
+  if (!file_.empty())
+    remove_leftovers(output.parent_path(),
+                     [&](const std::string& name) { return name == output.filename(); });
+  if (is_folder)
+    remove_leftovers(output,
+                     [&](const std::string& name) { return !fs::exists(lock_file_of(output / name)); });
 }
 
 OutputLock::~OutputLock() {

@@ -573,12 +573,16 @@ LightMap read_light_map(const fs::path& path, Parameterisation parameterisation,
                      std::string(name_of(parameterisation)) + " map of " + shape_text(light.radiance));
   if (facts.is_cube.value_or(false) && parameterisation == Parameterisation::cube)
     light.radiance = from_openexr_cube(light.radiance);
-  require_finite(light.radiance, path.string(), true, "repair that texel in the light map");
-  if (std::ranges::any_of(light.radiance.values, [](float value) { return value < 0.0f; }))
-    NegativeTexels(light, path).remove(run);
+  repair_light_map(light, path, run);
   if (facts.chromaticities) treat_primaries(*facts.chromaticities, primaries, light.radiance, path, run);
-  for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
   return light;
+}
+
+void repair_light_map(LightMap& light, const fs::path& name, const RunContext& run) {
+  require_finite(light.radiance, name.string(), true, "repair that texel in the light map");
+  if (std::ranges::any_of(light.radiance.values, [](float value) { return value < 0.0f; }))
+    NegativeTexels(light, name).remove(run);
+  for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
 }
 
 void write_exr(const fs::path& path, const Image& image, Precision precision, ColourSpace space) {

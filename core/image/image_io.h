@@ -62,6 +62,8 @@ enum class Primaries {
 /// attribute contradicts the parameterisation.
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
                         const RunContext& run = {}, Primaries primaries = Primaries::as_stored);
+/// The same of a map in memory, which messages call `name`; without the primaries.
+void repair_light_map(LightMap& light, const std::filesystem::path& name, const RunContext& run = {});
 
 /// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically, with the attribute `chromaticities` where
 /// the colour space has any. Throws DeviceError where the disk refuses.

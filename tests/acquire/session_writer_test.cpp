@@ -110,6 +110,48 @@ TEST_F(SessionWriterTest, RepeatsWhatIsDamagedOrMissing) {
   EXPECT_FALSE(session.is_done("b"));
 }
 
+TEST_F(SessionWriterTest, AJournalThatNamesFilesOfOthersIsNotBelieved) {
+  {
+    SessionWriter session(folder, "plan", steps, IfExists::refuse);
+    for (const auto& step : steps) write_step(session, step);
+    session.finish(manifest());
+  }
+  write_text_atomically(temporary / "b_outside", "content");
+  for (const std::string forged : {"../b_outside", "observed/a"}) {
+    auto entries = read_journal(folder / "journal");
+    entries.back() = {"b", {inspect_file(folder, forged)}};
+    write_journal(folder / "journal", entries);
+    SessionWriter session(folder, "plan", steps, IfExists::resume);
+    EXPECT_FALSE(session.is_complete()) << forged;
+    EXPECT_FALSE(session.is_done("b")) << forged;
+    write_step(session, "b");
+    session.finish(manifest());
+  }
+}
+
+TEST_F(SessionWriterTest, AManifestThatNamesAnotherPhotographIsRefused) {
+  CaptureSession session = manifest();
+  for (const char* name : {"a", "b"}) {
+    const std::string file = std::string(name) + ".exr";
+    session.frames.push_back(
+        {name, FrameRole::train, "", folder / "illumination" / file, folder / "observed" / file});
+  }
+  {
+    SessionWriter writer(folder, "plan", {"a", "b"}, IfExists::refuse);
+    for (const char* name : {"a", "b"}) {
+      const std::vector<std::string> files = {"illumination/" + std::string(name) + ".exr",
+                                              "observed/" + std::string(name) + ".exr"};
+      for (const std::string& file : files) write_exr(folder / file, Image(1, 1, 3, 1.0f));
+      writer.finish_step(name, files);
+    }
+    writer.finish(session);
+  }
+  EXPECT_TRUE(SessionWriter(folder, "plan", {"a", "b"}, IfExists::resume).is_complete());
+  session.frames[1].observed = session.frames[0].observed;
+  write_session_manifest(session);
+  EXPECT_THROW(SessionWriter(folder, "plan", {"a", "b"}, IfExists::resume), InputError);
+}
+
 TEST_F(SessionWriterTest, RepairsLeaveColoursAndMonitorsAsTheyWereFound) {
   CaptureSession found = manifest();
   {

@@ -2,6 +2,7 @@
 #include "core/base/files.h"
 
 #include <gmock/gmock.h>
+#include <sys/stat.h>
 
 #include <cerrno>
 #include <fstream>
@@ -113,6 +114,13 @@ TEST(ReadText, NamesTheFileThatItCannotRead) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(read_text(folder / "missing.txt"), DeviceError);
   EXPECT_THROW(read_text(folder.path()), DeviceError);
+}
+
+TEST(ReadText, DoesNotWaitForAPipeThatNoOneWritesTo) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path pipe = folder / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THROW(read_text(pipe), FormatError);
 }
 
 TEST(CreateFolders, RefusesAFileInTheWay) {

@@ -62,6 +62,19 @@ TEST_F(OutputLockTest, AFolderThatIsThereOrComesIntoBeing) {
   EXPECT_THAT(refusal(output / "", {}), HasSubstr("another run"));
 }
 
+TEST_F(OutputLockTest, RemovesWhatKilledRunsLeftInAFolder) {
+  const fs::path output = folder_ / "pictures";
+  create_folders(output);
+  const fs::path left = output / ".partial-0123456789abcdef-a.exr",
+                 in_use = output / ".partial-0123456789abcdef-b.exr", own = output / ".partial-notes";
+  for (const fs::path& file : {left, in_use, own}) std::ofstream(file) << "x";
+  std::ofstream(output / ".lock-b.exr") << "";  // of a run that writes this file alone
+  const OutputLock lock(output, {});
+  EXPECT_FALSE(fs::exists(left));
+  EXPECT_TRUE(fs::exists(in_use));
+  EXPECT_TRUE(fs::exists(own)) << "no name of a temporary";
+}
+
 TEST_F(OutputLockTest, EndsWithAKilledProcess) {
   const fs::path output = folder_ / "a.rfield";
   int ready[2];
