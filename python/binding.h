@@ -45,6 +45,9 @@ void unlocked(const Work& work) {
   with_default_floating_point(work);
 }
 
+/// A message of the library with the names of Python's arguments in place of the command line's options.
+std::string in_python(const std::string& message);
+
 /// Passes findings of the library on to Python's logger "refield".
 void log_note(const std::string& text);
 

@@ -55,6 +55,7 @@ const FieldOutline& Field::outline() const {
 }
 
 std::shared_ptr<const ReflectanceField> Field::rows() const {
+  require_own_threads();
   const std::scoped_lock lock(mutex_);
   if (!rows_) rows_ = std::make_shared<const ReflectanceField>(expand(PackedField(*packed_)));
   return rows_;
@@ -98,11 +99,12 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
   for (std::size_t i = 0; i < lights.size(); ++i) {
     run.throw_if_stopped();
     const std::span<float> picture(out + i * values, values);
+    const std::string name = lights.size() > 1 ? "light[" + std::to_string(i) + "]" : "light";
+    const LightMap light = light_of(lights[i], domain);
+    require_finite(light.radiance, name, true, "replace it");
     if (lays_out && !view) {
       relighter->relight_into({lights[i], domain.parameterisation}, picture);
     } else {
-      const LightMap light = light_of(lights[i], domain);
-      require_finite(light.radiance, "light", true, "replace it");
       const Image outputs = lays_out ? relighter->relight(light) : Image();
       if (view)
         std::ranges::copy(view->show(lays_out ? outputs : plain->relight(light)).values, picture.begin());
@@ -110,9 +112,9 @@ void Field::relight(std::span<const ImageView> lights, float* out, const RunCont
         plain->apply(plain->basis.project(light), picture);
     }
     if (is_bright(lights[i]) && !std::ranges::all_of(picture, [](float v) { return std::isfinite(v); }))
-      throw InputError("light: is too bright for pictures of 32-bit floats; scale it down");
+      throw InputError(name + ": is too bright for pictures of 32-bit floats; scale it down");
     if (!outline().observed_light.empty()) {
-      const LightShares of_light = outline().light_shares(image_of(lights[i]));
+      const LightShares of_light = outline().light_shares(light.radiance);
       shares.interpolated = std::max(shares.interpolated, of_light.interpolated);
       shares.unobserved = std::max(shares.unobserved, of_light.unobserved);
     }

@@ -2,8 +2,10 @@
 // The extension module refield._refield: errors, long calls, arrays. python/refield/ is what users see.
 #include <pthread.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <map>
 #include <sstream>
 
 #include "python/binding.h"
@@ -105,8 +107,35 @@ void require_own_threads() {
         "with multiprocessing's method 'spawn' or 'forkserver', or fork before the first use");
 }
 
+std::string in_python(const std::string& message) {
+  // Those that differ by more than their dashes.
+  static const std::map<std::string, std::string> names = {{"kernels", "max_kernels"},
+                                                           {"hold-out", "Session.held_out"},
+                                                           {"keep-outliers", "keep_outliers=True"},
+                                                           {"full-scale-electrons", "full_scale_electrons"}};
+  const auto is_of_name = [](char c) { return (c >= 'a' && c <= 'z') || c == '-'; };
+  std::string text;
+  for (std::size_t i = 0; i < message.size();) {
+    const bool starts = message.compare(i, 2, "--") == 0 && (i == 0 || std::strchr(" '(;,", message[i - 1]));
+    std::size_t end = i + 2;
+    while (starts && end < message.size() && is_of_name(message[end])) ++end;
+    if (!starts || end == i + 2) {
+      text += message[i++];
+      continue;
+    }
+    std::string name = message.substr(i + 2, end - i - 2);
+    if (const auto other = names.find(name); other != names.end())
+      name = other->second;
+    else
+      std::ranges::replace(name, '-', '_');
+    text += name;
+    i = end;
+  }
+  return text;
+}
+
 void log_note(const std::string& text) {
-  py::module_::import("logging").attr("getLogger")("refield").attr("warning")("%s", text);
+  py::module_::import("logging").attr("getLogger")("refield").attr("warning")("%s", in_python(text));
 }
 
 LongCall::LongCall(py::object progress, std::optional<int> threads) : progress_(std::move(progress)) {
@@ -252,15 +281,15 @@ void bind_errors(py::module_& module) {
     try {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const InputError& caught) {
-      PyErr_SetString(input_error_type, caught.what());
+      PyErr_SetString(input_error_type, in_python(caught.what()).c_str());
     } catch (const FormatError& caught) {
-      PyErr_SetString(format_error_type, caught.what());
+      PyErr_SetString(format_error_type, in_python(caught.what()).c_str());
     } catch (const DeviceError& caught) {
-      PyErr_SetString(device_error_type, caught.what());
+      PyErr_SetString(device_error_type, in_python(caught.what()).c_str());
     } catch (const SolverError& caught) {
-      PyErr_SetString(solver_error_type, caught.what());
+      PyErr_SetString(solver_error_type, in_python(caught.what()).c_str());
     } catch (const Error& caught) {
-      PyErr_SetString(error_type, caught.what());
+      PyErr_SetString(error_type, in_python(caught.what()).c_str());
     } catch (const Interrupted&) {
       PyErr_SetNone(PyExc_KeyboardInterrupt);
     }

@@ -84,14 +84,16 @@ Field estimate_session(const CaptureSession& session, const std::optional<fs::pa
 
 // ---- errors
 
-py::dict errors_as_dict(const std::string& kind, std::size_t images, double rmse, double median,
-                        double percentile_90, double psnr, const std::vector<HeldOutImage>& per_image) {
+py::dict errors_as_dict(const std::string& kind, std::size_t images, std::optional<std::size_t> trained_on,
+                        double rmse, double median, double percentile_90, double psnr,
+                        const std::vector<HeldOutImage>& per_image) {
   py::list list;
   for (const HeldOutImage& image : per_image)
     list.append(py::make_tuple(image.name, image.error.relative_rmse, image.error.tone_mapped_psnr_db));
   py::dict result;
   result["kind"] = kind;
   result["images"] = images;
+  result["trained_on"] = trained_on;
   result["relative_rmse"] = rmse;
   result["median"] = median;
   result["percentile_90"] = percentile_90;
@@ -105,15 +107,17 @@ py::list compare_field(const Field& field, const CaptureSession& given, const Fi
   CaptureSession session = given;
   const auto rows = field.rows();
   if (std::ranges::none_of(session.frames, [](const auto& f) { return f.role == FrameRole::test; }))
-    if (const std::string warning = mark_held_out(session, *rows); !warning.empty()) log_note(warning);
+    mark_held_out(session, *rows);
   const auto errors = LongCall(std::move(progress), std::nullopt)([&](const RunContext& run) {
     if (!truth) remove_drift(session, run);
     return held_out_errors(*rows, session, truth ? truth->rows().get() : nullptr, FrameRole::test, 1.0, run);
   });
+  if (const std::string warning = training_warning(errors); !warning.empty()) log_note(warning);
   py::list result;
   for (const HeldOutError& error : errors)
-    result.append(errors_as_dict(error.kind, error.images, error.relative_rmse, error.median,
-                                 error.percentile_90, error.tone_mapped_psnr_db, error.per_image));
+    result.append(errors_as_dict(error.kind, error.images, error.trained_on, error.relative_rmse,
+                                 error.median, error.percentile_90, error.tone_mapped_psnr_db,
+                                 error.per_image));
   return result;
 }
 
@@ -122,6 +126,7 @@ py::dict compare_arrays(
     const std::optional<py::array_t<bool, py::array::c_style | py::array::forcecast>>& mask) {
   const auto images = views_of(predicted, "predicted"), references = views_of(observed, "observed"),
              noise = sigma ? views_of(*sigma, "sigma") : std::vector<ImageView>{};
+  require_own_threads();
   if (images.empty() || images.size() != references.size() || (sigma && noise.size() != images.size()))
     throw InputError(std::to_string(images.size()) + " predicted and " + std::to_string(references.size()) +
                      " observed images do not belong together; give as many of both");
@@ -134,13 +139,15 @@ py::dict compare_arrays(
                 s = sigma ? image_of(noise[i]) : Image();
     series.add(a, b, s);
     for (std::size_t k = 0; k < b.values.size(); ++k)
-      if (!std::isfinite(b.values[k]) && (s.empty() || !std::isinf(s.values[k])) &&
-          (counted.empty() || counted[k / 3] != 0))
-        throw InputError("observed: image " + std::to_string(i) + " has a sample that is not finite; " +
-                         "exclude it by the mask, or mark it as unmeasured (sigma = inf)");
+      if ((!std::isfinite(a.values[k]) || !std::isfinite(b.values[k])) &&
+          (s.empty() || !std::isinf(s.values[k])) && (counted.empty() || counted[k / 3] != 0))
+        throw InputError(std::string(std::isfinite(b.values[k]) ? "predicted" : "observed") + "[" +
+                         std::to_string(i) +
+                         "]: has a sample that is not finite; exclude it by the mask, or mark " +
+                         "it as unmeasured (sigma = inf)");
     per_image.push_back({std::to_string(i), {}, image_error(a, b, counted, s)});
   }
-  return errors_as_dict("", series.images(), series.relative_rmse(), series.pixel_quantile(0.5),
+  return errors_as_dict("", series.images(), 0, series.relative_rmse(), series.pixel_quantile(0.5),
                         series.pixel_quantile(0.9), tone_mapped_psnr_db(per_image), per_image);
 }
 
@@ -293,8 +300,8 @@ py::array project(const Floats& map, const LightDomain& target, const std::vecto
         "map (six square faces stacked vertically, +X −X +Y −Y +Z −Z)");
   const auto placements = placements_from_texts(monitors);
   LightMap environment{image_of(view), *kind};
-  require_finite(environment.radiance, "the map", false, "repair that texel");
   return array_of(LongCall(py::none(), std::nullopt)([&](const RunContext& run) {
+    repair_light_map(environment, "map", run);
     return EnvironmentProjector(target, placements, run)
         .project(environment, {turn[0], turn[1], turn[2]}, run)
         .light.radiance;
@@ -420,7 +427,13 @@ void bind_scenes(py::module_& module) {
   module.def("read_image", [](const fs::path& path) {
     return array_of(LongCall(py::none(), std::nullopt)([&](const RunContext&) { return read_image(path); }));
   });
+  module.def("read_light_map", [](const fs::path& path, const std::string& parameterisation) {
+    return array_of(LongCall(py::none(), std::nullopt)([&](const RunContext& run) {
+      return read_light_map(path, parameterisation_from_name(parameterisation), run).radiance;
+    }));
+  });
   module.def("write_exr", [](const fs::path& path, const Floats& image) {
+    require_own_threads();
     if (path.extension() != ".exr")
       throw InputError(path.string() + ": the image is written as OpenEXR; give a name that ends in .exr");
     write_exr(path, image_of(view_of(image, "image")));

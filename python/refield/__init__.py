@@ -268,8 +268,13 @@ class Field:
         InputError
             The light has another shape.
         """
-        array = read_image(light) if _arguments.is_path(light) else _arguments.floats(light, "light")  # type: ignore[arg-type]
-        return self._native.predicted_error_under(array)
+        return self._native.predicted_error_under(_arguments.floats(self._light(light), "light"))
+
+    def _light(self, light: Union[npt.ArrayLike, Path]) -> npt.ArrayLike:
+        """An array, or the map of a path, repaired as the command line does."""
+        if not _arguments.is_path(light):
+            return light  # type: ignore[return-value]
+        return _refield.read_light_map(_arguments.path(light), self.parameterisation)
 
     @property
     def noise(self) -> Optional[Array]:
@@ -316,7 +321,7 @@ class Field:
         Where more than 1 % of the light comes from texels that were black in all training light maps, the logger
         "refield" says so. Source: Matusik et al. 2004, equations 1 to 4.
         """
-        array = _arguments.light_for(out, read_image(light) if _arguments.is_path(light) else light)  # type: ignore[arg-type]
+        array = _arguments.light_for(out, self._light(light))
         return self._native.relight(array, out, _arguments.progress_function(progress), _arguments.thread_limit(threads))
 
     def relighter(self, precision: str = "fast") -> Relighter:
@@ -725,6 +730,8 @@ class Comparison(NamedTuple):
     percentile_90: float
     tone_mapped_psnr_db: float
     per_image: list[ImageError]
+    #: Of these images, those that the field was estimated from, so that their errors are training errors; None: not known.
+    trained_on: Optional[int] = None
 
 
 def _comparison(figures: dict[str, Any]) -> Comparison:
@@ -941,7 +948,7 @@ def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, 
     Raises
     ------
     InputError
-        The map is no environment map or not finite, the monitor's placement is missing, or the shape does not suit.
+        The map is no environment map, not finite or mostly negative, the monitor's placement is missing, or the shape does not suit.
     """
     array = read_image(map) if _arguments.is_path(map) else _arguments.floats(map, "map")  # type: ignore[arg-type]
     turn = (_arguments.number(yaw, "yaw"), _arguments.number(pitch, "pitch"), _arguments.number(roll, "roll"))

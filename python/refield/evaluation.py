@@ -118,6 +118,9 @@ class _Ours:
 def _require_numbers(values: npt.NDArray[np.float32], shape: tuple[int, ...], name: str) -> None:
     if values.shape != shape:
         raise InputError(f"{name}: predict() returned the shape {values.shape} for light that has photographs of shape {shape}")
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.all():
+        raise InputError(f"{name}: predict() returned values that are not finite for image {int(np.argmin(finite))}")
 
 
 def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], progress: Optional[Any] = None) -> Evaluation:
@@ -140,7 +143,7 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
     Raises
     ------
     InputError
-        The session has no held-out frame, or a prediction has another shape than the photographs.
+        The session has no held-out frame, or a prediction has another shape than the photographs or is not finite.
 
     Notes
     -----

@@ -2,6 +2,7 @@
 """What the module computes, against the command line, the definition of a field, and itself."""
 import json
 import logging
+import multiprocessing
 import os
 import pickle
 import subprocess
@@ -183,12 +184,15 @@ def test_session_and_comparison(program, session, field, tmp_path):
         assert errors.relative_rmse == pytest.approx(by_command[errors.kind]["relative_rmse"], rel=1e-12)
         assert len(errors.per_image) == errors.images
     frame = session.test[0]
+    assert all(errors.trained_on is None for errors in refield.compare(field, session))  # estimated from arrays
+    from_files = refield.estimate(session, mode="fast", predict_errors=False)
+    assert all(errors.trained_on == 0 for errors in refield.compare(from_files, session))
     alone = refield.compare(field.relight(frame.light()), frame.observed())[0]
     in_series = [image for errors in refield.compare(field, session) for image in errors.per_image if image.name == frame.name]
     assert alone.relative_rmse == pytest.approx(in_series[0].relative_rmse)
     split = refield.Session.pairs(f"{session.folder}/illumination/train_*.exr", f"{session.folder}/observed/train_*.exr").held_out(10)
     assert (len(split.train), len(split.test)) == (36, 4)
-    with pytest.raises(refield.InputError, match="hold-out 1"):
+    with pytest.raises(refield.InputError, match="held_out 1"):
         session.held_out(1)
     with pytest.raises(IndexError):
         session[99]
@@ -204,7 +208,7 @@ def test_errors_have_the_text_of_the_command_line(session, arrays, field, tmp_pa
         refield.estimate(["a.exr"], observed)
     with pytest.raises(refield.InputError, match="mode"):
         refield.estimate(light, observed, mode="best")
-    with pytest.raises(refield.InputError, match="--kernels"):
+    with pytest.raises(refield.InputError, match="max_kernels"):
         refield.estimate(light, observed, max_kernels=400)
     with pytest.raises(refield.InputError, match="threads"):
         refield.estimate(light, observed, threads=-1)
@@ -290,6 +294,40 @@ def test_damaged_and_unusual_files(field, tmp_path):
     assert np.array_equal(refield.Field.load(file).relight(light), field.relight(light))
 
 
+def test_messages_name_the_image_and_the_argument(arrays, field):
+    lights = random_lights(field, 14)
+    for batch in (lights, lights[:4]):
+        broken = batch.copy()
+        broken[3, 0, 0, 0] = np.nan
+        with pytest.raises(refield.InputError, match=r"light\[3\]"):
+            field.relight(broken)
+    with pytest.raises(refield.InputError, match="^max_kernels is 300"):
+        refield.estimate(*arrays, max_kernels=300)
+    with pytest.raises(refield.InputError, match=r"predicted\[1\]"):
+        refield.compare(np.stack([lights[0], lights[1] * np.nan]), lights[:2])
+
+
+def _after_fork(call, answers):
+    try:
+        call()
+        answers.put("worked")
+    except refield.Error as error:
+        answers.put(str(error))
+
+
+def test_after_a_fork_calls_raise_at_once(field, tmp_path):
+    light = random_lights(field, 1)[0]
+    refield.write_exr(tmp_path / "light.exr", light)
+    context = multiprocessing.get_context("fork")
+    for call in (lambda: field.relight(light), lambda: refield.write_exr(tmp_path / "other.exr", light), lambda: field.kernels(0, 0),
+                 lambda: refield.compare(light, light), lambda: refield.read_image(tmp_path / "light.exr")):
+        answers = context.SimpleQueue()
+        process = context.Process(target=_after_fork, args=(call, answers))
+        process.start()
+        process.join(300)  # only what hangs
+        assert process.exitcode == 0 and "forked" in answers.get()
+
+
 def test_out_may_overlap_the_light(field):
     memory = np.zeros((2, *field.shape), np.float32)
     lights = memory.reshape(-1)[:2 * light_size(field)].reshape(2, *field.light_shape)
@@ -350,6 +388,9 @@ def test_environment(arrays, field, tmp_path):
         refield.environment(sky, field)
     light = refield.environment(sky, field, monitor="520x320@600")
     assert light.shape == field.light_shape and np.allclose(light, 1.0, rtol=1e-5)
+    ringing = sky.copy()
+    ringing[3, 4] = -0.01  # of lossy compression
+    assert refield.environment(ringing, field, monitor="520x320@600").min() >= 0.0
     ahead = sky.copy()
     ahead[:, :16] = 0.0  # the left half
     turned = refield.environment(ahead, shape=(12, 16), monitor="520x320@600", yaw=-90.0)
@@ -407,6 +448,12 @@ def test_evaluate(session, tmp_path):
     assert "relative RMSE" in str(table) and "<table>" in table._repr_html_()
     table.chart(tmp_path / "chart.svg")
     assert (tmp_path / "chart.svg").stat().st_size > 5000
+    class Lost(Mean):
+        def predict(self, light):
+            return np.full((len(light), self.mean.size), np.nan)
+
+    with pytest.raises(refield.InputError, match="lost: .*not finite for image 0"):
+        refield.evaluate(session, {"lost": Lost()})
     with pytest.raises(refield.InputError, match="held-out"):
         refield.evaluate(refield.Session.pairs([frame.light_path for frame in session.train[:3]],
                                                [frame.observed_path for frame in session.train[:3]]), {})
