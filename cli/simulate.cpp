@@ -28,6 +28,7 @@ struct Arguments {
   fs::path folder;
   std::optional<int> width, height, light_width, light_height;
   std::optional<int> train, natural, bars, squares;
+  std::string kind;
   std::optional<std::int64_t> seed;
   std::optional<int> quality;
   double noise = 0.0;
@@ -54,6 +55,7 @@ Recipe recipe_of(const Arguments& arguments) {
   replace(arguments.natural, recipe.lights.natural, "--natural", 0, 9999);
   replace(arguments.bars, recipe.lights.bars, "--bars", 0, 999);
   replace(arguments.squares, recipe.lights.squares, "--squares", 0, 999);
+  if (!arguments.kind.empty()) recipe.lights.kind = arguments.kind;
   replace(arguments.seed, recipe.seed, "--seed", 0, 0x7fffffff);
   return recipe;
 }
@@ -218,7 +220,11 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       ->group(size);
   const char* lights = "Lights";
   verb->add_option("--train", arguments->train,
-                   "Number of natural light maps for estimation (default: from the recipe)")
+                   "Number of light maps for estimation (default: from the recipe)")
+      ->group(lights);
+  verb->add_option("--kind", arguments->kind,
+                   "Kind of light maps for estimation: designed or natural (default: from the recipe)")
+      ->check(CLI::IsMember({"designed", "natural"}))
       ->group(lights);
   verb->add_option("--natural", arguments->natural,
                    "Number of held-out natural light maps (default: from the recipe)")

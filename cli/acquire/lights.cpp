@@ -30,6 +30,7 @@ struct LightsOptions {
   std::vector<std::string> images;
   bool starter = false;
   bool spots = false;
+  std::string kind = "designed";
   int count = 180;
   fs::path output;
   fs::path png;
@@ -133,18 +134,24 @@ void report(const LightsOptions& options, std::size_t count, int width, int heig
                 options.png.c_str(), options.png.c_str());
 }
 
-/// Five sixths are natural patterns to estimate from; the others are held out, which name the error of an
-/// estimate: of 180 patterns 150 and 30.
-LightPlan starter_plan(int count) {
+/// Five sixths are patterns to estimate from; the others are held out, which name the error of an estimate:
+/// of 180 patterns 150 and 30.
+LightPlan starter_plan(int count, const std::string& kind) {
   const auto share = [&](int of_180) { return std::max(1, of_180 * count / 180); };
-  LightPlan plan{
-      .train = 0, .natural = share(15), .bars = share(8), .squares = share(6), .white = 1, .black = 0};
-  plan.train = count - plan.natural - plan.bars - plan.squares - plan.white;
+  LightPlan plan{.train = 0,
+                 .kind = kind,
+                 .natural = share(12),
+                 .coloured = share(3),
+                 .bars = share(8),
+                 .squares = share(6),
+                 .white = 1,
+                 .black = 0};
+  plan.train = count - plan.natural - plan.coloured - plan.bars - plan.squares - plan.white;
   return plan;
 }
 
 void make_starter_set(const LightsOptions& options, const Common& common) {
-  const LightPlan plan = starter_plan(options.count);
+  const LightPlan plan = starter_plan(options.count, options.kind);
   constexpr std::uint64_t seed = 2004;
   const auto [width, height] = size_of(options.size.empty() ? "160x90" : options.size);
   const std::vector<LightSpec> list = list_lights(plan);
@@ -222,8 +229,9 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Patterns are resampled from images of any size, or a starter set of 180 generated patterns. Each "
       "texel is the mean linear radiance over its area of the image. PNG and JPEG files are decoded from "
-      "sRGB; 1 is white, higher values are clipped. The starter set is always the same: 150 natural patterns "
-      "for training (train_…) and, held out (test_…), 15 natural patterns, 8 bars, 6 squares and white.\n"
+      "sRGB; 1 is white, higher values are clipped. The starter set is always the same: 150 patterns for "
+      "training (train_…), designed for estimation (docs/method/patterns.md), and, held out (test_…), 12 "
+      "natural patterns, 3 in saturated colours, 8 bars, 6 squares and white.\n"
       "\n"
       "With --png, each pattern is also written as an 8-bit sRGB image for a monitor. The OpenEXR file then "
       "contains the linear radiance of these 8-bit levels: level L has the radiance peak × sRGB⁻¹(L / 255).\n"
@@ -241,6 +249,10 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
                  "Create 15 spots and white for 'refield acquire geometry' instead of resampling images")
       ->excludes(images)
       ->excludes("--starter");
+  verb->add_option("--kind", options->kind,
+                   "Training patterns of the starter set: designed, or natural (images as in the paper)")
+      ->check(CLI::IsMember({"designed", "natural"}))
+      ->capture_default_str();
   verb->add_option("--count", options->count, "Number of patterns of the starter set, held-out ones included")
       ->check(CLI::Range(12, 5000))
       ->capture_default_str();

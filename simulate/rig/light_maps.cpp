@@ -7,10 +7,12 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <optional>
 
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
 #include "core/image/metrics.h"
+#include "simulate/rig/leaf_patterns.h"
 #include "simulate/rig/panorama.h"
 
 namespace refield {
@@ -21,6 +23,7 @@ constexpr int views_of_a_panorama = 6;
 // A view of 70° then has about one panorama pixel a texel.
 constexpr int panorama_widths_of_a_map = 8;
 constexpr int largest_panorama = 3072;
+constexpr int first_coloured_view = 9999 * views_of_a_panorama;  // of panoramas that show no other light
 
 std::string numbered(const char* role, int number) {
   char text[32];
@@ -44,6 +47,10 @@ void expose(Image& view, double stops) {
   for (float& v : view.values) v = std::clamp(v * scale, 0.0f, 1.0f);
 }
 
+int view_of(const LightSpec& spec) {
+  return spec.kind == "coloured" ? first_coloured_view + spec.number : spec.number;
+}
+
 Image natural_light(const Image& panorama, std::uint64_t seed, std::uint64_t stream, int view_number,
                     int width, int height) {
   Rng rng(seed, 0x766965u, stream, view_number);
@@ -55,6 +62,13 @@ Image natural_light(const Image& panorama, std::uint64_t seed, std::uint64_t str
   Image image = view_of_panorama(panorama, view, width, height);
   expose(image, rng.uniform(-0.4, 0.6));
   return image;
+}
+
+/// Leaves one or two channels of a view.
+void colour(Image& view, int number) {
+  constexpr int kept[] = {1, 2, 4, 6, 5, 3};  // bits of red, green, blue
+  for (std::size_t i = 0; i < view.values.size(); ++i)
+    if ((kept[number % 6] >> i % 3 & 1) == 0) view.values[i] = 0.0f;
 }
 
 LightMap made_light(const LightSpec& spec, int count, const LightDomain& domain) {
@@ -83,7 +97,7 @@ LightMap made_light(const LightSpec& spec, int count, const LightDomain& domain)
 
 std::vector<LightSpec> list_lights(const LightPlan& plan) {
   std::vector<LightSpec> list;
-  for (int i = 0; i < plan.train; ++i) list.push_back({numbered("train", i), FrameRole::train, "natural", i});
+  for (int i = 0; i < plan.train; ++i) list.push_back({numbered("train", i), FrameRole::train, plan.kind, i});
   int number = 0;
   const auto add = [&](const char* kind, int count) {
     for (int i = 0; i < count; ++i) list.push_back({numbered("test", number++), FrameRole::test, kind, i});
@@ -91,6 +105,7 @@ std::vector<LightSpec> list_lights(const LightPlan& plan) {
   add("natural", plan.natural);
   add("bar", plan.bars);
   add("square", plan.squares);
+  add("coloured", plan.coloured);
   add("white", plan.white);
   add("black", plan.black);
   return list;
@@ -105,9 +120,9 @@ void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, 
   for (std::size_t place = 0; place < list.size(); ++place) {
     const LightSpec& spec = list[place];
     ++count_of[spec.kind];
-    if (spec.kind != "natural") continue;
+    if (spec.kind != "natural" && spec.kind != "coloured") continue;
     const std::uint64_t test = spec.role == FrameRole::train ? 0 : 1;
-    places_of[2 * static_cast<std::uint64_t>(spec.number / views_of_a_panorama) + test].push_back(place);
+    places_of[2 * static_cast<std::uint64_t>(view_of(spec) / views_of_a_panorama) + test].push_back(place);
   }
   Progress progress(run, "light maps", list.size());
   const std::vector<std::pair<std::uint64_t, std::vector<std::size_t>>> groups(places_of.begin(),
@@ -119,16 +134,26 @@ void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, 
     const Image panorama = make_panorama(seed, stream, panorama_width);
     for (const std::size_t place : places) {
       run.throw_if_stopped();
-      sink(place, {natural_light(panorama, seed, stream, list[place].number, domain.width, domain.height),
-                   domain.parameterisation});
+      const LightSpec& spec = list[place];
+      Image view = natural_light(panorama, seed, stream, view_of(spec), domain.width, domain.height);
+      if (spec.kind == "coloured") colour(view, spec.number);
+      sink(place, {std::move(view), domain.parameterisation});
       progress.advance();
     }
   });
-  for (std::size_t place = 0; place < list.size(); ++place)
-    if (list[place].kind != "natural") {
-      sink(place, made_light(list[place], count_of[list[place].kind], domain));
-      progress.advance();
+  std::optional<LeafPatterns> leaves;
+  for (std::size_t place = 0; place < list.size(); ++place) {
+    run.throw_if_stopped();
+    const LightSpec& spec = list[place];
+    if (spec.kind == "natural" || spec.kind == "coloured") continue;
+    if (spec.kind == "designed") {
+      if (!leaves) leaves.emplace(domain, seed);
+      sink(place, leaves->next());
+    } else {
+      sink(place, made_light(spec, count_of[spec.kind], domain));
     }
+    progress.advance();
+  }
 }
 
 }  // namespace refield

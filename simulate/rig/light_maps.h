@@ -16,7 +16,7 @@ namespace refield {
 struct LightSpec {
   std::string name;  ///< "train_007", "test_012"
   FrameRole role = FrameRole::train;
-  std::string kind;  ///< "natural", "bar", "square", "white", "black"
+  std::string kind;  ///< "natural", "designed", "coloured", "bar", "square", "white", "black"
   int number = 0;    ///< within its role and kind
 };
 
@@ -28,6 +28,9 @@ std::vector<LightSpec> list_lights(const LightPlan& plan);
 ///  - natural: perspective views of made-up panoramas, rotated, exposed and clipped as a camera would.
 ///  Training and test
 ///    views never share a panorama.
+///  - designed: saturated leaves (LeafPatterns). The first patterns of a longer list are those of a shorter
+///  one.
+///  - coloured: natural views of further panoramas in red, green, blue, cyan, magenta and yellow in turn.
 ///  - bar: white, an eighth of the width, sliding from the left edge to the right.
 ///  - square: white, a sixteenth of the width, at places spread over the map.
 void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, std::uint64_t seed,

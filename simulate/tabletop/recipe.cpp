@@ -116,7 +116,9 @@ void read_exposures(Section section, ExposureSeries& exposures) {
 
 void read_lights(Section section, LightPlan& lights) {
   section.integer("train", lights.train, 1, 9999);
+  section.choice<std::string>("kind", lights.kind, {{"natural", "natural"}, {"designed", "designed"}});
   section.integer("natural", lights.natural, 0, 9999);
+  section.integer("coloured", lights.coloured, 0, 999);
   section.integer("bars", lights.bars, 0, 999);
   section.integer("squares", lights.squares, 0, 999);
   section.integer("white", lights.white, 0, 1);

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "core/base/units.h"
 #include "simulate/rig/device_models.h"
@@ -12,10 +13,12 @@ namespace refield {
 
 /// How many light maps of each kind to make.
 struct LightPlan {
-  int train = 180;   ///< natural, for estimation
-  int natural = 12;  ///< held out, from panoramas that no training light shows
-  int bars = 8;      ///< white, an eighth of the width, sliding from left to right
-  int squares = 6;   ///< white, a sixteenth of the width
+  int train = 180;               ///< for estimation
+  std::string kind = "natural";  ///< of the training lights: "natural" or "designed"
+  int natural = 12;              ///< held out, from panoramas that no training light shows
+  int coloured = 0;              ///< held out, such views in one or two of the three primaries
+  int bars = 8;                  ///< white, an eighth of the width, sliding from left to right
+  int squares = 6;               ///< white, a sixteenth of the width
   int white = 1;
   int black = 1;
 };

@@ -7,7 +7,9 @@
 #include <cmath>
 #include <complex>
 #include <numbers>
+#include <numeric>
 
+#include "simulate/rig/leaf_patterns.h"
 #include "simulate/rig/panorama.h"
 
 namespace refield {
@@ -127,6 +129,124 @@ TEST(NaturalLights, AllDifferAndTheSeedDecides) {
   EXPECT_EQ(again[0].radiance.values, lights[0].radiance.values);  // more lights change none of the first
   EXPECT_NE(other[0].radiance.values, lights[0].radiance.values);
   EXPECT_NE(again[1].radiance.values, again[0].radiance.values);
+}
+
+// 24 designed lights; several tests look at them.
+const std::vector<LightMap>& designed_lights() {
+  static const auto lights = lights_of(
+      {.train = 24, .kind = "designed", .natural = 0, .bars = 0, .squares = 0, .white = 0, .black = 0}, 7);
+  return lights;
+}
+
+// Means over a grid of cells of 16 × 16 texels of one channel, less their own mean, scaled to norm 1.
+std::vector<double> coarse(const LightMap& light, int channel) {
+  constexpr int columns = domain.width / 16, rows = domain.height / 16;
+  std::vector<double> cells(columns * rows);
+  for (int y = 0; y < domain.height; ++y)
+    for (int x = 0; x < domain.width; ++x)
+      cells[y / 16 * columns + x / 16] += light.radiance.at(x, y, channel) / 256.0;
+  double mean = 0.0, square = 0.0;
+  for (const double v : cells) mean += v / (columns * rows);
+  for (double& v : cells) {
+    v -= mean;
+    square += v * v;
+  }
+  for (double& v : cells) v /= std::sqrt(square);
+  return cells;
+}
+
+// Root mean square correlation of the channels of a light, and of each channel between lights.
+std::pair<double, double> coarse_correlations(const std::vector<LightMap>& lights) {
+  double channels = 0.0, pairs = 0.0;
+  const auto squared = [](const std::vector<double>& a, const std::vector<double>& b) {
+    return std::pow(std::inner_product(a.begin(), a.end(), b.begin(), 0.0), 2);
+  };
+  const double n = static_cast<double>(lights.size());
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    for (int c = 0; c < 3; ++c)
+      channels += squared(coarse(lights[i], c), coarse(lights[i], (c + 1) % 3)) / (3.0 * n);
+    for (std::size_t j = 0; j < i; ++j)
+      pairs += squared(coarse(lights[i], 1), coarse(lights[j], 1)) / (0.5 * n * (n - 1.0));
+  }
+  return {std::sqrt(channels), std::sqrt(pairs)};
+}
+
+TEST(DesignedLights, AreSaturatedWithEqualMeansAndAllSizes) {
+  double square = 0.0;
+  std::vector<int> runs;  // of equal texels along rows
+  for (const LightMap& light : designed_lights()) {
+    ASSERT_EQ(light.domain(), domain);
+    double mean = 0.0;
+    for (const float v : light.radiance.values) {
+      ASSERT_TRUE(v == 0.0f || v == 1.0f);
+      mean += v / static_cast<double>(light.radiance.values.size());
+    }
+    EXPECT_NEAR(mean, 0.5, 0.1);
+    square += std::pow(mean - 0.5, 2) / static_cast<double>(designed_lights().size());
+    for (int y = 0; y < domain.height; ++y)
+      for (int x = 1, run = 1; x <= domain.width; ++x, ++run)
+        if (x == domain.width || green(light, x, y) != green(light, x - 1, y)) runs.push_back(run), run = 0;
+  }
+  EXPECT_LT(std::sqrt(square), 0.04);
+  const auto shorter = [&](int length) {
+    return static_cast<double>(std::ranges::count_if(runs, [&](int run) { return run <= length; })) /
+           static_cast<double>(runs.size());
+  };
+  for (const int length : {4, 8, 16, 32, 64}) {  // each octave has its part
+    EXPECT_GT(shorter(length) - shorter(length / 2), 0.02) << length;
+  }
+}
+
+// Of random levels, which follow the few large leaves of a map, both are 0.24 and more; natural channels have
+// 0.9.
+TEST(DesignedLights, AreLessCorrelatedThanChance) {
+  const auto [channels, pairs] = coarse_correlations(designed_lights());
+  constexpr double by_chance = 0.24;
+  EXPECT_LT(channels, by_chance);
+  EXPECT_LT(pairs, by_chance);
+  EXPECT_GT(coarse_correlations(natural_lights()).first, 3.0 * channels);
+}
+
+TEST(DesignedLights, MoreLightsChangeNoneOfTheFirst) {
+  LightPlan one{
+      .train = 1, .kind = "designed", .natural = 0, .bars = 0, .squares = 0, .white = 0, .black = 0};
+  EXPECT_EQ(lights_of(one, 7)[0].radiance.values, designed_lights()[0].radiance.values);
+  EXPECT_NE(lights_of(one, 8)[0].radiance.values, designed_lights()[0].radiance.values);
+}
+
+// Maps that are tall, tiny, or stacked windows of several monitors.
+TEST(DesignedLights, FillMapsOfAnyShape) {
+  for (const LightDomain shape :
+       {LightDomain{8, 8, Parameterisation::monitor}, LightDomain{40, 160, Parameterisation::monitor}}) {
+    LeafPatterns patterns(shape, 3);
+    for (int i = 0; i < 4; ++i) {
+      const LightMap light = patterns.next();
+      ASSERT_EQ(light.domain(), shape);
+      const double lit = static_cast<double>(std::ranges::count(light.radiance.values, 1.0f)) /
+                         static_cast<double>(light.radiance.values.size());
+      EXPECT_GT(lit, 0.15);
+      EXPECT_LT(lit, 0.85);
+    }
+  }
+}
+
+TEST(ColouredLights, HaveOneOrTwoPrimariesEach) {
+  std::vector<LightSpec> list;
+  const auto lights = lights_of(
+      {.train = 1, .natural = 1, .coloured = 6, .bars = 0, .squares = 0, .white = 0, .black = 0}, 7, &list);
+  const std::vector<std::string> lit = {"r", "g", "b", "gb", "rb", "rg"};
+  for (std::size_t i = 2; i < lights.size(); ++i) {
+    EXPECT_EQ(list[i].kind, "coloured");
+    EXPECT_EQ(list[i].role, FrameRole::test);
+    std::string channels;
+    for (int c = 0; c < 3; ++c)
+      for (std::size_t p = c; p < lights[i].radiance.values.size(); p += 3)
+        if (lights[i].radiance.values[p] > 0.0f) {
+          channels += "rgb"[c];
+          break;
+        }
+    EXPECT_EQ(channels, lit[i - 2]);
+  }
 }
 
 TEST(TestLights, BarsSlideFromEdgeToEdgeAndSquaresLieInside) {
