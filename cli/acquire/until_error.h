@@ -22,7 +22,8 @@ class UntilError {
  public:
   UntilError(double error, int min_images, int check_every);
 
-  /// Makes `request` ask this rule, which must outlive the capture.
+  /// Makes `request` ask this rule, which must outlive the capture. The error is that under the request's
+  /// held-out natural lights, if there are any.
   void attach(CaptureRequest& request);
   bool reached() const { return reached_; }
   double target() const { return error_; }

@@ -115,9 +115,14 @@ int count_of(std::span<const int> groups) {
   return groups.empty() ? 0 : *std::ranges::max_element(groups) + 1;
 }
 
-std::vector<std::vector<int>> repeats_in(std::span<const int> groups) {
+std::vector<std::vector<int>> members_of(std::span<const int> groups) {
   std::vector<std::vector<int>> members(count_of(groups));
   for (std::size_t j = 0; j < groups.size(); ++j) members[groups[j]].push_back(static_cast<int>(j));
+  return members;
+}
+
+std::vector<std::vector<int>> repeats_in(std::span<const int> groups) {
+  std::vector<std::vector<int>> members = members_of(groups);
   std::erase_if(members, [](const auto& group) { return group.size() < 2; });
   return members;
 }

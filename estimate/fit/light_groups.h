@@ -30,7 +30,9 @@ int light_rank(std::span<const LightSketch> lights);
 /// Number of groups.
 int count_of(std::span<const int> groups);
 
-/// The members of each group that has several.
+/// The members of each group.
+std::vector<std::vector<int>> members_of(std::span<const int> groups);
+/// Of each group that has several.
 std::vector<std::vector<int>> repeats_in(std::span<const int> groups);
 
 /// Fewer lights that differ do not show what a field misses under another one: the error is then not

@@ -2,6 +2,7 @@
 #include "estimate/quality/error_evidence.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <array>
@@ -47,17 +48,24 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
                 : std::vector<CellPrior>{{error_length, error_independent}};
   const auto count = static_cast<Eigen::Index>(cells.size());
   const int images = table.images();
-  const auto repeats = repeats_in(table.light_groups());
+  const std::vector<std::vector<int>> members = members_of(table.light_groups());
   const std::array<Eigen::MatrixXd, 3> lights = lights_of(table, cells);
-  // The colours of natural light vary together, so that all channels tell about as much as their mean.
   const Eigen::MatrixXd grey = (lights[0] + lights[1] + lights[2]) / 3.0;
-  // Besides, channels need not be equally bright, and what is left out of a channel is its colour, too.
+  // Channels need not be equally bright, and what is left out of a channel is its colour, too.
   std::array<double, 3> brightness{};
   std::array<Eigen::MatrixXd, 3> colours;
   for (std::size_t c = 0; c < 3; ++c) {
     brightness[c] = lights[c].sum() / grey.sum();
     colours[c] = brightness[c] > 0.0 ? Eigen::MatrixXd(lights[c] / brightness[c] - grey) : 0.0 * grey;
   }
+  // What an image tells of a pixel's reflectance function. The regression on cells has a weight per channel;
+  // under natural light, whose colours vary together, each channel tells about as much as their mean. Of
+  // rectangles, which the channels share, each channel is a sample of its own.
+  std::vector<Eigen::MatrixXd> told;
+  if (are_cells)
+    told = {grey};
+  else
+    for (const Eigen::MatrixXd& colour : colours) told.emplace_back(grey + colour);
   const double mean_square_brightness =
       (brightness[0] * brightness[0] + brightness[1] * brightness[1] + brightness[2] * brightness[2]) / 3.0;
   for (const CellPrior& prior : priors) {
@@ -67,24 +75,37 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
                                      .llt()
                                      .matrixL()
                                      .toDenseMatrix();
-    const Eigen::MatrixXd effects = grey * directions;
-    const double scale = images / effects.squaredNorm();
-    const SymmetricEigen solver = symmetric_eigen(scale * effects.transpose() * effects);
+    Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(count, count);
+    for (const Eigen::MatrixXd& light : told) {
+      const Eigen::MatrixXd effects = light * directions;
+      gram += effects.transpose() * effects;
+    }
+    const auto samples = static_cast<Eigen::Index>(told.size());
+    const double scale = images * static_cast<double>(samples) / gram.trace();
+    const SymmetricEigen solver = symmetric_eigen(scale * gram);
     const Eigen::ArrayXd values = solver.values.array().max(0.0);
     directions *= std::sqrt(scale) * solver.vectors;
-    const Eigen::MatrixXd squares = (grey * directions).cwiseAbs2();
+    std::vector<Eigen::MatrixXd> effects;
+    for (const Eigen::MatrixXd& light : told) effects.emplace_back(light * directions);
     Eigen::ArrayXd of_colours = Eigen::ArrayXd::Zero(count);  // mean over images and channels
-    for (const Eigen::MatrixXd& colour : colours)
-      of_colours += (colour * directions).colwise().squaredNorm().transpose().array() / (3.0 * images);
+    if (are_cells)
+      for (const Eigen::MatrixXd& colour : colours)
+        of_colours += (colour * directions).colwise().squaredNorm().transpose().array() / (3.0 * images);
     for (int level = 0; level < (are_cells ? cell_noise_levels : 1); ++level) {
       const double lambda = are_cells ? cell_noise_ratio(level) : error_noise;
       const Eigen::ArrayXd unknown = lambda / (values + lambda);
-      // A sample of variance p given all samples, its leverage is p / λ, has p / (1 − p / λ) given the
-      // others; the leverages of images of one light add up.
-      const Eigen::ArrayXd given = (squares * unknown.matrix()).array();
-      Eigen::ArrayXd leverage = given / lambda;
-      for (const auto& group : repeats) leverage(group).setConstant(leverage(group).sum());
-      const double left_out = (given / (1.0 - leverage).max(1e-12)).mean() + (of_colours * unknown).sum();
+      // The samples of the images of one light, of covariance P given all images, have P (I − P / λ)⁻¹ given
+      // the others.
+      double left_out = (of_colours * unknown).sum();
+      for (const std::vector<int>& images_of_light : members) {
+        Eigen::MatrixXd rows(samples * std::ssize(images_of_light), count);
+        for (Eigen::Index s = 0; s < samples; ++s)
+          rows.middleRows(s * std::ssize(images_of_light), std::ssize(images_of_light)) =
+              effects[s](images_of_light, Eigen::all);
+        const Eigen::MatrixXd given = rows * unknown.matrix().asDiagonal() * rows.transpose();
+        const Eigen::ArrayXd along = given.selfadjointView<Eigen::Lower>().eigenvalues().array();
+        left_out += (along / (1.0 - along / lambda).max(1e-12)).sum() / static_cast<double>(samples * images);
+      }
       // 1 for the training lights if each is left out.
       const double factor = 1.0 / (mean_square_brightness * left_out * table.unit() * table.unit());
       for (Eigen::Index k = 0; k < count; ++k)

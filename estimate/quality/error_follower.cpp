@@ -14,6 +14,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "estimate/job/estimate_band.h"
+#include "estimate/quality/error_evidence.h"
 
 namespace refield {
 
@@ -72,6 +73,40 @@ double ErrorFollower::mean_square() const {
   return count > 0 ? sum / static_cast<double>(count) : 0.0;
 }
 
+std::vector<double> ErrorFollower::change_of_light(const BoxTable& table,
+                                                   const std::vector<PixelKernels>& kernels,
+                                                   const RunContext& run) const {
+  std::vector<double> change(kernels.size(), 1.0);
+  if (expected_.empty()) return change;
+  const LightErrorModel model = light_error_model(table, {});
+  if (!model.known()) return change;
+  const BoxTable expected(expected_, table.hats(), run);
+  const double count = expected.images();
+  double variance = 0.0;
+  for (const LightMap& light : expected_) variance += model.variances_under(light.radiance).front() / count;
+  std::vector<float> column(3 * expected.stride());
+  for (std::size_t p = 0; p < kernels.size(); ++p) {
+    const PixelKernels& pixel = kernels[p];
+    std::vector<double> values(3 * expected.stride(), 0.0);
+    for (std::size_t k = 0; k < pixel.boxes.size(); ++k) {
+      expected.column(pixel.boxes[k], column.data());
+      for (std::size_t i = 0; i < values.size(); ++i)
+        values[i] += static_cast<double>(pixel.weights[3 * k + i / expected.stride()]) * column[i];
+    }
+    for (std::size_t i = 0; i < pixel.smooth.size(); ++i)
+      for (int j = 0; j < expected.images(); ++j)
+        values[i % 3 * expected.stride() + j] +=
+            static_cast<double>(pixel.smooth[i]) *
+            expected.hat_sums(static_cast<int>(i / 3), static_cast<int>(i % 3))[j];
+    double squared = 0.0;
+    for (int c = 0; c < 3; ++c)
+      for (int j = 0; j < expected.images(); ++j)
+        squared += std::pow(values[c * expected.stride() + j] * expected.unit() / table.unit(), 2.0) / count;
+    change[p] = squared > 0.0 ? variance * pixel.squared_samples / (images() * squared) : 0.0;
+  }
+  return change;
+}
+
 FollowedError ErrorFollower::predict(const RunContext& run) {
   if (images() < 2) throw InputError("an error can be predicted from two images or more");
   const BoxTable table(lights_, hats_of(options_, lights_.front().domain(), images()), run);
@@ -83,6 +118,7 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
   FitWorkers workers;
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
   const double share = share_of_cross_validation(table);
+  std::vector<PixelKernels> kernels(pixels_.size());
   constexpr std::size_t block_size = block_side_px * block_side_px;
   tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
     run.throw_if_stopped();
@@ -110,8 +146,15 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
       predicted[b * block_size + i] =
           static_cast<float>(std::sqrt(std::lerp(left_out, validated[i], share) / squared));
       noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));
+      kernels[b * block_size + i] = fitted[i];
     }
   });
+  const std::vector<double> change = change_of_light(table, kernels, run);
+  for (std::size_t p = 0; p < predicted.size(); ++p) {
+    const double noise2 = std::pow(noise[p], 2.0), own = std::max(std::pow(predicted[p], 2.0) - noise2, 0.0);
+    if (!expected_.empty() && predicted[p] > 0.0f)
+      predicted[p] = static_cast<float>(std::sqrt(own * change[p] + noise2));
+  }
   std::erase(predicted, 0.0f);
   std::erase(noise, 0.0f);
   error.predicted = predicted.empty() ? 0.0 : quantile(predicted, 0.5);

@@ -2,12 +2,15 @@
 #pragma once
 #include <array>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
 #include "core/light/light_map.h"
 #include "core/session/capture_session.h"
+#include "estimate/fit/box_table.h"
+#include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/light_groups.h"
 #include "estimate/options.h"
 
@@ -17,7 +20,8 @@ namespace refield {
 struct FollowedError {
   int images = 0;
   int lights = 0;  ///< that differ: images under multiples of one light count once
-  /// Relative RMSE of the median pixel on new photographs; nothing below `min_lights_for_errors` lights.
+  /// Relative RMSE of the median pixel on new photographs, under light of interest; nothing below
+  /// `min_lights_for_errors` lights.
   std::optional<double> predicted;
   double noise = 0.0;  ///< the part of it that is the photographs' own, where they carry it
 };
@@ -29,6 +33,10 @@ class ErrorFollower {
   /// At most about `max_pixels` pixels, evenly spread, are followed.
   explicit ErrorFollower(const EstimateOptions& options, int max_pixels = 640)
       : options_(options), max_pixels_(max_pixels) {}
+
+  /// Light under which the error is asked for; without any it is that of the photographs' own kind of light.
+  /// Of the size of the photographs' light maps, none of them black.
+  void expect(std::vector<LightMap> lights) { expected_ = std::move(lights); }
 
   /// Reads a photograph and its light. Throws InputError when sizes differ from those before.
   void add(const CaptureFrame& frame, Parameterisation parameterisation, const RunContext& run = {});
@@ -44,7 +52,13 @@ class ErrorFollower {
  private:
   double mean_square() const;  // of the samples measured
 
+  /// How the squared error of each pixel changes from the photographs' kind of light to the expected one,
+  /// given its kernels [pixels].
+  std::vector<double> change_of_light(const BoxTable& table, const std::vector<PixelKernels>& kernels,
+                                      const RunContext& run) const;
+
   EstimateOptions options_;
+  std::vector<LightMap> expected_;
   int max_pixels_;
   int width_ = 0, height_ = 0;
   std::vector<std::array<int, 2>> pixels_;

@@ -77,6 +77,29 @@ TEST_F(Follow, ASampleOfPixelsIsEnough) {
   EXPECT_NEAR(*some.predict().predicted / *all.predict().predicted, 1.0, 0.15);
 }
 
+TEST_F(Follow, PredictsForTheExpectedLight) {
+  const auto predicted = [&](std::vector<LightMap> expected) {
+    ErrorFollower follower(options_);
+    follower.expect(std::move(expected));
+    for (int j = 0; j < 40; ++j) follower.add(session_.frames[j], Parameterisation::monitor);
+    return follower.predict().predicted;
+  };
+  const double own = predicted({});
+  auto alike = test::random_lights(12, 16, 12, 99);
+  const double same_kind = predicted(alike);
+  EXPECT_NEAR(same_kind / own, 1.0, 0.2);  // other lights of the photographs' kind
+  for (LightMap& light : alike)
+    for (float& v : light.radiance.values) v *= 4.0f;
+  EXPECT_NEAR(predicted(alike), same_kind, 1e-4 * same_kind) << "the error is relative";
+  // Under small lights a field misses more of what a pixel shows than under lights that are mixtures.
+  std::vector<LightMap> spots;
+  for (int i = 0; i < 4; ++i) {
+    spots.push_back({Image(16, 12, 3), Parameterisation::monitor});
+    for (int c = 0; c < 3; ++c) spots.back().radiance.at(3 + 3 * i, 2 + 2 * i, c) = 1.0f;
+  }
+  EXPECT_GT(predicted(spots), 1.5 * same_kind);
+}
+
 TEST_F(Follow, RefusesPhotographsOfAnotherSize) {
   ErrorFollower follower(options_);
   follower.add(session_.frames[0], Parameterisation::monitor);
