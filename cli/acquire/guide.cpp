@@ -554,9 +554,10 @@ class Guide {
       return;
     }
     const double gigabytes = 24.0 * camera_.width * camera_.height * 1e-9;
-    std::printf("   One pattern takes %.2g s. More patterns give sharper reflections:\n",
-                seconds_per_pattern_);
-    for (const int count : {60, 180, 500}) {
+    std::printf(
+        "   One pattern takes %.2g s. 36 patterns give a first field, more give sharper reflections:\n",
+        seconds_per_pattern_);
+    for (const int count : {36, 180, 500}) {
       const int ambient = usual_ambient_count(count - count / 6);
       std::printf("   %6d patterns: capture %s, session at most %.2g GB\n", count,
                   time_text((count + ambient) * seconds_per_pattern_).c_str(), count * gigabytes);
