@@ -155,9 +155,7 @@ RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions o
 
 RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const CalibrateOptions& options) {
   const Recipe recipe = read_recipe(given.recipe);
-  TracedScene scene = scene_of(given.truth, recipe);
-  VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
-                 recipe.seed);
+  VirtualRig rig = rig_of(given.truth, recipe, recipe.seed);
   return calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options,
                    run_context());
 }

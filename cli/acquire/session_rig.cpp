@@ -229,9 +229,7 @@ std::optional<VirtualRig> virtual_rig_of(const SessionFile& session) {
   const auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
   if (!simulated) return std::nullopt;
   const Recipe recipe = read_recipe(simulated->recipe);
-  TracedScene scene = scene_of(simulated->truth, recipe);
-  return VirtualRig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor,
-                    recipe.rig.sensor, recipe.seed);
+  return rig_of(simulated->truth, recipe, recipe.seed);
 }
 
 std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session, std::optional<VirtualRig>& simulated) {

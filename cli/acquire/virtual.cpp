@@ -45,10 +45,7 @@ void acquire_virtual(const VirtualOptions& options, const Common& common) {
     until.emplace(error_from_text(options.until_error), options.min_images, options.check_every);
     until->attach(request);
   }
-  TracedScene scene = scene_of(options.truth, recipe);
-  VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
-                 seed);
-  rig.vary_room_light(recipe.rig.room_variation);
+  VirtualRig rig = rig_of(options.truth, recipe, seed);
   request.before_light = place_teller(rig, request.lights);
   const CaptureSummary summary = capture(request, rig.camera(), rig.illuminator(),
                                          options.trigger ? &rig.trigger() : nullptr, run_context());

@@ -86,6 +86,7 @@ std::vector<CaptureLight> lights_of(const VirtualOptions& options) {
 /// The plan names devices by what decides their frames.
 std::string rig_text(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed) {
   std::string text = "virtual rig: recipe " + checksum_text(recipe.path);
+  if (!recipe.base.empty()) text += ", base " + checksum_text(recipe.base);
   if (options.truth.empty()) {
     text += ", traced";
   } else {
@@ -111,6 +112,10 @@ void fill_exposures(const VirtualOptions& options, const Recipe& recipe, Capture
 
 }  // namespace
 
+namespace {
+
+/// The scene before the virtual camera: from the folder `truth` that 'refield simulate' made or, where it is
+/// empty, traced now.
 TracedScene scene_of(const fs::path& truth, const Recipe& recipe) {
   constexpr int balanced_quality = 2;
   if (truth.empty())
@@ -118,6 +123,25 @@ TracedScene scene_of(const fs::path& truth, const Recipe& recipe) {
   const fs::path ambient = truth / ambient_file_name;
   return {read_reflectance_field(truth / transport_file_name, run_context()),
           fs::exists(ambient) ? read_image(ambient) : Image()};
+}
+
+}  // namespace
+
+VirtualRig rig_of(const fs::path& truth, const Recipe& recipe, std::uint64_t seed) {
+  TracedScene scene = scene_of(truth, recipe);
+  Recipe traced = recipe;  // 'refield simulate' may have been told another size
+  traced.scene.camera.width = scene.transport.width;
+  traced.scene.camera.height = scene.transport.height;
+  traced.scene.monitor.texels = scene.transport.basis.domain;
+  VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
+                 seed);
+  rig.disturb(recipe.rig.disturbances, [truth, traced](const Disturbances::Move& to) {
+    if (to.right_px == 0.0 && to.down_px == 0.0) return scene_of(truth, traced);
+    Recipe moved = traced;
+    moved.scene.camera = turned(moved.scene.camera, to.right_px, to.down_px);
+    return scene_of({}, moved);
+  });
+  return rig;
 }
 
 std::function<void(std::size_t)> place_teller(VirtualRig& rig, const std::vector<CaptureLight>& lights) {

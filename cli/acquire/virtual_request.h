@@ -45,9 +45,9 @@ struct VirtualOptions {
   IfExists if_exists = IfExists::refuse;
 };
 
-/// The scene before the virtual camera: from the folder `truth` that 'refield simulate' made or, where it is
-/// empty, traced now.
-TracedScene scene_of(const fs::path& truth, const Recipe& recipe);
+/// The virtual camera and monitor of a recipe before the scene of scene_of(), with all that the recipe says
+/// of them. The scene is traced for each position of a camera that moves.
+VirtualRig rig_of(const fs::path& truth, const Recipe& recipe, std::uint64_t seed);
 
 /// Tells `rig` before each of `lights` how far the capture is, see VirtualRig::set_place(); `rig`
 /// must outlive the result.

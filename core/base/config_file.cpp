@@ -47,7 +47,8 @@ const toml::table& table_of(const void* table) {
 }
 
 std::string place(const fs::path& path, const toml::node& node) {
-  return path.string() + ":" + std::to_string(node.source().begin.line) + ": ";
+  const auto& source = node.source();  // its file is another one where a base added the node
+  return (source.path ? *source.path : path.string()) + ":" + std::to_string(node.source().begin.line) + ": ";
 }
 
 /// Levenshtein's distance: letters to insert, leave out or replace.
@@ -291,6 +292,31 @@ ConfigFile::ConfigFile(fs::path path, std::string what, std::string manual)
 }
 
 ConfigFile::~ConfigFile() = default;
+
+namespace {
+
+/// Moves what `table` lacks from `base`; a copy would not know its line.
+void add_missing(toml::table& table, toml::table& base) {
+  for (auto&& [key, node] : base) {
+    toml::node* mine = table.get(key.str());
+    if (!mine)
+      node.visit([&](auto& value) { table.insert(key.str(), std::move(value)); });
+    else if (mine->is_table() && node.is_table())
+      add_missing(*mine->as_table(), *node.as_table());
+  }
+}
+
+}  // namespace
+
+fs::path ConfigFile::add_base() {
+  if (!has("base")) return {};
+  std::string name;
+  root().text("base", name);
+  content_->root.erase("base");
+  ConfigFile base(path_.parent_path() / name, what_, manual_);
+  add_missing(content_->root, base.content_->root);
+  return base.path_;
+}
 
 void ConfigFile::check_names(std::initializer_list<const char*> known) const {
   for (const auto& [key, node] : content_->root) {

@@ -117,6 +117,10 @@ class ConfigFile {
   ConfigFile(const ConfigFile&) = delete;
   ConfigFile& operator=(const ConfigFile&) = delete;
 
+  /// Takes what this file lacks, key by key, from the file that it names as `base`, relative to its folder.
+  /// Arrays are taken as a whole. Returns the path of that file, empty where none is named. Throws InputError
+  /// where it cannot be read.
+  std::filesystem::path add_base();
   /// Throws InputError when the file holds another table or key; `known` are shown in that order.
   void check_names(std::initializer_list<const char*> known) const;
   bool has(const std::string& name) const;

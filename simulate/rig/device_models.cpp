@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "core/base/errors.h"
@@ -95,6 +96,27 @@ LightMap MonitorModel::emitted(const DriveImage& image) const {
 
 namespace {
 
+template <class Row>
+Row row_at(const std::vector<Row>& rows, double done) {
+  const auto next = std::ranges::find_if(rows, [&](const Row& row) { return row.from > done; });
+  return next == rows.begin() ? Row{} : *(next - 1);
+}
+
+}  // namespace
+
+Disturbances::Move Disturbances::position(double done) const {
+  return row_at(moves, done);
+}
+
+double Disturbances::room(double done) const {
+  // One and a half swings, of which none is a straight line.
+  constexpr double swings = 1.5;
+  return row_at(room_light, done).factor *
+         (1.0 + room_variation * std::sin(2.0 * std::numbers::pi * swings * done));
+}
+
+namespace {
+
 // From this mean on Poisson and read noise together are one normal variable to within the rounding of the
 // converter.
 constexpr double normal_from_electrons = 64.0;
@@ -155,6 +177,13 @@ Image SensorModel::mixed(Image radiance) const {
           static_cast<float>(mixing[c][0] * light[0] + mixing[c][1] * light[1] + mixing[c][2] * light[2]);
   }
   return radiance;
+}
+
+Eigen::Matrix3f SensorModel::mixing_matrix() const {
+  Eigen::Matrix3f matrix;
+  for (int c = 0; c < 3; ++c)
+    for (int p = 0; p < 3; ++p) matrix(c, p) = static_cast<float>(mixing[c][p]);
+  return matrix;
 }
 
 double SensorModel::mean_dn(double radiance, Seconds exposure, double gain) const {

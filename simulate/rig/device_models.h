@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <Eigen/Core>
+
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -60,6 +62,26 @@ struct MonitorModel {
   LightMap emitted(const DriveImage& image) const;
 };
 
+/// What changes around a virtual rig during a capture. Each row holds from its share of the capture (0 to 1)
+/// on, until the next one; rows ascend.
+struct Disturbances {
+  struct Move {
+    double from = 0.0;
+    double right_px = 0.0, down_px = 0.0;  ///< of the picture, against that of the start
+  };
+  struct RoomLight {
+    double from = 0.0;
+    double factor = 1.0;  ///< of the ambient image
+  };
+  std::vector<Move> moves{};  ///< of the camera, which turns about its centre of projection
+  std::vector<RoomLight> room_light{};
+  double room_variation = 0.0;  ///< share by which the room light swings up and down, too
+
+  /// Where the camera stands when the share `done` of the capture is over: the last row, or `from` = 0.
+  Move position(double done) const;
+  double room(double done) const;  ///< light, relative to the ambient image
+};
+
 /// How a virtual sensor turns scene radiance into digital numbers (DN). The linear camera model of EMVA 1288:
 ///   electrons = min(full well, Poisson(sensitivity · radiance · exposure) + read noise)
 ///   DN        = black level + gain · electrons / electrons per DN
@@ -96,6 +118,7 @@ struct SensorModel {
   std::array<double, 3> jitter(std::uint64_t key) const;
   /// What the channels see of `radiance` [height × width × 3] by primaries.
   Image mixed(Image radiance) const;
+  Eigen::Matrix3f mixing_matrix() const;
 
   /// Throws InputError naming the property and its range.
   void check() const;

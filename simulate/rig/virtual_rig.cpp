@@ -8,7 +8,6 @@
 #include <cmath>
 #include <deque>
 #include <map>
-#include <numbers>
 #include <optional>
 #include <string>
 
@@ -120,17 +119,15 @@ struct VirtualRig::State {
   std::uint64_t unsettled_frames = 0;
   double done = 0.0;             // share of the capture that is over
   std::uint64_t repetition = 0;  // of the patterns shown
-  double room_variation = 0.0;   // share of the ambient light
+  Disturbances disturbances;
+  std::function<TracedScene(const Disturbances::Move&)> scene_at;
+  Disturbances::Move position;  // of the camera that `transport` is of
 
   State(ReflectanceField t, Image a, MonitorModel m, SensorModel s, std::uint64_t seed_)
       : transport(std::move(t)), ambient(std::move(a)), monitor(m), sensor(s), seed(seed_) {
     monitor.check();
     sensor.check();
-    if (ambient.empty()) ambient = Image(transport.width, transport.height, 3);
-    if (ambient.width != transport.width || ambient.height != transport.height || ambient.channels != 3)
-      throw InputError("virtual rig: the ambient image is " + shape_text(ambient) + ", the transport has " +
-                       std::to_string(transport.width) + "×" + std::to_string(transport.height) +
-                       " pixels; use the ambient image made together with the transport");
+    check_scene();
     asked.exposure = std::clamp(sensor.frame_interval, sensor.shortest_exposure, sensor.longest_exposure);
     coming.push_back(asked);
     const LightDomain& domain = transport.basis.domain;
@@ -141,6 +138,34 @@ struct VirtualRig::State {
     now = camera_ready =
         next_tick(TimePoint(to_nanoseconds(monitor.latency + monitor.settling)), period(), {});
     for (int i = 0; i < sensor.latency_frames; ++i) queue.push_back(expose_one());
+  }
+
+  void check_scene() {
+    transport.output_from_primaries.setIdentity();
+    if (ambient.empty()) ambient = Image(transport.width, transport.height, 3);
+    if (ambient.width != transport.width || ambient.height != transport.height || ambient.channels != 3)
+      throw InputError("virtual rig: the ambient image is " + shape_text(ambient) + ", the transport has " +
+                       std::to_string(transport.width) + "×" + std::to_string(transport.height) +
+                       " pixels; use the ambient image made together with the transport");
+  }
+
+  // Renders the scene from where the camera stands now.
+  void follow_camera() {
+    const Disturbances::Move wanted = disturbances.position(done);
+    if (wanted.right_px == position.right_px && wanted.down_px == position.down_px) return;
+    const int width = transport.width, height = transport.height;
+    const LightDomain domain = transport.basis.domain;
+    transport = {};  // two of them need not fit into memory
+    TracedScene scene = scene_at(wanted);
+    transport = std::move(scene.transport);
+    ambient = std::move(scene.ambient);
+    check_scene();
+    if (transport.width != width || transport.height != height || transport.basis.domain != domain)
+      throw InputError("virtual rig: the scene of the moved camera has another size");
+    position = wanted;
+    for (Flip& flip : flips) flip.pattern->scene = {};
+    for (ExposedFrame& frame : queue)
+      for (Share& share_of_light : frame.light) share_of_light.pattern->scene = {};
   }
 
   Nanoseconds period() const { return to_nanoseconds(monitor.refresh_interval); }
@@ -204,9 +229,7 @@ struct VirtualRig::State {
     while (flips.size() > 1 && risen(flips[1], start) >= 1.0) flips.pop_front();
 
     ExposedFrame frame{start, acting, asked, sequence++, gathered(start, end), {}, 1.0f, {}, 0};
-    // One and a half swings, of which none is a straight line.
-    constexpr double swings = 1.5;
-    frame.room = static_cast<float>(1.0 + room_variation * std::sin(2.0 * std::numbers::pi * swings * done));
+    frame.room = static_cast<float>(disturbances.room(done));
     // The same for all exposures of a photograph.
     Rng place(seed, std::bit_cast<std::uint64_t>(done), repetition);
     frame.jitter = sensor.jitter(place.next());
@@ -271,6 +294,7 @@ struct VirtualRig::State {
   }
 
   RawFrame next_frame(Seconds timeout) {
+    follow_camera();
     const TimePoint began = now;
     queue.push_back(expose_one());
     if (const Seconds waited = now - began; waited > timeout) {
@@ -334,8 +358,12 @@ void VirtualRig::set_place(double done, std::uint32_t repetition) {
   state_->done = done;
   state_->repetition = repetition;
 }
-void VirtualRig::vary_room_light(double share) {
-  state_->room_variation = share;
+void VirtualRig::disturb(Disturbances disturbances,
+                         std::function<TracedScene(const Disturbances::Move&)> scene_at) {
+  if (!disturbances.moves.empty() && !scene_at)
+    throw InputError("virtual rig: a camera that moves needs a function that traces the scene");
+  state_->disturbances = std::move(disturbances);
+  state_->scene_at = std::move(scene_at);
 }
 Trigger& VirtualRig::trigger() {
   return state_->trigger;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <memory>
 
 #include "acquire/camera.h"
@@ -9,6 +10,7 @@
 #include "core/field/reflectance_field.h"
 #include "core/image/image.h"
 #include "simulate/rig/device_models.h"
+#include "simulate/tabletop/simulate.h"
 
 namespace refield {
 
@@ -33,7 +35,8 @@ namespace refield {
 /// the same noise again, unless set_place() says that it is a repetition.
 class VirtualRig {
  public:
-  /// `transport` stands for what a camera pixel sees of the monitor's light, `ambient` [height × width × 3]
+  /// `transport` stands for what a camera pixel sees of the monitor's light (by primaries: the sensor's
+  /// colour mixing stands for the field's), `ambient` [height × width × 3]
   /// for what it sees with the monitor unplugged (empty: a dark room). Throws InputError for shapes that do
   /// not fit together.
   VirtualRig(ReflectanceField transport, Image ambient, MonitorModel monitor, SensorModel sensor,
@@ -51,9 +54,11 @@ class VirtualRig {
   /// anew with each run, so a capture that was stopped and goes on must say where it is.
   void set_place(double done, std::uint32_t repetition);
 
-  /// The room light becomes brighter and darker during the capture, by this share of the ambient image; as
-  /// it is when the capture begins.
-  void vary_room_light(double share);
+  /// `scene_at` traces the scene for a position of the camera. The first frame after the camera has moved
+  /// calls it: every photograph is rendered, none is interpolated. Frames in the queue are of the new
+  /// position, too.
+  void disturb(Disturbances disturbances,
+               std::function<TracedScene(const Disturbances::Move&)> scene_at = {});
 
  private:
   struct State;

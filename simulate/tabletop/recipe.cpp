@@ -30,7 +30,25 @@ void mirror(Eigen::Vector3d& position) {
   position.z() = 0.0 - position.z();
 }
 
-SceneCamera read_mirrored_camera(Section section) {
+/// Rows whose first number is the share of the capture from which on the others hold, ascending.
+std::vector<std::vector<double>> rows_by_share(Section& section, const std::string& key,
+                                               const std::vector<std::string>& others) {
+  if (!section.has(key)) return {};
+  std::string form = "[share of the capture";
+  for (const std::string& other : others) form += ", " + other;
+  const std::string remedy = "give rows " + form + "], the shares ascending from 0 to 1";
+  const auto rows = section.rows(key, 1 + others.size(), remedy.c_str());
+  double last = 0.0;
+  for (const auto& row : rows) {
+    if (!(row[0] >= last && row[0] <= 1.0)) section.fail(key, remedy);
+    last = row[0];
+  }
+  return rows;
+}
+
+SceneCamera read_mirrored_camera(Section section, Disturbances& disturbances) {
+  for (const auto& row : rows_by_share(section, "moves", {"pixels to the right", "pixels down"}))
+    disturbances.moves.push_back({row[0], row[1], row[2]});
   SceneCamera camera = read_camera(std::move(section));
   for (Eigen::Vector3d* vector : {&camera.position, &camera.target, &camera.up}) mirror(*vector);
   return camera;
@@ -139,18 +157,21 @@ ObjectDescription read_mirrored_object(Section section, const std::vector<Materi
 }  // namespace
 
 Recipe read_recipe(const fs::path& path) {
-  const ConfigFile file(path, "recipe", "docs/reference/synthetic-scenes.md");
+  ConfigFile file(path, "recipe", "docs/reference/synthetic-scenes.md");
+  Recipe recipe;
+  recipe.base = file.add_base();
   file.check_names({"seed", "camera", "monitor", "ambient", "material", "object", "lights", "sensor",
                     "exposures", "reference"});
 
-  Recipe recipe;
   recipe.path = path;
   file.whole_number("seed", recipe.seed);
-  recipe.scene.camera = read_mirrored_camera(file.section("camera"));
+  recipe.scene.camera = read_mirrored_camera(file.section("camera"), recipe.rig.disturbances);
   read_monitor(file.section("monitor"), recipe.scene.monitor, recipe.rig.monitor);
   Section ambient = file.optional_section("ambient");
   read_colour(ambient, "radiance", recipe.scene.ambient_radiance, 1e5);
-  ambient.number("variation", recipe.rig.room_variation, 0.0, 1.0);
+  ambient.number("variation", recipe.rig.disturbances.room_variation, 0.0, 1.0);
+  for (const auto& row : rows_by_share(ambient, "switched", {"factor"}))
+    recipe.rig.disturbances.room_light.push_back({row[0], row[1]});
   ambient.finish();
   read_lights(file.optional_section("lights"), recipe.lights);
   read_sensor(file.optional_section("sensor"), recipe.rig.sensor);

@@ -36,21 +36,23 @@ struct RigRecipe {
   MonitorModel monitor;
   SensorModel sensor;
   ExposureSeries exposures;
-  double room_variation = 0.0;  ///< of the room light during a capture, as a share of it
-  int reference_every = 0;      ///< lights between two frames of the reference light; 0: none are taken
+  Disturbances disturbances;
+  int reference_every = 0;  ///< lights between two frames of the reference light; 0: none are taken
 };
 
 /// One synthetic data set, as datasets_synthetic/<name>/recipe.toml describes it.
 struct Recipe {
   std::filesystem::path path;  ///< for messages
+  std::filesystem::path base;  ///< the recipe that it extends; empty: none
   std::uint64_t seed = 1;
   SceneDescription scene;
   LightPlan lights;
   RigRecipe rig;
 };
 
-/// Reads and checks a recipe. Throws InputError naming the file, line, key, value and remedy; a key that is
-/// not known is an error. docs/reference/synthetic-scenes.md lists all keys.
+/// Reads and checks a recipe, with what it does not say itself from that which it names as its `base`. Throws
+/// InputError naming the file, line, key, value and remedy; a key that is not known is an error.
+/// docs/reference/synthetic-scenes.md lists all keys.
 Recipe read_recipe(const std::filesystem::path& path);
 
 }  // namespace refield

@@ -140,6 +140,16 @@ Scene::Scene(const SceneDescription& description) : description_(description), m
   camera_corner_ = (forward - 0.5 * pixel * (camera.width * right + camera.height * down)).cast<float>();
 }
 
+SceneCamera turned(SceneCamera camera, double right_px, double down_px) {
+  const Eigen::Vector3d view = camera.target - camera.position;
+  const Eigen::Vector3d right = view.normalized().cross(camera.up).normalized();
+  const Eigen::Vector3d down = view.normalized().cross(right);
+  const double pixel =
+      2.0 * view.norm() * std::tan(radians_from_degrees(camera.vertical_fov_degrees) / 2.0) / camera.height;
+  camera.target -= pixel * (right_px * right + down_px * down);
+  return camera;
+}
+
 const MaterialDescription& Scene::material_named(const std::string& name) const {
   static const MaterialDescription standard;
   if (name.empty()) return standard;

@@ -62,6 +62,9 @@ class MonitorSurface {
   float texel_area_;
 };
 
+/// The camera turned about its centre of projection, so that the middle of the picture moves by that much.
+SceneCamera turned(SceneCamera camera, double right_px, double down_px);
+
 /// Where the monitor stands as seen from the scene, whose middle is what the camera looks at: the one
 /// placement of a session of this scene. None when the middle lies behind the monitor.
 std::vector<MonitorPlacement> monitor_placements(const SceneDescription& scene);

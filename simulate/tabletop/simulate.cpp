@@ -225,6 +225,7 @@ void write_photographs(const Recipe& recipe, const SimulateOptions& options, con
   Progress progress(run, "writing photographs", photographs.size());
   tbb::parallel_for(std::size_t{0}, photographs.size(), [&](std::size_t l) {
     run.throw_if_stopped();
+    photographs[l] = recipe.rig.sensor.mixed(std::move(photographs[l]));
     if (options.noise > 0.0) add_noise(photographs[l], options.noise, recipe.seed, l);
     write_exr(session.frames[l].observed, photographs[l], options.precision);
     photographs[l] = Image();
@@ -270,6 +271,7 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
     ReflectanceField field = builder.finish();
     field.provenance = options.provenance;
     field.monitors = session.monitors;
+    field.output_from_primaries = recipe.rig.sensor.mixing_matrix();
     write_reflectance_field(folder / transport_file_name, field);
     summary.transport_bytes = fs::file_size(folder / transport_file_name);
   }

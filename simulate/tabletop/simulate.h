@@ -96,7 +96,8 @@ struct SimulatePlan {
 SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options);
 
 /// Traces the recipe's scene once, row by row, into its transport T, and writes a complete capture session:
-/// light maps, the photographs B = T L (exact but for `noise`: no ambient light, no sensor), session.toml,
+/// light maps, the photographs B = T L (exact but for `noise`: no ambient light and nothing of the sensor but
+/// its colour mixing, which the transport's file has, too), session.toml,
 /// ambient.exr (what the camera sees of the room light, for a virtual rig; it is not part of the session),
 /// kinds.png (what each pixel shows, see scene_kinds()) and, where kept, transport.rfield. A row of T is
 /// multiplied with all lights as soon as it is traced, so T need not fit into memory. Throws Interrupted when

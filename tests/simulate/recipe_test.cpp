@@ -116,6 +116,45 @@ TEST_F(RecipeTest, UnknownKeysAreErrors) {
               HasSubstr("the following kinds do: glossy, metal"));
 }
 
+TEST_F(RecipeTest, TakesWhatItLacksFromItsBase) {
+  write_text_atomically(folder_ / "base.toml", good);
+  const Recipe recipe = read(R"(base = "base.toml"
+[camera]
+height = 20
+moves = [[0.25, 0.5, 0.0], [0.5, 0.5, -0.25]]
+[ambient]
+switched = [[0.5, 3.0]]
+[sensor]
+bits = 12
+)");
+  EXPECT_EQ(recipe.seed, 5u);
+  EXPECT_EQ(recipe.scene.camera.width, 32);
+  EXPECT_EQ(recipe.scene.camera.height, 20);
+  EXPECT_EQ(recipe.rig.sensor.bits, 12);
+  EXPECT_EQ(recipe.rig.sensor.layout, PixelLayout::bayer_rggb);
+  EXPECT_EQ(recipe.scene.objects.size(), 1u);
+  const Disturbances& disturbances = recipe.rig.disturbances;
+  EXPECT_EQ(disturbances.position(0.2).right_px, 0.0);
+  EXPECT_EQ(disturbances.position(0.25).right_px, 0.5);
+  EXPECT_EQ(disturbances.position(1.0).down_px, -0.25);
+  EXPECT_EQ(disturbances.room(0.6), 3.0);
+}
+
+TEST_F(RecipeTest, ErrorsOfABaseNameItsFile) {
+  write_text_atomically(folder_ / "base.toml", replaced(good, "width = 32", "width = -32"));
+  EXPECT_THAT(error_of("base = \"base.toml\"\n"),
+              AllOf(HasSubstr("base.toml:3:"), HasSubstr("[camera] width = -32")));
+  EXPECT_THAT(error_of("base = \"none.toml\"\n"), HasSubstr("none.toml: there is no such recipe"));
+  write_text_atomically(folder_ / "base.toml", "base = \"recipe.toml\"\n");
+  EXPECT_THAT(error_of("base = \"base.toml\"\n"), HasSubstr("'base' is not a known key"));
+}
+
+TEST_F(RecipeTest, MovesAscendWithTheCapture) {
+  for (const char* moves : {"[[0.5, 1.0]]", "[[0.5, 1.0, 0.0], [0.4, 0.0, 0.0]]", "[[1.5, 1.0, 0.0]]", "3"})
+    EXPECT_THAT(error_of(replaced(good, "width = 32", std::string("moves = ") + moves + "\nwidth = 32")),
+                HasSubstr("give rows [share of the capture, pixels to the right, pixels down]"));
+}
+
 TEST_F(RecipeTest, MissingPartsAreErrors) {
   EXPECT_THAT(error_of(replaced(good, "target = [0, 0.1, 0]\n", "")),
               AllOf(HasSubstr("target"), HasSubstr("missing")));

@@ -117,6 +117,20 @@ TEST(Scene, CameraLooksAtItsTarget) {
   EXPECT_LT(scene.camera_ray(0, 15).direction.x(), 0.0f);
 }
 
+TEST(Scene, ATurnedCameraSeesItsTargetElsewhere) {
+  SceneCamera camera = with(sphere()).camera;
+  camera.position = {1, 2, 5};
+  const SceneCamera moved = turned(camera, 0.25, -0.5);
+  EXPECT_EQ(moved.position, camera.position);
+  const Eigen::Vector3d view = moved.target - moved.position, to_target = camera.target - camera.position;
+  const Eigen::Vector3d right = view.cross(moved.up).normalized(), down = view.normalized().cross(right);
+  const double depth = to_target.dot(view.normalized());
+  const double pixels = camera.height / 2.0 / depth;  // 90 degrees from top to bottom
+  constexpr double to_first_order = 0.005;            // of the projection of the target on the turned view
+  EXPECT_NEAR(to_target.dot(right) * pixels, 0.25, to_first_order);
+  EXPECT_NEAR(to_target.dot(down) * pixels, -0.5, to_first_order);
+}
+
 TEST(Scene, RefusesUnknownMaterialsAndEmptyShapes) {
   SceneDescription scene = with(sphere());
   scene.objects[0].material = "other";

@@ -310,7 +310,7 @@ TEST(ImperfectRig, BrightnessAndBalanceJitter) {
 TEST(ImperfectRig, RoomLightVariesAndIsAsItWasAtTheStart) {
   const SensorModel sensor = quiet_sensor();
   VirtualRig rig(half_seer(), Image(width, height, 3, 0.2f), {}, sensor, 1);
-  rig.vary_room_light(0.5);
+  rig.disturb({.room_variation = 0.5});
   const auto level = [&](double done) {
     rig.set_place(done, 0);
     return mean_of(settled_frame(rig, pattern(0))) - sensor.black_level_dn;
@@ -318,6 +318,63 @@ TEST(ImperfectRig, RoomLightVariesAndIsAsItWasAtTheStart) {
   const double start = level(0.0);
   EXPECT_NEAR(level(1.0 / 6.0) / start, 1.5, 0.02);  // of what little the dark monitor adds
   EXPECT_NEAR(level(0.5) / start, 0.5, 0.02);
+}
+
+TEST(ImperfectRig, ARoomLightIsSwitchedOn) {
+  const Disturbances disturbances{.room_light = {{0.25, 3.0}, {0.75, 0.0}}};
+  EXPECT_EQ(disturbances.room(0.2), 1.0);
+  EXPECT_EQ(disturbances.room(0.25), 3.0);
+  EXPECT_EQ(disturbances.room(0.7), 3.0);
+  EXPECT_EQ(disturbances.room(1.0), 0.0);
+}
+
+/// What half_seer() becomes where the camera has moved to `x`: the weights tell where.
+TracedScene scene_at(double x, int width_px = width) {
+  TracedScene scene{half_seer(), {}};
+  for (float& weight : scene.transport.transfer.weight) weight *= static_cast<float>(1.0 + x);
+  scene.transport.width = width_px;
+  return scene;
+}
+
+TEST(ImperfectRig, EachPositionOfTheCameraIsRenderedOnce) {
+  SensorModel sensor = quiet_sensor();
+  VirtualRig rig(half_seer(), {}, {}, sensor, 1);
+  std::vector<double> rendered;
+  rig.disturb({.moves = {{0.5, 0.25, 0.0}, {0.75, -0.5, 0.0}}}, [&](const Disturbances::Move& to) {
+    rendered.push_back(to.right_px);
+    return scene_at(to.right_px);
+  });
+  const auto level = [&](double done) {
+    rig.set_place(done, 0);
+    return mean_of(settled_frame(rig, pattern(128))) - sensor.black_level_dn;
+  };
+  const double start = level(0.0);
+  EXPECT_NEAR(level(0.49) / start, 1.0, 0.001);
+  EXPECT_TRUE(rendered.empty());
+  EXPECT_NEAR(level(0.5) / start, 1.25, 0.002);
+  EXPECT_NEAR(level(0.7) / start, 1.25, 0.002);
+  // The pattern that is shown when the camera moves is seen from the new position, too.
+  rig.set_place(0.8, 0);
+  EXPECT_NEAR((mean_of(rig.camera().next_frame(patience)) - sensor.black_level_dn) / start, 0.5, 0.002);
+  EXPECT_NEAR(level(0.0) / start, 1.0, 0.001);  // back
+  EXPECT_EQ(rendered, (std::vector{0.25, -0.5, 0.0}));
+}
+
+TEST(ImperfectRig, ASceneOfAnotherSizeIsRefused) {
+  VirtualRig rig(half_seer(), {}, {}, quiet_sensor(), 1);
+  EXPECT_THROW(rig.disturb({.moves = {{0.5, 1.0, 0.0}}}), InputError);
+  rig.disturb({.moves = {{0.5, 1.0, 0.0}}}, [](const auto&) { return scene_at(0.0, width / 2); });
+  rig.set_place(0.5, 0);
+  EXPECT_THROW(rig.camera().next_frame(patience), InputError);
+}
+
+TEST(ImperfectRig, TheMixingOfTheTransportIsNotAppliedTwice) {
+  SensorModel sensor = quiet_sensor();
+  sensor.mixing = {{{1.0, 0.5, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}};
+  ReflectanceField transport = half_seer();
+  transport.output_from_primaries = sensor.mixing_matrix();
+  VirtualRig one(transport, {}, {}, sensor, 1), two(half_seer(), {}, {}, sensor, 1);
+  EXPECT_EQ(settled_frame(one, pattern(128)).samples, settled_frame(two, pattern(128)).samples);
 }
 
 TEST(ImperfectRig, ACalibrationMayStateAnotherToneCurve) {
