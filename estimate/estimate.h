@@ -36,6 +36,9 @@ struct FrameReport {
   double noise = 0.0;             ///< of a sample, relative standard deviation; 0: unknown
   Drift drift;                    ///< of the capture, as its reference frames show it
   RigReport rig;                  ///< what contradicts B = T L, and what of it is corrected
+  /// Of each photograph, relative to what the others predict, as photographed and with the rig corrected;
+  /// empty where an earlier check is taken over.
+  std::vector<double> residuals_before, residuals;
 };
 
 /// What an estimation will need, known before it starts.

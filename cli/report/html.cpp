@@ -208,7 +208,8 @@ std::string line_chart_svg(const LineChart& chart) {
     }
   if (!std::isfinite(x_low)) x_low = x_high = 0.0;
   const Scale x{x_low, x_high, left + 12, width - right - 12};
-  const Scale y{chart.y_low, std::max(highest(y_high), chart.y_low), chart_height - bottom, top};
+  const double y_top = y_high == 0.0 && chart.y_low < 0.0 ? 0.0 : highest(y_high);
+  const Scale y{chart.y_low, std::max(y_top, chart.y_low), chart_height - bottom, top};
   std::string svg = frame_svg(width, chart.title, chart.x_label, chart.y_label, chart.y_numbers, y);
   const auto ticks = chart.x_ticks.empty() ? round_ticks(x_low, x_high, 6) : chart.x_ticks;
   for (const double tick : ticks) {

@@ -66,13 +66,13 @@ struct Series {
 };
 
 struct LineChart {
-  std::string title;
-  std::string x_label;
-  std::string y_label;
+  std::string title{};
+  std::string x_label{};
+  std::string y_label{};
   Numbers y_numbers = Numbers::percent;
-  std::vector<double> x_ticks;  ///< empty: round numbers
-  double y_low = 0.0;           ///< lower end of the y axis
-  std::vector<Series> series;
+  std::vector<double> x_ticks{};  ///< empty: round numbers
+  double y_low = 0.0;             ///< lower end of the y axis
+  std::vector<Series> series{};
 };
 
 /// A line chart with markers, as an inline SVG that takes its colours from the page.

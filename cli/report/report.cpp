@@ -12,6 +12,8 @@
 #include "cli/report/sections.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "estimate/job/estimate_job.h"
+#include "estimate/quality/frame_check.h"
 
 namespace refield::report {
 
@@ -40,6 +42,17 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
   return pixels;
 }
 
+/// The check of a capture as it lies on disk; nothing where photographs are too few to estimate from.
+std::string check_of(const CaptureSession& capture, const RunContext& run) try {
+  RunContext quiet = run;
+  quiet.on_note = {};  // the page says it
+  EstimateJob job = open_job(capture, {}, quiet);
+  const auto photographs = static_cast<int>(job.frames.size());
+  return check_html(check_frames(job, {}, quiet), photographs);
+} catch (const InputError&) {
+  return "";
+}
+
 }  // namespace
 
 nlohmann::ordered_json write_report(const ReportRequest& request, const RunContext& run) {
@@ -53,9 +66,9 @@ nlohmann::ordered_json write_report(const ReportRequest& request, const RunConte
   const auto figures = evaluate(input, run);
   const KernelStudy kernels = study_kernels(input, pixels, run);
   const std::string body = opening_html(input, figures, run) + summary_html(input, figures) +
-                           pictures_html(input, run) + more_images_html(input) +
-                           kernels_html(input, kernels) + statistics_html(input, run) +
-                           timing_html(input, figures, logs);
+                           check_of(request.session, run) + pictures_html(input, run) +
+                           more_images_html(input) + kernels_html(input, kernels) +
+                           statistics_html(input, run) + timing_html(input, figures, logs);
   write_text_atomically(request.output, page_html("Reflectance field report", body));
   return figures_json(input, figures, pixels);
 }

@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 
 #include "cli/report/html.h"
 #include "cli/report/picture.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
+#include "estimate/rig/verdict.h"
 
 namespace refield::report {
 
@@ -654,6 +656,92 @@ std::string summary_html(const ReportInput& input, const std::vector<FieldFigure
       html += " Under black light the reference is almost zero: this error measures noise, not the field.";
   return section_html("Summary",
                       html + "</p>" + image_spread(input, figures) + prediction_table(input, figures));
+}
+
+namespace {
+
+std::string verdict_html(const CaptureVerdict& verdict) {
+  std::string rows;
+  for (const VerdictRow& row : verdict.rows) {
+    rows += "<tr><td>" + escaped(row.property) + "</td><td><b>" + std::string(name_of(row.state)) +
+            "</b></td><td>" + escaped(row.measured) + "</td><td class=\"num\">";
+    if (row.residual_before && *row.residual_before > 0.0)
+      rows += percent(*row.residual_before) + " → " + percent(*row.residual_after);
+    rows += "</td><td>" + escaped(row.remedy) + "</td></tr>";
+  }
+  return "<div class=\"wide\"><table><thead><tr><th>Property</th><th>State</th><th>Measured</th>"
+         "<th class=\"num\">Residual without → with correction</th><th>Remedy</th></tr></thead><tbody>" +
+         rows + "</tbody></table></div>";
+}
+
+/// What a chart shows over the photographs, from 1.
+Series over_photographs(const std::string& name, int colour, std::size_t count,
+                        const std::function<double(std::size_t)>& value) {
+  Series series{name, colour, false, {}, Marks::points};
+  for (std::size_t j = 0; j < count; ++j) series.points.push_back({static_cast<double>(j + 1), value(j)});
+  return series;
+}
+
+/// Nothing where no series has points.
+std::string rig_chart(LineChart chart) {
+  std::erase_if(chart.series, [](const Series& series) { return series.points.empty(); });
+  if (chart.series.empty()) return "";
+  double low = 0.0;
+  for (const Series& series : chart.series)
+    for (const auto& point : series.points) low = std::min(low, point[1]);
+  if (low < 0.0) chart.y_low = -round_up(-low);
+  chart.x_label = "training photograph";
+  return "<div class=\"chart-box\">" + line_chart_svg(chart) + legend_html(chart.series) + "</div>";
+}
+
+std::string rig_charts(const FrameReport& found) {
+  constexpr std::array<const char*, 3> channels{"red", "green", "blue"};
+  const RigModel& rig = found.rig.model;
+  LineChart path{.title = "Path of the camera", .y_label = "shift of the picture in pixels"};
+  path.y_numbers = Numbers::plain;
+  for (const std::size_t axis : {0, 1})
+    path.series.push_back(over_photographs(axis == 0 ? "to the right" : "down", static_cast<int>(axis),
+                                           rig.shift_px.size(),
+                                           [&](std::size_t j) { return rig.shift_px[j][axis]; }));
+  LineChart gains{.title = "Brightness and room light", .y_label = "relative change"};
+  for (std::size_t c = 0; c < 3; ++c)
+    gains.series.push_back(over_photographs(std::string("gain, ") + channels[c], static_cast<int>(c),
+                                            rig.gain.size(),
+                                            [&](std::size_t j) { return rig.gain[j][c] - 1.0; }));
+  gains.series.push_back(
+      over_photographs("room light", 3, rig.room.size(), [&](std::size_t j) { return rig.room[j]; }));
+  LineChart residuals{.title = "Residual of each photograph", .y_label = "median over pixels"};
+  residuals.series.push_back(over_photographs("as photographed", 1, found.residuals_before.size(),
+                                              [&](std::size_t j) { return found.residuals_before[j]; }));
+  if (!rig.is_identity())
+    residuals.series.push_back(over_photographs("corrected", 0, found.residuals.size(),
+                                                [&](std::size_t j) { return found.residuals[j]; }));
+  std::string matrix;
+  if (rig.mixes_colours()) {
+    matrix = "<div><h3>Colour mixing</h3><table><thead><tr><th></th>";
+    for (const char* channel : channels)
+      matrix += std::string("<th class=\"num\">") + channel + " light</th>";
+    matrix += "</tr></thead><tbody>";
+    for (int c = 0; c < 3; ++c) {
+      matrix += std::string("<tr><th>") + channels[c] + " channel</th>";
+      for (int p = 0; p < 3; ++p) matrix += "<td class=\"num\">" + fixed(rig.mixing(c, p), 3) + "</td>";
+      matrix += "</tr>";
+    }
+    matrix += "</tbody></table></div>";
+  }
+  return "<div class=\"split\">" + rig_chart(residuals) + rig_chart(path) + "</div><div class=\"split\">" +
+         rig_chart(gains) + matrix + "</div>";
+}
+
+}  // namespace
+
+std::string check_html(const FrameReport& found, int photographs) {
+  return section_html(
+      "Check of the capture",
+      "<p>Whether photographs and lights obey B = T L, as <code>refield info</code> checks it: each "
+      "photograph is compared with what the others predict under its light. What is corrected is corrected "
+      "whenever photographs are read; the session stays as it was photographed.</p>" +
+          verdict_html(verdict_of(found, photographs)) + rig_charts(found));
 }
 
 std::string timing_html(const ReportInput& input, const std::vector<FieldFigures>& figures,

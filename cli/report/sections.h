@@ -7,6 +7,7 @@
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
 #include "core/base/run_context.h"
+#include "estimate/estimate.h"
 
 namespace refield::report {
 
@@ -18,6 +19,9 @@ std::string opening_html(const ReportInput& input, const std::vector<FieldFigure
                          const RunContext& run);
 /// Session, fields, held-out errors by kind of light.
 std::string summary_html(const ReportInput& input, const std::vector<FieldFigures>& figures);
+/// What a check of the photographs finds (estimate/rig/verdict.h): verdict, path of the camera, gains, colour
+/// mixing, residual of each photograph.
+std::string check_html(const FrameReport& found, int photographs);
 /// Light, photograph, prediction and error for held-out lights (Matusik et al. 2004, figures 1 and 6).
 std::string pictures_html(const ReportInput& input, const RunContext& run);
 /// Error against the number of images (figure 7) as the fields measured it on their training images, and

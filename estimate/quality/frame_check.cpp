@@ -307,11 +307,13 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   report.clipped_share = share_not_measured(evidence.sample);
   require_measured_channels(job, evidence.sample, run);
   require_usual_brightness(job);
+  report.residuals_before = evidence.search.residuals;
   if (finds_rig) {
     estimate_and_correct(job, options, evidence, report, run);
     job.mean_square = evidence.sample.mean_square({});
   }
   log_rig(report.rig, run);
+  report.residuals = evidence.search.residuals;
   const PixelSample& sample = evidence.sample;
   if (can_assess) assess_frames(job, evidence.search, report);
   log_frames(report, job.frames.size(), run);

@@ -709,6 +709,7 @@ OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sa
       const Typical typical = typical_of(found, all, left_out);
       search.typical_residual = typical.residual;
       for (int j = 0; j < sample.images; ++j) {
+        search.residuals.push_back(found.relative_residual(j, all));
         if (!left_out[j]) continue;
         const OutlierFrame outlier = describe(found, sample, all, typical, j, whole[j] > 1.0);
         // Under a very bright light noise is so low that what stands out need not matter.

@@ -123,6 +123,7 @@ inline constexpr int min_frames_to_assess = 10;
 struct OutlierSearch {
   std::vector<OutlierFrame> outliers;  ///< in the order of frames
   double typical_residual = 0.0;       ///< median over frames and pixels, relative
+  std::vector<double> residuals;       ///< [frames], the same for each
   /// More than a quarter of the frames disagree with the rest: there is no majority to trust. They are listed
   /// all the same.
   bool too_many = false;

@@ -159,6 +159,13 @@ TEST_F(ReportPage, AskedPixelsAreShown) {
   EXPECT_THROW(write_report(request_), InputError);
 }
 
+TEST_F(ReportPage, TheCaptureIsChecked) {
+  write_report(request_);
+  const std::string page = read_text(page_);
+  EXPECT_NE(page.find("<h2>Check of the capture</h2>"), std::string::npos);
+  EXPECT_NE(page.find("as photographed, 30: "), std::string::npos) << "a residual for each photograph";
+}
+
 TEST_F(ReportPage, SessionWithoutHeldOutFramesStillGetsAPage) {
   std::erase_if(session_.frames, [](const CaptureFrame& frame) { return frame.role == FrameRole::test; });
   request_.session = session_;

@@ -11,6 +11,7 @@
 #include "cli/report/input.h"
 #include "cli/report/picture.h"
 #include "cli/report/pixel_choice.h"
+#include "cli/report/sections.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
@@ -21,7 +22,10 @@
 namespace refield::report {
 namespace {
 
+using testing::AllOf;
 using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
 
 constexpr LightDomain domain{16, 12, Parameterisation::monitor};
 /// Sums of a few float32 products.
@@ -154,6 +158,25 @@ TEST(ReportEvaluation, KindsInReadingOrderAndFramesSpread) {
   EXPECT_EQ(chosen[1].name, "natural3");
   EXPECT_EQ(spread_frames(session, "bar", 9).size(), 5u);
   EXPECT_TRUE(spread_frames(session, "train-only", 2).empty());
+}
+
+TEST(ReportCheck, ShowsTheModelOfTheRigWhereThereIsOne) {
+  FrameReport found;
+  found.residuals_before = {0.08, 0.09, 0.2};
+  found.residuals = {0.04, 0.04, 0.05};
+  found.rig.findings = {{"motion", RigFinding::State::good, 0.0, "the camera rested", 0.05, 0.05}};
+  const std::string good = check_html(found, 3);
+  EXPECT_THAT(good, AllOf(HasSubstr("Check of the capture"), HasSubstr("the camera rested"),
+                          HasSubstr("as photographed, 3: 20"), Not(HasSubstr("Path of the camera")),
+                          Not(HasSubstr("Colour mixing")), Not(HasSubstr("corrected, "))));
+  found.rig.findings.front().state = RigFinding::State::corrected;
+  found.rig.model.shift_px = {{0.0, 0.0}, {-0.125, -0.25}, {-0.25, -0.5}};  // to the left and up alone
+  found.rig.model.gain = {{1.0, 1.0, 1.0}, {1.02, 1.0, 0.98}, {0.98, 1.0, 1.02}};
+  found.rig.model.mixing(0, 1) = 0.125;
+  EXPECT_THAT(check_html(found, 3), AllOf(HasSubstr("fix the camera"), HasSubstr("to the right, 3: -0.25"),
+                                          HasSubstr("down, 3: -0.5"), HasSubstr("gain, red, 2: 2"),
+                                          HasSubstr("<td class=\"num\">0.125</td>"),
+                                          HasSubstr("corrected, 3: 5"), Not(HasSubstr("room light, "))));
 }
 
 TEST(ReportInputs, OptionsOfAnEstimation) {
