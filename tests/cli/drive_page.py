@@ -196,7 +196,9 @@ class Check:
                 for (let tx = kernel.x0; tx < kernel.x1; ++tx)
                   for (let c = 0; c < 3; ++c)
                     sum[c] += weight[c] * kernel.value(tx, ty) * map.values[(ty * map.width + tx) * 3 + c];
-            const encoded = sum.map((v) => { v = Math.min(v * viewer.exposure(), 1); return 255 * (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055); });
+            const mixing = viewer.field.mixing;
+            const mixed = [0, 3, 6].map((row) => mixing[row] * sum[0] + mixing[row + 1] * sum[1] + mixing[row + 2] * sum[2]);
+            const encoded = mixed.map((v) => { v = Math.min(v * viewer.exposure(), 1); return 255 * (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055); });
             return Math.max(...encoded.map((v, c) => Math.abs(v - seen[c])));""")
         self.expect(difference < 0.55, f"the pixel's kernels add up to what is drawn ({difference:.2f} of 255)")
 

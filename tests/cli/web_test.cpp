@@ -196,10 +196,17 @@ TEST(ExportWeb, RefusesAFileAsItsFolder) {
               RefusedNaming("f.rfield", "give a folder"));
 }
 
+/// Of a camera whose channels see several primaries of the light, no two entries alike.
+ReflectanceField mixing_field() {
+  ReflectanceField field = sample_field(Parameterisation::monitor);
+  field.output_from_primaries << 1.0f, 0.2f, 0.05f, 0.3f, 1.0f, 0.1f, 0.02f, 0.25f, 1.0f;
+  return field;
+}
+
 class TiledPage : public testing::Test {
  protected:
   TiledPage() {
-    write_reflectance_field(file_, sample_field(Parameterisation::monitor));
+    write_reflectance_field(file_, mixing_field());
     pixels_ = FieldSampler::open(file_, {}, 0);
   }
   /// From every 4th pixel of 60×45, so that the last column and row of tiles are narrow.
@@ -268,7 +275,13 @@ INSTANTIATE_TEST_SUITE_P(Maps, PageInChromium,
                          testing::Values(Parameterisation::monitor, Parameterisation::lat_long),
                          [](const auto& maps) { return std::string(name_of(maps.param)); });
 
-// Enlarges, pans and picks; see drive_tiles_page.py.
+TEST(ColourMixingInChromium, IsThatOfTheProgram) {
+  const test::TemporaryFolder folder;
+  write_reflectance_field(folder / "f.rfield", mixing_field());
+  drive("drive_page.py", folder / "f.rfield", folder);
+}
+
+// Enlarges, pans and picks, with colours mixed; see drive_tiles_page.py.
 class TiledPageInChromium : public TiledPage {};
 
 TEST_F(TiledPageInChromium, DrawsWhatTheProgramComputes) {
