@@ -280,6 +280,7 @@ py::tuple merge_arrays(const Floats& images, const std::vector<double>& seconds,
     if (!(exposure > 0.0)) throw InputError("exposures: " + std::to_string(exposure) + " is not above 0");
   const std::vector<Seconds> exposures(seconds.begin(), seconds.end());
   LinearSensor sensor;
+  sensor.saturation = 1.0;
   sensor.electrons_per_value = full_scale_electrons;
   sensor.read_noise_electrons = read_noise_electrons;
   return arrays_of(LongCall(py::none(), std::nullopt)([&](const RunContext&) {
