@@ -7,13 +7,16 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <variant>
 
+#include "acquire/capture/session_writer.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
+#include "core/base/files.h"
 #include "core/base/json_text.h"
 #include "core/field/field_statistics.h"
 #include "core/field_io/field_shard.h"
@@ -283,6 +286,15 @@ std::string printable(const std::string& text) {
   return shown;
 }
 
+/// What the import wrote of itself, line by line.
+std::vector<std::string> notes_of(const fs::path& session) {
+  std::vector<std::string> notes;
+  if (!fs::is_regular_file(session / session_notes_name)) return notes;
+  std::istringstream lines(read_text(session / session_notes_name));
+  for (std::string line; std::getline(lines, line);) notes.push_back(line);
+  return notes;
+}
+
 /// Prints nested figures as "name: value" lines, with spaces for underscores.
 void print_text(const ordered_json& value, int indent) {
   for (const auto& [key, item] : value.items()) {
@@ -325,12 +337,17 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
       ordered_json info = describe_path(*path);
       std::optional<CaptureVerdict> verdict;
       if (fs::is_directory(*path)) verdict = checked(read_capture_session(*path));
+      const std::vector<std::string> notes = notes_of(*path);
+      if (!notes.empty() && common.json) info["import_notes"] = notes;
       if (verdict && common.json) info["check"] = ordered_json::parse(verdict_json(*verdict));
       if (common.json)
         std::printf("%s\n", json_text(info, 2).c_str());
       else
         print_text(info, 0);
-      if (verdict && !common.json) std::printf("%s", verdict_table(*verdict).c_str());
+      if (common.json) return;
+      if (verdict) std::printf("%s", verdict_table(*verdict).c_str());
+      for (const std::string& note : notes)
+        std::printf("  import          note        %s\n", printable(note).c_str());
     };
   });
 }

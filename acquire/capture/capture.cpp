@@ -169,6 +169,7 @@ class CaptureRun {
   void report(CaptureSummary& summary) const {
     summary.out_of_range_lights = out_of_range_lights_;
     summary.exposures = exposures_;
+    summary.darker_than_ambient = darker_;
     if (photographs_ == 0) return;
     for (double useful : useful_) summary.useful_fraction.push_back(useful / photographs_);
     summary.clipped_fraction = clipped_ / photographs_;
@@ -248,6 +249,7 @@ class CaptureRun {
     const auto last = std::move(last_);
     const Photograph observed = last->photograph.get();
     count(last->statistics, request_.frames_per_exposure);
+    if (darker_share(observed, ambient_) > clearly_darker_share) darker_.push_back(last->light->name);
     session_.finish_step(last->light->name, last->files);
     if (request_.on_photograph) request_.on_photograph(observed);
   }
@@ -322,6 +324,7 @@ class CaptureRun {
   double clipped_ = 0.0;
   int photographs_ = 0;
   std::size_t out_of_range_lights_ = 0;
+  std::vector<std::string> darker_;
 };
 
 }  // namespace

@@ -93,7 +93,8 @@ struct CaptureSummary {
   std::string exposure_note;  ///< how they follow from the scene, where this run planned them by noise
   std::vector<double> useful_fraction;  ///< [exposures], mean over this run's photographs; empty when none
   double clipped_fraction = 0.0;        ///< of the samples, mean over this run's photographs
-  std::size_t out_of_range_lights = 0;  ///< lights with texels brighter than the monitor
+  std::vector<std::string> darker_than_ambient;  ///< this run's photographs, see darker_share()
+  std::size_t out_of_range_lights = 0;           ///< lights with texels brighter than the monitor
   PairingCounts discarded;
   double seconds = 0.0;
 };

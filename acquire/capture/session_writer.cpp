@@ -24,9 +24,17 @@ constexpr const char* journal_name = "journal";
 /// The manifest of a session that was complete, while damaged files are taken again.
 constexpr const char* former_manifest_name = "session.before.toml";
 // In the order in which replacing removes them: the plan goes last, so that a session stays recognisable.
-constexpr std::array<const char*, 10> contents = {
-    session_manifest_name, former_manifest_name, journal_name, "ambient.exr", "mask.png", "raw", "observed",
-    "illumination",        "calibration.toml",   plan_name};
+constexpr std::array<const char*, 11> contents = {session_manifest_name,
+                                                  former_manifest_name,
+                                                  journal_name,
+                                                  "ambient.exr",
+                                                  "mask.png",
+                                                  "raw",
+                                                  "observed",
+                                                  session_notes_name,
+                                                  "illumination",
+                                                  "calibration.toml",
+                                                  plan_name};
 
 /// A crash leaves temporaries of write_atomically() behind.
 bool is_leftover(const fs::path& path) {
@@ -104,6 +112,11 @@ void check_session_folder(const fs::path& folder, IfExists if_exists) {
   const bool complete = fs::exists(folder / session_manifest_name);
   throw InputError(folder.string() + ": already holds " + (complete ? "a complete" : "an incomplete") +
                    " capture; --resume continues it, --force replaces it");
+}
+
+FrameRole role_of_light(const std::string& name) {
+  if (name.starts_with("reference") || name.ends_with("_reference")) return FrameRole::reference;
+  return name.starts_with("test") ? FrameRole::test : FrameRole::train;
 }
 
 std::optional<std::string> stored_plan(const fs::path& folder) {

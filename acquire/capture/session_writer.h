@@ -17,6 +17,13 @@ enum class IfExists { refuse, resume, replace };
 /// resume nor replace was asked for, or it holds something else. Changes nothing.
 void check_session_folder(const std::filesystem::path& folder, IfExists if_exists);
 
+/// What the import found and did, a sentence per line, for 'refield info'; not there where it found nothing.
+inline constexpr const char* session_notes_name = "notes.txt";
+
+/// The role of the frame under a light of that name: test… is held out, reference… and …_reference show
+/// drift, all others are for training.
+FrameRole role_of_light(const std::string& name);
+
 /// plan.toml of a capture that was begun in `folder`; nullopt when there is none.
 std::optional<std::string> stored_plan(const std::filesystem::path& folder);
 

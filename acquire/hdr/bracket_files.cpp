@@ -202,7 +202,7 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
       file.linear = std::move(photograph.radiance);
       file.sigma = std::move(photograph.sigma);
     } else {
-      file.linear = upright(read_image(path), inverse_orientation(facts.orientation));
+      file.linear = read_image(path);
     }
     return file;
   }
@@ -218,6 +218,8 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
                       "OpenEXR");
   file.bits = stored.samples == StoredSamples::uint8 ? 8 : 16;
   file.frame.samples = read_samples(*input, path, channels);
+  if (!is_bayer(file.frame.layout))
+    file.frame.samples = upright(file.frame.samples, file.frame.width, file.frame.height, facts.orientation);
   return file;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -23,7 +24,7 @@ struct CameraSettings {
   // Of developed files alone: RAW samples do not depend on them.
   std::optional<int> white_balance;  ///< 0 automatic, 1 manual (EXIF)
   std::optional<int> light_source;   ///< preset of the white balance, such as 1 daylight (EXIF)
-  int orientation = 1;               ///< as ImageFacts::orientation; samples stay in the order stored
+  int orientation = 1;               ///< as ImageFacts::orientation
 };
 
 /// One exposure of a bracketed series, from an ordinary image file.
@@ -42,10 +43,9 @@ struct BracketFile {
 
 /// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or, if LibRaw was there at the build, a camera's RAW
 /// (DNG, CR2, NEF and so on): Bayer, monochrome, or three linear samples per pixel. A one-channel integer
-/// file is taken to have the layout `one_channel`; nullopt: grey, or for RAW what the file says. Samples stay
-/// in the order stored, for RAW that of the sensor, whatever the orientation stated: photographs of a fixed
-/// camera match. Radiance pictures are upright. Alpha is ignored. Throws DeviceError for a missing file and
-/// FormatError for one that is damaged or no image.
+/// file is taken to have the layout `one_channel`; nullopt: grey, or for RAW what the file says. Pictures are
+/// turned as their stated orientation says; samples of a sensor (RAW, Bayer) stay in its order. Alpha is
+/// ignored. Throws DeviceError for a missing file and FormatError for one that is damaged or no image.
 BracketFile read_bracket_file(const std::filesystem::path& path,
                               std::optional<PixelLayout> one_channel = std::nullopt);
 

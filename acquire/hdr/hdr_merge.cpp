@@ -418,4 +418,19 @@ void subtract_ambient(Photograph& photograph, const Photograph& ambient) {
   }
 }
 
+double darker_share(const Photograph& photograph, const Photograph& ambient) {
+  constexpr float noise = 5.0f, response = 0.1f;
+  std::size_t darker = 0;
+  for (std::size_t i = 0; i < photograph.radiance.values.size(); ++i)
+    darker += photograph.radiance.values[i] <
+              -noise * photograph.sigma.values[i] - response * ambient.radiance.values[i];
+  return static_cast<double>(darker) / static_cast<double>(photograph.radiance.values.size());
+}
+
+std::string darker_text(const std::string& ambient, const std::vector<std::string>& darker) {
+  return ambient + ": " + std::to_string(darker.size()) + " photographs (first: " + darker.front() +
+         ") are darker than this one of the ambient light, so the room light was on in it; photograph black "
+         "again with the room as dark as during the capture";
+}
+
 }  // namespace refield

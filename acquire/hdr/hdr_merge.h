@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "acquire/calibrate/calibration.h"
@@ -125,5 +126,23 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
 /// photograph − ambient; the variances add. Where either was clipped, sigma stays infinite.
 /// Throws InputError when the sizes differ.
 void subtract_ambient(Photograph& photograph, const Photograph& ambient);
+
+/// Share of the samples of a photograph, ambient light subtracted, that were darker than the ambient light by
+/// more than 10 % of it and five standard deviations.
+double darker_share(const Photograph& photograph, const Photograph& ambient);
+
+/// A photograph is darker than the ambient one from this share of its samples on, and the ambient one has
+/// light that the others lack from this number of photographs on.
+inline constexpr double clearly_darker_share = 0.02;
+inline constexpr std::size_t enough_darker_photographs = 3;
+/// What to do then: names the ambient photograph and the first of the darker ones.
+std::string darker_text(const std::string& ambient, const std::vector<std::string>& darker);
+
+/// Clipped samples are left out of an estimate: from two in ten thousand on, highlights suffer.
+constexpr bool is_much_clipped(double share) {
+  return share >= 2e-4;
+}
+inline constexpr const char* clipping_remedy =
+    "samples clip in every exposure, and highlights will be known less well: add a shorter exposure";
 
 }  // namespace refield

@@ -40,26 +40,24 @@ std::vector<Seconds> stated_exposures(const Bracket& bracket, std::span<const Se
   return exposures;
 }
 
-std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Seconds> given) {
+/// The stated times, replaced where they were measured.
+std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Seconds> given,
+                                  const BracketCamera& camera) {
   constexpr double least = 1e-7, most = 1e5;  // seconds
-  auto exposures = stated_exposures(bracket, given);
-  for (std::size_t i = 0; i < exposures.size(); ++i)
+  std::vector<Seconds> exposures = stated_exposures(bracket, given);
+  constexpr double same = 0.02;  // metadata round
+  for (std::size_t i = 0; i < exposures.size(); ++i) {
     if (const double seconds = exposures[i].count(); !(seconds >= least && seconds <= most)) {
       char text[80];
       std::snprintf(text, sizeof text, ": has an exposure time of %g s; give 1e-7 to 1e5 s", seconds);
       throw InputError(bracket.paths[i].string() + text + " with --exposures");
     }
+    const auto measured = std::ranges::find_if(camera.measured_times, [&](const auto& times) {
+      return std::abs(exposures[i] / times.first - 1.0) < same;
+    });
+    if (measured != camera.measured_times.end()) exposures[i] = measured->second;
+  }
   return exposures;
-}
-
-std::optional<PixelLayout> layout_of(const std::string& name) {
-  if (name.empty()) return std::nullopt;
-  if (name == "bayer") return PixelLayout::bayer_rggb;
-  const auto found = std::ranges::find(layout_names, name);
-  if (found == layout_names.end())
-    throw InputError("--layout: '" + name +
-                     "' is not a known layout; give grey, or a Bayer order such as bayer_rggb");
-  return static_cast<PixelLayout>(found - layout_names.begin());
 }
 
 /// Throws InputError where a file's noise is no noise.
@@ -142,6 +140,16 @@ Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, Me
 
 }  // namespace
 
+std::optional<PixelLayout> layout_of(const std::string& name) {
+  if (name.empty()) return std::nullopt;
+  if (name == "bayer") return PixelLayout::bayer_rggb;
+  const auto found = std::ranges::find(layout_names, name);
+  if (found == layout_names.end())
+    throw InputError("--layout: '" + name +
+                     "' is not a known layout; give grey, or a Bayer order such as bayer_rggb");
+  return static_cast<PixelLayout>(found - layout_names.begin());
+}
+
 Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures) {
   if (paths.empty()) throw InputError("there is no exposure to merge");
@@ -166,7 +174,7 @@ Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& ca
                             : paths.front().string() + " ('" + first.response + "')") +
                        "; give the response of all with --response");
   }
-  bracket.exposures = exposures_of(bracket, exposures);
+  bracket.exposures = exposures_of(bracket, exposures, camera);
   return bracket;
 }
 

@@ -4,6 +4,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acquire/hdr/bracket_files.h"
@@ -19,6 +20,8 @@ struct BracketCamera {
   std::string stated;  ///< as BracketFile::response; counts where `response` is empty
   std::vector<float>
       curve;  ///< [2^bits], inverse response estimated from brackets; empty: as `response` says
+  /// Exposure times as files state them, and what they are where exposures overlap (settle_times()).
+  std::vector<std::pair<Seconds, Seconds>> measured_times;
   std::string
       layout;  ///< of one-channel files: name of a PixelLayout, "bayer" (RGGB); empty: grey, RAW: theirs
   /// Of samples without light, in linearised units; nullopt: as RAW files state it, else 0.
@@ -29,6 +32,9 @@ struct BracketCamera {
   double full_scale_electrons = 20000.0;
   double read_noise_electrons = 5.0;
 };
+
+/// The layout that BracketCamera::layout names; nullopt: empty. Throws InputError for another name.
+std::optional<PixelLayout> layout_of(const std::string& name);
 
 /// Exposures of one view.
 struct Bracket {

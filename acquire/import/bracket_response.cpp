@@ -578,4 +578,108 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
   return notes;
 }
 
+namespace {
+
+constexpr double exact_ratio = 0.015;  // rounding of cameras is more, noise of 8 bits at most 0.01
+
+/// Log of measured over stated ratio of two neighbouring exposure times.
+struct TimeRatio {
+  double log = 0.0;
+  double uncertainty = 0.0;  ///< standard error
+};
+
+/// [exposures − 1]; nullopt where exposures do not overlap.
+std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamples> brackets,
+                                                     const BracketCamera& camera) {
+  constexpr std::ptrdiff_t enough = 4;  // classes of brightness
+  const auto median_of = [](std::vector<double> values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::ranges::nth_element(values, middle);
+    return *middle;
+  };
+  std::vector<std::optional<TimeRatio>> ratios(brackets.front().seconds.size() - 1);
+  for (std::size_t i = 0; i < ratios.size(); ++i) {
+    std::vector<double> logs, deviations;
+    for (const BracketSamples& bracket : brackets) {
+      if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
+      const PairComparison pair =
+          compare_pair(bracket, i, Linearisation(bracket, camera), clip_level_of(bracket, camera));
+      const auto classes = static_cast<std::ptrdiff_t>(pair.log_ratio.size());
+      // The brighter half: the logarithm of noisy dark samples has a bias.
+      if (classes >= enough)
+        logs.push_back(trimmed_mean({pair.log_ratio.begin() + classes / 2, pair.log_ratio.end()}));
+    }
+    if (logs.empty()) continue;
+    const double middle = median_of(logs);
+    for (const double log : logs) deviations.push_back(std::abs(log - middle));
+    // 1.4826 · MAD estimates the deviation, and a median has 1.2533 times the standard error of a mean.
+    ratios[i] = {middle, 1.86 * median_of(deviations) / std::sqrt(static_cast<double>(logs.size()))};
+  }
+  return ratios;
+}
+
+double disagreement(std::span<const BracketSamples> brackets, const BracketCamera& camera) {
+  double squares = 0.0;
+  for (const auto& ratio : measure_ratios(brackets, camera))
+    if (ratio) squares += ratio->log * ratio->log;
+  return std::sqrt(squares);
+}
+
+std::string times_text(const std::vector<double>& seconds) {
+  std::string text;
+  for (const double time : seconds) text += (text.empty() ? "" : ", ") + digits(time, 4);
+  return text + " s";
+}
+
+/// Times with measured ratios, from the shortest on; the stated ones where nothing contradicts them.
+std::vector<double> times_by_ratio(std::span<const BracketSamples> brackets, const BracketCamera& camera) {
+  constexpr double certain = 4.0;
+  constexpr double max_spread = 0.02;  // beyond, the response is doubtful, and the ratio with it
+  std::vector<double> times = brackets.front().seconds;
+  std::size_t worst = 0;
+  if (worst_agreement(brackets, camera, worst).spread > max_spread) return times;
+  const auto ratios = measure_ratios(brackets, camera);
+  for (std::size_t i = 0; i < ratios.size(); ++i)
+    if (ratios[i] && std::abs(ratios[i]->log) > std::max(exact_ratio, certain * ratios[i]->uncertainty) &&
+        std::abs(ratios[i]->log) < std::log1p(tolerated_factor))
+      for (std::size_t k = i + 1; k < times.size(); ++k) times[k] *= std::exp(ratios[i]->log);
+  return times;
+}
+
+/// The times that cameras mean by those they state, with their response curve, where they agree better.
+std::vector<double> times_by_name(std::span<const BracketSamples> brackets, BracketCamera& camera) {
+  constexpr double clearly = 0.7;
+  std::vector<double> times = brackets.front().seconds;
+  for (double& time : times) time = std::exp2(std::round(3.0 * std::log2(time)) / 3.0);
+  std::vector<BracketSamples> renamed(brackets.begin(), brackets.end());
+  for (BracketSamples& bracket : renamed) bracket.seconds = times;
+  BracketCamera other = camera;
+  other.curve = estimate_response(renamed).linear_from_dn;
+  if (disagreement(renamed, other) > clearly * disagreement(brackets, camera))
+    return brackets.front().seconds;
+  camera = std::move(other);
+  return times;
+}
+
+}  // namespace
+
+std::string settle_times(std::span<const BracketSamples> brackets, BracketCamera& camera) {
+  const std::vector<double> stated = brackets.front().seconds;
+  const auto is_same = [&](const BracketSamples& bracket) {
+    return std::ranges::equal(bracket.seconds, stated,
+                              [](double a, double b) { return std::abs(a - b) < 1e-4 * b; });
+  };
+  if (stated.size() < 2 || !std::ranges::all_of(brackets, is_same)) return "";
+  const std::vector<double> times =
+      camera.curve.empty() ? times_by_ratio(brackets, camera) : times_by_name(brackets, camera);
+  bool differs = false;
+  for (std::size_t i = 1; i < times.size(); ++i)
+    differs |= std::abs(times[i] / times[0] * stated[0] / stated[i] - 1.0) > exact_ratio;
+  if (!differs) return "";
+  for (std::size_t i = 0; i < times.size(); ++i)
+    camera.measured_times.emplace_back(Seconds(stated[i]), Seconds(times[i]));
+  return "the files state exposure times of " + times_text(stated) + ", but the exposures agree with " +
+         times_text(times) + ", which are used: cameras round the times that they state";
+}
+
 }  // namespace refield

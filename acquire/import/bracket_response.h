@@ -65,4 +65,12 @@ ResponseEstimate estimate_response(std::span<const BracketSamples> brackets);
 /// the user should know, one sentence each. Throws InputError as require_brighter_with_time().
 std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera);
 
+/// Measures the ratios of exposure times where exposures overlap, medians over the brackets, after
+/// settle_response(). Where they differ from the stated ones by more than 1.5 % and their uncertainty
+/// (cameras round: 1/60, 1/30 and 1/15 s are 2^-6, 2^-5 and 2^-4 s), sets `camera.measured_times`. A curve
+/// that was estimated with wrong times has adapted to them: there the powers of 2^(1/3) nearest to the stated
+/// times are tried, and taken with their curve where the exposures agree clearly better. Returns what the
+/// user should know; empty: the times stay.
+std::string settle_times(std::span<const BracketSamples> brackets, BracketCamera& camera);
+
 }  // namespace refield

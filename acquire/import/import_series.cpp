@@ -175,6 +175,26 @@ Image emitted(const ImportRequest& request, const ImportedView& view, const RunC
   return emitted_above_black(drive, read_monitor_calibration(request.monitor));
 }
 
+/// Pixels of the ambient photograph that are much brighter than all around them.
+int count_hot_pixels(const Photograph& ambient) {
+  constexpr float brighter = 3.0f, noise = 10.0f;
+  const auto sum = [](const Image& image, int x, int y) {
+    return image.at(x, y, 0) + image.at(x, y, 1) + image.at(x, y, 2);
+  };
+  int hot = 0;
+  for (int y = 1; y + 1 < ambient.radiance.height; ++y)
+    for (int x = 1; x + 1 < ambient.radiance.width; ++x) {
+      float around = 0.0f;
+      for (int v = y - 1; v <= y + 1; ++v)
+        for (int u = x - 1; u <= x + 1; ++u)
+          if (u != x || v != y)
+            around =
+                std::max(around, brighter * sum(ambient.radiance, u, v) + noise * sum(ambient.sigma, u, v));
+      hot += sum(ambient.radiance, x, y) > around;
+    }
+  return hot;
+}
+
 /// A session while it is imported.
 class SessionImport {
  public:
@@ -187,6 +207,7 @@ class SessionImport {
         writer_(request.folder, plan_of(request, views), steps(request, views), request.if_exists) {
     session_.folder = request.folder;
     session_.light.parameterisation = request.parameterisation;
+    session_.monitors = request.monitors;
   }
 
   void run(ImportSummary& summary, const RunContext& run) {
@@ -200,7 +221,18 @@ class SessionImport {
         progress.advance();
       }
       check_image_sizes(session_);
+      check_placements(session_.monitors, session_.light, "--monitor");
       take_mask();
+      if (const int hot = ambient_ ? count_hot_pixels(*ambient_) : 0; hot > 0)
+        summary.notes.push_back(
+            std::to_string(hot) +
+            " pixels are hot: far brighter than their neighbours in the ambient photograph; "
+            "their light is subtracted, and samples that clip are left out");
+      if (darker_.size() >= enough_darker_photographs)
+        summary.notes.push_back(darker_text(request_.ambient.front().string(), darker_));
+      std::string notes;
+      for (const std::string& note : summary.notes) notes += note + "\n";
+      if (!notes.empty()) write_text_atomically(request_.folder / session_notes_name, notes);
       writer_.finish(session_);
     }
     merger_.report(summary);
@@ -237,13 +269,23 @@ class SessionImport {
     const Image light = emitted(request_, view, run);
     if (request_.parameterisation == Parameterisation::monitor)
       session_.frames.back().kind = kind_of_light(light);
-    if (writer_.is_done(view.name)) return;
+    if (writer_.is_done(view.name)) {
+      if (ambient_) compare_with_ambient(view.name, read_photograph(request_.folder / files[1]));
+      return;
+    }
     Photograph observed = merger_.merge(view.bracket.paths, true);
-    if (ambient_) subtract_ambient(observed, *ambient_);
+    if (ambient_) {
+      subtract_ambient(observed, *ambient_);
+      compare_with_ambient(view.name, observed);
+    }
     if (!view.card.paths.empty()) divide_by_card_of(view, observed);
     write_exr(request_.folder / files[0], light);
     write_photograph(request_.folder / files[1], observed, request_.precision);
     writer_.finish_step(view.name, files);
+  }
+
+  void compare_with_ambient(const std::string& name, const Photograph& observed) {
+    if (darker_share(observed, *ambient_) > clearly_darker_share) darker_.push_back(name);
   }
 
   void divide_by_card_of(const ImportedView& view, Photograph& observed) {
@@ -300,7 +342,8 @@ class SessionImport {
   SessionWriter writer_;
   CaptureSession session_;
   std::optional<Photograph> ambient_;
-  std::optional<Mask> mask_;  // where white cards must be usable
+  std::vector<std::string> darker_;  // photographs that are darker than the ambient one
+  std::optional<Mask> mask_;         // where white cards must be usable
 };
 
 /// Photographs alone. Those that are there already are kept on resume: each landed whole.
@@ -371,6 +414,12 @@ void settle_camera(const std::vector<ImportedView>& views, ImportRequest& reques
   if (std::ranges::any_of(brackets, [&](const auto& other) { return other.bits != brackets[0].bits; }))
     return;  // the merge will name the file
   summary.notes = settle_response(brackets, request.camera);
+  BracketCamera trial = request.camera;
+  if (!settle_times(brackets, trial).empty()) {
+    constexpr std::size_t more = 15;  // the ratio is a median over brackets
+    const std::string note = settle_times(sample_series(views, request, more, run), request.camera);
+    if (!note.empty()) summary.notes.push_back(note);
+  }
   summary.response_estimated = !request.camera.curve.empty();
   if (request.has_light_sources() && brackets[0].bits == 8 && request.camera.response == "linear")
     summary.notes.emplace_back(

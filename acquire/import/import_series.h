@@ -14,6 +14,7 @@
 #include "core/base/units.h"
 #include "core/image/image_io.h"
 #include "core/light/light_map.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield {
 
@@ -76,6 +77,7 @@ struct ImportRequest {
   /// many. Intensities of `stage` do not count then. May be empty.
   std::vector<std::filesystem::path> flat_fields;
   std::optional<std::filesystem::path> mask;
+  std::vector<MonitorPlacement> monitors{};  ///< where the monitor stood; empty: not known
   int test_every =
       0;  ///< every that many frames one is held out, beside those whose light is named test…; 0: none
   Precision precision = Precision::single;

@@ -3,14 +3,20 @@
 
 #define TOML_EXCEPTIONS 1
 
+#include <tbb/parallel_for.h>
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <ranges>
 #include <set>
 #include <sstream>
 
+#include "acquire/import/bracket_pairing.h"
 #include "core/base/errors.h"
+#include "core/base/files.h"
 #include "core/base/run_context.h"
+#include "core/image/image_facts.h"
+#include "core/image/image_io.h"
 
 namespace refield {
 
@@ -49,18 +55,120 @@ std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups
   return views;
 }
 
-std::vector<ImportedView> with_lights_by_order(const ImportRequest& request,
-                                               const std::vector<BracketGroup>& groups) {
-  if (groups.size() != request.lights.size())
+std::string list_of(const std::vector<std::string>& names) {
+  constexpr std::size_t max_names = 3;
+  std::string list;
+  for (std::size_t i = 0; i < std::min(names.size(), max_names); ++i) list += (i == 0 ? "" : ", ") + names[i];
+  return names.size() > max_names ? list + " and " + std::to_string(names.size() - max_names) + " more"
+                                  : list;
+}
+
+/// Brightness of one exposure of each bracket and of the lights, and their times.
+OrderedSeries read_series(const ImportRequest& request, const std::vector<BracketGroup>& groups,
+                          const RunContext& run) {
+  OrderedSeries series;
+  series.first_is_black = request.ambient_first;
+  series.photographs.resize(groups.size());
+  const auto layout = layout_of(request.camera.layout);
+  const auto means_of = [&](const std::vector<fs::path>& paths) {
+    const BracketFile file = read_bracket_file(paths[paths.size() / 2], layout);
+    const double seconds = file.exposure.value_or(Seconds(1.0)).count();
+    const double black = request.camera.black.value_or(file.raw_levels ? file.raw_levels->black : 0.0);
+    const auto table =
+        file.bits > 0 ? bracket_calibration(request.camera, file.bits).linear_from_dn : std::vector<float>{};
+    return BlockMeans(block_means(file, table, black) / static_cast<float>(seconds));
+  };
+  Progress progress(run, "checking the order", groups.size());
+  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t i) {
+    run.throw_if_stopped();
+    series.photographs[i] = means_of(groups[i].paths);
+    progress.advance();
+  });
+  if (!request.ambient.empty()) series.black = means_of(request.ambient);
+  for (const BracketGroup& group : groups) series.taken.push_back(capture_time(group.paths.front()));
+  const auto shown = read_times(request.lights.front().parent_path());
+  for (const fs::path& light : request.lights) {
+    series.lights.push_back(block_means(read_light_map(light, request.parameterisation, run).radiance));
+    const auto time = shown.find(light.stem().string());
+    series.shown.push_back(time == shown.end() ? std::nullopt : std::optional(time->second));
+  }
+  return series;
+}
+
+/// Makes the first bracket without light, or the darkest where that has much more light, the ambient one.
+void choose_ambient(ImportRequest& request, const std::vector<BracketGroup>& groups,
+                    const OrderedSeries& series, const OrderedPairing& pairing) {
+  const auto file = [&](std::size_t i) { return groups[i].paths.front().string(); };
+  auto& notes = request.stage.notes;
+  if (pairing.black.empty()) {
+    if (request.ambient_first)
+      throw InputError(file(0) +
+                       ": the first bracket shows a light and is not the ambient one; leave out "
+                       "--ambient-first, or photograph black");
+    return;
+  }
+  if (request.ambient.empty()) {
+    const auto brightness = [&](std::size_t i) { return series.photographs[i].sum(); };
+    constexpr float uneven = 1.3f;
+    const float level = uneven * std::ranges::min(pairing.black | std::views::transform(brightness));
+    const std::size_t chosen =
+        *std::ranges::find_if(pairing.black, [&](std::size_t i) { return brightness(i) <= level; });
+    if (chosen != pairing.black.front()) {
+      notes.push_back(file(pairing.black.front()) + ": is brighter than " + file(chosen) +
+                      ", although both show black: the room light was on. The darker one is subtracted");
+    } else if (!request.ambient_first || chosen != 0) {
+      notes.push_back(file(chosen) + ": is black and is subtracted as the ambient light");
+    }
+    request.ambient = groups[chosen].paths;
+  }
+  std::vector<std::string> others;
+  for (const std::size_t i : pairing.black)
+    if (groups[i].paths != request.ambient) others.push_back(file(i));
+  if (!others.empty()) notes.push_back("further black brackets, which are left out: " + list_of(others));
+}
+
+std::vector<ImportedView> with_lights_by_order(ImportRequest& request, std::vector<BracketGroup> groups,
+                                               const RunContext& run) {
+  constexpr std::size_t enough = 10;  // for brightness to say something
+  const std::size_t lights = request.lights.size();
+  OrderedPairing pairing;
+  std::optional<OrderedSeries> series;
+  if (lights >= enough) {
+    series = read_series(request, groups, run);
+    pairing = pair_in_order(*series);
+  }
+  const std::size_t first = request.ambient_first ? 1 : 0;
+  if (!pairing.is_certain && groups.size() != lights + first)
     throw InputError(
-        std::to_string(groups.size()) + " brackets (the last begins with " +
-        groups.back().paths.front().string() + ") but " + std::to_string(request.lights.size()) +
-        " lights (the last is " + request.lights.back().string() +
-        "); give as many of each (--ambient-first takes the first bracket out), pair them by name "
-        "with --pattern, or by time with 'refield acquire match'");
+        std::to_string(groups.size() - first) + " brackets (the last begins with " +
+        groups.back().paths.front().string() + ") but " + std::to_string(lights) + " lights (the last is " +
+        request.lights.back().string() +
+        "), and their brightness does not tell which belong together; give as many of each "
+        "(--ambient-first takes the first bracket out), pair them by name with --pattern, or by time with "
+        "'refield acquire match'");
   std::vector<ImportedView> views;
-  for (std::size_t i = 0; i < groups.size(); ++i)
-    views.push_back({groups[i], request.lights[i].stem().string(), request.lights[i], {}});
+  if (!pairing.is_certain) {
+    if (first == 1) request.ambient = groups.front().paths;
+    for (std::size_t j = 0; j < lights; ++j)
+      views.push_back({groups[j + first], request.lights[j].stem().string(), request.lights[j], {}});
+    return views;
+  }
+  choose_ambient(request, groups, *series, pairing);
+  std::vector<std::string> missing, doubled, stray;
+  for (std::size_t j = 0; j < lights; ++j)
+    if (const auto bracket = pairing.bracket_of[j])
+      views.push_back({groups[*bracket], request.lights[j].stem().string(), request.lights[j], {}});
+    else
+      missing.push_back(request.lights[j].stem().string());
+  for (const auto& [bracket, light] : pairing.doubled)
+    doubled.push_back(groups[bracket].paths.front().string() + " (" + request.lights[light].stem().string() +
+                      ")");
+  for (const std::size_t bracket : pairing.stray) stray.push_back(groups[bracket].paths.front().string());
+  for (const auto& [what, names] :
+       {std::pair{"lights without photographs, which are left out: ", &missing},
+        {"brackets that repeat the one before or after, which are left out: ", &doubled},
+        {"brackets that show none of the lights, which are left out: ", &stray}})
+    if (!names->empty()) request.stage.notes.push_back(what + list_of(*names));
   return views;
 }
 
@@ -179,21 +287,24 @@ std::string source_text(const LightStage& stage, std::size_t index) {
 
 std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run) {
   auto groups = group(request.photographs, request, run);
+  const bool in_order = !request.lights.empty() && request.lights_by_order;
   if (request.ambient_first) {
     if (!request.ambient.empty())
       throw InputError("the ambient photographs are given twice: give --ambient or --ambient-first");
     if (groups.size() < 2)
       throw InputError(groups.front().paths.front().string() +
                        ": is the only bracket; besides the ambient one there must be others");
-    request.ambient = groups.front().paths;
-    groups.erase(groups.begin());
+    if (!in_order) {
+      request.ambient = groups.front().paths;
+      groups.erase(groups.begin());
+    }
   }
   std::vector<ImportedView> views = !request.makes_session() ? without_lights(groups)
                                     : request.ball           ? without_lights(groups)
                                     : !request.stage.sources.empty()
                                         ? with_light_sources(request.stage, groups)
-                                    : request.lights_by_order ? with_lights_by_order(request, groups)
-                                                              : with_lights_by_name(request, groups);
+                                    : in_order ? with_lights_by_order(request, groups, run)
+                                               : with_lights_by_name(request, groups);
   std::set<std::string> names;
   for (ImportedView& view : views) {
     if (!names.insert(view.name).second)
@@ -201,6 +312,10 @@ std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run
                        view.name + "'; rename one");
     view.time = capture_time(view.bracket.paths.front());
   }
+  if (const fs::path& first = views.front().bracket.paths.front(); !is_camera_raw(first))
+    if (const int orientation = read_image_facts(first).orientation; orientation != 1)
+      request.stage.notes.push_back("photographs are turned as their EXIF orientation, " +
+                                    std::to_string(orientation) + ", says");
   if (!request.flat_fields.empty()) assign_cards(request, views, run);
   return views;
 }
@@ -221,10 +336,9 @@ std::vector<BracketSamples> sample_series(const std::vector<ImportedView>& views
 }
 
 FrameRole role_of(const ImportRequest& request, const std::string& name, std::size_t place) {
-  if (name.starts_with("test")) return FrameRole::test;
-  if (name.starts_with("reference")) return FrameRole::reference;
+  const FrameRole role = role_of_light(name);
   const auto every = static_cast<std::size_t>(request.test_every);
-  return every > 0 && (place + 1) % every == 0 ? FrameRole::test : FrameRole::train;
+  return role == FrameRole::train && every > 0 && (place + 1) % every == 0 ? FrameRole::test : role;
 }
 
 namespace fs = std::filesystem;
@@ -255,6 +369,8 @@ std::string plan_of(const ImportRequest& request, const std::vector<ImportedView
   const auto optional_text = [](const std::optional<double>& value) {
     return value ? std::to_string(*value) : "";
   };
+  toml::array monitors;
+  for (const MonitorPlacement& monitor : request.monitors) monitors.push_back(text_of(monitor));
   toml::table plan{
       {"format", "refield import"},
       {"version", 1},
@@ -271,6 +387,7 @@ std::string plan_of(const ImportRequest& request, const std::vector<ImportedView
       {"mask", request.mask ? file_text(*request.mask) : ""},
       {"ambient", list_of(request.ambient)},
       {"frame", frames}};
+  if (!monitors.empty()) plan.insert("monitors", monitors);
   std::ostringstream text;
   text << plan << "\n";
   return text.str();

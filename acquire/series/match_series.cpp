@@ -396,11 +396,10 @@ CaptureSession frames_of(const MatchRequest& request, const MatchSummary& summar
   for (const MatchedPair& pair : summary.pairs) {
     const auto place = session.frames.size() + 1;
     const std::string light = pair.probe.stem().string();
-    const bool test = light.starts_with("test") ||
-                      (request.test_every > 0 && place % static_cast<std::size_t>(request.test_every) == 0);
-    const FrameRole role = light.starts_with("reference") ? FrameRole::reference
-                           : test                         ? FrameRole::test
-                                                          : FrameRole::train;
+    FrameRole role = role_of_light(light);
+    if (role == FrameRole::train && request.test_every > 0 &&
+        place % static_cast<std::size_t>(request.test_every) == 0)
+      role = FrameRole::test;
     session.frames.push_back({pair.observed.stem().string(), role, "natural", pair.probe, pair.observed,
                               time[pair.observed] - time[summary.pairs.front().observed]});
   }

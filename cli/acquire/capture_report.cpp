@@ -5,6 +5,7 @@
 
 #include <cstdio>
 
+#include "acquire/hdr/hdr_merge.h"
 #include "cli/report/input.h"
 #include "core/base/json_text.h"
 
@@ -89,6 +90,9 @@ void print(const CaptureSummary& summary, const fs::path& session) {
     std::printf(
         "%zu light maps exceed the brightness of the monitor in places; the emitted radiance is stored\n",
         summary.out_of_range_lights);
+  if (is_much_clipped(summary.clipped_fraction)) std::printf("note: %s\n", clipping_remedy);
+  if (summary.darker_than_ambient.size() >= enough_darker_photographs)
+    std::printf("note: %s\n", darker_text("ambient.exr", summary.darker_than_ambient).c_str());
   for (const std::string& sentence : wasted_exposures(summary.exposures, summary.useful_fraction))
     std::printf("note: %s\n", sentence.c_str());
 }

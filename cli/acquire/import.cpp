@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "acquire/capture/exposure_plan.h"
+#include "acquire/hdr/hdr_merge.h"
 #include "acquire/import/import_series.h"
 #include "acquire/light_probe/unwrap.h"
 #include "cli/acquire/capture_report.h"
@@ -40,6 +41,7 @@ struct ImportOptions {
   std::string lights_by;
   std::string lights_hold = "radiance";
   std::string parameterisation = "monitor";
+  std::vector<std::string> monitors;
   std::vector<double> exposures;
   fs::path mask;
   bool half = false;
@@ -73,6 +75,7 @@ ImportRequest request_of(const ImportOptions& options) {
       request.monitor = request.camera.response;
   }
   request.parameterisation = parameterisation_from_name(options.parameterisation);
+  if (!options.monitors.empty()) request.monitors = placements_from_texts(options.monitors);
   if (!options.mask.empty()) request.mask = options.mask;
   if (options.half) request.precision = Precision::half;
   return request;
@@ -103,6 +106,7 @@ void print(const ImportSummary& summary, const fs::path& folder) {
     std::printf(" %.4g s (useful for %.1f %% of the samples)%s", summary.exposures[i].count(),
                 100.0 * summary.useful_fraction[i], i + 1 < summary.exposures.size() ? "," : "\n");
   std::printf("clipped in every exposure: %.3f %% of the samples\n", 100.0 * summary.clipped_fraction);
+  if (is_much_clipped(summary.clipped_fraction)) std::printf("note: %s\n", clipping_remedy);
   if (std::ranges::is_sorted(summary.exposures))
     for (const std::string& sentence : wasted_exposures(summary.exposures, summary.useful_fraction))
       std::printf("note: %s\n", sentence.c_str());
@@ -141,7 +145,9 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Files are grouped into brackets by name (--pattern), by number (--count) or "
       "otherwise by exposure time: a repeated exposure time starts the next bracket. "
-      "Brackets are assigned to lights by name (with --pattern) or by order.\n"
+      "Brackets are assigned to lights by name (with --pattern) or by order. The order is checked by "
+      "brightness, and by times.tsv of 'refield acquire show' beside the lights: black, missing and "
+      "repeated brackets are found and named.\n"
       "\n"
       "Examples:\n"
       "  refield acquire import shots --lights lights --pattern '{light}_e*.tif' \\\n"
@@ -219,12 +225,17 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
                    "Parameterisation of the light maps: monitor, lat_long or cube")
       ->capture_default_str()
       ->needs(lights);
+  verb->add_option("--monitor", options->monitors,
+                   "Placement of the monitor, such as 520x320@600,yaw=90 (mm, degrees), for relighting by "
+                   "environment maps. Repeat the option for each window of stacked light maps")
+      ->needs(lights);
   verb->add_option(
       "--ambient", options->ambient,
       "Photographs of the ambient light, one bracket, subtracted from all others: folder or quoted pattern");
   verb->add_flag(
       "--ambient-first", request.ambient_first,
-      "Use the first bracket as the ambient light, since 'refield acquire show' starts with black");
+      "Use the first bracket as the ambient light, since 'refield acquire show' starts with black; "
+      "further black brackets are left out");
   verb->add_option("--mask", options->mask, "Mask image, white where the scene is (default: all pixels)");
   verb->add_option("--test-every", request.test_every,
                    "Hold out every N-th frame for validation, in addition to frames whose light is named "

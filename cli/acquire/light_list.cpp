@@ -20,9 +20,40 @@ namespace fs = std::filesystem;
 
 std::vector<CaptureLight> lights_of_files(const std::string& pattern) {
   std::vector<CaptureLight> lights;
-  for (const GlobMatch& match : expand_glob(pattern))
-    lights.push_back({match.path.stem().string(), FrameRole::train, "", match.path});
+  for (const GlobMatch& match : expand_glob(pattern)) {
+    const std::string name = match.path.stem().string();
+    const bool is_reference = role_of_light(name) == FrameRole::reference;
+    const Image light = read_light_map(match.path, Parameterisation::monitor, run_context()).radiance;
+    lights.push_back({name, is_reference ? FrameRole::reference : FrameRole::train,
+                      std::string(kind_of_light(light)), match.path});
+  }
   return lights;
+}
+
+Image uniform_light(int width, int height, const std::array<float, 3>& colour) {
+  Image light(width, height, 3);
+  for (std::size_t i = 0; i < light.values.size(); ++i) light.values[i] = colour[i % 3];
+  return light;
+}
+
+std::filesystem::path add_primaries_and_white(std::vector<CaptureLight>& lights, int width, int height,
+                                              float white, const fs::path& folder) {
+  const auto write = [&](const std::string& name, const std::array<float, 3>& colour) {
+    create_folders(folder);
+    write_exr(folder / (name + ".exr"), uniform_light(width, height, colour));
+    return folder / (name + ".exr");
+  };
+  if (std::ranges::find(lights, "primary", &CaptureLight::kind) == lights.end()) {
+    const std::array<std::pair<const char*, std::array<float, 3>>, 3> primaries = {
+        {{"primary_red", {white, 0, 0}}, {"primary_green", {0, white, 0}}, {"primary_blue", {0, 0, white}}}};
+    for (const auto& [name, colour] : primaries)
+      lights.push_back({name, FrameRole::train, "primary", write(name, colour)});
+  }
+  fs::path reference;
+  for (const CaptureLight& light : lights)
+    if (light.kind == "white" && reference.empty()) reference = light.wanted;
+  std::erase_if(lights, [](const CaptureLight& light) { return light.role == FrameRole::reference; });
+  return reference.empty() ? write("reference", {white, white, white}) : reference;
 }
 
 std::vector<CaptureLight> lights_of_session(const fs::path& folder) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire lights: patterns of the monitor's size, made from images of any size or from a seed.
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/acquire/light_list.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -150,6 +152,27 @@ LightPlan starter_plan(int count, const std::string& kind) {
   return plan;
 }
 
+struct FullScreen {
+  std::string name;
+  std::array<float, 3> colour;
+};
+
+/// Each primary alone, and white before the first of the patterns, after every thirtieth and after the last
+/// in the order of names: the drift, colours and movement of a capture show in them directly.
+std::vector<FullScreen> full_screens(const std::vector<LightSpec>& patterns) {
+  constexpr std::size_t every = 30;
+  std::vector<std::string> names;
+  for (const LightSpec& pattern : patterns) names.push_back(pattern.name);
+  std::ranges::sort(names);
+  std::vector<FullScreen> screens = {{"primary_blue", {0, 0, 1}},
+                                     {"primary_green", {0, 1, 0}},
+                                     {"primary_red", {1, 0, 0}},
+                                     {"reference", {1, 1, 1}}};
+  for (std::size_t i = 1; i <= names.size(); ++i)
+    if (i % every == 0 || i == names.size()) screens.push_back({names[i - 1] + "_reference", {1, 1, 1}});
+  return screens;
+}
+
 void make_starter_set(const LightsOptions& options, const Common& common) {
   const LightPlan plan = starter_plan(options.count, options.kind);
   constexpr std::uint64_t seed = 2004;
@@ -157,12 +180,15 @@ void make_starter_set(const LightsOptions& options, const Common& common) {
   const std::vector<LightSpec> list = list_lights(plan);
   std::vector<std::string> names;
   for (const LightSpec& spec : list) names.push_back(spec.name);
+  const std::vector<FullScreen> screens = full_screens(list);
+  for (const FullScreen& screen : screens) names.push_back(screen.name);
   const PatternWriter writer(options, names);
+  for (const auto& [name, colour] : screens) writer.write(name, uniform_light(width, height, colour));
   make_lights(
       list, {width, height, Parameterisation::monitor}, seed,
       [&](std::size_t place, LightMap&& light) { writer.write(list[place].name, light.radiance); },
       run_context());
-  report(options, list.size() * writer.steps(), width, height, 0.0, common);
+  report(options, names.size() * writer.steps(), width, height, 0.0, common);
 }
 
 /// Spots at the centres of 5 × 3 equal parts of the screen, and white.
@@ -231,7 +257,10 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       "texel is the mean linear radiance over its area of the image. PNG and JPEG files are decoded from "
       "sRGB; 1 is white, higher values are clipped. The starter set is always the same: 150 patterns for "
       "training (train_…), designed for estimation (docs/method/patterns.md), and, held out (test_…), 12 "
-      "natural patterns, 3 in saturated colours, 8 bars, 6 squares and white.\n"
+      "natural patterns, 3 in saturated colours, 8 bars, 6 squares and white. Beside these 180 it has each "
+      "primary of the monitor alone (primary_…) and white as a reference for drift, before, after and "
+      "between "
+      "them (reference, …_reference).\n"
       "\n"
       "With --png, each pattern is also written as an 8-bit sRGB image for a monitor. The OpenEXR file then "
       "contains the linear radiance of these 8-bit levels: level L has the radiance peak × sRGB⁻¹(L / 255).\n"
@@ -253,7 +282,9 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
                    "Training patterns of the starter set: designed, or natural (images as in the paper)")
       ->check(CLI::IsMember({"designed", "natural"}))
       ->capture_default_str();
-  verb->add_option("--count", options->count, "Number of patterns of the starter set, held-out ones included")
+  verb->add_option(
+          "--count", options->count,
+          "Number of patterns of the starter set, held-out ones included, without primaries and references")
       ->check(CLI::Range(12, 5000))
       ->capture_default_str();
   verb->add_option(

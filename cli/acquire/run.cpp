@@ -64,10 +64,11 @@ float white_of(const MonitorCalibration& monitor) {
 void keep_quick(std::vector<CaptureLight>& lights) {
   constexpr std::size_t max_train = 30, max_test = 5;
   std::vector<CaptureLight> kept, held_out;
+  std::size_t patterns = 0;  // without the primaries, which are few
   for (CaptureLight& light : lights)
     if (light.role == FrameRole::test)
       held_out.push_back(std::move(light));
-    else if (kept.size() < max_train)
+    else if (light.kind == "primary" || patterns++ < max_train)
       kept.push_back(std::move(light));
   const std::size_t count = std::min(max_test, held_out.size());
   for (std::size_t i = 0; i < count; ++i)
@@ -81,7 +82,7 @@ std::vector<CaptureLight> lights_of(const SessionFile& session, const Illuminato
   std::vector<CaptureLight> lights;
   const auto add = [&](std::vector<CaptureLight> more, std::optional<FrameRole> role = std::nullopt) {
     for (CaptureLight& light : more) {
-      if (role) light.role = *role;
+      if (role && light.role != FrameRole::reference) light.role = *role;
       lights.push_back(std::move(light));
     }
   };
@@ -91,10 +92,16 @@ std::vector<CaptureLight> lights_of(const SessionFile& session, const Illuminato
     add(panorama_lights(wanted, monitor.width, monitor.height, white_of(calibration),
                         fs::path(session.output) += "_lights"));
   if (!wanted.test_images.empty()) add(lights_of_files(wanted.test_images), FrameRole::test);
+  fs::path reference = session.reference_light;
+  if (wanted.session.empty()) {
+    const fs::path white = add_primaries_and_white(
+        lights, monitor.width, monitor.height, white_of(calibration), fs::path(session.output) += "_lights");
+    if (reference.empty()) reference = white;
+  }
   constexpr std::uint64_t order_seed = 1;
   order_lights(lights, session.order, order_seed);
   if (quick) keep_quick(lights);
-  return with_references(lights, session.reference_every, session.reference_light);
+  return with_references(lights, session.reference_every, reference);
 }
 
 CaptureRequest request_of(const SessionFile& session, const CameraDescription& camera,

@@ -227,20 +227,8 @@ ImageFacts read_image_facts(const fs::path& path) {
 }
 
 Image upright(const Image& stored, int orientation) {
-  if (orientation < 2 || orientation > 8) return stored;
-  const bool is_transposed = orientation >= 5;
-  // Where the first row and the first column lie: at the far end of the axis that they run across?
-  const bool row_is_last = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
-  const bool column_is_last = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
-  Image image(is_transposed ? stored.height : stored.width, is_transposed ? stored.width : stored.height,
-              stored.channels);
-  for (int y = 0; y < stored.height; ++y)
-    for (int x = 0; x < stored.width; ++x) {
-      const int row = row_is_last ? stored.height - 1 - y : y,
-                column = column_is_last ? stored.width - 1 - x : x;
-      std::copy_n(&stored.values[(static_cast<std::size_t>(y) * stored.width + x) * stored.channels],
-                  stored.channels, &image.at(is_transposed ? row : column, is_transposed ? column : row, 0));
-    }
+  Image image = stored;
+  image.values = upright(stored.values, image.width, image.height, orientation);
   return image;
 }
 

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "core/image/colour.h"
 #include "core/image/image.h"
@@ -32,12 +35,31 @@ struct ImageFacts {
 /// where an EXR header is damaged.
 ImageFacts read_image_facts(const std::filesystem::path& path);
 
-/// Turns or mirrors an image as stored into the upright one. `orientation`: 1 to 8, else 1.
-Image upright(const Image& stored, int orientation);
-/// The orientation that reverses the effect of another.
-constexpr int inverse_orientation(int orientation) {
-  return orientation == 6 ? 8 : orientation == 8 ? 6 : orientation;
+/// Turns or mirrors samples [height × width × channels] as stored into the upright picture, and swaps `width`
+/// and `height` from orientation 5 on. `orientation`: 1 to 8, else 1. Source: TIFF 6.0, tag 274.
+template <class T>
+std::vector<T> upright(const std::vector<T>& stored, int& width, int& height, int orientation) {
+  if (orientation < 2 || orientation > 8) return stored;
+  const int from_width = width, from_height = height;
+  const bool is_transposed = orientation >= 5;
+  // Where the first row and the first column lie: at the far end of the axis that they run across?
+  const bool row_is_last = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  const bool column_is_last = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  if (is_transposed) std::swap(width, height);
+  const std::size_t channels = stored.size() / (static_cast<std::size_t>(width) * height);
+  std::vector<T> picture(stored.size());
+  auto from = stored.begin();
+  for (int y = 0; y < from_height; ++y)
+    for (int x = 0; x < from_width; ++x, from += static_cast<std::ptrdiff_t>(channels)) {
+      const int row = row_is_last ? from_height - 1 - y : y, column = column_is_last ? from_width - 1 - x : x;
+      const int to_x = is_transposed ? row : column, to_y = is_transposed ? column : row;
+      std::copy_n(from, channels,
+                  picture.begin() + static_cast<std::ptrdiff_t>(
+                                        (static_cast<std::size_t>(to_y) * width + to_x) * channels));
+    }
+  return picture;
 }
+Image upright(const Image& stored, int orientation);
 
 /// Samples from 0 to 1 to linear light by ImageFacts::response; sRGB where it is empty or "unknown".
 void linearise(Image& image, const std::string& response);

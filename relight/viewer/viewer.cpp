@@ -55,8 +55,9 @@ void handle(App& app, const InputEvent& event) {
 
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run) {
-  BackgroundJob<OpenedFile> reading(
-      [=, from = options.large_from_bytes] { return read_field_file(field, light, run, from); });
+  BackgroundJob<OpenedFile> reading([=, from = options.large_from_bytes, monitors = options.monitors] {
+    return read_field_file(field, light, run, from, monitors);
+  });
   std::optional<OpenedFile> opened;
   if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
   GlWindow window(options.width, options.height, !options.script);
@@ -66,6 +67,7 @@ void run_viewer(const std::filesystem::path& field, const std::optional<std::fil
     opened = reading.take();
   }
   App app(*std::move(opened), run);
+  app.monitors = options.monitors;
   Textures textures;  // gone before the window
   run_window(
       window, options.script,

@@ -13,6 +13,7 @@
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "core/field_io/reflectance_field_file.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield {
 
@@ -20,6 +21,7 @@ struct WindowOptions {
   std::optional<std::string> script;  ///< a file of commands, or "-"
   int width = 1440;                   ///< pixels
   int height = 900;
+  std::vector<MonitorPlacement> monitors{};  ///< in place of the field's; empty: those of the field
   /// Bytes of a field's transfer from which on only the pixels that the window shows are read.
   std::uint64_t large_from_bytes = large_transfer_bytes;
 };

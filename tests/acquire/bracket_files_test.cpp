@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -10,6 +11,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/rng.h"
+#include "core/image/image_facts.h"
 #include "core/image/image_io.h"
 #include "tests/support/temporary_folder.h"
 
@@ -52,6 +54,23 @@ TEST(BracketFiles, EightBitsAndFloatsComeAsStored) {
   const BracketFile floating = read_bracket_file(folder / "float.exr");
   EXPECT_EQ(floating.bits, 0);
   EXPECT_EQ(floating.linear.values, std::vector<float>(18, 2.5f));
+}
+
+TEST(BracketFiles, PicturesAreTurnedAsTheirOrientationSays) {
+  const std::vector<std::uint16_t> stored = {1, 2, 3, 4, 5, 6};  // two rows of three
+  const std::array<std::vector<std::uint16_t>, 8> shown = {{{1, 2, 3, 4, 5, 6},
+                                                            {3, 2, 1, 6, 5, 4},
+                                                            {6, 5, 4, 3, 2, 1},
+                                                            {4, 5, 6, 1, 2, 3},
+                                                            {1, 4, 2, 5, 3, 6},
+                                                            {4, 1, 5, 2, 6, 3},
+                                                            {6, 3, 5, 2, 4, 1},
+                                                            {3, 6, 2, 5, 1, 4}}};
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    int width = 3, height = 2;
+    EXPECT_EQ(upright(stored, width, height, orientation), shown[orientation - 1]) << orientation;
+    EXPECT_EQ(width, orientation < 5 ? 3 : 2);
+  }
 }
 
 /// Photographs of two exposures as another tool's HDR files, with the noise that it measured.

@@ -167,7 +167,7 @@ def check_guide(given, work, refield):
         check(words in second, f"'{words}' was not said\n{readable(second)}")
     for name in ("session/session.toml", "scene.rfield", "relit.png"):
         check((mug / name).exists(), f"{name} is missing")
-    check(len(list((mug / "lights").glob("*.exr"))) == 36, "36 light maps were asked for")
+    check(len(list((mug / "lights").glob("*.exr"))) == 36 + 3 + 3, "36 patterns, three primaries, three times white")
 
     # The session file runs again without questions, and so does the guide.
     again = (mug / "session.toml").read_text().replace('output = "session"', 'output = "again"')

@@ -66,11 +66,13 @@ double contrast(double light) {
   return x - 0.48 * std::sin(2.0 * M_PI * x) * x * (1.0 - x);
 }
 
-void write_jpeg(const fs::path& path, const Image& radiance, double seconds, ClockSeconds time) {
+void write_jpeg(const fs::path& path, const Image& radiance, double seconds, ClockSeconds time,
+                int orientation = 1) {
   OIIO::ImageSpec spec(radiance.width, radiance.height, 3, OIIO::TypeDesc::UINT8);
   spec.attribute("CompressionQuality", 98);
   spec.attribute("jpeg:subsampling", "4:4:4");
   spec.attribute("ExposureTime", static_cast<float>(seconds));
+  if (orientation != 1) spec.attribute("Orientation", orientation);
   std::string text = text_from_clock_seconds(time).substr(0, 19);
   text[4] = text[7] = ':';
   text[10] = ' ';
@@ -111,6 +113,7 @@ class ManualCapture : public ::testing::Test {
     int place = 1;
     const CaptureSession session = read_capture_session(at("captured"));
     for (const CaptureFrame& frame : session.frames) {
+      if (frame.role == FrameRole::reference) continue;
       photograph(read_photograph(frame.observed).radiance, place);
       fs::copy(at("patterns/" + frame.name + ".png"), at("shown/" + frame.name + ".png"));
       shown[frame.name] = noon + every * (place + 0.5);
@@ -167,8 +170,13 @@ class ManualCapture : public ::testing::Test {
 std::unique_ptr<TemporaryFolder> ManualCapture::folder_;
 
 TEST_F(ManualCapture, TheStarterSetIsWhatItsImagesShow) {
-  EXPECT_EQ(expand_glob(at("lights")).size(), 180U);
-  EXPECT_EQ(expand_glob(at("lights/test_*.exr")).size(), 30U);
+  // 180 patterns, three primaries and seven times white.
+  EXPECT_EQ(expand_glob(at("lights")).size(), 190U);
+  EXPECT_EQ(expand_glob(at("lights/primary_*.exr")).size(), 3U);
+  const std::vector<fs::path> lights = expand_globs({at("lights")});
+  EXPECT_EQ(lights[3].stem(), "reference");  // in the order in which they are shown
+  EXPECT_EQ(lights[34].stem(), "test_029_reference");
+  EXPECT_EQ(lights.back().stem(), "train_149_reference");
   for (const GlobMatch& match : expand_glob(at("patterns"))) {
     // read_image() decodes PNG from sRGB.
     const Image decoded = read_image(match.path);
@@ -216,9 +224,14 @@ TEST_F(ManualCapture, WithGapsPhotographsAndPatternsArePairedByTime) {
     const int number = std::stoi(match.path.stem().string().substr(4)) - 1000;
     if (number / 3 != 31 && number / 3 != 47) fs::copy(match.path, shots / match.path.filename());
   }
-  ASSERT_EQ(run({"acquire", "import", shots, "--lights", at("shown"), "--ambient-first", "-o", out_ / "no"}),
-            2);
-  EXPECT_THAT(log(), AllOf(HasSubstr("98 brackets"), HasSubstr("refield acquire match")));
+  ASSERT_EQ(
+      run({"acquire", "import", shots, "--lights", at("shown"), "--ambient-first", "-o", out_ / "ordered"}),
+      0)
+      << log();
+  EXPECT_THAT(log(), HasSubstr("lights without photographs, which are left out: train_030, train_046\n"));
+  EXPECT_EQ(read_capture_session(out_ / "ordered").frames.size(), 98U);
+  EXPECT_EQ(run({"info", out_ / "ordered"}), 0) << log();
+  EXPECT_THAT(log(), HasSubstr("left out: train_030, train_046"));
   ASSERT_EQ(run({"acquire", "import", shots, "--ambient-first", "-o", out_ / "hdr"}), 0) << log();
   ASSERT_EQ(run({"acquire", "match", "--observed", out_ / "hdr", "--lights", at("shown"),
                  "--parameterisation", "monitor", "--offset", "auto", "-o", out_ / "session"}),
@@ -232,6 +245,63 @@ TEST_F(ManualCapture, WithGapsPhotographsAndPatternsArePairedByTime) {
     const fs::path light = expand_glob(at("hundred")).at(place).path;
     EXPECT_EQ(read_image(frame.illumination).values, read_image(light).values) << frame.name;
   }
+}
+
+/// As an interval timer that starts early, stops late, misses one pattern and takes another twice, without
+/// times.
+TEST_F(ManualCapture, BlackMissingAndRepeatedBracketsAreNamed) {
+  const fs::path shots = out_ / "shots", lights = out_ / "lights";
+  fs::create_directories(shots);
+  fs::create_directories(lights);
+  for (const GlobMatch& match : expand_glob(at("shown"))) fs::copy(match.path, lights);
+  int number = 2000;
+  const auto take = [&](int place) {
+    for (int shot = 0; shot < 3; ++shot)
+      fs::copy(at("shots/IMG_" + std::to_string(1000 + 3 * place + shot) + ".jpg"),
+               shots / ("IMG_" + std::to_string(number++) + ".jpg"));
+  };
+  take(0);
+  take(0);
+  for (int place = 1; place <= 100; ++place) {
+    if (place != 41) take(place);
+    if (place == 81) take(place);
+  }
+  take(0);
+  ASSERT_EQ(run({"acquire", "import", shots, "--lights", lights, "--ambient-first", "-o", out_ / "session"}),
+            0)
+      << log();
+  EXPECT_THAT(log(), AllOf(HasSubstr("IMG_2003.jpg, " + (shots / "IMG_2306.jpg").string()),
+                           HasSubstr("lights without photographs, which are left out: train_0"),
+                           HasSubstr("(train_080)\n")));
+  EXPECT_EQ(read_capture_session(out_ / "session").frames.size(), 99U);
+}
+
+TEST_F(ManualCapture, PhotographsOfSeveralOrientationsAreRefused) {
+  const fs::path shots = out_ / "shots";
+  fs::copy(at("shots"), shots);
+  const Image grey(96, 72, 3, 0.5f);
+  for (int shot = 0; shot < 3; ++shot)
+    write_jpeg(shots / ("IMG_" + std::to_string(1150 + shot) + ".jpg"), grey,
+               shot == 2 ? 0.3 : (1 + 3 * shot) / 60.0, noon, 3);
+  ASSERT_EQ(
+      run({"acquire", "import", shots, "--lights", at("shown"), "--ambient-first", "-o", out_ / "session"}),
+      2);
+  EXPECT_THAT(log(), HasSubstr("IMG_1150.jpg: was taken with EXIF Orientation 3, but"));
+}
+
+TEST_F(ManualCapture, AnAmbientBracketWithRoomLightIsNamed) {
+  const fs::path shots = out_ / "shots", dark = out_ / "dark";
+  fs::copy(at("shots"), shots);
+  fs::create_directories(dark);
+  for (int shot = 0; shot < 3; ++shot)  // the photographs under a bright pattern
+    fs::rename(shots / ("IMG_" + std::to_string(1003 + shot) + ".jpg"),
+               dark / ("IMG_" + std::to_string(1003 + shot) + ".jpg"));
+  ASSERT_EQ(
+      run({"acquire", "import", shots, "--lights", at("shown"), "--ambient", dark, "-o", out_ / "session"}),
+      0)
+      << log();
+  EXPECT_THAT(log(),
+              AllOf(HasSubstr("IMG_1003.jpg: "), HasSubstr("darker than this one of the ambient light")));
 }
 
 TEST_F(ManualCapture, HdrRefusesTimesThatThePhotographsContradict) {

@@ -96,7 +96,7 @@ OpenedFile read_light_file(const fs::path& file, const LightDomain& domain,
 }
 
 OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light, const RunContext& run,
-                           std::uint64_t large_from_bytes) {
+                           std::uint64_t large_from_bytes, const std::vector<MonitorPlacement>& monitors) {
   OpenedFile opened{.file = field};
   if (auto large = FieldSampler::open(field, run, large_from_bytes))
     opened.state = std::make_unique<ViewState>(std::move(large), run);
@@ -105,7 +105,10 @@ OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>&
         std::visit([&](auto content) { return std::make_unique<ViewState>(std::move(content), run); },
                    read_either_field(field, run));
   const FieldOutline& shown = opened.state->field();
-  if (light) opened.light = read_light_file(*light, shown.basis.domain, shown.monitors, run).light;
+  if (!monitors.empty()) check_placements(monitors, shown.basis.domain, "--monitor");
+  if (light)
+    opened.light =
+        read_light_file(*light, shown.basis.domain, monitors.empty() ? shown.monitors : monitors, run).light;
   return opened;
 }
 
@@ -121,7 +124,8 @@ void open_file(App& app, const fs::path& file) {
   }
   const FieldOutline& shown = app.state->field();
   app.opening = std::make_unique<BackgroundJob<OpenedFile>>(
-      [file, domain = shown.basis.domain, monitors = shown.monitors, run = app.run] {
+      [file, domain = shown.basis.domain, monitors = app.monitors.empty() ? shown.monitors : app.monitors,
+       run = app.run] {
         if (file.extension() == ".rfield") return read_field_file(file, std::nullopt, run);
         return read_light_file(file, domain, monitors, run);
       });

@@ -34,10 +34,11 @@ struct OpenedFile {
 /// Read a field and, where there is one, a light map to begin with; a light map for a field of that domain
 /// and those monitors. For threads in the background. Throw what the readers throw, InputError for a map that
 /// does not fit. Of fields whose transfer takes `large_from_bytes` or more, only pixels that a window shows
-/// are read.
+/// are read. `monitors` stand in place of the field's where there are any.
 OpenedFile read_field_file(const std::filesystem::path& field,
                            const std::optional<std::filesystem::path>& light, const RunContext& run,
-                           std::uint64_t large_from_bytes = large_transfer_bytes);
+                           std::uint64_t large_from_bytes = large_transfer_bytes,
+                           const std::vector<MonitorPlacement>& monitors = {});
 OpenedFile read_light_file(const std::filesystem::path& file, const LightDomain& domain,
                            const std::vector<MonitorPlacement>& monitors, const RunContext& run);
 
@@ -47,7 +48,8 @@ struct App : WindowState {
   App(OpenedFile field, const RunContext& context);
 
   std::filesystem::path field_file;
-  std::string light_name;  ///< of the map behind the light sources; empty: none
+  std::vector<MonitorPlacement> monitors;  ///< in place of those of fields; empty: theirs
+  std::string light_name;                  ///< of the map behind the light sources; empty: none
   std::filesystem::path light_file;
   RecentFiles recent{RecentFiles::list_from_environment()};
   std::unique_ptr<ViewState> state;

@@ -228,5 +228,40 @@ TEST(BracketResponse, OneExposureOfEightBitsIsWarnedOf) {
   EXPECT_THAT(settle_response(std::vector{samples_of(bracket_of(scene(1), {0.1}, srgb))}, camera), IsEmpty());
 }
 
+/// Brackets of five scenes whose files state `times`, whatever they are.
+std::vector<BracketSamples> stated(const std::vector<double>& seconds, Curve curve, double noise) {
+  std::vector<BracketSamples> brackets;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    brackets.push_back(samples_of(bracket_of(scene(seed), seconds, curve, noise)));
+    brackets.back().seconds = times;
+  }
+  return brackets;
+}
+
+TEST(MeasuredTimes, ExactTimesStay) {
+  for (const Curve curve : {srgb, contrast}) {
+    const auto brackets = stated(times, curve, 1.0);
+    BracketCamera camera;
+    settle_response(brackets, camera);
+    EXPECT_EQ(settle_times(brackets, camera), "");
+    EXPECT_THAT(camera.measured_times, IsEmpty());
+  }
+}
+
+TEST(MeasuredTimes, RoundedTimesAreFoundWhereExposuresOverlap) {
+  const std::vector<double> meant = {std::exp2(-6), std::exp2(-4), std::exp2(-2)};
+  const auto brackets = stated(meant, srgb, 1.0);
+  BracketCamera camera;
+  settle_response(brackets, camera);
+  EXPECT_THAT(settle_times(brackets, camera), HasSubstr("0.01667, 0.06667, 0.25 s"));
+  ASSERT_EQ(camera.measured_times.size(), 3U);
+  const auto ratio = [&](std::size_t i) {
+    return camera.measured_times[i + 1].second / camera.measured_times[i].second;
+  };
+  constexpr double rounding = 0.03;  // of 8 bits; the stated times have 3.75
+  EXPECT_NEAR(ratio(0), 4.0, rounding);
+  EXPECT_NEAR(ratio(1), 4.0, rounding);
+}
+
 }  // namespace
 }  // namespace refield
