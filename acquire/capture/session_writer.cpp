@@ -70,18 +70,27 @@ bool is_own(const std::string& step, const fs::path& file) {
   return normal.is_relative() && *normal.begin() != ".." && normal.filename().string().starts_with(step);
 }
 
-/// Throws where the manifest of a complete session names other files than its frames left.
+/// Throws where the manifest of a complete session names other files than its frames left. One that cannot be
+/// read is left to its readers.
 void require_frames_of(const std::vector<JournalEntry>& entries, const fs::path& folder) {
-  for (const CaptureFrame& frame : read_capture_session(folder).frames) {
+  CaptureSession session;
+  try {
+    session = read_capture_session(folder);
+  } catch (const FormatError&) {
+    return;
+  }
+  for (const CaptureFrame& frame : session.frames) {
     const auto entry = std::ranges::find(entries, frame.name, &JournalEntry::step);
-    for (const fs::path& path : {frame.illumination, frame.observed})
+    for (const fs::path& path : {frame.illumination, frame.observed}) {
+      const std::string file = path.lexically_relative(folder).generic_string();
       if (entry == entries.end() ||
-          std::ranges::find(entry->files, path.lexically_relative(folder).generic_string(),
-                            &JournalFile::path) == entry->files.end())
-        throw InputError((folder / session_manifest_name).string() + ": frame '" + frame.name + "' names " +
-                         path.string() +
-                         ", which the capture did not write for it; correct the manifest, or remove "
-                         "it so that --resume writes it again");
+          std::ranges::find(entry->files, file, &JournalFile::path) == entry->files.end())
+        throw InputError(
+            (folder / session_manifest_name).string() + ": frame '" + frame.name + "' names " +
+            path.string() +
+            ", which the capture did not write for it; correct the manifest, or remove it so that "
+            "--resume writes it again");
+    }
   }
 }
 
