@@ -258,6 +258,8 @@ struct Predictor {
   AlignedFloats inverse;  ///< rows of [stride] floats, padded with zeros; [images × stride]
   /// Of the inverse; for frames that are left out, and those of repeated lights, inverse predictive variance.
   Eigen::VectorXf diagonal;
+  /// Rows that are predictions from others alone, times `diagonal`: of the same frames.
+  std::vector<char> is_prediction;
   AlignedFloats with_repeats;  ///< `inverse` before frames of one light were kept from predicting each other
 
   float* row(Eigen::Index j) { return inverse.data() + j * stride; }
@@ -289,6 +291,7 @@ void predict_without(const std::vector<int>& group, const Eigen::MatrixXd& gram,
       result.row(j)[kept[a]] = static_cast<float>(precision * functional[static_cast<Eigen::Index>(a)]);
     for (const Eigen::Index other : own) result.row(j)[other] = 0.0f;  // but for rounding
     result.row(j)[j] = result.diagonal[j] = static_cast<float>(precision);
+    result.is_prediction[j] = 1;
   };
   for (std::size_t i = 0; i < own.size(); ++i) {
     const auto a = static_cast<Eigen::Index>(i);
@@ -316,6 +319,7 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
   result.stride = padded_length(images);
   result.inverse.assign(images * result.stride, 0.0f);
   result.diagonal = Eigen::VectorXf::Zero(images);
+  result.is_prediction = left_out;
   for (Eigen::Index a = 0; a < count; ++a) {
     for (Eigen::Index b = 0; b < count; ++b) result.row(kept[a])[kept[b]] = static_cast<float>(inverse(a, b));
     result.diagonal[kept[a]] = static_cast<float>(inverse(a, a));
@@ -370,6 +374,7 @@ class SeriesBatch {
         missing_(count),
         counted_(count),
         best_(count, std::numeric_limits<float>::infinity()),
+        best_way_(count, nullptr),
         residual_(images_) {
     for (Eigen::Index s = 0; s < count; ++s) {
       values_of_.push_back(values_.data() + s * stride_);
@@ -400,6 +405,7 @@ class SeriesBatch {
       for (std::size_t i = 0; i < counted.size(); ++i)
         standardised_[i] *= std::sqrt(way.diagonal[counted[i]]);
       best_[s] = reordered_median(sizes_);
+      best_way_[s] = &way;
       const float scale = 1.4826f * reordered_median(standardised_);
       auto residual = result.residual.col(first_ + s), standardised = result.standardised.col(first_ + s);
       for (Eigen::Index j = 0; j < images_; ++j) {
@@ -408,6 +414,43 @@ class SeriesBatch {
       }
       for (Eigen::Index j = 0; j < images_; ++j)
         if (!std::isfinite(series_(j, first_ + s))) residual[j] = standardised[j] = 0.0f;
+    }
+  }
+
+  /// What was not measured makes the prediction of the others less sure: puts that right with the ways that
+  /// are the best, which must still be there.
+  void correct_for_missing(LeaveOneOut& result) {
+    for (Eigen::Index s = 0; s < count_; ++s) {
+      if (missing_[s].empty() || !best_way_[s]) continue;
+      const Predictor& way = *best_way_[s];
+      const auto& missing = missing_[s];
+      float* values = values_.data() + s * stride_;
+      fill_unmeasured(way, missing, values);
+      const auto count = static_cast<Eigen::Index>(missing.size());
+      Eigen::MatrixXd inner(count, count), on_missing(count, images_);
+      for (Eigen::Index a = 0; a < count; ++a) {
+        for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = way.filling_row(missing[a])[missing[b]];
+        for (Eigen::Index j = 0; j < images_; ++j) on_missing(a, j) = way.row(j)[missing[a]];
+      }
+      inner.llt().matrixL().solveInPlace(on_missing);
+      const Eigen::VectorXf lost = on_missing.colwise().squaredNorm().transpose().cast<float>();
+      auto residual = result.residual.col(first_ + s), standardised = result.standardised.col(first_ + s);
+      standardised_.clear();
+      for (Eigen::Index j = 0; j < images_; ++j) {
+        if (!std::isfinite(series_(j, first_ + s))) continue;
+        const float* row = way.row(j);
+        float product = 0.0f;
+        dots(values, &row, 1, stride_, &product);
+        // Of (K + λI)⁻¹ for the measured frames alone; or the variance of the missing ones comes in addition.
+        const float p = way.diagonal[j];
+        const float precision =
+            way.is_prediction[j] ? p / (1.0f + lost[j] / p) : std::max(p - lost[j], 1e-3f * p);
+        residual[j] = product / (way.is_prediction[j] ? p : precision);
+        standardised[j] = residual[j] * std::sqrt(precision);
+      }
+      for (const Eigen::Index j : counted_[s]) standardised_.push_back(std::abs(standardised[j]));
+      const float scale = 1.4826f * reordered_median(standardised_);
+      standardised *= scale > 0.0f ? 1.0f / scale : 0.0f;
     }
   }
 
@@ -420,6 +463,7 @@ class SeriesBatch {
   std::vector<float> products_;                               // [images × count]
   std::vector<std::vector<Eigen::Index>> missing_, counted_;  // of the frames that are not left out
   std::vector<float> best_;                                   // median size of the residuals
+  std::vector<const Predictor*> best_way_;
   std::vector<float> residual_, sizes_, standardised_;
 };
 
@@ -456,6 +500,7 @@ LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen
     const Eigen::Index count = range.end() - first;
     SeriesBatch batch(series, first, count, left_out);
     for (const Predictor& way : ways) batch.try_predictor(way, result);
+    batch.correct_for_missing(result);
   });
   return result;
 }
