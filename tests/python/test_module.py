@@ -242,7 +242,7 @@ WRONG_CALLS = {
     "mask: holds NaN": lambda a: refield.estimate(a.light, a.observed, mask=np.full((18, 24), np.nan)),
     "mask: is 0 everywhere": lambda a: refield.estimate(a.light, a.observed, mask=np.zeros((18, 24))),
     "height×width 18×24": lambda a: refield.compare(a.observed, a.observed, mask=np.ones(18 * 24)),
-    "image 0 has a sample that is not finite": lambda a: refield.compare(a.observed, a.observed * np.nan),
+    r"observed\[0\]: has a sample that is not finite": lambda a: refield.compare(a.observed, a.observed * np.nan),
     "max_kernels is 2.5": lambda a: refield.estimate(a.light, a.observed, max_kernels=2.5),
     "predict_errors is 'no'": lambda a: refield.estimate(a.light, a.observed, predict_errors="no"),
     "memory is None": lambda a: refield.estimate(a.light, a.observed, memory=None),
