@@ -119,10 +119,19 @@ class Aligner {
   void learn(const std::vector<Step>& steps) {
     const auto pairs = pairs_of(steps);
     const double typical = median_difference(pairs);
+    // Where a bracket is missing or repeated is not certain yet: the pairs beside it may be wrong.
+    constexpr std::size_t doubtful = 6, enough = 30;
+    std::vector<std::size_t> gaps;
+    walk(steps, [&](Step step, std::size_t, std::size_t j) {
+      if (step != Step::pair && step != Step::black) gaps.push_back(j);
+    });
+    const auto is_near_gap = [&](std::size_t j) {
+      return std::ranges::any_of(gaps,
+                                 [&](std::size_t gap) { return j + doubtful > gap && j < gap + doubtful; });
+    };
     std::vector<std::pair<std::size_t, std::size_t>> good;
     for (const auto& [i, j] : pairs)
-      if (difference(i, j) <= 3.0 * typical) good.emplace_back(i, j);
-    constexpr std::size_t enough = 30;
+      if (difference(i, j) <= 3.0 * typical && !is_near_gap(j)) good.emplace_back(i, j);
     if (good.size() >= enough) fit(good);
     scale_ = std::max(1e-12, median_difference(pairs));
     set_clocks(pairs);
