@@ -591,7 +591,7 @@ struct TimeRatio {
 /// [exposures − 1]; nullopt where exposures do not overlap.
 std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamples> brackets,
                                                      const BracketCamera& camera) {
-  constexpr std::ptrdiff_t enough = 4;  // classes of brightness
+  constexpr std::ptrdiff_t enough = 3;  // classes of brightness
   const auto median_of = [](std::vector<double> values) {
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
     std::ranges::nth_element(values, middle);
@@ -605,9 +605,10 @@ std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamp
       const PairComparison pair =
           compare_pair(bracket, i, Linearisation(bracket, camera), clip_level_of(bracket, camera));
       const auto classes = static_cast<std::ptrdiff_t>(pair.log_ratio.size());
-      // The brighter half: the logarithm of noisy dark samples has a bias.
+      // The brighter half: the logarithm of noisy dark samples has a bias. An estimated curve has it, too.
+      const std::ptrdiff_t first = camera.curve.empty() ? classes / 2 : 0;
       if (classes >= enough)
-        logs.push_back(trimmed_mean({pair.log_ratio.begin() + classes / 2, pair.log_ratio.end()}));
+        logs.push_back(trimmed_mean({pair.log_ratio.begin() + first, pair.log_ratio.end()}));
     }
     if (logs.empty()) continue;
     const double middle = median_of(logs);
@@ -619,7 +620,8 @@ std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamp
 }
 
 double disagreement(std::span<const BracketSamples> brackets, const BracketCamera& camera) {
-  double squares = 0.0;
+  std::size_t worst = 0;
+  double squares = std::pow(worst_agreement(brackets, camera, worst).spread, 2);
   for (const auto& ratio : measure_ratios(brackets, camera))
     if (ratio) squares += ratio->log * ratio->log;
   return std::sqrt(squares);
