@@ -197,7 +197,7 @@ class Study:
         self.run("acquire", "import", folder / "shots", "--lights", self.out / "patterns", "--ambient-first", "-o",
                  folder / "session", "--force", show=True)
         self.run("info", folder / "session", show=True)
-        self.run("estimate", folder / "session", "-o", folder / "scene.rfield", "--force", show=True)
+        self.run("estimate", folder / "session", "-o", folder / "scene.rfield", show=True)
         found = self.errors(name)
         print(f"{name}: natural {found[0]:.4f}, bars {found[1]:.4f}, whole picture {found[2]:.4f}", flush=True)
         return found
