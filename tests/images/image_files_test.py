@@ -352,11 +352,13 @@ def main():
     groups = (raw_cases, tiff_cases, png_cases, jpeg_cases, radiance_cases, exr_cases, setting_cases, saturation_cases)
     items = [item for group in groups for item in group() if wanted in item["name"]]
     with tempfile.TemporaryDirectory() as work, concurrent.futures.ThreadPoolExecutor(2) as pool:
-        results = list(pool.map(lambda k: judge(items[k], program, pathlib.Path(work) / str(k)), range(len(items))))
-    wrong = [(item["name"], result) for item, result in zip(items, results) if result]
-    for name, result in wrong:
-        print(f"{name}: {result}")
-    print(f"{len(items)} variants, {len(wrong)} wrong")
+        wrong = 0
+        results = pool.map(lambda k: judge(items[k], program, pathlib.Path(work) / str(k)), range(len(items)))
+        for item, result in zip(items, results):
+            if result:
+                wrong += 1
+                print(f"{item['name']}: {result}", flush=True)
+    print(f"{len(items)} variants, {wrong} wrong")
     return 1 if wrong else 0
 
 
