@@ -76,7 +76,7 @@ void require_frames_of(const std::vector<JournalEntry>& entries, const fs::path&
   CaptureSession session;
   try {
     session = read_capture_session(folder);
-  } catch (const FormatError&) {
+  } catch (const Error&) {
     return;
   }
   for (const CaptureFrame& frame : session.frames) {
