@@ -7,7 +7,10 @@
 
 #include "acquire/hdr/hdr_merge.h"
 #include "cli/report/input.h"
+#include "cli/run_context.h"
+#include "core/base/errors.h"
 #include "core/base/json_text.h"
+#include "estimate/rig/verdict.h"
 
 namespace refield::cli {
 
@@ -111,11 +114,30 @@ void report_capture(const CaptureSummary& summary, const fs::path& session, cons
                            {"frames_discarded_early", summary.discarded.early},
                            {"frames_discarded_stale", summary.discarded.stale},
                            {"frames_lost", summary.discarded.lost}});
-  if (common.json)
-    std::printf("%s\n", json_text(figures_of(summary, until), 2).c_str());
-  else
-    print(summary, session);
-  if (until && !common.json) print(*until, summary);
+  if (common.json) {
+    ordered_json figures = figures_of(summary, until);
+    report_check(session, &figures);
+    std::printf("%s\n", json_text(figures, 2).c_str());
+    return;
+  }
+  print(summary, session);
+  if (until) print(*until, summary);
+  report_check(session);
+}
+
+void report_check(const fs::path& session, ordered_json* figures) {
+  if (!fs::exists(session / session_manifest_name)) return;
+  try {
+    const CaptureVerdict verdict = check_capture(read_capture_session(session), {}, run_context());
+    const std::string table = verdict_table(verdict);
+    const bool is_good = verdict.state() == RigFinding::State::good;
+    if (figures)
+      (*figures)["check"] = ordered_json::parse(verdict_json(verdict));
+    else
+      std::printf("%s", (is_good ? table.substr(0, table.find('\n') + 1) : table).c_str());
+  } catch (const InputError& error) {  // the photographs are kept all the same
+    run_context().note(std::string("the photographs were not checked: ") + error.what());
+  }
 }
 
 void add_if_exists(CLI::App& verb, IfExists& choice, const std::string& what) {

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "acquire/capture/capture.h"
@@ -17,6 +18,10 @@ namespace refield::cli {
 /// beside the session. `until` may be null.
 void report_capture(const CaptureSummary& summary, const std::filesystem::path& session,
                     const UntilError* until, const Common& common);
+
+/// Checks the photographs of a session (check_capture()) and prints the verdict, all of it where something is
+/// not good; with `figures`, adds it to them instead. Nothing for a folder that is not a session.
+void report_check(const std::filesystem::path& session, nlohmann::ordered_json* figures = nullptr);
 
 /// Adds --resume and --force, of which only one can be given; `what` is in the output folder ("a capture").
 void add_if_exists(CLI::App& verb, IfExists& choice, const std::string& what);

@@ -29,6 +29,7 @@
 #include "core/base/files.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
+#include "estimate/rig/verdict.h"
 #include "simulate/tabletop/recipe.h"
 
 extern char** environ;
@@ -581,7 +582,33 @@ class Guide {
       std::printf("   Nothing may move from now on. Leave the room or sit still.\n");
       if (!confirm("Start the capture?")) throw Interrupted();
     }
-    until_done([&] { return refield({"acquire", "run", file_, "--resume", "--predict-error"}); });
+    bool again = false, is_usable = false;
+    while (!is_usable) {
+      std::vector<std::string> words{"acquire", "run", file_, again ? "--force" : "--resume",
+                                     "--predict-error"};
+      if (asks_) words.insert(words.end(), {"--check-every", "20"});
+      is_usable = refield(words);
+      if (!asks_ && !is_usable)
+        throw InputError("the step above failed; mend its cause and run the same command again");
+      again = false;
+      if (asks_ && (!is_usable || could_be_better(session)))
+        ask("", "", "   Mend the cause if you can. Then: continue, photograph again from the start, or stop",
+            "continue", [&](const std::string& answer) {
+              if (answer == "stop") throw Interrupted();
+              again = answer == "again";
+              if (!again && answer != "continue")
+                throw InputError("'" + answer + "' is not valid; answer continue, again or stop");
+            });
+      is_usable = is_usable && !again;
+    }
+  }
+
+  /// Whether the finished capture has what another one need not have.
+  bool could_be_better(const SessionFile& session) const {
+    const auto rows = check_capture(read_capture_session(session.output), {}, run_context()).rows;
+    return std::ranges::any_of(rows, [](const VerdictRow& row) {
+      return row.state != RigFinding::State::good && !is_of_the_devices(row);
+    });
   }
 
   void estimate(const SessionFile& session) {

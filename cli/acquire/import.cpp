@@ -122,10 +122,14 @@ void run_import(const ImportOptions& options, const Common& common) {
     require_outside(request.folder, inputs);
   }
   const ImportSummary summary = import_series(request, run_context());
-  if (common.json)
-    std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
-  else
+  if (common.json) {
+    auto figures = figures_of(summary);
+    report_check(request.folder, &figures);
+    std::printf("%s\n", json_text(figures, 2).c_str());
+  } else {
     print(summary, request.folder);
+    report_check(request.folder);
+  }
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "cli/acquire/light_list.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -26,6 +27,7 @@ struct RunOptions {
   IfExists if_exists = IfExists::refuse;
   bool predict_error = false;
   bool quick = false;
+  int check_every = 0;
 };
 
 /// The plan names devices by what decides their frames, and by what stays the same when a cable is plugged in
@@ -166,6 +168,8 @@ void run_session(const RunOptions& options, const Common& common) {
     until.emplace(may_stop ? error_from_text(session.until_error) : 0.0, min_images, check_every);
     until->attach(request);
   }
+  CaptureWatch watch(options.check_every);
+  if (options.check_every > 0) watch.attach(request);
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());
   const CameraTroubles& troubles = rig.camera().troubles();
   if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
@@ -200,6 +204,13 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
   verb->add_flag("--quick", options->quick,
                  "Take the first 30 training light maps and 5 held-out ones only, and print the predicted "
                  "error: a first field, in less than five minutes with a DSLR");
+  verb->add_option(
+          "--check-every", options->check_every,
+          "Check the photographs after every N training photographs, as 'refield info' does, and stop "
+          "when the camera has moved, the room light has changed or photographs do not fit the others; "
+          "0: only at the end")
+      ->check(non_negative_number())
+      ->capture_default_str();
   add_if_exists(*verb, options->if_exists, "a capture");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { run_session(*options, common); }; });

@@ -2,11 +2,14 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "acquire/capture/capture.h"
 #include "estimate/quality/error_follower.h"
+#include "estimate/rig/verdict.h"
 
 namespace refield::cli {
 
@@ -37,6 +40,41 @@ class UntilError {
   ErrorFollower follower_;
   FollowedError last_;
   bool reached_ = false;
+};
+
+/// Whether a row of a verdict is about colours or the tone curve: the same in all photographs and in another
+/// capture, and corrected.
+bool is_of_the_devices(const VerdictRow& row);
+
+/// How the last photograph of the reference light differs from the first, of `photographs` in their order: a
+/// row where the picture moved, else one where light was added to all of it. Measured directly, to first
+/// order in the shift, so it needs no other photograph; brightness alone is drift and no row.
+std::vector<VerdictRow> compare_references(const std::vector<std::filesystem::path>& photographs);
+
+/// Checks the photographs while a capture goes on, so that a person can still do something.
+class CaptureWatch {
+ public:
+  /// After each `every` training photographs.
+  explicit CaptureWatch(int every) : every_(every) {}
+
+  /// Makes `request`, whose other functions are set, end with an InputError when a check finds what the one
+  /// before did not, unless is_of_the_devices().
+  /// The capture can be resumed; then the photographs that there are are taken as they are.
+  void attach(CaptureRequest& request);
+
+ private:
+  struct Finding {
+    std::string property, text;
+    auto operator<=>(const Finding& other) const { return property <=> other.property; }
+    bool operator==(const Finding& other) const { return property == other.property; }
+  };
+  std::set<Finding> findings() const;
+  void check(const CaptureFrame& frame);
+  int every_;
+  std::vector<CaptureFrame> frames_;
+  std::vector<std::filesystem::path> references_;  ///< that may be there already
+  bool taken_ = false;                             ///< a photograph, by this run
+  std::optional<std::set<Finding>> known_;
 };
 
 }  // namespace refield::cli

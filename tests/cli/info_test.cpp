@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "cli/acquire/until_error.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
@@ -169,6 +170,42 @@ TEST(Program, WrongUseEndsWithStatusTwo) {
   EXPECT_EQ(run_refield({"info"}).status, 2);
   EXPECT_EQ(run_refield({"info", "x", "--nonsense"}).status, 2);
   EXPECT_EQ(run_refield({"--version"}).status, 0);
+}
+
+/// Two photographs of the reference light, the second moved, with another gain, light of the room and noise.
+std::vector<VerdictRow> rows_of(double right, double down, double gain, double room, double noise) {
+  const test::TemporaryFolder folder;
+  Rng rng(1);
+  std::vector<std::filesystem::path> files;
+  for (const double share : {0.0, 1.0}) {
+    Image image(40, 30, 3);
+    for (int y = 0; y < 30; ++y)
+      for (int x = 0; x < 40; ++x)
+        for (int c = 0; c < 3; ++c) {
+          const double value =
+              2.0 + std::sin(0.4 * (x - share * right)) + 0.5 * std::cos(0.5 * (y - share * down));
+          image.at(x, y, c) = static_cast<float>((value * std::lerp(1.0, gain, share) + 2.0 * room * share) *
+                                                 (1.0 + noise * rng.normal()));
+        }
+    files.push_back(folder / (std::to_string(files.size()) + ".exr"));
+    write_exr(files.back(), image);
+  }
+  return cli::compare_references(files);
+}
+
+TEST(CompareReferences, TellsMotionAndRoomLightFromDrift) {
+  const auto moved = rows_of(0.3, -0.2, 1.02, 0.0, 0.01);
+  ASSERT_EQ(moved.size(), 1u);
+  EXPECT_EQ(moved[0].property, "motion");
+  EXPECT_THAT(moved[0].measured, testing::HasSubstr("0.37 pixels"));
+  const auto lit = rows_of(0.0, 0.0, 0.98, 0.1, 0.01);
+  ASSERT_EQ(lit.size(), 1u);
+  EXPECT_EQ(lit[0].property, "room light");
+  EXPECT_THAT(lit[0].measured, testing::HasSubstr("% of its mean more"));
+  EXPECT_EQ(rows_of(0.5, 0.5, 1.0, -0.1, 0.0).front().property, "motion");
+  for (const double noise : {0.0, 0.02})
+    EXPECT_TRUE(rows_of(0.0, 0.0, 0.9, 0.0, noise).empty()) << noise;
+  EXPECT_TRUE(cli::compare_references({}).empty());
 }
 
 }  // namespace
