@@ -18,6 +18,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "core/session/capture_session.h"
+#include "estimate/rig/rig_model.h"
 #include "relight/held_out.h"
 
 namespace refield::cli {
@@ -117,6 +118,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
   if (options.truth.empty()) remove_drift(session, run_context());
   const ReflectanceField field = read_image_field(options.predicted, run_context());
   find_held_out(options.capture, field, session);
+  correct_held_out(field.provenance, session);
   std::optional<ReflectanceField> truth;
   if (!options.truth.empty()) truth = read_image_field(options.truth, run_context());
   if (!(options.noise_scale >= 0.0))

@@ -18,6 +18,7 @@
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
+#include "estimate/rig/rig_model.h"
 #include "estimate/rig/verdict.h"
 
 namespace refield::cli {
@@ -127,8 +128,8 @@ nlohmann::ordered_json log_of(const EstimateArguments& arguments, const Estimate
   log.update(frame_figures(summary.frames));
   const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
   log["check"] = nlohmann::ordered_json::parse(verdict_json(verdict));
-  const std::string unexplained = unexplained_error(summary.median_training_error,
-                                                    summary.median_photograph_noise.value_or(0.0), verdict);
+  const std::string unexplained = unexplained_error(
+      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
   if (!unexplained.empty()) log["unexplained_error"] = unexplained;
   if (summary.median_predicted_error)
     log.update({{"median_predicted_error", *summary.median_predicted_error},
@@ -187,8 +188,9 @@ std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, Captur
   if (arguments.capture.hold_out == 0 || arguments.options.rows) return {};
   if (session.folder.empty()) check_image_sizes(session);
   if (!arguments.options.keep_drift) remove_drift(session, run_context());
-  return held_out_errors(read_image_field(arguments.output, run_context()), session, nullptr, FrameRole::test,
-                         1.0, run_context());
+  const ReflectanceField field = read_image_field(arguments.output, run_context());
+  correct_held_out(field.provenance, session);
+  return held_out_errors(field, session, nullptr, FrameRole::test, 1.0, run_context());
 }
 
 void run(EstimateArguments arguments, const Common& common) {
@@ -220,8 +222,8 @@ void run(EstimateArguments arguments, const Common& common) {
                 *summary.median_predicted_error, *summary.median_photograph_noise);
   const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
   if (verdict.state() != RigFinding::State::good) std::printf("%s", verdict_table(verdict).c_str());
-  const std::string unexplained = unexplained_error(summary.median_training_error,
-                                                    summary.median_photograph_noise.value_or(0.0), verdict);
+  const std::string unexplained = unexplained_error(
+      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
   if (!unexplained.empty())
     std::printf("%s\n", unexplained.c_str());
   else if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));

@@ -12,6 +12,7 @@
 #include "core/base/files.h"
 #include "core/base/json_text.h"
 #include "core/field/drift.h"
+#include "estimate/rig/rig_model.h"
 #include "python/binding.h"
 #include "python/field.h"
 #include "refield/estimate.h"
@@ -110,6 +111,7 @@ py::list compare_field(const Field& field, const CaptureSession& given, const Fi
     mark_held_out(session, *rows);
   const auto errors = LongCall(std::move(progress), std::nullopt)([&](const RunContext& run) {
     if (!truth) remove_drift(session, run);
+    correct_held_out(rows->provenance, session);
     return held_out_errors(*rows, session, truth ? truth->rows().get() : nullptr, FrameRole::test, 1.0, run);
   });
   if (const std::string warning = training_warning(errors); !warning.empty()) log_note(warning);

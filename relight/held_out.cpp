@@ -183,7 +183,7 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
     for (const CaptureFrame& frame : frames) {
       if (frame.kind != kind) continue;
       run.throw_if_stopped();
-      const LightMap light = read_light_map(frame.illumination, session.light.parameterisation, run);
+      const LightMap light = read_illumination(frame, session.light.parameterisation, run);
       const Photograph reference = reference_for(frame, light, truth);
       const Image predicted = field.relight(light);
       sums.error.add(predicted, reference.radiance, reference.sigma);

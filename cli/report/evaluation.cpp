@@ -69,7 +69,7 @@ Image held_out_map(const ReflectanceField& field, const CaptureSession& referenc
   for (const CaptureFrame& frame : reference.frames_of(FrameRole::test)) {
     if (frame.kind != kind) continue;
     run.throw_if_stopped();
-    const LightMap light = read_light_map(frame.illumination, reference.light.parameterisation, run);
+    const LightMap light = read_illumination(frame, reference.light.parameterisation, run);
     const Photograph photograph = read_observed(frame);
     error.add(field.relight(light), photograph.radiance, photograph.sigma);
   }
@@ -90,7 +90,7 @@ std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& r
     if (!input.session.frames.empty()) {
       const CaptureFrame& frame = held_out.empty() ? input.session.frames.front() : held_out.front();
       figures[f].relight_seconds = measure_relighting(
-          field, read_light_map(frame.illumination, input.session.light.parameterisation, run));
+          field, read_illumination(frame, input.session.light.parameterisation, run));
     }
   }
   return figures;

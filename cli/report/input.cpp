@@ -16,6 +16,7 @@
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
+#include "estimate/rig/rig_model.h"
 #include "relight/held_out.h"
 
 namespace refield::report {
@@ -106,12 +107,22 @@ CaptureSession truth_by_transport(const CaptureSession& session, const Reflectan
   for (std::size_t i = 0; i < truth.frames.size(); ++i) {
     run.throw_if_stopped();
     CaptureFrame& frame = truth.frames[i];
-    const LightMap light = read_light_map(frame.illumination, session.light.parameterisation, run);
+    const LightMap light = read_illumination(frame, session.light.parameterisation, run);
     frame.observed = folder / (std::to_string(i) + ".exr");
     write_exr(frame.observed, transport.relight(light));
     progress.advance();
   }
   return truth;
+}
+
+/// Exact images do not move.
+void hold_still(CaptureSession& truth) {
+  for (CaptureFrame& frame : truth.frames) {
+    if (!frame.correction) continue;
+    FrameCorrection still = *frame.correction;
+    still.shift_px = {};
+    frame.correction = std::make_shared<const FrameCorrection>(still);
+  }
 }
 
 void load_truth(ReportInput& input, const fs::path& scratch, const RunContext& run) {
@@ -170,9 +181,11 @@ ReportInput load_input(const CaptureSession& session, bool find_held_out,
   for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session, run));
   label_fields(input.fields);
   if (find_held_out) mark_held_out(input.session, input.fields.front().field);
+  correct_held_out(input.fields.front().field.provenance, input.session);
   input.truth_folder = truth_folder;
   if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty())
     load_truth(input, scratch, run);
+  if (input.truth) hold_still(*input.truth);
   return input;
 }
 

@@ -179,7 +179,7 @@ std::string first_impression(const ReportInput& input, const RunContext& run) {
   const auto kinds = kinds_of(input.session);
   if (kinds.empty()) return "";
   const CaptureFrame frame = spread_frames(input.session, kinds.front(), 1).front();
-  const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation, run);
+  const LightMap light = read_illumination(frame, input.session.light.parameterisation, run);
   const Image observed = read_observed(frame).radiance;
   const double exposure = display_exposure(observed, input.mask);
   const auto figure = [&](const Image& image, double scale, const std::string& title,
@@ -256,7 +256,7 @@ const CaptureFrame& same_frame(const CaptureSession& session, const std::string&
 
 /// One held-out light: all of its pictures at one exposure.
 std::string row_html(const ReportInput& input, const CaptureFrame& frame, const RunContext& run) {
-  const LightMap light = read_light_map(frame.illumination, input.session.light.parameterisation, run);
+  const LightMap light = read_illumination(frame, input.session.light.parameterisation, run);
   const Image observed = read_observed(frame).radiance;
   const Image reference = read_observed(same_frame(input.reference(), frame.name)).radiance;
   const double light_exposure = display_exposure(light.radiance, {});

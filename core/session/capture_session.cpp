@@ -18,6 +18,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
+#include "core/session/frame_correction.h"
 
 namespace refield {
 
@@ -362,9 +363,88 @@ LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameter
   return emitted(std::move(light), frame.correction.get());
 }
 
+int rig_margin(const FrameCorrection* correction) {
+  if (!correction || correction->shift_px[1] == 0.0) return 0;
+  return static_cast<int>(std::ceil(std::abs(correction->shift_px[1]))) + 2;
+}
+
+std::array<float, 4> cubic_weights(double t) {
+  const double u = 1.0 - t;
+  return {static_cast<float>(-0.5 * t * u * u), static_cast<float>(1.0 - t * t * (2.5 - 1.5 * t)),
+          static_cast<float>(1.0 - u * u * (2.5 - 1.5 * u)), static_cast<float>(-0.5 * u * t * t)};
+}
+
+namespace {
+
+/// Row `y` of the wanted picture, moved.
+void interpolate_row(const Image& rows, int first_row, int y, const std::array<double, 2>& shift,
+                     std::span<float> out) {
+  const double x_floor = std::floor(shift[0]), y_floor = std::floor(shift[1]);
+  const auto across = cubic_weights(shift[0] - x_floor), down = cubic_weights(shift[1] - y_floor);
+  const int width = rows.width;
+  std::vector<float> column_sums(std::size_t{3} * width, 0.0f);
+  for (int i = 0; i < 4; ++i) {
+    if (down[i] == 0.0f) continue;
+    const int from = std::clamp(y + static_cast<int>(y_floor) + i - 1 - first_row, 0, rows.height - 1);
+    const auto row = rows.row(from);
+    for (std::size_t k = 0; k < row.size(); ++k) column_sums[k] += down[i] * row[k];
+  }
+  const int x_first = static_cast<int>(x_floor) - 1;
+  for (int x = 0; x < width; ++x)
+    for (int c = 0; c < 3; ++c) {
+      float sum = 0.0f;
+      for (int i = 0; i < 4; ++i)
+        if (across[i] != 0.0f)
+          sum += across[i] * column_sums[std::size_t{3} * std::clamp(x + x_first + i, 0, width - 1) + c];
+      out[std::size_t{3} * x + c] = sum;
+    }
+}
+
+}  // namespace
+
+Image undo_rig(const Image& rows, int first_row, int first, int last, const FrameCorrection& correction) {
+  Image result(rows.width, last - first, 3);
+  const bool moves = correction.shift_px != std::array<double, 2>{};
+  const bool mixes = correction.primaries_from_camera != Eigen::Matrix3f::Identity();
+  for (int y = first; y < last; ++y) {
+    const auto out = result.row(y - first);
+    if (moves)
+      interpolate_row(rows, first_row, y, correction.shift_px, out);
+    else
+      std::ranges::copy(rows.row(y - first_row), out.begin());
+    for (std::size_t i = 0; i < out.size(); i += 3) {
+      Eigen::Map<Eigen::Vector3f> pixel(&out[i]);
+      for (int c = 0; c < 3; ++c) pixel[c] /= correction.gain[c];
+      if (mixes) pixel = (correction.primaries_from_camera * pixel).eval();
+    }
+  }
+  return result;
+}
+
+namespace {
+
+/// Undoes the frame's correction. Samples whose interpolation needs one that was not measured are not either.
+Photograph undone(Photograph photograph, const CaptureFrame& frame) {
+  if (!frame.correction) return photograph;
+  constexpr float unknown = std::numeric_limits<float>::infinity();
+  auto &radiance = photograph.radiance, &sigma = photograph.sigma;
+  for (std::size_t i = 0; i < sigma.values.size(); ++i)
+    if (sigma.values[i] == unknown) radiance.values[i] = std::numeric_limits<float>::quiet_NaN();
+  radiance = undo_rig(radiance, 0, 0, radiance.height, *frame.correction);
+  for (std::size_t i = 0; i < sigma.values.size(); ++i)
+    if (std::isnan(radiance.values[i])) {
+      radiance.values[i] = 0.0f;
+      sigma.values[i] = unknown;
+    }
+  return photograph;
+}
+
+}  // namespace
+
 Photograph read_observed(const CaptureFrame& frame) {
-  if (frame.views) return corrected(copied(*frame.views, 0, frame.views->photograph.height), frame);
-  return corrected(read_photograph(frame.observed), frame);
+  if (frame.views)
+    return undone(corrected(copied(*frame.views, 0, frame.views->photograph.height), frame), frame);
+  return undone(corrected(read_photograph(frame.observed), frame), frame);
 }
 
 Photograph read_observed_rows(const CaptureFrame& frame, int first, int last) {

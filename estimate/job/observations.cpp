@@ -12,8 +12,8 @@
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
+#include "core/session/frame_correction.h"
 #include "estimate/fit/vector_kernels.h"
-#include "estimate/rig/rig_model.h"
 
 namespace refield {
 

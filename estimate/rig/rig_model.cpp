@@ -113,62 +113,79 @@ void apply_rig(const RigModel& rig, int height_px, std::vector<CaptureFrame>& fr
   }
 }
 
-int rig_margin(const FrameCorrection* correction) {
-  if (!correction || correction->shift_px[1] == 0.0) return 0;
-  return static_cast<int>(std::ceil(std::abs(correction->shift_px[1]))) + 2;
-}
-
-std::array<float, 4> cubic_weights(double t) {
-  const double u = 1.0 - t;
-  return {static_cast<float>(-0.5 * t * u * u), static_cast<float>(1.0 - t * t * (2.5 - 1.5 * t)),
-          static_cast<float>(1.0 - u * u * (2.5 - 1.5 * u)), static_cast<float>(-0.5 * u * t * t)};
-}
-
 namespace {
 
-/// Row `y` of the wanted picture, moved.
-void interpolate_row(const Image& rows, int first_row, int y, const std::array<double, 2>& shift,
-                     std::span<float> out) {
-  const double x_floor = std::floor(shift[0]), y_floor = std::floor(shift[1]);
-  const auto across = cubic_weights(shift[0] - x_floor), down = cubic_weights(shift[1] - y_floor);
-  const int width = rows.width;
-  std::vector<float> column_sums(std::size_t{3} * width, 0.0f);
-  for (int i = 0; i < 4; ++i) {
-    if (down[i] == 0.0f) continue;
-    const int from = std::clamp(y + static_cast<int>(y_floor) + i - 1 - first_row, 0, rows.height - 1);
-    const auto row = rows.row(from);
-    for (std::size_t k = 0; k < row.size(); ++k) column_sums[k] += down[i] * row[k];
-  }
-  const int x_first = static_cast<int>(x_floor) - 1;
-  for (int x = 0; x < width; ++x)
-    for (int c = 0; c < 3; ++c) {
-      float sum = 0.0f;
-      for (int i = 0; i < 4; ++i)
-        if (across[i] != 0.0f)
-          sum += across[i] * column_sums[std::size_t{3} * std::clamp(x + x_first + i, 0, width - 1) + c];
-      out[std::size_t{3} * x + c] = sum;
-    }
+/// A training frame in the session.
+struct KnownFrame {
+  std::size_t place, photograph;  // in the session's frames, in the model
+  double order;
+};
+
+/// How many frames further the lights are that the photographs around `place` show: what most of the five
+/// nearest have, since pairs across a held-out frame are further apart.
+int offset_around(const RigModel& rig, const std::vector<KnownFrame>& known, std::size_t place) {
+  constexpr std::size_t neighbours = 5;
+  std::map<std::size_t, std::size_t> place_of;  // by number in the model
+  for (const KnownFrame& frame : known) place_of[frame.photograph] = frame.place;
+  auto nearest = known;
+  const auto distance = [&](const KnownFrame& f) {
+    return std::max(f.place, place) - std::min(f.place, place);
+  };
+  std::ranges::stable_sort(nearest, {}, distance);
+  std::map<int, int> votes;
+  for (std::size_t i = 0; i < std::min(neighbours, nearest.size()); ++i)
+    if (const int light = rig.light_of[nearest[i].photograph]; light >= 0)
+      ++votes[static_cast<int>(place_of[static_cast<std::size_t>(light)]) -
+              static_cast<int>(nearest[i].place)];
+  if (votes.empty()) return 0;
+  return std::ranges::max_element(votes, {}, [](const auto& vote) { return vote.second; })->first;
+}
+
+/// Linear between the nearest frames before and after, which are in the order of time.
+std::array<double, 2> shift_at(const RigModel& rig, const std::vector<KnownFrame>& known, double order) {
+  const auto after = std::ranges::lower_bound(known, order, {}, &KnownFrame::order);
+  const auto before = after == known.begin() ? after : after - 1;
+  const auto& first = rig.shift_px[before->photograph];
+  if (after == known.end() || after == before || after->order == before->order) return first;
+  const auto& last = rig.shift_px[after->photograph];
+  const double t = (order - before->order) / (after->order - before->order);
+  return {first[0] + t * (last[0] - first[0]), first[1] + t * (last[1] - first[1])};
 }
 
 }  // namespace
 
-Image undo_rig(const Image& rows, int first_row, int first, int last, const FrameCorrection& correction) {
-  Image result(rows.width, last - first, 3);
-  const bool moves = correction.shift_px != std::array<double, 2>{};
-  const bool mixes = correction.primaries_from_camera != Eigen::Matrix3f::Identity();
-  for (int y = first; y < last; ++y) {
-    const auto out = result.row(y - first);
-    if (moves)
-      interpolate_row(rows, first_row, y, correction.shift_px, out);
-    else
-      std::ranges::copy(rows.row(y - first_row), out.begin());
-    for (std::size_t i = 0; i < out.size(); i += 3) {
-      Eigen::Map<Eigen::Vector3f> pixel(&out[i]);
-      for (int c = 0; c < 3; ++c) pixel[c] /= correction.gain[c];
-      if (mixes) pixel = (correction.primaries_from_camera * pixel).eval();
+void correct_held_out(const std::string& provenance, CaptureSession& session) {
+  const auto json = nlohmann::json::parse(provenance, nullptr, false);
+  if (!json.is_object() || !json.contains("rig")) return;
+  const RigModel rig = rig_from_text(json_text(json["rig"]), "the field's rig model");
+  std::map<std::string, std::size_t> numbers;
+  for (std::size_t j = 0; j < rig.photographs.size(); ++j) numbers[rig.photographs[j]] = j;
+  std::vector<KnownFrame> known;
+  for (std::size_t i = 0; i < session.frames.size(); ++i)
+    if (const auto found = numbers.find(session.frames[i].name); found != numbers.end())
+      known.push_back({i, found->second, session.frames[i].order});
+  if (known.empty() || known.size() != numbers.size()) return;
+  std::ranges::stable_sort(known, {}, &KnownFrame::order);
+  const std::vector<CaptureFrame> before = session.frames;
+  session.frames.clear();
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    CaptureFrame& frame = session.frames.emplace_back(before[i]);
+    if (frame.role != FrameRole::test || numbers.contains(frame.name)) continue;
+    const auto light =
+        static_cast<std::ptrdiff_t>(i) + (rig.light_of.empty() ? 0 : offset_around(rig, known, i));
+    if (light < 0 || light >= std::ssize(before)) {
+      session.frames.pop_back();
+      continue;
     }
+    frame.illumination = before[static_cast<std::size_t>(light)].illumination;
+    if (frame.views) frame.views->light = before[static_cast<std::size_t>(light)].views->light;
+    FrameCorrection correction;
+    correction.height_px = session.height;
+    if (!rig.shift_px.empty()) correction.shift_px = shift_at(rig, known, frame.order);
+    std::ranges::copy(rig.tone, correction.tone.begin());
+    correction.white = static_cast<float>(rig.white);
+    frame.correction = std::make_shared<const FrameCorrection>(correction);
   }
-  return result;
 }
 
 }  // namespace refield

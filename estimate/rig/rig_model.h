@@ -46,16 +46,10 @@ RigModel read_rig(const std::filesystem::path& path);
 /// without a light map are removed. Throws InputError when the model does not have all frames, by name.
 void apply_rig(const RigModel& rig, int height_px, std::vector<CaptureFrame>& frames);
 
-/// Rows of a photograph beyond those wanted that undo_rig() needs, above and below.
-int rig_margin(const FrameCorrection* correction);
-
-/// Undoes shift, gain and colour mixing of `rows`, rows [first_row, first_row + rows.height) of a photograph,
-/// and returns those from `first` to `last`. One interpolation (Keys' cubic convolution, a = −1/2); a sample
-/// that needs one that was not measured (NaN) is not measured, and no channel of a pixel is where one is
-/// not. Beyond the picture's edges the nearest pixel counts.
-Image undo_rig(const Image& rows, int first_row, int first, int last, const FrameCorrection& correction);
-
-/// Weights of the pixels −1, 0, 1, 2 for a value `t` in [0, 1) after pixel 0. Source: Keys 1981, eq. 15.
-std::array<float, 4> cubic_weights(double t);
+/// Gives held-out frames of `session` (role test) what the rig model in a field's provenance says of their
+/// neighbours in time, so that they can be compared with the field: the light map, the shift (linear between
+/// neighbours) and the tone curve. Their gain and room light are not known. Frames whose light map is not
+/// there are removed. Changes nothing where the session does not hold the photographs of the model.
+void correct_held_out(const std::string& provenance, CaptureSession& session);
 
 }  // namespace refield
