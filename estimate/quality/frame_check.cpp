@@ -123,6 +123,8 @@ struct FrameEvidence {
 /// Corrects the frames for the rig.
 void correct(EstimateJob& job, const RigModel& rig, FrameReport& report) {
   apply_rig(rig, job.session.height, job.frames);
+  for (std::size_t j = 0; j < rig.light_of.size(); ++j)
+    if (rig.light_of[j] < 0) job.left_out.push_back(rig.photographs[j]);
   job.session.frames = job.frames;
   job.rig = rig;
   report.rig.model = rig;
@@ -139,28 +141,52 @@ void log_rig(const RigReport& rig, const RunContext& run) {
   }
 }
 
-/// Estimates the rig and corrects the frames for it. `evidence` is taken anew where they are.
+/// Values of the photographs that have a light become those of all.
+template <class Value>
+void fill_gaps(const std::vector<int>& light_of, std::vector<Value>& values) {
+  if (values.empty() || light_of.empty()) return;
+  std::vector<Value> all;
+  std::size_t next = 0;
+  for (const int light : light_of) {
+    all.push_back(values[std::min(next, values.size() - 1)]);
+    next += light >= 0;
+  }
+  values = std::move(all);
+}
+
+/// Estimates the rig and corrects the frames for it, unless they are to be kept as they are: then the
+/// findings are told alone. `evidence` is taken anew where they are.
 void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, FrameEvidence& evidence,
                           FrameReport& report, const RunContext& run) {
   RigFinding& pairing = report.rig.findings.emplace_back();
   RigModel rig;
   for (const CaptureFrame& frame : job.frames) rig.photographs.push_back(frame.name);
-  rig.light_of =
-      find_pairing(evidence.lights, evidence.sample, !evidence.search.outliers.empty(), pairing, run);
+  rig.light_of = find_pairing(evidence.lights, evidence.sample, job.frames, !evidence.search.outliers.empty(),
+                              pairing, run);
   EstimateJob paired = job;
+  std::optional<FrameEvidence> of_pairs;
   if (!rig.light_of.empty()) {
     apply_rig(rig, job.session.height, paired.frames);
-    evidence = FrameEvidence(paired, options, true, run);
+    of_pairs.emplace(paired, options, true, run);
   }
+  const FrameEvidence& used = of_pairs ? *of_pairs : evidence;
   for (CaptureFrame& frame : paired.frames) frame.correction = nullptr;
   RigReport found;
-  if (!evidence.search.too_many) {  // else there is no majority to measure by
+  if (!used.search.too_many) {  // else there is no majority to measure by
     std::vector<char> left_out(paired.frames.size(), 0);
-    for (const OutlierFrame& outlier : evidence.search.outliers) left_out[outlier.frame] = 1;
-    found = estimate_rig(paired.frames, left_out, job.session, job.mask, options.clip_level, evidence.lights,
-                         run);
+    for (const OutlierFrame& outlier : used.search.outliers) left_out[outlier.frame] = 1;
+    found =
+        estimate_rig(paired.frames, left_out, job.session, job.mask, options.clip_level, used.lights, run);
   }
   report.rig.findings.insert(report.rig.findings.end(), found.findings.begin(), found.findings.end());
+  if (options.keep_rig) {
+    for (RigFinding& finding : report.rig.findings)
+      if (finding.state == RigFinding::State::corrected) finding.state = RigFinding::State::suspicious;
+    return;
+  }
+  fill_gaps(rig.light_of, found.model.shift_px);
+  fill_gaps(rig.light_of, found.model.gain);
+  fill_gaps(rig.light_of, found.model.room);
   found.model.photographs = rig.photographs;
   found.model.light_of = rig.light_of;
   if (found.model.is_identity()) return;
@@ -299,7 +325,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   log_drift(job.drift, run);
   const auto images = static_cast<int>(job.frames.size());
   const bool can_assess = !options.keep_outliers && images >= min_frames_to_assess;
-  const bool finds_rig = !options.keep_rig && !options.rig && images >= min_frames_for_rig;
+  const bool finds_rig = (options.keep_rig || !options.rig) && images >= min_frames_for_rig;
   if (options.rig && !options.keep_rig) correct(job, *options.rig, report);
   require_intact(job, run);
   FrameEvidence evidence(job, options, can_assess || finds_rig, run);

@@ -19,6 +19,7 @@
 #include "estimate/fit/vector_kernels.h"
 #include "estimate/job/observations.h"
 #include "estimate/rig/camera_path.h"
+#include "estimate/rig/light_predictors.h"
 
 namespace refield {
 
@@ -29,303 +30,7 @@ using Eigen::MatrixXd;
 using Eigen::MatrixXf;
 using Eigen::VectorXd;
 
-// ---- The predictor: ridge regression on blurred lights, of any pixel from itself under the other lights
-// ----
-
-/// Standard deviation of the blur, in parts of the map's width, and ridge, over the mean of the Gram matrix'
-/// diagonal.
-struct Way {
-  double blur, ridge;
-};
-/// The one that predicts best is taken; undisturbed captures differ by a few per cent of residual between
-/// them.
-constexpr std::array<Way, 6> ways{
-    {{0.06, 1e-2}, {0.12, 1e-2}, {0.12, 1e-3}, {0.25, 1e-3}, {0.25, 3e-4}, {0.25, 1e-4}}};
-/// Lights are seen at most so finely.
-constexpr int coarse_columns = 20, coarse_rows = 15;
-
-/// Blurred lights [images × cells] for the three derivatives by the tone curve's exponent.
-using Blurred = std::array<MatrixXd, 3>;
-
-/// Sums `features` [cells × images] of a grid to at most coarse_columns × coarse_rows cells, and blurs them.
-MatrixXd blurred(const MatrixXd& features, int columns, int rows, double blur) {
-  const int to_columns = std::min(columns, coarse_columns), to_rows = std::min(rows, coarse_rows);
-  const auto gather = [](int from, int to) {
-    MatrixXd sums = MatrixXd::Zero(to, from);
-    for (int i = 0; i < from; ++i) sums(i * to / from, i) = 1.0;
-    return sums;
-  };
-  const MatrixXd across =
-      blur_matrix(to_columns, std::max(0.5, blur * to_columns)) * gather(columns, to_columns);
-  const MatrixXd down = blur_matrix(to_rows, std::max(0.5, blur * to_columns)) * gather(rows, to_rows);
-  MatrixXd result(features.cols(), static_cast<Index>(to_columns) * to_rows);
-  for (Index j = 0; j < features.cols(); ++j) {
-    const Eigen::Map<const MatrixXd> map(features.col(j).data(), columns, rows);
-    const MatrixXd of = across * map * down.transpose();
-    result.row(j) = Eigen::Map<const VectorXd>(of.data(), of.size());
-  }
-  return result;
-}
-
-/// Lights of some frames, for predictors with any exponent of the tone curve.
-class LightPredictors {
- public:
-  /// `chosen`: numbers of the images that take part.
-  LightPredictors(const LightFeatures& lights, std::span<const int> chosen) : lights_(lights) {
-    chosen_.assign(chosen.begin(), chosen.end());
-    use(1);
-  }
-
-  void use(std::size_t way) {
-    if (way == way_) return;
-    way_ = way;
-    blur(0, 1);
-    has_exponents_ = false;
-  }
-
-  /// Before exponents other than 1.
-  void prepare_exponents() {
-    if (!has_exponents_) blur(1, 3);
-    has_exponents_ = true;
-  }
-
-  /// A [images × images]: A b is what each sample of a series b is more than the others predict of it. Pixels
-  /// have a constant of their own: room light that does not change must not look like a tone curve.
-  MatrixXf leave_one_out(int channel, double exponent, bool with_constant = true) const {
-    const MatrixXd inverse = inverse_of(channel, exponent, with_constant);
-    return (inverse.array().colwise() / inverse.diagonal().array()).cast<float>();
-  }
-
-  /// The constant of each series (column).
-  Eigen::VectorXf constants(int channel, double exponent, const MatrixXf& series) const {
-    const Eigen::RowVectorXf sums = inverse_of(channel, exponent, true).colwise().sum().cast<float>();
-    return (sums * series).transpose();
-  }
-
- private:
-  void blur(int first, int last) {
-    for (int c = 0; c < 3; ++c)
-      for (int k = first; k < last; ++k) {
-        const MatrixXd all =
-            blurred(lights_.of_channel[c][k], lights_.columns, lights_.rows, ways[way_].blur);
-        blurred_[c][k] = all(chosen_, Eigen::all);
-      }
-  }
-
-  MatrixXd inverse_of(int channel, double exponent, bool with_constant) const {
-    const auto& of = blurred_[channel];
-    const double e = exponent - 1.0;
-    const MatrixXd features = e == 0.0 ? of[0] : of[0] + e * of[1] + 0.5 * e * e * of[2];
-    MatrixXd gram = features * features.transpose();
-    const double mean = gram.trace() / static_cast<double>(gram.rows());
-    if (mean > 0.0) gram /= mean;
-    if (with_constant) gram.array() += 1.0;
-    return ridge_inverse(gram, ways[way_].ridge);
-  }
-
-  const LightFeatures& lights_;
-  std::vector<int> chosen_;
-  std::size_t way_ = ways.size();
-  bool has_exponents_ = false;
-  std::array<Blurred, 3> blurred_;
-};
-
-/// Mean over series (columns) of the logarithm of residual power over power.
-double criterion(const MatrixXf& leave_one_out, const MatrixXf& series) {
-  const MatrixXf residual = leave_one_out * series;
-  double sum = 0.0;
-  for (Index p = 0; p < series.cols(); ++p)
-    sum += std::log((residual.col(p).squaredNorm() + 1e-20) / (series.col(p).squaredNorm() + 1e-20));
-  return sum / static_cast<double>(std::max<Index>(1, series.cols()));
-}
-
-/// Whether photographs agree that residuals `after` [channel][images × pixels] are smaller than `before`:
-/// mean over its standard error of the logarithm of their powers' ratio. A few photographs that gain much
-/// show nothing.
-double agreement(const std::array<MatrixXf, 3>& before, const std::array<MatrixXf, 3>& after) {
-  Eigen::ArrayXd gains = Eigen::ArrayXd::Zero(before[0].rows());
-  for (int c = 0; c < 3; ++c) {
-    const Eigen::VectorXf weights =
-        (before[c].colwise().squaredNorm().array() + 1e-20f).inverse().transpose();
-    const MatrixXf old_squares = before[c].cwiseAbs2(), new_squares = after[c].cwiseAbs2();
-    const Eigen::VectorXf old_power = old_squares * weights, new_power = new_squares * weights;
-    gains += ((old_power.array() + 1e-12f) / (new_power.array() + 1e-12f)).log().cast<double>();
-  }
-  const auto count = static_cast<double>(gains.size());
-  const double mean = gains.mean();
-  const double variance = (gains - mean).square().sum() / (count - 1.0);
-  return variance > 0.0 ? mean / std::sqrt(variance / count) : 0.0;
-}
-
-/// Relative root mean square of a residual whose criterion, mean over the channels, is `value`.
-double relative(double value) {
-  return std::exp(0.5 * value);
-}
-
-}  // namespace
-
-// ---- Pairing ----
-
-namespace {
-
-/// Series of up to `count` pixels of a channel, spread over the sample, all measured; [images × pixels].
-MatrixXf measured_series(const PixelSample& sample, int channel, int count) {
-  std::vector<int> usable;
-  std::vector<double> power;
-  for (int p = 0; p < sample.pixels; ++p) {
-    double sum = 0.0;
-    bool measured = true;
-    for (int c = 0; c < 3; ++c)
-      for (int j = 0; j < sample.images; ++j) {
-        const float value = sample.series(c, p)[j];
-        measured = measured && std::isfinite(value);
-        sum += static_cast<double>(value) * value;
-      }
-    if (!measured) continue;
-    usable.push_back(p);
-    power.push_back(sum);
-  }
-  if (usable.empty()) return MatrixXf(sample.images, 0);
-  std::vector<double> ordered = power;
-  std::ranges::sort(ordered);
-  const double least = ordered[ordered.size() / 5];  // dark pixels are mostly noise
-  std::vector<int> bright;
-  for (std::size_t i = 0; i < usable.size(); ++i)
-    if (power[i] >= least && power[i] > 0.0) bright.push_back(usable[i]);
-  const int taken = std::min<int>(count, static_cast<int>(bright.size()));
-  MatrixXf series(sample.images, taken);
-  for (int k = 0; k < taken; ++k) {
-    const int p = bright[static_cast<std::size_t>(k) * bright.size() / taken];
-    series.col(k) = Eigen::Map<const Eigen::VectorXf>(sample.series(channel, p), sample.images);
-  }
-  return series;
-}
-
-/// Assignments of lights to photographs, by how well the photographs predict each other under them.
-class PairingSearch {
- public:
-  PairingSearch(const LightFeatures& lights, const PixelSample& sample) : images_(sample.images) {
-    std::vector<int> all(images_);
-    std::iota(all.begin(), all.end(), 0);
-    const LightPredictors predictors(lights, all);
-    for (int c = 0; c < 3; ++c) {
-      leave_one_out_[c] = predictors.leave_one_out(c, 1.0);
-      series_[c] = measured_series(sample, c, max_pixels);
-    }
-    usable_ = series_[0].cols() >= 8;
-  }
-
-  bool usable() const { return usable_; }
-  int images() const { return images_; }
-
-  /// Criterion of photograph j under light light_of[j]; each light belongs to one photograph.
-  double score(const std::vector<int>& light_of) const {
-    std::array<double, 3> sums{};
-    tbb::parallel_for(0, 3, [&](int c) {
-      MatrixXf by_light(series_[c].rows(), series_[c].cols());
-      for (int j = 0; j < images_; ++j) by_light.row(light_of[j]) = series_[c].row(j);
-      sums[c] = criterion(leave_one_out_[c], by_light);
-    });
-    return (sums[0] + sums[1] + sums[2]) / 3.0;
-  }
-
- private:
-  static constexpr int max_pixels = 96;
-  int images_;
-  bool usable_ = false;
-  std::array<MatrixXf, 3> leave_one_out_, series_;
-};
-
-/// Photographs from `first` on show the light `offset` further, in a circle among themselves.
-std::vector<int> with_offset(std::vector<int> light_of, int first, int offset) {
-  const int count = static_cast<int>(light_of.size()) - first;
-  std::vector<int> rest(light_of.begin() + first, light_of.end());
-  for (int i = 0; i < count; ++i) light_of[first + i] = rest[((i + offset) % count + count) % count];
-  return light_of;
-}
-
-/// Offsets that are tried in any capture, and from any photograph on in doubtful ones.
-constexpr int max_offset = 3;
-constexpr int max_later_offset = 2;
-/// Logarithm of the residual's power that another pairing must gain: 2 is a factor of 2.7 in the residual.
-/// Wrong offsets of cycles-b gain nothing, right ones 4.7.
-constexpr double pairing_gain = 0.7;
-/// Pairs of photographs and lights that belong together leave less than that.
-constexpr double max_residual = 0.25;
-/// Pairs that are not so much better than random ones are in doubt: those of cycles-b gain 4.7.
-constexpr double doubtful_gain = 2.5;
-
-std::string offset_text(int offset) {
-  return std::string("the light of ") + std::to_string(std::abs(offset)) +
-         (std::abs(offset) == 1 ? " frame " : " frames ") + (offset > 0 ? "later" : "earlier");
-}
-
-}  // namespace
-
-std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sample, bool doubtful,
-                              RigFinding& finding, const RunContext& run) {
-  finding.effect = "pairing";
-  finding.measured = "photographs and light maps belong together as they are paired";
-  if (sample.images < min_frames_for_rig) return {};
-  const PairingSearch search(lights, sample);
-  if (!search.usable()) return {};
-  std::vector<int> as_paired(sample.images), best;
-  std::iota(as_paired.begin(), as_paired.end(), 0);
-  const double before = search.score(as_paired);
-  finding.residual_before = finding.residual_after = relative(before);
-  best = as_paired;
-  double best_score = before;
-  std::string how;
-  const auto consider = [&](const std::vector<int>& candidate, const std::string& text) {
-    run.throw_if_stopped();
-    const double score = search.score(candidate);
-    if (score >= best_score) return;
-    best_score = score;
-    best = candidate;
-    how = text;
-  };
-  std::vector<int> mixed_up = as_paired;
-  Rng rng(static_cast<std::uint64_t>(sample.images));
-  for (std::size_t j = mixed_up.size() - 1; j > 0; --j) std::swap(mixed_up[j], mixed_up[rng.below(j + 1)]);
-  doubtful = doubtful || search.score(mixed_up) - before < doubtful_gain;
-  const int farthest = doubtful ? sample.images / 2 : max_offset;
-  for (int offset = -farthest; offset <= farthest; ++offset)
-    if (offset != 0)
-      consider(with_offset(as_paired, 0, offset), "every photograph shows " + offset_text(offset));
-  if (before - best_score < pairing_gain) {
-    best = as_paired;
-    best_score = before;
-    how.clear();
-  }
-  for (int changes = 0; doubtful && changes < 4; ++changes) {
-    const std::vector<int> start = best;
-    const double start_score = best_score;
-    const std::string start_how = how.empty() ? "" : how + "; ";
-    for (int first = 1; first + 4 <= sample.images; ++first)
-      for (int offset = -max_later_offset; offset <= max_later_offset; ++offset)
-        if (offset != 0)
-          consider(with_offset(start, first, offset), start_how + "from photograph " + std::to_string(first) +
-                                                          " on each shows " + offset_text(offset));
-    if (start_score - best_score < pairing_gain / 2) {
-      best = start;
-      best_score = start_score;
-      how = start_how.substr(0, start_how.size() - std::min<std::size_t>(2, start_how.size()));
-      break;
-    }
-  }
-  if (before - best_score < pairing_gain || relative(best_score) > max_residual) return {};
-  finding.state = RigFinding::State::corrected;
-  finding.residual_after = relative(best_score);
-  int moved = 0;
-  for (int j = 0; j < sample.images; ++j) moved = std::max(moved, std::abs(best[j] - j) % sample.images);
-  finding.amount = moved;
-  finding.measured = how;
-  return best;
-}
-
 // ---- The sample of the picture ----
-
-namespace {
 
 /// Pixels beside a tile's inner ones, for moving it and for gradients.
 constexpr int tile_margin = 8;
@@ -443,8 +148,17 @@ std::vector<Tile> read_tiles(std::span<const CaptureFrame> frames, int width, in
 /// One pixel of a tile.
 struct Place {
   std::size_t tile;
-  int x, y, channel;
+  int x, y;
 };
+
+/// Calls use(tile, place) for each usable pixel, tile by tile and row by row.
+template <class Use>
+void for_each_usable(const std::vector<Tile>& tiles, Use use) {
+  for (std::size_t t = 0; t < tiles.size(); ++t)
+    for (int y = 0; y < tiles[t].height; ++y)
+      for (int x = 0; x < tiles[t].width; ++x)
+        if (tiles[t].usable[static_cast<std::size_t>(y) * tiles[t].width + x]) use(tiles[t], Place{t, x, y});
+}
 
 // ---- The estimation ----
 
@@ -490,6 +204,12 @@ constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.01
 constexpr double room_floor = 0.001;
 /// Beyond that many pixels photographs are not comparable at all.
 constexpr double max_shift_px = 4.0;
+/// Stretches of photographs whose sums are compared, and how far. Sums of at least 6 photographs of cycles-b
+/// and the tabletop that show the same edges in the same place agree by .42 to .65, by .1 and less 2 pixels
+/// away.
+constexpr Index min_block = 6, max_blocks = 12;
+constexpr int max_jump_px = 16;
+constexpr double clear_structure = 0.25, blurred_structure = 0.5;
 
 class RigEstimation {
  public:
@@ -516,6 +236,7 @@ class RigEstimation {
     if (places_.size() < 50) return report();
     choose_way();
     before_ = total_criterion();
+    if (jumps_far()) lose_track();
     for (int round = 0; round < max_alternations; ++round) {
       const bool moved = estimate_motion(round);
       if (relative(total_criterion()) > max_residual_of_tone) break;
@@ -553,6 +274,8 @@ class RigEstimation {
   void use_exponents();
   double total_criterion() const;
   bool estimate_motion(int round);
+  bool lose_track();
+  bool jumps_far();
   MatrixXd motion_step(VectorXd& variance) const;
   bool estimate_colour_and_tone();
   void estimate_colour();
@@ -580,6 +303,9 @@ class RigEstimation {
   std::array<MatrixXf, 3> leave_one_out_;
   MatrixXd shift_;
   CapturePath path_;
+  bool lost_track_ = false;
+  double jump_px_ = 0.0;
+  int jump_near_ = 0;  // number of a photograph
   RigModel model_;
   double before_ = 0.0;
   std::vector<RigFinding> findings_;
@@ -589,19 +315,14 @@ class RigEstimation {
 void RigEstimation::choose_places() {
   std::vector<Place> all;
   std::vector<double> power;
-  for (std::size_t t = 0; t < current_.size(); ++t) {
-    const Tile& tile = current_[t];
-    for (int y = 0; y < tile.height; ++y)
-      for (int x = 0; x < tile.width; ++x) {
-        if (!tile.usable[static_cast<std::size_t>(y) * tile.width + x]) continue;
-        double sum = 0.0;
-        for (int c = 0; c < 3; ++c)
-          for (Index j = 0; j < images_; j += 4)
-            sum += static_cast<double>(tile.at(x, y, c)[j]) * tile.at(x, y, c)[j];
-        all.push_back({t, x, y, 0});
-        power.push_back(sum);
-      }
-  }
+  for_each_usable(current_, [&](const Tile& tile, const Place& place) {
+    double sum = 0.0;
+    for (int c = 0; c < 3; ++c)
+      for (Index j = 0; j < images_; j += 4)
+        sum += static_cast<double>(tile.at(place.x, place.y, c)[j]) * tile.at(place.x, place.y, c)[j];
+    all.push_back(place);
+    power.push_back(sum);
+  });
   if (all.empty()) return;
   std::vector<double> ordered = power;
   std::ranges::sort(ordered);
@@ -636,7 +357,7 @@ double RigEstimation::total_criterion() const {
 void RigEstimation::choose_way() {
   std::size_t best = 0;
   double least = std::numeric_limits<double>::infinity();
-  for (std::size_t w = 0; w < ways.size(); ++w) {
+  for (std::size_t w = 0; w < LightPredictors::ways; ++w) {
     run_.throw_if_stopped();
     predictors_.use(w);
     use_exponents();
@@ -792,23 +513,17 @@ MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index 
     double score;
   };
   std::vector<Scored> all;
-  for (std::size_t t = 0; t < tiles.size(); ++t) {
-    const Tile& tile = tiles[t];
-    for (int y = 0; y < tile.height; ++y)
-      for (int x = 0; x < tile.width; ++x) {
-        if (!tile.usable[static_cast<std::size_t>(y) * tile.width + x]) continue;
-        const float *here = tile.at(x, y, channel), *left = tile.at(x - 1, y, channel),
-                    *right = tile.at(x + 1, y, channel), *up = tile.at(x, y - 1, channel),
-                    *down = tile.at(x, y + 1, channel);
-        double energy = 0.0, power = 1e-20;
-        for (Index j = 0; j < images; j += 2) {
-          const double dx = right[j] - left[j], dy = down[j] - up[j];
-          energy += dx * dx + dy * dy;
-          power += static_cast<double>(here[j]) * here[j];
-        }
-        all.push_back({{t, x, y, channel}, energy / power});
-      }
-  }
+  for_each_usable(tiles, [&](const Tile& tile, const Place& place) {
+    const auto at = [&](int dx, int dy) { return tile.at(place.x + dx, place.y + dy, channel); };
+    const float *here = at(0, 0), *left = at(-1, 0), *right = at(1, 0), *up = at(0, -1), *down = at(0, 1);
+    double energy = 0.0, power = 1e-20;
+    for (Index j = 0; j < images; j += 2) {
+      const double dx = right[j] - left[j], dy = down[j] - up[j];
+      energy += dx * dx + dy * dy;
+      power += static_cast<double>(here[j]) * here[j];
+    }
+    all.push_back({place, energy / power});
+  });
   const auto keep_best = [&](std::size_t count) {
     count = std::min(count, all.size());
     std::ranges::stable_sort(all, std::greater<>{}, &Scored::score);
@@ -817,20 +532,19 @@ MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index 
   keep_best(3 * pixels_for_motion / 3);
   const auto gather = [&](auto value) {
     MatrixXf values(images, static_cast<Index>(all.size()));
-    for (std::size_t k = 0; k < all.size(); ++k)
-      for (Index j = 0; j < images; ++j)
-        values(j, static_cast<Index>(k)) = value(tiles[all[k].place.tile], all[k].place, j);
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      const Place& place = all[k].place;
+      const auto at = [&](int dx, int dy) {
+        return tiles[place.tile].at(place.x + dx, place.y + dy, channel);
+      };
+      for (Index j = 0; j < images; ++j) values(j, static_cast<Index>(k)) = value(at, j);
+    }
     return values;
   };
   MotionSamples samples;
-  samples.values =
-      gather([](const Tile& tile, const Place& p, Index j) { return tile.at(p.x, p.y, p.channel)[j]; });
-  samples.right = gather([](const Tile& tile, const Place& p, Index j) {
-    return 0.5f * (tile.at(p.x + 1, p.y, p.channel)[j] - tile.at(p.x - 1, p.y, p.channel)[j]);
-  });
-  samples.down = gather([](const Tile& tile, const Place& p, Index j) {
-    return 0.5f * (tile.at(p.x, p.y + 1, p.channel)[j] - tile.at(p.x, p.y - 1, p.channel)[j]);
-  });
+  samples.values = gather([](const auto& at, Index j) { return at(0, 0)[j]; });
+  samples.right = gather([](const auto& at, Index j) { return 0.5f * (at(1, 0)[j] - at(-1, 0)[j]); });
+  samples.down = gather([](const auto& at, Index j) { return 0.5f * (at(0, 1)[j] - at(0, -1)[j]); });
   Eigen::VectorXf variance =
       (leave_one_out * samples.values).colwise().squaredNorm().transpose() / static_cast<float>(images);
   std::vector<float> ordered(variance.data(), variance.data() + variance.size());
@@ -890,8 +604,82 @@ MatrixXd RigEstimation::motion_step(VectorXd& variance) const {
   return result;
 }
 
+/// Gradients of the logarithm of what photographs [first, last) show together, of one tile; 0 where a pixel
+/// or a neighbour is dark.
+std::vector<std::array<float, 2>> structure_of(const Tile& tile, Index first, Index last) {
+  std::vector<float> sums(static_cast<std::size_t>(tile.width) * tile.height);
+  for (std::size_t p = 0; p < sums.size(); ++p)
+    for (int c = 0; c < 3; ++c) {
+      const float* values = tile.values.data() + (3 * p + c) * tile.stride;
+      sums[p] += std::accumulate(values + first, values + last, 0.0f);
+    }
+  std::vector<std::array<float, 2>> gradients(sums.size());
+  const auto slope = [](float before, float after) {
+    return before > 0.0f && after > 0.0f ? std::log(after / before) : 0.0f;
+  };
+  for (int y = 1; y + 1 < tile.height; ++y)
+    for (int x = 1; x + 1 < tile.width; ++x) {
+      const std::size_t p = static_cast<std::size_t>(y) * tile.width + x;
+      gradients[p] = {slope(sums[p - 1], sums[p + 1]), slope(sums[p - tile.width], sums[p + tile.width])};
+    }
+  return gradients;
+}
+
+/// How well gradients of two sums of photographs agree if the second is moved by (dx, dy), 1 at best.
+double structure_agreement(const Tile& tile, const std::vector<std::array<float, 2>>& a,
+                           const std::vector<std::array<float, 2>>& b, int dx, int dy) {
+  double product = 0.0, of_a = 1e-12, of_b = 1e-12;
+  for (int y = std::max(0, -dy); y < std::min(tile.height, tile.height - dy); ++y)
+    for (int x = std::max(0, -dx); x < std::min(tile.width, tile.width - dx); ++x) {
+      const auto& here = a[static_cast<std::size_t>(y) * tile.width + x];
+      const auto& there = b[static_cast<std::size_t>(y + dy) * tile.width + x + dx];
+      product += here[0] * there[0] + here[1] * there[1];
+      of_a += here[0] * here[0] + here[1] * here[1];
+      of_b += there[0] * there[0] + there[1] * there[1];
+    }
+  return product / std::sqrt(of_a * of_b);
+}
+
+/// Whether some stretch of the photographs shows the scene further away than steps of the search for shifts
+/// reach: the edges of the stretch's sum agree with those of the first elsewhere, and not in place.
+bool RigEstimation::jumps_far() {
+  const Index stretch = std::max<Index>(min_block, images_ / max_blocks);
+  const auto largest =
+      std::ranges::max_element(current_, {}, [](const Tile& t) { return t.width * t.height; });
+  const Tile& tile = *largest;
+  const int reach = std::min(max_jump_px, std::min(tile.width, tile.height) / 4);
+  const auto start = structure_of(tile, 0, stretch);
+  for (Index first = stretch; first + stretch <= images_; first += stretch) {
+    run_.throw_if_stopped();
+    const auto now = structure_of(tile, first, first + stretch);
+    const double in_place = structure_agreement(tile, start, now, 0, 0);
+    if (in_place > clear_structure) continue;
+    double best = in_place;
+    for (int dy = -reach; dy <= reach; ++dy)
+      for (int dx = -reach; dx <= reach; ++dx) {
+        const double agrees = structure_agreement(tile, start, now, dx, dy);
+        if (agrees <= best) continue;
+        best = agrees;
+        jump_px_ = std::hypot(dx, dy);
+      }
+    jump_near_ = chosen_[static_cast<std::size_t>(first)];
+    if (best > clear_structure && in_place < blurred_structure * best && jump_px_ > max_shift_px) return true;
+  }
+  return false;
+}
+
+/// The photographs moved too far to be compared: none is moved back.
+bool RigEstimation::lose_track() {
+  lost_track_ = true;
+  path_ = {};
+  model_.shift_px.clear();
+  shift_.setZero();
+  prepare();
+  return false;
+}
+
 bool RigEstimation::estimate_motion(int round) {
-  if (round > 0 && path_.kind == CapturePath::Kind::rest) return false;
+  if (lost_track_ || (round > 0 && path_.kind == CapturePath::Kind::rest)) return false;
   const MatrixXd before = shift_;
   const auto residuals = relative_residuals();
   MatrixXd measured = shift_;
@@ -899,10 +687,7 @@ bool RigEstimation::estimate_motion(int round) {
   for (int step = 0; step < max_steps; ++step) {
     const MatrixXd change = motion_step(variance);
     measured += change;
-    if (measured.cwiseAbs().maxCoeff() > max_shift_px) {
-      measured = MatrixXd::Zero(images_, 2);
-      break;
-    }
+    if (!(measured.cwiseAbs().maxCoeff() < max_shift_px)) return lose_track();
     if (step == 0 && round == 0) {
       path_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
       if (path_.kind == CapturePath::Kind::rest || path_.values.cwiseAbs().maxCoeff() < min_motion_px / 2) {
@@ -1329,20 +1114,27 @@ RigReport RigEstimation::report() const {
                                amount, measured, relative(before_), relative(corrected ? after : before_)});
   };
   char text[300];
-  if (model_.shift_px.empty()) {
+  if (lost_track_) {
+    std::snprintf(text, sizeof text, "the camera moved by more than %.0f pixels", max_shift_px);
+    if (jump_px_ > max_shift_px)
+      std::snprintf(text, sizeof text, "the camera moved by about %.0f pixels near %.100s", jump_px_,
+                    model_.photographs[static_cast<std::size_t>(jump_near_)].c_str());
+    add("motion", false, std::max(jump_px_, max_shift_px), std::string(text) + ", too far to be corrected");
+    report.findings.back().state = RigFinding::State::unusable;
+  } else if (model_.shift_px.empty()) {
     add("motion", false, 0.0, "the camera rested");
   } else {
     const auto largest =
         *std::ranges::max_element(model_.shift_px, {}, [](const auto& d) { return std::hypot(d[0], d[1]); });
     const double amount = std::hypot(largest[0], largest[1]);
-    std::string how = "the picture moved from photograph to photograph";
-    if (path_.kind == CapturePath::Kind::line) how = "the picture moved steadily";
+    std::string how = "the camera moved from photograph to photograph";
+    if (path_.kind == CapturePath::Kind::line) how = "the camera moved steadily";
     if (path_.kind == CapturePath::Kind::jumps) {
-      how = "the picture jumped before photograph";
-      for (const int j : path_.jumps) how += " " + model_.photographs[static_cast<std::size_t>(j)];
+      how = "the camera moved after";
+      for (const int j : path_.jumps) how += " " + model_.photographs[static_cast<std::size_t>(j - 1)];
     }
-    std::snprintf(text, sizeof text, ", by up to %.2f pixels (%+.2f to the right, %+.2f down)", amount,
-                  largest[0], largest[1]);
+    std::snprintf(text, sizeof text, ", the picture by up to %.2f pixels (%+.2f to the right, %+.2f down)",
+                  amount, largest[0], largest[1]);
     add("motion", true, amount, how + text);
   }
   const Eigen::Matrix3d& m = model_.mixing;

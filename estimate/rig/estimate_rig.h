@@ -33,12 +33,14 @@ struct RigReport {
 /// Fewer photographs say too little: no rig is estimated.
 inline constexpr int min_frames_for_rig = 24;
 
-/// The pairing of photographs and lights that the photographs prefer: another offset, from some photograph
-/// on, or two that were exchanged. `doubtful`: photographs that do not fit the others may be a sign of it,
-/// which makes the search wider. Returns light_of, see RigModel, empty where the pairs are right. Source: the
-/// criterion is the leave-one-out residual of ridge regression (find_outlier_frames()).
-std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sample, bool doubtful,
-                              RigFinding& finding, const RunContext& run);
+/// The pairing of photographs and lights that the photographs prefer: another offset, also from some
+/// photograph on (one before it is doubled or missing), and photographs that show each other's lights.
+/// `doubtful`: photographs that do not fit the others may be a sign of it, which makes the search wider.
+/// Returns light_of, see RigModel, empty where the pairs are right or no pairing fits; `finding` tells which.
+/// Source: the criterion is the leave-one-out residual of ridge regression (find_outlier_frames()).
+std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sample,
+                              std::span<const CaptureFrame> frames, bool doubtful, RigFinding& finding,
+                              const RunContext& run);
 
 /// Estimates motion, colour mixing, tone curve, gains and room light from the photographs and lights of
 /// `frames`, which are paired rightly, by the leave-one-out residual of ridge regression on coarse lights:

@@ -24,8 +24,8 @@ constexpr double min_clipped = 2e-4, many_clipped = 0.02;
 constexpr double much_noise = 0.1;
 // What a median training error may leave beside the noise. With --rig off, undisturbed captures of two scenes
 // leave less than .002, colour mixing of 12 % leaves .031, a camera that creeps by .3 pixels .027, all
-// effects together .041, wrong pairs .64; a tone curve that is off by an exponent of 1.05 leaves .012, which
-// this misses.
+// effects together .041, wrong pairs .64. What is less looks like noise to the fit: a tone curve that is off
+// by an exponent of 1.05 leaves .012.
 constexpr double max_unexplained_error = 0.025;
 
 std::string percent(double share) {
@@ -42,8 +42,8 @@ std::string remedy_of(const std::string& effect, State state) {
   static constexpr std::array<Remedy, 6> remedies{{
       {"pairing", "leave the correction on, or name photographs and lights alike",
        "import the photographs again in the order of the lights"},
-      {"motion", "leave the correction on; fix the camera and photograph again for the sharpest result",
-       "fix the camera and photograph again"},
+      {"motion", "leave the correction on, or fix the camera and photograph again from there",
+       "fix the camera and photograph again from there"},
       {"colour", "leave the correction on: relit pictures keep the colours of the camera",
        "photograph one full screen of each primary, or use a camera profile"},
       {"tone", "leave the correction on, or measure the tone curve by 'refield acquire calibrate'",
@@ -200,14 +200,18 @@ std::string verdict_table(const CaptureVerdict& verdict) {
 
 std::string unexplained_error(double training_error, double noise, const CaptureVerdict& verdict) {
   const double unexplained = std::sqrt(std::max(0.0, training_error * training_error - noise * noise));
-  if (unexplained <= max_unexplained_error) return "";
   const auto worst = std::ranges::max_element(verdict.rows, {}, &VerdictRow::state);
-  std::string text = "the photographs do not follow from the lights: the training error of " +
-                     percent(training_error) + " is more than noise (" + percent(noise) + ") explains";
+  const bool uncorrected = worst->state > State::corrected && worst->residual_before;
+  if (unexplained <= max_unexplained_error && !uncorrected) return "";
+  std::string text = "the photographs do not follow from the lights: ";
+  if (unexplained > max_unexplained_error)
+    text += "the training error of " + percent(training_error) + " is more than noise (" + percent(noise) +
+            ") explains; ";
   if (worst->state > State::good)
-    text += "; likely cause: " + worst->property + " (" + worst->measured + "): " + worst->remedy;
+    text += (uncorrected ? "not corrected: " : "likely cause: ") + worst->property + " (" + worst->measured +
+            "): " + worst->remedy;
   else
-    text += "; check that each light map belongs to its photograph, that nothing moved, and the tone curve";
+    text += "check that each light map belongs to its photograph, that nothing moved, and the tone curve";
   return text;
 }
 

@@ -2,6 +2,7 @@
 // What a rig does besides B = T L is found from the image pairs, and nothing is where there is nothing.
 #include "estimate/rig/estimate_rig.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
@@ -22,6 +23,8 @@
 
 namespace refield {
 namespace {
+
+using testing::HasSubstr;
 
 /// A scene of smooth waves, whose photographs are known between the pixels, under random lights.
 class WavyCapture {
@@ -58,10 +61,12 @@ class WavyCapture {
     photograph();
     const auto features = light_features(session_.frames, session_.light, {});
     const auto sample = read_pixel_sample(session_.frames, width, height, {}, INFINITY, {});
-    RigFinding finding;
-    return find_pairing(features, sample, false, finding, {});
+    finding_ = {};
+    return find_pairing(features, sample, session_.frames, false, finding_, {});
   }
   std::vector<LightMap>& lights() { return lights_; }
+  /// Of the last pairing().
+  const RigFinding& finding() const { return finding_; }
 
  private:
   /// The sum of the light in a blob around the wave's own place.
@@ -126,6 +131,7 @@ class WavyCapture {
   std::vector<LightMap> lights_;
   std::vector<Image> photographs_;
   CaptureSession session_;
+  RigFinding finding_;
   double noise_;
   std::uint64_t seed_;
 };
@@ -176,7 +182,16 @@ TEST(Rig, ABumpIsAJumpWithItsPlace) {
   for (int j = 25; j < 60; ++j) capture.shift[j] = {-0.4, 0.9};
   const RigReport report = capture.report();
   EXPECT_LT(shift_error(report, capture), max_shift_error_px);
-  EXPECT_NE(finding(report, "motion").measured.find("before photograph 25"), std::string::npos);
+  EXPECT_NE(finding(report, "motion").measured.find("moved after 24,"), std::string::npos);
+}
+
+TEST(Rig, ACameraThatMovedTooFarIsToldAndNotCorrected) {
+  WavyCapture capture(60);
+  for (int j = 30; j < 60; ++j) capture.shift[j] = {9.0, 0.0};
+  const RigReport report = capture.report();
+  EXPECT_TRUE(report.model.shift_px.empty());
+  EXPECT_EQ(finding(report, "motion").state, RigFinding::State::unusable);
+  EXPECT_THAT(finding(report, "motion").measured, HasSubstr("by about 9 pixels near 30"));
 }
 
 TEST(Rig, ARandomWalkIsFollowed) {
@@ -257,7 +272,21 @@ TEST(Rig, ADoubledAndAMissingPhotographAreFound) {
       if (j < 19 || j > 21) {
         EXPECT_EQ(found[j], capture.light_of[j]) << j;
       }
+    const int twin = offset < 0 ? 19 : 48;
+    EXPECT_TRUE(found[twin] == -1 || found[twin + 1] == -1);
+    EXPECT_THAT(capture.finding().measured, HasSubstr(std::to_string(twin) + " and " +
+                                                      std::to_string(twin + 1) + " show the same light"));
   }
+}
+
+TEST(Rig, PhotographsThatShowEachOthersLightsAreFoundAndNamed) {
+  WavyCapture capture(50);
+  std::swap(capture.light_of[7], capture.light_of[30]);
+  std::swap(capture.light_of[11], capture.light_of[12]);
+  std::swap(capture.light_of[12], capture.light_of[40]);
+  EXPECT_EQ(capture.pairing(), capture.light_of);
+  EXPECT_THAT(capture.finding().measured, HasSubstr("7 and 30 are exchanged"));
+  EXPECT_THAT(capture.finding().measured, HasSubstr("11 shows the light of 12"));
 }
 
 TEST(Rig, RandomPairsAreLeftAsTheyAre) {
@@ -266,6 +295,17 @@ TEST(Rig, RandomPairsAreLeftAsTheyAre) {
   for (int j = 39; j > 0; --j)
     std::swap(capture.light_of[j], capture.light_of[static_cast<int>(rng.uniform() * (j + 1))]);
   EXPECT_TRUE(capture.pairing().empty());
+  EXPECT_EQ(capture.finding().state, RigFinding::State::unusable);
+}
+
+TEST(Rig, RepeatedLightsDoNotHideAMovingCamera) {
+  // Photographs that follow each other show the same light: each is predicted to the noise by its twin.
+  WavyCapture capture(80);
+  for (std::size_t j = 0; j < 80; j += 2)
+    for (std::size_t i = 0; i < capture.lights()[j].radiance.values.size(); ++i)
+      capture.lights()[j + 1].radiance.values[i] = 0.5f * capture.lights()[j].radiance.values[i];
+  for (int j = 0; j < 80; ++j) capture.shift[j] = {0.4 * j / 79, 0.2 * j / 79};
+  EXPECT_LT(shift_error(capture.report(), capture), max_shift_error_px);
 }
 
 TEST(CapturePath, ChoosesTheFewestParameters) {
@@ -336,6 +376,80 @@ TEST(RigModel, UndoesShiftGainAndMixingOfAParabola) {
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(undone.at(x, y - 4, c), truth(x, y, c), 1e-4);
   image.at(5, 4, 1) = NAN;
   EXPECT_TRUE(std::isnan(undo_rig(image, 0, 4, 7, correction).at(5, 1, 0)));
+}
+
+/// Ten photographs, of which every fifth is held out, and the rig model of the others.
+struct HeldOutCapture {
+  CaptureSession session;
+  RigModel rig;
+
+  HeldOutCapture() {
+    session.width = session.height = 8;
+    for (int j = 0; j < 10; ++j) {
+      CaptureFrame& frame = session.frames.emplace_back();
+      frame.name = "photo_" + std::to_string(j);
+      frame.illumination = "light_" + std::to_string(j);
+      frame.order = j;
+      frame.role = j % 5 == 4 ? FrameRole::test : FrameRole::train;
+      if (frame.role == FrameRole::test) continue;
+      rig.photographs.push_back(frame.name);
+      rig.shift_px.push_back({0.1 * j, 0.0});
+    }
+  }
+  void correct() { correct_held_out("{\"rig\":" + rig_text(rig) + "}", session); }
+};
+
+TEST(RigModel, HeldOutPhotographsTakeWhatTheirNeighboursHave) {
+  HeldOutCapture capture;
+  capture.rig.tone = {1.05, 1.0, 1.0};
+  capture.rig.gain.assign(8, {2.0, 2.0, 2.0});
+  capture.rig.mixing(0, 1) = 0.1;
+  capture.correct();
+  ASSERT_EQ(capture.session.frames.size(), 10u);
+  EXPECT_FALSE(capture.session.frames[3].correction) << "of training frames the estimate knows";
+  const auto correction = capture.session.frames[4].correction;
+  ASSERT_TRUE(correction);
+  EXPECT_NEAR(correction->shift_px[0], 0.4, 1e-9);
+  EXPECT_NEAR(capture.session.frames[9].correction->shift_px[0], 0.8, 1e-9) << "as the last one known";
+  EXPECT_FLOAT_EQ(correction->tone[0], 1.05f);
+  EXPECT_EQ(correction->gain[0], 1.0f) << "not known";
+  EXPECT_TRUE(correction->primaries_from_camera.isIdentity()) << "the field mixes colours itself";
+  EXPECT_EQ(capture.session.frames[4].illumination, "light_4");
+}
+
+TEST(RigModel, HeldOutPhotographsArePairedAsTheirNeighboursAre) {
+  HeldOutCapture capture;
+  capture.rig.shift_px.clear();
+  for (int j = 0; j < 8; ++j) capture.rig.light_of.push_back(j < 7 ? j + 1 : -1);
+  capture.correct();
+  EXPECT_EQ(capture.session.frames[4].illumination, "light_5");
+  EXPECT_EQ(capture.session.frames.size(), 9u) << "the light after the last is not there";
+}
+
+TEST(RigModel, PhotographsOfAnotherCaptureStayAsTheyAre) {
+  HeldOutCapture capture;
+  for (CaptureFrame& frame : capture.session.frames) frame.name += "_of_another";
+  capture.correct();
+  for (const CaptureFrame& frame : capture.session.frames) EXPECT_FALSE(frame.correction);
+}
+
+TEST(RigModel, ReadersOfPhotographsUndoTheShift) {
+  Image photograph(9, 8, 3), sigma(9, 8, 3);
+  for (int y = 0; y < 8; ++y)
+    for (int x = 0; x < 9; ++x)
+      for (int c = 0; c < 3; ++c) photograph.at(x, y, c) = static_cast<float>(1 + x + 10 * y);
+  sigma.at(2, 3, 1) = INFINITY;
+  CaptureFrame frame;
+  frame.views = {photograph, photograph, sigma};
+  FrameCorrection correction;
+  correction.height_px = 8;
+  correction.shift_px = {0.5, 0.0};
+  frame.correction = std::make_shared<const FrameCorrection>(correction);
+  const Photograph read = read_observed(frame);
+  EXPECT_NEAR(read.radiance.at(5, 4, 0), 1 + 5.5 + 40, 1e-4);
+  EXPECT_TRUE(std::isinf(read.sigma.at(2, 3, 1))) << "was not measured";
+  EXPECT_TRUE(std::isinf(read.sigma.at(3, 3, 1))) << "needs what was not measured";
+  EXPECT_EQ(read.sigma.at(5, 4, 0), 0.0f);
 }
 
 TEST(RigModel, TheFieldMixesColoursWhereItIsRelit) {

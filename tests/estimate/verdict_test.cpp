@@ -69,5 +69,12 @@ TEST(Verdict, AnErrorThatNoiseDoesNotExplainNamesTheLikelyCause) {
   EXPECT_THAT(unexplained_error(0.2, 0.199, verdict_of(report, 60)), IsEmpty()) << "noise alone";
 }
 
+TEST(Verdict, AFindingThatWasNotCorrectedIsToldWhateverTheError) {
+  FrameReport report;
+  EXPECT_THAT(unexplained_error(0.012, 0.0, verdict_of(report, 60)), IsEmpty());
+  report.rig.findings = {{"tone", State::suspicious, 0.05, "exponents of 1.05", 0.1, 0.04}};
+  EXPECT_THAT(unexplained_error(0.012, 0.0, verdict_of(report, 60)), HasSubstr("not corrected: tone curve"));
+}
+
 }  // namespace
 }  // namespace refield

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "estimate/quality/outlier_frames.h"
+
+namespace refield {
+
+/// Ridge regression on blurred lights of some frames, in its dual form: predicts any pixel from itself under
+/// the other lights, for any exponent of the tone curve.
+class LightPredictors {
+ public:
+  /// Blurs and ridges to choose from; the one that predicts best should be taken, though undisturbed captures
+  /// differ by a few per cent of residual between them.
+  static constexpr std::size_t ways = 6;
+
+  /// `chosen`: numbers of the images that take part.
+  LightPredictors(const LightFeatures& lights, std::span<const int> chosen);
+
+  void use(std::size_t way);
+  /// Before exponents other than 1.
+  void prepare_exponents();
+
+  /// (Gram matrix + ridge)⁻¹ [images × images]. Pixels have a constant of their own: room light that does not
+  /// change must not look like a tone curve.
+  Eigen::MatrixXd inverse(int channel, double exponent, bool with_constant = true) const;
+
+  /// A [images × images]: A b is what each sample of a series b is more than the others predict of it.
+  /// Images after each other whose lights are multiples of each other do not predict each other: they agree
+  /// whatever the rig does slowly.
+  Eigen::MatrixXf leave_one_out(int channel, double exponent, bool with_constant = true) const;
+
+  /// The constant of each series (column).
+  Eigen::VectorXf constants(int channel, double exponent, const Eigen::MatrixXf& series) const;
+
+ private:
+  void blur(int first, int last);
+
+  const LightFeatures& lights_;
+  std::vector<int> chosen_;
+  std::array<std::vector<std::vector<int>>, 3> folds_;  // of more than one image, by channel
+  std::size_t way_ = ways;
+  bool has_exponents_ = false;
+  /// [channel][derivative by the exponent]: blurred lights [images × cells].
+  std::array<std::array<Eigen::MatrixXd, 3>, 3> blurred_;
+};
+
+/// Mean over series (columns) of the logarithm of residual power over power.
+double criterion(const Eigen::MatrixXf& leave_one_out, const Eigen::MatrixXf& series);
+
+/// Whether photographs agree that residuals `after` [channel][images × pixels] are smaller than `before`:
+/// mean over its standard error of the logarithm of their powers' ratio. A few photographs that gain much
+/// show nothing.
+double agreement(const std::array<Eigen::MatrixXf, 3>& before, const std::array<Eigen::MatrixXf, 3>& after);
+
+/// Relative root mean square of a residual whose criterion, mean over the channels, is `value`.
+double relative(double value);
+
+}  // namespace refield
