@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What refield reads formats other than OpenEXR with is loaded with the first such file: OpenImageIO brings
-// 250 shared libraries along, whose start takes .2 s of processor time.
+// 250 shared libraries along, whose start takes 0.2 s of processor time.
 #include "core/image/image_file.h"
 
 #include <dlfcn.h>
