@@ -74,7 +74,7 @@ void require_measured_channels(const EstimateJob& job, const PixelSample& sample
       throw InputError(
           name_of(job.session) + ": no photograph measured the " + channels[c] +
           " channel (all its samples are clipped or marked by sigma = inf), so it would be black; check "
-          "sigma and the exposure");
+          "sigma, the exposure and --clip");
   char text[200];
   std::snprintf(
       text, sizeof text,

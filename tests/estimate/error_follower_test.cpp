@@ -82,7 +82,7 @@ TEST_F(Follow, PredictsForTheExpectedLight) {
     ErrorFollower follower(options_);
     follower.expect(std::move(expected));
     for (int j = 0; j < 40; ++j) follower.add(session_.frames[j], Parameterisation::monitor);
-    return follower.predict().predicted;
+    return follower.predict().predicted.value();
   };
   const double own = predicted({});
   auto alike = test::random_lights(12, 16, 12, 99);
