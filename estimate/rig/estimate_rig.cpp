@@ -194,10 +194,10 @@ constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
 /// Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few photographs.
 constexpr double min_agreement = 2.2, min_motion_agreement = 1.5;
 /// Relative residuals beyond which the predictor is not good enough to tell a tone curve or gains from what
-/// it does not know of the light, and photographs for gains: with 40 images of sharp boxes it took its own
+/// it does not know of the light, and different lights for gains: with 40 of sharp boxes it took its own
 /// errors for gains of 9 %.
 constexpr double max_residual_of_tone = 0.1, max_residual_of_gains = 0.08;
-constexpr Index min_images_for_gains = 60;
+constexpr int min_lights_for_gains = 60;
 /// That pixels have constants: room light of 1 % shows about 0, of 2 % 1.7, undisturbed captures -7 to -2.
 constexpr double min_room_agreement = -0.5, min_room_agreement_if_changing = -3.0;
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
@@ -988,7 +988,9 @@ double RigEstimation::own_share(const std::array<MatrixXf, 3>& y) const {
 /// Gains of each photograph and channel, and room light, which changes along a path. Both change the
 /// brightness: room light is taken where its few parameters explain as much.
 bool RigEstimation::estimate_brightness() {
-  if (images_ < min_images_for_gains || relative(total_criterion()) > max_residual_of_gains) return false;
+  if (predictors_.different_lights() < min_lights_for_gains ||
+      relative(total_criterion()) > max_residual_of_gains)
+    return false;
   const auto gain_before = model_.gain;
   const auto room_before = model_.room;
   model_.gain.clear();

@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -66,11 +67,30 @@ std::vector<std::vector<int>> folds_of(const MatrixXd& lights) {
   return folds;
 }
 
+/// Number of lights [cells × images] of which none is a multiple of an earlier one in all channels.
+int different(const LightFeatures& lights, const std::vector<int>& chosen) {
+  std::vector<int> first;  // numbers among `chosen`
+  std::array<MatrixXd, 3> directions;
+  for (int c = 0; c < 3; ++c)
+    directions[c] = MatrixXd(lights.of_channel[c][0](Eigen::all, chosen)).colwise().normalized();
+  for (int j = 0; j < static_cast<int>(chosen.size()); ++j) {
+    const auto is_same = [&](int i) {
+      return std::ranges::all_of(directions, [&](const MatrixXd& of_channel) {
+        const double cosine = of_channel.col(i).dot(of_channel.col(j));
+        return 1.0 - cosine * cosine < same_light;
+      });
+    };
+    if (std::ranges::none_of(first, is_same)) first.push_back(j);
+  }
+  return static_cast<int>(first.size());
+}
+
 }  // namespace
 
 LightPredictors::LightPredictors(const LightFeatures& lights, std::span<const int> chosen) : lights_(lights) {
   chosen_.assign(chosen.begin(), chosen.end());
   for (int c = 0; c < 3; ++c) folds_[c] = folds_of(lights.of_channel[c][0](Eigen::all, chosen_));
+  different_lights_ = different(lights, chosen_);
   use(1);
 }
 

@@ -23,6 +23,9 @@ class LightPredictors {
   LightPredictors(const LightFeatures& lights, std::span<const int> chosen);
 
   void use(std::size_t way);
+  /// Number of lights of which none is a multiple of another: copies tell nothing of what a weak predictor
+  /// does not know.
+  int different_lights() const { return different_lights_; }
   /// Before exponents other than 1.
   void prepare_exponents();
 
@@ -44,6 +47,7 @@ class LightPredictors {
   const LightFeatures& lights_;
   std::vector<int> chosen_;
   std::array<std::vector<std::vector<int>>, 3> folds_;  // of more than one image, by channel
+  int different_lights_ = 0;
   std::size_t way_ = ways;
   bool has_exponents_ = false;
   /// [channel][derivative by the exponent]: blurred lights [images × cells].

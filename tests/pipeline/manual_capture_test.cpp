@@ -85,8 +85,8 @@ void write_jpeg(const fs::path& path, const Image& radiance, double seconds, Clo
   ASSERT_TRUE(output->write_image(OIIO::TypeDesc::UINT8, levels.data()) && output->close());
 }
 
-/// The scene under the first hundred patterns, without references, 30 of them held out, as a camera on a tripod writes it: IMG_1000.jpg
-/// and so on.
+/// The scene under the first hundred patterns, without references, 30 of them held out, as a camera on a
+/// tripod writes it: IMG_1000.jpg and so on.
 class ManualCapture : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -242,7 +242,8 @@ TEST_F(ManualCapture, WithGapsPhotographsAndPatternsArePairedByTime) {
   EXPECT_EQ(session.light.parameterisation, Parameterisation::monitor);
   for (const CaptureFrame& frame : session.frames) {
     const int place = (std::stoi(frame.name.substr(4)) - 1000) / 3 - 1;
-    const fs::path light = at("lights/" + expand_glob(at("shown/*.png")).at(place).path.stem().string() + ".exr");
+    const fs::path light =
+        at("lights/" + expand_glob(at("shown/*.png")).at(place).path.stem().string() + ".exr");
     EXPECT_EQ(read_image(frame.illumination).values, read_image(light).values) << frame.name;
   }
 }
@@ -262,7 +263,7 @@ TEST_F(ManualCapture, BlackMissingAndRepeatedBracketsAreNamed) {
   };
   take(0);
   take(0);
-  for (int place = 1; place <= 100; ++place) {
+  for (int place = 1; place <= 96; ++place) {
     if (place != 41) take(place);
     if (place == 81) take(place);
   }
@@ -270,10 +271,10 @@ TEST_F(ManualCapture, BlackMissingAndRepeatedBracketsAreNamed) {
   ASSERT_EQ(run({"acquire", "import", shots, "--lights", lights, "--ambient-first", "-o", out_ / "session"}),
             0)
       << log();
-  EXPECT_THAT(log(), AllOf(HasSubstr("IMG_2003.jpg, " + (shots / "IMG_2306.jpg").string()),
+  EXPECT_THAT(log(), AllOf(HasSubstr("IMG_2003.jpg, " + (shots / "IMG_2294.jpg").string()),
                            HasSubstr("lights without photographs, which are left out: train_0"),
-                           HasSubstr("(train_080)\n")));
-  EXPECT_EQ(read_capture_session(out_ / "session").frames.size(), 99U);
+                           HasSubstr("(train_047)\n")));
+  EXPECT_EQ(read_capture_session(out_ / "session").frames.size(), 95U);
 }
 
 TEST_F(ManualCapture, PhotographsOfSeveralOrientationsAreRefused) {
