@@ -49,17 +49,19 @@ MatrixXd blurred(const MatrixXd& features, int columns, int rows, double blur) {
   return result;
 }
 
+/// Whether two of the lights of length 1 [cells × images] are multiples of each other.
+bool are_same(const MatrixXd& directions, int i, int j) {
+  const double cosine = directions.col(i).dot(directions.col(j));
+  return 1.0 - cosine * cosine < same_light;
+}
+
 /// Runs of at least two images after each other whose lights [cells × images] are multiples of each other.
 std::vector<std::vector<int>> folds_of(const MatrixXd& lights) {
+  const MatrixXd directions = lights.colwise().normalized();
   std::vector<std::vector<int>> folds;
   for (int first = 0, last; first < lights.cols(); first = last) {
-    const auto light = lights.col(first);
-    const auto is_same = [&](int j) {
-      const double cosine = light.normalized().dot(lights.col(j).normalized());
-      return 1.0 - cosine * cosine < same_light;
-    };
     last = first + 1;
-    while (last < lights.cols() && is_same(last)) ++last;
+    while (last < lights.cols() && are_same(directions, first, last)) ++last;
     if (last - first < 2) continue;
     std::vector<int>& fold = folds.emplace_back(last - first);
     std::iota(fold.begin(), fold.end(), first);
@@ -75,10 +77,8 @@ int different(const LightFeatures& lights, const std::vector<int>& chosen) {
     directions[c] = MatrixXd(lights.of_channel[c][0](Eigen::all, chosen)).colwise().normalized();
   for (int j = 0; j < static_cast<int>(chosen.size()); ++j) {
     const auto is_same = [&](int i) {
-      return std::ranges::all_of(directions, [&](const MatrixXd& of_channel) {
-        const double cosine = of_channel.col(i).dot(of_channel.col(j));
-        return 1.0 - cosine * cosine < same_light;
-      });
+      return std::ranges::all_of(directions,
+                                 [&](const MatrixXd& of_channel) { return are_same(of_channel, i, j); });
     };
     if (std::ranges::none_of(first, is_same)) first.push_back(j);
   }
