@@ -239,9 +239,10 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
                    "Seed of the light maps and of the sampling noise (default: from the recipe)")
       ->group(lights);
   const char* result = "Result";
-  verb->add_option("--quality", arguments->quality,
-                   "Quality of ray tracing: 1 fast, 2 balanced, 3 high (default: 2; 1 if the transport is "
-                   "too large to be stored)")
+  verb->add_option(
+          "--quality", arguments->quality,
+          "Quality of ray tracing: 1 fast, 2 balanced, 3 without grain (default: 2; 1 if the transport is "
+          "too large to be stored)")
       ->group(result);
   verb->add_option(
           "--noise", arguments->noise,

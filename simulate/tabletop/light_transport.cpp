@@ -91,15 +91,15 @@ TraceOptions TraceOptions::of_quality(int level, std::uint64_t seed) {
     case 2:
       return options;
     case 3:
-      options.pixel_grid = 3;
-      options.specular_grid = 10;
-      options.secondary_rays = 48;
-      options.caustic_rays = 64;
+      options.specular_grid = 6;
+      options.secondary_rays = 32;
+      options.caustic_rays = 96;
       options.tolerance = 0.2;
-      options.energy = 5e-5;
+      options.energy = 2e-4;
+      options.same_paths = true;
       return options;
     default:
-      throw InputError("quality " + std::to_string(level) + ": give 1 (quick), 2 or 3 (careful)");
+      throw InputError("quality " + std::to_string(level) + ": give 1 (quick), 2 or 3 (without grain)");
   }
 }
 
@@ -268,7 +268,7 @@ class PixelTracer {
         options_(options),
         memory_(memory),
         direct_(scene, hierarchy, options, memory),
-        rng_(options.seed, x, y),
+        rng_(options.seed, options.same_paths ? 0 : x, options.same_paths ? 0 : y),
         x_(x),
         y_(y),
         room_(scene.description().ambient_radiance) {

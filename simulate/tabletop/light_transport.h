@@ -21,8 +21,12 @@ struct TraceOptions {
   bool centre_samples = true;  ///< look at the centres of boxes too, not only at their corners
   int depth = 4;               ///< surfaces a path may meet after the first, specular ones not counted
   std::uint64_t seed = 1;
+  /// The same random numbers in every pixel: what is left of the sampling error varies smoothly over a
+  /// surface instead of showing as grain.
+  bool same_paths = false;
 
-  /// `level` 1: quick, for large images; 2: balanced; 3: careful. Throws InputError otherwise.
+  /// `level` 1: quick, for large images; 2: balanced; 3: without grain, for pictures. Throws InputError
+  /// otherwise.
   static TraceOptions of_quality(int level, std::uint64_t seed);
 };
 
