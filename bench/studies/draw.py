@@ -5,8 +5,8 @@
     bench/studies/draw.py FOLDER [-o FOLDER]
 
 Each known CSV file in the folder becomes one or more SVG files: chart.csv (time, size, images, relighting), prt.csv,
-dynamic.csv, bases.csv, factors.csv, pack.csv, stability.csv and harmonics.csv. Needs python3-matplotlib. docs/method/studies.md
-lists the commands that write the CSV files.
+dynamic.csv, bases.csv, factors.csv, pack.csv, stability.csv, harmonics.csv and patterns.csv. Needs python3-matplotlib.
+docs/method/studies.md lists the commands that write the CSV files.
 """
 import argparse
 import csv
@@ -252,9 +252,22 @@ def draw_harmonics(rows, output):
     make_figure(output / "harmonics.svg", [errors, ringing], 2)
 
 
+def draw_patterns(rows, output):
+    """Error against the number of photographs for each set of light patterns."""
+    def panel(scene, kind):
+        some = [row for row in rows if row["scene"] == scene]
+        tracks = group(some, lambda row: f"{row['set']}, {row['mode']}, noise {100 * float(row['noise']):g} %",
+                       lambda row: int(row["photographs"]), lambda row: number(row[kind]))
+        return lambda axes: draw_panel(axes, tracks, f"{scene}: {kind}", "photographs", "relative RMSE, median pixel")
+
+    scenes = dict.fromkeys(row["scene"] for row in rows)
+    make_figure(output / "patterns.svg", [panel(scene, kind) for kind in ("natural", "bar") for scene in scenes], len(scenes))
+
+
 FIGURES = {
     "chart.csv": draw_chart, "prt.csv": draw_prt, "dynamic.csv": draw_dynamic, "bases.csv": draw_bases,
     "factors.csv": draw_factors, "pack.csv": draw_pack, "stability.csv": draw_stability, "harmonics.csv": draw_harmonics,
+    "patterns.csv": draw_patterns,
 }
 
 

@@ -53,8 +53,9 @@ GALLERY = [
     ("Viewer: a dynamic scene", "Objects and lights follow the mouse. [Dynamic scenes](guide/dynamic-scenes.md)", [],
      "images/viewer-scene.png"),
     ("Environments", "One captured scene in several environments. [Relighting](guide/relighting.md)", [], "images/environments.png"),
-    ("Held-out light",
-     "Light, photograph, prediction, and their difference multiplied by four. Made by `./dev demo`.", [], "images/demo.png"),
+    ("Held-out light, enlarged",
+     "A mirror, a glass and a shadow: traced, the method of the paper, refield, and four times the differences of both.", [],
+     "images/crops.jpg"),
 ]
 
 
@@ -167,7 +168,7 @@ def gallery_page():
         if lines[-1] != "</figure>":
             lines += ["## Pictures and films", "", '<div class="gallery" markdown>']
         name = pathlib.PurePosixPath(shown)
-        wide = ' class="wide"' if name.name == "demo.png" else ""
+        wide = ' class="wide"' if name.name == "crops.jpg" else ""
         lines += [f'<figure markdown="1"{wide}>', ""]
         if name.suffix == ".mp4":
             lines += [f'<video src="{shown}#t=1.7" aria-label="{title}" controls loop muted playsinline preload="metadata"></video>', ""]

@@ -1,0 +1,108 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the film and the comparison of the README from the tabletop scene.
+
+    bench/studies/pictures.py fields OUT --env MAP     # traces, estimates, relights: 1 hour on 2 cores at 1024x768
+    bench/studies/pictures.py film OUT film.webp       # joins the frames; needs ffmpeg
+    bench/studies/pictures.py crops OUT crops.jpg      # mirror, glass and shadow, enlarged
+
+`fields` traces the scene without grain (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
+it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
+from which `crops` shows the traced picture, the paper's method, the default mode and the differences of both. The film's map is
+sunset.exr of Debian's package blender-data (CC0). Needs numpy and the Python module of OpenImageIO.
+"""
+import argparse
+import pathlib
+import re
+import subprocess
+
+import numpy
+import OpenImageIO as oiio
+
+RECIPE = pathlib.Path(__file__).resolve().parents[2] / "datasets_synthetic/tabletop/recipe.toml"
+MODES = ("paper", "refined")
+# Centre as a part of width and height; name of the held-out light's kind.
+CROPS = {"mirror": (0.165, 0.625, "natural"), "glass": (0.625, 0.70, "natural"), "shadow": (0.385, 0.76, "bar")}
+
+
+def read_image(path):
+    return oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)[:, :, :3]
+
+
+def held_out(truth):
+    """The first held-out frame of each kind."""
+    frames = {}
+    for frame in (truth / "session.toml").read_text().split("[[frame]]")[1:]:
+        entry = dict(re.findall(r"(\w+) = '([^']*)'", frame))
+        if entry["role"] == "test":
+            frames.setdefault(entry["kind"], entry)
+    return frames
+
+
+def fields(arguments):
+    def refield(*words):
+        subprocess.run([arguments.program, *map(str, words)], check=True)
+
+    out, truth = arguments.out, arguments.out / "truth"
+    width, height = arguments.size.split("x")
+    refield("simulate", RECIPE, "--width", width, "--height", height, "--quality", 3, "--no-transport", "--half", "-o", truth)
+    for mode in MODES:
+        refield("estimate", truth, "--mode", mode, "-o", out / f"{mode}.rfield")
+        for kind in ("natural", "bar"):
+            refield("relight", out / f"{mode}.rfield", "--light", truth / held_out(truth)[kind]["illumination"],
+                    "-o", out / f"{mode}-{kind}.exr")
+    refined = out / "refined.rfield"
+    refield("relight", refined, "--bar", 0.125, "--frames", 30, "--format", "png", "-o", out / "bar")
+    refield("relight", refined, "--env", arguments.env, "--rotate", "--frames", 48, "--exposure", 8, "--format", "png",
+            "-o", out / "turn")
+
+
+def film(arguments):
+    frames = [frame for part in ("bar", "turn") for frame in sorted((arguments.out / part).glob("*.*"))]
+    listing = arguments.out / "film.txt"
+    listing.write_text("".join(f"file '{frame.resolve()}'\nduration 0.0833333\n" for frame in frames))
+    subprocess.run(["ffmpeg", "-v", "error", "-y", "-f", "concat", "-safe", "0", "-i", listing, "-vf", "fps=12", "-loop", "0",
+                    "-c:v", "libwebp", "-quality", "62", "-compression_level", "6", arguments.picture], check=True)
+
+
+def display(pixels, exposure):
+    linear = numpy.clip(pixels * exposure, 0, 1)
+    return numpy.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def crops(arguments):
+    out, rows = arguments.out, []
+    frames = held_out(out / "truth")
+    for x, y, kind in CROPS.values():
+        reference = read_image(out / "truth" / frames[kind]["observed"])
+        relit = [read_image(out / f"{mode}-{kind}.exr") for mode in MODES]
+        height, width = reference.shape[:2]
+        half_width, half_height = width // 12, height // 12
+        centre = (round(y * height), round(x * width))
+        window = numpy.s_[centre[0] - half_height:centre[0] + half_height, centre[1] - half_width:centre[1] + half_width]
+        exposure = 0.9 / numpy.percentile(reference[window].max(axis=2), 98)
+        pictures = [reference, *relit, *(4 * numpy.abs(picture - reference) for picture in relit)]
+        tiles = [numpy.kron(display(picture[window], exposure), numpy.ones((2, 2, 1))) for picture in pictures]
+        gap = numpy.ones((tiles[0].shape[0], 8, 3))
+        rows.append(numpy.hstack([part for tile in tiles for part in (tile, gap)][:-1]))
+    gap = numpy.ones((8, rows[0].shape[1], 3))
+    sheet = numpy.vstack([part for row in rows for part in (row, gap)][:-1])
+    buffer = oiio.ImageBuf(oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8))
+    buffer.set_pixels(oiio.ROI(), numpy.ascontiguousarray(sheet, numpy.float32))
+    buffer.write(str(arguments.picture))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("step", choices=("fields", "film", "crops"))
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("picture", type=pathlib.Path, nargs="?", help="of film and crops")
+    parser.add_argument("--env", default="/usr/share/blender/datafiles/studiolights/world/sunset.exr")
+    parser.add_argument("--size", default="1024x768")
+    parser.add_argument("--program", default="build/release/cli/refield")
+    arguments = parser.parse_args()
+    {"fields": fields, "film": film, "crops": crops}[arguments.step](arguments)
+
+
+if __name__ == "__main__":
+    main()
