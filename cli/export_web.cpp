@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "cli/report/html.h"
+#include "cli/report/page.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "cli/web/export.h"

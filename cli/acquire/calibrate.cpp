@@ -2,6 +2,7 @@
 #include "acquire/calibrate/calibrate.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -12,9 +13,9 @@
 
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/import_views.h"
-#include "cli/acquire/calibration_page.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/virtual_request.h"
+#include "cli/report/page.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -105,6 +106,85 @@ ordered_json figures_of(const RigMeasurements& rig) {
   if (rig.flat_field) figures["darkest_corner"] = rig.flat_field->least;
   if (rig.screen) figures["darkest_of_screen"] = rig.screen->least;
   return figures;
+}
+
+/// The inverse response at 100 steps of the range: light as a fraction of saturation.
+ordered_json response_table(const CameraResponse& response, double range_dn) {
+  ordered_json table;
+  const double black = response.black_level_dn;
+  for (int i = 0; i <= 100; ++i) {
+    const double dn = black + (response.saturation_dn - black) * i / 100.0;
+    table.push_back({dn, (response.linear_from_dn[static_cast<std::size_t>(dn)] - black) / range_dn});
+  }
+  return table;
+}
+
+ordered_json tone_curves(const ToneCurve& curve) {
+  ordered_json channels;
+  for (int c = 0; c < 3; ++c) {
+    ordered_json table;
+    for (int level = 0; level < 256; level += 3) table.push_back({level, curve.light_from_level[c][level]});
+    channels.push_back(
+        {{"name", std::array{"red", "green", "blue"}[c]}, {"table", table}, {"measured", curve.measured[c]}});
+  }
+  return channels;
+}
+
+/// (middle of the exposure in seconds, fraction of the new light).
+ordered_json changes_json(const std::vector<ChangeFrame>& frames) {
+  ordered_json changes = ordered_json::array();
+  for (const ChangeFrame& frame : frames)
+    changes.push_back({frame.start_s + frame.exposure_s / 2.0, frame.share});
+  return changes;
+}
+
+ordered_json map_json(const char* heading, const UniformityMap& measured, const char* text) {
+  Image picture(240, 180, 1);
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x) picture.at(x, y, 0) = measured.map.at_pixel(x, y, picture);
+  return {{"heading", heading},
+          {"map", report::picture_json(picture, 1.0)},
+          {"lowest", measured.least},
+          {"text", text}};
+}
+
+/// What the page draws (cli/report/calibration.js): the figures, and what they were read from.
+ordered_json page_data(const RigMeasurements& rig) {
+  const CameraResponse& response = rig.response;
+  const double range_dn =
+      response.linear_from_dn[static_cast<std::size_t>(response.saturation_dn)] - response.black_level_dn;
+  ordered_json data = figures_of(rig);
+  data["page"] = "calibration";
+  data["command"] = "refield acquire calibrate";
+  data["camera"] = rig.camera_description.name;
+  data["display"] = rig.display_description.name;
+  data["streams"] = !rig.camera_description.takes_photographs;
+  data["tolerance"] = rig.superposition.tolerance;
+  data["display_changes"] = {{"rising", changes_json(rig.display_timing.rising)},
+                             {"falling", changes_json(rig.display_timing.falling)},
+                             {"rise_settling", rig.display_timing.rise.settling.count()},
+                             {"fall_settling", rig.display_timing.fall.settling.count()}};
+  data["exposure_step"] = {{"level_dn", rig.control_latency.level_dn},
+                           {"expected_ratio", rig.control_latency.expected_ratio}};
+  data["banding"] = {{"deviation", rig.banding.deviation}, {"noise", rig.banding.noise}};
+  data["response"] = {
+      {"points", response.points}, {"table", response_table(response, range_dn)}, {"range_dn", range_dn}};
+  data["noise"] = rig.noise.points;
+  data["tone_curves"] = tone_curves(rig.tone_curve);
+  data["maps"] = ordered_json::array();
+  if (rig.flat_field)
+    data["maps"].push_back(map_json(
+        "Vignetting", *rig.flat_field,
+        "Relative light at each position of the frame. Photographs are divided by it. It should be smooth "
+        "and symmetric about the centre: a slope from one side to the other indicates an unevenly lit "
+        "card."));
+  if (rig.screen)
+    data["maps"].push_back(
+        map_json("Uniformity of the screen", *rig.screen,
+                 "Relative brightness of each position of the screen, seen from the camera. The light "
+                 "maps of a session are multiplied by it. LCDs also darken at oblique angles: place the "
+                 "camera at the position of the scene for this measurement."));
+  return data;
 }
 
 void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
@@ -246,7 +326,7 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   const RigMeasurements measured = session ? calibrate_devices(*session, options, given.gain.has_value())
                                            : calibrate_virtual_rig(given, options);
   write_calibration(given.output, measured.camera, measured.monitor, measured.timing);
-  write_text_atomically(given.page, calibration_page(measured));
+  write_text_atomically(given.page, report::page_html(page_data(measured)));
   if (common.json)
     std::printf("%s\n", json_text(figures_of(measured), 2).c_str());
   else

@@ -8,7 +8,7 @@
 #include <set>
 #include <string_view>
 
-#include "cli/report/html.h"
+#include "cli/report/page.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"

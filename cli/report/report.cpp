@@ -8,8 +8,8 @@
 #include <string>
 
 #include "cli/report/evaluation.h"
-#include "cli/report/html.h"
-#include "cli/report/sections.h"
+#include "cli/report/page.h"
+#include "cli/report/page_data.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "estimate/job/estimate_job.h"
@@ -42,15 +42,15 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
   return pixels;
 }
 
-/// The check of a capture as it lies on disk; nothing where photographs are too few to estimate from.
-std::string check_of(const CaptureSession& capture, const RunContext& run) try {
+/// The check of a capture as it lies on disk; null where photographs are too few to estimate from.
+nlohmann::ordered_json check_of(const CaptureSession& capture, const RunContext& run) try {
   RunContext quiet = run;
   quiet.on_note = {};  // the page says it
   EstimateJob job = open_job(capture, {}, quiet);
   const auto photographs = static_cast<int>(job.frames.size());
-  return check_html(check_frames(job, {}, quiet), photographs);
+  return check_json(check_frames(job, {}, quiet), photographs);
 } catch (const InputError&) {
-  return "";
+  return nullptr;
 }
 
 }  // namespace
@@ -63,14 +63,12 @@ nlohmann::ordered_json write_report(const ReportRequest& request, const RunConte
   std::vector<ChosenPixel> pixels = asked_pixels(request, input.session);
   if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask, run);
   const auto logs = find_run_logs(input);
-  const auto figures = evaluate(input, run);
-  const KernelStudy kernels = study_kernels(input, pixels, run);
-  const std::string body = opening_html(input, figures, run) + summary_html(input, figures) +
-                           check_of(request.session, run) + pictures_html(input, run) +
-                           more_images_html(input) + kernels_html(input, kernels) +
-                           statistics_html(input, run) + timing_html(input, figures, logs);
-  write_text_atomically(request.output, page_html("Reflectance field report", body));
-  return figures_json(input, figures, pixels);
+  const auto evaluated = evaluate(input, run);
+  const auto figures = figures_json(input, evaluated, pixels);
+  const auto data = page_data(input, evaluated, study_kernels(input, pixels, run), logs, figures,
+                              check_of(request.session, run), run);
+  write_text_atomically(request.output, page_html(data));
+  return figures;
 }
 
 }  // namespace refield::report

@@ -20,7 +20,7 @@
 #include <span>
 #include <vector>
 
-#include "cli/report/html.h"
+#include "cli/report/page.h"
 #include "cli/web/packed_mesh.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"

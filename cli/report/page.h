@@ -1,11 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
+#include <nlohmann/json_fwd.hpp>
+
+#include <cstdint>
+#include <span>
 #include <string>
 
 #include "core/image/image.h"
 #include "core/image/metrics.h"
 
 namespace refield::report {
+
+/// A page that draws `data`: one file, nothing loaded from elsewhere. data["page"] names what draws it,
+/// "report" (cli/report/report.js) or "calibration" (calibration.js); data["command"] is what the page says
+/// made it. Follows the reader's light or dark scheme and prints on white.
+std::string page_html(const nlohmann::ordered_json& data);
+
+/// RFC 4648, with padding.
+std::string base64(std::span<const std::uint8_t> bytes);
+
+/// `value` with a number of significant digits, never in exponent form: "0.0123", "340"; "–" when it is not
+/// finite. Never depends on the locale.
+std::string significant(double value, int digits);
+
+/// "1.23 MB", decimal prefixes.
+std::string bytes_text(double bytes);
+
+/// The smallest round number (1, 2, 2.5 or 5 times a power of ten) that is not below `value` > 0.
+double round_up(double value);
 
 /// Pictures are shown at most this wide; larger images are averaged down to keep the page small.
 inline constexpr int max_picture_width = 480;
@@ -27,13 +50,10 @@ Image error_magnitude(const Image& predicted, const Image& reference);
 /// Values above `high` and infinite ones take the last colour; pixels outside the mask are a flat grey.
 Image false_coloured(const Image& map, double high, const Mask& mask);
 
-/// The colours of false_coloured() from 0 to high, as HTML. `low_text` and `high_text` label the ends.
-std::string colour_bar_html(const std::string& low_text, const std::string& high_text);
+/// Those colours from 0 to high, evenly spaced, as CSS.
+nlohmann::ordered_json false_colours_json();
 
-/// An <img> with the picture inside. `css` names its class, `alt` describes it.
-std::string image_html(const Image& image, double exposure, const std::string& alt,
-                       const std::string& css = "photo");
-/// The picture as a data: address.
-std::string png_address(const Image& image, double exposure);
+/// Width, height and the picture as a data: address.
+nlohmann::ordered_json picture_json(const Image& image, double exposure);
 
 }  // namespace refield::report
