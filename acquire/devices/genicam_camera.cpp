@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/devices/genicam_camera.h"
 
+#include <arv.h>
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -15,49 +17,7 @@
 #include "acquire/devices/pixel_formats.h"
 #include "core/base/errors.h"
 
-#if REFIELD_HAS_ARAVIS
-#include <arv.h>
-#endif
-
 namespace refield {
-
-TimePoint CameraClock::start_of(std::int64_t stamp_ns, TimePoint arrival, Seconds shortest, Seconds longest) {
-  constexpr double fastest_drift = 200e-6;  // quartz: 50e-6 on either side, and a host that is being adjusted
-  using std::chrono::nanoseconds;
-  if (stamp_ns <= last_stamp_ns_) offset_ns_.reset();  // its clock began anew
-  std::int64_t bound =
-      (arrival - std::chrono::floor<nanoseconds>(shortest)).time_since_epoch().count() - stamp_ns;
-  if (offset_ns_) {
-    const auto passed = std::max<std::int64_t>((arrival - last_arrival_).count(), 0);
-    bound =
-        std::min(bound, *offset_ns_ + static_cast<std::int64_t>(fastest_drift * static_cast<double>(passed)));
-  }
-  offset_ns_ = bound;
-  last_arrival_ = arrival;
-  last_stamp_ns_ = stamp_ns;
-  return std::min(TimePoint(nanoseconds(stamp_ns + bound)),
-                  arrival - std::chrono::ceil<nanoseconds>(longest));
-}
-
-std::uint64_t FrameCounter::number_of(std::uint64_t id) {
-  constexpr std::uint64_t round = 65535, half_round = round / 2;  // ids 1 to 65535; longer ones never wrap
-  std::uint64_t step = 1;
-  if (last_id_ && id > *last_id_)
-    step = id - *last_id_;
-  else if (last_id_ && *last_id_ <= round && id + round - *last_id_ < half_round)
-    step = id + round - *last_id_;
-  last_id_ = id;
-  number_ += step > incomplete_ ? step - incomplete_ : 1;
-  incomplete_ = 0;
-  return number_;
-}
-
-std::uint64_t FrameCounter::number_of_incomplete() {
-  ++incomplete_;
-  return ++number_;
-}
-
-#if REFIELD_HAS_ARAVIS
 
 namespace {
 
@@ -73,15 +33,17 @@ constexpr Seconds genicam_look_again{0.25};
 constexpr Seconds control_patience{10};  // a camera frees itself from a program that died after three seconds
 constexpr Seconds slice{0.1};            // of waiting: how soon a stop or a lost camera is noticed
 
-TimePoint genicam_now() {
-  return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
-}
-
 struct Unref {
   void operator()(void* object) const { g_object_unref(object); }
 };
 template <class T>
 using Ref = std::unique_ptr<T, Unref>;
+
+struct GiveBack {
+  ArvStream* stream = nullptr;
+  void operator()(ArvBuffer* buffer) const { arv_stream_push_buffer(stream, buffer); }
+};
+using BufferHandle = std::unique_ptr<ArvBuffer, GiveBack>;
 
 struct FreeList {
   void operator()(void* list) const { g_free(list); }
@@ -296,11 +258,11 @@ class OpenGenicam {
     ask(name_, "refuses its software trigger", [&](GError** e) { arv_camera_software_trigger(camera(), e); });
   }
 
-  /// nullptr after `timeout`. Push it back.
-  ArvBuffer* take(Seconds timeout) const {
-    return arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(timeout.count() * 1e6));
+  /// Null after `timeout`. The stream has the buffer back when the handle ends.
+  BufferHandle take(Seconds timeout) const {
+    return {arv_stream_timeout_pop_buffer(stream_.get(), static_cast<guint64>(timeout.count() * 1e6)),
+            {stream_.get()}};
   }
-  void give_back(ArvBuffer* buffer) const { arv_stream_push_buffer(stream_.get(), buffer); }
 
   /// Samples of a complete frame. Throws DeviceError EIO when it is not as the camera was set.
   std::vector<std::uint16_t> samples_of(ArvBuffer* buffer) const {
@@ -546,6 +508,241 @@ class OpenGenicam {
   bool gain_is_db_ = false;
 };
 
+class GenicamCamera final : public TetheredCamera {
+ public:
+  GenicamCamera(GenicamCameraOptions wanted, RunContext context)
+      : options_(std::move(wanted)),
+        run_(std::move(context)),
+        identity_(find_genicam_camera(options_.device)) {
+    reopen();
+    exposure_ = shortest_ = longest_ = open_->made_exposure();
+  }
+
+  CameraDescription describe() const override {
+    require_open();
+    return description_;
+  }
+
+  TimePoint set_exposure(Seconds wanted, double wanted_gain) override {
+    require_open();
+    check_settings(wanted, wanted_gain);
+    try {
+      make_settings(wanted, wanted_gain);
+    } catch (const DeviceError& error) {
+      if (error.error_number() != ENODEV) throw;
+      asked_ = {wanted, wanted_gain};
+      reconnect(error);  // makes the settings asked for
+    }
+    return settings_made_;
+  }
+
+  void begin_after(TimePoint earliest) override { begin_ = earliest; }
+
+  RawFrame next_frame(Seconds timeout) override {
+    require_open();
+    TimePoint begun = monotonic_now();
+    TimePoint heard = begun;
+    // The frames after a start come on top.
+    const auto with_start = [&] { return timeout + to_skip_ * (longest_ + description_.frame_interval); };
+    Seconds limit = with_start();
+    // One look even after the deadline: it may be the program that was stopped for so long.
+    for (bool is_last = false; !is_last;) try {
+        run_.throw_if_stopped();
+        if (open_->lost()) throw DeviceError(open_->name(), ENODEV, "was lost");
+        trigger_if_due();
+        is_last = monotonic_now() - begun >= limit;
+        const BufferHandle buffer = open_->take(std::min(slice, timeout));
+        if (!buffer) {
+          // A camera that says nothing may be gone.
+          const Seconds quiet = exposure_ + 4 * description_.frame_interval + Seconds(1);
+          if (monotonic_now() - heard < quiet) continue;
+          open_->require_answer();
+          heard = monotonic_now();
+          continue;
+        }
+        heard = monotonic_now();
+        is_triggered_ = false;
+        auto frame = frame_of(buffer.get());
+        if (frame) return std::move(*frame);
+        if (is_hardware()) return unusable();
+      } catch (const DeviceError& error) {
+        if (error.error_number() != ENODEV) throw;
+        reconnect(error);
+        begun = heard = monotonic_now();
+        limit = with_start();
+        is_last = false;
+      }
+    throw DeviceError(open_->name(), ETIMEDOUT,
+                      "no frame came within " + short_text(timeout.count()) +
+                          " s; check cable, trigger and that no firewall drops its packets");
+  }
+
+ private:
+  GenicamCameraOptions options_;
+  RunContext run_;
+  GenicamIdentity identity_;
+  std::unique_ptr<OpenGenicam> open_;
+  CameraDescription description_;
+
+  Seconds exposure_{0};               // in effect from settings_made on, as read back
+  Seconds shortest_{0}, longest_{0};  // that may be in effect for a while after
+  double gain_ = 1.0;
+  TimePoint settings_made_{};
+  std::optional<std::pair<Seconds, double>> asked_;
+
+  CameraClock clock_;
+  FrameCounter counter_;
+  std::uint64_t last_number_ = 0;
+  int to_skip_ = genicam_frames_after_start;
+  std::int64_t last_stamp_ = 0;
+  // Software triggers: whether one is on its way, and when the last was sent. Once one was taken for lost,
+  // its frame may still come, and the time of the last says nothing any more.
+  bool is_triggered_ = false, lost_trigger_ = false;
+  TimePoint triggered_{};
+  TimePoint begin_{};  // what begin_after() was told
+
+  bool is_software() const { return options_.trigger == "Software"; }
+  bool is_hardware() const { return !options_.trigger.empty() && !is_software(); }
+
+  void reopen() {
+    open_.reset();
+    open_ = std::make_unique<OpenGenicam>(identity_, options_, run_);
+    description_ = open_->description();
+    clock_ = {};
+    counter_.restart();
+    last_stamp_ = 0;
+    to_skip_ = genicam_frames_after_start;
+    is_triggered_ = lost_trigger_ = false;
+    if (asked_) make_settings(asked_->first, asked_->second);
+  }
+
+  void require_open() const {
+    if (!open_)
+      throw DeviceError("genicam:" + options_.device, ENODEV,
+                        "was disconnected; connect it again and resume");
+  }
+
+  void make_settings(Seconds wanted, double wanted_gain) {
+    asked_ = {wanted, wanted_gain};
+    exposure_ = open_->set_exposure(wanted);
+    shortest_ = std::min(exposure_, shortest_);
+    longest_ = std::max(exposure_, longest_);
+    gain_ = open_->has_gain() ? open_->set_gain(wanted_gain) : 1.0;
+    settings_made_ = monotonic_now();
+  }
+
+  void check_settings(Seconds wanted, double wanted_gain) const {
+    const auto refuse = [&](const std::string& what, double value, double low, double high) {
+      throw InputError(description_.name + ": " + what + " of " + short_text(value) + " lies outside " +
+                       short_text(low) + " to " + short_text(high));
+    };
+    constexpr double rounding = 1e-6;
+    const double low = description_.shortest_exposure.count(), high = description_.longest_exposure.count();
+    if (!(wanted.count() >= low * (1.0 - rounding) && wanted.count() <= high * (1.0 + rounding)))
+      refuse("an exposure in seconds", wanted.count(), low, high);
+    if (!open_->has_gain()) {
+      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the session file,", wanted_gain, 1.0, 1.0);
+      return;
+    }
+    const auto [least, most] = open_->gain_range();
+    if (!(wanted_gain >= least * (1.0 - rounding) && wanted_gain <= most * (1.0 + rounding)))
+      refuse("a gain", wanted_gain, least, most);
+  }
+
+  /// When the first packet of a frame came. Aravis notes it by the wall clock, which may be set meanwhile.
+  static TimePoint arrival_of(ArvBuffer* buffer) {
+    const gint64 age_ns =
+        1000 * g_get_real_time() - static_cast<gint64>(arv_buffer_get_system_timestamp(buffer));
+    constexpr gint64 longest_ns = 60'000'000'000;  // frames wait while this program merges photographs
+    const TimePoint now = monotonic_now();
+    return age_ns < 0 || age_ns > longest_ns ? now : now - std::chrono::nanoseconds(age_ns);
+  }
+
+  /// The frame in a buffer; nullopt when it cannot be used.
+  std::optional<RawFrame> frame_of(ArvBuffer* buffer) {
+    if (arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS) {
+      last_number_ = counter_.number_of_incomplete();
+      if (++troubles_.damaged == 1)
+        run_.note(open_->name() +
+                  ": an incomplete frame was discarded, and more will be without a note; packets are lost on "
+                  "the way (docs/guide/genicam.md)");
+      return std::nullopt;
+    }
+    const std::uint64_t number = last_number_ = counter_.number_of(arv_buffer_get_frame_id(buffer));
+    const TimePoint arrival = arrival_of(buffer);
+    const auto stamp = static_cast<std::int64_t>(arv_buffer_get_timestamp(buffer));
+    if (stamp <= 0)
+      throw DeviceError(open_->name(), EINVAL, "does not stamp frames; they cannot be paired with patterns");
+    if (stamp == last_stamp_) return std::nullopt;  // handed over twice
+    last_stamp_ = stamp;
+    const Seconds interval = description_.frame_interval;
+    if (arrival - settings_made_ > longest_ + 4 * interval) shortest_ = longest_ = exposure_;
+    TimePoint start = clock_.start_of(stamp, arrival, shortest_, longest_) -
+                      std::chrono::ceil<std::chrono::nanoseconds>(std::max(interval, least_allowance));
+    if (is_software() && !lost_trigger_) start = std::max(start, triggered_);
+    if (to_skip_ > 0) {
+      --to_skip_;
+      return std::nullopt;
+    }
+    try {
+      return RawFrame{description_.width,
+                      description_.height,
+                      description_.layout,
+                      open_->samples_of(buffer),
+                      start,
+                      exposure_,
+                      gain_,
+                      number};
+    } catch (const DeviceError& torn) {
+      ++troubles_.damaged;
+      run_.note(torn.what());
+      return std::nullopt;
+    }
+  }
+
+  /// What whoever pulls the trigger line gets for an incomplete frame: pairing finds it too early.
+  RawFrame unusable() const {
+    const std::size_t samples = std::size_t{1} * description_.width * description_.height *
+                                (description_.layout == PixelLayout::rgb ? 3 : 1);
+    return {description_.width,
+            description_.height,
+            description_.layout,
+            std::vector<std::uint16_t>(samples),
+            TimePoint{},
+            exposure_,
+            gain_,
+            last_number_};
+  }
+
+  void reconnect(const DeviceError& gone) {
+    open_->give_up();
+    if (options_.replug_patience.count() > 0.0) open_.reset();
+    const CameraDescription before = description_;
+    wait_for_replug(gone, before.name, options_.replug_patience, run_, [&] {
+      if (!is_address(options_.device)) identity_ = find_genicam_camera(options_.device);
+      reopen();
+      if (description_.name == before.name) return true;
+      open_.reset();  // another camera has taken its address
+      description_ = before;
+      return false;
+    });
+  }
+
+  /// Sends a software trigger unless one is on its way; one whose frame has not come is taken for lost.
+  void trigger_if_due() {
+    if (!is_software()) return;
+    const Seconds overdue = exposure_ + 4 * description_.frame_interval + Seconds(0.5);
+    if (is_triggered_ && monotonic_now() - triggered_ < overdue) return;
+    lost_trigger_ = lost_trigger_ || is_triggered_;
+    std::this_thread::sleep_for(std::min<Seconds>(begin_ - monotonic_now(), slice));
+    const TimePoint now = monotonic_now();
+    if (now < begin_) return;
+    open_->trigger();
+    is_triggered_ = true;
+    triggered_ = now;
+  }
+};
+
 }  // namespace
 
 bool has_genicam() {
@@ -582,311 +779,8 @@ GenicamAbilities abilities_of(const GenicamIdentity& identity) {
   return abilities;
 }
 
-struct GenicamCamera::State {
-  GenicamCameraOptions options;
-  RunContext run;
-  GenicamIdentity identity;
-  std::unique_ptr<OpenGenicam> open;
-  CameraDescription description;
-  CameraTroubles troubles;
-
-  Seconds exposure{0};              // in effect from settings_made on, as read back
-  Seconds shortest{0}, longest{0};  // that may be in effect for a while after
-  double gain = 1.0;
-  TimePoint settings_made{};
-  std::optional<std::pair<Seconds, double>> asked;
-
-  CameraClock clock;
-  FrameCounter counter;
-  std::uint64_t last_number = 0;
-  int to_skip = genicam_frames_after_start;
-  std::int64_t last_stamp = 0;
-  // Software triggers: whether one is on its way, and when the last was sent. Once one was taken for lost,
-  // its frame may still come, and the time of the last says nothing any more.
-  bool is_triggered = false, lost_trigger = false;
-  TimePoint triggered{};
-  TimePoint begin{};  // what begin_after() was told
-
-  State(GenicamCameraOptions wanted, RunContext context)
-      : options(std::move(wanted)), run(std::move(context)), identity(find_genicam_camera(options.device)) {
-    reopen();
-    exposure = shortest = longest = open->made_exposure();
-  }
-
-  bool is_software() const { return options.trigger == "Software"; }
-  bool is_hardware() const { return !options.trigger.empty() && !is_software(); }
-
-  void reopen() {
-    open.reset();
-    open = std::make_unique<OpenGenicam>(identity, options, run);
-    description = open->description();
-    clock = {};
-    counter.restart();
-    last_stamp = 0;
-    to_skip = genicam_frames_after_start;
-    is_triggered = lost_trigger = false;
-    if (asked) make_settings(asked->first, asked->second);
-  }
-
-  void require_open() const {
-    if (!open)
-      throw DeviceError("genicam:" + options.device, ENODEV, "was disconnected; connect it again and resume");
-  }
-
-  void make_settings(Seconds wanted, double wanted_gain) {
-    asked = {wanted, wanted_gain};
-    exposure = open->set_exposure(wanted);
-    shortest = std::min(exposure, shortest);
-    longest = std::max(exposure, longest);
-    gain = open->has_gain() ? open->set_gain(wanted_gain) : 1.0;
-    settings_made = genicam_now();
-  }
-
-  void check_settings(Seconds wanted, double wanted_gain) const {
-    const auto refuse = [&](const std::string& what, double value, double low, double high) {
-      throw InputError(description.name + ": " + what + " of " + short_text(value) + " lies outside " +
-                       short_text(low) + " to " + short_text(high));
-    };
-    constexpr double rounding = 1e-6;
-    const double low = description.shortest_exposure.count(), high = description.longest_exposure.count();
-    if (!(wanted.count() >= low * (1.0 - rounding) && wanted.count() <= high * (1.0 + rounding)))
-      refuse("an exposure in seconds", wanted.count(), low, high);
-    if (!open->has_gain()) {
-      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the session file,", wanted_gain, 1.0, 1.0);
-      return;
-    }
-    const auto [least, most] = open->gain_range();
-    if (!(wanted_gain >= least * (1.0 - rounding) && wanted_gain <= most * (1.0 + rounding)))
-      refuse("a gain", wanted_gain, least, most);
-  }
-
-  /// When the first packet of a frame came. Aravis notes it by the wall clock, which may be set meanwhile.
-  static TimePoint arrival_of(ArvBuffer* buffer) {
-    const gint64 age_ns =
-        1000 * g_get_real_time() - static_cast<gint64>(arv_buffer_get_system_timestamp(buffer));
-    constexpr gint64 longest_ns = 60'000'000'000;  // frames wait while this program merges photographs
-    const TimePoint now = genicam_now();
-    return age_ns < 0 || age_ns > longest_ns ? now : now - std::chrono::nanoseconds(age_ns);
-  }
-
-  /// The frame in a buffer; nullopt when it cannot be used.
-  std::optional<RawFrame> frame_of(ArvBuffer* buffer) {
-    if (arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS) {
-      last_number = counter.number_of_incomplete();
-      if (++troubles.damaged == 1)
-        run.note(open->name() +
-                 ": an incomplete frame was discarded, and more will be without a note; packets are lost on "
-                 "the way (docs/guide/genicam.md)");
-      return std::nullopt;
-    }
-    const std::uint64_t number = last_number = counter.number_of(arv_buffer_get_frame_id(buffer));
-    const TimePoint arrival = arrival_of(buffer);
-    const auto stamp = static_cast<std::int64_t>(arv_buffer_get_timestamp(buffer));
-    if (stamp <= 0)
-      throw DeviceError(open->name(), EINVAL, "does not stamp frames; they cannot be paired with patterns");
-    if (stamp == last_stamp) return std::nullopt;  // handed over twice
-    last_stamp = stamp;
-    const Seconds interval = description.frame_interval;
-    if (arrival - settings_made > longest + 4 * interval) shortest = longest = exposure;
-    TimePoint start = clock.start_of(stamp, arrival, shortest, longest) -
-                      std::chrono::ceil<std::chrono::nanoseconds>(std::max(interval, least_allowance));
-    if (is_software() && !lost_trigger) start = std::max(start, triggered);
-    if (to_skip > 0) {
-      --to_skip;
-      return std::nullopt;
-    }
-    try {
-      return RawFrame{description.width,
-                      description.height,
-                      description.layout,
-                      open->samples_of(buffer),
-                      start,
-                      exposure,
-                      gain,
-                      number};
-    } catch (const DeviceError& torn) {
-      ++troubles.damaged;
-      run.note(torn.what());
-      return std::nullopt;
-    }
-  }
-
-  /// What whoever pulls the trigger line gets for an incomplete frame: pairing finds it too early.
-  RawFrame unusable() const {
-    const std::size_t samples = std::size_t{1} * description.width * description.height *
-                                (description.layout == PixelLayout::rgb ? 3 : 1);
-    return {description.width,
-            description.height,
-            description.layout,
-            std::vector<std::uint16_t>(samples),
-            TimePoint{},
-            exposure,
-            gain,
-            last_number};
-  }
-
-  void wait_for_replug(const DeviceError& gone) {
-    open->give_up();
-    if (options.replug_patience.count() <= 0.0) throw DeviceError(gone);
-    open.reset();
-    run.note(description.name + ": does not answer; waiting " +
-             std::to_string(std::lround(options.replug_patience.count())) +
-             " s for it to be connected again");
-    const auto begun = std::chrono::steady_clock::now();
-    while (seconds_since(begun) < options.replug_patience.count()) {
-      run.throw_if_stopped();
-      std::this_thread::sleep_for(genicam_look_again);
-      try {
-        if (!is_address(options.device)) identity = find_genicam_camera(options.device);
-        const CameraDescription before = description;
-        reopen();
-        if (description.name != before.name) {  // another camera has taken its address
-          open.reset();
-          description = before;
-          continue;
-        }
-      } catch (const InputError&) {  // not there yet
-        continue;
-      } catch (const DeviceError&) {
-        continue;
-      }
-      ++troubles.replugs;
-      run.note(description.name + ": is connected again");
-      return;
-    }
-    throw DeviceError(gone);
-  }
-
-  /// Sends a software trigger unless one is on its way; one whose frame has not come is taken for lost.
-  void trigger_if_due() {
-    if (!is_software()) return;
-    const Seconds overdue = exposure + 4 * description.frame_interval + Seconds(0.5);
-    if (is_triggered && genicam_now() - triggered < overdue) return;
-    lost_trigger = lost_trigger || is_triggered;
-    std::this_thread::sleep_for(std::min<Seconds>(begin - genicam_now(), slice));
-    const TimePoint now = genicam_now();
-    if (now < begin) return;
-    open->trigger();
-    is_triggered = true;
-    triggered = now;
-  }
-};
-
-GenicamCamera::GenicamCamera(GenicamCameraOptions options, RunContext run)
-    : state_(std::make_unique<State>(std::move(options), std::move(run))) {}
-GenicamCamera::~GenicamCamera() = default;
-
-CameraDescription GenicamCamera::describe() const {
-  state_->require_open();
-  return state_->description;
+std::unique_ptr<TetheredCamera> open_camera(GenicamCameraOptions options, RunContext run) {
+  return std::make_unique<GenicamCamera>(std::move(options), std::move(run));
 }
-
-const CameraTroubles& GenicamCamera::troubles() const {
-  return state_->troubles;
-}
-
-TimePoint GenicamCamera::set_exposure(Seconds exposure, double gain) {
-  state_->require_open();
-  state_->check_settings(exposure, gain);
-  try {
-    state_->make_settings(exposure, gain);
-  } catch (const DeviceError& error) {
-    if (error.error_number() != ENODEV) throw;
-    state_->asked = {exposure, gain};
-    state_->wait_for_replug(error);  // makes the settings asked for
-  }
-  return state_->settings_made;
-}
-
-void GenicamCamera::begin_after(TimePoint earliest) {
-  state_->begin = earliest;
-}
-
-RawFrame GenicamCamera::next_frame(Seconds timeout) {
-  State& state = *state_;
-  state.require_open();
-  TimePoint begun = genicam_now();
-  TimePoint heard = begun;
-  // The frames after a start come on top.
-  const auto with_start = [&] {
-    return timeout + state.to_skip * (state.longest + state.description.frame_interval);
-  };
-  Seconds limit = with_start();
-  // One look even after the deadline: it may be the program that was stopped for so long.
-  for (bool is_last = false; !is_last;) try {
-      state.run.throw_if_stopped();
-      if (state.open->lost()) throw DeviceError(state.open->name(), ENODEV, "was lost");
-      state.trigger_if_due();
-      is_last = genicam_now() - begun >= limit;
-      ArvBuffer* buffer = state.open->take(std::min(slice, timeout));
-      if (!buffer) {
-        // A camera that says nothing may be gone.
-        const Seconds quiet = state.exposure + 4 * state.description.frame_interval + Seconds(1);
-        if (genicam_now() - heard < quiet) continue;
-        state.open->require_answer();
-        heard = genicam_now();
-        continue;
-      }
-      heard = genicam_now();
-      state.is_triggered = false;
-      auto frame = state.frame_of(buffer);
-      state.open->give_back(buffer);
-      if (frame) return std::move(*frame);
-      if (state.is_hardware()) return state.unusable();
-    } catch (const DeviceError& error) {
-      if (error.error_number() != ENODEV) throw;
-      state.wait_for_replug(error);
-      begun = heard = genicam_now();
-      limit = with_start();
-      is_last = false;
-    }
-  throw DeviceError(state.open->name(), ETIMEDOUT,
-                    "no frame came within " + short_text(timeout.count()) +
-                        " s; check cable, trigger and that no firewall drops its packets");
-}
-
-#else
-
-namespace {
-
-[[noreturn]] void refuse_genicam() {
-  throw InputError(
-      "this refield was built without support for GenICam cameras; install Aravis 0.8 (Debian: "
-      "libaravis-dev) "
-      "and build again");
-}
-
-}  // namespace
-
-struct GenicamCamera::State {};
-
-bool has_genicam() {
-  return false;
-}
-std::vector<GenicamIdentity> find_genicam_cameras() {
-  return {};
-}
-GenicamAbilities abilities_of(const GenicamIdentity& /*camera*/) {
-  refuse_genicam();
-}
-GenicamCamera::GenicamCamera(GenicamCameraOptions /*options*/, RunContext /*run*/) {
-  refuse_genicam();
-}
-GenicamCamera::~GenicamCamera() = default;
-CameraDescription GenicamCamera::describe() const {
-  refuse_genicam();
-}
-const CameraTroubles& GenicamCamera::troubles() const {
-  refuse_genicam();
-}
-TimePoint GenicamCamera::set_exposure(Seconds /*exposure*/, double /*gain*/) {
-  refuse_genicam();
-}
-void GenicamCamera::begin_after(TimePoint) {}
-RawFrame GenicamCamera::next_frame(Seconds /*timeout*/) {
-  refuse_genicam();
-}
-
-#endif
 
 }  // namespace refield

@@ -48,41 +48,6 @@ struct GenicamCameraOptions : CameraOptions {
   std::string trigger;  ///< empty: the camera runs freely; "Software", or its line such as "Line1"
 };
 
-/// Maps time stamps of a camera's own clock to the host's, of which nothing is known but that no frame
-/// arrives before its exposure has ended. Arrival less exposure less stamp bounds the offset of the clocks
-/// from above; the least of all frames is kept, and raised by more than any quartz drifts, so that it follows
-/// the drift and a late arrival does not count. How long a frame is read out and sent at least is not known
-/// to it: the caller allows for it.
-class CameraClock {
- public:
-  /// Start of the exposure of the frame with this stamp, in nanoseconds, also where the camera stamps the end
-  /// of exposures. `shortest` and `longest` are equal unless it is not certain what the exposure was.
-  TimePoint start_of(std::int64_t stamp_ns, TimePoint arrival, Seconds shortest, Seconds longest);
-
- private:
-  std::optional<std::int64_t> offset_ns_;
-  std::int64_t last_stamp_ns_ = 0;
-  TimePoint last_arrival_{};
-};
-
-/// Consecutive numbers from frame ids, which wrap at 65535 in GigE Vision and skip 0.
-class FrameCounter {
- public:
-  /// Returns the number of the complete frame with this id. Ids that go back by more than half a round begin
-  /// anew.
-  std::uint64_t number_of(std::uint64_t id);
-  /// The next number, for a frame that came incomplete. Its id is not believed: one that goes back, even by a
-  /// little, would be taken for 65535 frames lost.
-  std::uint64_t number_of_incomplete();
-  /// The next id may be any: the camera was started again.
-  void restart() { last_id_.reset(); }
-
- private:
-  std::optional<std::uint64_t> last_id_;  // of a complete frame
-  std::uint64_t number_ = 0;
-  std::uint64_t incomplete_ = 0;  // numbers given since then
-};
-
 /// A GenICam camera. Whatever it would choose by itself is switched off, and every setting is read back.
 ///
 /// RawFrame::exposure_start never lies after the true start of exposure, as long as no more than a frame
@@ -91,22 +56,9 @@ class FrameCounter {
 /// frames are left out: a camera that runs freely sends the next, a software trigger is sent again, and after
 /// a hardware trigger a frame with the earliest of time stamps is returned, so that whoever pulled the line
 /// does so again. An unplugged camera is waited for and gets all its settings anew; sequence numbers go on.
-class GenicamCamera final : public TetheredCamera {
- public:
-  /// Throws InputError for options that the camera cannot do, DeviceError when it cannot be reached or
-  /// refuses. `run` receives notes and stops waiting.
-  explicit GenicamCamera(GenicamCameraOptions options, RunContext run = {});
-  ~GenicamCamera() override;
-
-  CameraDescription describe() const override;
-  TimePoint set_exposure(Seconds exposure, double gain) override;
-  void begin_after(TimePoint earliest) override;
-  RawFrame next_frame(Seconds timeout) override;
-  const CameraTroubles& troubles() const override;
-
- private:
-  struct State;
-  std::unique_ptr<State> state_;
-};
+///
+/// Throws InputError for options that the camera cannot do, DeviceError when it cannot be reached or refuses.
+/// `run` receives notes and stops waiting.
+std::unique_ptr<TetheredCamera> open_camera(GenicamCameraOptions options, RunContext run = {});
 
 }  // namespace refield

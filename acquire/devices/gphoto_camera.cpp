@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/devices/gphoto_camera.h"
 
+#include <gphoto2/gphoto2.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,28 +20,7 @@
 #include "acquire/hdr/bracket_files.h"
 #include "core/base/errors.h"
 
-#if REFIELD_HAS_GPHOTO
-#include <gphoto2/gphoto2.h>
-#endif
-
 namespace refield {
-
-std::optional<Seconds> shutter_time(const std::string& choice) {
-  char* end = nullptr;
-  double seconds = std::strtod(choice.c_str(), &end);
-  if (end == choice.c_str()) return std::nullopt;
-  if (*end == '/') {
-    const char* denominator = end + 1;
-    const double below = std::strtod(denominator, &end);
-    if (end == denominator || !(below > 0.0)) return std::nullopt;
-    seconds /= below;
-  }
-  if (*end == 's' || *end == '"') ++end;
-  if (*end != 0 || !(seconds > 0.0 && std::isfinite(seconds))) return std::nullopt;
-  return Seconds(seconds);
-}
-
-#if REFIELD_HAS_GPHOTO
 
 namespace {
 
@@ -55,10 +35,6 @@ constexpr int photographs_per_battery_check = 50;
 constexpr double low_battery_percent = 15.0;
 // Half of a third of a stop: nominal times such as 1/60 for 1/64 pass, another step does not.
 constexpr double sixth_of_a_stop = 0.1225;
-
-TimePoint gphoto_now() {
-  return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
-}
 
 std::string lower_case(std::string text) {
   std::ranges::transform(text, text.begin(), [](unsigned char c) { return std::tolower(c); });
@@ -379,6 +355,418 @@ class DownloadFolder {
   fs::path folder_;
 };
 
+class GphotoCamera final : public TetheredCamera {
+ public:
+  GphotoCamera(GphotoCameraOptions given, RunContext context)
+      : options_(std::move(given)), run_(std::move(context)) {
+    identity_ = find_gphoto_camera(options_.device);
+    description_.name = identity_.model;
+    try {
+      open_ = std::make_unique<Connection>(identity_);
+      identity_.serial = serial_of(*open_);
+      apply_settings();
+    } catch (const GphotoFailure& failure) {
+      throw opening_error(identity_.model, failure);
+    }
+    learn_shape();
+  }
+
+  CameraDescription describe() const override { return description_; }
+
+  TimePoint set_exposure(Seconds exposure, double gain) override {
+    if (gain != 1.0)
+      throw InputError("camera '" + description_.name + "' has gain 1 alone, not " + std::to_string(gain) +
+                       "; give iso in [controls] instead");
+    shutter_ = shutter_of(exposure);
+    const auto set = [&] { write_setting(*open_, description_.name, shutter_name_, shutter_.choice); };
+    try {
+      set();
+    } catch (const GphotoFailure& failure) {
+      int attempt = 1;
+      mend(failure, attempt, std::chrono::steady_clock::now());  // a reconnection sets the time, too
+      try {
+        set();
+      } catch (const GphotoFailure& again) {
+        fail(EIO, again.text + "; run the same command with --resume");
+      }
+    }
+    return monotonic_now();
+  }
+
+  void begin_after(TimePoint instant) override { earliest_ = instant; }
+
+  RawFrame next_frame(Seconds) override try {
+    return take();
+  } catch (const GphotoFailure& failure) {  // of what is asked beside the photograph itself
+    fail(EIO, failure.text + "; run the same command with --resume");
+  }
+
+ private:
+  GphotoCameraOptions options_;
+  RunContext run_;
+  GphotoIdentity identity_;
+  std::unique_ptr<Connection> open_;
+  DownloadFolder downloads_;
+  CameraDescription description_;
+  std::string shutter_name_;
+  std::vector<Shutter> shutters_;  // in growing order
+  Shutter shutter_{};
+  std::optional<double> iso_, aperture_;  // as set; nullopt: not known
+  bool keeps_on_card_ = false;
+  bool told_of_second_file_ = false, told_of_missing_exif_ = false;
+  TimePoint earliest_{};
+  std::uint64_t sequence_ = 0;
+
+  [[noreturn]] void fail(int number, const std::string& text) const {
+    throw DeviceError(description_.name, number, text);
+  }
+
+  std::optional<GphotoSetting> first_of(std::span<const char* const> names) {
+    for (const char* name : names)
+      if (auto setting = read_setting(*open_, name)) return setting;
+    return std::nullopt;
+  }
+
+  bool is_given(const std::string& name) const { return options_.controls.contains(name); }
+
+  /// Makes the camera choose nothing by itself, then makes the wanted settings.
+  void apply_settings() {
+    if (const auto mode = first_of(mode_names); mode && lower_case(mode->value).substr(0, 1) != "m") {
+      const auto manual = std::ranges::find_if(mode->choices, [](const std::string& choice) {
+        return choice == "M" || lower_case(choice) == "manual";
+      });
+      if (manual == mode->choices.end() || !mode->is_writable)
+        throw InputError("camera '" + description_.name + "' is in mode '" + mode->value +
+                         "' and would choose exposures by itself; turn its mode dial to M (manual)");
+      write_setting(*open_, description_.name, mode->name, *manual);
+    }
+    prefer("autoiso", {"off"});
+    prefer("isoauto", {"off"});
+    prefer("focusmode", {"manual", "mf"});
+    prefer("capturetarget", {"internal ram", "sdram"});
+    for (const char* name : format_names) prefer_raw(name);
+    for (const auto& [name, value] : options_.controls) {
+      if (std::ranges::find(shutter_names, name) != std::end(shutter_names))
+        throw InputError("[controls] " + name +
+                         ": exposure times are planned; give them in [exposures] as 'seconds'");
+      write_setting(*open_, description_.name, name, value);
+    }
+    const auto target = options_.controls.find("capturetarget");
+    keeps_on_card_ = target != options_.controls.end() && has_word(lower_case(target->second), {"card"});
+    if (const auto speed = read_setting(*open_, "iso")) {
+      iso_ = number_in(speed->value);
+      if (!iso_)
+        throw InputError("camera '" + description_.name + "': iso is '" + speed->value +
+                         "'; give a number in [controls], the lowest if possible: " + choices_text(*speed));
+    }
+    if (const auto stop = first_of(aperture_names)) aperture_ = number_in(stop->value);
+    read_shutters();
+    check_battery();
+  }
+
+  /// Sets the first choice that contains one of the words, unless the user has given another.
+  void prefer(const std::string& name, std::initializer_list<const char*> words) {
+    if (is_given(name)) return;
+    const auto setting = read_setting(*open_, name);
+    if (!setting || has_word(lower_case(setting->value), words)) return;
+    for (const std::string& choice : setting->choices)
+      if (setting->is_writable && has_word(lower_case(choice), words)) {
+        write_setting(*open_, description_.name, name, choice);
+        return;
+      }
+    if (name == "focusmode")
+      run_.note(description_.name + ": focusmode is '" + setting->value +
+                "'; switch the lens to manual focus, so that no photograph waits for focus");
+  }
+
+  void prefer_raw(const std::string& name) {
+    if (is_given(name)) return;
+    const auto setting = read_setting(*open_, name);
+    if (!setting) return;
+    const auto is_raw = [](const std::string& choice) {
+      const std::string text = lower_case(choice);
+      return has_word(text, {"raw", "nef"}) && !has_word(text, {"+", "jpeg", "jpg"});
+    };
+    if (is_raw(setting->value)) return;
+    const auto raw = std::ranges::find_if(setting->choices, is_raw);
+    if (raw != setting->choices.end()) write_setting(*open_, description_.name, name, *raw);
+  }
+
+  void read_shutters() {
+    const auto setting = first_of(shutter_names);
+    if (!setting || setting->choices.empty())
+      throw InputError("camera '" + description_.name +
+                       "' offers no shutter times over the cable; turn its mode dial to M (manual)");
+    shutter_name_ = setting->name;
+    shutters_.clear();
+    for (const std::string& choice : setting->choices)
+      if (const auto time = shutter_time(choice)) shutters_.push_back({*time, choice});
+    if (shutters_.empty())
+      throw InputError("camera '" + description_.name + "': " + shutter_name_ + " has no times, only " +
+                       choices_text(*setting));
+    std::ranges::sort(shutters_, {}, &Shutter::time);
+    if (shutter_.choice.empty()) {
+      const auto now = std::ranges::find(shutters_, setting->value, &Shutter::choice);
+      shutter_ = now != shutters_.end() ? *now : shutters_[shutters_.size() / 2];
+    }
+    write_setting(*open_, description_.name, shutter_name_, shutter_.choice);
+  }
+
+  void check_battery() {
+    const auto battery = read_setting(*open_, "batterylevel");
+    if (!battery) return;
+    const auto percent = number_in(battery->value);
+    if (has_word(lower_case(battery->value), {"low"}) || (percent && *percent <= low_battery_percent))
+      run_.note(description_.name + ": the battery is at '" + battery->value +
+                "'; replace it soon, or use a mains adapter");
+  }
+
+  void pause(Seconds length) const {
+    const auto start = std::chrono::steady_clock::now();
+    while (seconds_since(start) < length.count()) {
+      run_.throw_if_stopped();
+      std::this_thread::sleep_for(std::min(gphoto_slice, length));
+    }
+  }
+
+  /// Waits for the camera to come back, with all its settings.
+  void reconnect(const GphotoFailure& failure) {
+    open_.reset();
+    run_.note(description_.name + ": does not answer (" + failure.text + "); waiting for it to come back");
+    const auto start = std::chrono::steady_clock::now();
+    do {
+      pause(Seconds(0.5));
+      for (const GphotoIdentity& camera : find_gphoto_cameras()) try {
+          if (camera.model != identity_.model) continue;
+          open_ = std::make_unique<Connection>(camera);
+          if (serial_of(*open_) != identity_.serial) {
+            open_.reset();
+            continue;
+          }
+          identity_.port = camera.port;
+          apply_settings();
+          ++troubles_.replugs;
+          return;
+        } catch (const GphotoFailure&) {  // not ready yet
+          open_.reset();
+        }
+    } while (seconds_since(start) < options_.replug_patience.count());
+    fail(ENODEV,
+         "was disconnected or switched off, and did not come back within " +
+             seconds_text(options_.replug_patience) +
+             "; check cable, battery and automatic power-off, then run the same command with --resume");
+  }
+
+  std::string download(const CameraFilePath& path) {
+    for (int attempt = 1;; ++attempt) {
+      CameraFile* file = nullptr;
+      open_->check(gp_file_new(&file), "memory for a file");
+      const FileHandle owned(file);
+      const int code = gp_camera_file_get(open_->camera(), path.folder, path.name, GP_FILE_TYPE_NORMAL, file,
+                                          open_->context());
+      const char* data = nullptr;
+      unsigned long size = 0;
+      if (code >= GP_OK && gp_file_get_data_and_size(file, &data, &size) >= GP_OK && size > 0)
+        return {data, size};
+      const bool is_last = attempt == download_attempts || trouble_of({code, ""}) == Trouble::gone;
+      if (is_last) open_->check(code < GP_OK ? code : int{GP_ERROR_CORRUPTED_DATA}, "the download failed");
+      open_->forget_messages();
+      ++troubles_.damaged;
+      run_.note(description_.name + ": a download failed; it is tried again");
+    }
+  }
+
+  /// Reads what else the camera has to say, which some need before the next photograph.
+  void take_events(const CameraFilePath& taken) {
+    constexpr int max_events = 64, milliseconds = 1;
+    for (int i = 0; i < max_events; ++i) {
+      CameraEventType type{};
+      void* data = nullptr;
+      if (gp_camera_wait_for_event(open_->camera(), milliseconds, &type, &data, open_->context()) < GP_OK)
+        break;
+      const std::unique_ptr<void, Freed<std::free>> owned(data);
+      if (type == GP_EVENT_TIMEOUT) break;
+      if (type != GP_EVENT_FILE_ADDED || told_of_second_file_) continue;
+      const auto* path = static_cast<const CameraFilePath*>(data);
+      if (std::string(path->name) == taken.name) continue;
+      told_of_second_file_ = true;
+      run_.note(description_.name + ": makes a second file, " + path->name + ", beside " + taken.name +
+                ", which is not used; choose one image format");
+    }
+    open_->forget_messages();
+  }
+
+  /// One photograph. Throws GphotoFailure, FormatError or DeviceError.
+  BracketFile shoot(TimePoint& start) {
+    CameraFilePath path;
+    start = monotonic_now();
+    open_->check(gp_camera_capture(open_->camera(), GP_CAPTURE_IMAGE, &path, open_->context()),
+                 "the photograph failed");
+    const std::string bytes = download(path);
+    // Left on a camera that is full the next time, at worst.
+    if (!keeps_on_card_) gp_camera_file_delete(open_->camera(), path.folder, path.name, open_->context());
+    take_events(path);
+    const fs::path file = downloads_.path() / ("photograph" + lower_case(fs::path(path.name).extension()));
+    {
+      std::ofstream out(file, std::ios::binary);
+      out.write(bytes.data(), static_cast<std::streamsize>(bytes.size())).flush();
+      if (!out) throw DeviceError(file.string(), errno, "cannot be written; free some space");
+    }
+    return read_bracket_file(file);
+  }
+
+  /// A photograph, whatever goes wrong on the way that can be mended.
+  BracketFile photograph(TimePoint& start) {
+    const auto first = std::chrono::steady_clock::now();
+    for (int attempt = 1;;) {
+      run_.throw_if_stopped();
+      try {
+        return shoot(start);
+      } catch (const FormatError& error) {
+        if (attempt++ == photograph_attempts)
+          fail(EIO, std::string("sends files that cannot be read (") + error.what() +
+                        "); use another cable or image format, then run the same command with --resume");
+        ++troubles_.damaged;
+        run_.note(description_.name + ": a damaged file was discarded");
+      } catch (const GphotoFailure& failure) {
+        mend(failure, attempt, first);
+      }
+    }
+  }
+
+  void mend(const GphotoFailure& failure, int& attempt, std::chrono::steady_clock::time_point first) {
+    switch (trouble_of(failure)) {
+      case Trouble::gone:
+        reconnect(failure);
+        return;
+      case Trouble::busy:
+        if (seconds_since(first) > busy_patience.count())
+          fail(EBUSY, failure.text +
+                          "; the camera stays busy: switch off mirror lock-up, self-timer and open menus, "
+                          "then run the same command with --resume");
+        pause(Seconds(0.5));
+        return;
+      case Trouble::full:
+        fail(EIO, failure.text +
+                      "; its card is full: insert an empty card, or leave out capturetarget, then run the "
+                      "same command with --resume");
+      case Trouble::unfocused:
+        fail(EIO,
+             failure.text +
+                 "; the camera could not focus: switch the lens to manual focus, focus, then run the same "
+                 "command with --resume");
+      case Trouble::powerless:
+        fail(EIO, failure.text +
+                      "; the battery is empty: replace it without moving the camera, then run the same "
+                      "command with --resume");
+      case Trouble::other:
+        if (attempt++ == photograph_attempts)
+          fail(EIO, failure.text + "; run the same command with --resume");
+        ++troubles_.damaged;
+        run_.note(description_.name + ": " + failure.text + "; the photograph is taken again");
+    }
+  }
+
+  /// What the file says of its exposure must be what was set.
+  void check_metadata(const BracketFile& file) {
+    const auto differs = [](double a, double b) {
+      return std::abs(std::log(a / b)) > std::log1p(sixth_of_a_stop);
+    };
+    if (!file.exposure && !std::exchange(told_of_missing_exif_, true))
+      run_.note(description_.name + ": its files state no exposure time, so it cannot be checked");
+    if (file.exposure && differs(file.exposure->count(), shutter_.time.count()))
+      fail(EINVAL, "was set to " + shutter_.choice + " (" + seconds_text(shutter_.time) +
+                       "), but its file states " + seconds_text(*file.exposure) +
+                       "; turn the mode dial to M and switch off bracketing and automatic modes");
+    if (file.settings.iso && iso_ && differs(*file.settings.iso, *iso_))
+      fail(EINVAL, "was set to ISO " + std::to_string(*iso_) + ", but its file states ISO " +
+                       std::to_string(*file.settings.iso) + "; switch off automatic ISO");
+    if (file.settings.f_number && aperture_ &&
+        differs(*file.settings.f_number * *file.settings.f_number, *aperture_ * *aperture_))
+      fail(EINVAL, "was set to f/" + std::to_string(*aperture_) + ", but its file states f/" +
+                       std::to_string(*file.settings.f_number) + "; turn the mode dial to M");
+  }
+
+  RawFrame cut(RawFrame frame) const {
+    if (!options_.window) return frame;
+    const FrameWindow& window = *options_.window;
+    const bool odd = is_bayer(frame.layout) && (window.x % 2 || window.y % 2);
+    if (odd || window.width < 1 || window.height < 1 || window.x + window.width > frame.width ||
+        window.y + window.height > frame.height)
+      throw InputError("camera '" + description_.name + "': the window does not fit its photographs of " +
+                       std::to_string(frame.width) + "×" + std::to_string(frame.height) +
+                       " pixels; of RAW files, left and top must be even");
+    const int channels = frame.layout == PixelLayout::rgb ? 3 : 1;
+    std::vector<std::uint16_t> samples;
+    samples.reserve(std::size_t{1} * window.width * window.height * channels);
+    for (int y = 0; y < window.height; ++y) {
+      const auto row =
+          frame.samples.begin() + (std::ptrdiff_t{window.y + y} * frame.width + window.x) * channels;
+      samples.insert(samples.end(), row, row + std::ptrdiff_t{window.width} * channels);
+    }
+    frame.width = window.width;
+    frame.height = window.height;
+    frame.samples = std::move(samples);
+    return frame;
+  }
+
+  void learn_shape() {
+    TimePoint start;
+    const BracketFile file = photograph(start);
+    if (file.bits == 0)
+      throw InputError("camera '" + description_.name + "' makes files with floating-point samples");
+    check_metadata(file);
+    description_.bits = file.bits;
+    if (file.raw_levels) {
+      description_.bits = 1;
+      while (std::exp2(description_.bits) - 1.0 < file.raw_levels->saturation) ++description_.bits;
+    }
+    const RawFrame frame = cut(file.frame);
+    description_.width = frame.width;
+    description_.height = frame.height;
+    description_.layout = frame.layout;
+    for (const Shutter& each : shutters_) description_.exposures.push_back(each.time);
+    description_.shortest_exposure = shutters_.front().time;
+    description_.longest_exposure = shutters_.back().time;
+    description_.takes_photographs = true;
+    if (!file.is_raw)
+      run_.note(description_.name +
+                ": makes JPEG files, which have a tone curve and 8 bits; choose RAW where the camera has it, "
+                "else the calibration file must hold the response");
+    const auto balance = read_setting(*open_, "whitebalance");
+    if (!file.is_raw && balance && has_word(lower_case(balance->value), {"auto"}))
+      run_.note(description_.name +
+                ": whitebalance is automatic and changes the colours of JPEG files; give it in [controls]");
+  }
+
+  Shutter shutter_of(Seconds exposure) const {
+    const Seconds nearest = settable_exposure(exposure, description_);
+    if (std::abs(nearest / exposure - 1.0) > 0.01)
+      throw InputError("camera '" + description_.name + "' has no shutter time of " + seconds_text(exposure) +
+                       "; the nearest is " + seconds_text(nearest));
+    return *std::ranges::find(shutters_, nearest, &Shutter::time);
+  }
+
+  RawFrame take() {
+    const TimePoint now = monotonic_now();
+    if (earliest_ > now) pause(earliest_ - now);
+    TimePoint start;
+    BracketFile file = photograph(start);
+    check_metadata(file);
+    RawFrame frame = cut(std::move(file.frame));
+    const auto top = static_cast<std::uint16_t>((1u << description_.bits) - 1);
+    if (std::ranges::any_of(frame.samples, [&](std::uint16_t sample) { return sample > top; }))
+      fail(EINVAL, "made a file with samples of more than " + std::to_string(description_.bits) +
+                       " bits; do not change its image format during a session");
+    frame.exposure_start = start;
+    frame.exposure = shutter_.time;
+    frame.gain = 1.0;
+    frame.sequence = ++sequence_;
+    if (sequence_ % photographs_per_battery_check == 0) check_battery();
+    return frame;
+  }
+};
+
 }  // namespace
 
 bool has_gphoto() {
@@ -415,470 +803,8 @@ GphotoAbilities abilities_of(const GphotoIdentity& camera) try {
   throw opening_error(camera.model, failure);
 }
 
-struct GphotoCamera::State {
-  GphotoCameraOptions options;
-  RunContext run;
-  GphotoIdentity identity;
-  std::unique_ptr<Connection> open;
-  DownloadFolder downloads;
-  CameraDescription description;
-  CameraTroubles troubles;
-  std::string shutter_name;
-  std::vector<Shutter> shutters;  // in growing order
-  Shutter shutter{};
-  std::optional<double> iso, aperture;  // as set; nullopt: not known
-  bool keeps_on_card = false;
-  bool told_of_second_file = false, told_of_missing_exif = false;
-  TimePoint earliest{};
-  std::uint64_t sequence = 0;
-
-  State(GphotoCameraOptions given, RunContext context) : options(std::move(given)), run(std::move(context)) {
-    identity = find_gphoto_camera(options.device);
-    description.name = identity.model;
-    try {
-      open = std::make_unique<Connection>(identity);
-      identity.serial = serial_of(*open);
-      apply_settings();
-    } catch (const GphotoFailure& failure) {
-      throw opening_error(identity.model, failure);
-    }
-    learn_shape();
-  }
-
-  [[noreturn]] void fail(int number, const std::string& text) const {
-    throw DeviceError(description.name, number, text);
-  }
-
-  std::optional<GphotoSetting> first_of(std::span<const char* const> names) {
-    for (const char* name : names)
-      if (auto setting = read_setting(*open, name)) return setting;
-    return std::nullopt;
-  }
-
-  bool is_given(const std::string& name) const { return options.controls.contains(name); }
-
-  /// Makes the camera choose nothing by itself, then makes the wanted settings.
-  void apply_settings() {
-    if (const auto mode = first_of(mode_names); mode && lower_case(mode->value).substr(0, 1) != "m") {
-      const auto manual = std::ranges::find_if(mode->choices, [](const std::string& choice) {
-        return choice == "M" || lower_case(choice) == "manual";
-      });
-      if (manual == mode->choices.end() || !mode->is_writable)
-        throw InputError("camera '" + description.name + "' is in mode '" + mode->value +
-                         "' and would choose exposures by itself; turn its mode dial to M (manual)");
-      write_setting(*open, description.name, mode->name, *manual);
-    }
-    prefer("autoiso", {"off"});
-    prefer("isoauto", {"off"});
-    prefer("focusmode", {"manual", "mf"});
-    prefer("capturetarget", {"internal ram", "sdram"});
-    for (const char* name : format_names) prefer_raw(name);
-    for (const auto& [name, value] : options.controls) {
-      if (std::ranges::find(shutter_names, name) != std::end(shutter_names))
-        throw InputError("[controls] " + name +
-                         ": exposure times are planned; give them in [exposures] as 'seconds'");
-      write_setting(*open, description.name, name, value);
-    }
-    const auto target = options.controls.find("capturetarget");
-    keeps_on_card = target != options.controls.end() && has_word(lower_case(target->second), {"card"});
-    if (const auto speed = read_setting(*open, "iso")) {
-      iso = number_in(speed->value);
-      if (!iso)
-        throw InputError("camera '" + description.name + "': iso is '" + speed->value +
-                         "'; give a number in [controls], the lowest if possible: " + choices_text(*speed));
-    }
-    if (const auto stop = first_of(aperture_names)) aperture = number_in(stop->value);
-    read_shutters();
-    check_battery();
-  }
-
-  /// Sets the first choice that contains one of the words, unless the user has given another.
-  void prefer(const std::string& name, std::initializer_list<const char*> words) {
-    if (is_given(name)) return;
-    const auto setting = read_setting(*open, name);
-    if (!setting || has_word(lower_case(setting->value), words)) return;
-    for (const std::string& choice : setting->choices)
-      if (setting->is_writable && has_word(lower_case(choice), words)) {
-        write_setting(*open, description.name, name, choice);
-        return;
-      }
-    if (name == "focusmode")
-      run.note(description.name + ": focusmode is '" + setting->value +
-               "'; switch the lens to manual focus, so that no photograph waits for focus");
-  }
-
-  void prefer_raw(const std::string& name) {
-    if (is_given(name)) return;
-    const auto setting = read_setting(*open, name);
-    if (!setting) return;
-    const auto is_raw = [](const std::string& choice) {
-      const std::string text = lower_case(choice);
-      return has_word(text, {"raw", "nef"}) && !has_word(text, {"+", "jpeg", "jpg"});
-    };
-    if (is_raw(setting->value)) return;
-    const auto raw = std::ranges::find_if(setting->choices, is_raw);
-    if (raw != setting->choices.end()) write_setting(*open, description.name, name, *raw);
-  }
-
-  void read_shutters() {
-    const auto setting = first_of(shutter_names);
-    if (!setting || setting->choices.empty())
-      throw InputError("camera '" + description.name +
-                       "' offers no shutter times over the cable; turn its mode dial to M (manual)");
-    shutter_name = setting->name;
-    shutters.clear();
-    for (const std::string& choice : setting->choices)
-      if (const auto time = shutter_time(choice)) shutters.push_back({*time, choice});
-    if (shutters.empty())
-      throw InputError("camera '" + description.name + "': " + shutter_name + " has no times, only " +
-                       choices_text(*setting));
-    std::ranges::sort(shutters, {}, &Shutter::time);
-    if (shutter.choice.empty()) {
-      const auto now = std::ranges::find(shutters, setting->value, &Shutter::choice);
-      shutter = now != shutters.end() ? *now : shutters[shutters.size() / 2];
-    }
-    write_setting(*open, description.name, shutter_name, shutter.choice);
-  }
-
-  void check_battery() {
-    const auto battery = read_setting(*open, "batterylevel");
-    if (!battery) return;
-    const auto percent = number_in(battery->value);
-    if (has_word(lower_case(battery->value), {"low"}) || (percent && *percent <= low_battery_percent))
-      run.note(description.name + ": the battery is at '" + battery->value +
-               "'; replace it soon, or use a mains adapter");
-  }
-
-  void pause(Seconds length) const {
-    const auto start = std::chrono::steady_clock::now();
-    while (seconds_since(start) < length.count()) {
-      run.throw_if_stopped();
-      std::this_thread::sleep_for(std::min(gphoto_slice, length));
-    }
-  }
-
-  /// Waits for the camera to come back, with all its settings.
-  void reconnect(const GphotoFailure& failure) {
-    open.reset();
-    run.note(description.name + ": does not answer (" + failure.text + "); waiting for it to come back");
-    const auto start = std::chrono::steady_clock::now();
-    do {
-      pause(Seconds(0.5));
-      for (const GphotoIdentity& camera : find_gphoto_cameras()) try {
-          if (camera.model != identity.model) continue;
-          open = std::make_unique<Connection>(camera);
-          if (serial_of(*open) != identity.serial) {
-            open.reset();
-            continue;
-          }
-          identity.port = camera.port;
-          apply_settings();
-          ++troubles.replugs;
-          return;
-        } catch (const GphotoFailure&) {  // not ready yet
-          open.reset();
-        }
-    } while (seconds_since(start) < options.replug_patience.count());
-    fail(ENODEV,
-         "was disconnected or switched off, and did not come back within " +
-             seconds_text(options.replug_patience) +
-             "; check cable, battery and automatic power-off, then run the same command with --resume");
-  }
-
-  std::string download(const CameraFilePath& path) {
-    for (int attempt = 1;; ++attempt) {
-      CameraFile* file = nullptr;
-      open->check(gp_file_new(&file), "memory for a file");
-      const FileHandle owned(file);
-      const int code = gp_camera_file_get(open->camera(), path.folder, path.name, GP_FILE_TYPE_NORMAL, file,
-                                          open->context());
-      const char* data = nullptr;
-      unsigned long size = 0;
-      if (code >= GP_OK && gp_file_get_data_and_size(file, &data, &size) >= GP_OK && size > 0)
-        return {data, size};
-      const bool is_last = attempt == download_attempts || trouble_of({code, ""}) == Trouble::gone;
-      if (is_last) open->check(code < GP_OK ? code : int{GP_ERROR_CORRUPTED_DATA}, "the download failed");
-      open->forget_messages();
-      ++troubles.damaged;
-      run.note(description.name + ": a download failed; it is tried again");
-    }
-  }
-
-  /// Reads what else the camera has to say, which some need before the next photograph.
-  void take_events(const CameraFilePath& taken) {
-    constexpr int max_events = 64, milliseconds = 1;
-    for (int i = 0; i < max_events; ++i) {
-      CameraEventType type{};
-      void* data = nullptr;
-      if (gp_camera_wait_for_event(open->camera(), milliseconds, &type, &data, open->context()) < GP_OK)
-        break;
-      const std::unique_ptr<void, Freed<std::free>> owned(data);
-      if (type == GP_EVENT_TIMEOUT) break;
-      if (type != GP_EVENT_FILE_ADDED || told_of_second_file) continue;
-      const auto* path = static_cast<const CameraFilePath*>(data);
-      if (std::string(path->name) == taken.name) continue;
-      told_of_second_file = true;
-      run.note(description.name + ": makes a second file, " + path->name + ", beside " + taken.name +
-               ", which is not used; choose one image format");
-    }
-    open->forget_messages();
-  }
-
-  /// One photograph. Throws GphotoFailure, FormatError or DeviceError.
-  BracketFile shoot(TimePoint& start) {
-    CameraFilePath path;
-    start = gphoto_now();
-    open->check(gp_camera_capture(open->camera(), GP_CAPTURE_IMAGE, &path, open->context()),
-                "the photograph failed");
-    const std::string bytes = download(path);
-    // Left on a camera that is full the next time, at worst.
-    if (!keeps_on_card) gp_camera_file_delete(open->camera(), path.folder, path.name, open->context());
-    take_events(path);
-    const fs::path file = downloads.path() / ("photograph" + lower_case(fs::path(path.name).extension()));
-    {
-      std::ofstream out(file, std::ios::binary);
-      out.write(bytes.data(), static_cast<std::streamsize>(bytes.size())).flush();
-      if (!out) throw DeviceError(file.string(), errno, "cannot be written; free some space");
-    }
-    return read_bracket_file(file);
-  }
-
-  /// A photograph, whatever goes wrong on the way that can be mended.
-  BracketFile photograph(TimePoint& start) {
-    const auto first = std::chrono::steady_clock::now();
-    for (int attempt = 1;;) {
-      run.throw_if_stopped();
-      try {
-        return shoot(start);
-      } catch (const FormatError& error) {
-        if (attempt++ == photograph_attempts)
-          fail(EIO, std::string("sends files that cannot be read (") + error.what() +
-                        "); use another cable or image format, then run the same command with --resume");
-        ++troubles.damaged;
-        run.note(description.name + ": a damaged file was discarded");
-      } catch (const GphotoFailure& failure) {
-        mend(failure, attempt, first);
-      }
-    }
-  }
-
-  void mend(const GphotoFailure& failure, int& attempt, std::chrono::steady_clock::time_point first) {
-    switch (trouble_of(failure)) {
-      case Trouble::gone:
-        reconnect(failure);
-        return;
-      case Trouble::busy:
-        if (seconds_since(first) > busy_patience.count())
-          fail(EBUSY, failure.text +
-                          "; the camera stays busy: switch off mirror lock-up, self-timer and open menus, "
-                          "then run the same command with --resume");
-        pause(Seconds(0.5));
-        return;
-      case Trouble::full:
-        fail(EIO, failure.text +
-                      "; its card is full: insert an empty card, or leave out capturetarget, then run the "
-                      "same command with --resume");
-      case Trouble::unfocused:
-        fail(EIO,
-             failure.text +
-                 "; the camera could not focus: switch the lens to manual focus, focus, then run the same "
-                 "command with --resume");
-      case Trouble::powerless:
-        fail(EIO, failure.text +
-                      "; the battery is empty: replace it without moving the camera, then run the same "
-                      "command with --resume");
-      case Trouble::other:
-        if (attempt++ == photograph_attempts)
-          fail(EIO, failure.text + "; run the same command with --resume");
-        ++troubles.damaged;
-        run.note(description.name + ": " + failure.text + "; the photograph is taken again");
-    }
-  }
-
-  /// What the file says of its exposure must be what was set.
-  void check_metadata(const BracketFile& file) {
-    const auto differs = [](double a, double b) {
-      return std::abs(std::log(a / b)) > std::log1p(sixth_of_a_stop);
-    };
-    if (!file.exposure && !std::exchange(told_of_missing_exif, true))
-      run.note(description.name + ": its files state no exposure time, so it cannot be checked");
-    if (file.exposure && differs(file.exposure->count(), shutter.time.count()))
-      fail(EINVAL, "was set to " + shutter.choice + " (" + seconds_text(shutter.time) +
-                       "), but its file states " + seconds_text(*file.exposure) +
-                       "; turn the mode dial to M and switch off bracketing and automatic modes");
-    if (file.settings.iso && iso && differs(*file.settings.iso, *iso))
-      fail(EINVAL, "was set to ISO " + std::to_string(*iso) + ", but its file states ISO " +
-                       std::to_string(*file.settings.iso) + "; switch off automatic ISO");
-    if (file.settings.f_number && aperture && differs(*file.settings.f_number * *file.settings.f_number, *aperture * *aperture))
-      fail(EINVAL, "was set to f/" + std::to_string(*aperture) + ", but its file states f/" +
-                       std::to_string(*file.settings.f_number) + "; turn the mode dial to M");
-  }
-
-  RawFrame cut(RawFrame frame) const {
-    if (!options.window) return frame;
-    const FrameWindow& window = *options.window;
-    const bool odd = is_bayer(frame.layout) && (window.x % 2 || window.y % 2);
-    if (odd || window.width < 1 || window.height < 1 || window.x + window.width > frame.width ||
-        window.y + window.height > frame.height)
-      throw InputError("camera '" + description.name + "': the window does not fit its photographs of " +
-                       std::to_string(frame.width) + "×" + std::to_string(frame.height) +
-                       " pixels; of RAW files, left and top must be even");
-    const int channels = frame.layout == PixelLayout::rgb ? 3 : 1;
-    std::vector<std::uint16_t> samples;
-    samples.reserve(std::size_t{1} * window.width * window.height * channels);
-    for (int y = 0; y < window.height; ++y) {
-      const auto row =
-          frame.samples.begin() + (std::ptrdiff_t{window.y + y} * frame.width + window.x) * channels;
-      samples.insert(samples.end(), row, row + std::ptrdiff_t{window.width} * channels);
-    }
-    frame.width = window.width;
-    frame.height = window.height;
-    frame.samples = std::move(samples);
-    return frame;
-  }
-
-  void learn_shape() {
-    TimePoint start;
-    const BracketFile file = photograph(start);
-    if (file.bits == 0)
-      throw InputError("camera '" + description.name + "' makes files with floating-point samples");
-    check_metadata(file);
-    description.bits = file.bits;
-    if (file.raw_levels) {
-      description.bits = 1;
-      while (std::exp2(description.bits) - 1.0 < file.raw_levels->saturation) ++description.bits;
-    }
-    const RawFrame frame = cut(file.frame);
-    description.width = frame.width;
-    description.height = frame.height;
-    description.layout = frame.layout;
-    for (const Shutter& each : shutters) description.exposures.push_back(each.time);
-    description.shortest_exposure = shutters.front().time;
-    description.longest_exposure = shutters.back().time;
-    description.takes_photographs = true;
-    if (!file.is_raw)
-      run.note(description.name +
-               ": makes JPEG files, which have a tone curve and 8 bits; choose RAW where the camera has it, "
-               "else the calibration file must hold the response");
-    const auto balance = read_setting(*open, "whitebalance");
-    if (!file.is_raw && balance && has_word(lower_case(balance->value), {"auto"}))
-      run.note(description.name +
-               ": whitebalance is automatic and changes the colours of JPEG files; give it in [controls]");
-  }
-
-  Shutter shutter_of(Seconds exposure) const {
-    const Seconds nearest = settable_exposure(exposure, description);
-    if (std::abs(nearest / exposure - 1.0) > 0.01)
-      throw InputError("camera '" + description.name + "' has no shutter time of " + seconds_text(exposure) +
-                       "; the nearest is " + seconds_text(nearest));
-    return *std::ranges::find(shutters, nearest, &Shutter::time);
-  }
-
-  RawFrame next_frame() {
-    const TimePoint now = gphoto_now();
-    if (earliest > now) pause(earliest - now);
-    TimePoint start;
-    BracketFile file = photograph(start);
-    check_metadata(file);
-    RawFrame frame = cut(std::move(file.frame));
-    const auto top = static_cast<std::uint16_t>((1u << description.bits) - 1);
-    if (std::ranges::any_of(frame.samples, [&](std::uint16_t sample) { return sample > top; }))
-      fail(EINVAL, "made a file with samples of more than " + std::to_string(description.bits) +
-                       " bits; do not change its image format during a session");
-    frame.exposure_start = start;
-    frame.exposure = shutter.time;
-    frame.gain = 1.0;
-    frame.sequence = ++sequence;
-    if (sequence % photographs_per_battery_check == 0) check_battery();
-    return frame;
-  }
-};
-
-GphotoCamera::GphotoCamera(GphotoCameraOptions options, RunContext run)
-    : state_(std::make_unique<State>(std::move(options), std::move(run))) {}
-GphotoCamera::~GphotoCamera() = default;
-
-CameraDescription GphotoCamera::describe() const {
-  return state_->description;
+std::unique_ptr<TetheredCamera> open_camera(GphotoCameraOptions options, RunContext run) {
+  return std::make_unique<GphotoCamera>(std::move(options), std::move(run));
 }
-
-TimePoint GphotoCamera::set_exposure(Seconds exposure, double gain) {
-  if (gain != 1.0)
-    throw InputError("camera '" + state_->description.name + "' has gain 1 alone, not " +
-                     std::to_string(gain) + "; give iso in [controls] instead");
-  state_->shutter = state_->shutter_of(exposure);
-  const auto set = [&] {
-    write_setting(*state_->open, state_->description.name, state_->shutter_name, state_->shutter.choice);
-  };
-  try {
-    set();
-  } catch (const GphotoFailure& failure) {
-    int attempt = 1;
-    state_->mend(failure, attempt, std::chrono::steady_clock::now());  // a reconnection sets the time, too
-    try {
-      set();
-    } catch (const GphotoFailure& again) {
-      state_->fail(EIO, again.text + "; run the same command with --resume");
-    }
-  }
-  return gphoto_now();
-}
-
-void GphotoCamera::begin_after(TimePoint earliest) {
-  state_->earliest = earliest;
-}
-
-RawFrame GphotoCamera::next_frame(Seconds) try {
-  return state_->next_frame();
-} catch (const GphotoFailure& failure) {  // of what is asked beside the photograph itself
-  state_->fail(EIO, failure.text + "; run the same command with --resume");
-}
-
-const CameraTroubles& GphotoCamera::troubles() const {
-  return state_->troubles;
-}
-
-#else
-
-namespace {
-
-[[noreturn]] void lack_gphoto() {
-  throw InputError(
-      "this refield was built without support for DSLRs; install libgphoto2-dev and build again");
-}
-
-}  // namespace
-
-struct GphotoCamera::State {
-  CameraTroubles troubles;
-};
-bool has_gphoto() {
-  return false;
-}
-std::vector<GphotoIdentity> find_gphoto_cameras() {
-  return {};
-}
-GphotoAbilities abilities_of(const GphotoIdentity&) {
-  lack_gphoto();
-}
-GphotoCamera::GphotoCamera(GphotoCameraOptions, RunContext) {
-  lack_gphoto();
-}
-GphotoCamera::~GphotoCamera() = default;
-CameraDescription GphotoCamera::describe() const {
-  lack_gphoto();
-}
-TimePoint GphotoCamera::set_exposure(Seconds, double) {
-  lack_gphoto();
-}
-void GphotoCamera::begin_after(TimePoint) {}
-RawFrame GphotoCamera::next_frame(Seconds) {
-  lack_gphoto();
-}
-const CameraTroubles& GphotoCamera::troubles() const {
-  return state_->troubles;
-}
-
-#endif
 
 }  // namespace refield

@@ -40,10 +40,6 @@ std::vector<GphotoIdentity> find_gphoto_cameras();
 /// Opens the camera for a moment. Throws DeviceError when it cannot be opened.
 GphotoAbilities abilities_of(const GphotoIdentity& camera);
 
-/// Shutter time that a choice such as "1/60", "0.0125s", "0.3" or "2\"" names; nullopt for "bulb" and others
-/// that name none.
-std::optional<Seconds> shutter_time(const std::string& choice);
-
 /// `device` is a serial number, a model or a port; empty: the only camera. `format`, `rate` and `unit_gain`
 /// are not used. `window` is cut out of the photographs; of Bayer samples, its corner is at even pixels.
 struct GphotoCameraOptions : CameraOptions {
@@ -60,23 +56,10 @@ struct GphotoCameraOptions : CameraOptions {
 /// A failed download or a damaged file is tried again, then the photograph is taken again; a busy camera is
 /// waited for; a camera that is gone is waited for and gets all its settings anew. Everything else throws
 /// DeviceError with a remedy.
-class GphotoCamera final : public TetheredCamera {
- public:
-  /// Takes a photograph, to learn size and layout. Throws InputError for settings that the camera lacks,
-  /// DeviceError when it cannot be opened or refuses. `run` receives notes and stops waiting.
-  explicit GphotoCamera(GphotoCameraOptions options, RunContext run = {});
-  ~GphotoCamera() override;
-
-  CameraDescription describe() const override;
-  TimePoint set_exposure(Seconds exposure, double gain) override;
-  void begin_after(TimePoint earliest) override;
-  /// The time-out is the camera's own.
-  RawFrame next_frame(Seconds timeout) override;
-  const CameraTroubles& troubles() const override;
-
- private:
-  struct State;
-  std::unique_ptr<State> state_;
-};
+///
+/// Takes a photograph, to learn size and layout. Throws InputError for settings that the camera lacks,
+/// DeviceError when it cannot be opened or refuses. `run` receives notes and stops waiting. The time-out of
+/// next_frame() is the camera's own.
+std::unique_ptr<TetheredCamera> open_camera(GphotoCameraOptions options, RunContext run = {});
 
 }  // namespace refield

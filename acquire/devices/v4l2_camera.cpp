@@ -7,7 +7,6 @@
 #include <array>
 #include <cerrno>
 #include <cmath>
-#include <thread>
 
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
@@ -54,7 +53,34 @@ std::string range_text(const V4l2ControlInfo& control) {
          " in steps of " + std::to_string(control.step);
 }
 
-}  // namespace
+/// Controls of a V4L2 camera for measuring: whatever the camera would choose by itself is switched off, and
+/// every setting is read back.
+class V4l2Settings {
+ public:
+  /// Switches automatic modes off, then makes the `wanted` settings (by v4l2-ctl's names). Throws InputError
+  /// for a control that is not there or a value out of its range, DeviceError when the camera keeps choosing
+  /// its exposure, gain or white balance, or reads back another value than was set.
+  V4l2Settings(const V4l2Device& device, const std::map<std::string, std::int64_t>& wanted);
+
+  /// Sentences about automatic modes that would not be switched off but may do no harm.
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+  /// Range of the exposure control; nullopt when there is none.
+  const std::optional<V4l2ControlInfo>& exposure() const { return exposure_; }
+  const std::optional<V4l2ControlInfo>& gain() const { return gain_; }
+
+  /// Sets a control and returns what it reads back.
+  std::int64_t set(const V4l2ControlInfo& control, std::int64_t value) const;
+
+ private:
+  const V4l2ControlInfo* find(std::uint32_t id) const;
+  void switch_off_automatic_modes(const std::map<std::string, std::int64_t>& wanted);
+  void make(const std::map<std::string, std::int64_t>& wanted);
+  const V4l2Device& device_;
+  std::vector<V4l2ControlInfo> controls_;
+  std::vector<std::string> warnings_;
+  std::optional<V4l2ControlInfo> exposure_, gain_;
+};
 
 V4l2Settings::V4l2Settings(const V4l2Device& device, const std::map<std::string, std::int64_t>& wanted)
     : device_(device), controls_(controls_of(device)) {
@@ -113,18 +139,11 @@ std::int64_t V4l2Settings::set(const V4l2ControlInfo& control, std::int64_t valu
   return now.value;
 }
 
-namespace {
-
 constexpr Seconds exposure_step{100e-6};  // of V4L2_CID_EXPOSURE_ABSOLUTE
 constexpr int frames_after_start = 2;     // sensors need a frame or two to take on what they are set to
 constexpr int frames_after_replug = 6;    // and that many until they are no longer as they were plugged in
 constexpr int max_restarts_in_a_row = 3;
-constexpr Seconds look_again{0.25};  // for an unplugged camera
 constexpr Seconds usual_interval{1.0 / 30.0};
-
-TimePoint v4l2_now() {
-  return TimePoint(std::chrono::steady_clock::now().time_since_epoch());
-}
 
 MonotonicClock::duration rounded_up(Seconds s) {
   return std::chrono::ceil<MonotonicClock::duration>(s);
@@ -156,91 +175,44 @@ struct OpenCamera {
                run) {}
 };
 
-}  // namespace
-
-struct V4l2Camera::State {
-  V4l2CameraOptions options;
-  RunContext run;
-  V4l2Identity identity;
-  std::unique_ptr<OpenCamera> open;
-  PixelFormat format{};
-  FrameWindow window;
-  CameraTroubles troubles;
-
-  Seconds exposure{0};         // in effect from settings_made on, as read back
-  Seconds exposure_before{0};  // may still be in effect for a while after
-  double gain = 1.0;
-  TimePoint settings_made{};
-  std::optional<std::pair<Seconds, double>> asked;
-
-  int to_skip = frames_after_start;
-  int unsettled = 0;  // frames to leave out after replugging
-  std::optional<std::uint32_t> driver_sequence;
-  std::uint64_t sequence = 0;
-  TimePoint last_stamp{};
-
-  State(V4l2CameraOptions wanted, RunContext context)
-      : options(std::move(wanted)), run(std::move(context)), identity(find_v4l2_camera(options.device)) {
+class V4l2Camera final : public TetheredCamera {
+ public:
+  V4l2Camera(V4l2CameraOptions wanted, RunContext context)
+      : options_(std::move(wanted)), run_(std::move(context)), identity_(find_v4l2_camera(options_.device)) {
     reopen();
-    const std::string name = identity.node.string();
-    const std::uint32_t fourcc = open->stream.format().fourcc;
+    const std::string name = identity_.node.string();
+    const std::uint32_t fourcc = open_->stream.format().fourcc;
     const auto known = find_v4l2_format(fourcc);
     if (!known)
       throw InputError(name + ": format " + fourcc_text(fourcc) +
                        " is not among those that this program reads; 'refield acquire devices' marks them");
-    format = *known;
-    window =
-        options.window.value_or(FrameWindow{0, 0, open->stream.format().width, open->stream.format().height});
-    if (!open->settings.exposure() && options.fixed_exposure.count() <= 0.0)
+    format_ = *known;
+    window_ = options_.window.value_or(
+        FrameWindow{0, 0, open_->stream.format().width, open_->stream.format().height});
+    if (!open_->settings.exposure() && options_.fixed_exposure.count() <= 0.0)
       throw InputError(name +
                        ": has no exposure control that states times; give the exposure that the camera is "
                        "set to as fixed_exposure, in seconds");
-    exposure = exposure_before = open->settings.exposure()
-                                     ? exposure_step * static_cast<double>(open->settings.exposure()->value)
-                                     : options.fixed_exposure;
-    for (const std::string& warning : open->settings.warnings()) tell(warning);
-    if (!format.is_raw())
+    exposure_ = exposure_before_ =
+        open_->settings.exposure() ? exposure_step * static_cast<double>(open_->settings.exposure()->value)
+                                   : options_.fixed_exposure;
+    for (const std::string& warning : open_->settings.warnings()) tell(warning);
+    if (!format_.is_raw())
       tell(name + ": " + fourcc_text(fourcc) +
            " frames are processed by the camera (tone curve, colours); its response must be calibrated");
   }
 
-  void tell(const std::string& sentence) const { run.note(sentence); }
-
-  Seconds interval() const {
-    const Seconds stated = open->stream.format().frame_interval;
-    return stated.count() > 0.0 ? stated : usual_interval;
-  }
-
-  /// Opens the camera with all settings, frames in flight forgotten.
-  void reopen() {
-    open.reset();  // the node must be free first
-    open = std::make_unique<OpenCamera>(identity, options, run);
-    frames_start_anew();
-    if (asked) make_settings(asked->first, asked->second);
-  }
-
-  void frames_start_anew() {
-    driver_sequence.reset();
-    to_skip = frames_after_start;
-  }
-
-  void require_open() const {
-    if (!open)
-      throw DeviceError(identity.card + " (" + identity.bus + ")", ENODEV,
-                        "was disconnected; connect it again and resume");
-  }
-
-  CameraDescription describe() const {
+  CameraDescription describe() const override {
     require_open();
-    CameraDescription camera{identity.card + " (" + identity.bus + ")",
-                             window.width,
-                             window.height,
-                             format.layout,
-                             format.bits,
-                             options.fixed_exposure,
-                             options.fixed_exposure,
+    CameraDescription camera{identity_.card + " (" + identity_.bus + ")",
+                             window_.width,
+                             window_.height,
+                             format_.layout,
+                             format_.bits,
+                             options_.fixed_exposure,
+                             options_.fixed_exposure,
                              interval()};
-    if (const auto& control = open->settings.exposure()) {
+    if (const auto& control = open_->settings.exposure()) {
       camera.shortest_exposure =
           exposure_step * static_cast<double>(std::max<std::int64_t>(control->lowest, 1));
       camera.longest_exposure = exposure_step * static_cast<double>(control->highest);
@@ -249,20 +221,108 @@ struct V4l2Camera::State {
     return camera;
   }
 
+  TimePoint set_exposure(Seconds wanted, double wanted_gain) override {
+    require_open();
+    check_settings(wanted, wanted_gain);
+    try {
+      make_settings(wanted, wanted_gain);
+    } catch (const DeviceError& error) {
+      if (error.error_number() != ENODEV) throw;
+      reconnect(error);  // makes the settings asked for
+    }
+    return settings_made_;
+  }
+
+  RawFrame next_frame(Seconds timeout) override {
+    require_open();
+    auto deadline = std::chrono::steady_clock::now() + timeout;
+    // One look even after the deadline: it may be the program that was stopped for so long.
+    int restarts = 0;
+    for (bool is_last = false; !is_last;) try {
+        const Seconds left = deadline - std::chrono::steady_clock::now();
+        is_last = left.count() <= 0.0;
+        const auto filled = open_->stream.take(std::max(left, Seconds(0)));
+        if (!filled) continue;
+        auto frame = frame_of(*filled);
+        open_->stream.give_back(*filled);
+        if (frame) return std::move(*frame);
+      } catch (const DeviceError& error) {
+        if (error.error_number() == EIO) {
+          restart(error, ++restarts);
+        } else if (error.error_number() == ENODEV) {
+          reconnect(error);
+          deadline =
+              std::chrono::steady_clock::now() + timeout + frames_after_replug * (exposure_ + interval());
+          is_last = false;
+        } else {
+          throw;
+        }
+      }
+    throw DeviceError(identity_.node.string(), ETIMEDOUT,
+                      "no frame came within " + std::to_string(timeout.count()) +
+                          " s; check cable, trigger and that no other program uses the camera");
+  }
+
+ private:
+  V4l2CameraOptions options_;
+  RunContext run_;
+  V4l2Identity identity_;
+  std::unique_ptr<OpenCamera> open_;
+  PixelFormat format_{};
+  FrameWindow window_;
+
+  Seconds exposure_{0};         // in effect from settings_made on, as read back
+  Seconds exposure_before_{0};  // may still be in effect for a while after
+  double gain_ = 1.0;
+  TimePoint settings_made_{};
+  std::optional<std::pair<Seconds, double>> asked_;
+
+  int to_skip_ = frames_after_start;
+  int unsettled_ = 0;  // frames to leave out after replugging
+  std::optional<std::uint32_t> driver_sequence_;
+  std::uint64_t sequence_ = 0;
+  TimePoint last_stamp_{};
+
+  void tell(const std::string& sentence) const { run_.note(sentence); }
+
+  Seconds interval() const {
+    const Seconds stated = open_->stream.format().frame_interval;
+    return stated.count() > 0.0 ? stated : usual_interval;
+  }
+
+  /// Opens the camera with all settings, frames in flight forgotten.
+  void reopen() {
+    open_.reset();  // the node must be free first
+    open_ = std::make_unique<OpenCamera>(identity_, options_, run_);
+    frames_start_anew();
+    if (asked_) make_settings(asked_->first, asked_->second);
+  }
+
+  void frames_start_anew() {
+    driver_sequence_.reset();
+    to_skip_ = frames_after_start;
+  }
+
+  void require_open() const {
+    if (!open_)
+      throw DeviceError(identity_.card + " (" + identity_.bus + ")", ENODEV,
+                        "was disconnected; connect it again and resume");
+  }
+
   void make_settings(Seconds wanted, double wanted_gain) {
-    asked = {wanted, wanted_gain};
-    exposure_before = std::max(exposure, exposure_before);
-    if (const auto& control = open->settings.exposure()) {
+    asked_ = {wanted, wanted_gain};
+    exposure_before_ = std::max(exposure_, exposure_before_);
+    if (const auto& control = open_->settings.exposure()) {
       const std::int64_t steps = std::llround(wanted / exposure_step);
-      exposure = exposure_step * static_cast<double>(open->settings.set(*control, steps));
+      exposure_ = exposure_step * static_cast<double>(open_->settings.set(*control, steps));
     }
-    gain = 1.0;
-    if (options.unit_gain > 0.0) {
-      const auto& control = open->settings.gain();
-      const std::int64_t made = open->settings.set(*control, std::llround(wanted_gain * options.unit_gain));
-      gain = static_cast<double>(made) / options.unit_gain;
+    gain_ = 1.0;
+    if (options_.unit_gain > 0.0) {
+      const auto& control = open_->settings.gain();
+      const std::int64_t made = open_->settings.set(*control, std::llround(wanted_gain * options_.unit_gain));
+      gain_ = static_cast<double>(made) / options_.unit_gain;
     }
-    settings_made = v4l2_now();
+    settings_made_ = monotonic_now();
   }
 
   void check_settings(Seconds wanted, double wanted_gain) const {
@@ -276,38 +336,38 @@ struct V4l2Camera::State {
           wanted.count() < camera.longest_exposure.count() + half_step))
       refuse("an exposure in seconds", wanted.count(), camera.shortest_exposure.count(),
              camera.longest_exposure.count());
-    if (options.unit_gain <= 0.0) {
+    if (options_.unit_gain <= 0.0) {
       if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the session file,", wanted_gain, 1.0, 1.0);
       return;
     }
-    const auto& control = open->settings.gain();
+    const auto& control = open_->settings.gain();
     if (!control) throw InputError(camera.name + ": has no gain control; leave out unit_gain");
-    const double low = static_cast<double>(control->lowest) / options.unit_gain;
-    const double high = static_cast<double>(control->highest) / options.unit_gain;
+    const double low = static_cast<double>(control->lowest) / options_.unit_gain;
+    const double high = static_cast<double>(control->highest) / options_.unit_gain;
     if (!(wanted_gain >= low && wanted_gain <= high)) refuse("a gain", wanted_gain, low, high);
   }
 
   /// See the class: never after the true start.
   TimePoint start_of_exposure(const V4l2Filled& filled) const {
     if (!filled.is_end_of_frame) return filled.stamp;
-    const TimePoint old_gone = settings_made + rounded_up(exposure_before + 4 * interval());
-    const Seconds longest = filled.stamp < old_gone ? std::max(exposure, exposure_before) : exposure;
+    const TimePoint old_gone = settings_made_ + rounded_up(exposure_before_ + 4 * interval());
+    const Seconds longest = filled.stamp < old_gone ? std::max(exposure_, exposure_before_) : exposure_;
     return filled.stamp - rounded_up(longest + interval());
   }
 
   /// Drivers count to 2^32 and start again when they are opened again.
   void count(std::uint32_t number) {
-    const std::uint32_t step = driver_sequence ? number - *driver_sequence : 1;
+    const std::uint32_t step = driver_sequence_ ? number - *driver_sequence_ : 1;
     constexpr std::uint32_t half_way_round = 1u << 31;
-    sequence += step < half_way_round ? step : 1;
-    driver_sequence = number;
+    sequence_ += step < half_way_round ? step : 1;
+    driver_sequence_ = number;
   }
 
   /// A camera that was plugged in again began with settings of its own, and takes ours on in its time. No one
   /// above knows that it was away.
   bool is_unsettled(const V4l2Filled& filled) {
-    if (unsettled == 0) return false;
-    if (start_of_exposure(filled) >= settings_made) --unsettled;
+    if (unsettled_ == 0) return false;
+    if (start_of_exposure(filled) >= settings_made_) --unsettled_;
     return true;
   }
 
@@ -316,34 +376,34 @@ struct V4l2Camera::State {
     count(filled.sequence);
     if (!filled.is_monotonic)
       throw DeviceError(
-          identity.node.string(), EINVAL,
+          identity_.node.string(), EINVAL,
           "does not stamp frames with the monotonic clock; frames cannot be paired with patterns");
-    if (to_skip > 0) {
-      --to_skip;
+    if (to_skip_ > 0) {
+      --to_skip_;
       return std::nullopt;
     }
-    if (filled.stamp <= last_stamp) return std::nullopt;  // handed over twice
-    if (filled.is_damaged || !open->stream.has_signal()) {
-      ++troubles.damaged;
-      tell(identity.node.string() +
+    if (filled.stamp <= last_stamp_) return std::nullopt;  // handed over twice
+    if (filled.is_damaged || !open_->stream.has_signal()) {
+      ++troubles_.damaged;
+      tell(identity_.node.string() +
            (filled.is_damaged ? ": a damaged frame was discarded" : ": no signal; a frame was discarded"));
       return std::nullopt;
     }
-    last_stamp = filled.stamp;
+    last_stamp_ = filled.stamp;
     if (is_unsettled(filled)) return std::nullopt;
-    const V4l2StreamFormat& stream = open->stream.format();
+    const V4l2StreamFormat& stream = open_->stream.format();
     try {
-      return RawFrame{window.width,
-                      window.height,
-                      format.layout,
-                      unpack_frame(filled.bytes, format, stream.width, stream.height, stream.bytes_per_line,
-                                   window, {stream.bt709, stream.full_range}, identity.node.string()),
+      return RawFrame{window_.width,
+                      window_.height,
+                      format_.layout,
+                      unpack_frame(filled.bytes, format_, stream.width, stream.height, stream.bytes_per_line,
+                                   window_, {stream.bt709, stream.full_range}, identity_.node.string()),
                       start_of_exposure(filled),
-                      exposure,
-                      gain,
-                      sequence};
+                      exposure_,
+                      gain_,
+                      sequence_};
     } catch (const DeviceError& torn) {
-      ++troubles.damaged;
+      ++troubles_.damaged;
       tell(torn.what());
       return std::nullopt;
     }
@@ -351,92 +411,33 @@ struct V4l2Camera::State {
 
   void restart(const DeviceError& broken, int restarts) {
     if (restarts > max_restarts_in_a_row) throw DeviceError(broken);
-    ++troubles.restarts;
+    ++troubles_.restarts;
     tell(std::string(broken.what()) + "; it is started again");
-    open->stream.restart();
+    open_->stream.restart();
     frames_start_anew();
   }
 
   /// Waits until the camera is plugged in again: the same card at the same place.
-  void wait_for_replug(const DeviceError& gone) {
-    if (options.replug_patience.count() <= 0.0) throw DeviceError(gone);
-    open.reset();  // or the node stays taken, and the camera comes back under another number
-    tell(identity.card + " (" + identity.bus + "): was unplugged; waiting " +
-         std::to_string(std::lround(options.replug_patience.count())) + " s for it to be connected again");
-    const auto deadline = std::chrono::steady_clock::now() + options.replug_patience;
-    while (std::chrono::steady_clock::now() < deadline) {
-      run.throw_if_stopped();
-      std::this_thread::sleep_for(look_again);
+  void reconnect(const DeviceError& gone) {
+    // Or the node stays taken, and the camera comes back under another number.
+    if (options_.replug_patience.count() > 0.0) open_.reset();
+    wait_for_replug(gone, identity_.card + " (" + identity_.bus + ")", options_.replug_patience, run_, [&] {
       for (const V4l2Identity& camera : find_v4l2_cameras()) {
-        if (camera.bus != identity.bus || camera.card != identity.card) continue;
-        identity = camera;
-        try {
-          reopen();
-        } catch (const DeviceError&) {  // not ready yet, or gone again
-          break;
-        }
-        ++troubles.replugs;
-        unsettled = frames_after_replug;
-        tell(identity.card + ": is connected again as " + identity.node.string());
-        return;
+        if (camera.bus != identity_.bus || camera.card != identity_.card) continue;
+        identity_ = camera;
+        reopen();
+        unsettled_ = frames_after_replug;
+        return true;
       }
-    }
-    throw DeviceError(gone);
+      return false;
+    });
   }
 };
 
-V4l2Camera::V4l2Camera(V4l2CameraOptions options, RunContext run)
-    : state_(std::make_unique<State>(std::move(options), std::move(run))) {}
-V4l2Camera::~V4l2Camera() = default;
+}  // namespace
 
-CameraDescription V4l2Camera::describe() const {
-  return state_->describe();
-}
-
-const CameraTroubles& V4l2Camera::troubles() const {
-  return state_->troubles;
-}
-
-TimePoint V4l2Camera::set_exposure(Seconds exposure, double gain) {
-  state_->require_open();
-  state_->check_settings(exposure, gain);
-  try {
-    state_->make_settings(exposure, gain);
-  } catch (const DeviceError& error) {
-    if (error.error_number() != ENODEV) throw;
-    state_->wait_for_replug(error);  // makes the settings asked for
-  }
-  return state_->settings_made;
-}
-
-RawFrame V4l2Camera::next_frame(Seconds timeout) {
-  state_->require_open();
-  auto deadline = std::chrono::steady_clock::now() + timeout;
-  // One look even after the deadline: it may be the program that was stopped for so long.
-  int restarts = 0;
-  for (bool is_last = false; !is_last;) try {
-      const Seconds left = deadline - std::chrono::steady_clock::now();
-      is_last = left.count() <= 0.0;
-      const auto filled = state_->open->stream.take(std::max(left, Seconds(0)));
-      if (!filled) continue;
-      auto frame = state_->frame_of(*filled);
-      state_->open->stream.give_back(*filled);
-      if (frame) return std::move(*frame);
-    } catch (const DeviceError& error) {
-      if (error.error_number() == EIO) {
-        state_->restart(error, ++restarts);
-      } else if (error.error_number() == ENODEV) {
-        state_->wait_for_replug(error);
-        deadline = std::chrono::steady_clock::now() + timeout +
-                   frames_after_replug * (state_->exposure + state_->interval());
-        is_last = false;
-      } else {
-        throw;
-      }
-    }
-  throw DeviceError(state_->identity.node.string(), ETIMEDOUT,
-                    "no frame came within " + std::to_string(timeout.count()) +
-                        " s; check cable, trigger and that no other program uses the camera");
+std::unique_ptr<TetheredCamera> open_camera(V4l2CameraOptions options, RunContext run) {
+  return std::make_unique<V4l2Camera>(std::move(options), std::move(run));
 }
 
 }  // namespace refield

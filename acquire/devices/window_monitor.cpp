@@ -15,6 +15,7 @@
 #include <string_view>
 #include <utility>
 
+#include "acquire/devices/tethered_camera.h"
 #include "core/base/errors.h"
 
 namespace refield {
@@ -50,12 +51,6 @@ WindowDisplay description_of(GLFWmonitor* display) {
   const GLFWvidmode* mode = glfwGetVideoMode(display);
   if (mode == nullptr) fail("cannot read the display's mode");
   return {glfwGetMonitorName(display), mode->width, mode->height, static_cast<double>(mode->refreshRate)};
-}
-
-TimePoint monotonic_now() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return TimePoint(std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec));
 }
 
 /// Letters as the keyboard's layout has them.

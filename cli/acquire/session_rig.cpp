@@ -218,11 +218,9 @@ class SimulatedCamera final : public TetheredCamera {
     return camera_.set_exposure(exposure, gain);
   }
   RawFrame next_frame(Seconds timeout) override { return camera_.next_frame(timeout); }
-  const CameraTroubles& troubles() const override { return none_; }
 
  private:
   Camera& camera_;
-  CameraTroubles none_;
 };
 
 std::optional<VirtualRig> virtual_rig_of(const SessionFile& session) {
@@ -235,10 +233,10 @@ std::optional<VirtualRig> virtual_rig_of(const SessionFile& session) {
 std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session, std::optional<VirtualRig>& simulated) {
   if (simulated) return std::make_unique<SimulatedCamera>(simulated->camera());
   if (const auto* genicam = std::get_if<GenicamCameraOptions>(&session.camera))
-    return std::make_unique<GenicamCamera>(*genicam, run_with_notices());
+    return open_camera(*genicam, run_with_notices());
   if (const auto* gphoto = std::get_if<GphotoCameraOptions>(&session.camera))
-    return std::make_unique<GphotoCamera>(*gphoto, run_with_notices());
-  return std::make_unique<V4l2Camera>(std::get<V4l2CameraOptions>(session.camera), run_with_notices());
+    return open_camera(*gphoto, run_with_notices());
+  return open_camera(std::get<V4l2CameraOptions>(session.camera), run_with_notices());
 }
 
 /// null where the virtual rig has one.

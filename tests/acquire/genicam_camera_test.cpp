@@ -94,8 +94,8 @@ GenicamCameraOptions options_of(const std::string& device = "127.0.0.1",
 TEST_F(GenicamCameraTest, FramesCarryTheirSettingsAndNeverBeginLaterThanTheyDid) {
   Exposed exposed;
   const FakeGenicam fake("127.0.0.1", "S1", numbers(exposed));
-  GenicamCamera camera(options_of());
-  const CameraDescription description = camera.describe();
+  const auto camera = open_camera(options_of());
+  const CameraDescription description = camera->describe();
   EXPECT_THAT(description.name, HasSubstr("(S1)"));
   EXPECT_EQ(description.width, 64);
   EXPECT_EQ(description.height, 48);
@@ -109,9 +109,9 @@ TEST_F(GenicamCameraTest, FramesCarryTheirSettingsAndNeverBeginLaterThanTheyDid)
   for (int setting = 0; setting < 8; ++setting) {
     const Seconds exposure(0.001 + 0.0005 * (setting % 2));
     const double gain = setting % 2 ? 2.0 : 1.0;
-    const TimePoint made = camera.set_exposure(exposure, gain);
+    const TimePoint made = camera->set_exposure(exposure, gain);
     for (int i = 0; i < 30; ++i) {
-      const RawFrame frame = camera.next_frame(patience);
+      const RawFrame frame = camera->next_frame(patience);
       EXPECT_LE(frame.exposure_start, lateness.latest_start(exposed.start_of(frame), exposure));
       EXPECT_GT(frame.sequence, last);
       EXPECT_LT(frame.sequence - last, 30'000u);
@@ -128,13 +128,13 @@ TEST_F(GenicamCameraTest, FramesCarryTheirSettingsAndNeverBeginLaterThanTheyDid)
 // This camera cuts off what is less than a microsecond, which of 29e-6 s must not make 28.
 TEST_F(GenicamCameraTest, ShortExposuresAreMadeAsPlanned) {
   const FakeGenicam fake("127.0.0.1", "S1", nothing);
-  GenicamCamera camera(options_of());
-  const CameraDescription description = camera.describe();
+  const auto camera = open_camera(options_of());
+  const CameraDescription description = camera->describe();
   for (double wanted = 20e-6; wanted < 120e-6; wanted += 0.9e-6) {
     const Seconds planned = settable_exposure(Seconds(wanted), description);
     EXPECT_NEAR(planned.count(), wanted, 0.51e-6);
-    camera.set_exposure(planned, 1.0);
-    EXPECT_NEAR(camera.next_frame(patience).exposure.count(), planned.count(), 1e-9);
+    camera->set_exposure(planned, 1.0);
+    EXPECT_NEAR(camera->next_frame(patience).exposure.count(), planned.count(), 1e-9);
   }
 }
 
@@ -170,15 +170,15 @@ TEST_F(GenicamCameraTest, ReadsEveryPixelFormatOfTheCamera) {
                                    {"BayerBG8", PixelLayout::bayer_bggr, 8},
                                    {"BayerRG12", PixelLayout::bayer_rggb, 12}}) {
     SCOPED_TRACE(expected.format);
-    GenicamCamera camera(options_of("127.0.0.1", expected.format));
-    EXPECT_EQ(camera.describe().layout, expected.layout);
-    EXPECT_EQ(camera.describe().bits, expected.bits);
-    const RawFrame frame = camera.next_frame(patience);
+    const auto camera = open_camera(options_of("127.0.0.1", expected.format));
+    EXPECT_EQ(camera->describe().layout, expected.layout);
+    EXPECT_EQ(camera->describe().bits, expected.bits);
+    const RawFrame frame = camera->next_frame(patience);
     ASSERT_EQ(frame.samples.size(), 64u * 48u * (expected.layout == PixelLayout::rgb ? 3u : 1u));
     for (std::size_t i = 0; i < frame.samples.size(); ++i) ASSERT_EQ(frame.samples[i], i % 4 + 1) << i;
   }
   // Without a choice: raw, then the most bits.
-  EXPECT_EQ(GenicamCamera(options_of("127.0.0.1", "")).describe().bits, 16);
+  EXPECT_EQ(open_camera(options_of("127.0.0.1", ""))->describe().bits, 16);
 }
 
 TEST_F(GenicamCameraTest, SwitchesOffWhatTheCameraWouldChoose) {
@@ -196,7 +196,7 @@ TEST_F(GenicamCameraTest, SwitchesOffWhatTheCameraWouldChoose) {
   {
     GenicamCameraOptions options = options_of();
     options.controls = {{"BlackLevel", "16"}, {"GainAuto", "Off"}};
-    const GenicamCamera camera(options, run);
+    const auto camera = open_camera(options, run);
   }
   EXPECT_THAT(notes, testing::IsEmpty());
   EXPECT_EQ(feature("Gamma"), "1 of 0 to 4");
@@ -206,7 +206,7 @@ TEST_F(GenicamCameraTest, SwitchesOffWhatTheCameraWouldChoose) {
 
 TEST_F(GenicamCameraTest, RefusesACameraThatKeepsChoosing) {
   const FakeGenicam fake("127.0.0.1", "S1", nothing, true);
-  EXPECT_THAT(message_of<DeviceError>([] { GenicamCamera camera(options_of()); }),
+  EXPECT_THAT(message_of<DeviceError>([] { const auto camera = open_camera(options_of()); }),
               AllOf(HasSubstr("keeps choosing by itself"), HasSubstr("ExposureAuto")));
 }
 
@@ -215,12 +215,12 @@ TEST_F(GenicamCameraTest, TriggersBySoftwareOneFrameEach) {
   const FakeGenicam fake("127.0.0.1", "S1", numbers(exposed));
   GenicamCameraOptions options = options_of();
   options.trigger = "Software";
-  GenicamCamera camera(options);
-  camera.set_exposure(Seconds(0.001), 1.0);
-  const RawFrame first = camera.next_frame(patience);
+  const auto camera = open_camera(options);
+  camera->set_exposure(Seconds(0.001), 1.0);
+  const RawFrame first = camera->next_frame(patience);
   // A pause: a camera that runs freely makes 25 frames. A trigger whose frame came late or not is sent again.
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
-  const RawFrame second = camera.next_frame(patience);
+  const RawFrame second = camera->next_frame(patience);
   EXPECT_GT(second.samples[0], first.samples[0]);
   EXPECT_LE(second.samples[0], first.samples[0] + 4);
 }
@@ -229,17 +229,17 @@ TEST_F(GenicamCameraTest, WaitsForItsTriggerLine) {
   const FakeGenicam fake("127.0.0.1", "S1", nothing);
   GenicamCameraOptions options = options_of();
   options.trigger = "Line0";
-  EXPECT_THAT(message_of<DeviceError>([&] { GenicamCamera(options).next_frame(Seconds(0.3)); }),
+  EXPECT_THAT(message_of<DeviceError>([&] { open_camera(options)->next_frame(Seconds(0.3)); }),
               HasSubstr("no frame came within 0.3 s"));
   options.trigger = "Line7";
-  EXPECT_THAT(message_of<InputError>([&] { GenicamCamera other(options); }),
+  EXPECT_THAT(message_of<InputError>([&] { const auto other = open_camera(options); }),
               AllOf(HasSubstr("trigger Line7 is refused"), HasSubstr("Line0, Software")));
 }
 
 TEST_F(GenicamCameraTest, SaysWhatItCannotDo) {
   const FakeGenicam fake("127.0.0.1", "S1", nothing);
   const auto message = [](GenicamCameraOptions options) {
-    return message_of<InputError>([&] { GenicamCamera camera(std::move(options)); });
+    return message_of<InputError>([&] { const auto camera = open_camera(std::move(options)); });
   };
   EXPECT_THAT(message(options_of("127.0.0.1", "Mono14")),
               AllOf(HasSubstr("does not offer the pixel format Mono14"), HasSubstr("BayerBG8")));
@@ -256,17 +256,17 @@ TEST_F(GenicamCameraTest, SaysWhatItCannotDo) {
   EXPECT_THAT(message(options), AllOf(HasSubstr("BlackLevel = 300 is refused"), HasSubstr("0 to 255")));
   options.controls = {{"NoSuchFeature", "1"}};
   EXPECT_THAT(message(options), HasSubstr("feature NoSuchFeature is not there"));
-  GenicamCamera camera(options_of());
-  EXPECT_THAT(message_of<InputError>([&] { camera.set_exposure(Seconds(100), 1.0); }),
+  const auto camera = open_camera(options_of());
+  EXPECT_THAT(message_of<InputError>([&] { camera->set_exposure(Seconds(100), 1.0); }),
               HasSubstr("an exposure in seconds of 100 lies outside 1e-05 to 10"));
-  EXPECT_THAT(message_of<InputError>([&] { camera.set_exposure(Seconds(0.001), 100.0); }),
+  EXPECT_THAT(message_of<InputError>([&] { camera->set_exposure(Seconds(0.001), 100.0); }),
               HasSubstr("a gain of 100"));
 }
 
 TEST_F(GenicamCameraTest, SaysThatNobodyIsThere) {
-  EXPECT_THAT(message_of<DeviceError>([] { GenicamCamera camera(options_of("127.0.0.1")); }),
+  EXPECT_THAT(message_of<DeviceError>([] { const auto camera = open_camera(options_of("127.0.0.1")); }),
               AllOf(HasSubstr("genicam:127.0.0.1"), HasSubstr("cannot be opened")));
-  EXPECT_THAT(message_of<InputError>([] { GenicamCamera camera(options_of("S9")); }),
+  EXPECT_THAT(message_of<InputError>([] { const auto camera = open_camera(options_of("S9")); }),
               AllOf(HasSubstr("camera 'genicam:S9': no camera has this name")));
 }
 
@@ -280,15 +280,15 @@ TEST_F(GenicamCameraTest, TakesIncompleteFramesAgain) {
     std::size_t notes = 0;
     RunContext run;
     run.on_note = [&](const std::string&) { ++notes; };
-    GenicamCamera camera(options, run);
+    const auto camera = open_camera(options, run);
     const Seconds exposure(0.001);
-    camera.set_exposure(exposure, 1.0);
+    camera->set_exposure(exposure, 1.0);
     LatenessOfFrames lateness;
-    for (int i = 0; i < 40 || (camera.troubles().damaged == 0 && i < 4000); ++i) {
-      const RawFrame frame = camera.next_frame(patience);
+    for (int i = 0; i < 40 || (camera->troubles().damaged == 0 && i < 4000); ++i) {
+      const RawFrame frame = camera->next_frame(patience);
       EXPECT_LE(frame.exposure_start, lateness.latest_start(exposed.start_of(frame), exposure));
     }
-    EXPECT_GT(camera.troubles().damaged, 0u) << trigger;
+    EXPECT_GT(camera->troubles().damaged, 0u) << trigger;
     EXPECT_EQ(notes, 1u) << "one note says enough";
   }
 }
@@ -303,16 +303,16 @@ TEST_F(GenicamCameraTest, ComesBackAfterItWasUnplugged) {
     missed.test_and_set();
     missed.notify_one();
   };
-  GenicamCamera camera(options_of(), run);
-  camera.set_exposure(Seconds(0.0015), 2.0);
-  const RawFrame before = camera.next_frame(patience);
+  const auto camera = open_camera(options_of(), run);
+  camera->set_exposure(Seconds(0.0015), 2.0);
+  const RawFrame before = camera->next_frame(patience);
   fake.reset();
   std::thread plug([&] {
     missed.wait(false);
     fake = std::make_unique<FakeGenicam>("127.0.0.1", "S1", numbers(exposed));
   });
-  RawFrame after = camera.next_frame(patience);
-  while (camera.troubles().replugs == 0) after = camera.next_frame(patience);
+  RawFrame after = camera->next_frame(patience);
+  while (camera->troubles().replugs == 0) after = camera->next_frame(patience);
   plug.join();
   EXPECT_GT(after.sequence, before.sequence);
   EXPECT_EQ(after.samples[1], 1500) << "its settings were made again";
@@ -323,13 +323,13 @@ TEST_F(GenicamCameraTest, SeveralCamerasAreNamedByTheirSerialNumbers) {
   if (!network_is_private) GTEST_SKIP() << "needs a network of its own, for a second address";
   Exposed one, two;
   const FakeGenicam first("127.0.0.1", "S1", numbers(one)), second("127.0.0.2", "S2", numbers(two));
-  GenicamCamera left(options_of("S1")), right(options_of("S2"));
-  left.set_exposure(Seconds(0.001), 1.0);
-  right.set_exposure(Seconds(0.002), 1.0);
-  for (int i = 0; i < 10; ++i) left.next_frame(patience), right.next_frame(patience);
-  EXPECT_EQ(left.next_frame(patience).samples[1], 1000);
-  EXPECT_EQ(right.next_frame(patience).samples[1], 2000);
-  EXPECT_THAT(message_of<InputError>([] { GenicamCamera camera(options_of("S3")); }),
+  const auto left = open_camera(options_of("S1")), right = open_camera(options_of("S2"));
+  left->set_exposure(Seconds(0.001), 1.0);
+  right->set_exposure(Seconds(0.002), 1.0);
+  for (int i = 0; i < 10; ++i) left->next_frame(patience), right->next_frame(patience);
+  EXPECT_EQ(left->next_frame(patience).samples[1], 1000);
+  EXPECT_EQ(right->next_frame(patience).samples[1], 2000);
+  EXPECT_THAT(message_of<InputError>([] { const auto camera = open_camera(options_of("S3")); }),
               AllOf(HasSubstr("there are S1"), HasSubstr("S2")));
 }
 

@@ -191,8 +191,8 @@ int run(const fs::path& share) {
   const auto begun = std::chrono::steady_clock::now();
   bool gave_up = false;
   try {
-    GenicamCamera camera(options, context);
-    capture(request, camera, monitor, nullptr, context);
+    const auto camera = open_camera(options, context);
+    capture(request, *camera, monitor, nullptr, context);
   } catch (const DeviceError& error) {
     std::printf("## camera killed, no patience: %s\n", error.what());
     gave_up = true;
@@ -200,18 +200,18 @@ int run(const fs::path& share) {
   if (!gave_up) return std::printf("## FAILED: the capture did not notice that its camera was gone\n"), 1;
   process.start();
   options.replug_patience = Seconds(30);
-  GenicamCamera camera(options, context);
-  const CaptureSummary summary = capture(request, camera, monitor, nullptr, context);
+  const auto camera = open_camera(options, context);
+  const CaptureSummary summary = capture(request, *camera, monitor, nullptr, context);
   if (hand.joinable()) hand.join();
   std::printf(
       "## %zu photographs, %zu of them from before the first kill, in %.1f s; %llu incomplete frames, %llu "
       "reconnections; discarded: %llu early, %llu stale\n",
       summary.lights, summary.found_done, seconds_since(begun),
-      static_cast<unsigned long long>(camera.troubles().damaged),
-      static_cast<unsigned long long>(camera.troubles().replugs),
+      static_cast<unsigned long long>(camera->troubles().damaged),
+      static_cast<unsigned long long>(camera->troubles().replugs),
       static_cast<unsigned long long>(summary.discarded.early),
       static_cast<unsigned long long>(summary.discarded.stale));
-  const bool as_planned = camera.troubles().replugs >= 2 && camera.troubles().damaged > 0;
+  const bool as_planned = camera->troubles().replugs >= 2 && camera->troubles().damaged > 0;
   if (!as_planned) std::printf("## FAILED: at least two reconnections and some lost packets were expected\n");
   return as_planned ? 0 : 1;
 }

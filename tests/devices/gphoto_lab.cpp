@@ -124,12 +124,12 @@ int run(const fs::path& share, const std::string& session, const std::string& fa
   GphotoCameraOptions options;
   options.controls = {{"f-number", "5.6"}};
   options.replug_patience = Seconds(fault == "mended" ? 30 : 0);
-  GphotoCamera camera(options, context);
+  const auto camera = open_camera(options, context);
   if (calibrates) {
     CalibrateOptions how;
     how.patience = longest_delay * refresh;
     how.tone_step = 51;
-    const RigMeasurements rig = calibrate(camera, laboratory->monitor, nullptr, how, context);
+    const RigMeasurements rig = calibrate(*camera, laboratory->monitor, nullptr, how, context);
     write_calibration(share / "measured.toml", rig.camera, rig.monitor, rig.timing);
     std::printf(
         "## calibrated by %d photographs: black %.1f DN, saturation %.0f DN, superposition within %.2f %%\n",
@@ -150,8 +150,8 @@ int run(const fs::path& share, const std::string& session, const std::string& fa
   request.keep_raw = true;
   request.if_exists = IfExists::resume;
   const auto begun = std::chrono::steady_clock::now();
-  const CaptureSummary summary = capture(request, camera, laboratory->monitor, nullptr, context);
-  const CameraTroubles& troubles = camera.troubles();
+  const CaptureSummary summary = capture(request, *camera, laboratory->monitor, nullptr, context);
+  const CameraTroubles& troubles = camera->troubles();
   std::printf(
       "## %s: %zu lights, %zu of them found, %d photographs in %.1f s; early %llu, stale %llu; damaged %llu, "
       "reconnected %llu\n",
