@@ -4,12 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "acquire/calibrate/banding.h"
-#include "acquire/calibrate/photon_transfer.h"
+#include "acquire/calibrate/display_light.h"
 #include "acquire/calibrate/response.h"
 #include "acquire/calibrate/timing.h"
-#include "acquire/calibrate/tone_curve.h"
-#include "acquire/calibrate/uniformity.h"
 #include "core/base/run_context.h"
 
 namespace refield {

@@ -58,4 +58,52 @@ DisplayTransition fit_light_change(const std::vector<ChangeFrame>& frames, Secon
 DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraResponse& response,
                                      Seconds exposure_unit, const RunContext& run);
 
+/// Brightness of one frame beside what its exposure alone would give.
+struct ExposedLight {
+  double start_s = 0.0;  ///< of the exposure, from any instant on
+  double exposure_s = 0.0;
+  double light_per_second = 0.0;  ///< in any unit, above 0
+};
+
+/// A periodic part of the light: 1 + depth · cos(2π · hz · t + phase).
+struct Ripple {
+  double hz = 0.0;
+  double depth = 0.0;
+  /// The most that an exposure's brightness can be off by, relative: depth · |sin(π hz t)| / (π hz t).
+  double error_at(Seconds exposure) const;
+};
+
+/// How the display's light pulses.
+struct Banding {
+  Seconds refresh_period{0};         ///< from the flips' time stamps; 0: not known
+  std::vector<Ripple> ripples;       ///< strongest first; none where the light is steady
+  std::vector<ExposedLight> frames;  ///< what it rests on
+  Seconds exposure_unit{0};          ///< whole multiples of it show no ripple; 0: any exposure will do
+  std::vector<std::array<double, 2>> deviation;  ///< (exposure in s, relative brightness − 1) of the frames
+  double noise = 0.0;                            ///< what of the deviation no ripple explains, RMS
+};
+
+/// Takes frames of steady light at irregular exposures and finds the frequencies at which its brightness goes
+/// with the start and the length of the exposure (a periodogram by least squares, after Lomb 1976 and Scargle
+/// 1982, whose basis functions are integrals over the exposure). Irregular exposures tell frequencies apart
+/// that frames at a fixed rate confuse.
+Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn,
+                        const RunContext& run);
+
+/// The same once the camera's response is known: depths are then of light, not of DN.
+Banding linearised(Banding banding, double black_dn, const std::vector<float>& linear_from_dn);
+
+/// The ripples in `light`, strongest first, at most `most`; frequencies from 20 Hz to 2 kHz. `unexplained`,
+/// when given, receives the RMS of what is left, relative.
+std::vector<Ripple> find_ripples(const std::vector<ExposedLight>& light, int most,
+                                 double* unexplained = nullptr);
+
+/// The shortest exposure, a whole number of periods of one ripple, at which and at whose multiples all
+/// ripples stay below `tolerance`; 0 where there is no ripple.
+Seconds exposure_unit_for(const std::vector<Ripple>& ripples, double tolerance);
+
+/// The longest period of which all differences are whole multiples, from differences that are at most a few
+/// periods long; 0 where there is none.
+Seconds common_period(const std::vector<Seconds>& differences);
+
 }  // namespace refield

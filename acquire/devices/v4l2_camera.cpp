@@ -10,7 +10,6 @@
 
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
-#include "acquire/devices/v4l2_stream.h"
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <optional>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "core/image/image.h"
 #include "core/image/metrics.h"
 

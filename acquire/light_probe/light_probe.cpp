@@ -12,7 +12,7 @@
 #include <numbers>
 #include <sstream>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/unwrap.h"
 #include "acquire/series/capture_time.h"
 #include "core/base/config_file.h"

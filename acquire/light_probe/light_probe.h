@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/unwrap.h"
 #include "core/base/run_context.h"
 

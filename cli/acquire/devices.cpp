@@ -3,7 +3,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "acquire/devices/drm_device.h"
+#include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/genicam_camera.h"
 #include "acquire/devices/gphoto_camera.h"
 #include "acquire/devices/gpio_trigger.h"

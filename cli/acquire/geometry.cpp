@@ -8,7 +8,7 @@
 #include <numbers>
 #include <string>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/monitor_by_ball.h"
 #include "acquire/light_probe/unwrap.h"
 #include "cli/common/options.h"

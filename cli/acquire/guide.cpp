@@ -18,7 +18,7 @@
 #include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/capture/frame_pairing.h"
-#include "acquire/devices/drm_device.h"
+#include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/v4l2_device.h"
 #include "cli/acquire/live_view.h"
 #include "cli/acquire/session_rig.h"

@@ -9,7 +9,6 @@
 
 #include "cli/report/evaluation.h"
 #include "cli/report/page.h"
-#include "cli/report/page_data.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "estimate/job/estimate_job.h"

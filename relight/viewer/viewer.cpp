@@ -2,8 +2,7 @@
 #include "relight/viewer/viewer.h"
 
 #include "core/base/errors.h"
-#include "relight/viewer/field/commands.h"
-#include "relight/viewer/field/panels.h"
+#include "relight/viewer/field/app.h"
 #include "relight/viewer/gui/window_loop.h"
 
 namespace refield {

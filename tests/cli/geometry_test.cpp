@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/monitor_by_ball.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"

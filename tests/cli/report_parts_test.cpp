@@ -12,7 +12,6 @@
 #include "cli/report/evaluation.h"
 #include "cli/report/input.h"
 #include "cli/report/page.h"
-#include "cli/report/page_data.h"
 #include "cli/report/pixel_choice.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"

@@ -9,7 +9,6 @@
 #include <chrono>
 
 #include "acquire/calibrate/calibration.h"
-#include "acquire/devices/drm_device.h"
 #include "core/base/errors.h"
 #include "tests/devices/lab.h"
 

@@ -10,7 +10,7 @@
 #include <cstdlib>
 #include <numbers>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/unwrap.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -11,6 +12,9 @@
 #include "relight/viewer/field/view_state.h"
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/gl_window.h"
+#include "relight/viewer/gui/input.h"
+#include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/window_state.h"
 
 namespace refield {
@@ -93,5 +97,22 @@ void remove_selected(App& app);
 void advance_motion(App& app, double seconds);
 /// Lights by a square of app.probe_texels around a point of the light map alone.
 void probe_at(App& app, const Point& texel);
+
+const std::vector<Shortcut<App>>& shortcuts();
+
+/// What scripts can do with a field; `app` must outlive it.
+ScriptStage field_stage(App& app);
+
+/// What the panels draw pictures with.
+struct Textures {
+  Texture picture, light, kernels;
+};
+
+/// Draws all of a frame into Dear ImGui and lets mouse and controls change `app`. Calls `refresh` once they
+/// have and before the picture is laid out, whose region may be another then.
+void draw_panels(App& app, const Textures& textures, const std::function<void()>& refresh);
+
+/// The part of the image that is in view. Nothing where it was moved out of it, and for meshes.
+std::optional<VisibleRegion> visible_region(const App& app);
 
 }  // namespace refield

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/field/commands.h"
+#include "relight/viewer/field/app.h"
 
 #define GLFW_INCLUDE_NONE
 

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/field/panels.h"
 
 #include <imgui.h>
 
@@ -10,9 +9,8 @@
 
 #include "core/base/errors.h"
 #include "core/image/tone_map.h"
-#include "relight/viewer/field/commands.h"
+#include "relight/viewer/field/app.h"
 #include "relight/viewer/gui/widgets.h"
-#include "relight/viewer/gui/window_panels.h"
 
 namespace refield {
 

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "acquire/calibrate/banding.h"
 #include "acquire/calibrate/monotone_curve.h"
 #include "acquire/calibrate/response.h"
 #include "acquire/calibrate/timing.h"

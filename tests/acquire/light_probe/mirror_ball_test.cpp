@@ -9,7 +9,6 @@
 #include <complex>
 #include <numbers>
 
-#include "acquire/light_probe/find_ball.h"
 #include "acquire/light_probe/unwrap.h"
 #include "core/base/errors.h"
 #include "core/base/rng.h"

@@ -7,7 +7,7 @@
 #include <numbers>
 #include <random>
 
-#include "acquire/light_probe/find_ball.h"
+#include "acquire/light_probe/mirror_ball.h"
 #include "tests/support/message_of.h"
 
 namespace refield {
