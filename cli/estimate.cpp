@@ -14,6 +14,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -177,12 +178,6 @@ void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
   run_context().note(text);
 }
 
-std::string names_of(const std::vector<LeftOutFrame>& frames) {
-  std::string names;
-  for (const LeftOutFrame& frame : frames) names += (names.empty() ? "" : ", ") + frame.name;
-  return names;
-}
-
 /// Errors on what --hold-out kept away from the estimate; nothing without it, or where only rows are there.
 std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, CaptureSession session) {
   if (arguments.capture.hold_out == 0 || arguments.options.rows) return {};
@@ -231,7 +226,7 @@ void run(EstimateArguments arguments, const Common& common) {
     std::printf("%s\n", curve.advice().c_str());
   if (!summary.frames.left_out.empty())
     std::printf("left out because they do not fit the other photographs: %s\n",
-                names_of(summary.frames.left_out).c_str());
+                listed(summary.frames.left_out, summary.frames.left_out.size(), &LeftOutFrame::name).c_str());
   if (!held_out.empty()) {
     std::printf("error on the images excluded by --hold-out %d:\n", arguments.capture.hold_out);
     print_errors(held_out);

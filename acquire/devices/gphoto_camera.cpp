@@ -19,6 +19,7 @@
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/bracket_files.h"
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -230,12 +231,6 @@ std::optional<GphotoSetting> read_setting(Connection& open, const std::string& n
   return setting;
 }
 
-std::string choices_text(const GphotoSetting& setting) {
-  std::string text;
-  for (const std::string& choice : setting.choices) text += (text.empty() ? "" : ", ") + choice;
-  return text;
-}
-
 /// Sets and reads back. Throws InputError for what the camera lacks, GphotoFailure when it refuses.
 void write_setting(Connection& open, const std::string& camera, const std::string& name, std::string wanted) {
   const auto before = read_setting(open, name);
@@ -247,7 +242,7 @@ void write_setting(Connection& open, const std::string& camera, const std::strin
         before->choices, [&](const std::string& offered) { return names_same(offered, wanted); });
     if (choice == before->choices.end())
       throw InputError("camera '" + camera + "': " + name + " cannot be '" + wanted + "'; its choices are " +
-                       choices_text(*before));
+                       listed(before->choices));
     wanted = *choice;
   }
   if (names_same(before->value, wanted)) return;
@@ -457,7 +452,7 @@ class GphotoCamera final : public TetheredCamera {
       iso_ = number_in(speed->value);
       if (!iso_)
         throw InputError("camera '" + description_.name + "': iso is '" + speed->value +
-                         "'; give a number in [controls], the lowest if possible: " + choices_text(*speed));
+                         "'; give a number in [controls], the lowest if possible: " + listed(speed->choices));
     }
     if (const auto stop = first_of(aperture_names)) aperture_ = number_in(stop->value);
     read_shutters();
@@ -503,7 +498,7 @@ class GphotoCamera final : public TetheredCamera {
       if (const auto time = shutter_time(choice)) shutters_.push_back({*time, choice});
     if (shutters_.empty())
       throw InputError("camera '" + description_.name + "': " + shutter_name_ + " has no times, only " +
-                       choices_text(*setting));
+                       listed(setting->choices));
     std::ranges::sort(shutters_, {}, &Shutter::time);
     if (shutter_.choice.empty()) {
       const auto now = std::ranges::find(shutters_, setting->value, &Shutter::choice);

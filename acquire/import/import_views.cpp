@@ -14,6 +14,7 @@
 #include "acquire/import/bracket_pairing.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_facts.h"
 #include "core/image/image_io.h"
@@ -23,6 +24,8 @@ namespace refield {
 namespace fs = std::filesystem;
 
 namespace {
+
+constexpr std::size_t max_names = 3;  // of files that a note lists
 
 bool same_file(const fs::path& a, const fs::path& b) {
   std::error_code error;
@@ -53,14 +56,6 @@ std::vector<ImportedView> without_lights(const std::vector<BracketGroup>& groups
   std::vector<ImportedView> views;
   for (std::size_t i = 0; i < groups.size(); ++i) views.push_back({groups[i], groups[i].name, {}, {}, i});
   return views;
-}
-
-std::string list_of(const std::vector<std::string>& names) {
-  constexpr std::size_t max_names = 3;
-  std::string list;
-  for (std::size_t i = 0; i < std::min(names.size(), max_names); ++i) list += (i == 0 ? "" : ", ") + names[i];
-  return names.size() > max_names ? list + " and " + std::to_string(names.size() - max_names) + " more"
-                                  : list;
 }
 
 /// Brightness of one exposure of each bracket and of the lights, and their times.
@@ -124,7 +119,8 @@ void choose_ambient(ImportRequest& request, const std::vector<BracketGroup>& gro
   std::vector<std::string> others;
   for (const std::size_t i : pairing.black)
     if (groups[i].paths != request.ambient) others.push_back(file(i));
-  if (!others.empty()) notes.push_back("further black brackets, which are left out: " + list_of(others));
+  if (!others.empty())
+    notes.push_back("further black brackets, which are left out: " + listed(others, max_names));
 }
 
 std::vector<ImportedView> with_lights_by_order(ImportRequest& request, std::vector<BracketGroup> groups,
@@ -168,7 +164,7 @@ std::vector<ImportedView> with_lights_by_order(ImportRequest& request, std::vect
        {std::pair{"lights without photographs, which are left out: ", &missing},
         {"brackets that repeat the one before or after, which are left out: ", &doubled},
         {"brackets that show none of the lights, which are left out: ", &stray}})
-    if (!names->empty()) request.stage.notes.push_back(what + list_of(*names));
+    if (!names->empty()) request.stage.notes.push_back(what + listed(*names, max_names));
   return views;
 }
 

@@ -18,6 +18,7 @@
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
@@ -25,6 +26,8 @@
 namespace refield {
 
 namespace {
+
+constexpr std::size_t max_names = 5;  // of photographs that a note lists
 
 constexpr std::size_t least_common = 10;   // photographs that must overlap
 constexpr double least_correlation = 0.5;  // below, the series do not go together
@@ -216,25 +219,16 @@ std::map<std::string, std::string> discarded_probes(const fs::path& folder) {
   return reasons;
 }
 
-/// "a, b, c and 4 more".
-std::string list_of(const std::vector<std::string>& names) {
-  constexpr std::size_t max_names = 5;
-  std::string text;
-  for (std::size_t i = 0; i < std::min(names.size(), max_names); ++i) text += (i > 0 ? ", " : "") + names[i];
-  return names.size() > max_names ? text + " and " + std::to_string(names.size() - max_names) + " more"
-                                  : text;
-}
-
 /// Names what the list of times and the files do not have in common, and files that only their names order.
 void note_doubtful_times(const std::string& pattern, const std::vector<SeriesFile>& series,
                          const std::vector<std::string>& without_line, std::vector<std::string> without_file,
                          const RunContext& run) {
   if (!without_line.empty())
     run.note(pattern + ": not listed in " + times_file_name +
-             ", left out where their metadata have no time: " + list_of(without_line));
+             ", left out where their metadata have no time: " + listed(without_line, max_names));
   if (!without_file.empty())
     run.note(pattern + ": listed in " + times_file_name +
-             ", but there is no such file: " + list_of(without_file));
+             ", but there is no such file: " + listed(without_file, max_names));
   std::vector<std::string> equal;
   for (std::size_t i = 0; i < series.size(); ++i)
     if ((i > 0 && series[i].time == series[i - 1].time) ||
@@ -244,7 +238,7 @@ void note_doubtful_times(const std::string& pattern, const std::vector<SeriesFil
     run.note(pattern +
              ": files share one time, so that they are paired in the order of their names, which need "
              "not be that of their lights: " +
-             list_of(equal) + "; list times with fractions of a second in " + times_file_name);
+             listed(equal, max_names) + "; list times with fractions of a second in " + times_file_name);
 }
 
 /// In order of time.

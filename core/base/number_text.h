@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <charconv>
+#include <cstddef>
+#include <functional>
+#include <limits>
 #include <optional>
+#include <string>
 #include <string_view>
 
 namespace refield {
@@ -15,6 +19,17 @@ std::optional<Number> number_from_text(std::string_view text, Format... format) 
   const auto [end, error] = std::from_chars(text.data(), last, value, format...);
   if (error != std::errc() || end != last) return std::nullopt;
   return value;
+}
+
+/// "a, b, c and 4 more": the names of at most `max_items` of a range.
+template <class Range, class Name = std::identity>
+std::string listed(const Range& items, std::size_t max_items = std::numeric_limits<std::size_t>::max(),
+                   Name name = {}) {
+  std::string text;
+  std::size_t count = 0;
+  for (const auto& item : items)
+    if (count++ < max_items) text.append(text.empty() ? "" : ", ").append(std::invoke(name, item));
+  return count > max_items ? text + " and " + std::to_string(count - max_items) + " more" : text;
 }
 
 }  // namespace refield

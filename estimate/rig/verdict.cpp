@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "estimate/job/estimate_job.h"
 #include "estimate/quality/frame_check.h"
 
@@ -95,11 +96,7 @@ VerdictRow noise_row(double noise) {
 
 std::string names_of(const std::vector<LeftOutFrame>& frames) {
   constexpr std::size_t max_names = 3;
-  std::string names;
-  for (std::size_t i = 0; i < std::min(frames.size(), max_names); ++i)
-    names += (i == 0 ? "" : ", ") + frames[i].name;
-  return frames.size() > max_names ? names + " and " + std::to_string(frames.size() - max_names) + " more"
-                                   : names;
+  return listed(frames, max_names, &LeftOutFrame::name);
 }
 
 VerdictRow outlier_row(const FrameReport& report) {

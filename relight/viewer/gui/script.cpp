@@ -4,9 +4,11 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <ranges>
 #include <string_view>
 
 #include "core/base/errors.h"
@@ -92,12 +94,10 @@ Target target_named(std::string_view word, const Grammar& grammar, const std::st
 }
 
 const Grammar& grammar_of(std::string_view name, const std::string& place) {
-  std::string known;
-  for (const Grammar& grammar : grammars) {
-    if (grammar.name == name) return grammar;
-    known.append(known.empty() ? "" : ", ").append(grammar.name);
-  }
-  throw InputError(place + "there is no command '" + std::string(name) + "'; there are " + known);
+  const auto found = std::ranges::find(grammars, name, &Grammar::name);
+  if (found != grammars.end()) return *found;
+  throw InputError(place + "there is no command '" + std::string(name) + "'; there are " +
+                   listed(grammars, grammars.size(), &Grammar::name));
 }
 
 constexpr int settling_frames = 2;
@@ -114,9 +114,8 @@ Point control_named(const WindowState& window, const std::string& name) {
   if (found != window.controls.end() && found->second.is_visible) return found->second.middle;
   if (found != window.controls.end())
     throw InputError("the control '" + name + "' is scrolled out of view; take a larger window (--size)");
-  std::string known;
-  for (const auto& [label, control] : window.controls) known.append(known.empty() ? "" : ", ").append(label);
-  throw InputError("there is no control '" + name + "' now; there are " + known);
+  throw InputError("there is no control '" + name + "' now; there are " +
+                   listed(std::views::keys(window.controls)));
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/background_job.h"
@@ -58,9 +59,8 @@ std::size_t thing_named(const SceneApp& app, const std::string& name) {
   const auto& things = app.state.scene().things;
   const auto found = std::ranges::find(things, name, &SceneThing::name);
   if (found != things.end()) return static_cast<std::size_t>(found - things.begin());
-  std::string known;
-  for (const SceneThing& thing : things) known.append(known.empty() ? "" : ", ").append(thing.name);
-  throw InputError("the scene has no '" + name + "'; there are " + known);
+  throw InputError("the scene has no '" + name + "'; there are " +
+                   listed(things, things.size(), &SceneThing::name));
 }
 
 /// Changes the selected thing, where there is one.
