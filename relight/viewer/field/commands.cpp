@@ -169,21 +169,9 @@ void print_places(const App& app) {
 void perform(App& app, const ScriptCommand& command) {
   ViewState& state = *app.state;
   switch (command.verb) {
-    case Verb::rotate:
-      return turn_light(app, command.numbers[0] - 360.0 * state.setup().turns());
-    case Verb::exposure:
-      return state.set_tone({std::exp2(command.numbers[0]), state.tone().curve});
-    case Verb::curve:
-      return state.set_tone({state.tone().exposure, tone_operator_from_name(command.text)});
-    case Verb::show:
-      return state.show(shown_from_name(command.text));
     case Verb::pan:
-      if (state.view() == nullptr) return app.picture.pan(command.numbers[0], command.numbers[1]);
-      [[fallthrough]];
-    case Verb::orbit:
-    case Verb::approach:
-      if (state.view() == nullptr) throw InputError("the field has no mesh for a camera to move around");
-      return move_camera(state.view()->move(), command);
+      if (FreeView* view = state.view()) return view->move().pan(command.numbers[0], command.numbers[1]);
+      return app.picture.pan(command.numbers[0], command.numbers[1]);
     case Verb::where:
       return print_places(app);
     case Verb::save:
@@ -191,7 +179,7 @@ void perform(App& app, const ScriptCommand& command) {
     case Verb::save_light:
       return save_light(app, command.text);
     default:
-      throw InputError("this command requires a dynamic scene, but a field is shown");
+      return;  // mouse and keys
   }
 }
 

@@ -14,29 +14,6 @@
 
 namespace refield {
 
-std::string_view name_of(Shown shown) {
-  switch (shown) {
-    case Shown::picture:
-      return "picture";
-    case Shown::false_colour:
-      return "false-colour";
-    case Shown::predicted_error:
-      return "error";
-    case Shown::photograph_noise:
-      return "noise";
-    case Shown::training_error:
-      return "training-error";
-  }
-  throw InputError("unknown view");
-}
-
-Shown shown_from_name(std::string_view name) {
-  for (const Shown shown : all_shown)
-    if (name == name_of(shown)) return shown;
-  throw InputError("unknown view '" + std::string(name) +
-                   "'; use picture, false-colour, error, noise or training-error");
-}
-
 namespace {
 
 const std::vector<float>& error_map_of(const FieldOutline& field, Shown shown) {

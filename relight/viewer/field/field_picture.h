@@ -23,13 +23,6 @@ namespace refield {
 ///  - the others: maps of relative error that the field holds, where it does.
 enum class Shown { picture, false_colour, predicted_error, photograph_noise, training_error };
 
-inline constexpr std::array<Shown, 5> all_shown = {Shown::picture, Shown::false_colour,
-                                                   Shown::predicted_error, Shown::photograph_noise,
-                                                   Shown::training_error};
-std::string_view name_of(Shown shown);
-/// Throws InputError for an unknown name.
-Shown shown_from_name(std::string_view name);
-
 /// False colours reach from that many stops below white to that many above.
 inline constexpr double stops_below_white = 8.0;
 inline constexpr double stops_above_white = 2.0;

@@ -84,15 +84,6 @@ bool FreeView::update(Clock::time_point now) {
   return true;
 }
 
-void move_camera(OrbitCamera& camera, const ScriptCommand& command) {
-  using Verb = ScriptCommand::Verb;
-  const auto& n = command.numbers;
-  if (command.verb == Verb::approach && !(n[0] > 0.0)) throw InputError("give a factor above zero");
-  if (command.verb == Verb::orbit) camera.orbit(n[0], n[1]);
-  if (command.verb == Verb::approach) camera.approach(n[0]);
-  if (command.verb == Verb::pan) camera.pan(n[0], n[1]);
-}
-
 std::string canvas_text(const Canvas& canvas, int width, int height) {
   char text[160];
   std::snprintf(text, sizeof text, R"({"x": %.3f, "y": %.3f, "scale": %.9f, "width": %d, "height": %d})",

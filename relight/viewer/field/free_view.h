@@ -9,7 +9,6 @@
 #include "core/field/mesh.h"
 #include "relight/mesh/mesh_view.h"
 #include "relight/viewer/gui/canvas.h"
-#include "relight/viewer/gui/script.h"
 
 namespace refield {
 
@@ -77,10 +76,7 @@ class FreeView {
   Clock::time_point moved_at_{};
 };
 
-// What scripts do with cameras and tell of them, whatever is shown.
-
-/// Orbits, approaches or pans. Throws InputError for a factor that is none.
-void move_camera(OrbitCamera& camera, const ScriptCommand& command);
+// What scripts tell of pictures and cameras, whatever is shown.
 
 /// JSON: where a picture lies in the window, in the window's pixels.
 std::string canvas_text(const Canvas& canvas, int width, int height);

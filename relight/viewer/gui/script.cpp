@@ -32,9 +32,8 @@ struct Grammar {
   std::string_view usage;
 };
 
-constexpr std::array<Grammar, 29> grammars = {{
+constexpr std::array<Grammar, 17> grammars = {{
     {"load", Verb::load, false, 0, 0, true, "load FILE"},
-    {"move", Verb::move, true, 2, 2, false, "move image|light X Y"},
     {"pick", Verb::pick, false, 2, 2, false, "pick X Y"},
     {"drag", Verb::drag, true, 4, 5, false, "drag image|light X Y X2 Y2 [FRAMES]"},
     {"probe", Verb::probe, false, 2, 2, false, "probe X Y"},
@@ -43,18 +42,7 @@ constexpr std::array<Grammar, 29> grammars = {{
     {"press", Verb::press, false, 0, 0, true, "press LABEL"},
     {"key", Verb::key, false, 0, 0, true, "key NAME"},
     {"type", Verb::type, false, 0, 0, true, "type TEXT"},
-    {"rotate", Verb::rotate, false, 1, 1, false, "rotate DEGREES"},
-    {"select", Verb::select, false, 0, 0, true, "select NAME"},
-    {"place", Verb::place, false, 3, 3, false, "place X Y Z"},
-    {"gain", Verb::gain, false, 1, 1, false, "gain STOPS"},
-    {"time", Verb::time, false, 1, 1, false, "time SECONDS"},
-    {"bounces", Verb::bounces, false, 1, 1, false, "bounces NUMBER"},
-    {"orbit", Verb::orbit, false, 2, 2, false, "orbit DEGREES_RIGHT DEGREES_UP"},
-    {"approach", Verb::approach, false, 1, 1, false, "approach FACTOR"},
     {"pan", Verb::pan, false, 2, 2, false, "pan PIXELS_RIGHT PIXELS_DOWN"},
-    {"exposure", Verb::exposure, false, 1, 1, false, "exposure STOPS"},
-    {"curve", Verb::curve, false, 0, 0, true, "curve clip|reinhard|filmic"},
-    {"show", Verb::show, false, 0, 0, true, "show picture|false-colour|error|noise|training-error"},
     {"wait", Verb::wait, false, 1, 1, false, "wait FRAMES"},
     {"fps", Verb::fps, false, 0, 0, false, "fps"},
     {"where", Verb::where, false, 0, 0, false, "where"},
@@ -266,9 +254,10 @@ void ScriptPlayer::plan_input(const ScriptCommand& command) {
   add(command, [=](const Driven& driven) {
     InputQueue& input = driven.input;
     if (command.verb == Verb::load) input.push(FilesDropped{{command.text}});
-    if (command.verb == Verb::move || command.verb == Verb::scroll)
+    if (command.verb == Verb::scroll) {
       input.push(over(driven.stage, command.target, command.numbers[0], command.numbers[1]));
-    if (command.verb == Verb::scroll) input.push(MouseScrolled{0.0, command.numbers[2]});
+      input.push(MouseScrolled{0.0, command.numbers[2]});
+    }
     if (command.verb == Verb::key) {
       KeyChanged key = driven.stage.key(command.text);
       input.push(key);
@@ -287,7 +276,6 @@ void ScriptPlayer::plan_input(const ScriptCommand& command) {
 void ScriptPlayer::plan(const ScriptCommand& command) {
   switch (command.verb) {
     case Verb::load:
-    case Verb::move:
     case Verb::scroll:
     case Verb::release:
     case Verb::key:
@@ -310,7 +298,7 @@ void ScriptPlayer::plan(const ScriptCommand& command) {
     case Verb::save_light:
     case Verb::quit:
       return plan_output(command);
-    default:
+    case Verb::pan:
       add(command, [=](const Driven& driven) { driven.stage.perform(command); });
       return plan_waiting(settling_frames);
   }

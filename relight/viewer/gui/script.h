@@ -18,28 +18,16 @@ namespace refield {
 struct ScriptCommand {
   enum class Verb {
     load,    ///< text: file
-    move,    ///< target, numbers: x y
     pick,    ///< numbers: x y
     drag,    ///< target, numbers: x y x2 y2 frames
     probe,   ///< numbers: x y
     scroll,  ///< target, numbers: x y steps
     release,
-    press,     ///< text: a control's label
-    key,       ///< text: its name
-    type,      ///< text: ASCII, into the text field that has the focus
-    rotate,    ///< numbers: degrees
-    select,    ///< text: a thing's name
-    place,     ///< numbers: x y z
-    gain,      ///< numbers: stops
-    time,      ///< numbers: seconds
-    bounces,   ///< numbers: how many
-    orbit,     ///< numbers: degrees to the right, up
-    approach,  ///< numbers: factor
-    pan,       ///< numbers: pixels to the right, down
-    exposure,  ///< numbers: stops
-    curve,     ///< text
-    show,      ///< text
-    wait,      ///< numbers: frames
+    press,  ///< text: a control's label
+    key,    ///< text: its name
+    type,   ///< text: ASCII, into the text field that has the focus
+    pan,    ///< numbers: pixels to the right, down
+    wait,   ///< numbers: frames
     fps,
     where,
     screenshot,  ///< text: file

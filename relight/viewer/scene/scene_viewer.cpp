@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "core/base/errors.h"
-#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/background_job.h"
@@ -53,15 +52,6 @@ struct SceneApp : WindowState {
 
   Canvas picture;
 };
-
-/// Throws InputError, which names those that there are.
-std::size_t thing_named(const SceneApp& app, const std::string& name) {
-  const auto& things = app.state.scene().things;
-  const auto found = std::ranges::find(things, name, &SceneThing::name);
-  if (found != things.end()) return static_cast<std::size_t>(found - things.begin());
-  throw InputError("the scene has no '" + name + "'; there are " +
-                   listed(things, things.size(), &SceneThing::name));
-}
 
 /// Changes the selected thing, where there is one.
 template <class Change>
@@ -188,40 +178,10 @@ void print_scene_places(const SceneApp& app) {
   std::fflush(stdout);
 }
 
-std::size_t selected_thing(const SceneApp& app) {
-  if (!app.selected) throw InputError("nothing is selected; write 'select NAME' before");
-  return *app.selected;
-}
-
 void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
-  SceneState& state = app.state;
-  const auto& n = command.numbers;
   switch (command.verb) {
-    case Verb::select:
-      app.selected = thing_named(app, command.text);
-      return;
-    case Verb::place:
-      return state.put(selected_thing(app), Eigen::Vector3d(n[0], n[1], n[2]).cast<float>());
-    case Verb::rotate:
-      if (!state.scene().things[selected_thing(app)].can_turn)
-        throw InputError(state.scene().things[*app.selected].name + " looks at a point and cannot be turned");
-      return change_handling(app, [&](Handling& handling) { handling.turn_degrees = n[0]; });
-    case Verb::gain:
-      if (!state.scene().things[selected_thing(app)].is_area_light)
-        throw InputError(state.scene().things[*app.selected].name + " is not an area light");
-      return change_handling(app, [&](Handling& handling) { handling.gain = std::exp2(n[0]); });
-    case Verb::time:
-      return state.set_time(n[0]);
-    case Verb::bounces:
-      return state.set_bounces(static_cast<int>(n[0]));
-    case Verb::exposure:
-      return state.set_tone({std::exp2(n[0]), state.tone().curve});
-    case Verb::curve:
-      return state.set_tone({state.tone().exposure, tone_operator_from_name(command.text)});
-    case Verb::orbit:
-    case Verb::approach:
     case Verb::pan:
-      return move_camera(state.view().move(), command);
+      return app.state.view().move().pan(command.numbers[0], command.numbers[1]);
     case Verb::where:
       return print_scene_places(app);
     case Verb::save:

@@ -161,8 +161,6 @@ TEST_F(ViewStateTest, ShowsErrorsAndFalseColours) {
   EXPECT_FALSE(state_.has(Shown::photograph_noise));
   EXPECT_THROW(state_.show(Shown::photograph_noise), InputError);
   EXPECT_THROW(ViewState{ReflectanceField{}}, InputError);
-  for (const Shown shown : all_shown) EXPECT_EQ(shown_from_name(name_of(shown)), shown);
-  EXPECT_THROW(shown_from_name("ghost"), InputError);
 }
 
 /// Under an environment that takes long to project onto its light map: 400 thousand texels.

@@ -134,8 +134,8 @@ TEST(Script, SaysWhatIsWrongAndWhere) {
   EXPECT_THAT(message("pick 1 2 3"), HasSubstr("write pick X Y"));
   EXPECT_THAT(message("pick one 2"), HasSubstr("'one' is no number"));
   for (const std::string value : {"nan", "-nan", "inf", "-infinity", "1e999"})
-    EXPECT_THAT(message("rotate " + value), HasSubstr("line 12: '" + value + "' is no number"));
-  EXPECT_THAT(message("move scene 1 2"), HasSubstr("neither image nor light"));
+    EXPECT_THAT(message("wait " + value), HasSubstr("line 12: '" + value + "' is no number"));
+  EXPECT_THAT(message("scroll scene 1 2 1"), HasSubstr("neither image nor light"));
   EXPECT_THAT(message("load"), HasSubstr("write load FILE"));
 }
 
