@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <limits>
 
-#include "acquire/hdr/relative_map.h"
+#include "acquire/calibrate/calibration.h"
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/bracket_saturation.h"
 #include "core/base/errors.h"

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "acquire/hdr/relative_map.h"
+#include "acquire/calibrate/calibration.h"
 #include "core/base/errors.h"
 
 namespace refield {

@@ -8,7 +8,6 @@
 
 #include "acquire/capture/session_writer.h"
 #include "acquire/import/bracket_merge.h"
-#include "acquire/import/chrome_ball.h"
 #include "acquire/import/light_sources.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"

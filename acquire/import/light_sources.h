@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+
 #include <Eigen/Core>
 
 #include <array>
@@ -8,7 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "acquire/light_probe/mirror_ball.h"
 #include "core/image/image.h"
+#include "core/image/metrics.h"
 #include "core/light/light_map.h"
 
 namespace refield {
@@ -52,5 +55,26 @@ void place_sources(LightStage& stage);
 
 /// Light map of one source: black but for its texel, whose radiance × solid angle is the intensity.
 Image light_map_of(const LightStage& stage, std::size_t source);
+
+/// A mirror ball beside the object, in the photographs of a light stage.
+struct ChromeBall {
+  std::optional<ImageCircle> circle;            ///< nullopt: it is found in the mean photograph
+  std::optional<double> field_of_view_degrees;  ///< across the photograph's width; nullopt: far camera
+};
+
+/// The ball in `mean`, the mean of the photographs under all light sources. With a far camera, directions are
+/// relative to that from the ball to the camera, instead of the optical axis. Throws InputError where the
+/// ball is not found, or not whole.
+MirrorBall locate_ball(const ChromeBall& ball, const Image& mean);
+
+/// Direction towards the light source, unit length, in the axes of lat-long maps, from the highlight on the
+/// ball: the centroid of the samples above a quarter of the largest, and those around them. Source: RTI
+/// practice, for instance Mudge et al. 2006. The source is taken to be far away: at a distance of d radii of
+/// the ball, its direction from the ball's centre differs by up to 1/d. Throws InputError where there is no
+/// single highlight.
+Eigen::Vector3d light_direction(const Image& photograph, const MirrorBall& ball);
+
+/// Excludes the ball and a border of two pixels from a mask [height × width].
+void exclude_ball(Mask& mask, int width, int height, const MirrorBall& ball);
 
 }  // namespace refield

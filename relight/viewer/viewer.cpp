@@ -3,7 +3,7 @@
 
 #include "core/base/errors.h"
 #include "relight/viewer/field/app.h"
-#include "relight/viewer/gui/window_loop.h"
+#include "relight/viewer/gui/gl_window.h"
 
 namespace refield {
 

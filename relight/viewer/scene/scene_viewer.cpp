@@ -22,7 +22,6 @@
 #include "relight/viewer/gui/input.h"
 #include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/widgets.h"
-#include "relight/viewer/gui/window_loop.h"
 #include "relight/viewer/gui/window_state.h"
 #include "relight/viewer/scene/scene_state.h"
 #include "relight/viewer/viewer.h"
