@@ -169,13 +169,11 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
 }
 
 void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
-  char text[160];
-  std::snprintf(text, sizeof text,
-                "estimate: %d images, rows %d to %d, %d bands of %d, %d threads, needs %.1f GiB of the %.1f "
+  run_context().note(
+      formatted("estimate: %d images, rows %d to %d, %d bands of %d, %d threads, needs %.1f GiB of the %.1f "
                 "GiB allowed",
                 plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
-                plan.memory_bytes / gib, arguments.memory_gib);
-  run_context().note(text);
+                plan.memory_bytes / gib, arguments.memory_gib));
 }
 
 /// Errors on what --hold-out kept away from the estimate; nothing without it, or where only rows are there.

@@ -18,6 +18,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/field/field_statistics.h"
 #include "core/field_io/field_shard.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -278,9 +279,7 @@ std::string printable(const std::string& text) {
     if (!control && (byte < 0x80 || follows || begins)) {
       shown += text[i];
     } else {
-      char number[8];
-      std::snprintf(number, sizeof number, "\\x%02x", byte);
-      shown += number;
+      shown += formatted("\\x%02x", byte);
     }
   }
   return shown;

@@ -15,6 +15,7 @@
 #include <string>
 
 #include "core/base/isolated.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -48,13 +49,9 @@ void print_line(const std::string& text) {
 }
 
 std::string duration_text(double seconds) {
-  char text[32];
   const auto s = static_cast<int>(std::lround(seconds));
-  if (s >= 3600)
-    std::snprintf(text, sizeof text, "%d:%02d:%02d", s / 3600, s / 60 % 60, s % 60);
-  else
-    std::snprintf(text, sizeof text, "%d:%02d", s / 60, s % 60);
-  return text;
+  return s >= 3600 ? formatted("%d:%02d:%02d", s / 3600, s / 60 % 60, s % 60)
+                   : formatted("%d:%02d", s / 60, s % 60);
 }
 
 std::mutex detail_mutex;
@@ -112,9 +109,7 @@ class ProgressBar {
                    times.c_str(), is_last ? "\n" : "");
       std::fflush(stderr);
     } else {
-      char percent[16];
-      std::snprintf(percent, sizeof percent, "%.0f %%", 100.0 * fraction);
-      print_line(shown_ + ": " + percent + ", " + times);
+      print_line(shown_ + ": " + formatted("%.0f %%", 100.0 * fraction) + ", " + times);
     }
     is_drawn_ = true;
     next_draw_ = Clock::now() + pause_after(elapsed);

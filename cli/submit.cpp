@@ -22,6 +22,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
 #include "core/image/image_io.h"
@@ -428,9 +429,7 @@ std::string job_name(const fs::path& output) {
   std::string name = "refield-";
   for (const char c : output.stem().string())
     name += std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
-  char unique[16];
-  std::snprintf(unique, sizeof unique, "-%06x", std::random_device{}() & 0xffffffu);
-  return name + unique;
+  return name + formatted("-%06x", std::random_device{}() & 0xffffffu);
 }
 
 std::string threads_text(const ClusterJob& job) {

@@ -7,6 +7,7 @@
 
 #include "acquire/capture/exposure_plan.h"
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 
 namespace refield {
@@ -161,9 +162,7 @@ Seconds meter_exposure(CalibrationBench& bench, const RunContext& run) {
 }
 
 std::string percent_text(double share) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f %%", 100.0 * share);
-  return text;
+  return formatted("%.1f %%", 100.0 * share);
 }
 
 }  // namespace

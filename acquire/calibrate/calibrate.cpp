@@ -2,24 +2,15 @@
 #include "acquire/calibrate/calibrate.h"
 
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 
 namespace refield {
 
 namespace {
-
-[[gnu::format(printf, 1, 2)]] std::string sentence(const char* format, ...) {
-  char text[512];
-  va_list arguments;
-  va_start(arguments, format);
-  std::vsnprintf(text, sizeof text, format, arguments);
-  va_end(arguments);
-  return text;
-}
 
 TimingCalibration timing_so_far(const RigMeasurements& rig, Seconds patience) {
   TimingCalibration timing;
@@ -50,44 +41,44 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
   };
   const CameraResponse& response = rig.response;
   warn(!response.saturation_seen,
-       sentence("No sample reached saturation, so full scale, %.0f DN, is used. If the sensor saturates "
-                "below it, bright regions will be wrong without a warning: calibrate again with a longer "
-                "exposure or more light.",
-                response.saturation_dn));
+       formatted("No sample reached saturation, so full scale, %.0f DN, is used. If the sensor saturates "
+                 "below it, bright regions will be wrong without a warning: calibrate again with a longer "
+                 "exposure or more light.",
+                 response.saturation_dn));
   warn(rig.black.clipped > 0.01,
-       sentence("%.0f %% of the samples are 0 in the dark: the camera clips noise below zero, so dark "
-                "regions are too bright. Raise its black level (often called brightness or offset).",
-                100.0 * rig.black.clipped));
+       formatted("%.0f %% of the samples are 0 in the dark: the camera clips noise below zero, so dark "
+                 "regions are too bright. Raise its black level (often called brightness or offset).",
+                 100.0 * rig.black.clipped));
   warn(response.darkest_share > 0.05,
-       sentence(
+       formatted(
            "The response is measured from %.0f %% of the range on and interpolated below: shorter exposures "
            "or a wider range of brightness in the scene would show more.",
            100.0 * response.darkest_share));
   warn(std::abs(rig.noise.excess_at_the_top) > 0.2,
-       sentence("The brightest samples are %.0f %% %s noisy than photons are: %s.",
-                100.0 * std::abs(rig.noise.excess_at_the_top),
-                rig.noise.excess_at_the_top > 0.0 ? "more" : "less",
-                rig.noise.excess_at_the_top > 0.0 ? "light or camera flicker from place to place"
-                                                  : "the camera smooths or compresses; choose a raw format"));
+       formatted(
+           "The brightest samples are %.0f %% %s noisy than photons are: %s.",
+           100.0 * std::abs(rig.noise.excess_at_the_top), rig.noise.excess_at_the_top > 0.0 ? "more" : "less",
+           rig.noise.excess_at_the_top > 0.0 ? "light or camera flicker from place to place"
+                                             : "the camera smooths or compresses; choose a raw format"));
   if (!rig.banding.ripples.empty()) {
     const Ripple& ripple = rig.banding.ripples.front();
-    warn(true, sentence("The display flickers at %.1f Hz by %.1f %%: use exposure times that are whole "
-                        "multiples of %.4g s, or brightness varies between frames (bands with a rolling "
-                        "shutter). The capture does this automatically.",
-                        ripple.hz, 100.0 * ripple.depth, rig.timing.exposure_unit.count()));
+    warn(true, formatted("The display flickers at %.1f Hz by %.1f %%: use exposure times that are whole "
+                         "multiples of %.4g s, or brightness varies between frames (bands with a rolling "
+                         "shutter). The capture does this automatically.",
+                         ripple.hz, 100.0 * ripple.depth, rig.timing.exposure_unit.count()));
   }
   warn(rig.banding.noise > 0.01,
-       sentence("Brightness varies by %.1f %% from frame to frame without a period: daylight, another light "
-                "source, or automatic camera settings.",
-                100.0 * rig.banding.noise));
+       formatted("Brightness varies by %.1f %% from frame to frame without a period: daylight, another light "
+                 "source, or automatic camera settings.",
+                 100.0 * rig.banding.noise));
   const double misfit = std::max(rig.display_timing.rise.residual, rig.display_timing.fall.residual);
   warn(misfit > 0.05,
-       sentence("The display's change of light does not follow a ramp (%.0f %% off, RMS); settling is "
-                "set by the last frame that differed.",
-                100.0 * misfit));
+       formatted("The display's change of light does not follow a ramp (%.0f %% off, RMS); settling is "
+                 "set by the last frame that differed.",
+                 100.0 * misfit));
   for (double fall : rig.tone_curve.falls)
     warn(fall > 0.01,
-         sentence(
+         formatted(
              "A higher drive level gave less light, by %.1f %% of white; the tone curve was smoothed there.",
              100.0 * fall));
   return warnings;

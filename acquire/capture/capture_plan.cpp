@@ -16,6 +16,7 @@
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/session/journal.h"
 
@@ -315,13 +316,10 @@ NoisePlan min_exposures(const SceneRange& range, const ExposurePlanOptions& opti
 }
 
 std::string NoisePlan::sentence() const {
-  char text[256];
-  std::snprintf(text, sizeof text,
-                "%zu exposure%s cover%s the scene's range of 1:%.0f with noise of at most %.1f %%%s",
-                exposures.size(), exposures.size() == 1 ? "" : "s", exposures.size() == 1 ? "s" : "",
-                range.bright / range.dark, 100.0 * worst_noise,
-                reached ? "" : ", above the limit: take more frames per exposure");
-  return text;
+  return formatted("%zu exposure%s cover%s the scene's range of 1:%.0f with noise of at most %.1f %%%s",
+                   exposures.size(), exposures.size() == 1 ? "" : "s", exposures.size() == 1 ? "s" : "",
+                   range.bright / range.dark, 100.0 * worst_noise,
+                   reached ? "" : ", above the limit: take more frames per exposure");
 }
 
 }  // namespace refield

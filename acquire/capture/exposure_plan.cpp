@@ -6,15 +6,14 @@
 #include <cstdio>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
 namespace {
 
 std::string text(Seconds time) {
-  char buffer[32];
-  std::snprintf(buffer, sizeof buffer, "%.6g s", time.count());
-  return buffer;
+  return formatted("%.6g s", time.count());
 }
 
 Seconds rounded_to_multiple(Seconds time, Seconds period) {

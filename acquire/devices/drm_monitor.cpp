@@ -20,6 +20,7 @@
 #include <thread>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -74,9 +75,7 @@ void add_connectors_of(const fs::path& card, std::vector<DrmConnectorInfo>& foun
 }  // namespace
 
 std::string DrmModeInfo::text() const {
-  char text[64];
-  std::snprintf(text, sizeof text, "%dx%d@%.2f", width, height, refresh_hz);
-  return text;
+  return formatted("%dx%d@%.2f", width, height, refresh_hz);
 }
 
 std::vector<DrmConnectorInfo> find_drm_connectors() {

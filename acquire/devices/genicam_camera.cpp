@@ -16,6 +16,7 @@
 
 #include "acquire/devices/pixel_formats.h"
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -85,9 +86,7 @@ std::string or_empty(const char* text) {
 }
 
 std::string short_text(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.7g", value);
-  return text;
+  return formatted("%.7g", value);
 }
 
 std::string list_of_genicam(const std::vector<GenicamIdentity>& cameras) {

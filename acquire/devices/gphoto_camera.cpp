@@ -47,9 +47,7 @@ bool has_word(const std::string& text, std::initializer_list<const char*> words)
 }
 
 std::string seconds_text(Seconds time) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g s", time.count());
-  return text;
+  return formatted("%.6g s", time.count());
 }
 
 /// The number that "f/5.6", "5.6", "100", "ISO 100" or "80%" states.
@@ -211,9 +209,7 @@ std::optional<GphotoSetting> read_setting(Connection& open, const std::string& n
   if (type == GP_WIDGET_RANGE) {
     float value = 0.0f;
     gp_widget_get_value(widget.get(), &value);
-    char text[32];
-    std::snprintf(text, sizeof text, "%g", value);
-    setting.value = text;
+    setting.value = formatted("%g", value);
   } else if (type == GP_WIDGET_TOGGLE || type == GP_WIDGET_DATE) {
     int value = 0;
     gp_widget_get_value(widget.get(), &value);

@@ -16,6 +16,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_facts.h"
 #include "core/image/image_file.h"
 #include "core/image/image_header.h"
@@ -229,11 +230,7 @@ void require_same_settings(const CameraSettings& settings, const fs::path& path,
                            const char* remedy) {
     constexpr double rounding = 0.02;
     if (!value || !other || std::abs(*value - *other) <= rounding * std::abs(*other)) return;
-    const auto text = [](double number) {
-      char digits[32];
-      std::snprintf(digits, sizeof digits, "%.4g", number);
-      return std::string(digits);
-    };
+    const auto text = [](double number) { return formatted("%.4g", number); };
     throw InputError(path.string() + ": was taken with " + name + " " + text(*value) + ", but " +
                      expected_path.string() + " with " + text(*other) + "; " + remedy);
   };

@@ -10,6 +10,7 @@
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/bracket_saturation.h"
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -48,9 +49,9 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
   constexpr double same = 0.02;  // metadata round
   for (std::size_t i = 0; i < exposures.size(); ++i) {
     if (const double seconds = exposures[i].count(); !(seconds >= least && seconds <= most)) {
-      char text[80];
-      std::snprintf(text, sizeof text, ": has an exposure time of %g s; give 1e-7 to 1e5 s", seconds);
-      throw InputError(bracket.paths[i].string() + text + " with --exposures");
+      throw InputError(bracket.paths[i].string() +
+                       formatted(": has an exposure time of %g s; give 1e-7 to 1e5 s", seconds) +
+                       " with --exposures");
     }
     const auto measured = std::ranges::find_if(camera.measured_times, [&](const auto& times) {
       return std::abs(exposures[i] / times.first - 1.0) < same;

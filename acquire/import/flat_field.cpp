@@ -9,6 +9,7 @@
 
 #include "acquire/calibrate/calibration.h"
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -20,10 +21,8 @@ constexpr double negligible_share = 0.001;
 constexpr double least_part = 0.05;
 
 [[noreturn]] void refuse_card(const char* what, double share, const char* remedy) {
-  char text[160];
-  std::snprintf(text, sizeof text, "the white card is %s in %.1f %% of the pixels; %s", what, 100.0 * share,
-                remedy);
-  throw InputError(text);
+  throw InputError(
+      formatted("the white card is %s in %.1f %% of the pixels; %s", what, 100.0 * share, remedy));
 }
 
 /// One channel of the card where `weight` is not zero, smooth: 24 × 18 nodes follow the fall-off of a light

@@ -14,6 +14,7 @@
 #include "acquire/import/import_views.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 
 namespace refield {
@@ -467,10 +468,8 @@ MirrorBall read_ball(const std::vector<ImportedView>& views, ImportRequest& requ
   }
   MirrorBall ball = locate_ball(*request.ball, mean);
   LightStage& stage = request.stage;
-  char text[240];
-  std::snprintf(text, sizeof text, "mirror ball at --ball %.2f,%.2f,%.2f", ball.centre_px().x(),
-                ball.centre_px().y(), ball.radius_px());
-  stage.notes.emplace_back(text);
+  stage.notes.emplace_back(formatted("mirror ball at --ball %.2f,%.2f,%.2f", ball.centre_px().x(),
+                                     ball.centre_px().y(), ball.radius_px()));
   if (!request.ball->field_of_view_degrees)
     stage.notes.emplace_back(
         "without --field-of-view, directions are relative to the direction from the ball to the camera");
@@ -587,12 +586,10 @@ void SeriesMerger::add(const MergeStatistics& statistics, const std::vector<Seco
 void SeriesMerger::report(ImportSummary& summary) const {
   summary.exposures = exposures_;
   if (saturation_) {
-    char text[160];
-    std::snprintf(text, sizeof text,
-                  "the samples of %d photographs show that they are clipped below the level that the files "
+    summary.notes.emplace_back(
+        formatted("the samples of %d photographs show that they are clipped below the level that the files "
                   "state, from %.6g; --saturation overrules it",
-                  with_found_saturation_, *saturation_);
-    summary.notes.emplace_back(text);
+                  with_found_saturation_, *saturation_));
   }
   if (merged_ == 0) return;
   for (double useful : useful_) summary.useful_fraction.push_back(useful / merged_);

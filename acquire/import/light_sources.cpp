@@ -108,14 +108,11 @@ struct DirectionReader {
                  : "the direction " + vector +
                        " has no length; give the vector from the object to the light source");
     constexpr double rounding = 1e-3;  // lists are written with three digits and more
-    char text[64];
-    std::snprintf(text, sizeof text, "length %.4g", length);
     if (object)
       distances.push_back(length);
     else if (std::abs(length - 1.0) > rounding)
-      lengths.add(file, line, text);
-    std::snprintf(text, sizeof text, "z = %.4g", towards.z());
-    if (towards.z() < 0.0) below.add(file, line, text);
+      lengths.add(file, line, formatted("length %.4g", length));
+    if (towards.z() < 0.0) below.add(file, line, formatted("z = %.4g", towards.z()));
     return Eigen::Vector3d(towards.x(), towards.y(), -towards.z()) / length;
   }
 
@@ -144,12 +141,10 @@ struct DirectionReader {
       strongest = std::max(strongest, factor);
       for (float& value : stage.sources[i].intensity) value *= static_cast<float>(factor);
     }
-    char text[200];
-    std::snprintf(text, sizeof text,
-                  "light sources at a mean distance of %.4g from the object, in the unit of the list; their "
+    stage.notes.emplace_back(
+        formatted("light sources at a mean distance of %.4g from the object, in the unit of the list; their "
                   "intensities are multiplied by (mean distance / distance)², %.3g to %.3g",
-                  mean, weakest, strongest);
-    stage.notes.emplace_back(text);
+                  mean, weakest, strongest));
   }
 };
 
@@ -359,15 +354,13 @@ double degrees_between(const LightSource& a, const LightSource& b) {
 }
 
 [[noreturn]] void refuse_pair(const LightStage& stage, const LightSource& first, const LightSource& second) {
-  char angle[64];
-  std::snprintf(angle, sizeof angle, "%.3g°", degrees_between(first, second));
+  const std::string angle = formatted("%.3g°", degrees_between(first, second));
   if (stage.file.empty())
     throw InputError(second.photograph + ": the light source is " + angle + " from that of " +
                      first.photograph +
                      ", too close to have a texel of its own; leave out one of the two photographs");
   refuse_line(stage.file, second.line,
-              std::string("the light source is ") + angle + " from that of line " +
-                  std::to_string(first.line) +
+              "the light source is " + angle + " from that of line " + std::to_string(first.line) +
                   ", too close to have a texel of its own; correct the direction, or remove one of the two");
 }
 

@@ -18,6 +18,7 @@
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/light/light_map.h"
@@ -34,9 +35,7 @@ double luminance(const float* rgb) {
 }
 
 std::string per_cent(double fraction) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g %%", 100.0 * fraction);
-  return text;
+  return formatted("%.3g %%", 100.0 * fraction);
 }
 
 }  // namespace
@@ -209,14 +208,12 @@ class Side {
     std::ranges::sort(fits, {}, [](const OutlineFit& fit) { return fit.ball.radius_px(); });
     const OutlineFit& middle = fits[fits.size() / 2];
     const Eigen::Vector2d centre = middle.ball.centre_px();
-    char text[240];
-    std::snprintf(text, sizeof text,
-                  "ball found at --ball %.2f,%.2f,%.2f: %.0f %% of its outline clear, within %.2f pixels; "
+    notes.emplace_back(
+        formatted("ball found at --ball %.2f,%.2f,%.2f: %.0f %% of its outline clear, within %.2f pixels; "
                   "seen in %zu of "
                   "%zu photographs tried",
                   centre.x(), centre.y(), middle.ball.radius_px(), 100.0 * middle.support, middle.rms_px,
-                  fits.size(), count);
-    notes.emplace_back(text);
+                  fits.size(), count));
     constexpr double sure_support = 0.9, sure_px = 0.6;
     if (middle.support < sure_support || middle.rms_px > sure_px)
       notes.emplace_back(

@@ -9,6 +9,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_file.h"
 
 namespace refield {
@@ -48,12 +49,10 @@ std::string text_from_clock_seconds(ClockSeconds seconds) {
   const auto day = static_cast<std::int64_t>(std::floor(static_cast<double>(whole) / 86400.0));
   const std::chrono::year_month_day date{std::chrono::sys_days(std::chrono::days(day))};
   const auto in_day = static_cast<int>(whole - day * 86400);
-  char text[40];
-  std::snprintf(text, sizeof text, "%04d-%02u-%02uT%02d:%02d:%02d.%03d", static_cast<int>(date.year()),
-                static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()), in_day / 3600,
-                in_day / 60 % 60, in_day % 60,
-                static_cast<int>(milliseconds - static_cast<double>(whole) * 1e3));
-  return text;
+  return formatted("%04d-%02u-%02uT%02d:%02d:%02d.%03d", static_cast<int>(date.year()),
+                   static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()), in_day / 3600,
+                   in_day / 60 % 60, in_day % 60,
+                   static_cast<int>(milliseconds - static_cast<double>(whole) * 1e3));
 }
 
 std::optional<ClockSeconds> clock_seconds_from_name(const std::string& name) {

@@ -338,8 +338,7 @@ void pair_up(const std::vector<SeriesFile>& observed, const std::vector<SeriesFi
     summary.pairs.push_back({observed[o].path, probes[p].path,
                              observed[o].time - summary.clocks.first_from_second(probes[p].time)});
   }
-  char reason[80];
-  std::snprintf(reason, sizeof reason, "has no partner within %.3g s", summary.tolerance_seconds);
+  const std::string reason = formatted("has no partner within %.3g s", summary.tolerance_seconds);
   for (std::size_t i = 0; i < observed.size(); ++i)
     if (!observed_used[i]) summary.observed_left_out.push_back({observed[i].path, reason});
   for (std::size_t i = 0; i < probes.size(); ++i)
@@ -360,10 +359,7 @@ std::string plan_of(const MatchRequest& request, const CaptureSession& session) 
   toml::array frames;
   for (const CaptureFrame& frame : session.frames) {
     const auto crc = [](const fs::path& file) {
-      char text[9];
-      std::snprintf(text, sizeof text, "%08x",
-                    inspect_file(file.parent_path(), file.filename().string()).crc32);
-      return std::string(text);
+      return formatted("%08x", inspect_file(file.parent_path(), file.filename().string()).crc32);
     };
     frames.push_back(toml::table{{"name", frame.name},
                                  {"role", std::string(name_of(frame.role))},

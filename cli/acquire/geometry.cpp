@@ -16,6 +16,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/session/capture_session.h"
 
@@ -116,8 +117,7 @@ void geometry(const GeometryOptions& options, const Common& common) {
     write_session_manifest(target);
   }
   const Eigen::Vector2d centre = ball.centre_px();
-  char circle[96];
-  std::snprintf(circle, sizeof circle, "%.1f,%.1f,%.1f", centre.x(), centre.y(), ball.radius_px());
+  const std::string circle = formatted("%.1f,%.1f,%.1f", centre.x(), centre.y(), ball.radius_px());
   if (common.json) {
     ordered_json corners = ordered_json::array();
     for (const Eigen::Vector3d& corner : found.corners_mm)
@@ -137,7 +137,7 @@ void geometry(const GeometryOptions& options, const Common& common) {
   std::printf(
       "corners: standard deviation %.2f %% of their distance; %zu spots, %.2f pixels off (RMS)\nball: --ball "
       "%s\n",
-      100.0 * found.corner_sigma, spots.size() - found.left_out.size(), found.rms_px, circle);
+      100.0 * found.corner_sigma, spots.size() - found.left_out.size(), found.rms_px, circle.c_str());
   for (const std::string& name : left_out)
     std::printf("note: the reflection of %s was not found where the screen is\n", name.c_str());
   if (!options.into.empty())

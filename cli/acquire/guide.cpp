@@ -27,6 +27,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
 #include "estimate/rig/verdict.h"
@@ -64,22 +65,11 @@ struct Choice {
   std::string description;
 };
 
-std::string number_text(double value, const char* format = "%.3g") {
-  char text[64];
-  std::snprintf(text, sizeof text, format, value);
-  return text;
-}
-
 std::string time_text(double seconds) {
   const auto s = static_cast<int>(std::lround(seconds));
-  char text[48];
-  if (s < 100)
-    std::snprintf(text, sizeof text, "%d s", s);
-  else if (s < 5400)
-    std::snprintf(text, sizeof text, "%d min", (s + 30) / 60);
-  else
-    std::snprintf(text, sizeof text, "%.1f h", s / 3600.0);
-  return text;
+  if (s < 100) return formatted("%d s", s);
+  if (s < 5400) return formatted("%d min", (s + 30) / 60);
+  return formatted("%.1f h", s / 3600.0);
 }
 
 int whole_number(const std::string& text, int low, int high) {
@@ -372,7 +362,7 @@ class Guide {
     set_session_value(text, "camera", "device", toml_text(camera));
     if (triggers_by_software(camera)) set_session_value(text, "camera", "trigger", toml_text("Software"));
     if (!options_.format.empty()) set_session_value(text, "camera", "format", toml_text(options_.format));
-    if (options_.rate > 0.0) set_session_value(text, "camera", "rate", number_text(options_.rate, "%.9g"));
+    if (options_.rate > 0.0) set_session_value(text, "camera", "rate", formatted("%.9g", options_.rate));
     if (const auto& region = options_.region; !region.empty()) {
       std::string numbers;
       for (const int number : region) numbers += (numbers.empty() ? "[" : ", ") + std::to_string(number);
@@ -535,7 +525,7 @@ class Guide {
       print_image(merged.radiance);
       std::string list;
       for (const Seconds exposure : exposures)
-        list += (list.empty() ? "[" : ", ") + number_text(exposure.count(), "%.6g");
+        list += (list.empty() ? "[" : ", ") + formatted("%.6g", exposure.count());
       set("exposures", "seconds", list + "]");
       return true;
     });

@@ -9,6 +9,7 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
 #include "core/session/journal.h"
@@ -73,9 +74,7 @@ std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& light
   std::vector<CaptureLight> result;
   int count = 0;
   const auto add_reference = [&] {
-    char name[32];
-    std::snprintf(name, sizeof name, "reference_%03d", count++);
-    result.push_back({name, FrameRole::reference, "reference", reference});
+    result.push_back({formatted("reference_%03d", count++), FrameRole::reference, "reference", reference});
   };
   for (std::size_t i = 0; i < lights.size(); ++i) {
     if (i % static_cast<std::size_t>(every) == 0) add_reference();
@@ -121,9 +120,8 @@ std::vector<CaptureLight> panorama_lights(const SessionLights& wanted, int width
   Progress progress(run_context(), "rotating the panorama", static_cast<std::size_t>(wanted.rotations));
   for (int i = 0; i < wanted.rotations; ++i) {
     run_context().throw_if_stopped();
-    char name[32];
-    std::snprintf(name, sizeof name, "rotation_%05d", i);
-    lights.push_back({name, FrameRole::train, "rotation", folder / (std::string(name) + ".exr")});
+    const std::string name = formatted("rotation_%05d", i);
+    lights.push_back({name, FrameRole::train, "rotation", folder / (name + ".exr")});
     const PanoramaView view{{.yaw = 360.0 * i / wanted.rotations}, horizontal_fov};
     write_exr(lights.back().wanted, view_of_panorama(panorama, view, width, height));
     progress.advance();

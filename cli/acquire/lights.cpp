@@ -16,6 +16,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/image/image.h"
 #include "core/image/image_io.h"
@@ -54,9 +55,7 @@ std::pair<int, int> size_of(const std::string& text) {
 
 /// "name", or with brightness steps "name_x0.25" and so on.
 std::string name_of(const std::string& name, double step, bool stepped) {
-  char text[32];
-  std::snprintf(text, sizeof text, "_x%.4g", step);
-  return name + (stepped ? text : "");
+  return name + (stepped ? formatted("_x%.4g", step) : "");
 }
 
 /// Writes patterns, linear radiance from 0 to 1, as OpenEXR and, where asked for, as PNG.

@@ -20,6 +20,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_io.h"
 
 namespace refield::cli {
@@ -64,12 +65,7 @@ std::string time_of_day(ClockSeconds time) {
 }
 
 std::string left_text(double seconds) {
-  char text[32];
-  if (seconds < 90.0)
-    std::snprintf(text, sizeof text, "%.0f s left", seconds);
-  else
-    std::snprintf(text, sizeof text, "%.0f min left", seconds / 60.0);
-  return text;
+  return seconds < 90.0 ? formatted("%.0f s left", seconds) : formatted("%.0f min left", seconds / 60.0);
 }
 
 DriveImage levels_of(const fs::path& file) {

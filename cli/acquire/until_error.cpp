@@ -9,6 +9,7 @@
 
 #include "cli/run_context.h"
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "estimate/quality/light_order.h"
 
@@ -68,10 +69,8 @@ void UntilError::attach(CaptureRequest& request) {
   follower_.expect(std::move(natural));
   request.is_enough = [this](const CaptureFrame& frame) { return is_enough(frame); };
   if (error_ == 0.0) return;
-  char rule[128];
-  std::snprintf(rule, sizeof rule, "predicted error %.6g, from %d images, every %d", error_, min_images_,
-                check_every_);
-  request.stop_rule = rule;
+  request.stop_rule =
+      formatted("predicted error %.6g, from %d images, every %d", error_, min_images_, check_every_);
 }
 
 bool UntilError::is_enough(const CaptureFrame& frame) {
@@ -79,28 +78,22 @@ bool UntilError::is_enough(const CaptureFrame& frame) {
   const int images = follower_.images();
   if (images < min_images_ || (images - min_images_) % check_every_ != 0) return false;
   last_ = follower_.predict(run_context());
-  char text[160];
   if (!last_.predicted) {
-    std::snprintf(
-        text, sizeof text,
+    run_context().note(formatted(
         "after %d photographs: the error cannot be predicted from %d lights that differ; it takes %d", images,
-        last_.lights, min_lights_for_errors);
-    run_context().note(text);
+        last_.lights, min_lights_for_errors));
     return false;
   }
   const double predicted = *last_.predicted;
   if (error_ == 0.0) {
-    std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %%", images,
-                  100.0 * predicted);
-    run_context().note(text);
+    run_context().note(formatted("after %d photographs: predicted error %.2f %%", images, 100.0 * predicted));
     return false;
   }
   reached_ = predicted <= error_;
   const int needed = reached_ ? 0 : follower_.images_for(error_);
-  std::snprintf(text, sizeof text, "after %d photographs: predicted error %.2f %% (target: %.2f %%)%s",
-                images, 100.0 * predicted, 100.0 * error_,
-                needed > 0 ? (", about " + std::to_string(needed) + " photographs are needed").c_str() : "");
-  run_context().note(text);
+  run_context().note(formatted("after %d photographs: predicted error %.2f %% (target: %.2f %%)", images,
+                               100.0 * predicted, 100.0 * error_) +
+                     (needed > 0 ? formatted(", about %d photographs are needed", needed) : ""));
   return reached_;
 }
 
@@ -142,9 +135,7 @@ std::vector<VerdictRow> compare_references(const std::vector<std::filesystem::pa
   const double shift = std::hypot(found[1], found[2]), room = found[3] * count / brightness;
   std::vector<VerdictRow> rows;
   const auto add = [&](const char* property, const char* format, const auto&... values) {
-    char text[160];
-    std::snprintf(text, sizeof text, format, values...);
-    rows.push_back({property, RigFinding::State::suspicious, text, {}, {}, ""});
+    rows.push_back({property, RigFinding::State::suspicious, formatted(format, values...), {}, {}, ""});
   };
   if (shift > min_shift && shift > significant * std::hypot(deviation[1], deviation[2])) {
     add("motion",

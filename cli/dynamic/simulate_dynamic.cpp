@@ -20,6 +20,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/base/rng.h"
 #include "core/base/units.h"
@@ -247,9 +248,7 @@ std::optional<double> write_frames(PreparedScene& scene, const DynamicArguments&
   } else {
     create_folders(output);
     for_each_frame(scene, arguments, [&](int frame, const Image& picture) {
-      char name[32];
-      std::snprintf(name, sizeof name, "frame_%05d.png", frame);
-      write_png(output / name, picture, frames.tone(picture));
+      write_png(output / formatted("frame_%05d.png", frame), picture, frames.tone(picture));
     });
   }
   if (arguments.video.exposure) warn_of_clipping(frames.clipped());

@@ -10,6 +10,7 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "relight/environment/environment.h"
@@ -211,9 +212,7 @@ void check(const RelightOptions& options) {
 }  // namespace
 
 std::string frame_name(const char* what, int frame) {
-  char name[64];
-  std::snprintf(name, sizeof name, "%s_%04d", what, frame);
-  return name;
+  return formatted("%s_%04d", what, frame);
 }
 
 fs::path only_file(const std::vector<std::string>& patterns, const char* option) {

@@ -25,6 +25,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
@@ -265,8 +266,7 @@ class DataWriter {
     const std::string bytes = shuffled(values, run);
     nlohmann::ordered_json parts = nlohmann::ordered_json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
-      char file[32];
-      std::snprintf(file, sizeof file, "data-%03zu.js", count_++);
+      const std::string file = formatted("data-%03zu.js", count_++);
       page_.write(
           file,
           "refield.receive(" + script_text(std::string_view(bytes).substr(at, part_bytes), run) + ");\n",

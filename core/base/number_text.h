@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <charconv>
+#include <cstdarg>
 #include <cstddef>
+#include <cstdio>
 #include <functional>
 #include <limits>
 #include <optional>
@@ -19,6 +21,18 @@ std::optional<Number> number_from_text(std::string_view text, Format... format) 
   const auto [end, error] = std::from_chars(text.data(), last, value, format...);
   if (error != std::errc() || end != last) return std::nullopt;
   return value;
+}
+
+/// As std::printf() would print it.
+[[gnu::format(printf, 1, 2)]] inline std::string formatted(const char* format, ...) {
+  std::va_list values, again;
+  va_start(values, format);
+  va_copy(again, values);
+  std::string text(static_cast<std::size_t>(std::vsnprintf(nullptr, 0, format, values)), '\0');
+  std::vsnprintf(text.data(), text.size() + 1, format, again);
+  va_end(values);
+  va_end(again);
+  return text;
 }
 
 /// "a, b, c and 4 more": the names of at most `max_items` of a range.

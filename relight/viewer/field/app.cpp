@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
 #include "relight/environment/environment.h"
@@ -70,11 +71,10 @@ void show_opened(App& app, OpenedFile opened) {
 void tell_share(App& app) {
   if (!app.tells_share || !app.state->is_current()) return;
   app.tells_share = false;
-  char text[120];
-  std::snprintf(text, sizeof text,
-                ": %.1f %% of its light comes from the directions of the monitor; rotate it for more",
-                100.0 * app.state->share().energy);
-  say(app, app.light_name + text);
+  say(app,
+      app.light_name +
+          formatted(": %.1f %% of its light comes from the directions of the monitor; rotate it for more",
+                    100.0 * app.state->share().energy));
 }
 
 }  // namespace

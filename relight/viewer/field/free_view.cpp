@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -85,19 +86,14 @@ bool FreeView::update(Clock::time_point now) {
 }
 
 std::string canvas_text(const Canvas& canvas, int width, int height) {
-  char text[160];
-  std::snprintf(text, sizeof text, R"({"x": %.3f, "y": %.3f, "scale": %.9f, "width": %d, "height": %d})",
-                canvas.origin().x, canvas.origin().y, canvas.scale(), width, height);
-  return text;
+  return formatted(R"({"x": %.3f, "y": %.3f, "scale": %.9f, "width": %d, "height": %d})", canvas.origin().x,
+                   canvas.origin().y, canvas.scale(), width, height);
 }
 
 std::string camera_text(const PinholeCamera& camera) {
   const Eigen::Vector3f &p = camera.position, &t = camera.target;
-  char text[200];
-  std::snprintf(text, sizeof text,
-                R"("camera": {"position": [%.7g, %.7g, %.7g], "target": [%.7g, %.7g, %.7g], "fov": %.7g})",
-                p.x(), p.y(), p.z(), t.x(), t.y(), t.z(), camera.vertical_field_of_view_degrees);
-  return text;
+  return formatted(R"("camera": {"position": [%.7g, %.7g, %.7g], "target": [%.7g, %.7g, %.7g], "fov": %.7g})",
+                   p.x(), p.y(), p.z(), t.x(), t.y(), t.z(), camera.vertical_field_of_view_degrees);
 }
 
 }  // namespace refield

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/app.h"
 #include "relight/viewer/gui/widgets.h"
@@ -366,11 +367,10 @@ void draw_kernels(const App& app, const Textures& textures, const ImVec2& corner
         vector(app.light.window_from_image({static_cast<double>(box.x1), static_cast<double>(box.y1)})),
         alpha << 24 | 0x00ffffff);
   }
-  char text[80];
-  const bool is_mesh = app.state->view() != nullptr;
-  std::snprintf(text, sizeof text, is_mesh ? "Kernels of the vertex at %d, %d" : "Kernels of pixel %d, %d",
-                app.state->picked()->x, app.state->picked()->y);
-  draw_plate({app.light.area().x + 8.0, app.light.area().y + 8.0}, text, accent_colour);
+  const std::string text =
+      (app.state->view() != nullptr ? "Kernels of the vertex at " : "Kernels of pixel ") +
+      formatted("%d, %d", app.state->picked()->x, app.state->picked()->y);
+  draw_plate({app.light.area().x + 8.0, app.light.area().y + 8.0}, text.c_str(), accent_colour);
 }
 
 void draw_probe(const App& app) {
@@ -465,15 +465,13 @@ void draw_mark(const App& app) {
 void draw_shown_legend(const App& app, const Area& area) {
   const ViewState& state = *app.state;
   if (state.shown() == Shown::picture) return;
-  char low[48] = "0 %", high[48];
-  if (state.shown() == Shown::false_colour) {
-    std::snprintf(low, sizeof low, "−%.0f stops", stops_below_white);
-    std::snprintf(high, sizeof high, "white +%.0f", stops_above_white);
-  } else {
-    std::snprintf(high, sizeof high, "%.3g %%", 100.0 * state.error_range());
-  }
+  const bool in_stops = state.shown() == Shown::false_colour;
+  const std::string low = in_stops ? formatted("−%.0f stops", stops_below_white) : "0 %";
+  const std::string high = in_stops ? formatted("white +%.0f", stops_above_white)
+                                    : formatted("%.3g %%", 100.0 * state.error_range());
   constexpr double width = 260.0, height = 48.0, margin = 12.0;
-  draw_legend({area.x + margin, area.y + area.height - height - margin, width, height}, low, high);
+  draw_legend({area.x + margin, area.y + area.height - height - margin, width, height}, low.c_str(),
+              high.c_str());
 }
 
 /// What is shown, where it is not simply the picture.
@@ -481,10 +479,11 @@ void draw_title(const App& app, const Area& area) {
   const ViewState& state = *app.state;
   const Point corner{area.x + 12.0, area.y + 12.0};
   if (state.probed()) {
-    char text[120];
-    std::snprintf(text, sizeof text, "Contribution of texels %d, %d + %d×%d", state.probed()->x0,
-                  state.probed()->y0, state.probed()->width(), state.probed()->height());
-    draw_plate(corner, text, accent_colour);
+    draw_plate(corner,
+               formatted("Contribution of texels %d, %d + %d×%d", state.probed()->x0, state.probed()->y0,
+                         state.probed()->width(), state.probed()->height())
+                   .c_str(),
+               accent_colour);
     return;
   }
   switch (state.shown()) {

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 
+#include "core/base/number_text.h"
 #include "core/image/false_colour.h"
 
 namespace refield {
@@ -168,13 +169,11 @@ namespace {
 std::string time_text(const WindowState& window) {
   const FrameStatistics recent = frame_statistics({window.recent_frames.begin(), window.recent_frames.end()});
   if (recent.frames == 0) return "";
-  char text[200], view[40] = "", light[40] = "";
-  if (recent.mean.view_ms > 0.0) std::snprintf(view, sizeof view, "view %.1f ms · ", recent.mean.view_ms);
-  if (recent.mean.light_ms > 0.0)
-    std::snprintf(light, sizeof light, "light map %.1f ms · ", recent.mean.light_ms);
-  std::snprintf(text, sizeof text, "%srelighting %.1f ms · %sdrawing %.1f ms · %.0f frames/s", light,
-                recent.mean.relight_ms, view, recent.mean.tone_ms + recent.mean.draw_ms, recent.per_second);
-  return text;
+  const FrameTime& mean = recent.mean;
+  const std::string light = mean.light_ms > 0.0 ? formatted("light map %.1f ms · ", mean.light_ms) : "";
+  const std::string view = mean.view_ms > 0.0 ? formatted("view %.1f ms · ", mean.view_ms) : "";
+  return light + formatted("relighting %.1f ms · ", mean.relight_ms) + view +
+         formatted("drawing %.1f ms · %.0f frames/s", mean.tone_ms + mean.draw_ms, recent.per_second);
 }
 
 /// A key, below its group's name where the group begins; the number of lines.
@@ -249,10 +248,8 @@ std::string pointer_text(const Canvas& canvas, const Image& image, const char* w
   const PixelGrid held = grid.value_or(PixelGrid{{0, 0, image.width, image.height}, 1});
   const auto at = held.position_of({static_cast<int>(std::floor(p.x)), static_cast<int>(std::floor(p.y))});
   if (!canvas.area().holds(mouse.x, mouse.y) || !at) return "";
-  char text[120];
-  std::snprintf(text, sizeof text, "%s %d, %d:  %.4g  %.4g  %.4g", what, held.x_of(at->x), held.y_of(at->y),
-                image.at(at->x, at->y, 0), image.at(at->x, at->y, 1), image.at(at->x, at->y, 2));
-  return text;
+  return formatted("%s %d, %d:  %.4g  %.4g  %.4g", what, held.x_of(at->x), held.y_of(at->y),
+                   image.at(at->x, at->y, 0), image.at(at->x, at->y, 1), image.at(at->x, at->y, 2));
 }
 
 void draw_status_bar(const WindowState& window, const Area& area, const std::string& name,

@@ -13,6 +13,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
@@ -156,9 +157,7 @@ void complain(WindowState& window, const std::string& text) {
 
 fs::path free_name(const std::string& stem, const std::string& extension) {
   for (int i = 1;; ++i) {
-    char number[16];
-    std::snprintf(number, sizeof number, "-%04d", i);
-    fs::path name = stem + number + extension;
+    fs::path name = stem + formatted("-%04d", i) + extension;
     if (!fs::exists(name)) return name;
   }
 }
