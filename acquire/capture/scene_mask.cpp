@@ -11,6 +11,10 @@ namespace refield {
 
 namespace {
 
+constexpr double noise_multiple = 5.0;   // a response must exceed this many standard deviations
+constexpr double least_response = 0.01;  // and this fraction of the brightest (99th percentile) response
+constexpr int cleaned_px = 3;            // specks and holes up to about this size go
+
 /// What the pixels differ by and how sure that is, [pixels × 3]. Clipped samples get an infinite difference.
 Photograph difference(const Photograph& white, const Photograph* background) {
   Photograph result = white;
@@ -35,7 +39,7 @@ Photograph difference(const Photograph& white, const Photograph* background) {
 
 }  // namespace
 
-Mask scene_mask(const Photograph& white, const Photograph* background, const SceneMaskOptions& options) {
+Mask scene_mask(const Photograph& white, const Photograph* background) {
   if (background && !background->radiance.same_shape(white.radiance))
     throw InputError("the background is " + shape_text(background->radiance) +
                      ", the photograph under white " + shape_text(white.radiance) +
@@ -47,19 +51,16 @@ Mask scene_mask(const Photograph& white, const Photograph* background, const Sce
   for (std::size_t i = 0; i < white.radiance.values.size(); ++i)
     if (std::isfinite(white.radiance.values[i])) measured.push_back(white.radiance.values[i]);
   const double brightest = quantile(std::move(measured), 0.99);
-  const double least = options.least_response * std::max(brightest, 0.0);
+  const double least = least_response * std::max(brightest, 0.0);
 
   cv::Mat mask(height, width, CV_8U, cv::Scalar(0));
   for (std::size_t i = 0; i < response.radiance.values.size(); ++i)
     if (response.radiance.values[i] > least &&
-        response.radiance.values[i] > options.noise_multiple * response.sigma.values[i])
+        response.radiance.values[i] > noise_multiple * response.sigma.values[i])
       mask.data[i / 3] = 1;
-  if (options.cleaning_radius_px > 0) {
-    const int side = 2 * options.cleaning_radius_px + 1;
-    const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {side, side});
-    cv::morphologyEx(mask, mask, cv::MORPH_OPEN, disc);
-    cv::morphologyEx(mask, mask, cv::MORPH_CLOSE, disc);
-  }
+  const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {cleaned_px, cleaned_px});
+  cv::morphologyEx(mask, mask, cv::MORPH_OPEN, disc);
+  cv::morphologyEx(mask, mask, cv::MORPH_CLOSE, disc);
   if (cv::countNonZero(mask) == 0)
     throw InputError(
         "no pixel responds to the monitor's white: the automatic mask would be empty; check the aim and "

@@ -56,11 +56,9 @@ std::vector<std::string> kinds_of(const CaptureSession& session) {
   return kinds;
 }
 
-const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std::string& kind) {
-  const auto found = std::ranges::find(errors, kind, &HeldOutError::kind);
-  return found == errors.end() ? nullptr : &*found;
-}
+namespace {
 
+/// Errors of `field` on the held-out frames, sorted as kinds_of() sorts. `noise_scale`: held_out_errors().
 std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference,
                                         double noise_scale, const RunContext& run) {
   auto errors = held_out_errors(field, reference, nullptr, FrameRole::test, noise_scale, run);
@@ -68,6 +66,7 @@ std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const Cap
   return errors;
 }
 
+/// [height × width × 1]: relative RMSE of each pixel over the held-out frames of a kind.
 Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind,
                    const RunContext& run) {
   SeriesError error;
@@ -80,6 +79,8 @@ Image held_out_map(const ReflectanceField& field, const CaptureSession& referenc
   }
   return error.relative_rmse_map();
 }
+
+}  // namespace
 
 std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& run) {
   std::vector<FieldFigures> figures(input.fields.size());

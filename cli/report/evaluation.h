@@ -30,17 +30,6 @@ struct FieldFigures {
 /// between.
 std::vector<std::string> kinds_of(const CaptureSession& session);
 
-/// The entry of a kind, or nullptr.
-const HeldOutError* find_kind(const std::vector<HeldOutError>& errors, const std::string& kind);
-
-/// Errors of `field` on the held-out frames, sorted as kinds_of() sorts. `noise_scale`: held_out_errors().
-std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference,
-                                        double noise_scale, const RunContext& run);
-
-/// [height × width × 1]: relative RMSE of each pixel over the held-out frames of a kind.
-Image held_out_map(const ReflectanceField& field, const CaptureSession& reference, const std::string& kind,
-                   const RunContext& run);
-
 /// Evaluates all fields, one after the other.
 std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& run = {});
 
