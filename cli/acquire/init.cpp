@@ -42,7 +42,7 @@ calibration = "calibration.toml"  # 'refield acquire calibrate' writes it, 'refi
 
 constexpr const char* after_camera =
     R"(# format = "RGGB"                 # default: the raw format with the most bits
-# width = 1920                    # pixels; default: largest size of the format
+# width = 1920                    # pixels; default: the size that the camera is set to
 # height = 1080
 # rate = 30                       # frames per second; default: set by the camera
 # window = [200, 100, 1280, 800]  # region of the frame in pixels: left, top, width, height; default: all
