@@ -6,8 +6,8 @@ usage: guided_capture.py REFIELD [--recipe RECIPE] [--rig NAME] [--page PAGE] [-
 
 With --recipe the rig is the simulated one, in a temporary folder; otherwise the devices that are there are
 used. OPTION are options of 'refield acquire guide'. Wrong answers are given on purpose, Ctrl-C is pressed at a
-question, standard input ends at another, and the session file is run again without questions. The transcript
-replaces that of NAME in PAGE."""
+question, standard input ends at another, and the session file is run again without questions. A part of the
+transcript replaces that in PAGE (docs/guide/guided-capture.md)."""
 import argparse
 import filecmp
 import io
@@ -110,8 +110,8 @@ def same_files(left, right):
     return names == others and not any(filecmp.cmpfiles(left, right, names, shallow=False)[1:])
 
 
-def write_page(page, name, text):
-    begin, end = f"<!-- transcript of {name} -->", "<!-- end of the transcript -->"
+def write_page(page, text):
+    begin, end = "<!-- transcript -->", "<!-- end of the transcript -->"
     old = page.read_text()
     check(begin in old, f"{page} has no '{begin}'")
     before, rest = old.split(begin, 1)
@@ -187,10 +187,12 @@ def check_guide(given, work, refield):
     unattended = subprocess.run([*command, "--yes"], cwd=work, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     check(unattended.returncode == 0 and "already complete" in unattended.stdout, f"unattended: {unattended}")
 
-    if given.page:
-        continued = readable(second, str(work) + "/")
-        shell = "$ refield acquire guide mug " + " ".join(options) + "\n"
-        write_page(given.page, given.rig, shell + readable(first, str(work) + "/") + "\n" + shell + continued)
+    if given.page:  # steps 3 to 6, without the wrong answers
+        first, second = (readable(log, str(work) + "/") for log in (first, second))
+        parts = [first[first.index("Step 3"):first.index("Number of patterns")],
+                 second[second.rindex("Number of patterns"):second.index("check of")]]
+        text = re.sub(r".*(\[yes\]: perhaps\n.* is not valid.*| took 0:.*)\n", "", "".join(parts))
+        write_page(given.page, text)
     print(f"guided capture with the {given.rig} rig: {photographs[0]} photographs, relit.png written")
     if is_virtual:
         check_findings(given.recipe.resolve().parents[2] / "datasets_synthetic/tabletop/recipe.toml", work, refield)

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# usage: guided.sh BUILD genicam|DRIVER [PAGE | TABLE.csv]
+# usage: guided.sh BUILD genicam|DRIVER [TABLE.csv]
 # The guided capture (tests/cli/guided_capture.py) with a GenICam camera, or a DSLR whose driver virtual_dslr.sh printed, and
-# a window on a screen without a monitor (Xvfb), which guided_lab lets the camera see. PAGE gets the transcript. With TABLE.csv no guided capture
-# runs: the table gets the time that a pattern takes (capture_time.sh).
+# a window on a screen without a monitor (Xvfb), which guided_lab lets the camera see. With TABLE.csv no guided capture runs:
+# the table gets the time that a pattern takes (capture_time.sh).
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-build=$(realpath "$1") kind=dslr page=${3:-}
+build=$(realpath "$1") kind=dslr table=${3:-}
 [[ $2 != genicam ]] || kind=genicam
 # A network of its own: the camera's address is that of the loopback interface.
 if [[ -z ${GUIDED_NETWORK:-} ]]; then
@@ -43,10 +43,10 @@ read -r _ <"$share/ready" || { cat "$share/log" >&2; exit 1; }
 export HOME=$share LIBGL_ALWAYS_SOFTWARE=1
 export DISPLAY=:$display
 if [[ $kind == dslr ]]; then export LD_PRELOAD=$build/tests/devices/libguided_dslr.so; fi
-if [[ $page == *.csv ]]; then
-  "$here/capture_time.sh" "$build/cli/refield" "$share" "$kind" "$page"
+if [[ -n $table ]]; then
+  "$here/capture_time.sh" "$build/cli/refield" "$share" "$kind" "$table"
   exit
 fi
 mkdir "$share/work"
 python3 -B "$here/../cli/guided_capture.py" "$build/cli/refield" --rig "$kind" --work "$share/work" \
-  ${page:+--page "$page"} -- --light-size 32x24 "${options[@]}"
+  -- --light-size 32x24 "${options[@]}"
