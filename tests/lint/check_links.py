@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Checks that every relative link of the project's Markdown files names a file and, after '#', one of its headings,
-and that every file of docs/ that a source, a message or a test names exists.
+that every file of docs/ that a source, a message or a test names exists, and every file of the project that a document
+names by its path (patterns with * must match one).
 
 tests/lint/check_links.py [FILE...]    without arguments: all files that git knows
 """
@@ -55,6 +56,13 @@ def broken_mentions(text):
             yield text.count("\n", 0, match.start()) + 1, f"names {match[0]}, which does not exist"
 
 
+def broken_paths(text):
+    for match in re.finditer(r"(?<![\w/.-])(?:acquire|bench|cli|cmake|core|datasets_synthetic|docs|estimate|include|python|relight|simulate|tests)"
+                             r"/[\w*./-]+\.(?:cpp|h|py|sh|toml|md|tsv|cff|svg|png|mp4)\b", text):
+        if not any(root.glob(match[0])):
+            yield text.count("\n", 0, match.start()) + 1, f"names {match[0]}, which does not exist"
+
+
 def main():
     names = sys.argv[1:] or subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--deduplicate"],
@@ -71,6 +79,7 @@ def main():
         found = list(broken_mentions(text))
         if path.suffix == ".md":
             found += broken_links(path, text)
+            found += (complaint for complaint in broken_paths(text) if complaint not in found)
         for line, complaint in sorted(found):
             print(f"{name}:{line}: {complaint}", file=sys.stderr)
             complaints += 1

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Rules that no compiler checks: a licence line on every source, who includes whom, links and words of documents.
+# Rules that no compiler checks: a licence line on every source, who includes whom, links, words, figures and messages
+# of documents.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 status=0
@@ -37,6 +38,8 @@ found=$(sources {core,acquire,estimate,include,relight,simulate}/'*.h' |
 $found"
 
 tests/lint/check_links.py || status=1
+tests/lint/check_messages.py || status=1
+bench/studies/figures.py check || status=1
 tests/lint/check_words.py {core,acquire,estimate,include,relight,simulate,cli,bench,python}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
 
 # What a library must leave to its caller: standard error, signals, forks of processes with threads. Progress,

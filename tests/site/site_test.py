@@ -19,7 +19,8 @@ import threading
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "cli"))
 from webdriver import Browser  # noqa: E402
 
-PAGES = ["index.html", "guide/relighting.html", "guide/capture.html", "reference/reflectance-field-format.html",
+PAGES = ["index.html", "how-good.html", "guide/tutorial.html", "guide/troubleshooting.html", "guide/relighting.html",
+         "guide/capture.html", "reference/reflectance-field-format.html",
          "reference/commands/relight.html", "reference/cpp/relight.html", "reference/python.html", "method/estimation.html",
          "method/chart.html", "gallery.html"]
 WIDTHS = {"wide": 1280, "narrow": 390}
