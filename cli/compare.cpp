@@ -11,7 +11,6 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -103,7 +102,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
   error.tone_mapped_psnr_db = tone_mapped_psnr_db(error.per_image);
   if (!options.error_map.empty()) write_exr(options.error_map, series.relative_rmse_map());
   if (common.json) {
-    std::printf("%s\n", json_text(held_out_figures(error), 2).c_str());
+    print_json(held_out_figures(error));
   } else {
     print_errors({error});
   }
@@ -127,7 +126,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
                                       options.noise_scale, run_context());
   if (const std::string warning = training_warning(errors); !warning.empty()) run_context().note(warning);
   if (common.json) {
-    std::printf("%s\n", json_text(ordered_json{{"held_out", held_out_figures(errors)}}, 2).c_str());
+    print_json(ordered_json{{"held_out", held_out_figures(errors)}});
     return;
   }
   print_errors(errors);

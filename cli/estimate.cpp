@@ -152,7 +152,7 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
                   {"sampled_pixels", cost.sampled_pixels}});
   figures.update(frame_figures(cost.frames));
   if (common.json) {
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
     return;
   }
   const EstimatePlan& plan = cost.plan;
@@ -204,7 +204,7 @@ void run(EstimateArguments arguments, const Common& common) {
     log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", held_out_figures(held_out)}};
   write_text_atomically(arguments.output + ".log.json", json_text(log, 2) + "\n");
   if (common.json) {
-    std::printf("%s\n", json_text(log, 2).c_str());
+    print_json(log);
     return;
   }
   std::printf("%s: %.1f kernels per pixel, training error %.4f (median), %.1f s, %.2f GiB\n",

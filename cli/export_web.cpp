@@ -9,13 +9,13 @@
 #include <utility>
 #include <vector>
 
+#include "cli/common/options.h"
 #include "cli/report/page.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "cli/web/export.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_sampler.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -104,17 +104,14 @@ void export_web(const ExportWebOptions& options, const Common& common) {
       large ? std::optional(web::PageDetail{*large, stride, options.finest}) : std::nullopt, run_context());
   const int finest = std::min(stride, options.finest);
   if (common.json) {
-    std::printf("%s\n",
-                json_text(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
-                                                 {"stride", stride},
-                                                 {"finest_stride", finest},
-                                                 {"files", report.files},
-                                                 {"bytes", report.bytes},
-                                                 {"relative_rmse", report.relative_rmse},
-                                                 {"largest_8_bit_difference", report.largest_difference},
-                                                 {"exposure", report.exposure}},
-                          2)
-                    .c_str());
+    print_json(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
+                                      {"stride", stride},
+                                      {"finest_stride", finest},
+                                      {"files", report.files},
+                                      {"bytes", report.bytes},
+                                      {"relative_rmse", report.relative_rmse},
+                                      {"largest_8_bit_difference", report.largest_difference},
+                                      {"exposure", report.exposure}});
     return;
   }
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,

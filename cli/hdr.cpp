@@ -12,7 +12,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -47,12 +46,10 @@ void hdr(const HdrOptions& options, const Common& common) {
                       {"seconds", bracket.exposures[i].count()},
                       {"useful_fraction", statistics.useful_fraction[i]}});
   if (common.json) {
-    std::printf("%s\n", json_text(ordered_json{{"images", images},
-                                               {"response_estimated", !camera.curve.empty()},
-                                               {"notes", notes},
-                                               {"clipped_fraction", statistics.clipped_fraction}},
-                                  2)
-                            .c_str());
+    print_json(ordered_json{{"images", images},
+                            {"response_estimated", !camera.curve.empty()},
+                            {"notes", notes},
+                            {"clipped_fraction", statistics.clipped_fraction}});
     return;
   }
   for (const std::string& note : notes) std::printf("note: %s\n", note.c_str());

@@ -13,6 +13,7 @@
 #include <variant>
 
 #include "acquire/capture/session_writer.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -340,7 +341,7 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
       if (!notes.empty() && common.json) info["import_notes"] = notes;
       if (verdict && common.json) info["check"] = ordered_json::parse(verdict_json(*verdict));
       if (common.json)
-        std::printf("%s\n", json_text(info, 2).c_str());
+        print_json(info);
       else
         print_text(info, 0);
       if (common.json) return;

@@ -81,8 +81,7 @@ refield::DeviceError refused_by_system(const std::system_error& error) {
 }
 
 constexpr const char* no_resources =
-    "refield: the system refused memory or a thread; raise the limits (ulimit -v, ulimit -u) or close other "
-    "programs\n";
+    "the system refused memory or a thread; raise the limits (ulimit -v, ulimit -u) or close other programs";
 
 /// What oneTBB throws when the system gives it no thread.
 bool lacks_threads(const std::exception& error) {
@@ -98,8 +97,10 @@ bool lacks_threads(const std::exception& error) {
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose own start must come first
 /// Without allocating memory.
 [[noreturn]] void end_for_lack_of_resources() {
-  const ssize_t written = ::write(STDERR_FILENO, no_resources, std::strlen(no_resources));
-  static_cast<void>(written);
+  for (const char* part : {"refield: ", no_resources, "\n"}) {
+    const ssize_t written = ::write(STDERR_FILENO, part, std::strlen(part));
+    static_cast<void>(written);
+  }
   ::_exit(status_bad_input);
 }
 
@@ -127,6 +128,31 @@ void prepare_for_libraries() {
 [[gnu::section(".preinit_array"), gnu::used]] void (*const before_libraries)() = prepare_for_libraries;
 #endif
 
+bool wants_json = false;  ///< also where the rest of the command line cannot be read
+
+/// Says why the run ends, for people and, under --json, for programs.
+int end_with(int status, const char* kind, const std::string& message) {
+  std::fprintf(stderr, "refield: %s\n", message.c_str());
+  if (wants_json) refield::cli::finish_json(kind, message);
+  return status;
+}
+
+void add_verbs(CLI::App& app, const refield::cli::Common& common, refield::cli::Action& action) {
+  using namespace refield::cli;
+  using Add = void (*)(CLI::App&, const Common&, Action&);
+  const std::pair<const char*, std::vector<Add>> groups[] = {
+      {"Capture", {add_acquire, add_hdr}},
+      {"Estimate", {add_estimate, add_submit, add_merge}},
+      {"Relight", {add_relight, add_view, add_export_web, add_pack}},
+      {"Examine", {add_info, add_compare, add_report}},
+      {"Simulate", {add_simulate}}};
+  for (const auto& [group, adds] : groups)
+    for (const Add add : adds) {
+      add(app, common, action);
+      app.get_subcommands([](CLI::App*) { return true; }).back()->group(group);
+    }
+}
+
 int run(int argc, char** argv) {
   CLI::App app(
       "refield estimates the reflectance field of a scene and renders the scene under new illumination.\n"
@@ -139,29 +165,18 @@ int run(int argc, char** argv) {
       "  refield view scene.rfield                                       relight it interactively");
   app.name("refield");
   app.formatter(refield::cli::help_formatter());
+  app.set_help_all_flag("--help-all", "List all options");
   app.require_subcommand(1);
   app.set_version_flag("--version", "refield " REFIELD_VERSION);
   app.fallthrough();
   refield::cli::Common common;
-  app.add_flag("--json", common.json, "Print the results as JSON on standard output");
+  app.add_flag("--json", common.json, "Print results and errors as JSON on standard output");
   app.add_flag("--quiet", common.quiet, "Do not print progress on standard error");
   refield::cli::Action action;
-  refield::cli::add_simulate(app, common, action);
-  refield::cli::add_acquire(app, common, action);
-  refield::cli::add_hdr(app, common, action);
-  refield::cli::add_estimate(app, common, action);
-  refield::cli::add_merge(app, common, action);
-  refield::cli::add_submit(app, common, action);
-  refield::cli::add_relight(app, common, action);
-  refield::cli::add_compare(app, common, action);
-  refield::cli::add_export_web(app, common, action);
-  refield::cli::add_pack(app, common, action);
-  refield::cli::add_info(app, common, action);
-  refield::cli::add_report(app, common, action);
-  refield::cli::add_view(app, common, action);
+  add_verbs(app, common, action);
   // After the verbs, which would inherit it.
   app.footer(
-      "'refield VERB --help' explains a verb and its options. Every verb accepts --json and --quiet.\n"
+      "'refield COMMAND --help' explains a command and its options, --help-all lists all of them.\n"
       "\n"
       "Exit status: 0 success; 2 invalid input or option, or a system error (see the message); 130 "
       "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error; 128 + N terminated by "
@@ -170,7 +185,9 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : status_bad_input;
+    if (app.exit(error) == 0) return 0;
+    if (wants_json) refield::cli::finish_json("usage", error.what());
+    return status_bad_input;
   }
   for (const CLI::App* verb : app.get_subcommands())
     if (verb->get_option_no_throw("--memory") != nullptr)
@@ -178,37 +195,42 @@ int run(int argc, char** argv) {
   if (common.quiet) refield::silence_progress();
   refield::install_interrupt_handler();
   action();
+  refield::cli::finish_json("", "");
   return 0;
 }
 
+/// The kind of an error in JSON.
+const char* kind_of(const refield::Error& error) {
+  if (dynamic_cast<const refield::InputError*>(&error)) return "input";
+  if (dynamic_cast<const refield::FormatError*>(&error)) return "format";
+  return dynamic_cast<const refield::DeviceError*>(&error) ? "device" : "solver";
+}
+
 int run_and_report(int argc, char** argv) {
+  wants_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
   try {
     prepare_process();
     return run(argc, argv);
   } catch (const refield::Error& error) {
-    std::fprintf(stderr, "refield: %s\n", error.what());
-    return status_bad_input;
+    return end_with(status_bad_input, kind_of(error), error.what());
   } catch (const refield::cli::Detached&) {
     return status_interrupted;
   } catch (const refield::Interrupted&) {
-    std::fprintf(
-        stderr, "refield: interrupted; finished work is kept; acquire and estimate continue with --resume\n");
-    return status_interrupted;
+    return end_with(status_interrupted, "interrupted",
+                    "interrupted; finished work is kept; acquire and estimate continue with --resume");
   } catch (const std::bad_alloc&) {
-    std::fprintf(stderr, "refield: out of memory; %s\n", memory_remedy);
+    end_with(status_bad_input, "memory", std::string("out of memory; ") + memory_remedy);
     leave_at_once(status_bad_input);
   } catch (const std::system_error& error) {
-    std::fprintf(stderr, "refield: %s\n", refused_by_system(error).what());
-    return status_bad_input;
+    return end_with(status_bad_input, "device", refused_by_system(error).what());
   } catch (const std::exception& error) {
     if (lacks_threads(error)) {
-      std::fputs(no_resources, stderr);
+      end_with(status_bad_input, "memory", no_resources);
       leave_at_once(status_bad_input);
     }
-    std::fprintf(stderr,
-                 "refield: unexpected error: %s\nPlease report this with the command that caused it.\n",
-                 error.what());
-    return status_defect;
+    return end_with(status_defect, "defect",
+                    std::string("unexpected error: ") + error.what() +
+                        "\nPlease report this with the command that caused it.");
   }
 }
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the manual of refield from what its --help prints: man pages, shell completion or Markdown.
+"""Writes the manual of refield from what its --help-all prints: man pages, shell completion or Markdown.
 
 usage: cli/manual.py PROGRAM FOLDER [--date YYYY-MM-DD]    man/*.1.gz, refield.bash, _refield
        cli/manual.py PROGRAM FOLDER --markdown             one page per command, and index.md
@@ -13,16 +13,11 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 
-INDENT = 30  # the column at which cli/common/options.cpp begins descriptions
-
-
 @dataclass
 class Option:
     names: list  # ["-o", "--output"], or one name without dashes for a positional argument
     value: str  # "TEXT", empty for a flag
     choices: list  # what the value must be one of
-    limits: str  # "1 - 8" or empty
-    is_required: bool
     is_repeated: bool
     text: str
 
@@ -37,58 +32,48 @@ class Verb:
     footer: list = field(default_factory=list)
 
     def options(self):
-        return [option for heading, options in self.groups for option in options if heading != "Positionals"]
+        return [option for heading, options in self.groups for option in options if heading != "Arguments"]
 
     def positionals(self):
-        return [option for heading, options in self.groups for option in options if heading == "Positionals"]
+        return [option for heading, options in self.groups for option in options if heading == "Arguments"]
 
 
 def option_of(head, text):
-    is_required = " REQUIRED" in head
-    head = re.sub(r" (Excludes|Needs):.*", "", head).replace(" REQUIRED", "")
     name, _, value = head.partition(" ")
     is_repeated = value.endswith("...")
-    choices = re.search(r":\{(.*)\}", value)
-    limits = re.search(r" in \[(.*)\]", value)
-    value = re.sub(r" x \d+$", "", value.removesuffix("...").strip()).partition(":")[0]
-    return Option(re.sub(r"\{.*?\}", "", name).split(","), value, choices[1].split(",") if choices else [],
-                  limits[1] if limits else "", is_required, is_repeated, text)
+    value = value.removesuffix("...").strip()
+    return Option(name.split(","), value, value.split("|") if "|" in value else [], is_repeated, text)
 
 
 def parse(path, text):
     description, _, rest = text.partition("Usage: ")
     usage, _, rest = rest.partition("\n")
     verb = Verb(path, description.strip("\n").split("\n\n"), usage.strip())
-    heading, entries = "", []
-    for line in rest.split("\n"):
-        if not line.strip():
-            continue
-        if not line.startswith(" "):
-            if line.endswith(":"):
-                heading, entries = line.removesuffix(":"), []
-                verb.groups.append((heading, entries))
-            else:  # the text at the end
-                verb.footer = ("Usage: " + rest)[len("Usage: ") + rest.index(line):].strip().split("\n\n")
-                break
-        elif heading == "Subcommands":
-            verb.verbs.append(tuple(re.split(r" {2,}", line.strip(), maxsplit=1)))
-        elif line.startswith(" " * INDENT):
+    group, entries = "", []
+    for number, line in enumerate(lines := rest.split("\n")):
+        if line.endswith(":") and not line.startswith(" ") and lines[number + 1].startswith("  "):
+            group, entries = line.removesuffix(":"), []
+            verb.groups.append((group, entries))
+        elif line and not line.startswith(" "):  # the text at the end
+            verb.footer = "\n".join(lines[number:]).strip().split("\n\n")
+            break
+        elif line.startswith("   "):
             entries[-1][1].append(line.strip())
-        else:
-            head, part = line[2:INDENT], line[INDENT:]
-            if (line[INDENT - 1:INDENT] not in ("", " ") or head.count("[") + head.count("{") > head.count("]") + head.count("}")
-                    or re.match(r"REQUIRED|Excludes:|Needs:|--", part)):
-                head, part = line[2:], ""  # too long: the description begins on the next line
-            entries.append((head.strip(), [part.strip()] if part else []))
-    verb.groups = [(heading, [option_of(head, " ".join(parts)) for head, parts in entries])
-                   for heading, entries in verb.groups if heading != "Subcommands"]
+        elif line:
+            head, *part = re.split(r" {2,}", line.strip(), maxsplit=1)
+            entries.append((head, part))
+    # Of commands, which have no dashes and stand in groups of their own.
+    is_verb = {group: group != "Arguments" and not entries[0][0].startswith("-") for group, entries in verb.groups}
+    verb.verbs = [(head, " ".join(parts)) for group, entries in verb.groups if is_verb[group] for head, parts in entries]
+    verb.groups = [(group, [option_of(head, " ".join(parts)) for head, parts in entries])
+                   for group, entries in verb.groups if not is_verb[group]]
     return verb
 
 
 def read_verbs(program):
     """All verbs of the program, parents before their children, in the order of its help."""
     def read(path):
-        done = subprocess.run([program, *path, "--help"], check=True, capture_output=True, text=True)
+        done = subprocess.run([program, *path, "--help-all"], check=True, capture_output=True, text=True)
         return parse(path, done.stdout)
 
     found = [read(())]
@@ -149,15 +134,12 @@ def man_page(verb, verbs, version, date):
     lines.append(".SH DESCRIPTION")
     add_paragraphs(verb.paragraphs)
     for heading, options in verb.groups:
-        lines.append(".SH ARGUMENTS" if heading == "Positionals" else
+        lines.append(".SH ARGUMENTS" if heading == "Arguments" else
                      ".SH OPTIONS" if heading == "Options" else f".SS {roff(heading)}")
         for option in options:
             names = ", ".join(f"\\fB{roff(n)}\\fR" for n in option.names)
             value = f" \\fI{roff(value_of(option))}\\fR" if option.value and option.names[0][0] == "-" else ""
-            notes = [note for note, holds in (("required", option.is_required),
-                                              (option.limits.replace(" - ", " to "), option.limits),
-                                              ("repeatable", option.is_repeated)) if holds]
-            note = f" ({', '.join(roff(n) for n in notes)})" if notes else ""
+            note = " (repeatable)" if option.is_repeated else ""
             lines.extend([".TP", f"{names}{value}{note}", roff(option.text)])
     if verb.verbs:
         lines.append(".SH COMMANDS")
@@ -182,6 +164,7 @@ def man_page(verb, verbs, version, date):
 
 def bash_completion(verbs):
     common = [name for option in verbs[0].options() for name in option.names if name in ("--json", "--quiet")]
+    common += ["--help", "--help-all"]
     words, values, groups = [], [], []
     for verb in verbs:
         path = " ".join(verb.path)
@@ -248,7 +231,7 @@ def zsh_completion(verbs):
                 lines.append(f"'{'*' if option.is_repeated else ''}{option.names[0]}[{text}]{quoted(value)}'")
         if verb.path:
             lines += [f"'{name}[{text}]'" for name, text in
-                      (("--json", "Print the results as JSON on standard output"),
+                      (("--json", "Print results and errors as JSON on standard output"),
                        ("--quiet", "Do not print progress on standard error"))]
         name = "_".join(("_refield",) + verb.path).replace("-", "_")
         if not verb.verbs:
@@ -296,11 +279,10 @@ def markdown_page(verb):
         prose = [line for line in paragraph.split("\n") if not line.startswith(" ")]
         lines += [escaped(" ".join(prose)), ""] + (["```text"] + [line[2:] for line in literal] + ["```", ""] if literal else [])
     for heading, options in verb.groups:
-        lines += [f"## {'Arguments' if heading == 'Positionals' else escaped(heading)}", ""]
+        lines += [f"## {escaped(heading)}", ""]
         for option in options:
             names = ", ".join(f"`{n}{' ' + value_of(option) if option.value and n[0] == '-' else ''}`" for n in option.names)
-            notes = (["required"] if option.is_required else []) + ([option.limits.replace(" - ", " to ")] if option.limits else [])
-            lines += [names + (f" ({', '.join(notes)})" if notes else ""), f":   {escaped(option.text)}", ""]
+            lines += [names, f":   {escaped(option.text)}", ""]
     if verb.verbs:
         lines += ["## Commands", ""]
         for child, text in verb.verbs:

@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "cli/common/options.h"
 #include "cli/report/input.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
 #include "estimate/estimate.h"
@@ -39,7 +39,7 @@ void merge(const MergeArguments& arguments, const Common& common) {
                                           {"kernels", field.transfer.row_start.back()}};
   report::write_run_log(arguments.output, "merge", seconds, figures);
   if (common.json)
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
   else
     std::printf("%s: %d×%d pixels from %zu shards, %.1f s\n", arguments.output.c_str(), field.width,
                 field.height, arguments.parts.size(), seconds);

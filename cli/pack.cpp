@@ -9,7 +9,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/packed_field.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -57,7 +56,7 @@ void pack(const PackOptions& options, const Common& common) {
   figures["bytes_before"] = fs::file_size(options.field);
   figures["bytes"] = fs::file_size(options.output);
   if (common.json)
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
   else
     print(options.output, figures);
 }

@@ -10,7 +10,6 @@
 #include "cli/common/options.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -76,7 +75,7 @@ void add_report(CLI::App& app, const Common& common, Action& action) {
       const std::string path = options->request.output.string();
       if (common.json) {
         figures["report"] = path;
-        std::printf("%s\n", json_text(figures, 2).c_str());
+        print_json(figures);
       } else {
         std::printf("report: %s\n", path.c_str());
       }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/tabletop/simulate.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 
 #include <cstdio>
@@ -110,19 +111,17 @@ void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
   const double pixels = static_cast<double>(summary.width) * summary.height;
   const double rays_per_second = static_cast<double>(summary.rays) / std::max(1e-9, summary.trace_seconds);
   if (json) {
-    std::printf("%s\n", json_text(nlohmann::json{{"folder", folder.string()},
-                                                 {"width", summary.width},
-                                                 {"height", summary.height},
-                                                 {"lights", summary.lights},
-                                                 {"entries_per_pixel", summary.entries_per_pixel},
-                                                 {"transport_bytes", summary.transport_bytes},
-                                                 {"rays", summary.rays},
-                                                 {"rays_per_second", rays_per_second},
-                                                 {"light_seconds", summary.light_seconds},
-                                                 {"trace_seconds", summary.trace_seconds},
-                                                 {"write_seconds", summary.write_seconds}},
-                                  2)
-                            .c_str());
+    print_json(nlohmann::json{{"folder", folder.string()},
+                              {"width", summary.width},
+                              {"height", summary.height},
+                              {"lights", summary.lights},
+                              {"entries_per_pixel", summary.entries_per_pixel},
+                              {"transport_bytes", summary.transport_bytes},
+                              {"rays", summary.rays},
+                              {"rays_per_second", rays_per_second},
+                              {"light_seconds", summary.light_seconds},
+                              {"trace_seconds", summary.trace_seconds},
+                              {"write_seconds", summary.write_seconds}});
     return;
   }
   std::printf("%s: %d photographs of %d×%d pixels\n", folder.c_str(), summary.lights, summary.width,

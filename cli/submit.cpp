@@ -15,13 +15,13 @@
 #include <thread>
 
 #include "cli/cluster/cluster_job.h"
+#include "cli/common/options.h"
 #include "cli/estimate_options.h"
 #include "cli/report/input.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
@@ -248,7 +248,7 @@ void print_end(const ClusterJob& job, const Common& common) {
   if (common.json) {
     const nlohmann::ordered_json figures = {
         {"field", job.output.string()}, {"shards", job.shards}, {"submissions", job.rounds.size()}};
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
   } else {
     std::printf("%s: merged from %d shards, %zu submission%s\n", job.output.c_str(), job.shards,
                 job.rounds.size(), job.rounds.size() == 1 ? "" : "s");

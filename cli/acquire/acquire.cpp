@@ -26,6 +26,7 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
   add_acquire_geometry(*group, common, action);
   add_acquire_match(*group, common, action);
   add_acquire_probe(*group, common, action);
+  for (CLI::App* verb : group->get_subcommands([](CLI::App*) { return true; })) verb->group("Commands");
 }
 
 }  // namespace refield::cli

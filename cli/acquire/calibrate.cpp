@@ -15,12 +15,12 @@
 #include "acquire/import/import_views.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/virtual_request.h"
+#include "cli/common/options.h"
 #include "cli/report/page.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "simulate/rig/virtual_rig.h"
 
@@ -288,13 +288,11 @@ void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common&
   calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
   write_calibration(given.output, calibration, std::nullopt);
   if (common.json) {
-    std::printf("%s\n", json_text(ordered_json{{"brackets", brackets.size()},
-                                               {"places", estimate.places},
-                                               {"residual", estimate.residual},
-                                               {"disagreement_assumed", assumed},
-                                               {"disagreement", estimated}},
-                                  2)
-                            .c_str());
+    print_json(ordered_json{{"brackets", brackets.size()},
+                            {"places", estimate.places},
+                            {"residual", estimate.residual},
+                            {"disagreement_assumed", assumed},
+                            {"disagreement", estimated}});
     return;
   }
   std::printf("%s: response estimated from %zu samples of %zu brackets\n", given.output.c_str(),
@@ -328,7 +326,7 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   write_calibration(given.output, measured.camera, measured.monitor, measured.timing);
   write_text_atomically(given.page, report::page_html(page_data(measured)));
   if (common.json)
-    std::printf("%s\n", json_text(figures_of(measured), 2).c_str());
+    print_json(figures_of(measured));
   else
     print(measured, given);
   if (!measured.superposition.holds())

@@ -6,10 +6,10 @@
 #include <cstdio>
 
 #include "acquire/hdr/hdr_merge.h"
+#include "cli/common/options.h"
 #include "cli/report/input.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "estimate/rig/verdict.h"
 
 namespace refield::cli {
@@ -117,7 +117,7 @@ void report_capture(const CaptureSummary& summary, const fs::path& session, cons
   if (common.json) {
     ordered_json figures = figures_of(summary, until);
     report_check(session, &figures);
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
     return;
   }
   print(summary, session);

@@ -8,10 +8,10 @@
 #include <string>
 
 #include "acquire/colour/colour_chart.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/image/colour.h"
 #include "core/image/tone_map.h"
@@ -121,7 +121,7 @@ void calibrate_colour(const ColourOptions& options, const Common& common) {
         {"delta_e_2000",
          {{"median", fit.median_delta_e()}, {"largest", fit.largest_delta_e()}, {"patches", patches}}},
         {"light_change", fit.light_change}};
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
     return;
   }
   const Eigen::Vector2d first = chart.point(0, 0), last = chart.point(chart_columns - 1, chart_rows - 1);

@@ -10,9 +10,9 @@
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
 #include "acquire/devices/window_monitor.h"
+#include "cli/common/options.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 
 namespace refield::cli {
 
@@ -289,7 +289,7 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
                                     {"window_displays", window_displays_of_desktop()},
                                     {"gpio_chips", gpio_chips()}};
       if (common.json)
-        std::printf("%s\n", json_text(devices, 2).c_str());
+        print_json(devices);
       else
         print(devices);
     };

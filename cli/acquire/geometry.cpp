@@ -15,7 +15,6 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/session/capture_session.h"
@@ -122,15 +121,13 @@ void geometry(const GeometryOptions& options, const Common& common) {
     ordered_json corners = ordered_json::array();
     for (const Eigen::Vector3d& corner : found.corners_mm)
       corners.push_back({corner.x(), corner.y(), corner.z()});
-    std::printf("%s\n", json_text(ordered_json{{"monitor", text_of(found.placement)},
-                                               {"corners_mm", corners},
-                                               {"corner_sigma", found.corner_sigma},
-                                               {"spot_rms_px", found.rms_px},
-                                               {"spots", spots.size() - found.left_out.size()},
-                                               {"left_out", left_out},
-                                               {"ball", circle}},
-                                  2)
-                            .c_str());
+    print_json(ordered_json{{"monitor", text_of(found.placement)},
+                            {"corners_mm", corners},
+                            {"corner_sigma", found.corner_sigma},
+                            {"spot_rms_px", found.rms_px},
+                            {"spots", spots.size() - found.left_out.size()},
+                            {"left_out", left_out},
+                            {"ball", circle}});
     return;
   }
   std::printf("--monitor %s\n", text_of(found.placement).c_str());

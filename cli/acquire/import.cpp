@@ -18,7 +18,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -125,7 +124,7 @@ void run_import(const ImportOptions& options, const Common& common) {
   if (common.json) {
     auto figures = figures_of(summary);
     report_check(request.folder, &figures);
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
   } else {
     print(summary, request.folder);
     report_check(request.folder);

@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "cli/acquire/light_list.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/image/image.h"
@@ -118,12 +118,8 @@ class PatternWriter {
 void report(const LightsOptions& options, std::size_t count, int width, int height, double clipped,
             const Common& common) {
   if (common.json) {
-    std::printf("%s\n", json_text(nlohmann::ordered_json{{"lights", count},
-                                                         {"width", width},
-                                                         {"height", height},
-                                                         {"clipped_fraction", clipped}},
-                                  2)
-                            .c_str());
+    print_json(nlohmann::ordered_json{
+        {"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}});
     return;
   }
   std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);

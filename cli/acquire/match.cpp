@@ -14,7 +14,6 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -101,7 +100,7 @@ void match(const MatchOptions& options, const Common& common) {
     require_outside(request.folder, {request.observed, request.probes, options.mask});
   const MatchSummary summary = match_series(request, run_context());
   if (common.json)
-    std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
+    print_json(figures_of(summary));
   else
     print(summary, request.folder);
 }

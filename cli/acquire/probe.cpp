@@ -14,7 +14,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/session/capture_session.h"
 
@@ -114,7 +113,7 @@ void probe(const ProbeOptionsText& options, const Common& common) {
       require_outside(request.folder, {side->photographs.begin(), side->photographs.end()});
   const ProbeSummary summary = probe_light(request, run_context());
   if (common.json)
-    std::printf("%s\n", json_text(figures_of(summary), 2).c_str());
+    print_json(figures_of(summary));
   else
     print(summary, request.folder);
   if (summary.kept() == 0)

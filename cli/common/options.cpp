@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <string_view>
 
 #include "cli/run_context.h"
 #include "core/base/errors.h"
+#include "core/base/json_text.h"
 #include "relight/field_pictures.h"
 #include "relight/held_out.h"
 
@@ -70,52 +72,119 @@ std::string wrapped(const std::string& text, std::size_t width) {
   return result;
 }
 
-/// Help of at most 100 columns, in which a list of verbs shows the first line of each description only.
+/// The group of the options that --help lists. Those of other groups are for few users: --help-all adds them.
+constexpr const char* common_group = "Options";
+
+/// What stands before an option's value: FLOAT, or a|b where the value is one of few.
+std::string value_name(const CLI::Option& option) {
+  if (option.get_type_size() == 0) return "";
+  const std::string type = option.get_type_name();
+  const auto bounds = type.find(':');
+  std::string name = type.substr(0, bounds);
+  if (bounds != std::string::npos && type[bounds + 1] == '{') {
+    name = type.substr(bounds + 2, type.find('}') - bounds - 2);
+    std::ranges::replace(name, ',', '|');
+  }
+  return " " + name + (option.get_expected_max() == CLI::detail::expected_max_vector_size ? " ..." : "");
+}
+
+/// Help of at most 100 columns: the output first, without the bounds of values, which messages state.
 class HelpFormatter : public CLI::Formatter {
  public:
-  std::string make_description(const CLI::App* app) const override {
-    const std::string text = wrapped(app->get_description(), width);
-    return text.empty() ? text : text + "\n\n";
-  }
-
-  std::string make_footer(const CLI::App* app) const override {
-    const std::string text = wrapped(app->get_footer(), width);
-    return text.empty() ? text : text + "\n";
-  }
-
-  std::string make_subcommand(const CLI::App* verb) const override {
-    constexpr std::size_t name_columns = 14;
-    std::string line = "  " + verb->get_name();
-    line.resize(std::max(line.size() + 2, name_columns), ' ');
-    const std::string text = verb->get_description();
-    return line + text.substr(0, text.find('\n')) + '\n';
-  }
-
-  /// The default value follows the description instead of the option's type.
-  std::string make_option_opts(const CLI::Option* option) const override {
-    std::string text = CLI::Formatter::make_option_opts(option);
-    const std::string value = option->get_default_str();
-    if (value.empty()) return text;
-    if (const auto place = text.find("=" + value); place != std::string::npos)
-      text.erase(place, value.size() + 1);
-    return text;
-  }
-
-  std::string make_option_desc(const CLI::Option* option) const override {
-    std::string text = option->get_description();
-    const std::string value = option->get_default_str();
-    if (!value.empty() && text.find("(default:") == std::string::npos) text += " (default: " + value + ")";
-    return wrapped(text, width - get_column_width());
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    std::string help = wrapped(app->get_description(), width) + "\n\n" + make_usage(app, std::move(name));
+    help += list("Arguments", app->get_options([](const CLI::Option* option) {
+      return option->get_positional() && !option->get_group().empty();
+    }));
+    std::size_t hidden = 0;
+    for (const std::string& group : app->get_groups()) {
+      auto options = app->get_options([&](const CLI::Option* option) {
+        return option->get_group() == group && option->nonpositional() && option != app->get_help_ptr() &&
+               option != app->get_help_all_ptr();
+      });
+      std::ranges::stable_partition(options, [](const CLI::Option* o) { return o->check_name("-o"); });
+      if (group == common_group || (!group.empty() && mode == CLI::AppFormatMode::All))
+        help += list(group, options);
+      else if (!group.empty())
+        hidden += options.size();
+    }
+    help += verbs_of(*app);
+    const std::string more =
+        hidden > 0 ? "; --help-all lists " + std::to_string(hidden) + " further options" : "";
+    if (app->get_parent() != nullptr)
+      help += "\n" +
+              wrapped(
+                  "Every command takes --json (results and errors as JSON on standard output) and "
+                  "--quiet (no progress)" +
+                      more + ".",
+                  width) +
+              "\n";
+    const std::string footer = wrapped(app->get_footer(), width);
+    return help + (footer.empty() ? "" : "\n" + footer + "\n");
   }
 
  private:
-  static constexpr std::size_t width = 100;
+  static constexpr std::size_t width = 100, indent = 30, verb_indent = 14;
+
+  /// "head", from column `at` the text.
+  static std::string row(std::string head, const std::string& text, std::size_t at) {
+    head = "  " + head;
+    if (head.size() + 2 > at)
+      head += '\n' + std::string(at, ' ');
+    else
+      head.resize(at, ' ');
+    std::istringstream lines(wrapped(text, width - at));
+    std::string result;
+    for (std::string line; std::getline(lines, line);)
+      result += (result.empty() ? head : std::string(at, ' ')) + line + '\n';
+    return result;
+  }
+
+  static std::string list(const std::string& heading, const std::vector<const CLI::Option*>& options) {
+    std::string text;
+    for (const CLI::Option* option : options) {
+      std::string description = option->get_description();
+      const std::string value = option->get_default_str();
+      if (!value.empty() && description.find("(default:") == std::string::npos)
+        description += " (default: " + value + ")";
+      if (option->get_required() && !option->get_positional()) description += " (required)";
+      std::string name = option->get_name(option->get_positional(), true);
+      if (option->get_positional()) name = option->get_name();
+      text += row(name + value_name(*option), description, indent);
+    }
+    return text.empty() ? "" : "\n" + heading + ":\n" + text;
+  }
+
+  /// By their groups, with the first line of each description.
+  static std::string verbs_of(const CLI::App& app) {
+    std::string text, group;
+    for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) {
+      if (verb->get_group() != group) text += "\n" + (group = verb->get_group()) + ":\n";
+      const std::string description = verb->get_description();
+      text += row(verb->get_name(), description.substr(0, description.find('\n')), verb_indent);
+    }
+    return text;
+  }
 };
+
+std::optional<nlohmann::ordered_json> printed;  ///< what print_json() was given
 
 }  // namespace
 
 std::shared_ptr<CLI::FormatterBase> help_formatter() {
   return std::make_shared<HelpFormatter>();
+}
+
+void print_json(const nlohmann::ordered_json& figures) {
+  printed = figures;
+}
+
+void finish_json(const std::string& kind, const std::string& message) {
+  if (!printed && kind.empty()) return;
+  nlohmann::ordered_json document = {{"schema", 1}};
+  if (printed) document.update(*printed);
+  if (!kind.empty()) document["error"] = {{"kind", kind}, {"message", message}};
+  std::printf("%s\n", json_text(document, 2).c_str());
 }
 
 CLI::Validator positive_number() {

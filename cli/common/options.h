@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include <memory>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <span>
 #include <string>
@@ -23,7 +24,16 @@ CLI::Validator non_negative_number();
 /// infinity and what is no number. Call it when all options have been added.
 void require_finite_numbers(CLI::App& app);
 
-/// Formats help of at most 100 columns.
+/// Prints the results of a verb under --json: once the verb has ended, see finish_json().
+void print_json(const nlohmann::ordered_json& figures);
+
+/// Writes the one JSON document of a run with --json, where there is one: "schema", the version of its keys
+/// (docs/reference/verbs.md), what print_json() was given and, unless `kind` is empty, the error that ended
+/// it.
+void finish_json(const std::string& kind, const std::string& message);
+
+/// Formats help of at most 100 columns. --help lists the arguments and the options of the group "Options",
+/// --help-all all.
 std::shared_ptr<CLI::FormatterBase> help_formatter();
 
 /// Adds `--exposure`, a factor on the radiance above zero or `auto`; empty: automatic.

@@ -19,7 +19,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/base/rng.h"
@@ -330,7 +329,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   if (arguments.measure) figures["times"] = measured(scene, arguments);
   if (arguments.reference > 0) figures["errors"] = error_rows(scene, arguments);
   if (common.json)
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
   else
     print(figures);
   if (!common.json && !arguments.video.exposure && figures.contains("exposure"))

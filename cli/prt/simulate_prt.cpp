@@ -100,7 +100,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
                        ": no light reaches any vertex, so that every picture is black; if the surfaces face "
                        "inwards, flip their normals (the winding of their faces)");
   if (common.json) {
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
     return;
   }
   std::printf("%s: %zu vertices, %.1f MB, in %.1f s\n", arguments.output.c_str(), scene.mesh.positions.size(),

@@ -17,7 +17,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/reflectance_field_file.h"
 
@@ -121,7 +120,7 @@ void relight(const RelightOptions& options, const Common& common) {
     if (shares.interpolated > 0.0) figures["interpolated_light"] = shares.interpolated;
     if (shares.unobserved > 0.0) figures["unobserved_light"] = shares.unobserved;
     if (series.seen) figures["seen_by_monitor"] = series.seen->json();
-    std::printf("%s\n", json_text(figures, 2).c_str());
+    print_json(figures);
     return;
   }
   if (series.seen) series.seen->print();

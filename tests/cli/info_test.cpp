@@ -131,7 +131,7 @@ void expect_narrow_lines(const std::string& help, const std::string& command) {
 
 TEST(Program, HelpFitsOnAScreen) {
   const std::string overview = run_refield({"--help"}).out;
-  EXPECT_LE(std::ranges::count(overview, '\n'), 40);
+  EXPECT_LE(std::ranges::count(overview, '\n'), 45);
   expect_narrow_lines(overview, "refield");
   EXPECT_THAT(overview,
               testing::HasSubstr(
