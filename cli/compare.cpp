@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <charconv>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -8,6 +9,7 @@
 
 #include "cli/common/held_out_figures.h"
 #include "cli/common/options.h"
+#include "cli/report/report.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -19,6 +21,7 @@
 #include "core/session/capture_session.h"
 #include "estimate/rig/rig_model.h"
 #include "relight/held_out.h"
+#include "simulate/tabletop/simulate.h"
 
 namespace refield::cli {
 
@@ -31,8 +34,10 @@ struct CompareOptions {
   std::string predicted;
   CaptureOptions capture;  // session: the second argument, whatever it is
   fs::path truth;
-  fs::path error_map;
   double noise_scale = 1.0;
+  fs::path output;  ///< a map of errors or, of a field, a report
+  std::vector<fs::path> more_fields;
+  std::vector<std::string> pixels;
 };
 
 void print_prediction(const std::vector<HeldOutError>& errors) {
@@ -68,8 +73,8 @@ void compare_images(const CompareOptions& options, const Common& common) {
         "--light, --observed and --hold-out require a field (.rfield); compare images with 'refield compare "
         "PREDICTED OBSERVED'");
   std::optional<OutputLock> lock;
-  if (!options.error_map.empty())
-    lock.emplace(options.error_map,
+  if (!options.output.empty())
+    lock.emplace(options.output,
                  std::vector<fs::path>{options.predicted, options.capture.session, options.capture.mask},
                  ".exr");
   const auto pairs = pair_files(options.predicted, options.capture.session, "prediction", "observed image");
@@ -100,7 +105,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
   error.median = series.pixel_quantile(0.5);
   error.percentile_90 = series.pixel_quantile(0.9);
   error.tone_mapped_psnr_db = tone_mapped_psnr_db(error.per_image);
-  if (!options.error_map.empty()) write_exr(options.error_map, series.relative_rmse_map());
+  if (!options.output.empty()) write_exr(options.output, series.relative_rmse_map());
   if (common.json) {
     print_json(held_out_figures(error));
   } else {
@@ -108,10 +113,48 @@ void compare_images(const CompareOptions& options, const Common& common) {
   }
 }
 
+std::array<int, 2> parse_pixel(const std::string& text) {
+  std::array<int, 2> pixel{};
+  const char* const end = text.data() + text.size();
+  const auto x = std::from_chars(text.data(), end, pixel[0]);
+  if (x.ec == std::errc{} && x.ptr != end && *x.ptr == ',') {
+    const auto y = std::from_chars(x.ptr + 1, end, pixel[1]);
+    if (y.ec == std::errc{} && y.ptr == end) return pixel;
+  }
+  throw InputError("--pixel " + text +
+                   ": is not a pixel position; give column and row, for example --pixel 80,60");
+}
+
+/// The page of the fields, of which the first is the predicted one.
+void write_report(const CompareOptions& options, const Common& common) {
+  report::ReportRequest request;
+  request.fields = {options.predicted};
+  request.fields.insert(request.fields.end(), options.more_fields.begin(), options.more_fields.end());
+  request.truth = fs::is_regular_file(options.truth) ? options.truth.parent_path() : options.truth;
+  request.output = options.output;
+  for (const std::string& pixel : options.pixels) request.pixels.push_back(parse_pixel(pixel));
+  const CaptureOptions& capture = options.capture;
+  std::vector<fs::path> inputs = request.fields;
+  inputs.insert(inputs.end(),
+                {capture.session, capture.light, capture.observed, capture.mask, request.truth});
+  const OutputLock lock(request.output, inputs, ".html");
+  request.session = open_capture(capture);
+  request.find_held_out = capture.hold_out == 0;
+  auto figures = report::write_report(request, run_context());
+  const std::string path = request.output.string();
+  if (common.json) {
+    figures["report"] = path;
+    print_json(figures);
+  } else {
+    std::printf("report: %s\n", path.c_str());
+  }
+}
+
 void compare_field(const CompareOptions& options, const Common& common) {
-  if (!options.error_map.empty())
-    throw InputError(
-        "--output requires images; relight the field and compare the relit images to get an error map");
+  if (options.output.extension() == ".html") return write_report(options, common);
+  if (!options.output.empty())
+    throw InputError("--output " + options.output.string() +
+                     ": a field is compared in a page; give the name of a page (.html)");
   CaptureSession session = open_capture(options.capture);
   if (session.folder.empty()) check_image_sizes(session);
   if (options.truth.empty()) remove_drift(session, run_context());
@@ -119,9 +162,9 @@ void compare_field(const CompareOptions& options, const Common& common) {
   find_held_out(options.capture, field, session);
   correct_held_out(field.provenance, session);
   std::optional<ReflectanceField> truth;
-  if (!options.truth.empty()) truth = read_image_field(options.truth, run_context());
-  if (!(options.noise_scale >= 0.0))
-    throw InputError("--noise-scale is " + std::to_string(options.noise_scale) + "; give 0 or more");
+  if (!options.truth.empty())
+    truth = read_image_field(
+        fs::is_directory(options.truth) ? options.truth / transport_file_name : options.truth, run_context());
   const auto errors = held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test,
                                       options.noise_scale, run_context());
   if (const std::string warning = training_warning(errors); !warning.empty()) run_context().note(warning);
@@ -139,35 +182,48 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<CompareOptions>();
   CLI::App* verb = app.add_subcommand(
       "compare",
-      "Measure the error of predicted images against observed images.\n"
+      "Measure the error of fields or images against photographs.\n"
       "\n"
       "Prints the relative RMSE sqrt(Σ(p − o)² / Σo²) over all samples, its median and 90th percentile over "
       "the pixels, and the PSNR of the tone-mapped images (99th percentile white, sRGB). A field is compared "
-      "with the photographs that it was not estimated from. --json adds the error of each image.\n"
+      "with the photographs that it was not estimated from; the report of a field (.html) shows errors, "
+      "images, "
+      "kernels and timings. --json adds the error of each image.\n"
       "\n"
       "Examples:\n"
-      "  refield compare predicted.exr photograph.exr\n"
-      "  refield compare 'out/*.exr' 'observed/*.exr' -o error.exr\n"
       "  refield compare scene.rfield session\n"
-      "  refield compare scene.rfield --light 'light/*.exr' --observed 'observed/*.exr'");
+      "  refield compare scene.rfield session -o report.html\n"
+      "  refield compare scene.rfield --light 'light/*.exr' --observed 'observed/*.exr'\n"
+      "  refield compare 'out/*.exr' 'observed/*.exr' -o error.exr");
   verb->add_option("predicted", options->predicted,
-                   "Predicted images (file, quoted pattern or folder), or a field (.rfield) to compare with "
-                   "the held-out photographs of a session")
+                   "Field (.rfield), or predicted images (file, quoted pattern or folder)")
       ->required();
-  verb->add_option("reference", options->capture.session,
-                   "Observed images (file, quoted pattern or folder), paired by the text that the wildcards "
-                   "match or by name; or a session folder");
-  add_capture_options(*verb, options->capture,
-                      "Compare every N-th pair, as in the estimation with --hold-out N (default: the pairs "
-                      "that the field was not estimated from)");
+  verb->add_option("session", options->capture.session,
+                   "Capture session (folder) whose held-out photographs the field predicts; or observed "
+                   "images (file, quoted "
+                   "pattern or folder), paired by the text that the wildcards match or by name");
+  verb->add_option(
+      "-o,--output", options->output,
+      "Report of a field to write (.html), or image with the relative RMSE of each pixel (.exr)");
+  verb->add_option(
+      "--field", options->more_fields,
+      "Reflectance field (.rfield) of the same session, for the report; repeat the option for each");
+  add_capture_options(*verb, options->capture);
   verb->add_option("--truth", options->truth,
-                   "Field (.rfield) whose noise-free images replace the photographs of the session");
+                   "Folder that 'refield simulate' created (or its transport.rfield): adds errors against "
+                   "noise-free images");
+  verb->add_option(
+          "--pixel", options->pixels,
+          "Column,row of a pixel whose kernels the report shows; repeat the option for each (default: one "
+          "pixel per pixel class)")
+      ->group(further);
   verb->add_option("--noise-scale", options->noise_scale,
                    "Noise of held-out photographs without a stored standard deviation (sigma), relative to "
-                   "the noise of the training images; used to check the predicted error of a field")
-      ->capture_default_str();
-  verb->add_option("-o,--output", options->error_map,
-                   "Image to write with the relative RMSE of each pixel (.exr)");
+                   "the noise of "
+                   "the training images; used to check the predicted error of a field")
+      ->check(non_negative_number())
+      ->capture_default_str()
+      ->group(further);
   verb->callback([options, &common, &action] {
     action = [options, &common] {
       if (fs::path(options->predicted).extension() == ".rfield")

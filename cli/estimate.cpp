@@ -237,51 +237,51 @@ void run(EstimateArguments arguments, const Common& common) {
 
 }  // namespace
 
+CLI::Option* add_dry_run_flag(CLI::App& verb, bool& dry_run) {
+  return verb.add_flag("--dry-run", dry_run,
+                       "Check all input and print the plan with memory and time; write nothing");
+}
+
 void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
   verb.add_option("session", arguments.capture.session,
-                  "Capture session folder, as written by 'refield acquire' or 'refield simulate'");
-  add_capture_options(verb, arguments.capture,
-                      "Exclude every N-th image from the estimation, and print the prediction error on these "
-                      "images afterwards (default: 0, none)");
+                  "Capture session (folder), as written by 'refield acquire' or 'refield simulate'");
+  add_capture_options(verb, arguments.capture);
   verb.add_option("--mode", arguments.mode,
-                  "Estimation mode: refined (smooth hat functions plus a few boxes), paper (the method "
+                  "Mode: refined (smooth hat functions plus a few boxes), paper (the method "
                   "published in 2004) or fast (even splits as in paper mode, with a faster search)")
       ->capture_default_str();
-  verb.add_option("--monitor", arguments.monitors,
-                  "Placement of the monitor, such as 520x320@600,yaw=90 (mm, degrees), stored in the field "
-                  "for relighting by environment maps; replaces the placement in the session. Repeat the "
-                  "option for each window of stacked light maps");
-  verb.add_option("--kernels", arguments.options.kernels,
+  add_placement_option(
+      verb, arguments.placements,
+      "Stored in the field for relighting by environment maps (default: that of the session).");
+  verb.add_option("--max-kernels", arguments.options.kernels,
                   "Maximum number of kernels per pixel; 0: as many as the data support")
-      ->capture_default_str();
-  verb.add_option("--spatial-passes", arguments.options.spatial_passes,
-                  "Number of passes in which each pixel tries the kernels of its neighbours (paper mode)")
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(further);
   verb.add_option("--clip", arguments.options.clip_level,
-                  "Radiance from which samples are ignored as clipped by the camera (default: none)");
-  verb.add_flag("--keep-drift", arguments.options.keep_drift,
-                "Do not correct the brightness drift that repeated reference frames show");
+                  "Radiance from which samples are ignored as clipped by the camera (default: none)")
+      ->group(further);
   verb.add_flag("--keep-outliers", arguments.options.keep_outliers,
                 "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
-                "default they are detected, listed and left out");
-  verb.add_option(
-          "--rig", arguments.rig,
-          "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve and "
-          "brightness from the photographs), off, or a file (JSON) with the model of another run, as in "
-          "'rig' of OUTPUT.log.json")
-      ->capture_default_str();
+                "default they are detected, listed and left out")
+      ->group(further);
+  verb.add_option("--correction", arguments.correction,
+                  "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve, "
+                  "brightness and drift from the photographs), off, or a file (JSON) with the model of "
+                  "another run, as in "
+                  "'rig' of OUTPUT.log.json")
+      ->capture_default_str()
+      ->group(further);
   verb.add_option("--memory", arguments.memory_gib,
                   "Memory limit in GiB; the image is processed in bands of rows that fit")
       ->capture_default_str();
   verb.add_option("--threads", arguments.options.threads,
                   "Number of threads; 0: all cores. The result does not depend on it")
-      ->capture_default_str();
+      ->capture_default_str()
+      ->group(further);
   verb.add_option("--refine", arguments.options.refine,
                   "Field (.rfield) of the same capture, estimated from fewer of its images. Kernels are "
-                  "chosen among those of this field, which saves most of the search");
-  verb.add_flag(
-      "!--no-predicted-error", arguments.options.predict_errors,
-      "Do not predict the error of each pixel on new photographs; saves about one sixth of the time");
+                  "chosen among those of this field, which saves most of the search")
+      ->group(further);
 }
 
 CaptureSession open_estimation(EstimationArguments& arguments) {
@@ -290,11 +290,11 @@ CaptureSession open_estimation(EstimationArguments& arguments) {
     throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
                      "; give a number of GiB above 0");
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
-  arguments.options.keep_rig = arguments.rig == "off";
-  if (arguments.rig != "off" && arguments.rig != "auto")
-    arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.rig));
+  arguments.options.keep_rig = arguments.options.keep_drift = arguments.correction == "off";
+  if (arguments.correction != "off" && arguments.correction != "auto")
+    arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.correction));
   CaptureSession session = open_capture(arguments.capture);
-  if (!arguments.monitors.empty()) session.monitors = placements_from_texts(arguments.monitors);
+  if (!arguments.placements.empty()) session.monitors = placements_from_texts(arguments.placements);
   return session;
 }
 
@@ -315,12 +315,10 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
   verb->add_option("--rows", arguments->rows,
                    "Rows to estimate, written as a shard for 'refield merge': A:B for rows A to B - 1, "
-                   "counted from 0, or I/N for the I-th of N shards of about equal height");
-  verb->add_flag(
-      "--dry-run", arguments->dry_run,
-      "Check all input and print the number of images, bands, memory and estimated time; write nothing");
-  verb->add_flag("--resume", arguments->resume,
-                 "Continue an interrupted estimation and keep its finished rows");
+                   "counted from 0, or I/N for the I-th of N shards of about equal height")
+      ->group(further);
+  add_dry_run_flag(*verb, arguments->dry_run);
+  verb->add_flag("--resume", arguments->resume, "Continue an interrupted run: keep the finished rows");
   verb->callback(
       [arguments, &common, &action] { action = [arguments, &common] { run(*arguments, common); }; });
 }

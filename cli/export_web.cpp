@@ -31,9 +31,8 @@ namespace fs = std::filesystem;
 struct ExportWebOptions {
   fs::path field;
   fs::path output;
-  std::string title;
   std::vector<std::string> environments;
-  std::string monitor;
+  std::vector<std::string> placements;
   int finest = 1;
 };
 
@@ -47,7 +46,7 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
     throw InputError(
         options.field.string() +
         ": does not say where the monitor stood, or names several places, and environment maps need "
-        "one; give the screen's width x height @ distance from the scene in mm by --monitor "
+        "one; give the screen's width x height @ distance from the scene in mm by --placement "
         "520x320@600,yaw=90");
   std::vector<web::PageMap> maps;
   for (const fs::path& file : expand_globs(options.environments)) {
@@ -93,11 +92,11 @@ void export_web(const ExportWebOptions& options, const Common& common) {
     throw InputError("--finest " + std::to_string(options.finest) +
                      ": must be a power of two (1, 2, 4, ...)");
   auto [field, stride, large] = read_page_field(options.field);
-  if (!options.monitor.empty()) {
-    field.monitors = placements_from_texts({options.monitor});
-    check_placements(field.monitors, field.basis.domain, "--monitor");
+  if (!options.placements.empty()) {
+    field.monitors = placements_from_texts(options.placements);
+    check_placements(field.monitors, field.basis.domain, "--placement");
   }
-  const std::string title = options.title.empty() ? options.field.stem().string() : options.title;
+  const std::string title = options.field.stem().string();
   const web::ExportReport report = web::export_page(
       field, title, options.output,
       options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field),
@@ -143,20 +142,16 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   verb->add_option("-o,--output", options->output, "Folder for the page; open its index.html in a browser")
       ->required();
-  verb->add_option(
-      "--env", options->environments,
-      "Environment maps that the page offers, in any format that 'refield relight' reads (lat-long or "
-      "cube).\n"
-      "If the field was captured with a monitor, they are shown through the window of the monitor");
-  verb->add_option("--monitor", options->monitor,
-                   "Placement of the monitor if the field does not contain it, for example\n"
-                   "520x320@600,yaw=90 (see 'refield relight --help')");
+  verb->add_option("--env", options->environments,
+                   "Environment map of any size, lat-long (twice as wide as high) or cube, that the page "
+                   "offers. If the field was "
+                   "captured with a monitor, it is shown through the window of the monitor");
+  add_placement_option(*verb, options->placements, "Replaces that of the field.");
   verb->add_option("--finest", options->finest,
                    "Of a field too large for one picture of a page, the finest pixels to export: 1 of N×N;\n"
                    "1 is all of them, about half the bytes of the field")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
-  verb->add_option("--title", options->title, "Heading of the page (default: the name of the field)");
   verb->callback(
       [options, &common, &action] { action = [options, &common] { export_web(*options, common); }; });
 }

@@ -331,7 +331,7 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
                          "Examples:\n"
                          "  refield info scene.rfield\n"
                          "  refield info session --json");
-  verb->add_option("file", *path, "Reflectance field (.rfield), session folder or image")->required();
+  verb->add_option("file", *path, "File: reflectance field (.rfield), session folder or image")->required();
   verb->callback([path, &common, &action] {
     action = [path, &common] {
       ordered_json info = describe_path(*path);

@@ -141,11 +141,11 @@ void add_verbs(CLI::App& app, const refield::cli::Common& common, refield::cli::
   using namespace refield::cli;
   using Add = void (*)(CLI::App&, const Common&, Action&);
   const std::pair<const char*, std::vector<Add>> groups[] = {
-      {"Capture", {add_acquire, add_hdr}},
+      {"Capture", {add_acquire}},
       {"Estimate", {add_estimate, add_submit, add_merge}},
       {"Relight", {add_relight, add_view, add_export_web, add_pack}},
-      {"Examine", {add_info, add_compare, add_report}},
-      {"Simulate", {add_simulate}}};
+      {"Examine", {add_info, add_compare}},
+      {"Simulate", {add_simulate, add_precompute, add_render}}};
   for (const auto& [group, adds] : groups)
     for (const Add add : adds) {
       add(app, common, action);
@@ -159,7 +159,7 @@ int run(int argc, char** argv) {
       "\n"
       "Typical sequence:\n"
       "  refield simulate RECIPE.toml -o truth                           create a synthetic scene\n"
-      "  refield acquire virtual RECIPE.toml --truth truth -o session    photograph it under many lights\n"
+      "  refield acquire run RECIPE.toml --truth truth -o session        photograph it under many lights\n"
       "  refield estimate session -o scene.rfield                        estimate the reflectance field\n"
       "  refield relight scene.rfield --light new.exr -o image.exr       render it under a new light\n"
       "  refield view scene.rfield                                       relight it interactively");
@@ -172,6 +172,7 @@ int run(int argc, char** argv) {
   refield::cli::Common common;
   app.add_flag("--json", common.json, "Print results and errors as JSON on standard output");
   app.add_flag("--quiet", common.quiet, "Do not print progress on standard error");
+  app.add_flag("--force", common.force, "Replace the output of an earlier run, where a command refuses to");
   refield::cli::Action action;
   add_verbs(app, common, action);
   // After the verbs, which would inherit it.

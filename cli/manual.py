@@ -70,10 +70,10 @@ def parse(path, text):
     return verb
 
 
-def read_verbs(program):
+def read_verbs(program, flag="--help-all"):
     """All verbs of the program, parents before their children, in the order of its help."""
     def read(path):
-        done = subprocess.run([program, *path, "--help-all"], check=True, capture_output=True, text=True)
+        done = subprocess.run([program, *path, flag], check=True, capture_output=True, text=True)
         return parse(path, done.stdout)
 
     found = [read(())]

@@ -75,10 +75,10 @@ void add_pack(CLI::App& app, const Common& common, Action& action) {
       "texels, bars, small squares, smooth); each of them stays below the given maximum.\n"
       "\n"
       "Example:\n"
-      "  refield pack scene.rfield -o small.rfield --error 1e-3");
+      "  refield pack scene.rfield -o small.rfield --max-error 1e-3");
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   verb->add_option("-o,--output", options->output, "Packed field to write (.rfield)")->required();
-  verb->add_option("--error", options->error,
+  verb->add_option("--max-error", options->error,
                    "Maximum relative RMSE of relit images against the full field, 2e-5 or more")
       ->check(positive_number())
       ->capture_default_str();

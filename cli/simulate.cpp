@@ -27,16 +27,15 @@ constexpr std::uint64_t largest_automatic_transport = 2ull << 30;
 struct Arguments {
   fs::path recipe;
   fs::path folder;
-  std::optional<int> width, height, light_width, light_height;
-  std::optional<int> train, natural, bars, squares;
+  std::string size, light_size;
+  std::optional<int> train;
+  std::vector<int> test;
   std::string kind;
   std::optional<std::int64_t> seed;
   std::optional<int> quality;
   double noise = 0.0;
   bool half = false;
-  bool no_transport = false;
-  bool transport = false;
-  bool force = false;
+  std::string transport = "auto";
 };
 
 Recipe recipe_of(const Arguments& arguments) {
@@ -48,14 +47,22 @@ Recipe recipe_of(const Arguments& arguments) {
                        std::to_string(low) + " to " + std::to_string(high));
     value = *given;
   };
-  replace(arguments.width, recipe.scene.camera.width, "--width", 1, 16384);
-  replace(arguments.height, recipe.scene.camera.height, "--height", 1, 16384);
-  replace(arguments.light_width, recipe.scene.monitor.texels.width, "--light-width", 8, 8192);
-  replace(arguments.light_height, recipe.scene.monitor.texels.height, "--light-height", 8, 8192);
+  if (!arguments.size.empty()) {
+    const PictureSize size = read_picture_size(arguments.size, {1, 1});
+    recipe.scene.camera.width = size.width;
+    recipe.scene.camera.height = size.height;
+  }
+  if (!arguments.light_size.empty()) {
+    const PictureSize size = read_picture_size(arguments.light_size, {8, 8}, "--light-size");
+    recipe.scene.monitor.texels.width = size.width;
+    recipe.scene.monitor.texels.height = size.height;
+  }
   replace(arguments.train, recipe.lights.train, "--train", 1, 9999);
-  replace(arguments.natural, recipe.lights.natural, "--natural", 0, 9999);
-  replace(arguments.bars, recipe.lights.bars, "--bars", 0, 999);
-  replace(arguments.squares, recipe.lights.squares, "--squares", 0, 999);
+  if (!arguments.test.empty()) {
+    int* const counts[] = {&recipe.lights.natural, &recipe.lights.bars, &recipe.lights.squares};
+    for (std::size_t i = 0; i < 3; ++i)
+      replace(std::optional(arguments.test[i]), *counts[i], "--test", 0, i == 0 ? 9999 : 999);
+  }
   if (!arguments.kind.empty()) recipe.lights.kind = arguments.kind;
   replace(arguments.seed, recipe.seed, "--seed", 0, 0x7fffffff);
   return recipe;
@@ -141,21 +148,21 @@ void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
 void simulate(const Arguments& arguments, const Common& common) {
   const Recipe recipe = recipe_of(arguments);
   const OutputLock lock(arguments.folder, {});
-  require_replaceable(arguments.folder, arguments.force);
+  require_replaceable(arguments.folder, common.force);
   SimulateOptions options;
   options.precision = arguments.half ? Precision::half : Precision::single;
   options.noise = arguments.noise;
   SimulatePlan plan = plan_simulate(recipe, options);
   const bool large = plan.transport_bytes > largest_automatic_transport;
-  options.keep_transport = arguments.transport || (!arguments.no_transport && !large);
+  options.keep_transport = arguments.transport == "always" || (arguments.transport == "auto" && !large);
   options.quality = arguments.quality.value_or(large ? 1 : 2);
   options.check();
   plan = plan_simulate(recipe, options);
   if (!common.quiet) {
-    if (large && !options.keep_transport && !arguments.no_transport)
-      std::fprintf(stderr,
-                   "The transport would take about %.1f GB and is not stored; --transport stores it.\n",
-                   static_cast<double>(plan_simulate(recipe, {}).transport_bytes) / 1e9);
+    if (large && arguments.transport == "auto")
+      std::fprintf(
+          stderr, "The transport would take about %.1f GB and is not stored; --transport always stores it.\n",
+          static_cast<double>(plan_simulate(recipe, {}).transport_bytes) / 1e9);
     std::fprintf(stderr, "The simulation needs about %.0f MB of memory and %.0f MB of disk space.\n",
                  static_cast<double>(plan.memory_bytes) / 1e6, static_cast<double>(plan.disk_bytes) / 1e6);
   }
@@ -193,78 +200,49 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       "the photograph under each light map from it. The folder becomes a capture session (illumination/, "
       "observed/, session.toml) with these additional files:\n"
       "  transport.rfield   exact light transport: 'refield relight' renders the true image under any light\n"
-      "  ambient.exr        image of the scene under the room light, for 'refield acquire'\n"
+      "  ambient.exr        image of the scene under the room light, for 'refield acquire run'\n"
       "  kinds.png          pixel classes: diffuse, glossy, refraction, hard shadow, mixed\n"
       "\n"
       "Examples:\n"
       "  refield simulate datasets_synthetic/tabletop/recipe.toml -o truth\n"
-      "  refield simulate recipe.toml -o quick --width 64 --height 48 --train 60 --noise 0.005\n"
-      "  refield simulate recipe.toml -o large --width 1024 --height 768 --light-width 800 \\\n"
-      "      --light-height 600 --half");
+      "  refield simulate recipe.toml -o quick --size 64x48 --train 60 --noise 0.005\n"
+      "  refield simulate recipe.toml -o large --size 1024x768 --light-size 800x600 --half");
   verb->add_option("recipe", arguments->recipe,
-                   "Description of the data set (.toml, docs/reference/synthetic-scenes.md)");
-  verb->add_option("-o,--output", arguments->folder, "Folder to create");
-  const char* size = "Size";
-  verb->add_option("--width", arguments->width,
-                   "Width of the photographs in pixels (default: from the recipe)")
-      ->group(size);
-  verb->add_option("--height", arguments->height,
-                   "Height of the photographs in pixels (default: from the recipe)")
-      ->group(size);
-  verb->add_option("--light-width", arguments->light_width,
-                   "Width of the light maps in texels (default: from the recipe)")
-      ->group(size);
-  verb->add_option("--light-height", arguments->light_height,
-                   "Height of the light maps in texels (default: from the recipe)")
-      ->group(size);
-  const char* lights = "Lights";
+                   "Description of the data set (.toml, docs/reference/synthetic-scenes.md)")
+      ->required();
+  verb->add_option("-o,--output", arguments->folder, "Folder to create")->required();
+  verb->add_option("--size", arguments->size, "Size of the picture in pixels (default: from the recipe)")
+      ->type_name("WIDTHxHEIGHT");
+  verb->add_option("--light-size", arguments->light_size,
+                   "Size of the light maps in texels (default: from the recipe)")
+      ->type_name("WIDTHxHEIGHT");
   verb->add_option("--train", arguments->train,
-                   "Number of light maps for estimation (default: from the recipe)")
-      ->group(lights);
+                   "Number of light maps for estimation (default: from the recipe)");
+  verb->add_option("--test", arguments->test,
+                   "Numbers of held-out light maps: natural images, white bars, white squares (default: from "
+                   "the recipe)")
+      ->delimiter(',')
+      ->expected(3)
+      ->type_name("N,N,N");
   verb->add_option("--kind", arguments->kind,
-                   "Kind of light maps for estimation: designed or natural (default: from the recipe)")
-      ->check(CLI::IsMember({"designed", "natural"}))
-      ->group(lights);
-  verb->add_option("--natural", arguments->natural,
-                   "Number of held-out natural light maps (default: from the recipe)")
-      ->group(lights);
-  verb->add_option("--bars", arguments->bars,
-                   "Number of held-out light maps with a white bar (default: from the recipe)")
-      ->group(lights);
-  verb->add_option("--squares", arguments->squares,
-                   "Number of held-out light maps with a white square (default: from the recipe)")
-      ->group(lights);
+                   "Training patterns: designed for estimation, or natural images as in the paper (default: "
+                   "from the recipe)")
+      ->check(CLI::IsMember({"designed", "natural"}));
   verb->add_option("--seed", arguments->seed,
-                   "Seed of the light maps and of the sampling noise (default: from the recipe)")
-      ->group(lights);
-  const char* result = "Result";
+                   "Seed of all random numbers of the simulation (default: from the recipe)");
+  verb->add_option("--quality", arguments->quality,
+                   "Quality of ray tracing: 1 fast, 2 balanced, 3 without grain (default: 2; 1 if the transport is "
+                   "too large to be stored)");
   verb->add_option(
-          "--quality", arguments->quality,
-          "Quality of ray tracing: 1 fast, 2 balanced, 3 without grain (default: 2; 1 if the transport is "
-          "too large to be stored)")
-      ->group(result);
-  verb->add_option(
-          "--noise", arguments->noise,
-          "Relative standard deviation of Gaussian noise on the photographs, such as 0.005 (default: 0)")
-      ->group(result);
-  verb->add_flag("--half", arguments->half,
-                 "Write 16-bit half-float images: half the disk space, relative rounding error 0.05 %")
-      ->group(result);
-  auto* without = verb->add_flag("--no-transport", arguments->no_transport, "Do not write transport.rfield")
-                      ->group(result);
-  verb->add_flag("--transport", arguments->transport,
-                 "Write transport.rfield even if it is larger than 2 GiB")
-      ->group(result)
-      ->excludes(without);
-  verb->add_flag("--force", arguments->force, "Replace an earlier simulation in the folder")->group(result);
-  add_simulate_prt(*verb, common, action);
-  add_simulate_dynamic(*verb, common, action);
-  verb->callback([verb, arguments, &common, &action] {
-    if (!verb->get_subcommands().empty()) return;
-    if (arguments->recipe.empty()) throw CLI::RequiredError("recipe");
-    if (arguments->folder.empty()) throw CLI::RequiredError("--output");
-    action = [arguments, &common] { simulate(*arguments, common); };
-  });
+      "--noise", arguments->noise,
+      "Relative standard deviation of Gaussian noise on the photographs, such as 0.005 (default: 0)");
+  add_half_option(*verb, arguments->half);
+  verb->add_option("--transport", arguments->transport,
+                   "When to write transport.rfield: auto (up to 2 GiB), always or never")
+      ->check(CLI::IsMember({"auto", "always", "never"}))
+      ->capture_default_str();
+  verb->callback(
+      [arguments, &common, &action] { action = [arguments, &common] { simulate(*arguments, common); }; });
 }
 
 }  // namespace refield::cli

@@ -44,11 +44,10 @@ struct SubmitArguments : EstimationArguments {
   double task_memory_gib = 0.0;
   std::string partition;
   std::vector<std::string> sbatch;
-  std::string engine = "slurm";
-  std::string hosts = ":";
+  std::string hosts;  ///< of GNU parallel; empty: Slurm
   bool detach = false;
   bool dry_run = false;
-  std::string attach, resume, cancel, finish;
+  bool resume = false, cancel = false, finish = false;  ///< of a submission
 };
 
 struct CommandOutput {
@@ -78,8 +77,7 @@ void pause_for(Clock::duration duration) {
 [[noreturn]] void refuse_command(const std::vector<std::string>& words, const CommandOutput& output) {
   if (output.status == 127)
     throw InputError(words.front() +
-                     ": is not installed here; submit from a machine of the Slurm cluster, or use --engine "
-                     "parallel");
+                     ": is not installed here; submit from a machine of the Slurm cluster, or give --hosts");
   std::string text = output.text;
   while (!text.empty() && text.back() == '\n') text.pop_back();
   throw InputError(words.front() + " refused: " + text);
@@ -232,19 +230,19 @@ void advance(const fs::path& folder) {
 }
 
 std::string how_to_go_on(const ClusterJob& job) {
-  return "follow with:  refield submit --attach " + job.folder.string() +
-         "\nstop with:    refield submit --cancel " + job.folder.string();
+  return "follow with:  refield submit " + job.folder.string() + "\nstop with:    refield submit " +
+         job.folder.string() + " --cancel";
 }
 
 /// Writes the outcome of a job that has ended.
 void print_end(const ClusterJob& job, const Common& common) {
   if (job.outcome == Outcome::failed)
-    throw InputError(job.message + "\nThe other shards are kept; 'refield submit --resume " +
-                     job.folder.string() + "' submits those that are missing");
+    throw InputError(job.message + "\nThe other shards are kept; 'refield submit " + job.folder.string() +
+                     " --resume' submits those that are missing");
   if (job.outcome == Outcome::cancelled)
     throw InputError(job.folder.string() + ": the job was cancelled; its " +
                      std::to_string(job.shards - missing_shards(job).size()) +
-                     " completed shards are kept; 'refield submit --resume' continues with the others");
+                     " completed shards are kept; --resume continues with the others");
   if (common.json) {
     const nlohmann::ordered_json figures = {
         {"field", job.output.string()}, {"shards", job.shards}, {"submissions", job.rounds.size()}};
@@ -358,7 +356,7 @@ void run_parallel(ClusterJob& job) {
     run_context().throw_if_stopped();
     const CommandOutput output = ended.get();
     if (output.status == 127 && output.text.find("parallel") != std::string::npos)
-      throw InputError("parallel: is not installed; install GNU parallel, or use --engine slurm");
+      throw InputError("parallel: is not installed; install GNU parallel, or remove --hosts to use Slurm");
     std::string failed;
     for (const int shard : missing_shards(job)) failed += "\n  " + shard_log(job, shard).string();
     if (!failed.empty())
@@ -389,7 +387,8 @@ void resume(const fs::path& folder, const Common& common) {
     if (job.engine == "slurm") {
       for (const QueuedTask& entry : queue_from_text(call_slurm(queue_command(job))))
         if (entry.task && entry.is_active())
-          throw InputError(folder.string() + ": its tasks are still queued or running; use --attach");
+          throw InputError(folder.string() +
+                           ": its tasks are still queued or running; remove --resume to follow them");
       Round round{missing_shards(job), job.rounds.back().limits};
       job.first_round = static_cast<int>(job.rounds.size());
       // Without shards to estimate only the merge is left, which advance() does.
@@ -421,7 +420,7 @@ void cancel(const fs::path& folder) {
     call_slurm(words);
   }
   std::printf(
-      "cancelled; %zu of %d shards are complete and kept\ncontinue with: refield submit --resume %s\n",
+      "cancelled; %zu of %d shards are complete and kept\ncontinue with: refield submit %s --resume\n",
       job.shards - missing_shards(job).size(), job.shards, folder.c_str());
 }
 
@@ -440,8 +439,8 @@ std::string threads_text(const ClusterJob& job) {
 std::pair<ClusterJob, CostEstimate> plan(SubmitArguments& arguments) {
   CaptureSession session = open_estimation(arguments);
   ClusterJob job;
-  job.engine = arguments.engine;
-  const bool uses_slurm = job.engine == "slurm";
+  const bool uses_slurm = arguments.hosts.empty();
+  job.engine = uses_slurm ? "slurm" : "parallel";
   const Nodes nodes = uses_slurm
                           ? nodes_of_cluster(arguments.partition)
                           : Nodes{1 + static_cast<int>(std::ranges::count(arguments.hosts, ',')), 0, 0};
@@ -521,9 +520,9 @@ void submit(SubmitArguments arguments, const Common& common) {
     const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
                           ".rfield");
     if (fs::exists(folder / "job.json") && read_cluster_job(folder).outcome != Outcome::complete)
-      throw InputError(folder.string() +
-                       ": holds shards of an earlier submission; use --attach or --resume "
-                       "with this folder, or --cancel and remove it");
+      throw InputError(
+          folder.string() + ": holds shards of an earlier submission; follow it with 'refield submit " +
+          folder.string() + "', continue it with --resume, or --cancel it and remove the folder");
     std::tie(job, cost) = plan(arguments);
     job.folder = folder;
     job.output = fs::absolute(arguments.output).lexically_normal();
@@ -556,14 +555,16 @@ void submit(SubmitArguments arguments, const Common& common) {
 }
 
 void run_submit(const SubmitArguments& arguments, const Common& common) {
-  const auto folder_of = [](const std::string& text) {
-    return read_cluster_job(text).folder;  // absolute; checked
-  };
-  if (!arguments.finish.empty()) return advance(folder_of(arguments.finish));
-  if (!arguments.attach.empty()) return go_on(folder_of(arguments.attach), common);
-  if (!arguments.resume.empty()) return resume(folder_of(arguments.resume), common);
-  if (!arguments.cancel.empty()) return cancel(folder_of(arguments.cancel));
-  submit(arguments, common);
+  const bool is_submission = fs::exists(fs::path(arguments.capture.session) / "job.json");
+  if (!is_submission && (arguments.resume || arguments.cancel || arguments.finish))
+    throw InputError("'" + arguments.capture.session +
+                     "': is not the folder of a submission; give OUTPUT.shards for --resume and --cancel");
+  if (!is_submission) return submit(arguments, common);
+  const fs::path folder = read_cluster_job(arguments.capture.session).folder;  // absolute; checked
+  if (arguments.finish) return advance(folder);
+  if (arguments.resume) return resume(folder, common);
+  if (arguments.cancel) return cancel(folder);
+  go_on(folder, common);
 }
 
 /// The options that were given, as words.
@@ -596,16 +597,22 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
       "The command follows the jobs; Ctrl-C detaches from them, and they continue. Scripts, logs and shards "
       "are in the folder OUTPUT.shards.\n"
       "\n"
+      "Beside the options listed here, those of 'refield estimate' are accepted.\n"
+      "\n"
       "Examples:\n"
       "  refield submit session -o scene.rfield --nodes 8 --partition compute\n"
-      "  refield submit --attach scene.rfield.shards\n"
-      "  refield submit --cancel scene.rfield.shards\n"
-      "  refield submit --resume scene.rfield.shards\n"
-      "  refield submit session -o scene.rfield --engine parallel --hosts alice,bob");
+      "  refield submit scene.rfield.shards                # follow\n"
+      "  refield submit scene.rfield.shards --cancel\n"
+      "  refield submit scene.rfield.shards --resume\n"
+      "  refield submit session -o scene.rfield --hosts alice,bob");
   const std::size_t before = verb->get_options().size();
   add_estimation_options(*verb, *arguments);
   auto estimation = verb->get_options();
   estimation.erase(estimation.begin(), estimation.begin() + static_cast<std::ptrdiff_t>(before));
+  for (CLI::Option* option : estimation) option->group("");
+  verb->get_option("session")
+      ->description("Capture session (folder), or OUTPUT.shards of a submission")
+      ->group("Options");
   std::erase_if(estimation, [](const CLI::Option* option) { return option->get_name() == "--threads"; });
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
   verb->add_option("--shards", arguments->shards,
@@ -614,7 +621,7 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--nodes", arguments->nodes,
                    "Number of nodes whose processors the tasks use at the same time (default: no limit)")
       ->check(CLI::Range(1, 100000));
-  verb->add_option("--time", arguments->time,
+  verb->add_option("--time-limit", arguments->time,
                    "Time limit of a task: minutes, HOURS:MM:SS or DAYS-HH:MM:SS (default: three times the "
                    "estimated time plus 10 minutes)");
   verb->add_option(
@@ -624,25 +631,19 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--partition", arguments->partition, "Slurm partition (default: that of the cluster)");
   verb->add_option("--sbatch", arguments->sbatch,
                    "Further option of sbatch, such as --sbatch=--account=optics; repeat it for each");
-  verb->add_option("--engine", arguments->engine,
-                   "What runs the shards: slurm, or parallel (GNU parallel over ssh; ends with this command)")
-      ->check(CLI::IsMember({"slurm", "parallel"}))
-      ->capture_default_str();
   verb->add_option(
-          "--hosts", arguments->hosts,
-          "Hosts of --engine parallel, separated by commas, or a file with one per line; ':' is this "
-          "machine")
-      ->capture_default_str();
+      "--hosts", arguments->hosts,
+      "Run the shards by GNU parallel over ssh instead of Slurm, until this command ends: hosts, "
+      "separated by commas, or a file with one per line; ':' is this machine");
   verb->add_flag("--detach", arguments->detach, "Submit the jobs and do not follow them");
-  verb->add_flag("--dry-run", arguments->dry_run, "Print the plan and submit nothing");
-  verb->add_option("--attach", arguments->attach, "Follow the jobs of this folder (OUTPUT.shards)");
-  verb->add_option("--resume", arguments->resume,
-                   "Submit the missing shards of this folder again, after a failure or --cancel, and follow");
-  verb->add_option("--cancel", arguments->cancel,
-                   "Cancel the jobs of this folder; completed shards are kept for --resume");
-  verb->add_option("--finish", arguments->finish,
-                   "Merge the shards of this folder, or submit the missing ones again; the last job of a "
-                   "submission runs this")
+  add_dry_run_flag(*verb, arguments->dry_run)->group("");
+  verb->add_flag("--resume", arguments->resume,
+                 "Continue an interrupted run: submit the missing shards of OUTPUT.shards again, and follow");
+  verb->add_flag("--cancel", arguments->cancel,
+                 "Cancel the jobs of OUTPUT.shards; completed shards are kept for --resume");
+  verb->add_flag("--finish", arguments->finish,
+                 "Merge the shards of OUTPUT.shards, or submit the missing ones again; the last job of a "
+                 "submission runs this")
       ->group("");
   verb->callback([arguments, estimation, &common, &action] {
     arguments->estimate = words_of(estimation);

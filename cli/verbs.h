@@ -13,6 +13,7 @@ namespace refield::cli {
 struct Common {
   bool json = false;   ///< figures as JSON on standard output
   bool quiet = false;  ///< no progress
+  bool force = false;  ///< output of an earlier run is replaced
 };
 
 /// The user stopped the verb and was told already what goes on and how to continue.
@@ -23,10 +24,9 @@ using Action = std::function<void()>;
 
 // One file a verb. Each adds its subcommand and, when that is named, sets `action`.
 void add_simulate(CLI::App& app, const Common& common, Action& action);
-void add_simulate_prt(CLI::App& app, const Common& common, Action& action);  // `refield simulate prt`
-void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action);
+void add_precompute(CLI::App& app, const Common& common, Action& action);
+void add_render(CLI::App& app, const Common& common, Action& action);
 void add_acquire(CLI::App& app, const Common& common, Action& action);
-void add_hdr(CLI::App& app, const Common& common, Action& action);
 void add_estimate(CLI::App& app, const Common& common, Action& action);
 void add_merge(CLI::App& app, const Common& common, Action& action);
 void add_submit(CLI::App& app, const Common& common, Action& action);
@@ -35,7 +35,6 @@ void add_compare(CLI::App& app, const Common& common, Action& action);
 void add_export_web(CLI::App& app, const Common& common, Action& action);
 void add_pack(CLI::App& app, const Common& common, Action& action);
 void add_info(CLI::App& app, const Common& common, Action& action);
-void add_report(CLI::App& app, const Common& common, Action& action);
 void add_view(CLI::App& app, const Common& common, Action& action);
 
 // One file a subcommand of `refield acquire`. Each adds its own to `group`.
@@ -44,13 +43,10 @@ void add_acquire_colour(CLI::App& group, const Common& common, Action& action);
 void add_acquire_geometry(CLI::App& group, const Common& common, Action& action);
 void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action);
 void add_acquire_run(CLI::App& group, const Common& common, Action& action);
-void add_acquire_virtual(CLI::App& group, const Common& common, Action& action);
 void add_acquire_import(CLI::App& group, const Common& common, Action& action);
 void add_acquire_guide(CLI::App& group, const Common& common, Action& action);
-void add_acquire_init(CLI::App& group, const Common& common, Action& action);
 void add_acquire_lights(CLI::App& group, const Common& common, Action& action);
 void add_acquire_show(CLI::App& group, const Common& common, Action& action);
-void add_acquire_match(CLI::App& group, const Common& common, Action& action);
 void add_acquire_probe(CLI::App& group, const Common& common, Action& action);
 
 }  // namespace refield::cli

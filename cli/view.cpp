@@ -17,13 +17,14 @@ struct ViewOptions {
   WindowOptions window;
   std::filesystem::path shown;
   std::string light, script, size;
-  std::vector<std::string> monitors;
+  std::vector<std::string> placements;
 };
 
 void view(const ViewOptions& options) {
   const bool moves = options.shown.extension() == ".toml";
-  if (moves && !options.monitors.empty())
-    throw InputError("--monitor: a dynamic scene has no monitor; it is supported for fields (.rfield) only");
+  if (moves && !options.placements.empty())
+    throw InputError(
+        "--placement: a dynamic scene has no monitor; it is supported for fields (.rfield) only");
   if (moves && !options.light.empty())
     throw InputError("--light " + options.light + ": a dynamic scene defines its area lights in " +
                      options.shown.string() + "; light maps are supported for fields (.rfield) only");
@@ -55,22 +56,22 @@ void add_view(CLI::App& app, const Common&, Action& action) {
       "Examples:\n"
       "  refield view scene.rfield --light sky.exr\n"
       "  refield view datasets_synthetic/dynamic/room.toml");
-  verb->add_option("scene", options->shown,
-                   "Reflectance field (.rfield) or dynamic scene (.toml, docs/reference/scene-files.md)")
+  verb->add_option(
+          "file", options->shown,
+          "File: reflectance field (.rfield) or dynamic scene (.toml, docs/reference/scene-files.md)")
       ->required();
   verb->add_option("--light", options->light,
-                   "Initial light map (EXR, HDR: linear; PNG, JPEG: sRGB; default: white)");
-  verb->add_option(
-      "--monitor", options->monitors,
-      "Placement of the monitor, such as 520x320@600,yaw=90 (mm, degrees), in place of that of the "
-      "field: environment maps are seen through its window. Repeat the option for each window");
-  verb->add_option("--size", options->size, "Size of the window in pixels, WIDTHxHEIGHT (default: 1440x900)");
+                   "Light maps: the file shown at first (EXR, HDR: linear; PNG, JPEG: sRGB; default: white)");
+  add_placement_option(*verb, options->placements,
+                       "Environment maps are seen through it (default: that of the field).");
+  verb->add_option("--size", options->size, "Size of the picture in pixels (default: 1440x900)")
+      ->type_name("WIDTHxHEIGHT");
   verb->add_option("--script", options->script,
                    "File of viewer commands to run, '-' for standard input (docs/guide/viewer.md)");
   verb->callback([options, &action] {
     action = [options] {
       WindowOptions& window = options->window;
-      if (!options->monitors.empty()) window.monitors = placements_from_texts(options->monitors);
+      if (!options->placements.empty()) window.monitors = placements_from_texts(options->placements);
       if (!options->script.empty()) window.script = options->script;
       if (!options->size.empty()) {
         const PictureSize size = read_picture_size(options->size, {720, 520});

@@ -27,8 +27,8 @@ void EstimateOptions::check() const {
     if (!holds)
       throw InputError(std::string(option) + " is " + std::to_string(value) + "; give a value of " + range);
   };
-  require(kernels >= 0 && kernels <= 255, "--kernels", kernels, "1 to 255, or 0 to let the data decide");
-  require(spatial_passes >= 0 && spatial_passes <= 16, "--spatial-passes", spatial_passes, "0 to 16");
+  require(kernels >= 0 && kernels <= 255, "--max-kernels", kernels, "1 to 255, or 0 to let the data decide");
+  require(spatial_passes >= 0 && spatial_passes <= 16, "spatial passes", spatial_passes, "0 to 16");
   require(threads >= 0, "--threads", threads, "0 (all cores) or more");
   if (!(clip_level > 0.0f))
     throw InputError("--clip is " + std::to_string(clip_level) + "; give a positive radiance");

@@ -325,13 +325,13 @@ EstimateOptions options_of(const std::string& mode, int max_kernels, bool predic
   if (!(memory_gib > 0.0 && memory_gib < 1e6))
     throw InputError("memory is " + std::to_string(memory_gib) + "; give a number of GiB above 0");
   EstimateOptions options;
-  options.mode = mode == "default" ? EstimateMode::refined : estimate_mode_from_name(mode);
+  options.mode = estimate_mode_from_name(mode);
   options.kernels = max_kernels;
   options.predict_errors = predict_errors;
   options.keep_outliers = keep_outliers;
-  options.keep_rig = rig == "off";
+  options.keep_rig = options.keep_drift = rig == "off";
   if (rig != "off" && rig != "auto")
-    options.rig = std::make_shared<const RigModel>(rig_from_text(rig, "rig"));
+    options.rig = std::make_shared<const RigModel>(rig_from_text(rig, "correction"));
   options.memory_bytes = static_cast<std::uint64_t>(memory_gib * 1024.0 * 1024.0 * 1024.0);
   options.check();
   return options;

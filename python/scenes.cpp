@@ -200,11 +200,10 @@ CaptureSession simulate(const fs::path& recipe_path, const fs::path& folder,
 // ---- precomputed transport
 
 Field precompute(const fs::path& path, const std::string& method,
-                 const std::map<std::string, double>& settings, int bits, py::object progress,
+                 const std::map<std::string, double>& settings, py::object progress,
                  std::optional<int> threads) {
   if (method != "clusters" && method != "sh")
     throw InputError("method is '" + method + "'; give 'clusters' or 'sh'");
-  if (bits != 8 && bits != 16) throw InputError("bits is " + std::to_string(bits) + "; give 8 or 16");
   prt::ClusterOptions clusters;
   prt::HarmonicOptions harmonics;
   const auto take = [&](const char* name, auto& value) {
@@ -213,11 +212,10 @@ Field precompute(const fs::path& path, const std::string& method,
   };
   take("resolution", clusters.resolution);
   take("epsilon", clusters.epsilon);
-  take("samples", clusters.samples);
-  take("bounces", clusters.bounces);
+  take("diffuse_bounces", clusters.bounces);
   take("pixel_samples", clusters.pixel_samples);
   if (settings.contains("image")) clusters.relighting = prt::Relighting::image;
-  take("order", harmonics.order);
+  take("sh_order", harmonics.order);
   take("directions", harmonics.directions);
   take("radius", harmonics.radius);
   harmonics.check();
@@ -245,7 +243,7 @@ Field precompute(const fs::path& path, const std::string& method,
     }
     rows.outline.provenance = json_text(provenance);
     if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;
-    return Field(pack_rows(std::move(rows), bits, run));
+    return Field(pack_rows(std::move(rows), 8, run));
   });
 }
 

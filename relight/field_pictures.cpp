@@ -106,7 +106,7 @@ Image FieldPictures::vertices(const SceneLight& light, const RunContext& run) co
 void FieldPictures::show_background() {
   if (cameras_.empty())
     throw InputError(
-        "the field's photographs fill the picture, so that no background is seen; remove --background");
+        "the field's photographs fill the picture, so that no background is seen; remove --show-environment");
   shows_background_ = true;
 }
 

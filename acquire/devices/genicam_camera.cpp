@@ -640,7 +640,7 @@ class GenicamCamera final : public TetheredCamera {
     if (!(wanted.count() >= low * (1.0 - rounding) && wanted.count() <= high * (1.0 + rounding)))
       refuse("an exposure in seconds", wanted.count(), low, high);
     if (!open_->has_gain()) {
-      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the session file,", wanted_gain, 1.0, 1.0);
+      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0);
       return;
     }
     const auto [least, most] = open_->gain_range();

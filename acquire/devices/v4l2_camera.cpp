@@ -110,7 +110,7 @@ void V4l2Settings::switch_off_automatic_modes(const std::map<std::string, std::i
       throw DeviceError(device_.node().string(), EINVAL,
                         sentence +
                             "; photographs would not be comparable: use another camera, or set the control "
-                            "in the session file");
+                            "in the rig file");
     warnings_.push_back(device_.node().string() + ": " + sentence);
   }
 }
@@ -336,7 +336,7 @@ class V4l2Camera final : public TetheredCamera {
       refuse("an exposure in seconds", wanted.count(), camera.shortest_exposure.count(),
              camera.longest_exposure.count());
     if (options_.unit_gain <= 0.0) {
-      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the session file,", wanted_gain, 1.0, 1.0);
+      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0);
       return;
     }
     const auto& control = open_->settings.gain();

@@ -364,8 +364,8 @@ constexpr const char* check_exposures_text = "; check --exposures, ISO speed and
 const char* remedy_without_curve(const BracketSamples& bracket) {
   return bracket.bits == 0 || bracket.is_sensor
              ? "; check exposure times, black level, movement and flicker"
-             : "; leave --response and --black out, or estimate the curve with 'refield acquire calibrate "
-               "--from-photographs'; check also exposure times, movement and flicker";
+             : "; leave --response and --black out, or estimate the curve with 'refield acquire "
+               "import … -o camera.toml'; check also exposure times, movement and flicker";
 }
 
 /// Estimates the response and gives it to the camera where the exposures agree with it. Returns what to note;

@@ -79,7 +79,7 @@ void divide_by_card(Photograph& photograph, const Photograph& card, double cos_a
     return static_cast<double>(count) / static_cast<double>(std::max<std::size_t>(inside, 1));
   };
   if (share(clipped) > negligible_share)
-    refuse_card("clipped", share(clipped), "expose it shorter, or bracket it (--count)");
+    refuse_card("clipped", share(clipped), "expose it shorter, or bracket it (--bracket-size)");
   if (share(dark) > negligible_share)
     refuse_card("dark", share(dark),
                 "it must cover the scene and face the camera; use a larger card, or give --mask");

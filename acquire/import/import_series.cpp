@@ -23,14 +23,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A pattern of --pattern: characters, or one of these.
+/// A pattern of --names: characters, or one of these.
 constexpr int any_text = 256, any_character = 257, light_name = 258;
 
 std::vector<int> parsed(const std::string& pattern) {
   static const std::string name = "{light}";
   const auto at = pattern.find(name);
   if (at == std::string::npos || pattern.find(name, at + 1) != std::string::npos)
-    throw InputError("--pattern '" + pattern +
+    throw InputError("--names '" + pattern +
                      "': must contain {light} exactly once, at the position of the view's name");
   std::vector<int> tokens;
   for (std::size_t i = 0; i < pattern.size(); ++i) {
@@ -88,7 +88,7 @@ std::vector<BracketGroup> by_pattern(const std::vector<fs::path>& files, const s
     auto found = light_in(tokens, file.filename().string());
     if (!found) found = light_in(tokens, file.stem().string());
     if (!found)
-      throw InputError(file.string() + ": does not match --pattern '" + pattern +
+      throw InputError(file.string() + ": does not match --names '" + pattern +
                        "'; correct the pattern, or remove the file from the folder");
     const std::string& light = *found;
     const auto group = std::ranges::find(groups, light, &BracketGroup::name);
@@ -119,9 +119,10 @@ std::vector<BracketGroup> by_exposure(const std::vector<fs::path>& files,
   std::vector<double> seen;
   for (std::size_t i = 0; i < files.size(); ++i) {
     if (!exposures[i])
-      throw InputError(files[i].string() +
-                       ": does not contain its exposure time, so brackets cannot be detected; give --count "
-                       "or --pattern, and --exposures");
+      throw InputError(
+          files[i].string() +
+          ": does not contain its exposure time, so brackets cannot be detected; give --bracket-size "
+          "or --names, and --exposures");
     const double seconds = exposures[i]->count();
     constexpr double same = 0.02;  // metadata round
     const bool repeats =
@@ -142,8 +143,9 @@ std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
                                          const std::vector<std::optional<Seconds>>& exposures,
                                          const GroupRule& rule) {
   if (files.empty()) throw InputError("there is no photograph to import");
-  if (rule.count < 0) throw InputError("--count is " + std::to_string(rule.count) + "; give 1 or more");
-  if (!rule.pattern.empty() && rule.count > 0) throw InputError("give --pattern or --count, not both");
+  if (rule.count < 0)
+    throw InputError("--bracket-size is " + std::to_string(rule.count) + "; give 1 or more");
+  if (!rule.pattern.empty() && rule.count > 0) throw InputError("give --names or --bracket-size, not both");
   auto groups = !rule.pattern.empty() ? by_pattern(files, rule.pattern)
                 : rule.count > 0      ? by_count(files, rule.count)
                                       : by_exposure(files, exposures);
@@ -153,7 +155,7 @@ std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
                        std::to_string(group.paths.size()) + " exposures, the first one (" +
                        groups.front().paths.front().string() + ") has " +
                        std::to_string(groups.front().paths.size()) +
-                       "; a file is missing or stray, or the brackets need --pattern or --count");
+                       "; a file is missing or stray, or the brackets need --names or --bracket-size");
   return groups;
 }
 
@@ -170,7 +172,7 @@ Image emitted(const ImportRequest& request, const ImportedView& view, const RunC
   const BracketFile levels = read_bracket_file(file);
   if (levels.bits != 8 || levels.frame.layout != PixelLayout::rgb)
     throw InputError(file.string() + ": drive levels are 8-bit RGB, as PNG holds them; this file has " +
-                     std::to_string(levels.bits) + " bits; give radiance instead (--lights-hold radiance)");
+                     std::to_string(levels.bits) + " bits; give radiance instead (--light-content radiance)");
   DriveImage drive{levels.frame.width, levels.frame.height, {}};
   for (std::uint16_t level : levels.frame.samples) drive.levels.push_back(static_cast<std::uint8_t>(level));
   return emitted_above_black(drive, read_monitor_calibration(request.monitor));
@@ -222,7 +224,7 @@ class SessionImport {
         progress.advance();
       }
       check_image_sizes(session_);
-      check_placements(session_.monitors, session_.light, "--monitor");
+      check_placements(session_.monitors, session_.light, "--placement");
       take_mask();
       if (const int hot = ambient_ ? count_hot_pixels(*ambient_) : 0; hot > 0)
         summary.notes.push_back(
@@ -396,14 +398,13 @@ void check(const ImportRequest& request) {
   if (request.photographs.empty()) throw InputError("there is no photograph to import");
   if (request.makes_session() && request.light_content == LightContent::drive_levels &&
       request.monitor.empty())
-    throw InputError(
-        "drive levels need the monitor's calibration; give a calibration.toml with --monitor-calibration");
+    throw InputError("drive levels need the monitor's calibration; give a calibration.toml with --response");
   if (!request.lights.empty() + !request.stage.sources.empty() + request.ball.has_value() > 1)
-    throw InputError("give --lights, --light-sources or --ball, not several of them");
+    throw InputError("give --light or --light-sources, not both");
   if (!request.flat_fields.empty() && !request.has_light_sources())
-    throw InputError("flat fields belong to light sources; give --light-sources or --ball as well");
+    throw InputError("flat fields belong to light sources; give --light-sources as well");
   if (!request.makes_session() && request.mask)
-    throw InputError("a mask belongs to a session; give --lights or --light-sources as well");
+    throw InputError("a mask belongs to a session; give --light or --light-sources as well");
   if (request.makes_session()) check_session_folder(request.folder, request.if_exists);
 }
 
@@ -472,7 +473,7 @@ MirrorBall read_ball(const std::vector<ImportedView>& views, ImportRequest& requ
                                      ball.centre_px().y(), ball.radius_px()));
   if (!request.ball->field_of_view_degrees)
     stage.notes.emplace_back(
-        "without --field-of-view, directions are relative to the direction from the ball to the camera");
+        "without --horizontal-fov, directions are relative to the direction from the ball to the camera");
   if (request.flat_fields.empty())
     stage.notes.emplace_back("all light sources have intensity 1, since the ball shows directions alone");
   Progress progress(run, "reading highlights on the ball", views.size());

@@ -140,8 +140,8 @@ std::vector<ImportedView> with_lights_by_order(ImportRequest& request, std::vect
         groups.back().paths.front().string() + ") but " + std::to_string(lights) + " lights (the last is " +
         request.lights.back().string() +
         "), and their brightness does not tell which belong together; give as many of each "
-        "(--ambient-first takes the first bracket out), pair them by name with --pattern, or by time with "
-        "'refield acquire match'");
+        "(--ambient-first takes the first bracket out), pair them by name with --names, or by time with "
+        "--pair-by time");
   std::vector<ImportedView> views;
   if (!pairing.is_certain) {
     if (first == 1) request.ambient = groups.front().paths;
@@ -177,7 +177,7 @@ std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
                                          [](const fs::path& path) { return path.stem().string(); });
     if (light == request.lights.end())
       throw InputError(bracket.paths.front().string() + ": there is no light named '" + bracket.name +
-                       "'; add it, or pair brackets and lights by --lights-by order");
+                       "'; add it, or pair brackets and lights by --pair-by order");
     views.push_back({bracket, bracket.name, *light, {}});
     used.insert(bracket.name);
   }

@@ -455,7 +455,7 @@ MirrorBall locate_ball(const ChromeBall& ball, const Image& mean) {
   if (ball.field_of_view_degrees) {
     const double view = *ball.field_of_view_degrees;
     if (!(view > 0.0 && view < 180.0))
-      throw InputError("--field-of-view " + std::to_string(view) +
+      throw InputError("--horizontal-fov " + std::to_string(view) +
                        ": give more than 0, less than 180 degrees");
     optics.focal_px = 0.5 * mean.width / std::tan(radians_from_degrees(view) / 2.0);
   } else {

@@ -218,7 +218,7 @@ class Side {
     if (middle.support < sure_support || middle.rms_px > sure_px)
       notes.emplace_back(
           "the outline is not clear on all sides, so the position of the ball may be wrong by a pixel or "
-          "more: check it in the photograph, and give --ball or --ball-mask if necessary");
+          "more: check it in the photograph, and give --ball if necessary");
     for (const OutlineFit& fit : fits)
       if ((fit.ball.centre_px() - centre).norm() > 2.0) {
         notes.emplace_back(

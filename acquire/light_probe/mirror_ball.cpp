@@ -235,7 +235,7 @@ OutlineFit fit_outline(std::span<const Eigen::Vector2d> points, const ProbeOptic
   optics.check();
   if (points.size() < least_points)
     throw InputError("the ball's outline shows in " + std::to_string(points.size()) +
-                     " places only; draw it yourself with --ball or --ball-mask");
+                     " places only; draw it yourself with --ball");
   ProbeCamera camera{optics.focal_px.value_or(0.0), optics.principal_px};
   Cone cone{start.centre, start.radius};
   if (optics.focal_px) {

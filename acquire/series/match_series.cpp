@@ -154,7 +154,7 @@ ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<
   if (best.correlation < least_correlation)
     throw InputError("the brightness of the two series is not correlated (highest correlation " +
                      std::to_string(best.correlation) + " within ±" + std::to_string(largest_offset_seconds) +
-                     " s); widen --largest-offset, or" + remedy.substr(1));
+                     " s); " + remedy.substr(2));
   if (best.runner_up > ambiguous * best.correlation)
     throw InputError(
         "the brightness of the two series matches equally well at several offsets (correlations " +
@@ -449,7 +449,7 @@ MatchSummary match_series(const MatchRequest& request, const RunContext& run) {
   if (summary.pairs.empty())
     throw InputError("no photograph of " + request.observed + " was taken within " +
                      std::to_string(summary.tolerance_seconds) + " s of a light map of " + request.probes +
-                     "; check the clocks (--offset) and --tolerance");
+                     "; check the clocks (--offset) and --max-gap");
   CaptureSession session = frames_of(request, summary, observed);
   check_image_sizes(session);
   write_session(request, std::move(session), run);

@@ -194,7 +194,7 @@ class Study:
     def capture(self, name, defects):
         folder = self.out / name
         self.photograph(name, defects)
-        self.run("acquire", "import", folder / "shots", "--lights", self.out / "patterns", "--ambient-first", "-o",
+        self.run("acquire", "import", folder / "shots", "--light", self.out / "patterns", "--ambient-first", "-o",
                  folder / "session", "--force", show=True)
         self.run("info", folder / "session", show=True)
         self.run("estimate", folder / "session", "-o", folder / "scene.rfield", show=True)
@@ -204,7 +204,7 @@ class Study:
 
     def run_all(self):
         defects = self.arguments.defects.split(",")
-        self.run("acquire", "lights", "--starter", "--size", "32x24", "-o", self.out / "lights", "--png", self.out / "patterns",
+        self.run("acquire", "lights", "--starter", "--light-size", "32x24", "-o", self.out / "lights", "--png", self.out / "patterns",
                  "--force")
         clean = self.capture("clean", [])
         ratios = [a / b for a, b in zip(self.capture("amateur", defects), clean)]

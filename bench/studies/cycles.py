@@ -4,7 +4,7 @@
 
     bench/studies/cycles.py FIELD MAP... -o OUT --program build/release/cli/refield
 
-FIELD was written by `refield simulate prt SCENE` for a diffuse scene with a camera; MAP are lat-long environment maps
+FIELD was written by `refield precompute SCENE` for a diffuse scene with a camera; MAP are lat-long environment maps
 (EXR). Both programs draw the field's mesh as that camera sees it: refield by `refield relight --env`, Cycles by tracing
 paths with as many diffuse reflections as the field's provenance states (--bounces for harmonics). Backs of triangles are
 black in both.

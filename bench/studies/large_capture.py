@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a large capture or field from a small one, to measure how the program scales.
 
-    refield simulate datasets_synthetic/tabletop/recipe.toml -o base --width 240 --height 160 --train 200 \\
-      --half --no-transport --noise 0.005
+    refield simulate datasets_synthetic/tabletop/recipe.toml -o base --size 240x160 --train 200 \\
+      --half --transport never --noise 0.005
     bench/studies/large_capture.py base --size 6000x4000 -o large
 
     refield estimate base --mode fast -o base.rfield

@@ -5,7 +5,7 @@
     bench/studies/materials.py MESH_FOLDER -o OUT --program build/release/cli/refield
 
 Writes seven meshes, takes three from MESH_FOLDER (npm_teapot.obj, pmndrs_bunny.glb, pmndrs_suzi.glb), and precomputes each
-with `refield simulate prt`: by harmonics where it has lobes, else by light clusters with two reflections. All are relit by
+with `refield precompute`: by harmonics where it has lobes, else by light clusters with two reflections. All are relit by
 one smooth environment map and compared with Cycles, which draws the same triangles with its Principled BSDF; base colour,
 metallic and roughness are given to it at the vertices, from the formulas that textures and factors of the files were made
 from, so that nothing of the reading of materials is shared. The exported page of each field is driven by
@@ -271,8 +271,8 @@ def measure(case, sky, arguments):
     width, height = arguments.size.split("x")
     scene.write_text(f'[[object]]\nfile = "{case.file.resolve()}"\n{case.placement}{CAMERA.format(width, height)}')
     glossy = any((lobe(numpy.zeros((1, 2)))[0, 1] <= 0.9) for _, _, lobe in case.parts)
-    method = ["--method", "sh", "--order", ORDER, "--directions", DIRECTIONS] if glossy else ["--resolution", 128, "--bounces", 2]
-    run(arguments.program, "simulate", "prt", scene, "-o", field, *method)
+    method = ["--method", "sh", "--sh-order", ORDER, "--directions", DIRECTIONS] if glossy else ["--resolution", 128, "--diffuse-bounces", 2]
+    run(arguments.program, "precompute", scene, "-o", field, *method)
     data, order = cycles.read_mesh(field)
     if (order > 1) != glossy:
         sys.exit(f"{case.file}: order {order} of outgoing harmonics; {'glossy' if glossy else 'diffuse'} materials are expected")

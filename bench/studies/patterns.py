@@ -107,7 +107,7 @@ class Study:
         if name not in given and not folder.exists():
             size = [re.search(rf"\[light\][^[]*?{key} = (\d+)", self.manifest[0]).group(1) for key in ("width", "height")]
             count = 240 * 6 // 5 + 1
-            self.refield("acquire", "lights", "--starter", "--kind", name, "--count", max(12, count), "--size", "x".join(size),
+            self.refield("acquire", "lights", "--starter", "--kind", name, "--patterns", max(12, count), "--light-size", "x".join(size),
                          "-o", folder)
         return sorted(path for path in folder.glob("*.exr") if re.fullmatch(r"train_\d+", path.stem))
 

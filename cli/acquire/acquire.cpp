@@ -15,16 +15,13 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
       "docs/reference/capture-session-format.md describes the folder.");
   add_acquire_guide(*group, common, action);
   add_acquire_devices(*group, common, action);
-  add_acquire_init(*group, common, action);
   add_acquire_calibrate(*group, common, action);
   add_acquire_run(*group, common, action);
-  add_acquire_virtual(*group, common, action);
   add_acquire_lights(*group, common, action);
   add_acquire_show(*group, common, action);
   add_acquire_import(*group, common, action);
   add_acquire_colour(*group, common, action);
   add_acquire_geometry(*group, common, action);
-  add_acquire_match(*group, common, action);
   add_acquire_probe(*group, common, action);
   for (CLI::App* verb : group->get_subcommands([](CLI::App*) { return true; })) verb->group("Commands");
 }

@@ -13,6 +13,7 @@
 
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/import_views.h"
+#include "cli/acquire/import.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/virtual_request.h"
 #include "cli/common/options.h"
@@ -31,23 +32,14 @@ namespace {
 using nlohmann::ordered_json;
 
 struct CalibrateVerbOptions {
-  fs::path session;
-  fs::path recipe;
-  std::vector<std::string> photographs;
-  std::string pattern;
-  int count = 0;
-  std::vector<double> exposures;
+  fs::path rig;  ///< rig file or recipe
   fs::path truth;
   fs::path output;
-  fs::path page;
+  fs::path page;  ///< beside it
   std::string target = "scene";
-  fs::path flat_field;
-  fs::path uniformity;
+  std::vector<fs::path> copy_from;
   double patience = 0.5;
-  std::optional<double> gain;
-  double tolerance = 0.01;
   int step = 5;
-  bool trigger = false;
   bool force = false;
 };
 
@@ -57,20 +49,17 @@ CalibrateOptions options_of(const CalibrateVerbOptions& given) {
                    : given.target == "screen" ? CalibrationTarget::screen
                                               : CalibrationTarget::scene;
   options.patience = Seconds(given.patience);
-  options.gain = given.gain.value_or(1.0);
-  options.superposition_tolerance = given.tolerance;
   options.tone_step = given.step;
-  if (!given.flat_field.empty()) {
-    options.flat_field = read_camera_calibration(given.flat_field).flat_field;
-    if (options.flat_field.empty())
-      throw InputError(given.flat_field.string() +
-                       ": has no flat field; make one with 'refield acquire calibrate --target card'");
-  }
-  if (!given.uniformity.empty()) {
-    options.uniformity = read_monitor_calibration(given.uniformity).uniformity;
-    if (options.uniformity.empty())
-      throw InputError(given.uniformity.string() +
-                       ": has no uniformity; make one with 'refield acquire calibrate --target screen'");
+  for (const fs::path& file : given.copy_from) {
+    const RelativeMap flat_field = read_camera_calibration(file).flat_field,
+                      uniformity = read_monitor_calibration(file).uniformity;
+    if (flat_field.empty() && uniformity.empty())
+      throw InputError(
+          file.string() +
+          ": has no flat field and no uniformity; make one with 'refield acquire calibrate --target "
+          "card' or '--target screen'");
+    if (!flat_field.empty()) options.flat_field = flat_field;
+    if (!uniformity.empty()) options.uniformity = uniformity;
   }
   options.check();
   return options;
@@ -227,24 +216,23 @@ void refuse_existing(const CalibrateVerbOptions& given) {
       throw InputError(path.string() + ": already exists; give --force to replace it, or another name");
 }
 
-RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options, bool gain_given) {
-  if (!gain_given) options.gain = session.gain;
+RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options) {
+  options.gain = session.gain;
   SessionRig rig(session);
   return calibrate(rig.camera(), rig.monitor(), rig.trigger(), options, run_context());
 }
 
 RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const CalibrateOptions& options) {
-  const Recipe recipe = read_recipe(given.recipe);
+  const Recipe recipe = read_recipe(given.rig);
   VirtualRig rig = rig_of(given.truth, recipe, recipe.seed);
-  return calibrate(rig.camera(), rig.illuminator(), given.trigger ? &rig.trigger() : nullptr, options,
-                   run_context());
+  return calibrate(rig.camera(), rig.illuminator(), nullptr, options, run_context());
 }
 
 /// At most twenty of the brackets, evenly spread.
-std::vector<BracketSamples> brackets_of(const CalibrateVerbOptions& given) {
+std::vector<BracketSamples> brackets_of(const ImportOptions& given) {
   ImportRequest request;
   request.photographs = expand_globs(given.photographs);
-  request.rule = {given.pattern, given.count};
+  request.rule = given.request.rule;
   for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
   constexpr std::size_t enough = 20;
   auto brackets = sample_series(views_of(request, run_context()), request, enough, run_context());
@@ -271,58 +259,20 @@ double spread_under(const std::vector<BracketSamples>& brackets, const BracketCa
   return std::sqrt(squares);
 }
 
-void calibrate_from_photographs(const CalibrateVerbOptions& given, const Common& common) {
-  if (given.output.empty()) throw InputError("--output is missing; give the calibration file to write");
-  if (fs::exists(given.output) && !given.force)
-    throw InputError(given.output.string() + ": already exists; give --force to replace it, or another name");
-  const OutputLock lock(given.output, {given.photographs.begin(), given.photographs.end()});
-  const auto brackets = brackets_of(given);
-  const ResponseEstimate estimate = estimate_response(brackets);
-  BracketCamera camera;
-  const double assumed = spread_under(brackets, camera);
-  camera.curve = estimate.linear_from_dn;
-  const double estimated = spread_under(brackets, camera);
-  CameraCalibration calibration = bracket_calibration(camera, brackets.front().bits);
-  // Saturation was not measured; cameras bend samples below full scale.
-  const MergeOptions& margin = calibration.bits == 8 ? with_compressed_samples : with_unmeasured_saturation;
-  calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
-  write_calibration(given.output, calibration, std::nullopt);
-  if (common.json) {
-    print_json(ordered_json{{"brackets", brackets.size()},
-                            {"places", estimate.places},
-                            {"residual", estimate.residual},
-                            {"disagreement_assumed", assumed},
-                            {"disagreement", estimated}});
-    return;
-  }
-  std::printf("%s: response estimated from %zu samples of %zu brackets\n", given.output.c_str(),
-              estimate.places, brackets.size());
-  std::printf("exposures disagree by %.1f %% with this response, by %.1f %% with %s\n", 100.0 * estimated,
-              100.0 * assumed, brackets.front().bits == 8 ? "sRGB" : "a linear response");
-  std::printf(
-      "noise is not measured; the file contains the default noise values of 'refield acquire import'\n");
-}
-
 void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
-  if (!given.photographs.empty()) {
-    calibrate_from_photographs(given, common);
-    return;
-  }
   std::optional<SessionFile> session;
-  if (!given.session.empty()) session = read_session_file(given.session);
-  if (session.has_value() != given.recipe.empty())
-    throw InputError(
-        "no devices are given; give a session file ('refield acquire init' writes one), --virtual with a "
-        "recipe, or --from-photographs");
+  if (!is_recipe(given.rig)) session = read_session_file(given.rig);
+  if (session && !given.truth.empty())
+    throw InputError("--truth belongs to a recipe; a rig file names it as 'truth' in [camera]");
   if (given.output.empty() && session) given.output = session->calibration;
   if (given.output.empty()) throw InputError("--output is missing; give the calibration file to write");
-  if (given.page.empty()) given.page = fs::path(given.output).replace_extension(".html");
+  given.page = fs::path(given.output).replace_extension(".html");
   refuse_existing(given);
-  const std::vector<fs::path> inputs = {given.session, given.recipe};
+  const std::vector<fs::path> inputs = {given.rig};
   const OutputLock lock(given.output, inputs), page_lock(given.page, inputs, ".html");
   const CalibrateOptions options = options_of(given);
-  const RigMeasurements measured = session ? calibrate_devices(*session, options, given.gain.has_value())
-                                           : calibrate_virtual_rig(given, options);
+  const RigMeasurements measured =
+      session ? calibrate_devices(*session, options) : calibrate_virtual_rig(given, options);
   write_calibration(given.output, measured.camera, measured.monitor, measured.timing);
   write_text_atomically(given.page, report::page_html(page_data(measured)));
   if (common.json)
@@ -341,6 +291,38 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
 
 }  // namespace
 
+void estimate_camera_response(const ImportOptions& given, const Common& common) {
+  const fs::path& output = given.request.folder;
+  if (fs::exists(output) && !common.force)
+    throw InputError(output.string() + ": already exists; give --force to replace it, or another name");
+  const OutputLock lock(output, {given.photographs.begin(), given.photographs.end()});
+  const auto brackets = brackets_of(given);
+  const ResponseEstimate estimate = estimate_response(brackets);
+  BracketCamera camera;
+  const double assumed = spread_under(brackets, camera);
+  camera.curve = estimate.linear_from_dn;
+  const double estimated = spread_under(brackets, camera);
+  CameraCalibration calibration = bracket_calibration(camera, brackets.front().bits);
+  // Saturation was not measured; cameras bend samples below full scale.
+  const MergeOptions& margin = calibration.bits == 8 ? with_compressed_samples : with_unmeasured_saturation;
+  calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
+  write_calibration(output, calibration, std::nullopt);
+  if (common.json) {
+    print_json(ordered_json{{"brackets", brackets.size()},
+                            {"places", estimate.places},
+                            {"residual", estimate.residual},
+                            {"disagreement_assumed", assumed},
+                            {"disagreement", estimated}});
+    return;
+  }
+  std::printf("%s: response estimated from %zu samples of %zu brackets\n", output.c_str(), estimate.places,
+              brackets.size());
+  std::printf("exposures disagree by %.1f %% with this response, by %.1f %% with %s\n", 100.0 * estimated,
+              100.0 * assumed, brackets.front().bits == 8 ? "sRGB" : "a linear response");
+  std::printf(
+      "noise is not measured; the file contains the default noise values of 'refield acquire import'\n");
+}
+
 void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<CalibrateVerbOptions>();
   CLI::App* verb = group.add_subcommand(
@@ -349,69 +331,43 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
       "\n"
       "Measures display latency and settling, control latency, banding, response and black level, noise, "
       "tone curves and additivity of light with the camera itself. Writes a calibration file for 'refield "
-      "acquire' and a page (.html) that shows and explains each result. The exit status is 2 if light is not "
+      "acquire run' and a page (.html) that shows and explains each result. The exit status is 2 if light is "
+      "not "
       "additive (the display dims itself), since captures would be wrong.\n"
       "\n"
       "Only the display may change in the view of the camera; the room must be dark. docs/guide/capture.md "
       "describes the procedure.\n"
       "\n"
       "Examples:\n"
-      "  refield acquire calibrate session.toml                          # devices of a session file\n"
-      "  refield acquire calibrate --virtual recipe.toml --truth truth -o calibration.toml\n"
-      "  refield acquire calibrate --from-photographs brackets -o camera.toml   # response curve only\n"
+      "  refield acquire calibrate rig.toml                              # devices of a rig file\n"
+      "  refield acquire calibrate recipe.toml --truth truth -o calibration.toml\n"
       "  refield acquire calibrate … --target card -o lens.toml          # vignetting: blurred white card\n"
-      "  refield acquire calibrate … --target screen --flat-field lens.toml -o rig.toml   # uniformity");
-  CLI::Option* session = verb->add_option(
-      "session", options->session, "Session file (.toml) of 'refield acquire run' that names the devices");
-  verb->add_option("--virtual", options->recipe,
-                   "Recipe (.toml) of a simulated camera and monitor, instead of a session file")
-      ->excludes(session);
-  CLI::Option* photographs =
-      verb->add_option(
-              "--from-photographs", options->photographs,
-              "Bracketed photographs of static views (folders, files or quoted patterns) from which only the "
-              "response curve of the camera is estimated, for 'refield acquire import --response'")
-          ->excludes(session);
-  verb->add_option("--pattern", options->pattern,
-                   "Pattern of the file names of --from-photographs, as for 'refield acquire import'")
-      ->needs(photographs);
-  verb->add_option("--count", options->count, "Number of files per bracket of --from-photographs")
-      ->check(CLI::PositiveNumber)
-      ->needs(photographs);
-  verb->add_option("--exposures", options->exposures,
-                   "Exposure times of the files of a bracket of --from-photographs in seconds, separated by "
-                   "commas (default: from the metadata of the files)")
-      ->delimiter(',')
-      ->needs(photographs);
-  verb->add_option("--truth", options->truth,
-                   "Folder that 'refield simulate' created from the recipe of --virtual (default: the scene "
-                   "is traced first)");
+      "  refield acquire calibrate … --target screen --copy-from lens.toml   # uniformity");
+  add_rig_argument(*verb, options->rig);
   verb->add_option("-o,--output", options->output,
-                   "Calibration file to write (.toml; default: the file named in the session file)");
-  verb->add_option("--page", options->page,
-                   "HTML page to write (default: the name of the calibration file with .html)");
+                   "Calibration file to write (.toml; default: the file named in the rig file)");
+  add_truth_option(*verb, options->truth);
   verb->add_option("--target", options->target,
                    "Object in the view of the camera: scene (any), card (plain and evenly lit, measures "
                    "vignetting) or screen (the whole display, measures its uniformity)")
       ->check(CLI::IsMember({"scene", "card", "screen"}))
       ->capture_default_str();
-  verb->add_option("--flat-field", options->flat_field,
-                   "Calibration file whose flat field (vignetting) is copied");
-  verb->add_option("--uniformity", options->uniformity, "Calibration file whose screen uniformity is copied");
+  verb->add_option(
+      "--copy-from", options->copy_from,
+      "Calibration file whose flat field (vignetting) or screen uniformity is copied; repeat the "
+      "option for each");
   verb->add_option("--patience", options->patience,
                    "Time in seconds after which the display has certainly settled")
       ->capture_default_str();
-  verb->add_option("--gain", options->gain,
-                   "Gain of the camera for all measurements (default: from the session file, else 1)");
-  verb->add_option("--tolerance", options->tolerance, "Maximum relative error of additivity")
-      ->capture_default_str();
-  verb->add_option("--levels-apart", options->step,
+  verb->add_option("--level-step", options->step,
                    "Step between the measured levels of the tone curves: 1, 3, 5, 15, 17, 51 or 85")
       ->capture_default_str();
-  verb->add_flag("--trigger", options->trigger, "Start each exposure with the trigger line, with --virtual");
-  verb->add_flag("--force", options->force, "Replace existing output files");
-  verb->callback(
-      [options, &common, &action] { action = [options, &common] { acquire_calibrate(*options, common); }; });
+  verb->callback([options, &common, &action] {
+    action = [options, &common] {
+      options->force = common.force;
+      acquire_calibrate(*options, common);
+    };
+  });
 }
 
 }  // namespace refield::cli

@@ -140,13 +140,15 @@ void report_check(const fs::path& session, ordered_json* figures) {
   }
 }
 
-void add_if_exists(CLI::App& verb, IfExists& choice, const std::string& what) {
-  choice = IfExists::refuse;
-  CLI::Option* resume = verb.add_flag_callback(
-      "--resume", [&choice] { choice = IfExists::resume; }, "Continue an interrupted run");
+void add_resume_flag(CLI::App& verb, IfExists& choice) {
   verb.add_flag_callback(
-          "--force", [&choice] { choice = IfExists::replace; }, "Replace " + what + " in the output folder")
-      ->excludes(resume);
+      "--resume", [&choice] { choice = IfExists::resume; }, "Continue an interrupted run");
+}
+
+IfExists if_exists(IfExists choice, const Common& common) {
+  if (!common.force) return choice;
+  if (choice == IfExists::resume) throw InputError("--resume excludes --force; give one of them");
+  return IfExists::replace;
 }
 
 }  // namespace refield::cli

@@ -23,7 +23,9 @@ void report_capture(const CaptureSummary& summary, const std::filesystem::path& 
 /// not good; with `figures`, adds it to them instead. Nothing for a folder that is not a session.
 void report_check(const std::filesystem::path& session, nlohmann::ordered_json* figures = nullptr);
 
-/// Adds --resume and --force, of which only one can be given; `what` is in the output folder ("a capture").
-void add_if_exists(CLI::App& verb, IfExists& choice, const std::string& what);
+/// Adds --resume, which sets `choice` to IfExists::resume.
+void add_resume_flag(CLI::App& verb, IfExists& choice);
+/// `choice` or, with --force, IfExists::replace. Throws InputError where both were given.
+IfExists if_exists(IfExists choice, const Common& common);
 
 }  // namespace refield::cli

@@ -54,7 +54,7 @@ Photograph chart_photograph(const fs::path& path) {
     throw InputError(
         path.string() +
         ": is not an OpenEXR file; the chart must be photographed like the session, scene-linear: "
-        "convert RAW files or brackets with 'refield hdr'");
+        "convert RAW files or brackets with 'refield acquire import'");
   Photograph photograph = read_photograph(path);
   require_finite(photograph.radiance, path.string(), true, "photograph the chart again");
   return photograph;
@@ -151,12 +151,12 @@ void add_acquire_colour(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Examples:\n"
       "  refield acquire colour session\n"
-      "  refield acquire colour session --chart chart.exr --picture check.png");
+      "  refield acquire colour session --chart chart.exr -o check.png");
   verb->add_option("session", options->session, "Capture session (folder)")->required();
   verb->add_option("--chart", options->chart,
                    "Photograph of the chart (.exr, scene-linear) by the same camera under the white monitor "
                    "(default: the photograph of the session under a white light map)");
-  verb->add_option("--picture", options->picture,
+  verb->add_option("-o,--output", options->picture,
                    "Image to write (.png): the photograph after calibration, with the expected colour in the "
                    "middle of each patch");
   verb->callback(

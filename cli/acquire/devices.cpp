@@ -10,14 +10,17 @@
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
 #include "acquire/devices/window_monitor.h"
+#include "cli/acquire/session_rig.h"
 #include "cli/common/options.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
+#include "core/base/files.h"
 
 namespace refield::cli {
 
 namespace {
 
+namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
 ordered_json json_of(const V4l2FormatInfo& format) {
@@ -269,6 +272,20 @@ void print(const ordered_json& devices) {
   }
 }
 
+void write_rig_file(const fs::path& file, const Common& common) {
+  std::error_code error;
+  if (fs::exists(fs::symlink_status(file, error)))
+    throw InputError(file.string() + ": already exists; give another name or remove the file");
+  write_text_atomically(file, session_template());
+  if (common.json) return print_json({{"rig", file.string()}});
+  std::printf(
+      "%s: edit [camera] and [monitor], then\n"
+      "  refield acquire lights --starter -o lights\n"
+      "  refield acquire calibrate %s\n"
+      "  refield acquire run %s\n",
+      file.c_str(), file.c_str(), file.c_str());
+}
+
 }  // namespace
 
 void add_acquire_devices(CLI::App& group, const Common& common, Action& action) {
@@ -279,9 +296,20 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
       "Prints cameras (V4L2) with formats, sizes, rates and controls, GenICam cameras "
       "with formats and features, DSLRs with settings, monitors (KMS) with modes, the displays of the "
       "desktop and GPIO chips, with the names that "
-      "session files use (docs/reference/devices.md). Changes nothing.");
-  verb->callback([&common, &action] {
-    action = [&common] {
+      "rig files use (docs/reference/devices.md). With -o, writes a rig file with all keys, units and "
+      "default "
+      "values for 'refield acquire calibrate' and 'refield acquire run' instead; edit it before use. A "
+      "manual "
+      "capture (docs/guide/capture.md) does not need one.\n"
+      "\n"
+      "Examples:\n"
+      "  refield acquire devices\n"
+      "  refield acquire devices -o rig.toml");
+  const auto file = std::make_shared<fs::path>();
+  verb->add_option("-o,--output", *file, "Rig file to write (.toml)");
+  verb->callback([file, &common, &action] {
+    action = [file, &common] {
+      if (!file->empty()) return write_rig_file(*file, common);
       const ordered_json devices = {{"cameras", cameras()},
                                     {"genicam_cameras", genicam_cameras()},
                                     {"gphoto_cameras", gphoto_cameras()},

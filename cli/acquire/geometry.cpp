@@ -29,8 +29,8 @@ using nlohmann::ordered_json;
 struct GeometryOptions {
   fs::path session;
   std::string ball = "find";
-  double diameter_mm = 0.0;
-  double field_of_view = 0.0;
+  std::optional<double> diameter_mm;
+  std::optional<double> horizontal_fov;
   std::string screen;
   fs::path into;
 };
@@ -74,7 +74,7 @@ std::vector<SpotFrame> spot_frames(const CaptureSession& session) {
 MirrorBall ball_of(const GeometryOptions& options, const CaptureSession& session,
                    const std::vector<SpotFrame>& spots) {
   ProbeOptics optics;
-  optics.focal_px = 0.5 * session.width / std::tan(0.5 * options.field_of_view * std::numbers::pi / 180.0);
+  optics.focal_px = 0.5 * session.width / std::tan(0.5 * *options.horizontal_fov * std::numbers::pi / 180.0);
   optics.principal_px = {0.5 * session.width, 0.5 * session.height};
   if (options.ball != "find") {
     const auto circle = channel_numbers(options.ball, "--ball");
@@ -106,7 +106,7 @@ void geometry(const GeometryOptions& options, const Common& common) {
       left_out.push_back(spot.frame->name);
     }
   }
-  const MonitorSighting found = place_monitor(spots, {ball, options.diameter_mm}, width_mm, height_mm);
+  const MonitorSighting found = place_monitor(spots, {ball, *options.diameter_mm}, width_mm, height_mm);
   for (const std::size_t i : found.left_out) left_out.push_back(names[i]);
   if (!options.into.empty()) {
     const OutputLock lock(options.into, {});
@@ -121,7 +121,7 @@ void geometry(const GeometryOptions& options, const Common& common) {
     ordered_json corners = ordered_json::array();
     for (const Eigen::Vector3d& corner : found.corners_mm)
       corners.push_back({corner.x(), corner.y(), corner.z()});
-    print_json(ordered_json{{"monitor", text_of(found.placement)},
+    print_json(ordered_json{{"placement", text_of(found.placement)},
                             {"corners_mm", corners},
                             {"corner_sigma", found.corner_sigma},
                             {"spot_rms_px", found.rms_px},
@@ -130,7 +130,7 @@ void geometry(const GeometryOptions& options, const Common& common) {
                             {"ball", circle}});
     return;
   }
-  std::printf("--monitor %s\n", text_of(found.placement).c_str());
+  std::printf("--placement %s\n", text_of(found.placement).c_str());
   std::printf(
       "corners: standard deviation %.2f %% of their distance; %zu spots, %.2f pixels off (RMS)\nball: --ball "
       "%s\n",
@@ -151,25 +151,18 @@ void add_acquire_geometry(CLI::App& group, const Common& common, Action& action)
       "\n"
       "The session shows a mirror ball, in the place of the object, under the spots of 'refield acquire "
       "lights --spots'. Their reflections give the placement for 'refield relight --env': the option "
-      "--monitor is printed, or stored in another session. docs/guide/rig-geometry.md describes the "
+      "--placement is printed, or stored in another session. docs/guide/rig-geometry.md describes the "
       "photographs.\n"
       "\n"
       "Examples:\n"
-      "  refield acquire geometry ball --diameter 60 --field-of-view 24 --screen 520x320\n"
-      "  refield acquire geometry ball --diameter 60 --field-of-view 24 --into session");
-  verb->add_option("session", options->session, "Capture session of the ball (folder)")->required();
-  verb->add_option("--diameter", options->diameter_mm, "Diameter of the ball in mm")
-      ->required()
-      ->check(positive_number());
-  verb->add_option("--field-of-view", options->field_of_view,
-                   "Horizontal field of view of the camera in degrees")
-      ->required()
-      ->check(CLI::Range(0.1, 170.0));
+      "  refield acquire geometry ball --diameter 60 --horizontal-fov 24 --screen 520x320\n"
+      "  refield acquire geometry ball --diameter 60 --horizontal-fov 24 --into session");
+  verb->add_option("session", options->session, "Capture session (folder) of the ball")->required();
+  add_diameter_option(*verb, options->diameter_mm)->required();
+  add_horizontal_fov_option(*verb, options->horizontal_fov)->required();
   verb->add_option("--screen", options->screen,
                    "Width and height of the screen in mm, as in 520x320 (default: from the session)");
-  verb->add_option("--ball", options->ball,
-                   "Centre and radius of the ball, X,Y,R in pixels from the top left corner, or 'find'")
-      ->capture_default_str();
+  add_ball_option(*verb, options->ball, "");
   verb->add_option("--into", options->into,
                    "Capture session to store the placement in (default: only printed)");
   verb->callback(

@@ -23,6 +23,7 @@
 #include "cli/acquire/live_view.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -45,21 +46,17 @@ struct GuideOptions {
   fs::path folder = "capture";
   std::string camera;
   fs::path truth;
-  std::string format;
-  std::vector<int> region;
-  double rate = 0.0;
-  std::vector<std::string> controls;
+  std::vector<std::string> settings;  ///< SECTION.KEY=VALUE
   std::string monitor;
   std::string light_size;
-  std::string noise;
-  std::vector<double> exposures;
+  std::string max_noise;
   std::string patterns;
   std::string until_error;
-  int levels_apart = 0;
+  int level_step = 0;
   bool yes = false;
 };
 
-/// Something to choose, by its number or by its name in a session file.
+/// Something to choose, by its number or by its name in a rig file.
 struct Choice {
   std::string name;
   std::string description;
@@ -149,11 +146,11 @@ class Guide {
   explicit Guide(const GuideOptions& options)
       : options_(options),
         asks_(!options.yes && ::isatty(STDIN_FILENO) == 1),
-        file_(options.folder / "session.toml") {
+        file_(options.folder / "rig.toml") {
     if (!asks_ && !options.yes)
       throw InputError(
           "standard input is not a terminal; give --yes to accept the default for every answer that no "
-          "option gives, or run 'refield acquire run' with a session file");
+          "option gives, or run 'refield acquire run' with a rig file");
   }
 
   void run() {
@@ -361,20 +358,20 @@ class Guide {
     }
     set_session_value(text, "camera", "device", toml_text(camera));
     if (triggers_by_software(camera)) set_session_value(text, "camera", "trigger", toml_text("Software"));
-    if (!options_.format.empty()) set_session_value(text, "camera", "format", toml_text(options_.format));
-    if (options_.rate > 0.0) set_session_value(text, "camera", "rate", formatted("%.9g", options_.rate));
-    if (const auto& region = options_.region; !region.empty()) {
-      std::string numbers;
-      for (const int number : region) numbers += (numbers.empty() ? "[" : ", ") + std::to_string(number);
-      set_session_value(text, "camera", "window", numbers + "]");
-    }
-    for (const std::string& control : options_.controls) {
-      const auto mark = control.find('=');
-      if (mark == std::string::npos || mark == 0)
-        throw InputError("--control " + control + ": give NAME=VALUE");
-      const std::string value = control.substr(mark + 1);
-      const bool is_number = !value.empty() && value.find_first_not_of("-0123456789") == std::string::npos;
-      set_session_value(text, "controls", control.substr(0, mark), is_number ? value : toml_text(value));
+    for (const std::string& setting : options_.settings) {
+      const auto dot = setting.find('.'), mark = setting.find('=');
+      if (dot == std::string::npos || mark == std::string::npos || dot == 0 || dot + 1 >= mark)
+        throw InputError("--set " + setting + ": give SECTION.KEY=VALUE");
+      const std::string value = setting.substr(mark + 1);
+      const bool is_plain =
+          value == "true" || value == "false" ||
+          (!value.empty() && value.find_first_not_of("+-.0123456789eE") == std::string::npos);
+      const bool is_list = value.find(',') != std::string::npos &&
+                           value.find_first_not_of("+-.0123456789eE,") == std::string::npos;
+      set_session_value(text, setting.substr(0, dot), setting.substr(dot + 1, mark - dot - 1),
+                        is_list    ? "[" + value + "]"
+                        : is_plain ? value
+                                   : toml_text(value));
     }
     set_session_value(text, "monitor", "width", std::to_string(width));
     set_session_value(text, "monitor", "height", std::to_string(height));
@@ -467,11 +464,11 @@ class Guide {
         "   Measures latency, response, noise and tone curves, and whether light adds up (superposition): a\n"
         "   monitor that dims itself is refused. It takes %s; nothing may move in the room.\n",
         photographs ? "some 300 photographs" : "a few minutes");
-    const int apart = options_.levels_apart > 0 ? options_.levels_apart : photographs ? 51 : 5;
+    const int step = options_.level_step > 0 ? options_.level_step : photographs ? 51 : 5;
     until_done([&] {
       if (!confirm("Calibrate now?")) throw Interrupted();
       const bool done =
-          refield({"acquire", "calibrate", file_, "--levels-apart", std::to_string(apart), "--force"});
+          refield({"acquire", "calibrate", file_, "--level-step", std::to_string(step), "--force"});
       // A display whose light is not additive leaves a file behind.
       if (!done) fs::remove(session.calibration);
       return done;
@@ -482,8 +479,8 @@ class Guide {
     heading(5, "Exposures and number of patterns");
     const SessionFile before = read_session_file(file_);
     std::string noise = "2%";
-    if (options_.exposures.empty() && before.exposures.empty())
-      ask("--noise", options_.noise, "Largest noise of a pixel in a photograph", noise,
+    if (before.exposures.empty())
+      ask("--max-noise", options_.max_noise, "Largest noise of a pixel in a photograph", noise,
           [&](const std::string& answer) { error_from_text(answer), noise = answer; });
     until_done([&] {
       const SessionFile session = read_session_file(file_);
@@ -495,8 +492,7 @@ class Guide {
       FramePairing pairing(rig.camera(), rig.monitor(), rig.trigger(), timing);
       pairing.show(uniform_drive(monitor.width, monitor.height, 255));
       std::vector<Seconds> exposures;
-      for (const double seconds : options_.exposures.empty() ? session.exposures : options_.exposures)
-        exposures.emplace_back(seconds);
+      for (const double seconds : session.exposures) exposures.emplace_back(seconds);
       if (exposures.empty()) {
         ExposurePlanOptions options;
         options.relative_noise = error_from_text(noise);
@@ -560,7 +556,7 @@ class Guide {
     std::error_code error;
     fs::remove_all(folder, error);
     until_done([&] {
-      return refield({"acquire", "lights", "--starter", "--count", std::to_string(count), "--size",
+      return refield({"acquire", "lights", "--starter", "--patterns", std::to_string(count), "--light-size",
                       std::to_string(session.monitor.width) + "x" + std::to_string(session.monitor.height),
                       "-o", folder, "--force"});
     });
@@ -575,7 +571,7 @@ class Guide {
     bool again = false, is_usable = false;
     while (!is_usable) {
       std::vector<std::string> words{"acquire", "run", file_, again ? "--force" : "--resume",
-                                     "--predict-error"};
+                                     "--follow-error"};
       if (asks_) words.insert(words.end(), {"--check-every", "20"});
       is_usable = refield(words);
       if (!asks_ && !is_usable)
@@ -638,15 +634,15 @@ class Guide {
     const std::string folder = options_.folder;
     std::printf(
         "\nDone. The files are in '%s':\n"
-        "   session.toml   all answers; after a change of 'output' in it, 'refield acquire run %s'\n"
+        "   rig.toml       all answers; after a change of 'output' in it, 'refield acquire run %s'\n"
         "                  captures again without questions\n"
         "   session        photographs and lights\n"
         "   scene.rfield   reflectance field\n"
         "   relit.png      the picture above\n"
         "Next:\n"
         "   refield view %s\n"
-        "   refield report %s/session --field %s -o %s/report.html\n",
-        folder.c_str(), file_.c_str(), field_.c_str(), folder.c_str(), field_.c_str(), folder.c_str());
+        "   refield compare %s %s/session -o %s/report.html\n",
+        folder.c_str(), file_.c_str(), field_.c_str(), field_.c_str(), folder.c_str(), folder.c_str());
   }
 
   /// As short as the folder was given.
@@ -683,51 +679,34 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Asks for one thing after the other in a terminal and runs the other commands, which it shows: live "
       "image, exposure and room light, calibration, patterns, capture, estimate, relighting. 'refield "
-      "acquire' without a verb does the same. Answers that options give are not asked for. The session file "
+      "acquire' without a verb does the same. Answers that options give are not asked for. The rig file "
       "that results works with 'refield acquire run'. After an interruption the same command continues.\n"
       "\n"
       "Examples:\n"
       "  refield acquire guide                                    # asks\n"
       "  refield acquire guide mug --camera gphoto: --patterns 60 # asks for the rest\n"
       "  refield acquire guide rehearsal --camera virtual:recipe.toml --truth truth --yes");
-  verb->add_option("folder", options->folder, "Folder for the session file and all results")
+  verb->add_option("folder", options->folder, "Folder for the rig file and all results")
       ->capture_default_str();
   verb->add_option("--camera", options->camera,
                    "Camera, as 'refield acquire devices' names it, or virtual:RECIPE.toml for a simulated "
                    "camera and monitor");
-  verb->add_option("--truth", options->truth,
-                   "Folder that 'refield simulate' created from the recipe of a simulated camera (default: "
-                   "the scene is traced whenever the camera is opened)");
-  verb->add_option("--format", options->format,
-                   "Pixel format of the camera (default: the raw format with the most bits)");
-  verb->add_option("--region", options->region,
-                   "Region of the frame in pixels: left, top, width, height (default: all)")
-      ->delimiter(',')
-      ->expected(4);
-  verb->add_option("--rate", options->rate, "Frames per second (default: set by the camera)");
-  verb->add_option("--control", options->controls,
-                   "Setting of the camera, NAME=VALUE, as 'refield acquire devices' names it; repeat the "
-                   "option for each");
-  verb->add_option("--monitor", options->monitor,
-                   "Monitor: a connector such as HDMI-A-1, or window:0 for a full-screen window on the first "
-                   "display of the desktop");
+  add_truth_option(*verb, options->truth);
+  add_monitor_option(*verb, options->monitor);
+  verb->add_option("--light-size", options->light_size,
+                   "Size of the light maps in texels (default: 160 wide, in the proportions of the monitor)")
+      ->type_name("WIDTHxHEIGHT");
+  verb->add_option("--set", options->settings,
+                   "Value of the rig file, SECTION.KEY=VALUE, such as camera.pixel_format=RGGB, "
+                   "camera.region=200,100,1280,800 or controls.gain=3; repeat the option for each");
   verb->add_option(
-      "--light-size", options->light_size,
-      "Size of the light patterns in texels, WIDTHxHEIGHT (default: 160 wide, in the proportions of "
-      "the monitor)");
-  verb->add_option("--levels-apart", options->levels_apart,
-                   "Step between the measured levels of the monitor's tone curves (default: 5; for a DSLR "
-                   "51, to take fewer photographs)");
-  CLI::Option* noise = verb->add_option("--noise", options->noise,
-                                        "Largest noise of a pixel in a photograph, from which the exposures "
-                                        "follow (default: 2%)");
-  verb->add_option("--exposures", options->exposures,
-                   "Exposure times in seconds, increasing, separated by commas, instead of --noise")
-      ->delimiter(',')
-      ->excludes(noise);
-  verb->add_option("--patterns", options->patterns, "Number of light patterns (default: 180)");
-  verb->add_option("--until-error", options->until_error,
-                   "Stop the capture when the predicted error falls to this value, such as 2%");
+      "--level-step", options->level_step,
+      "Step between the measured levels of the tone curves: 1, 3, 5, 15, 17, 51 or 85 (default: 5; for "
+      "a DSLR 51, to take fewer photographs)");
+  add_max_noise_option(*verb, options->max_noise);
+  verb->add_option("--patterns", options->patterns,
+                   "Number of patterns of the starter set, held-out ones included (default: 180)");
+  add_until_error_option(*verb, options->until_error);
   verb->add_flag("--yes", options->yes,
                  "Ask nothing: accept the default of every answer that no option gives");
   verb->callback([options, &common, &action] { action = [options, &common] { guide(*options, common); }; });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// refield acquire init: a session file to fill in.
+// A rig file to fill in.
 #include <cerrno>
 #include <cstdio>
 #include <memory>
@@ -41,11 +41,11 @@ calibration = "calibration.toml"  # 'refield acquire calibrate' writes it, 'refi
 )";
 
 constexpr const char* after_camera =
-    R"(# format = "RGGB"                 # default: the raw format with the most bits
+    R"(# pixel_format = "RGGB"           # default: the raw format with the most bits
 # width = 1920                    # pixels; default: the size that the camera is set to
 # height = 1080
-# rate = 30                       # frames per second; default: set by the camera
-# window = [200, 100, 1280, 800]  # region of the frame in pixels: left, top, width, height; default: all
+# fps = 30                        # frames per second; default: set by the camera
+# region = [200, 100, 1280, 800]  # region of the frame in pixels: left, top, width, height; default: all
 # unit_gain = 100                 # value of the gain control for gain 1; default: the control is not changed
 # fixed_exposure = 0.01           # seconds, for a camera without an exposure control
 # replug_patience = 30            # seconds to wait for an unplugged camera
@@ -91,15 +91,15 @@ test_images = "lights/test_*.exr" # held-out light maps, which measure the error
 # session = "other"               # use the lights of another session, with their roles
 # panorama = "room.exr"           # lat-long environment map; the monitor shows views of it
 # rotations = 60                  # number of views of the panorama
-# fov_degrees = 90                # vertical field of view of a view, degrees
+# vertical_fov_degrees = 90       # of a view
 # white_percentile = 99           # percentile of the panorama's brightness that is shown as white
 
 [exposures]
 # seconds = [0.005, 0.02, 0.08]   # default: metered under white, with 'count' and 'ratio'
 # count = 4
 # ratio = 4
-# noise = "2%"                    # alternative: the smallest number of exposures with noise per sample below this
-# frames = 1                      # number of averaged frames per exposure
+# max_noise = "2%"                # alternative: the smallest number of exposures with noise per sample below this
+# averaged_frames = 1             # number of averaged frames per exposure
 # ambient_frames = 0              # averaged frames per exposure of the ambient photograph; 0: a number by
 #                                 # that of the lights
 # gain = 1
@@ -115,19 +115,6 @@ std::string camera_line() {
   return line + (device.empty() ? "# 'refield acquire devices' lists names" : "# found on this machine") +
          "; also /dev/video0, a bus, genicam:SERIAL, gphoto:MODEL or\n"
          "                                  # virtual:RECIPE.toml, a simulated rig\n";
-}
-
-void init(const fs::path& file) {
-  std::error_code error;
-  if (fs::exists(fs::symlink_status(file, error)))
-    throw InputError(file.string() + ": already exists; give another name or remove the file");
-  write_text_atomically(file, session_template());
-  std::printf(
-      "%s: edit [camera] and [monitor], then\n"
-      "  refield acquire lights --starter -o lights\n"
-      "  refield acquire calibrate %s\n"
-      "  refield acquire run %s\n",
-      file.c_str(), file.c_str(), file.c_str());
 }
 
 }  // namespace
@@ -175,21 +162,6 @@ void set_session_value(std::string& text, const std::string& section, const std:
     set("");
   }
   text = result;
-}
-
-void add_acquire_init(CLI::App& group, const Common& /*common*/, Action& action) {
-  const auto file = std::make_shared<fs::path>("session.toml");
-  CLI::App* verb = group.add_subcommand(
-      "init",
-      "Write a session file with all keys, units and default values.\n"
-      "\n"
-      "The session file names the devices for 'refield acquire calibrate' and 'refield acquire run'; edit it "
-      "before use. A manual capture (docs/guide/capture.md) does not need one.\n"
-      "\n"
-      "Example:\n"
-      "  refield acquire init session.toml");
-  verb->add_option("file", *file, "Session file to write (.toml)")->capture_default_str();
-  verb->callback([file, &action] { action = [file] { init(*file); }; });
 }
 
 }  // namespace refield::cli

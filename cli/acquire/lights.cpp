@@ -34,23 +34,16 @@ struct LightsOptions {
   bool starter = false;
   bool spots = false;
   std::string kind = "designed";
-  int count = 180;
+  int patterns = 180;
   fs::path output;
   fs::path png;
   std::string size;
-  bool stretch = false;
-  double peak = 1.0;
-  std::vector<double> steps;
   bool force = false;
 };
 
 std::pair<int, int> size_of(const std::string& text) {
-  int width = 0, height = 0, end = 0;
-  if (std::sscanf(text.c_str(), "%dx%d%n", &width, &height, &end) != 2 ||
-      text[static_cast<std::size_t>(end)] != '\0' || width < 1 || height < 1 || width > 16384 ||
-      height > 16384)
-    throw InputError("--size: '" + text + "' is not a size; give texels as WIDTHxHEIGHT, such as 800x600");
-  return {width, height};
+  const PictureSize size = read_picture_size(text, {1, 1}, "--light-size");
+  return {size.width, size.height};
 }
 
 /// "name", or with brightness steps "name_x0.25" and so on.
@@ -65,53 +58,37 @@ class PatternWriter {
   PatternWriter(const LightsOptions& options, const std::vector<std::string>& names,
                 const std::vector<fs::path>& inputs = {})
       : options_(options) {
-    if (!(options.peak > 0.0)) throw InputError("--peak must be above zero");
-    if (steps_.empty()) steps_ = {1.0};
-    for (const double step : steps_)
-      if (!(step > 0.0 && step <= 1.0))
-        throw InputError("--steps: " + std::to_string(step) +
-                         " is not a valid brightness factor; give values above 0 and up to 1");
     for (const std::string& name : names)
-      for (const double step : steps_)
-        for (const fs::path& file : {exr_of(name, step), png_of(name, step)})
-          if (!options.force && !file.empty() && fs::exists(file))
-            throw InputError(file.string() + ": already exists; give --force to replace it");
-          else
-            require_not_an_input(file, inputs);
+      for (const fs::path& file : {exr_of(name), png_of(name)})
+        if (!options.force && !file.empty() && fs::exists(file))
+          throw InputError(file.string() + ": already exists; give --force to replace it");
+        else
+          require_not_an_input(file, inputs);
     create_folders(options.output);
     if (!options.png.empty()) create_folders(options.png);
     lock_.emplace(options.output, std::vector<fs::path>{});
   }
 
-  std::size_t steps() const { return steps_.size(); }
-
   void write(const std::string& name, const Image& light) const {
-    for (const double step : steps_) {
-      Image shown = light;
-      for (float& value : shown.values) value = static_cast<float>(step) * std::min(value, 1.0f);
-      if (!options_.png.empty()) {
-        // What the file is to stand for is what the monitor shows: the 8-bit levels, decoded.
-        ScreenImage screen{shown.width, shown.height, 3, tone_mapped(shown, ToneMapping{})};
-        for (std::size_t i = 0; i < shown.values.size(); ++i)
-          shown.values[i] = linear_from_srgb(static_cast<float>(screen.levels[i]) * (1.0f / 255.0f));
-        write_png(png_of(name, step), screen);
-      }
-      for (float& value : shown.values) value *= static_cast<float>(options_.peak);
-      write_exr(exr_of(name, step), shown);
+    Image shown = light;
+    for (float& value : shown.values) value = std::min(value, 1.0f);
+    if (!options_.png.empty()) {
+      // What the file is to stand for is what the monitor shows: the 8-bit levels, decoded.
+      ScreenImage screen{shown.width, shown.height, 3, tone_mapped(shown, ToneMapping{})};
+      for (std::size_t i = 0; i < shown.values.size(); ++i)
+        shown.values[i] = linear_from_srgb(static_cast<float>(screen.levels[i]) * (1.0f / 255.0f));
+      write_png(png_of(name), screen);
     }
+    write_exr(exr_of(name), shown);
   }
 
  private:
-  fs::path exr_of(const std::string& name, double step) const {
-    return options_.output / (name_of(name, step, !options_.steps.empty()) + ".exr");
-  }
-  fs::path png_of(const std::string& name, double step) const {
-    if (options_.png.empty()) return {};
-    return options_.png / (name_of(name, step, !options_.steps.empty()) + ".png");
+  fs::path exr_of(const std::string& name) const { return options_.output / (name + ".exr"); }
+  fs::path png_of(const std::string& name) const {
+    return options_.png.empty() ? fs::path() : options_.png / (name + ".png");
   }
 
   const LightsOptions& options_;
-  std::vector<double> steps_ = options_.steps;
   std::optional<OutputLock> lock_;
 };
 
@@ -169,7 +146,7 @@ std::vector<FullScreen> full_screens(const std::vector<LightSpec>& patterns) {
 }
 
 void make_starter_set(const LightsOptions& options, const Common& common) {
-  const LightPlan plan = starter_plan(options.count, options.kind);
+  const LightPlan plan = starter_plan(options.patterns, options.kind);
   constexpr std::uint64_t seed = 2004;
   const auto [width, height] = size_of(options.size.empty() ? "160x90" : options.size);
   const std::vector<LightSpec> list = list_lights(plan);
@@ -183,7 +160,7 @@ void make_starter_set(const LightsOptions& options, const Common& common) {
       list, {width, height, Parameterisation::monitor}, seed,
       [&](std::size_t place, LightMap&& light) { writer.write(list[place].name, light.radiance); },
       run_context());
-  report(options, names.size() * writer.steps(), width, height, 0.0, common);
+  report(options, names.size(), width, height, 0.0, common);
 }
 
 /// Spots at the centres of 5 × 3 equal parts of the screen, and white.
@@ -204,7 +181,7 @@ void make_spots(const LightsOptions& options, const Common& common) {
           for (int c = 0; c < 3; ++c) light.at(u, v, c) = 1.0f;
     writer.write("spot_" + std::to_string(i), light);
   }
-  report(options, names.size() * writer.steps(), width, height, 0.0, common);
+  report(options, names.size(), width, height, 0.0, common);
 }
 
 void make_lights_of(const LightsOptions& options, const Common& common) {
@@ -219,7 +196,7 @@ void make_lights_of(const LightsOptions& options, const Common& common) {
   if (options.images.empty())
     throw InputError("no source images are given; give images, or --starter for a set of patterns");
   if (options.size.empty())
-    throw InputError("--size is missing; give the size of the patterns in texels, such as 800x600");
+    throw InputError("--light-size is missing; give the size of the patterns in texels, such as 800x600");
   const auto [width, height] = size_of(options.size);
   const auto images = expand_globs(options.images);
   std::vector<std::string> names;
@@ -230,14 +207,13 @@ void make_lights_of(const LightsOptions& options, const Common& common) {
   for (const fs::path& path : images) {
     run_context().throw_if_stopped();
     const Image image = read_light_map(path, Parameterisation::monitor, run_context()).radiance;
-    const Image light =
-        options.stretch ? resample_area(image, width, height) : resample_area_cropped(image, width, height);
+    const Image light = resample_area_cropped(image, width, height);
     clipped += static_cast<double>(std::ranges::count_if(light.values, [](float v) { return v > 1.0f; })) /
                static_cast<double>(light.values.size() * images.size());
     writer.write(path.stem().string(), light);
     progress.advance();
   }
-  report(options, images.size() * writer.steps(), width, height, clipped, common);
+  report(options, images.size(), width, height, clipped, common);
 }
 
 }  // namespace
@@ -250,7 +226,8 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Patterns are resampled from images of any size, or a starter set of 180 generated patterns. Each "
       "texel is the mean linear radiance over its area of the image. PNG and JPEG files are decoded from "
-      "sRGB; 1 is white, higher values are clipped. The starter set is always the same: 150 patterns for "
+      "sRGB; 1 is white, higher values are clipped; of other aspect ratios the central part is used. The "
+      "starter set is always the same: 150 patterns for "
       "training (train_…), designed for estimation (docs/method/patterns.md), and, held out (test_…), 12 "
       "natural patterns, 3 in saturated colours, 8 bars, 6 squares and white. Beside these 180 it has each "
       "primary of the monitor alone (primary_…) and white as a reference for drift, before, after and "
@@ -258,14 +235,14 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       "them (reference, …_reference).\n"
       "\n"
       "With --png, each pattern is also written as an 8-bit sRGB image for a monitor. The OpenEXR file then "
-      "contains the linear radiance of these 8-bit levels: level L has the radiance peak × sRGB⁻¹(L / 255).\n"
+      "contains the linear radiance of these 8-bit levels: level L has the radiance sRGB⁻¹(L / 255).\n"
       "\n"
       "Examples:\n"
       "  refield acquire lights --starter -o lights --png patterns\n"
-      "  refield acquire lights photos --size 800x600 -o lights\n"
-      "  refield acquire lights 'kitchen*.jpg' --size 1920x1080 --steps 1,0.25 -o lights");
+      "  refield acquire lights photos --light-size 800x600 -o lights\n"
+      "  refield acquire lights 'kitchen*.jpg' --light-size 1920x1080 -o lights");
   CLI::Option* images =
-      verb->add_option("images", options->images, "Source images: files, folders or quoted patterns");
+      verb->add_option("images", options->images, "Images: files, folders or quoted patterns");
   verb->add_flag("--starter", options->starter,
                  "Create the starter set of 180 patterns instead of resampling images")
       ->excludes(images);
@@ -274,32 +251,26 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       ->excludes(images)
       ->excludes("--starter");
   verb->add_option("--kind", options->kind,
-                   "Training patterns of the starter set: designed, or natural (images as in the paper)")
+                   "Training patterns: designed for estimation, or natural images as in the paper")
       ->check(CLI::IsMember({"designed", "natural"}))
       ->capture_default_str();
   verb->add_option(
-          "--count", options->count,
-          "Number of patterns of the starter set, held-out ones included, without primaries and references")
+          "--patterns", options->patterns,
+          "Number of patterns of the starter set, held-out ones included; without primaries and references")
       ->check(CLI::Range(12, 5000))
       ->capture_default_str();
-  verb->add_option(
-      "--size", options->size,
-      "Size of the patterns in texels, WIDTHxHEIGHT (default for --starter and --spots: 160x90, for "
-      "16:9 monitors)");
+  verb->add_option("--light-size", options->size,
+                   "Size of the light maps in texels (default for --starter and --spots: 160x90, for 16:9 "
+                   "monitors)")
+      ->type_name("WIDTHxHEIGHT");
   verb->add_option("-o,--output", options->output, "Folder for the light maps (.exr)")->required();
   verb->add_option("--png", options->png, "Folder for the same patterns as 8-bit sRGB PNG files");
-  verb->add_flag("--stretch", options->stretch,
-                 "Stretch each image to the size of the patterns; by default its central part with the same "
-                 "aspect ratio is used");
-  verb->add_option("--peak", options->peak, "Radiance of white: that of the monitor, above its black level")
-      ->capture_default_str();
-  verb->add_option(
-          "--steps", options->steps,
-          "Brightness factors, separated by commas; each image is written once per factor (default: 1)")
-      ->delimiter(',');
-  verb->add_flag("--force", options->force, "Replace existing light maps of the same names");
-  verb->callback(
-      [options, &common, &action] { action = [options, &common] { make_lights_of(*options, common); }; });
+  verb->callback([options, &common, &action] {
+    action = [options, &common] {
+      options->force = common.force;
+      make_lights_of(*options, common);
+    };
+  });
 }
 
 }  // namespace refield::cli

@@ -24,48 +24,71 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-/// Options of one side of the rig, as text.
-struct SideOptions {
-  std::vector<std::string> photographs;
-  std::string ball;
-  fs::path ball_mask;
-  fs::path hide;
-  EulerAngles turn;
-};
-
+/// Options as text. Those that are lists hold a value for the photographs and one for those of --join.
 struct ProbeOptionsText {
-  SideOptions first;
-  SideOptions second;
-  std::optional<double> focal_px, field_of_view, distance, diameter;
+  std::vector<std::string> photographs, join;
+  std::vector<std::string> ball, hide, camera_turn;
+  std::optional<double> horizontal_fov, distance, diameter;
   std::string reflectance = "chrome";
   std::string density = "0";
+  std::string light_size;
   ProbeRequest request;
 };
 
-ProbeSide side_of(const SideOptions& text, const ProbeOptionsText& options) {
-  ProbeSide side;
-  side.photographs = expand_globs(text.photographs);
-  side.turn = text.turn;
-  side.focal_px = options.focal_px;
-  side.field_of_view_degrees = options.field_of_view;
-  if (options.distance) side.distance_radii = 2.0 * *options.distance / *options.diameter;
-  if (!text.ball.empty()) {
-    const auto circle = channel_numbers(text.ball, "--ball");
-    side.ball = ImageCircle{{circle[0], circle[1]}, circle[2]};
+/// "YAW" or "YAW,PITCH,ROLL".
+EulerAngles turn_from_text(const std::string& text) {
+  EulerAngles turn;
+  char rest = '\0';
+  const int count = std::sscanf((text + (text.find(',') == std::string::npos ? ",0,0;" : ";")).c_str(),
+                                "%lf,%lf,%lf%c", &turn.yaw, &turn.pitch, &turn.roll, &rest);
+  if (count != 4 || rest != ';' || !std::isfinite(turn.yaw + turn.pitch + turn.roll))
+    throw InputError("--camera-turn " + text + ": give YAW or YAW,PITCH,ROLL in degrees");
+  return turn;
+}
+
+/// Of the photographs or, where `side` is 1, of those of --join.
+ProbeSide side_of(const std::vector<std::string>& photographs, std::size_t side,
+                  const ProbeOptionsText& options) {
+  const auto text_of = [side](const std::vector<std::string>& texts) {
+    return side < texts.size() ? texts[side] : std::string();
+  };
+  ProbeSide result;
+  result.photographs = expand_globs(photographs);
+  if (const std::string turn = text_of(options.camera_turn); !turn.empty())
+    result.turn = turn_from_text(turn);
+  result.field_of_view_degrees = options.horizontal_fov;
+  if (options.distance) result.distance_radii = 2.0 * *options.distance / *options.diameter;
+  const std::string ball = text_of(options.ball), hide = text_of(options.hide);
+  if (ball.find(',') == std::string::npos && fs::exists(ball)) {
+    result.ball_mask = ball;
+  } else if (!ball.empty() && ball != "find") {
+    const auto circle = channel_numbers(ball, "--ball");
+    result.ball = ImageCircle{{circle[0], circle[1]}, circle[2]};
   }
-  if (!text.ball_mask.empty()) side.ball_mask = text.ball_mask;
-  if (!text.hide.empty()) side.hidden = text.hide;
-  return side;
+  if (!hide.empty()) result.hidden = hide;
+  return result;
 }
 
 ProbeRequest request_of(const ProbeOptionsText& options) {
-  if (!options.focal_px && !options.field_of_view && !options.distance)
+  if (!options.horizontal_fov && !options.distance)
     throw InputError(
-        "the distance of the camera is required; give --distance and --diameter, --focal-px or "
-        "--field-of-view");
+        "the distance of the camera is required; give --distance and --diameter, or --horizontal-fov");
   ProbeRequest request = options.request;
-  request.sides.push_back(side_of(options.first, options));
-  if (!options.second.photographs.empty()) request.sides.push_back(side_of(options.second, options));
+  const std::size_t sides = options.join.empty() ? 1 : 2;
+  for (const auto& [option, texts] : {std::pair{"--ball", &options.ball},
+                                      {"--hide", &options.hide},
+                                      {"--camera-turn", &options.camera_turn}})
+    if (texts->size() > sides)
+      throw InputError(std::string(option) + " is given " + std::to_string(texts->size()) +
+                       " times; give it once, and once more for the photographs of --join");
+  request.sides.push_back(side_of(options.photographs, 0, options));
+  if (sides == 2) request.sides.push_back(side_of(options.join, 1, options));
+  if (!options.light_size.empty()) {
+    const PictureSize size = read_picture_size(options.light_size, {8, 4}, "--light-size");
+    if (size.width != 2 * size.height)
+      throw InputError("--light-size " + options.light_size + ": lat-long maps are twice as wide as high");
+    request.unwrap.width = size.width;
+  }
   request.unwrap.reflectance = MirrorReflectance::from_text(options.reflectance);
   const auto density = channel_numbers(options.density, "--neutral-density");
   for (int c = 0; c < 3; ++c) {
@@ -109,8 +132,8 @@ void probe(const ProbeOptionsText& options, const Common& common) {
   const ProbeRequest request = request_of(options);
   const OutputLock lock(request.folder, {});
   if (request.replace)
-    for (const SideOptions* side : {&options.first, &options.second})
-      require_outside(request.folder, {side->photographs.begin(), side->photographs.end()});
+    for (const auto* photographs : {&options.photographs, &options.join})
+      require_outside(request.folder, {photographs->begin(), photographs->end()});
   const ProbeSummary summary = probe_light(request, run_context());
   if (common.json)
     print_json(figures_of(summary));
@@ -119,17 +142,6 @@ void probe(const ProbeOptionsText& options, const Common& common) {
   if (summary.kept() == 0)
     throw InputError("all photographs were discarded; the reasons are in " +
                      (request.folder / "probe.toml").string());
-}
-
-void add_turn(CLI::App& verb, const std::string& prefix, EulerAngles& turn, const std::string& whose) {
-  verb.add_option(
-      "--" + prefix + "yaw", turn.yaw,
-      "Rotation of " + whose + " to the right of the centre of the map (+Z), in degrees (default: 0)");
-  verb.add_option("--" + prefix + "pitch", turn.pitch,
-                  "Downward rotation of " + whose + ", in degrees (default: 0)");
-  verb.add_option(
-      "--" + prefix + "roll", turn.roll,
-      "Rotation of " + whose + " about its viewing direction, right side up, in degrees (default: 0)");
 }
 
 }  // namespace
@@ -144,46 +156,47 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "A map shows the environment as seen from the position of the ball, with the viewing direction of the "
       "camera in its centre (the outdoor setup of the paper; docs/guide/light-probe.md has a figure). "
-      "Photographs are linear (.exr), as written by 'refield hdr' and 'refield acquire import'.\n"
+      "Photographs are linear (.exr), as written by 'refield acquire import'.\n"
       "\n"
       "Examples:\n"
       "  refield acquire probe ball.exr -o sky --distance 1500 --diameter 100\n"
-      "  refield acquire probe 'roof/*.exr' -o sky --focal-px 5200 --ball 1980.5,1312,540 --pitch 35 \\\n"
-      "      --hide tripod.png --neutral-density 3.0\n"
-      "  refield acquire probe east.exr --join north.exr --join-yaw 90 -o sky --distance 20 --diameter 2");
-  verb->add_option("photographs", options->first.photographs,
-                   "Photographs of the ball: files, folders or quoted patterns")
+      "  refield acquire probe 'roof/*.exr' -o sky --horizontal-fov 24 --ball 1980.5,1312,540 \\\n"
+      "      --camera-turn 0,35,0 --hide tripod.png --neutral-density 3.0\n"
+      "  refield acquire probe east.exr --join north.exr --camera-turn 0 --camera-turn 90 -o sky \\\n"
+      "      --distance 2000 --diameter 200");
+  verb->add_option("photographs", options->photographs,
+                   "Photographs: of the ball, files, folders or quoted patterns")
       ->required();
   verb->add_option("-o,--output", request.folder, "Folder for the environment maps, times.tsv and probe.toml")
       ->required();
-  CLI::Option* focal =
-      verb->add_option("--focal-px", options->focal_px, "Focal length of the camera in pixels");
-  CLI::Option* view =
-      verb->add_option("--field-of-view", options->field_of_view,
-                       "Horizontal field of view of the camera in degrees, instead of --focal-px")
-          ->excludes(focal);
-  CLI::Option* distance = verb->add_option("--distance", options->distance,
-                                           "Distance from the lens to the centre of the ball in any unit, "
-                                           "with --diameter, instead of --focal-px")
-                              ->excludes(focal)
-                              ->excludes(view);
-  CLI::Option* diameter =
-      verb->add_option("--diameter", options->diameter, "Diameter of the ball, in the unit of --distance")
-          ->needs(distance)
-          ->check(positive_number());
+  CLI::Option* view = add_horizontal_fov_option(*verb, options->horizontal_fov);
+  CLI::Option* distance =
+      verb->add_option("--distance", options->distance,
+                       "Distance from the lens to the centre of the ball in mm, instead of "
+                       "--horizontal-fov")
+          ->excludes(view);
+  CLI::Option* diameter = add_diameter_option(*verb, options->diameter);
+  diameter->needs(distance);
   distance->needs(diameter);
-  verb->add_option("--ball", options->first.ball,
-                   "Centre and radius of the ball in the photograph: X,Y,R in pixels from the top left "
-                   "corner (default: detected)");
-  verb->add_option("--ball-mask", options->first.ball_mask,
-                   "Mask image of the ball, white on black, instead of --ball");
-  verb->add_flag(
-      "--ball-moves", request.ball_moves,
-      "Detect the ball in each photograph; by default one position is used for all, for a fixed setup");
-  verb->add_option("--hide", options->first.hide,
+  const char* twice = "; a second value is for the photographs of --join";
+  verb->add_option("--ball", options->ball,
+                   "Centre and radius of the mirror ball, X,Y,R in pixels from the top left corner, or "
+                   "'find'; a mask image "
+                   "of it, white on black, or 'find'" +
+                       std::string(twice))
+      ->default_str("find");
+  verb->add_option(
+      "--camera-turn", options->camera_turn,
+      "Rotation of the camera to the right of the centre of the map (+Z), downward and about its "
+      "viewing direction, YAW or YAW,PITCH,ROLL in degrees (default: 0,0,0)" +
+          std::string(twice));
+  verb->add_option("--hide", options->hide,
                    "Mask image, white over objects that are not part of the environment (tripod, stand, "
-                   "photographer); these regions are filled from their neighbourhood");
-  add_turn(*verb, "", options->first.turn, "the camera");
+                   "photographer); these regions are filled from their neighbourhood" +
+                       std::string(twice));
+  verb->add_option(
+      "--join", options->join,
+      "Photographs from a second direction, one per photograph; they fill the directions behind the ball");
   verb->add_option("--reflectance", options->reflectance,
                    "Reflectance of the ball: chrome, silver, perfect, or the measured value at normal "
                    "incidence, R or R,G,B")
@@ -191,39 +204,29 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
   verb->add_option("--neutral-density", options->density,
                    "Total optical density of all filters, D or R,G,B; radiance is multiplied by 10^D")
       ->capture_default_str();
-  verb->add_option(
-          "--camera-region", request.unwrap.camera_region_degrees,
-          "Angle in degrees around the reflection of the camera that is filled from its neighbourhood")
-      ->capture_default_str();
-  verb->add_option("--rim", request.unwrap.rim_px,
-                   "Width in pixels of the ignored border inside the outline of the ball")
-      ->capture_default_str();
-  verb->add_option("--width", request.unwrap.width,
-                   "Width of the environment maps in texels; the height is half of it (default: the "
-                   "resolution of the ball image)");
-  verb->add_option("--saturation", request.saturation,
-                   "Value from which samples are clipped, for photographs without a noise estimate");
-  verb->add_option("--most-sun", request.limits.max_sun,
+  verb->add_flag(
+          "--ball-moves", request.ball_moves,
+          "Detect the ball in each photograph; by default one position is used for all, for a fixed setup")
+      ->group(further);
+  verb->add_option("--light-size", options->light_size,
+                   "Size of the light maps in texels (default: the resolution of the ball image)")
+      ->type_name("WIDTHxHEIGHT")
+      ->group(further);
+  verb->add_option("--max-sun", request.limits.max_sun,
                    "Discard a map if more than this fraction of its light comes from one spot of 3 degrees")
-      ->capture_default_str();
-  verb->add_option("--most-clipped", request.limits.max_clipped,
+      ->capture_default_str()
+      ->group(further);
+  verb->add_option("--max-clipped", request.limits.max_clipped,
                    "Discard a map if more than this fraction of the sphere was clipped")
-      ->capture_default_str();
-  CLI::Option* second = verb->add_option(
-      "--join", options->second.photographs,
-      "Photographs from a second direction, one per photograph; they fill the directions behind the ball");
-  verb->add_option("--join-ball", options->second.ball,
-                   "Centre and radius of the ball in the photographs of --join, as for --ball")
-      ->needs(second);
-  verb->add_option("--join-ball-mask", options->second.ball_mask,
-                   "Mask image of the ball in the photographs of --join, as for --ball-mask")
-      ->needs(second);
-  verb->add_option("--join-hide", options->second.hide,
-                   "Mask image of hidden objects in the photographs of --join, as for --hide")
-      ->needs(second);
-  add_turn(*verb, "join-", options->second.turn, "the camera of --join");
-  verb->add_flag("--force", request.replace, "Replace the environment maps of an earlier run");
-  verb->callback([options, &common, &action] { action = [options, &common] { probe(*options, common); }; });
+      ->capture_default_str()
+      ->group(further);
+  add_saturation_option(*verb, request.saturation);
+  verb->callback([options, &common, &action] {
+    action = [options, &common] {
+      options->request.replace = common.force;
+      probe(*options, common);
+    };
+  });
 }
 
 }  // namespace refield::cli

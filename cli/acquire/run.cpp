@@ -9,6 +9,7 @@
 #include "cli/acquire/light_list.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
+#include "cli/acquire/virtual_request.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
@@ -20,12 +21,9 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
-struct RunOptions {
-  fs::path file;
-  IfExists if_exists = IfExists::refuse;
-  bool predict_error = false;
+/// Options of a rig file as well as of a recipe are those of VirtualOptions.
+struct RunOptions : VirtualOptions {
+  bool follow_error = false;
   bool quick = false;
   int check_every = 0;
 };
@@ -119,7 +117,7 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
   for (double seconds : session.exposures) request.exposures.emplace_back(seconds);
   request.exposure_plan.count = session.exposure_count;
   request.exposure_plan.ratio = session.exposure_ratio;
-  if (!session.noise.empty()) request.exposure_plan.relative_noise = error_from_text(session.noise);
+  if (!session.max_noise.empty()) request.exposure_plan.relative_noise = error_from_text(session.max_noise);
   if (request.timing) request.exposure_plan.multiple_of = request.timing->exposure_unit;
   request.frames_per_exposure = session.frames;
   request.ambient_repeats = session.ambient_frames;
@@ -141,8 +139,79 @@ std::function<void(const Photograph&)> preview_into(const fs::path& file) {
   };
 }
 
+/// What must stand before the virtual camera is known before anything is written.
+void require_scene(const RunOptions& options) {
+  const std::string remedy =
+      "make it with 'refield simulate " + options.recipe.string() + " -o TRUTH' and give --truth TRUTH";
+  if (options.session.empty()) throw InputError("--output is missing; give the session folder to create");
+  if (options.truth.empty() && options.light.empty())
+    throw InputError("neither --truth nor --light is given; " + remedy);
+  if (!options.truth.empty() && !fs::is_regular_file(options.truth / transport_file_name))
+    throw InputError((options.truth / transport_file_name).string() +
+                     ": the scene's light transport is missing; " + remedy);
+}
+
+/// Predicts the error during the capture where the options ask for it. `until_error`: "" or where to stop.
+std::optional<UntilError> predict_errors(const RunOptions& options, const std::string& until_error) {
+  constexpr int every = 10;
+  if (until_error.empty() && !options.follow_error && !options.quick) return std::nullopt;
+  return std::make_optional<UntilError>(until_error.empty() ? 0.0 : error_from_text(until_error),
+                                        options.min_images, every);
+}
+
+void run_recipe(const RunOptions& options, const Common& common) {
+  const Recipe recipe = read_recipe(options.recipe);
+  require_scene(options);
+  const std::uint64_t seed = recipe.seed;
+  check_session_folder(options.session, options.if_exists);
+  const OutputLock lock(options.session, {});
+  if (options.if_exists == IfExists::replace)
+    require_outside(options.session, {options.light, options.truth, options.calibration});
+  CaptureRequest request = request_of(options, recipe, seed);
+  if (options.quick) keep_quick(request.lights);
+  auto until = predict_errors(options, options.until_error);
+  if (until) until->attach(request);
+  CaptureWatch watch(options.check_every);
+  if (options.check_every > 0) watch.attach(request);
+  VirtualRig rig = rig_of(options.truth, recipe, seed);
+  request.before_light = place_teller(rig, request.lights);
+  const CaptureSummary summary = capture(request, rig.camera(), rig.illuminator(), nullptr, run_context());
+  report_capture(summary, options.session, options.until_error.empty() ? nullptr : &*until, common);
+}
+
+/// The rig file with what the options replace.
+SessionFile session_of(const RunOptions& options) {
+  SessionFile session = read_session_file(options.recipe);
+  if (!options.truth.empty()) {
+    auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
+    if (!simulated)
+      throw InputError("--truth belongs to a simulated rig; the camera of " + options.recipe.string() +
+                       " is real");
+    simulated->truth = options.truth;
+  }
+  const auto replace = [](const auto& given, auto& value) {
+    if (!given.empty()) value = given;
+  };
+  replace(options.session, session.output);
+  replace(options.calibration, session.calibration);
+  replace(options.order, session.order);
+  replace(options.until_error, session.until_error);
+  if (!options.light.empty()) {
+    session.lights = {};
+    session.lights.images = options.light;
+  }
+  if (!options.exposures.empty()) session.max_noise.clear();
+  replace(options.exposures, session.exposures);
+  if (!options.max_noise.empty()) session.exposures.clear();
+  replace(options.max_noise, session.max_noise);
+  session.auto_mask |= options.auto_mask;
+  session.keep_raw |= options.keep_raw;
+  return session;
+}
+
 void run_session(const RunOptions& options, const Common& common) {
-  const SessionFile session = read_session_file(options.file);
+  if (is_recipe(options.recipe)) return run_recipe(options, common);
+  const SessionFile session = session_of(options);
   check_session_folder(session.output, options.if_exists);
   const OutputLock lock(session.output, {});
   if (options.if_exists == IfExists::replace) {
@@ -161,13 +230,8 @@ void run_session(const RunOptions& options, const Common& common) {
     tell(session.calibration.string() +
          ": has no [timing] section, so the latency of the monitor is assumed to be zero; 'refield acquire "
          "calibrate' measures it");
-  std::optional<UntilError> until;
-  const bool may_stop = !session.until_error.empty();
-  if (may_stop || options.predict_error || options.quick) {
-    constexpr int min_images = 30, check_every = 10;
-    until.emplace(may_stop ? error_from_text(session.until_error) : 0.0, min_images, check_every);
-    until->attach(request);
-  }
+  auto until = predict_errors(options, session.until_error);
+  if (until) until->attach(request);
   CaptureWatch watch(options.check_every);
   if (options.check_every > 0) watch.attach(request);
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());
@@ -177,7 +241,7 @@ void run_session(const RunOptions& options, const Common& common) {
          " damaged frames, restarted its stream " + std::to_string(troubles.restarts) +
          " times and was reconnected " + std::to_string(troubles.replugs) +
          " times; the affected frames were discarded");
-  report_capture(summary, session.output, may_stop ? &*until : nullptr, common);
+  report_capture(summary, session.output, session.until_error.empty() ? nullptr : &*until, common);
 }
 
 }  // namespace
@@ -186,21 +250,36 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<RunOptions>();
   CLI::App* verb = group.add_subcommand(
       "run",
-      "Capture a session with a real camera and monitor.\n"
+      "Capture a session with a camera and a monitor, real or simulated.\n"
       "\n"
-      "The session file names the devices, light maps and exposures (docs/reference/devices.md); 'refield "
-      "acquire devices' lists the available devices. A frame is used for a light map only if its time stamp "
-      "shows that it was exposed after the monitor had changed.\n"
+      "The rig file names the devices, light maps and exposures (docs/reference/devices.md); options replace "
+      "its "
+      "values. A frame is used for a light map only if its time stamp shows that it was exposed after the "
+      "monitor "
+      "had changed. A recipe describes a simulated camera and monitor instead, before the scene whose light "
+      "transport 'refield simulate RECIPE.toml -o TRUTH' traced.\n"
       "\n"
       "After a disconnected device, an interruption or a full disk, the same command with --resume "
       "continues.\n"
       "\n"
-      "Example:\n"
-      "  refield acquire run session.toml");
-  verb->add_option("session", options->file, "Session file (.toml)")->required();
-  verb->add_flag("--predict-error", options->predict_error,
-                 "Print the predicted error of the reflectance field on new photographs, first after 30 "
-                 "training photographs and then after every 10");
+      "Examples:\n"
+      "  refield acquire run rig.toml\n"
+      "  refield acquire run recipe.toml --truth truth -o session --auto-mask");
+  add_rig_argument(*verb, options->recipe);
+  verb->add_option("-o,--output", options->session, "Session folder to create (default: from the rig file)");
+  add_truth_option(*verb, options->truth);
+  verb->add_option("--light", options->light,
+                   "Light maps: folder or quoted pattern; linear radiance above the black level of the "
+                   "monitor (default: those of the rig file or, with their roles and kinds, of --truth)");
+  CLI::Option* times = verb->add_option("--exposures", options->exposures,
+                                        "Exposure times of a photograph in seconds, separated by commas; "
+                                        "increasing (default: from the rig file or "
+                                        "the recipe, else metered under white)")
+                           ->delimiter(',');
+  add_max_noise_option(*verb, options->max_noise)->excludes(times);
+  add_until_error_option(*verb, options->until_error);
+  verb->add_flag("--follow-error", options->follow_error,
+                 "Print the predicted error of the reflectance field on new photographs during the capture");
   verb->add_flag("--quick", options->quick,
                  "Take the first 30 training light maps and 5 held-out ones only, and print the predicted "
                  "error: a first field, in less than five minutes with a DSLR");
@@ -209,11 +288,31 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
           "Check the photographs after every N training photographs, as 'refield info' does, and stop "
           "when the camera has moved, the room light has changed or photographs do not fit the others; "
           "0: only at the end")
+      ->type_name("N")
       ->check(non_negative_number())
       ->capture_default_str();
-  add_if_exists(*verb, options->if_exists, "a capture");
-  verb->callback(
-      [options, &common, &action] { action = [options, &common] { run_session(*options, common); }; });
+  verb->add_flag("--auto-mask", options->auto_mask, "Mask the pixels that respond to a white monitor");
+  add_resume_flag(*verb, options->if_exists);
+  verb->add_option(
+          "--calibration", options->calibration,
+          "Calibration file of 'refield acquire calibrate' (default: that of the rig file; the values of "
+          "the recipe, without error)")
+      ->group(further);
+  verb->add_option("--order", options->order,
+                   "Order of the training lights: given, random, or useful (most informative first, for "
+                   "captures that may end early; default: from the rig file, else given)")
+      ->group(further);
+  verb->add_option("--min-images", options->min_images, "Number of images before the first predicted error")
+      ->capture_default_str()
+      ->group(further);
+  verb->add_flag("--keep-raw", options->keep_raw, "Store every exposure as a 16-bit PNG in raw/")
+      ->group(further);
+  verb->callback([options, &common, &action] {
+    action = [options, &common] {
+      options->if_exists = if_exists(options->if_exists, common);
+      run_session(*options, common);
+    };
+  });
 }
 
 }  // namespace refield::cli

@@ -35,16 +35,16 @@ void read_pattern(ConfigSection& section, const std::string& key, const fs::path
 /// The keys that all cameras have; `section` knows of no others yet.
 void read_tethered_options(ConfigSection& section, CameraOptions& camera) {
   std::vector<int> window(4, 0);
-  section.integers("window", window, 0, max_pixels);
-  if (section.has("window")) camera.window = FrameWindow{window[0], window[1], window[2], window[3]};
+  section.integers("region", window, 0, max_pixels);
+  if (section.has("region")) camera.window = FrameWindow{window[0], window[1], window[2], window[3]};
   section.seconds("replug_patience", camera.replug_patience, Seconds(1), 0.0, 86'400.0);
 }
 
 /// Those that all cameras have that stream.
 void read_camera_options(ConfigSection& section, CameraOptions& camera) {
   read_tethered_options(section, camera);
-  section.text("format", camera.format);
-  section.number("rate", camera.rate, 0.01, 10'000.0);
+  section.text("pixel_format", camera.format);
+  section.number("fps", camera.rate, 0.01, 10'000.0);
   section.number("unit_gain", camera.unit_gain, 1e-6, 1e9);
 }
 
@@ -148,7 +148,7 @@ void read_lights(ConfigSection section, const fs::path& folder, SessionLights& l
   read_pattern(section, "test_images", folder, lights.test_images);
   read_path(section, "panorama", folder, lights.panorama);
   section.integer("rotations", lights.rotations, 1, 100'000);
-  section.number("fov_degrees", lights.fov_degrees, 1.0, 170.0);
+  section.number("vertical_fov_degrees", lights.fov_degrees, 1.0, 170.0);
   section.number("white_percentile", lights.white_percentile, 1.0, 100.0);
   if (lights.session.empty() && lights.images.empty() && lights.panorama.empty())
     section.fail("images",
@@ -160,8 +160,8 @@ void read_exposures(ConfigSection section, SessionFile& session) {
   section.numbers("seconds", session.exposures, 1e-6, 3600.0);
   section.integer("count", session.exposure_count, 1, 16);
   section.number("ratio", session.exposure_ratio, 1.1, 100.0);
-  section.text("noise", session.noise);
-  section.integer("frames", session.frames, 1, 1000);
+  section.text("max_noise", session.max_noise);
+  section.integer("averaged_frames", session.frames, 1, 1000);
   section.integer("ambient_frames", session.ambient_frames, 0, 64);
   section.number("gain", session.gain, 1e-3, 1e4);
   section.finish();
@@ -186,8 +186,26 @@ void read_session(ConfigSection section, const fs::path& folder, SessionFile& se
 
 }  // namespace
 
+bool is_recipe(const fs::path& path) {
+  return !ConfigFile(path, "rig file or recipe", "docs/reference/devices.md").has("session");
+}
+
+void add_rig_argument(CLI::App& verb, fs::path& rig) {
+  verb.add_option(
+          "rig", rig,
+          "Rig file (.toml) that names the devices ('refield acquire devices -o rig.toml' writes one), or "
+          "recipe of a simulated scene, camera and monitor")
+      ->required();
+}
+
+CLI::Option* add_truth_option(CLI::App& verb, fs::path& truth) {
+  return verb.add_option("--truth", truth,
+                         "Folder that 'refield simulate' created (from the recipe of a simulated rig; "
+                         "default: the scene is traced first)");
+}
+
 SessionFile read_session_file(const fs::path& path) {
-  const ConfigFile file(path, "session file", "docs/reference/devices.md");
+  const ConfigFile file(path, "rig file", "docs/reference/devices.md");
   file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
   SessionFile session;
   session.path = path;

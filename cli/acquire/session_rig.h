@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <CLI/CLI.hpp>
+
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -40,7 +42,7 @@ struct VirtualCameraOptions : CameraOptions {
   std::map<std::string, std::string> controls;  ///< none; for code that treats all cameras alike
 };
 
-/// A session file: everything that `refield acquire run` needs to know, see docs/reference/devices.md.
+/// A rig file: everything that `refield acquire run` needs to know, see docs/reference/devices.md.
 struct SessionFile {
   std::filesystem::path path;
   std::filesystem::path output;
@@ -55,7 +57,7 @@ struct SessionFile {
   std::vector<double> exposures;  ///< seconds; empty: by count and ratio
   int exposure_count = 4;
   double exposure_ratio = 4.0;
-  std::string noise;  ///< instead: as few exposures as keep it below this share, such as "2%"
+  std::string max_noise;  ///< instead: as few exposures as keep it below this share, such as "2%"
   int frames = 1;
   int ambient_frames = 0;  ///< CaptureRequest::ambient_repeats
   double gain = 1.0;
@@ -70,20 +72,28 @@ struct SessionFile {
   std::filesystem::path preview;  ///< PNG of the last photograph, replaced by each; empty: none
 };
 
-/// Reads a session file; paths in it are relative to its folder. Throws InputError naming file, line, key,
+/// Reads a rig file; paths in it are relative to its folder. Throws InputError naming file, line, key,
 /// value and remedy.
 SessionFile read_session_file(const std::filesystem::path& path);
 
-/// A session file to fill in, with all keys.
+/// Whether a file describes a simulated rig and its scene instead of naming devices. Throws InputError for
+/// one that is missing or no TOML.
+bool is_recipe(const std::filesystem::path& path);
+
+/// The argument "rig", a rig file or a recipe, and --truth.
+void add_rig_argument(CLI::App& verb, std::filesystem::path& rig);
+CLI::Option* add_truth_option(CLI::App& verb, std::filesystem::path& truth);
+
+/// A rig file to fill in, with all keys.
 std::string session_template();
 
-/// Sets a key of a session file, whose comments stay. `value` is in TOML's notation.
+/// Sets a key of a rig file, whose comments stay. `value` is in TOML's notation.
 void set_session_value(std::string& text, const std::string& section, const std::string& key,
                        const std::string& value);
 /// A text in TOML's notation.
 std::string toml_text(const std::string& text);
 
-/// The devices that a session file names, opened.
+/// The devices that a rig file names, opened.
 class SessionRig {
  public:
   /// Throws InputError for what a device cannot do, DeviceError where one is missing or refuses.

@@ -16,6 +16,7 @@
 #include "acquire/calibrate/calibration.h"
 #include "acquire/devices/window_monitor.h"
 #include "acquire/series/capture_time.h"
+#include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -34,9 +35,8 @@ struct ShowOptions {
   std::vector<std::string> patterns;
   std::string every;
   std::string start_in = "10s";
-  int display = 0;
+  std::string monitor = "window:0";
   std::string from;
-  fs::path log;
 };
 
 /// "5s", "5", "500ms" or "2min".
@@ -48,6 +48,17 @@ Seconds duration_of(const std::string& text, const char* option) {
   if (end == text.c_str() || scale == 0.0 || !(number >= 0.0 && number * scale <= 86400.0))
     throw InputError(std::string(option) + ": '" + text + "' is not a duration; give one such as 5s or 1min");
   return Seconds(number * scale);
+}
+
+/// The number of the desktop display in "window:N".
+int display_of(const std::string& monitor) {
+  int display = 0;
+  char rest = '\0';
+  if (std::sscanf(monitor.c_str(), "window:%d%c", &display, &rest) != 1 || display < 0)
+    throw InputError("--monitor " + monitor +
+                     ": patterns are shown in a window; give window:0 for the first "
+                     "display of the desktop");
+  return display;
 }
 
 /// Now, as a camera's clock would say: local time.
@@ -80,7 +91,7 @@ class Slides {
       : every_(options.every.empty() ? Seconds(0) : duration_of(options.every, "--every")),
         start_in_(duration_of(options.start_in, "--start-in")),
         files_(std::move(files)),
-        log_(options.log.empty() ? files_.front().parent_path() / times_file_name : options.log) {
+        log_(files_.front().parent_path() / times_file_name) {
     if (!options.every.empty() && every_.count() < 0.2)
       throw InputError("--every: " + options.every + " is too short for a photograph; give 0.2s or more");
     if (!options.from.empty()) {
@@ -103,10 +114,8 @@ class Slides {
                          std::to_string(width_) + "×" + std::to_string(height_) +
                          "; all patterns must have the same size");
     }
-    if (log_.filename() != times_file_name)
-      throw InputError("--log: " + log_.string() + " must be named " + times_file_name +
-                       ", the name that 'refield acquire match' reads");
-    monitor_ = std::make_unique<WindowMonitor>(WindowMonitorOptions{options.display, width_, height_});
+    monitor_ =
+        std::make_unique<WindowMonitor>(WindowMonitorOptions{display_of(options.monitor), width_, height_});
   }
 
   std::size_t shown() const { return times_.size(); }
@@ -210,7 +219,8 @@ void add_acquire_show(CLI::App& group, const Common& /*common*/, Action& action)
       "square of whole pixels without interpolation.\n"
       "\n"
       "Keys in the window: Space or Right next, Left back, P pause, Esc stop. The display time of each "
-      "pattern is logged in times.tsv next to the patterns, in local time; 'refield acquire match' uses it "
+      "pattern is logged in times.tsv next to the patterns, in local time; 'refield acquire import --pair-by "
+      "time' uses it "
       "to pair photographs with patterns if the series has gaps. docs/guide/capture.md describes a manual "
       "capture.\n"
       "\n"
@@ -218,18 +228,14 @@ void add_acquire_show(CLI::App& group, const Common& /*common*/, Action& action)
       "  refield acquire show patterns --every 5s\n"
       "  refield acquire show patterns                   # press a key for each pattern\n"
       "  refield acquire show patterns --every 5s --from train_097");
-  verb->add_option("patterns", options->patterns, "Patterns to show: folders, files or quoted patterns")
+  verb->add_option("images", options->patterns, "Images: patterns to show, folders, files or quoted patterns")
       ->required();
   verb->add_option("--every", options->every,
                    "Display time of each pattern, such as 5s (default: until a key is pressed)");
   verb->add_option("--start-in", options->start_in, "Time on black before the first pattern, with --every")
       ->capture_default_str();
-  verb->add_option("--display", options->display,
-                   "Number of the desktop display, as listed by 'refield acquire devices'")
-      ->capture_default_str();
+  add_monitor_option(*verb, options->monitor)->capture_default_str();
   verb->add_option("--from", options->from, "Name of the first pattern to show, to continue a series");
-  verb->add_option("--log", options->log,
-                   "File for the display times (default: times.tsv next to the patterns)");
   verb->callback([options, &action] { action = [options] { show(*options); }; });
 }
 

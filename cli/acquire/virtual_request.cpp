@@ -80,7 +80,7 @@ void fill_calibration(const VirtualOptions& options, const Recipe& recipe, Captu
 }
 
 std::vector<CaptureLight> lights_of(const VirtualOptions& options) {
-  return options.lights.empty() ? lights_of_session(options.truth) : lights_of_files(options.lights);
+  return options.light.empty() ? lights_of_session(options.truth) : lights_of_files(options.light);
 }
 
 /// The plan names devices by what decides their frames.
@@ -94,18 +94,17 @@ std::string rig_text(const VirtualOptions& options, const Recipe& recipe, std::u
     const fs::path ambient = options.truth / ambient_file_name;
     text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
   }
-  text += ", seed " + std::to_string(seed);
-  return text + (options.trigger ? ", triggered" : "");
+  return text + ", seed " + std::to_string(seed);
 }
 
 void fill_exposures(const VirtualOptions& options, const Recipe& recipe, CaptureRequest& request) {
   const ExposureSeries& series = recipe.rig.exposures;
   for (double seconds : options.exposures) request.exposures.emplace_back(seconds);
-  request.exposure_plan.count = options.exposure_count.value_or(series.count);
-  request.exposure_plan.ratio = options.exposure_ratio.value_or(series.ratio);
-  request.frames_per_exposure = options.frames.value_or(series.frames);
-  if (!options.noise.empty()) request.exposure_plan.relative_noise = error_from_text(options.noise);
-  if (series.longest && options.noise.empty())
+  request.exposure_plan.count = series.count;
+  request.exposure_plan.ratio = series.ratio;
+  request.frames_per_exposure = series.frames;
+  if (!options.max_noise.empty()) request.exposure_plan.relative_noise = error_from_text(options.max_noise);
+  if (series.longest && options.max_noise.empty())
     request.exposure_plan.shortest =
         *series.longest * std::pow(request.exposure_plan.ratio, 1 - request.exposure_plan.count);
 }
@@ -158,21 +157,15 @@ std::function<void(std::size_t)> place_teller(VirtualRig& rig, const std::vector
 CaptureRequest request_of(const VirtualOptions& options, const Recipe& recipe, std::uint64_t seed) {
   CaptureRequest request;
   request.folder = options.session;
-  const int every = options.reference_every.value_or(recipe.rig.reference_every);
-  if (every < 0)
-    throw InputError("--reference-every is " + std::to_string(every) + "; give 0 (none) or more");
   auto lights = lights_of(options);
-  order_lights(lights, options.order, seed);
-  request.lights = with_references(lights, every, options.reference_light);
+  order_lights(lights, options.order.empty() ? "given" : options.order, seed);
+  request.lights = with_references(lights, recipe.rig.reference_every, {});
   fill_calibration(options, recipe, request);
   request.monitors = monitor_placements(recipe.scene);
   request.rig = rig_text(options, recipe, seed);
   fill_exposures(options, recipe, request);
-  request.ambient_repeats = options.ambient_frames;
-  if (!options.mask.empty()) request.mask = {MaskSource::Kind::painted, options.mask};
-  if (options.auto_mask) request.mask = {MaskSource::Kind::automatic, options.background};
+  if (options.auto_mask) request.mask = {MaskSource::Kind::automatic, {}};
   request.keep_raw = options.keep_raw;
-  request.precision = options.half ? Precision::half : Precision::single;
   request.if_exists = options.if_exists;
   return request;
 }

@@ -16,32 +16,20 @@ namespace refield::cli {
 
 namespace fs = std::filesystem;
 
-/// Options of `refield acquire virtual`.
+/// Options of `refield acquire run` for a recipe; what they leave open is as the recipe says.
 struct VirtualOptions {
-  fs::path recipe;
+  fs::path recipe;  ///< or a rig file
   fs::path truth;
   fs::path session;
   fs::path calibration;
-  std::string lights;
+  std::string light;
   std::vector<double> exposures;
-  std::optional<int> exposure_count;
-  std::optional<double> exposure_ratio;
-  std::string noise;
-  std::optional<int> frames;
-  int ambient_frames = 0;  ///< CaptureRequest::ambient_repeats
-  fs::path mask;
+  std::string max_noise;
   bool auto_mask = false;
-  fs::path background;
-  std::optional<std::uint64_t> seed;
-  std::string order = "given";
+  std::string order;  ///< empty: given
   std::string until_error;
   int min_images = 30;
-  int check_every = 10;
-  std::optional<int> reference_every;
-  fs::path reference_light;
-  bool trigger = false;
   bool keep_raw = false;
-  bool half = false;
   IfExists if_exists = IfExists::refuse;
 };
 

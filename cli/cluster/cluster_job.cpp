@@ -157,7 +157,7 @@ void write_scripts(const ClusterJob& job) {
       "#!/bin/sh\n"
       "# Written by refield submit. Merges the shards, or submits those that are missing again.\n"
       "exec " +
-          shell_words({job.program.string(), "submit", "--finish", job.folder.string()}) + "\n");
+          shell_words({job.program.string(), "submit", job.folder.string(), "--finish"}) + "\n");
 }
 
 std::string shell_words(const std::vector<std::string>& words) {
@@ -189,7 +189,7 @@ std::int64_t minutes_from_text(const std::string& text) {
       is_all(std::sscanf(text.c_str(), "%4d-%2d:%2d:%2d%n", &days, &hours, &minutes, &seconds, &length), 4);
   const std::int64_t total = (std::int64_t{days} * 24 + hours) * 60 + minutes + (seconds > 0 ? 1 : 0);
   if (!is_time || days < 0 || hours < 0 || minutes < 0 || seconds < 0 || total < 1)
-    throw InputError("--time " + text + ": is not a time; give minutes, HOURS:MM:SS or DAYS-HH:MM:SS");
+    throw InputError("--time-limit " + text + ": is not a time; give minutes, HOURS:MM:SS or DAYS-HH:MM:SS");
   return total;
 }
 

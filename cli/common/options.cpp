@@ -72,9 +72,6 @@ std::string wrapped(const std::string& text, std::size_t width) {
   return result;
 }
 
-/// The group of the options that --help lists. Those of other groups are for few users: --help-all adds them.
-constexpr const char* common_group = "Options";
-
 /// What stands before an option's value: FLOAT, or a|b where the value is one of few.
 std::string value_name(const CLI::Option& option) {
   if (option.get_type_size() == 0) return "";
@@ -103,7 +100,7 @@ class HelpFormatter : public CLI::Formatter {
                option != app->get_help_all_ptr();
       });
       std::ranges::stable_partition(options, [](const CLI::Option* o) { return o->check_name("-o"); });
-      if (group == common_group || (!group.empty() && mode == CLI::AppFormatMode::All))
+      if (group == "Options" || (!group.empty() && mode == CLI::AppFormatMode::All))
         help += list(group, options);
       else if (!group.empty())
         hidden += options.size();
@@ -114,8 +111,9 @@ class HelpFormatter : public CLI::Formatter {
     if (app->get_parent() != nullptr)
       help += "\n" +
               wrapped(
-                  "Every command takes --json (results and errors as JSON on standard output) and "
-                  "--quiet (no progress)" +
+                  "Every command takes --json (results and errors as JSON on standard output), --quiet (no "
+                  "progress) and "
+                  "--force (replace the output of an earlier run)" +
                       more + ".",
                   width) +
               "\n";
@@ -259,13 +257,13 @@ void warn_of_clipping(double clipped_share) {
                  100.0 * clipped_share);
 }
 
-PictureSize read_picture_size(const std::string& text, PictureSize least) {
+PictureSize read_picture_size(const std::string& text, PictureSize least, const std::string& option) {
   constexpr int largest = 16384;
   PictureSize size;
   char rest = '\0';
   if (std::sscanf(text.c_str(), "%dx%d%c", &size.width, &size.height, &rest) != 2 ||
       size.width < least.width || size.height < least.height || size.width > largest || size.height > largest)
-    throw InputError("--size " + text + ": give width x height in pixels, " + std::to_string(least.width) +
+    throw InputError(option + " " + text + ": give width x height in pixels, " + std::to_string(least.width) +
                      "x" + std::to_string(least.height) + " to 16384x16384");
   return size;
 }
@@ -280,36 +278,118 @@ void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
   verb.add_option("--layout", camera.layout,
                   "Layout of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg or "
                   "bayer_bggr (default: grey; for camera RAW files, from the file)")
-      ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}));
+      ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}))
+      ->group(further);
   verb.add_option("--black", camera.black,
-                  "Black level of the camera in linearised sample units (default: from RAW files, else 0)");
-  verb.add_option(
-      "--saturation", camera.saturation,
-      "Lowest sample value that may be clipped (default: the level at which samples pile up, else "
-      "from RAW files, else the largest value; none for float images)");
-  verb.add_option("--full-scale-electrons", camera.full_scale_electrons,
-                  "Number of photo-electrons at full scale, which determines the shot noise used for weights "
-                  "and sigma")
-      ->check(positive_number())
-      ->capture_default_str();
-  verb.add_option("--read-noise", camera.read_noise_electrons,
-                  "Standard deviation of the read noise in electrons")
-      ->check(non_negative_number())
+                  "Black level of the camera in linearised sample units (default: from RAW files, else 0)")
+      ->group(further);
+  add_saturation_option(verb, camera.saturation);
+}
+
+CLI::Option* add_placement_option(CLI::App& verb, std::vector<std::string>& placements,
+                                  const std::string& more) {
+  return verb.add_option(
+      "--placement", placements,
+      "Placement of the monitor: WIDTHxHEIGHT@DISTANCE in mm, then yaw, pitch, roll in degrees "
+      "and x, y in mm where not zero, such as 520x320@600,yaw=90. " +
+          more + " Repeat the option for each window of stacked light maps");
+}
+
+CLI::Option* add_half_option(CLI::App& verb, bool& half) {
+  return verb.add_flag("--half", half,
+                       "Write 16-bit half-float images: half the disk space, relative rounding error 0.05 %");
+}
+
+CLI::Option* add_fps_option(CLI::App& verb, double& frames_per_second) {
+  return verb.add_option("--fps", frames_per_second, "Frame rate of a video in frames per second")
       ->capture_default_str();
 }
 
-void add_capture_options(CLI::App& verb, CaptureOptions& options, const std::string& held_out) {
-  verb.add_option("--light", options.light, "Light maps, instead of a session: quoted pattern or folder");
+CLI::Option* add_monitor_option(CLI::App& verb, std::string& monitor) {
+  return verb.add_option(
+      "--monitor", monitor,
+      "Monitor that lights the scene, as 'refield acquire devices' names it: a connector such as "
+      "HDMI-A-1, or window:0 for a full-screen window on the first display of the desktop");
+}
+
+CLI::Option* add_horizontal_fov_option(CLI::App& verb, std::optional<double>& degrees) {
+  return verb.add_option("--horizontal-fov", degrees, "Horizontal field of view of the camera in degrees")
+      ->check(CLI::Range(0.1, 170.0));
+}
+
+CLI::Option* add_diameter_option(CLI::App& verb, std::optional<double>& diameter_mm) {
+  return verb.add_option("--diameter", diameter_mm, "Diameter of the ball in mm")->check(positive_number());
+}
+
+CLI::Option* add_saturation_option(CLI::App& verb, std::optional<double>& saturation) {
+  return verb
+      .add_option(
+          "--saturation", saturation,
+          "Lowest sample value that may be clipped (default: the level at which samples pile up, else from "
+          "RAW files, else the largest value; none for float images)")
+      ->group(further);
+}
+
+CLI::Option* add_max_noise_option(CLI::App& verb, std::string& share) {
+  return verb.add_option(
+      "--max-noise", share,
+      "Take as few exposures as keep the noise of each sample below this share of its radiance, "
+      "such as 2%");
+}
+
+CLI::Option* add_until_error_option(CLI::App& verb, std::string& share) {
+  return verb.add_option(
+      "--until-error", share,
+      "Stop taking training photographs when the predicted median error on new photographs falls "
+      "to this value, such as 2%");
+}
+
+CLI::Option* add_ball_option(CLI::App& verb, std::string& ball, const std::string& more) {
+  return verb
+      .add_option(
+          "--ball", ball,
+          "Centre and radius of the mirror ball, X,Y,R in pixels from the top left corner, or 'find'" + more)
+      ->default_str("find");
+}
+
+void add_parameterisation_option(CLI::App& verb, std::string& parameterisation) {
+  verb.add_option(
+          "--parameterisation", parameterisation,
+          "Parameterisation of the light maps of --light: monitor, lat_long or cube (default: lat_long "
+          "for maps of 'refield acquire probe', else monitor)")
+      ->group(further);
+}
+
+void add_mask_option(CLI::App& verb, std::string& mask) {
+  verb.add_option("--mask", mask,
+                  "Mask image, bright where the scene is; other pixels are ignored (default: the mask of the "
+                  "session, else all pixels)");
+}
+
+void add_hold_out_option(CLI::App& verb, int& hold_out) {
+  verb.add_option(
+          "--hold-out", hold_out,
+          "Hold out every N-th photograph: not estimated from, but predicted and compared (default: those "
+          "that the session or the field holds out)")
+      ->type_name("N");
+}
+
+void add_capture_options(CLI::App& verb, CaptureOptions& options) {
+  verb.add_option("--light", options.light, "Light maps: folder or quoted pattern, instead of a session");
   verb.add_option("--observed", options.observed,
                   "Photographs, instead of a session: quoted pattern or folder; paired with the light maps "
                   "by the text that the wildcards match, else by name");
-  verb.add_option("--parameterisation", options.parameterisation,
-                  "Parameterisation of the light maps of --light: monitor, lat_long or cube")
-      ->capture_default_str();
-  verb.add_option("--mask", options.mask,
-                  "Mask image, bright where the scene is; other pixels are ignored (default: the mask of the "
-                  "session, else all pixels)");
-  verb.add_option("--hold-out", options.hold_out, held_out)->type_name("N");
+  add_parameterisation_option(verb, options.parameterisation);
+  add_mask_option(verb, options.mask);
+  add_hold_out_option(verb, options.hold_out);
+}
+
+Parameterisation parameterisation_of(const std::string& name, const std::string& lights) {
+  if (!name.empty()) return parameterisation_from_name(name);
+  const std::filesystem::path path = lights;
+  const bool is_probe = std::filesystem::exists(
+      (std::filesystem::is_directory(path) ? path : path.parent_path()) / "probe.toml");
+  return is_probe ? Parameterisation::lat_long : Parameterisation::monitor;
 }
 
 CaptureSession open_capture(const CaptureOptions& options) {
@@ -321,7 +401,7 @@ CaptureSession open_capture(const CaptureOptions& options) {
         "photographs");
   CaptureSession session = options.by_pairs()
                                ? pair_by_globs(options.light, options.observed,
-                                               parameterisation_from_name(options.parameterisation))
+                                               parameterisation_of(options.parameterisation, options.light))
                                : read_capture_session(options.session);
   if (!options.mask.empty()) session.mask = options.mask;
   if (options.hold_out != 0) hold_out_every(session, options.hold_out);

@@ -32,6 +32,28 @@ void print_json(const nlohmann::ordered_json& figures);
 /// it.
 void finish_json(const std::string& kind, const std::string& message);
 
+/// The group of options for few users, which --help-all lists.
+inline constexpr const char* further = "Further options";
+
+/// Adds --placement; `more` says what the verb needs it for.
+CLI::Option* add_placement_option(CLI::App& verb, std::vector<std::string>& placements,
+                                  const std::string& more);
+/// Adds --half.
+CLI::Option* add_half_option(CLI::App& verb, bool& half);
+/// Adds --fps, of a video.
+CLI::Option* add_fps_option(CLI::App& verb, double& frames_per_second);
+/// Adds --monitor, the device that shows light patterns.
+CLI::Option* add_monitor_option(CLI::App& verb, std::string& monitor);
+/// Adds --horizontal-fov, in degrees, --diameter, of a ball in mm, and --saturation, a sample value.
+CLI::Option* add_horizontal_fov_option(CLI::App& verb, std::optional<double>& degrees);
+CLI::Option* add_diameter_option(CLI::App& verb, std::optional<double>& diameter_mm);
+CLI::Option* add_saturation_option(CLI::App& verb, std::optional<double>& saturation);
+/// Adds --max-noise and --until-error, shares such as "2%".
+CLI::Option* add_max_noise_option(CLI::App& verb, std::string& share);
+CLI::Option* add_until_error_option(CLI::App& verb, std::string& share);
+/// Adds --ball, in pixels; `more` says where the ball is.
+CLI::Option* add_ball_option(CLI::App& verb, std::string& ball, const std::string& more);
+
 /// Formats help of at most 100 columns. --help lists the arguments and the options of the group "Options",
 /// --help-all all.
 std::shared_ptr<CLI::FormatterBase> help_formatter();
@@ -52,9 +74,10 @@ struct PictureSize {
   int height = 0;
 };
 
-/// Reads "1440x900", the value of --size. Throws InputError for what is none, smaller than `least` or larger
-/// than 16384x16384.
-PictureSize read_picture_size(const std::string& text, PictureSize least);
+/// Reads "1440x900", the value of `option`. Throws InputError for what is none, smaller than `least` or
+/// larger than 16384x16384.
+PictureSize read_picture_size(const std::string& text, PictureSize least,
+                              const std::string& option = "--size");
 
 /// Options that say what is known of the camera behind bracketed image files.
 void add_bracket_camera(CLI::App& verb, BracketCamera& camera);
@@ -64,7 +87,7 @@ struct CaptureOptions {
   std::string session;
   std::string light;
   std::string observed;
-  std::string parameterisation = "monitor";
+  std::string parameterisation;
   std::string mask;
   int hold_out = 0;  ///< 0: as the session says
 
@@ -72,8 +95,16 @@ struct CaptureOptions {
 };
 
 /// Adds --light, --observed, --parameterisation, --mask and --hold-out; the session is the verb's own
-/// argument. `held_out`: what the verb does with the images that are held out.
-void add_capture_options(CLI::App& verb, CaptureOptions& options, const std::string& held_out);
+/// argument.
+void add_capture_options(CLI::App& verb, CaptureOptions& options);
+/// Those of them that import has, too.
+void add_parameterisation_option(CLI::App& verb, std::string& parameterisation);
+void add_mask_option(CLI::App& verb, std::string& mask);
+void add_hold_out_option(CLI::App& verb, int& hold_out);
+
+/// What --parameterisation names or, where it is empty, that of `lights`, a folder or pattern: lat_long for
+/// the maps of 'refield acquire probe', else monitor.
+Parameterisation parameterisation_of(const std::string& name, const std::string& lights);
 
 /// Reads the session or pairs the files, with the mask and the images held out that the options name. Throws
 /// InputError unless exactly one of both is given.

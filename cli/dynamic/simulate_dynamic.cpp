@@ -336,103 +336,55 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
     print_exposures({}, std::array{figures["exposure"].get<double>()});
 }
 
-void add_transport_options(CLI::App& verb, DynamicArguments& arguments) {
-  const char* group = "Materials";
-  dynamic::TransportOptions& options = arguments.transport;
-  verb.add_option("--terms", options.factors.largest,
-                  "Maximum number of BRDF factorisation terms (K); 0: as many as --term-error requires")
-      ->check(CLI::Range(0, 256))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--term-error", options.factors.error, "Maximum relative error of the BRDF factorisation")
-      ->check(CLI::Range(1e-6, 1.0))
-      ->capture_default_str()
-      ->group(group);
-}
-
-void add_paper_options(CLI::App& verb, DynamicArguments& arguments) {
-  const char* group = "With --mode paper";
-  dynamic::TransportOptions& options = arguments.transport;
-  verb.add_option("--functions", options.functions,
-                  "Number of outgoing-radiance basis functions per object (N)")
-      ->check(CLI::Range(1, 256))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--order", options.order,
-                  "Order n of the incident light, represented by n² spherical-harmonic coefficients")
-      ->check(CLI::Range(2, 8))
-      ->capture_default_str()
-      ->group(group);
-}
-
-void add_frame_options(CLI::App& verb, DynamicArguments& arguments) {
-  const char* group = "Each frame";
-  verb.add_option("--light-samples", arguments.frame.light_samples,
-                  "Number of light samples over all area lights")
-      ->check(CLI::Range(1, 65536))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--rays", arguments.frame.rays, "Number of rays from each vertex, for indirect light")
-      ->check(CLI::Range(1, 1024))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--bounces", arguments.frame.bounces, "Maximum number of indirect bounces")
-      ->check(CLI::Range(0, 64))
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--until", arguments.frame.until,
-                  "Stop after a bounce that adds less than this fraction of the direct light")
-      ->check(CLI::Range(0.0, 0.99))
-      ->capture_default_str()
-      ->group(group);
-}
-
 }  // namespace
 
-void add_simulate_dynamic(CLI::App& app, const Common& common, Action& action) {
+void add_render(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<DynamicArguments>();
   CLI::App* verb = app.add_subcommand(
-      "dynamic",
+      "render",
       "Render a scene with moving objects and area lights in real time.\n"
       "\n"
       "Includes diffuse and glossy interreflection between the objects. "
       "docs/reference/scene-files.md describes the scene format, docs/method/dynamic.md the method.\n"
       "\n"
       "Examples:\n"
-      "  refield simulate dynamic datasets_synthetic/dynamic/rabbit.toml -o rabbit.mp4\n"
-      "  refield simulate dynamic scene.toml --time 1.5 -o picture.png\n"
-      "  refield simulate dynamic scene.toml --measure --reference 1024");
+      "  refield render datasets_synthetic/dynamic/rabbit.toml -o rabbit.mp4\n"
+      "  refield render scene.toml --time 1.5 -o picture.png\n"
+      "  refield render scene.toml --measure --reference 1024");
   verb->add_option("scene", arguments->scene, "Scene (.toml, docs/reference/scene-files.md)")->required();
   verb->add_option("-o,--output", arguments->output,
                    "Video (.mp4), one image (.png, .exr; see --time), or a folder of images");
   verb->add_option("--time", arguments->time,
                    "Time in seconds of the single image and of --reference (default: 0)")
       ->check(non_negative_number());
-  verb->add_option("--fps", arguments->video.frames_per_second, "Frame rate in frames per second")
-      ->capture_default_str();
+  add_fps_option(*verb, arguments->video.frames_per_second);
   add_exposure_option(*verb, arguments->video.exposure);
   verb->add_option(
           "--mode", arguments->mode,
-          "refined: rays from every vertex for shadows and indirect light; paper: precomputed fields around "
+          "Mode: refined: rays from every vertex for shadows and indirect light; paper: precomputed fields "
+          "around "
           "objects, direct light by the BRDF terms, shadows from occlusion fields by products of spherical "
           "harmonics")
       ->check(CLI::IsMember({"refined", "paper"}))
       ->capture_default_str();
-  verb->add_flag("--measure", arguments->measure, "Measure the computation time of a frame by stage");
+  verb->add_option("--bounces", arguments->frame.bounces, "Maximum number of indirect bounces")
+      ->check(CLI::Range(0, 64))
+      ->capture_default_str();
+  verb->add_flag("--measure", arguments->measure, "Also measure computation times");
+  verb->add_option("--rays", arguments->frame.rays, "Number of rays from each vertex, for indirect light")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str()
+      ->group(further);
   verb->add_option(
           "--traced", arguments->traced,
           "Render the single image by path tracing with this number of paths per vertex, as a reference")
-      ->check(CLI::Range(1, 1 << 20));
+      ->check(CLI::Range(1, 1 << 20))
+      ->group(further);
   verb->add_option("--reference", arguments->reference,
                    "Trace this number of paths at each of 500 vertices and print the error by bounce")
-      ->check(CLI::Range(1, 1 << 24));
-  add_transport_options(*verb, *arguments);
-  add_frame_options(*verb, *arguments);
-  add_paper_options(*verb, *arguments);
+      ->check(CLI::Range(1, 1 << 24))
+      ->group(further);
   verb->callback([verb, arguments, &common, &action] {
-    for (const char* option : {"--functions", "--order"})
-      if (arguments->mode != "paper" && verb->count(option) > 0)
-        throw InputError(std::string(option) + " is an option of --mode paper; give both or neither");
     if (arguments->mode == "paper" && verb->count("--rays") > 0)
       throw InputError("--rays is not an option of --mode paper; give one of the two");
     action = [arguments, &common] { simulate_dynamic(*arguments, common); };

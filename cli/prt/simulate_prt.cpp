@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -28,13 +29,14 @@ using nlohmann::ordered_json;
 
 struct PrtArguments {
   fs::path scene, output;
-  std::string method = "clusters", mode = "refined", window = "none";
+  std::string method = "clusters", mode = "refined";
   prt::ClusterOptions clusters;
   prt::HarmonicOptions harmonics;
   std::optional<double> epsilon;
   bool image = false, measure = false;
-  int bits = 8;
 };
+
+constexpr int weight_bits = 8;  // relative error 4e-4
 
 /// Figures of the computation for the summary; fills in `rows`.
 ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {
@@ -51,14 +53,11 @@ ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, F
 
 ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {
   prt::HarmonicOptions& options = arguments.harmonics;
-  if (arguments.window == "hann") options.window = HarmonicWindow::hann;
-  if (arguments.window == "lanczos") options.window = HarmonicWindow::lanczos;
   options.check();
   prt::HarmonicStatistics statistics;
   rows = prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics, run_context()),
                              options.map_resolution);
   return {{"order", options.order},
-          {"window", arguments.window},
           {"directions", options.directions},
           {"radius", options.radius},
           {"pass_energy", statistics.pass_energy}};
@@ -80,7 +79,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   provenance.update(figures);
   rows.outline.provenance = json_text(provenance);
   if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;
-  PackedField packed = pack_rows(std::move(rows), arguments.bits, run_context());
+  PackedField packed = pack_rows(std::move(rows), weight_bits, run_context());
   write_packed_field(arguments.output, packed);
 
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -114,109 +113,89 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
                 figures["relight_ms"].get<double>(), figures["two_area_lights_ms"].get<double>());
 }
 
-constexpr const char* cluster_group = "Clustered environment lights (--method clusters)";
-constexpr const char* harmonic_group = "Spherical harmonics (--method sh)";
+constexpr std::array cluster_options = {"--resolution",      "--mode",  "--epsilon",
+                                        "--diffuse-bounces", "--image", "--pixel-samples"};
+constexpr std::array harmonic_options = {"--sh-order", "--directions", "--radius"};
 
 /// Throws InputError for an option of the method that was not chosen.
 void refuse_foreign_options(const CLI::App& verb, const std::string& method) {
-  const std::string other = method == "sh" ? "clusters" : "sh";
-  const std::string foreign = method == "sh" ? cluster_group : harmonic_group;
-  for (const CLI::Option* option : verb.get_options())
-    if (option->count() > 0 && option->get_group() == foreign)
-      throw InputError(option->get_name() + " is an option of --method " + other +
+  const auto refuse = [&](const char* option, const char* other) {
+    if (verb.count(option) > 0)
+      throw InputError(std::string(option) + " is an option of --method " + other +
                        "; omit it with --method " + method);
+  };
+  if (method == "sh")
+    for (const char* option : cluster_options) refuse(option, "clusters");
+  else
+    for (const char* option : harmonic_options) refuse(option, "sh");
 }
 
 void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
-  const char* group = cluster_group;
   prt::ClusterOptions& options = arguments.clusters;
   verb.add_option("--resolution", options.resolution,
-                  "Width in texels of each face of the environment cube map (R)")
+                  "Width in texels of each face of the environment cube map (R), with clusters")
       ->capture_default_str()
-      ->check(CLI::Range(1, 4096))
-      ->group(group);
-  verb.add_option(
-          "--mode", arguments.mode,
-          "How light clusters are chosen: refined (per group of 16 neighbouring vertices) or paper (for all "
-          "vertices together, equation 11 of Johan and Nishita)")
+      ->check(CLI::Range(1, 4096));
+  verb.add_option("--mode", arguments.mode,
+                  "Mode: refined (light clusters per group of 16 neighbouring vertices) or paper (for all "
+                  "vertices together, equation 11 of Johan and Nishita)")
       ->check(CLI::IsMember({"refined", "paper"}))
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   verb.add_option("--epsilon", arguments.epsilon,
                   "Clustering error threshold ε; smaller values give smaller errors and larger fields "
                   "(default: 1e-4; in paper mode 5e-5)")
-      ->check(positive_number())
-      ->group(group);
-  verb.add_option("--samples", options.samples, "Number of light samples along each side of a light cluster")
+      ->check(positive_number());
+  verb.add_option("--diffuse-bounces", options.bounces,
+                  "Number of diffuse reflections of indirect light, with clusters")
       ->capture_default_str()
-      ->check(CLI::Range(2, 16))
-      ->group(group);
-  verb.add_option("--bounces", options.bounces, "Number of diffuse reflections of indirect light")
-      ->capture_default_str()
-      ->check(CLI::Range(0, 16))
-      ->group(group);
-  CLI::Option* image =
-      verb.add_flag(
-              "--image", arguments.image,
-              "Precompute the image of the scene's camera, with any material, instead of a diffuse mesh "
-              "for arbitrary views")
-          ->group(group);
+      ->check(CLI::Range(0, 16));
+  CLI::Option* image = verb.add_flag(
+      "--image", arguments.image,
+      "Precompute the image of the scene's camera, with any material, instead of a diffuse mesh "
+      "for arbitrary views; with clusters");
   verb.add_option("--pixel-samples", options.pixel_samples,
                   "With --image: samples along each side of a pixel, against aliased edges")
       ->capture_default_str()
       ->check(CLI::Range(1, 8))
       ->needs(image)
-      ->group(group);
+      ->group(further);
 }
 
 void add_harmonic_options(CLI::App& verb, PrtArguments& arguments) {
-  const char* group = harmonic_group;
   prt::HarmonicOptions& options = arguments.harmonics;
-  verb.add_option("--order", options.order,
+  verb.add_option("--sh-order", options.order,
                   "Order n of the spherical harmonics (n² coefficients); higher orders give sharper light "
                   "and shadows")
       ->capture_default_str()
-      ->check(CLI::Range(2, 8))
-      ->group(group);
-  verb.add_option("--directions", options.directions, "Number of rays per vertex")
+      ->check(CLI::Range(2, 8));
+  verb.add_option("--directions", options.directions, "Number of rays per vertex, with spherical harmonics")
       ->capture_default_str()
       ->check(CLI::Range(64, 1 << 20))
-      ->group(group);
-  verb.add_option("--until", options.until,
-                  "Stop interreflection after a pass that adds less than this fraction of the first pass; 1: "
-                  "no interreflection")
-      ->capture_default_str()
-      ->check(positive_number())
-      ->group(group);
+      ->group(further);
   verb.add_option("--radius", options.radius,
                   "Radius in scene units of the sphere on which the lights are, for light that decreases "
-                  "with distance; 0: distant light")
+                  "with distance; 0: distant light; with spherical harmonics")
       ->capture_default_str()
       ->check(non_negative_number())
-      ->group(group);
-  verb.add_option("--window", arguments.window,
-                  "Window function against ringing under sharp lights: none, hann or lanczos")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"none", "hann", "lanczos"}))
-      ->group(group);
+      ->group(further);
 }
 
 }  // namespace
 
-void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
+void add_precompute(CLI::App& app, const Common& common, Action& action) {
   auto arguments = std::make_shared<PrtArguments>();
   CLI::App* verb =
-      app.add_subcommand("prt",
+      app.add_subcommand("precompute",
                          "Precompute radiance transfer of a mesh scene for real-time relighting.\n"
                          "\n"
                          "docs/method/prt.md compares the methods.\n"
                          "\n"
                          "Examples:\n"
-                         "  refield simulate prt datasets_synthetic/prt/rabbit.toml -o rabbit.rfield\n"
+                         "  refield precompute datasets_synthetic/prt/rabbit.toml -o rabbit.rfield\n"
                          "  refield relight rabbit.rfield --env sky.exr -o rabbit.png\n"
                          "  refield view rabbit.rfield\n"
-                         "  refield simulate prt scene.toml --image -o glossy.rfield\n"
-                         "  refield simulate prt bunny.ply --method sh --order 5 -o bunny.rfield");
+                         "  refield precompute scene.toml --image -o glossy.rfield\n"
+                         "  refield precompute bunny.ply --method sh --sh-order 5 -o bunny.rfield");
   verb->add_option("scene", arguments->scene,
                    "Scene (.toml, docs/reference/scene-files.md) or mesh (OBJ, PLY, OFF, glTF)")
       ->required();
@@ -226,12 +205,9 @@ void add_simulate_prt(CLI::App& app, const Common& common, Action& action) {
                    "frequencies) or sh (spherical harmonics, low frequencies only, the smallest field)")
       ->check(CLI::IsMember({"clusters", "sh"}))
       ->capture_default_str();
-  verb->add_option("--bits", arguments->bits, "Bits per weight: 8 (relative error 4e-4) or 16")
-      ->check(CLI::IsMember({8, 16}))
-      ->capture_default_str();
-  verb->add_flag("--measure", arguments->measure, "Also measure the time of relighting");
   add_cluster_options(*verb, *arguments);
   add_harmonic_options(*verb, *arguments);
+  verb->add_flag("--measure", arguments->measure, "Also measure computation times");
   verb->callback([arguments, verb, &common, &action] {
     action = [arguments, verb, &common] {
       refuse_foreign_options(*verb, arguments->method);

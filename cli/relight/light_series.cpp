@@ -26,7 +26,7 @@ namespace {
 
 bool are_given(const CameraOptions& options) {
   return !options.position.empty() || !options.target.empty() || options.fov || !options.size.empty() ||
-         options.turntable || options.background;
+         options.turntable || options.show_environment;
 }
 
 Eigen::Vector3f vector_of(const std::vector<float>& numbers) {
@@ -41,18 +41,18 @@ void add_camera_options(CLI::App& verb, CameraOptions& options) {
   const auto add_point = [&](const char* name, std::vector<float>& point, const char* what) {
     verb.add_option(name, point, what)->delimiter(',')->expected(3)->type_name("X,Y,Z")->group(group);
   };
+  verb.add_flag("--turntable", options.turntable,
+                "Move the camera on a full circle around the target over --frames images")
+      ->group(group);
   add_point("--camera-position", options.position,
             "Position of the camera in scene coordinates (+X right, +Y up, +Z forward)");
   add_point("--camera-target", options.target,
             "Point in scene coordinates that is in the centre of the image");
-  verb.add_option("--fov", options.fov, "Vertical field of view in degrees")->group(group);
-  verb.add_option("--size", options.size, "Size of the image in pixels")
+  verb.add_option("--vertical-fov", options.fov, "Vertical field of view in degrees")->group(group);
+  verb.add_option("--size", options.size, "Size of the picture in pixels")
       ->type_name("WIDTHxHEIGHT")
       ->group(group);
-  verb.add_flag("--turntable", options.turntable,
-                "Move the camera on a full circle around the target over --frames images")
-      ->group(group);
-  verb.add_flag("--background", options.background,
+  verb.add_flag("--show-environment", options.show_environment,
                 "Show the environment behind the mesh, instead of transparency (EXR, PNG) or black (videos)")
       ->group(group);
 }
@@ -61,9 +61,10 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
                                       const std::filesystem::path& path, int frames) {
   if (!field.mesh) {
     if (are_given(options))
-      throw InputError(path.string() +
-                       ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
-                       "--camera-position, --camera-target, --fov, --size, --turntable and --background");
+      throw InputError(
+          path.string() +
+          ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
+          "--camera-position, --camera-target, --vertical-fov, --size, --turntable and --show-environment");
     return {};
   }
   PinholeCamera camera = standard_camera(field);
@@ -194,19 +195,16 @@ void check(const RelightOptions& options) {
   if (kinds != 1)
     throw InputError(
         "exactly one kind of light is required; give one of --light, --env, --day, --bar and --area-lights");
-  const bool is_motion = options.bar > 0.0 || options.rotate || options.fade || options.day ||
+  const bool is_motion = options.bar > 0.0 || options.rotate || options.day || options.fades() ||
                          options.camera.turntable || !options.area_lights.empty();
   if (is_motion != (options.frames > 0))
     throw InputError(
-        "--frames is required by, and only valid with, --bar, --rotate, --fade, --day, --area-lights or "
-        "--turntable; give the number of images in the sequence");
+        "--frames is required by, and only valid with, --bar, --rotate, --day, --area-lights, --turntable or "
+        "several maps of --env; give the number of images in the sequence");
   const bool is_environment = !options.environments.empty() || options.day;
-  if (!is_environment && (!options.turn.is_none() || !options.monitors.empty() || options.exact))
+  if (!is_environment && (!options.turn.is_none() || !options.placements.empty()))
     throw InputError(
-        "--yaw, --pitch, --roll, --monitor and --exact require an environment; give --env or --day, or "
-        "remove them");
-  if (options.fade && (options.environments.empty() || options.rotate))
-    throw InputError("--fade requires --env and excludes --rotate");
+        "--yaw, --pitch, --roll and --placement require an environment; give --env or --day, or remove them");
 }
 
 }  // namespace
@@ -244,7 +242,6 @@ namespace fs = std::filesystem;
 struct Projection {
   std::shared_ptr<const EnvironmentProjector> projector;
   std::shared_ptr<SeenShares> seen;
-  bool exact = false;
   bool box_sums = false;  ///< the field needs no light map
 
   SceneLight operator()(const std::string& name, std::shared_ptr<const PreparedEnvironment> environment,
@@ -255,8 +252,7 @@ struct Projection {
 
   LightMap light_map(const std::string& name, const PreparedEnvironment& environment,
                      const EulerAngles& turn) const {
-    EnvironmentLight result = exact ? projector->project_exactly(environment.map(), turn, run_context())
-                                    : projector->project(environment, turn, run_context());
+    EnvironmentLight result = projector->project(environment, turn, run_context());
     if (seen) seen->add(name, result.share);
     return std::move(result.light);
   }
@@ -267,21 +263,21 @@ std::shared_ptr<const PreparedEnvironment> prepared(LightMap environment) {
 }
 
 Projection projection_of(const RelightOptions& options, const ReflectanceField& field) {
-  const auto monitors = options.monitors.empty() ? field.monitors : placements_from_texts(options.monitors);
+  const auto monitors =
+      options.placements.empty() ? field.monitors : placements_from_texts(options.placements);
   const LightDomain& domain = field.basis.domain;
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
   if (has_window && monitors.empty())
     throw InputError(options.field.string() +
                      ": does not contain the placement of the monitor, which environment maps require; give "
-                     "width x height @ distance from the scene in mm, such as --monitor 520x320@600,yaw=90 "
+                     "width x height @ distance from the scene in mm, such as --placement 520x320@600,yaw=90 "
                      "(see docs/guide/relighting.md)");
-  if (!has_window && !options.monitors.empty())
+  if (!has_window && !options.placements.empty())
     throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
-                     " light map that covers all directions; remove --monitor");
-  check_placements(monitors, domain, options.monitors.empty() ? options.field.string() : "--monitor");
+                     " light map that covers all directions; remove --placement");
+  check_placements(monitors, domain, options.placements.empty() ? options.field.string() : "--placement");
   return {std::make_shared<const EnvironmentProjector>(domain, monitors, run_context()),
-          has_window ? std::make_shared<SeenShares>() : nullptr, options.exact,
-          !options.exact && box_sums_suffice(field.basis)};
+          has_window ? std::make_shared<SeenShares>() : nullptr, box_sums_suffice(field.basis)};
 }
 
 void add_maps(const RelightOptions& options, const Projection& project, LightSeries& series) {
@@ -318,7 +314,7 @@ void add_day(const RelightOptions& options, const Projection& project, LightSeri
 void add_fade(const RelightOptions& options, const Projection& project, LightSeries& series) {
   const auto files = expand_globs(options.environments);
   if (files.size() < 2)
-    throw InputError("--fade requires at least two environment maps; give them with --env");
+    throw InputError("--frames requires a motion; give several maps of --env, --rotate or --turntable");
   const auto lights = std::make_shared<std::vector<LightMap>>();
   Progress progress(run_context(), "projecting maps", files.size());
   for (const fs::path& file : files) {
@@ -341,10 +337,10 @@ void add_fade(const RelightOptions& options, const Projection& project, LightSer
 
 LightSeries environment_series(const RelightOptions& options, const ReflectanceField& field) {
   const Projection project = projection_of(options, field);
-  LightSeries series{.is_sequence = options.rotate || options.fade || options.day, .seen = project.seen};
+  LightSeries series{.is_sequence = options.rotate || options.fades() || options.day, .seen = project.seen};
   if (options.day)
     add_day(options, project, series);
-  else if (options.fade)
+  else if (options.fades())
     add_fade(options, project, series);
   else if (options.rotate)
     add_rotation(options, project, series);

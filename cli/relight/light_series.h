@@ -28,7 +28,7 @@ struct CameraOptions {
   std::optional<float> fov;             ///< degrees, vertical
   std::string size;                     ///< WIDTHxHEIGHT or empty
   bool turntable = false;               ///< goes once around the target
-  bool background = false;              ///< show the light beside the mesh
+  bool show_environment = false;        ///< beside the mesh
 };
 
 void add_camera_options(CLI::App& verb, CameraOptions& options);
@@ -43,20 +43,23 @@ struct RelightOptions {
   std::filesystem::path field;
   std::vector<std::string> lights;        ///< light maps of the field's own size
   std::vector<std::string> environments;  ///< maps of the environment, of any size
-  std::vector<std::string> monitors;      ///< placements, in place of the field's own
+  std::vector<std::string> placements;    ///< placements, in place of the field's own
   EulerAngles turn;                       ///< of environments
-  bool exact = false;                     ///< project environments texel by texel
   std::filesystem::path area_lights;      ///< area lights around a mesh, as a file describes them
   double bar = 0.0;                       ///< width as a fraction of the light map; 0: no bar
   bool rotate = false;
-  bool fade = false;  ///< from each environment to the next
-  bool day = false;   ///< a sky from sunrise to sunset
+  bool day = false;  ///< a sky from sunrise to sunset
   SkyOptions sky;
   CameraOptions camera;
   int frames = 0;
   std::filesystem::path output;
   std::string format = "exr";
   VideoOptions video;  ///< its exposure goes for PNG files too
+
+  /// Whether the light fades from each environment to the next.
+  bool fades() const {
+    return frames > 0 && !rotate && (environments.size() > 1 || (!environments.empty() && !camera.turntable));
+  }
 };
 
 /// How much of each environment the monitor's windows saw, so that no one takes a part for the whole.

@@ -70,7 +70,7 @@ constexpr std::size_t min_pictures_for_layout = 12;
 FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField& field, std::size_t count,
                           RelightPrecision precision) {
   FieldPictures pictures(field, cameras_of(options.camera, field, options.field, options.frames));
-  if (options.camera.background) pictures.show_background();
+  if (options.camera.show_environment) pictures.show_background();
   if (count >= min_pictures_for_layout) pictures.lay_out(precision);
   return pictures;
 }
@@ -128,19 +128,37 @@ void relight(const RelightOptions& options, const Common& common) {
 }
 
 void add_light_options(CLI::App& verb, RelightOptions& options) {
-  const char* group = "Light";
-  verb.add_option("--light", options.lights,
-                  "Light map with the size of the field's light map (EXR: linear; PNG, JPEG: sRGB). For "
-                  "several maps, a quoted pattern or a folder, the output is a folder")
-      ->group(group);
   verb.add_option(
-          "--env", options.environments,
-          "Environment map of any size, lat-long (twice as wide as high) or cube (six faces, stacked "
-          "vertically). A field captured in front of a monitor is lit by the part of the environment inside "
-          "the monitor's window. For several maps, a quoted pattern or a folder, the output is a folder")
-      ->group(group);
+      "--light", options.lights,
+      "Light maps: a file with the size of the field's light map (EXR: linear; PNG, JPEG: sRGB). For "
+      "several maps, a quoted pattern or a folder, the output is a folder");
+  verb.add_option(
+      "--env", options.environments,
+      "Environment map of any size, lat-long (twice as wide as high) or cube (six faces, stacked "
+      "vertically). A field captured in front of a monitor is lit by the part of the environment inside "
+      "the monitor's window. For several maps, a quoted pattern or a folder, the output is a folder or, with "
+      "--frames, a sequence that fades from each map to the next");
   verb.add_option("--yaw", options.turn.yaw,
-                  "Rotation of the environment to the right, in degrees (default: 0)")
+                  "Rotation of the environment to the right, in degrees (default: 0)");
+  const auto bar = verb.add_option("--bar", options.bar,
+                                   "Width of a white vertical bar that moves from left to right, as a "
+                                   "fraction of the width of the light map (0.125 in the paper)")
+                       ->check(CLI::Range(1e-6, 1.0));
+  verb.add_flag("--rotate", options.rotate,
+                "Rotate the environment, or one lat-long light map, by 360 degrees about the vertical axis")
+      ->excludes(bar);
+  verb.add_flag(
+      "--day", options.day,
+      "Light the scene by a clear sky from sunrise to sunset; without --yaw the camera looks south");
+  verb.add_option("--frames", options.frames, "Number of images in the sequence")
+      ->check(CLI::Range(1, 1'000'000));
+  const char* group = "Light";
+  verb.add_option("--area-lights", options.area_lights,
+                  "Area lights that move around a mesh (.toml, docs/reference/scene-files.md)")
+      ->group(group);
+  verb.add_option("--latitude", options.sky.latitude_degrees,
+                  "Latitude in degrees for --day, which determines the elevation of the sun")
+      ->capture_default_str()
       ->group(group);
   verb.add_option("--pitch", options.turn.pitch,
                   "Downward rotation of the environment in front of the camera, in degrees (default: 0)")
@@ -149,42 +167,7 @@ void add_light_options(CLI::App& verb, RelightOptions& options) {
           "--roll", options.turn.roll,
           "Rotation of the environment about the viewing direction, right side up, in degrees (default: 0)")
       ->group(group);
-  verb.add_option("--monitor", options.monitors,
-                  "Placement of the monitor, if it is missing or wrong in the field: WIDTHxHEIGHT@DISTANCE "
-                  "in mm, then yaw, pitch, roll in degrees and x, y in mm where not zero, such as "
-                  "520x320@600,yaw=90. Repeat the option for each window of stacked light maps")
-      ->group(group);
-  verb.add_flag("--exact", options.exact,
-                "Project environment maps by exact clipping of texels: slow, the reference for the default, "
-                "which integrates along texel edges")
-      ->group(group);
-  verb.add_option("--area-lights", options.area_lights,
-                  "Area lights that move around a mesh (.toml, docs/reference/scene-files.md)")
-      ->group(group);
-  const auto bar = verb.add_option("--bar", options.bar,
-                                   "Width of a white vertical bar that moves from left to right, as a "
-                                   "fraction of the width of the light map (0.125 in the paper)")
-                       ->check(CLI::Range(1e-6, 1.0))
-                       ->group(group);
-  verb.add_flag("--rotate", options.rotate,
-                "Rotate the environment, or one lat-long light map, by 360 degrees about the vertical axis")
-      ->excludes(bar)
-      ->group(group);
-  verb.add_flag("--fade", options.fade, "Fade from each --env map to the next")->group(group);
-  verb.add_flag("--day", options.day,
-                "Light the scene by a clear sky from sunrise to sunset; without --yaw the camera looks south")
-      ->group(group);
-  verb.add_option("--latitude", options.sky.latitude_degrees,
-                  "Latitude in degrees for --day, which determines the elevation of the sun")
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--turbidity", options.sky.turbidity,
-                  "Atmospheric turbidity for --day, from 1.7 (clear) to 10 (haze)")
-      ->capture_default_str()
-      ->group(group);
-  verb.add_option("--frames", options.frames, "Number of images in the sequence")
-      ->check(CLI::Range(1, 1'000'000))
-      ->group(group);
+  add_placement_option(verb, options.placements, "Replaces that of the field.")->group(group);
 }
 
 }  // namespace
@@ -207,21 +190,16 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   add_light_options(*verb, *options);
   add_camera_options(*verb, options->camera);
-  const char* output = "Output";
   verb->add_option(
           "-o,--output", options->output,
           "Image (.exr, .png), folder for several images, video (.mp4, requires ffmpeg), or of a mesh "
           "field the mesh with its light as vertex colours (.glb)")
-      ->required()
-      ->group(output);
+      ->required();
   verb->add_option("--format", options->format,
                    "File format of images in a folder: exr, png or glb (default: exr)")
-      ->check(CLI::IsMember({"exr", "png", "glb"}))
-      ->group(output);
-  verb->add_option("--fps", options->video.frames_per_second, "Frame rate of a video in frames per second")
-      ->capture_default_str()
-      ->group(output);
-  add_exposure_option(*verb, options->video.exposure)->group(output);
+      ->check(CLI::IsMember({"exr", "png", "glb"}));
+  add_fps_option(*verb, options->video.frames_per_second);
+  add_exposure_option(*verb, options->video.exposure);
   verb->callback([options, &common, &action] { action = [options, &common] { relight(*options, common); }; });
 }
 

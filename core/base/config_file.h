@@ -110,7 +110,7 @@ class ConfigSection {
 /// A TOML file that a person may have written. Sections refer to it and must not outlive it.
 class ConfigFile {
  public:
-  /// `what` ("recipe", "session file") names the kind in messages, `manual` the page that describes it.
+  /// `what` ("recipe", "rig file") names the kind in messages, `manual` the page that describes it.
   /// Throws InputError for a file that is missing or no TOML.
   ConfigFile(std::filesystem::path path, std::string what, std::string manual);
   ~ConfigFile();

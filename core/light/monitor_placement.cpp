@@ -18,7 +18,7 @@ constexpr double longest_mm = 1e6;
 
 [[noreturn]] void fail(const std::string& text) {
   throw InputError(
-      "--monitor " + text +
+      "--placement " + text +
       ": give width x height @ distance of the screen in mm, such as 520x320@600, and if it is not straight "
       "ahead of the camera, ',yaw=90' (to the right), pitch, roll in degrees and x, y in mm");
 }
@@ -113,7 +113,7 @@ MonitorPlacement monitor_placement_from_text(const std::string& text) {
     rest.remove_prefix(equals + 1);
     *value = take_number(rest, "", text);
   }
-  monitor.check("--monitor " + text);
+  monitor.check("--placement " + text);
   return monitor;
 }
 

@@ -30,20 +30,20 @@ GALLERY = [
     ("Live: relight a captured scene",
      "Drag on the light map to move the light; click a pixel of the scene to see which light reaches it. This is the folder "
      "that [`refield export-web`](guide/web.md) writes, embedded in this page ([full window](gallery/page/index.html)).",
-     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --width 112 --height 84 --light-width 64 "
-      "--light-height 48 --train 90 --quality 3",
-      "refield estimate truth -o scene.rfield", "refield export-web scene.rfield -o page --title 'Table top'"],
+     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --size 112x84 --light-size 64x48 "
+      "--train 90 --quality 3",
+      "refield estimate truth -o table-top.rfield", "refield export-web table-top.rfield -o page"],
      "gallery/page/index.html"),
     ("The report on its error",
      "One file with held-out photographs, predictions, charts and the kernels of single pixels: "
      "[open the report](gallery/report.html), [how to read it](guide/report.md).",
-     ["refield report truth --field scene.rfield --truth truth -o report.html"], None),
+     ["refield compare scene.rfield truth --truth truth -o report.html"], None),
     ("A day", "The scene from sunrise to sunset, lit through the window of the monitor.",
      ["refield relight scene.rfield --day --latitude 65 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
     ("A bar of light", "The experiment of the paper: a white bar moves over the monitor.",
      ["refield relight scene.rfield --bar 0.125 --frames 60 --fps 15 -o bar.mp4"], "gallery/bar.mp4"),
     ("Precomputed transport", "Meshes with soft and hard shadows and interreflection, from a moving camera during a day.",
-     ["refield simulate prt datasets_synthetic/prt/small.toml -o small.rfield",
+     ["refield precompute datasets_synthetic/prt/small.toml -o small.rfield",
       "refield relight small.rfield --day --yaw 30 --turntable --frames 60 --fps 15 --size 400x300 -o turntable.mp4"],
      "gallery/turntable.mp4"),
     ("Moving objects and lights", "Objects, area lights and the camera move; the materials are glossy.",

@@ -193,7 +193,7 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
   if (options.kernels > images)
     throw InputError(name_of(job.session) + ": " + std::to_string(images) +
                      " training images cannot determine " + std::to_string(options.kernels) +
-                     " kernels per pixel; add images or give --kernels " + std::to_string(images) +
+                     " kernels per pixel; add images or give --max-kernels " + std::to_string(images) +
                      " or less");
 }
 

@@ -417,12 +417,12 @@ class Field:
         """
         return [Kernel(*entry) for entry in self._native.kernels(_arguments.whole(x, "x"), _arguments.whole(y, "y"))]
 
-    def pack(self, error: float = 1e-3) -> Field:
+    def pack(self, max_error: float = 1e-3) -> Field:
         """A copy with weights of 8 or 16 bits and without negligible kernels.
 
         Parameters
         ----------
-        error : float
+        max_error : float
             Maximum relative RMSE of its images against those of the full field, 2e-5 or more.
 
         Returns
@@ -433,9 +433,9 @@ class Field:
         Raises
         ------
         InputError
-            The field is already packed, or weights of 16 bits cannot keep to `error`.
+            The field is already packed, or weights of 16 bits cannot keep to `max_error`.
         """
-        return Field(self._native.pack(_arguments.number(error, "error")))
+        return Field(self._native.pack(_arguments.number(max_error, "max_error")))
 
     def __reduce__(self) -> tuple[Callable[[bytes], Field], tuple[bytes]]:
         with tempfile.TemporaryDirectory() as folder:
@@ -622,10 +622,10 @@ class Session:
 def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
              observed: Union[npt.ArrayLike, str, Sequence[Path], None] = None,
              sigma: Optional[npt.ArrayLike] = None, mask: Union[npt.ArrayLike, Path, None] = None,
-             mode: str = "default", max_kernels: Optional[int] = None, threads: Optional[int] = None,
+             mode: str = "refined", max_kernels: Optional[int] = None, threads: Optional[int] = None,
              progress: Progress = None, *, parameterisation: str = "monitor",
-             monitor: Union[str, Sequence[str], None] = None, predict_errors: bool = True,
-             keep_outliers: bool = False, rig: Union[str, Path, dict[str, Any]] = "auto", memory: float = 4.0) -> Field:
+             placement: Union[str, Sequence[str], None] = None, predict_errors: bool = True,
+             keep_outliers: bool = False, correction: Union[str, Path, dict[str, Any]] = "auto", memory: float = 4.0) -> Field:
     """Estimate a reflectance field from photographs under known lights.
 
     Parameters
@@ -638,8 +638,8 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
         Standard deviation of each sample, infinite where nothing was measured. Files have it in their channels.
     mask : array [H, W] or path, optional
         Pixels of value 0 (in files: below one half) are not estimated.
-    mode : {"default", "refined", "paper", "fast"}
-        "default" is "refined", the most accurate; "paper" is the method published in 2004.
+    mode : {"refined", "paper", "fast"}
+        "refined" is the most accurate; "paper" is the method published in 2004.
     max_kernels : int, optional
         Cap on the kernels per pixel, 1 to 255; None: as many as the data support.
     threads : int, optional
@@ -648,13 +648,13 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
         ``progress(stage, done, total)``, called in the thread of the caller.
     parameterisation : {"monitor", "lat_long", "cube"}
         Of the light maps, unless a Session states it.
-    monitor : str or sequence of str, optional
+    placement : str or sequence of str, optional
         Placement of the monitor, such as "520x320@600,yaw=90" (mm, degrees), for relighting by environments.
     predict_errors : bool
         Predict the error of each pixel; takes a fifth more time.
     keep_outliers : bool
         Keep photographs that do not fit the others.
-    rig : "auto", "off", path or dict
+    correction : "auto", "off", path or dict
         "auto": find wrong pairs, motion of the camera, colour mixing, tone curve and brightness from the photographs, and
         correct them. "off": use the pairs as they are. Otherwise a model: Field.rig of another estimate, or a JSON file of it.
     memory : float
@@ -681,8 +681,8 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
     options = _refield.EstimateOptions(
         _arguments.text(mode, "mode"), 0 if max_kernels is None else _arguments.whole(max_kernels, "max_kernels"),
         _arguments.flag(predict_errors, "predict_errors"), _arguments.flag(keep_outliers, "keep_outliers"),
-        _arguments.rig(rig), _arguments.number(memory, "memory"))
-    how, places = _arguments.text(parameterisation, "parameterisation"), _arguments.texts(monitor, "monitor")
+        _arguments.correction(correction), _arguments.number(memory, "memory"))
+    how, places = _arguments.text(parameterisation, "parameterisation"), _arguments.texts(placement, "placement")
     report, limit = _arguments.progress_function(progress), _arguments.thread_limit(threads)
     if isinstance(light, Session) or _arguments.is_path(light) or _arguments.are_paths(light):
         if isinstance(light, Session):
@@ -786,11 +786,10 @@ def compare(predicted: Union[Field, npt.ArrayLike], observed: Union[Session, npt
                                                 None if mask is None else _arguments.pixels(mask, photographs.shape)))]
 
 
-def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height: Optional[int] = None,
-             light_width: Optional[int] = None, light_height: Optional[int] = None, train: Optional[int] = None,
-             natural: Optional[int] = None, bars: Optional[int] = None, squares: Optional[int] = None,
-             seed: Optional[int] = None, quality: int = 2, noise: float = 0.0, transport: bool = True,
-             threads: Optional[int] = None, progress: Progress = None) -> Session:
+def simulate(recipe: Path, folder: Path, *, size: Optional[tuple[int, int]] = None,
+             light_size: Optional[tuple[int, int]] = None, train: Optional[int] = None,
+             test: Optional[tuple[int, int, int]] = None, seed: Optional[int] = None, quality: int = 2, noise: float = 0.0,
+             transport: bool = True, threads: Optional[int] = None, progress: Progress = None) -> Session:
     """Make a synthetic capture session with exact light transport by ray tracing, as `refield simulate`.
 
     Parameters
@@ -799,8 +798,12 @@ def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height:
         Description of the data set (docs/reference/synthetic-scenes.md).
     folder : path
         Folder to create. ``transport.rfield`` in it is the exact field.
-    width, height, light_width, light_height, train, natural, bars, squares, seed : int, optional
-        Replace what the recipe says: pixels, texels, numbers of light maps per kind.
+    size, light_size : (width, height), optional
+        Replace what the recipe says: pixels of the photographs, texels of the light maps.
+    train, seed : int, optional
+        Number of light maps for estimation and seed of all random numbers, instead of the recipe's.
+    test : (natural, bars, squares), optional
+        Numbers of held-out light maps, instead of the recipe's.
     quality : int
         Of ray tracing, 1 to 3.
     noise : float
@@ -817,9 +820,16 @@ def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height:
     InputError, FormatError
         The recipe cannot be used, a number is out of range, or the folder is not empty.
     """
-    given = {"width": width, "height": height, "light_width": light_width, "light_height": light_height, "train": train,
-             "natural": natural, "bars": bars, "squares": squares, "seed": seed}
-    sizes = {name: _arguments.whole(value, name) for name, value in given.items() if value is not None}
+    sizes = {}
+    for option, value, names in (("size", size, ("width", "height")), ("light_size", light_size, ("light_width", "light_height")),
+                                 ("test", test, ("natural", "bars", "squares")), ("train", train, ("train",)),
+                                 ("seed", seed, ("seed",))):
+        if value is None:
+            continue
+        values = value if len(names) > 1 else (value,)
+        if not isinstance(values, (list, tuple)) or len(values) != len(names):
+            _arguments.refuse(option, value, f"the {len(names)} numbers {', '.join(names)}")
+        sizes.update({name: _arguments.whole(number, option) for name, number in zip(names, values)})
     return Session._of(_refield.simulate(
         _arguments.path(recipe, "recipe"), _arguments.path(folder, "folder"), sizes, _arguments.whole(quality, "quality"),
         _arguments.number(noise, "noise"), _arguments.flag(transport, "transport"), _arguments.progress_function(progress),
@@ -827,11 +837,10 @@ def simulate(recipe: Path, folder: Path, *, width: Optional[int] = None, height:
 
 
 def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[int] = None, epsilon: Optional[float] = None,
-               samples: Optional[int] = None, bounces: Optional[int] = None, image: bool = False,
-               pixel_samples: Optional[int] = None, order: Optional[int] = None, directions: Optional[int] = None,
-               radius: Optional[float] = None, bits: int = 8, threads: Optional[int] = None,
-               progress: Progress = None) -> Field:
-    """Precompute the light transport of meshes as a field over a cube map, as `refield simulate prt`.
+               diffuse_bounces: Optional[int] = None, image: bool = False, pixel_samples: Optional[int] = None,
+               sh_order: Optional[int] = None, directions: Optional[int] = None, radius: Optional[float] = None,
+               threads: Optional[int] = None, progress: Progress = None) -> Field:
+    """Precompute the light transport of meshes as a field over a cube map, as `refield precompute`.
 
     Parameters
     ----------
@@ -840,15 +849,13 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
     method : {"clusters", "sh"}
         Clustered environment lights (all frequencies; Johan and Nishita) or spherical harmonics (low frequencies, the
         smallest field; Fujita and Kanai 2004).
-    resolution, epsilon, samples, bounces, image, pixel_samples
-        Of clusters: texels per side of a cube face (1024), clustering error threshold (1e-4), light samples per side of
-        a cluster (3), diffuse reflections of indirect light (0), the scene camera's image instead of a mesh, and of an
-        image the samples per side of a pixel (1).
-    order, directions, radius
+    resolution, epsilon, diffuse_bounces, image, pixel_samples
+        Of clusters: texels per side of a cube face (1024), clustering error threshold (1e-4), diffuse reflections of
+        indirect light (0), the scene camera's image instead of a mesh, and of an image the samples per side of a
+        pixel (1).
+    sh_order, directions, radius
         Of harmonics: order n for n² coefficients (5), rays per vertex (2048), distance of the lights in scene units
         (0: infinite).
-    bits : {8, 16}
-        Per weight.
 
     Returns
     -------
@@ -860,10 +867,10 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
     InputError, FormatError
         A scene that does not suit, an option out of range or of the other method.
     """
-    of_method = {"clusters": {"resolution": resolution, "epsilon": epsilon, "samples": samples, "bounces": bounces,
+    of_method = {"clusters": {"resolution": resolution, "epsilon": epsilon, "diffuse_bounces": diffuse_bounces,
                               "image": True if _arguments.flag(image, "image") else None,
                               "pixel_samples": pixel_samples},
-                 "sh": {"order": order, "directions": directions, "radius": radius}}
+                 "sh": {"sh_order": sh_order, "directions": directions, "radius": radius}}
     settings = {}
     for owner, options in of_method.items():
         for name, value in options.items():
@@ -874,14 +881,14 @@ def precompute(scene: Path, method: str = "clusters", *, resolution: Optional[in
                     raise InputError("pixel_samples is an option of images; omit it, or give image=True")
                 settings[name] = (_arguments.number if name in ("epsilon", "radius") else _arguments.whole)(value, name)
     return Field(_refield.precompute(_arguments.path(scene, "scene"), _arguments.text(method, "method"), settings,
-                                     _arguments.whole(bits, "bits"), _arguments.progress_function(progress),
+                                     _arguments.progress_function(progress),
                                      _arguments.thread_limit(threads)))
 
 
 def hdr_merge(images: Union[npt.ArrayLike, Sequence[Path]], exposures: Optional[Sequence[float]] = None, *,
               response: str = "", full_scale_electrons: float = 20000.0,
               read_noise_electrons: float = 5.0) -> tuple[Array, Array]:
-    """Merge exposures of one view into linear radiance, as `refield hdr`.
+    """Merge exposures of one view into linear radiance, as `refield acquire import`.
 
     Parameters
     ----------
@@ -924,7 +931,7 @@ def hdr_merge(images: Union[npt.ArrayLike, Sequence[Path]], exposures: Optional[
 
 
 def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, *,
-                shape: Optional[tuple[int, ...]] = None, monitor: Union[str, Sequence[str], None] = None,
+                shape: Optional[tuple[int, ...]] = None, placement: Union[str, Sequence[str], None] = None,
                 parameterisation: str = "monitor", yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Array:
     """The light map that an environment gives: what of it shines through the monitor's window, or all of it.
 
@@ -935,8 +942,8 @@ def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, 
         Whose light map it is for; brings shape, parameterisation and placements along.
     shape : (h, w) or (h, w, 3), optional
         Without `field`: size of the light map.
-    monitor : str or sequence of str, optional
-        Placement, such as "520x320@600,yaw=90" (mm, degrees), where the field does not know it.
+    placement : str or sequence of str, optional
+        Of the monitor, such as "520x320@600,yaw=90" (mm, degrees), where the field does not know it.
     yaw, pitch, roll : float
         Rotation of the environment in degrees: to the right, down in front of the camera, right side up.
 
@@ -952,7 +959,7 @@ def environment(map: Union[npt.ArrayLike, Path], field: Optional[Field] = None, 
     """
     array = read_image(map) if _arguments.is_path(map) else _arguments.floats(map, "map")  # type: ignore[arg-type]
     turn = (_arguments.number(yaw, "yaw"), _arguments.number(pitch, "pitch"), _arguments.number(roll, "roll"))
-    places = _arguments.texts(monitor, "monitor")
+    places = _arguments.texts(placement, "placement")
     if field is not None:
         if not isinstance(field, Field):
             _arguments.refuse("field", field, "a Field")

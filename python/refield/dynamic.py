@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes with moving objects and area lights, as `refield simulate dynamic`."""
+"""Scenes with moving objects and area lights, as `refield render`."""
 from __future__ import annotations
 
 from typing import Optional

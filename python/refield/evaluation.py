@@ -132,7 +132,7 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
         With held-out frames (`Session.held_out`). All its images must fit into memory.
     estimators : mapping of names
         To objects with ``fit(light, observed)`` and ``predict(light)`` as in scikit-learn: light [N, h·w·3] and photographs
-        [N, H·W·3], float32, each image flattened. Or to a mode of `estimate`, such as "default" or "paper".
+        [N, H·W·3], float32, each image flattened. Or to a mode of `estimate`, such as "refined" or "paper".
     progress : callable or tqdm bar, optional
 
     Returns

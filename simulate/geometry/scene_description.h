@@ -27,8 +27,8 @@ using Rgb = Eigen::Array3f;
 
 enum class SceneKind {
   traced,       ///< `refield simulate`: ray traced with surfaces of all kinds
-  precomputed,  ///< `refield simulate prt`
-  dynamic,      ///< `refield simulate dynamic`
+  precomputed,  ///< `refield precompute`
+  dynamic,      ///< `refield render`
 };
 
 /// A pinhole camera; +Y is up unless `up` says otherwise.

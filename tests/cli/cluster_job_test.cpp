@@ -24,7 +24,7 @@ ClusterJob small_job(const std::filesystem::path& folder) {
   job.output = "/data/scene.rfield";
   job.directory = "/data";
   job.program = "/usr/bin/refield";
-  job.estimate = {"it's a session", "--kernels=5"};
+  job.estimate = {"it's a session", "--max-kernels=5"};
   job.sbatch = {"--account=optics"};
   job.shards = 5;
   job.tasks_at_once = 2;
@@ -94,7 +94,7 @@ TEST(ClusterJob, ScriptsQuoteWhatTheShellWouldRead) {
   write_scripts(job);
   EXPECT_THAT(
       read_text(job.folder / "shard.sh"),
-      HasSubstr(R"('/usr/bin/refield' 'estimate' 'it'\''s a session' '--kernels=5' --rows "$shard/5")"));
+      HasSubstr(R"('/usr/bin/refield' 'estimate' 'it'\''s a session' '--max-kernels=5' --rows "$shard/5")"));
 }
 
 TEST(ClusterJob, ReadsTheQueue) {

@@ -120,9 +120,9 @@ TEST_F(ColourVerb, FieldsOfASessionWithAChartAreInRec709) {
     warm.values[i] = static_cast<float>(light[static_cast<int>(i % 3)]);
   write_exr(folder_ / "warm.exr", warm);
   const auto relit = [&](const std::string& name) {
-    EXPECT_THAT(
-        run_refield({"estimate", folder_ / "session", "-o", folder_ / (name + ".rfield"), "--kernels", "2"}),
-        Succeeded());
+    EXPECT_THAT(run_refield({"estimate", folder_ / "session", "-o", folder_ / (name + ".rfield"),
+                             "--max-kernels", "2"}),
+                Succeeded());
     EXPECT_THAT(run_refield({"relight", folder_ / (name + ".rfield"), "--light", folder_ / "warm.exr", "-o",
                              folder_ / (name + ".exr")}),
                 Succeeded());
@@ -157,13 +157,13 @@ TEST_F(ColourVerb, FieldsOfASessionWithAChartAreInRec709) {
 TEST_F(ColourVerb, RefusesWhatIsNoLinearPhotographOfAChart) {
   write_png(folder_ / "chart.png", Image(64, 48, 3, 0.5f));
   EXPECT_THAT(run_refield({"acquire", "colour", folder_ / "session", "--chart", folder_ / "chart.png"}),
-              RefusedNaming("chart.png", "refield hdr"));
+              RefusedNaming("chart.png", "refield acquire import"));
   write_exr(folder_ / "wall.exr", Image(64, 48, 3, 0.5f));
   EXPECT_THAT(run_refield({"acquire", "colour", folder_ / "session", "--chart", folder_ / "wall.exr"}),
               RefusedNaming("wall.exr", "no chart of 24 patches"));
   EXPECT_FALSE(read_capture_session(folder_ / "session").colour) << "the session is as before";
   ASSERT_THAT(run_refield({"acquire", "colour", folder_ / "session"}), Succeeded());
-  EXPECT_THAT(run_refield({"estimate", folder_ / "session", "-o", folder_ / "f.rfield", "--kernels", "2",
+  EXPECT_THAT(run_refield({"estimate", folder_ / "session", "-o", folder_ / "f.rfield", "--max-kernels", "2",
                            "--clip", "0.9"}),
               RefusedNaming("session", "[camera.colour]"));
 }

@@ -26,7 +26,7 @@ class MeshCheck(Check):
         camera = self.camera()
         vector = lambda v: ",".join(repr(x) for x in v)
         width, height = self.browser.run("return [viewer.field.width, viewer.field.height]")
-        pixels = self.relit("--env", light, "--exposure", repr(exposure), "--fov", repr(camera["fov"]), "--camera-position=" + vector(camera["position"]),
+        pixels = self.relit("--env", light, "--exposure", repr(exposure), "--vertical-fov", repr(camera["fov"]), "--camera-position=" + vector(camera["position"]),
                             "--camera-target=" + vector(camera["target"]), "--size", f"{width}x{height}", *options)
         return over_black(pixels) if len(pixels) == width * height * 4 else pixels
 
@@ -72,11 +72,11 @@ class MeshCheck(Check):
         self.expect(self.camera() == start, "F resets the camera")
 
     def shows_the_background(self):
-        # Under harmonics, `relight --background` shows the cube map of 32×32 texels that lights the scene; the page shows the panorama.
+        # Under harmonics, `relight --show-environment` shows the cube map of 32×32 texels that lights the scene; the page shows the panorama.
         if self.browser.run("return viewer.field.harmonics") > 0:
             return
         self.browser.click("#background")
-        self.compare("background", "--background")
+        self.compare("background", "--show-environment")
         self.browser.click("#background")
 
     def shows_an_environment(self):

@@ -134,10 +134,10 @@ def main():
     program, recipe = (str(pathlib.Path(argument).resolve()) for argument in sys.argv[1:3])
     picture = pathlib.Path(sys.argv[3]).resolve() if len(sys.argv) == 4 else None
     with tempfile.TemporaryDirectory() as folder:
-        for arguments in (["simulate", recipe, "-o", "truth", "--width", "32", "--height", "24", "--light-width", "16", "--light-height", "12",
-                           "--train", "40", "--natural", "3", "--bars", "2", "--squares", "2", "--quality", "1", "--noise", "0.005"],
+        for arguments in (["simulate", recipe, "-o", "truth", "--size", "32x24", "--light-size", "16x12",
+                           "--train", "40", "--test", "3,2,2", "--quality", "1", "--noise", "0.005"],
                           ["estimate", "truth", "-o", "a.rfield"], ["estimate", "truth", "--mode", "paper", "-o", "b.rfield"],
-                          ["report", "truth", "--field", "a.rfield", "--field", "b.rfield", "-o", "report.html"]):
+                          ["compare", "a.rfield", "truth", "--field", "b.rfield", "-o", "report.html"]):
             subprocess.run([program, "--quiet", *arguments], cwd=folder, check=True, capture_output=True)
         page = pathlib.Path(folder) / "report.html"
         browser = Browser(pathlib.Path(folder) / "profile")

@@ -32,7 +32,7 @@ class SimulateDynamicVerb : public testing::Test {
     return path;
   }
   std::vector<std::string> command(std::vector<std::string> more) {
-    std::vector<std::string> all = {"simulate", "dynamic", moving_ball};
+    std::vector<std::string> all = {"render", moving_ball};
     all.insert(all.end(), more.begin(), more.end());
     return all;
   }
@@ -114,8 +114,7 @@ TEST_F(SimulateDynamicVerb, EqualInputsGiveEqualPictures) {
 
 TEST_F(SimulateDynamicVerb, PaperModeHasSeparateWeightsAndBlurredShadows) {
   const auto objects = [&](const std::string& mode) {
-    std::vector<std::string> more = {"-o", folder_ / (mode + ".exr"), "--mode", mode, "--json"};
-    if (mode == "paper") more.insert(more.end(), {"--functions", "6"});
+    const std::vector<std::string> more = {"-o", folder_ / (mode + ".exr"), "--mode", mode, "--json"};
     const auto result = run_refield(command(more));
     EXPECT_THAT(result, Succeeded());
     return json::parse(result.out)["objects"];
@@ -123,8 +122,7 @@ TEST_F(SimulateDynamicVerb, PaperModeHasSeparateWeightsAndBlurredShadows) {
   const json refined = objects("refined"), paper = objects("paper");
   EXPECT_EQ(refined[0]["modes"], 0);
   EXPECT_EQ(refined[0]["bytes"], 0);
-  EXPECT_EQ(paper[0]["modes"], 6 * paper[0]["terms"].get<int>());
-  EXPECT_THAT(run_refield(command({"--functions", "6"})), RefusedNaming("--functions", "--mode paper"));
+  EXPECT_EQ(paper[0]["modes"], 32 * paper[0]["terms"].get<int>());
   EXPECT_THAT(run_refield(command({"--rays", "6", "--mode", "paper"})),
               RefusedNaming("--rays", "--mode paper"));
   const auto ours = read_image(folder_ / "refined.exr").values,
@@ -142,7 +140,7 @@ TEST_F(SimulateDynamicVerb, PaperModeHasSeparateWeightsAndBlurredShadows) {
 
 TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
   const auto refused = [&](const std::string& text, const std::string& name) {
-    EXPECT_THAT(run_refield({"simulate", "dynamic", scene(text)}), RefusedNaming("scene.toml", name)) << text;
+    EXPECT_THAT(run_refield({"render", scene(text)}), RefusedNaming("scene.toml", name)) << text;
   };
   refused("", "object");
   const std::string whole = read_text(moving_ball);
@@ -155,10 +153,10 @@ TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
   refused(any + "kind = \"ggx\"\nspecular = [0, 0, 0]\nroughness = 0.3\n", "kind = \"diffuse\"");
   refused("[[object]]\nshape = \"sphere\"\npath = [[1, 0, 0, 0], [0, 0, 0, 0]]\n", "path");
   refused("[[object]]\nshape = \"sphere\"\nturns = []\n", "turns");
-  EXPECT_THAT(run_refield({"simulate", "dynamic",
-                           scene("[[material]]\nname = \"it\"\nkind = \"measured\"\nfile = \"none.txt\"\n"
-                                 "[[object]]\nshape = \"sphere\"\nmaterial = \"it\"\n")}),
-              RefusedNaming("none.txt", "No such file"));
+  EXPECT_THAT(
+      run_refield({"render", scene("[[material]]\nname = \"it\"\nkind = \"measured\"\nfile = \"none.txt\"\n"
+                                   "[[object]]\nshape = \"sphere\"\nmaterial = \"it\"\n")}),
+      RefusedNaming("none.txt", "No such file"));
   EXPECT_THAT(run_refield(command({"-o", folder_ / "picture.tiff"})), RefusedNaming("picture.tiff", ".exr"));
 }
 

@@ -43,7 +43,7 @@ class EstimateVerb : public testing::Test {
   std::string light_file(int i) { return folder_ / ("light/t_" + std::to_string(i) + ".exr"); }
   std::string photograph_file(int i) { return folder_ / ("observed/t_" + std::to_string(i) + ".exr"); }
 
-  test::CommandResult estimate(const std::vector<std::string>& more = {"--kernels", "4"}) {
+  test::CommandResult estimate(const std::vector<std::string>& more = {"--max-kernels", "4"}) {
     std::vector<std::string> arguments = {
         "estimate", "--light", folder_ / "light/t_*.exr", "--observed", folder_ / "observed/t_*.exr",
         "-o",       output_};
@@ -52,7 +52,7 @@ class EstimateVerb : public testing::Test {
   }
 
   void expect_refused(const std::string& file, const std::string& remedy,
-                      const std::vector<std::string>& more = {"--kernels", "4"}) {
+                      const std::vector<std::string>& more = {"--max-kernels", "4"}) {
     EXPECT_THAT(estimate(more), RefusedNaming(file, remedy));
     EXPECT_TRUE(read_text(output_) == "old") << "the output was touched";
   }
@@ -69,14 +69,14 @@ class EstimateVerb : public testing::Test {
 };
 
 TEST_F(EstimateVerb, GoodInputReplacesTheOutput) {
-  const auto result = estimate({"--kernels", "4", "--json"});
+  const auto result = estimate({"--max-kernels", "4", "--json"});
   ASSERT_THAT(result, Succeeded());
   EXPECT_EQ(nlohmann::json::parse(result.out)["images"], images);
   EXPECT_EQ(read_reflectance_field(output_).width, 6);
 }
 
 TEST_F(EstimateVerb, HoldsOutEveryThirdPairAndMeasuresTheErrorOnThem) {
-  const auto result = estimate({"--kernels", "4", "--json", "--hold-out", "3"});
+  const auto result = estimate({"--max-kernels", "4", "--json", "--hold-out", "3"});
   ASSERT_THAT(result, Succeeded());
   const auto log = nlohmann::json::parse(result.out);
   EXPECT_EQ(log["images"], images - images / 3);
@@ -191,20 +191,20 @@ TEST_F(EstimateVerb, PhotographsThatShowNothing) {
     for (int i = 0; i < images; ++i) write_photograph(photograph_file(i), {radiance, sigma});
   };
   for (const std::vector<std::string>& more :
-       {std::vector<std::string>{"--kernels", "4"}, {"--mode", "paper", "--kernels", "4"}}) {
+       {std::vector<std::string>{"--max-kernels", "4"}, {"--mode", "paper", "--max-kernels", "4"}}) {
     write_all(Image(6, 5, 3), {});
     expect_refused("observed", "black", more);
     write_all(Image(6, 5, 3, 1.0f), Image(6, 5, 3, INFINITY));
     expect_refused("observed", "sigma = inf", more);
   }
   write_all(Image(6, 5, 3, 1.0f), {});
-  expect_refused("observed", "--clip", {"--kernels", "4", "--clip", "0.5"});
+  expect_refused("observed", "--clip", {"--max-kernels", "4", "--clip", "0.5"});
   write_exr(folder_ / "mask.exr", Image(6, 5, 3));
-  expect_refused("mask.exr", "dark everywhere", {"--kernels", "4", "--mask", folder_ / "mask.exr"});
+  expect_refused("mask.exr", "dark everywhere", {"--max-kernels", "4", "--mask", folder_ / "mask.exr"});
 }
 
 TEST_F(EstimateVerb, ACubeMapThatIsNone) {
-  expect_refused("light/t_0.exr", "8×6", {"--kernels", "4", "--parameterisation", "cube"});
+  expect_refused("light/t_0.exr", "8×6", {"--max-kernels", "4", "--parameterisation", "cube"});
 }
 
 TEST_F(EstimateVerb, AnAllBlackLight) {
@@ -217,20 +217,19 @@ TEST_F(EstimateVerb, OneImageOnly) {
     fs::remove(light_file(i));
     fs::remove(photograph_file(i));
   }
-  expect_refused("observed", "needs many lights", {"--kernels", "1"});
+  expect_refused("observed", "needs many lights", {"--max-kernels", "1"});
 }
 
 TEST_F(EstimateVerb, FewerImagesThanKernels) {
-  expect_refused("observed", "--kernels 12", {"--kernels", "25"});
+  expect_refused("observed", "--max-kernels 12", {"--max-kernels", "25"});
 }
 
 TEST_F(EstimateVerb, OptionsOutOfRange) {
-  for (const std::vector<std::string>& more : {std::vector<std::string>{"--kernels", "-1"},
-                                               {"--kernels", "256"},
+  for (const std::vector<std::string>& more : {std::vector<std::string>{"--max-kernels", "-1"},
+                                               {"--max-kernels", "256"},
                                                {"--mode", "best"},
                                                {"--memory", "-1"},
                                                {"--memory", "0.001"},
-                                               {"--spatial-passes", "-1"},
                                                {"--parameterisation", "fisheye"}}) {
     EXPECT_EQ(estimate(more).status, 2) << testing::PrintToString(more);
     EXPECT_TRUE(read_text(output_) == "old") << "the output was touched";
@@ -266,11 +265,16 @@ int status_under_limit(__rlimit_resource resource, rlim_t value, std::vector<std
 
 // Libraries throw while they are loaded where no one can catch it; oneTBB where a thread is refused.
 TEST_F(EstimateVerb, LimitsOfTheSystemEndItWithAMessage) {
-  const std::vector<std::string> words = {"refield",    "estimate",
-                                          "--light",    folder_ / "light/t_*.exr",
-                                          "--observed", folder_ / "observed/t_*.exr",
-                                          "--kernels",  "4",
-                                          "-o",         output_};
+  const std::vector<std::string> words = {"refield",
+                                          "estimate",
+                                          "--light",
+                                          folder_ / "light/t_*.exr",
+                                          "--observed",
+                                          folder_ / "observed/t_*.exr",
+                                          "--max-kernels",
+                                          "4",
+                                          "-o",
+                                          output_};
   fs::permissions(folder_.path(), fs::perms::all);    // also for whom root becomes below
   const auto ended_well = testing::AnyOf(0, 2, 127);  // 127: the loader itself lacked memory
   for (const rlim_t mebibytes : {460, 480, 500, 540})
@@ -285,7 +289,7 @@ TEST_F(EstimateVerb, AFullDisk) {
   std::ofstream(disk / "f.rfield") << "old";
   disk.fill_leaving(8);
   const auto result = run_refield({"estimate", "--light", folder_ / "light", "--observed",
-                                   folder_ / "observed", "--kernels", "4", "-o", disk / "f.rfield"});
+                                   folder_ / "observed", "--max-kernels", "4", "-o", disk / "f.rfield"});
   EXPECT_THAT(result, RefusedNaming("", "free some space"));
   EXPECT_TRUE(read_text(disk / "f.rfield") == "old") << "the output was touched";
 }

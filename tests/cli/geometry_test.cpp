@@ -26,7 +26,7 @@ TEST(GeometryVerb, StoresThePlacementInAnotherSession) {
   constexpr int width = 320, height = 240;
   constexpr double focal_px = 600.0;
   const test::TemporaryFolder folder;
-  ASSERT_THAT(run_refield({"acquire", "lights", "--spots", "--size", "100x60", "-o", folder / "spots"}),
+  ASSERT_THAT(run_refield({"acquire", "lights", "--spots", "--light-size", "100x60", "-o", folder / "spots"}),
               Succeeded());
   const MirrorBall ball =
       ball_from_circle({{170.0, 115.0}, 70.0}, {focal_px, {}, {0.5 * width, 0.5 * height}});
@@ -62,7 +62,7 @@ TEST(GeometryVerb, StoresThePlacementInAnotherSession) {
   const std::string field_of_view =
       std::to_string(2.0 * std::atan(0.5 * width / focal_px) * 180.0 / std::numbers::pi);
   const std::vector<std::string> command = {"acquire",     "geometry", session.folder,
-                                            "--diameter",  "100",      "--field-of-view",
+                                            "--diameter",  "100",      "--horizontal-fov",
                                             field_of_view, "--into",   session.folder};
   EXPECT_THAT(run_refield(command), RefusedNaming("ball", "--screen"));
   auto with_screen = command;

@@ -6,7 +6,7 @@ usage: guided_capture.py REFIELD [--recipe RECIPE] [--rig NAME] [--page PAGE] [-
 
 With --recipe the rig is the simulated one, in a temporary folder; otherwise the devices that are there are
 used. OPTION are options of 'refield acquire guide'. Wrong answers are given on purpose, Ctrl-C is pressed at a
-question, standard input ends at another, and the session file is run again without questions. A part of the
+question, standard input ends at another, and the rig file is run again without questions. A part of the
 transcript replaces that in PAGE (docs/guide/guided-capture.md)."""
 import argparse
 import filecmp
@@ -156,7 +156,7 @@ def check_guide(given, work, refield):
     status, log = run([*command[:3], "tea", *options], work, {}, "live image", "end")
     check(status == 130 and "The same command continues" in log, f"end of input: {status}\n{readable(log)}")
     tea = work / "tea"
-    check((tea / "session.toml").exists() and not (tea / "calibration.toml").exists(), "after the end of input")
+    check((tea / "rig.toml").exists() and not (tea / "calibration.toml").exists(), "after the end of input")
     status, first = run(command, work, {"live image": ["yes"], "Show it again?": ["no"]}, "Number of patterns", "interrupt")
     check(status == 130 and (mug / "calibration.toml").exists(), f"Ctrl-C: {status}\n{readable(first)}")
     if is_virtual:
@@ -169,15 +169,15 @@ def check_guide(given, work, refield):
         check((mug / name).exists(), f"{name} is missing")
     check(len(list((mug / "lights").glob("*.exr"))) == 36 + 3 + 3, "36 patterns, three primaries, three times white")
 
-    # The session file runs again without questions, and so does the guide.
-    again = (mug / "session.toml").read_text().replace('output = "session"', 'output = "again"')
+    # The rig file runs again without questions, and so does the guide.
+    again = (mug / "rig.toml").read_text().replace('output = "session"', 'output = "again"')
     (mug / "again.toml").write_text(again)
     subprocess.run([refield, "--quiet", "acquire", "run", "mug/again.toml"], cwd=work, check=True,
                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     photographs = [len(list((mug / session / "observed").glob("*.exr"))) for session in ("session", "again")]
     check(photographs[0] == photographs[1] >= 36, f"photographs of both sessions: {photographs}")
     if is_virtual:  # where noise is the same, too
-        check(same_files(mug / "session", mug / "again"), "the session of the session file differs")
+        check(same_files(mug / "session", mug / "again"), "the session of the rig file differs")
     if is_virtual:  # a quick capture: 30 patterns, a held-out one of each kind, and the error to expect
         (mug / "quick.toml").write_text(again.replace('"again"', '"quick"'))
         quick = subprocess.run([refield, "acquire", "run", "mug/quick.toml", "--quick"], cwd=work, capture_output=True, text=True)
@@ -204,7 +204,7 @@ def check_findings(scene, work, refield):
     (work / "small.toml").write_text(re.sub(r"(?m)^(width|height) = (\d+)",
                                             lambda size: f"{size[1]} = {int(size[2]) // (2 if int(size[2]) in (160, 120) else 4)}",
                                             scene.read_text()))
-    subprocess.run([refield, "--quiet", "simulate", "small.toml", "--train", "1", "--natural", "0", "--bars", "0", "--squares", "0",
+    subprocess.run([refield, "--quiet", "simulate", "small.toml", "--train", "1", "--test", "0,0,0",
                     "-o", "small"], cwd=work, check=True, stdout=subprocess.DEVNULL)
     for name, tables, words in (("bump", "[camera]\nmoves = [[0.3, 0.6, -0.4]]\n", "motion: "),
                                 ("light", "[ambient]\nswitched = [[0.3, 8.0]]\n", "room light: ")):
@@ -217,7 +217,7 @@ def check_findings(scene, work, refield):
         stop = log.find("the capture stopped after")
         check(0 < stop < log.find("Step 7"), f"the capture with a {name} did not stop\n{log}")
         check(words in log[stop:] and "'later' is not valid" in log, f"'{words}' was not said\n{log}")
-        check("run " + name + "/session.toml --force" in log, f"it was not photographed again\n{log}")
+        check("run " + name + "/rig.toml --force" in log, f"it was not photographed again\n{log}")
         check((work / name / "scene.rfield").exists(), f"{name}/scene.rfield is missing")
         print(f"guided capture with a {name}: named after the first {log[stop:].split()[4]} photographs")
 

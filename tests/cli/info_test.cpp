@@ -110,8 +110,7 @@ TEST(InfoVerb, OtherFiles) {
 TEST(Program, EveryVerbHasHelp) {
   const auto overview = run_refield({"--help"});
   EXPECT_EQ(overview.status, 0);
-  for (const char* verb :
-       {"simulate", "acquire", "hdr", "estimate", "relight", "compare", "info", "report"}) {
+  for (const char* verb : {"simulate", "acquire", "estimate", "relight", "compare", "info"}) {
     EXPECT_THAT(overview.out, testing::HasSubstr(verb));
     const auto help = run_refield({verb, "--help"});
     EXPECT_EQ(help.status, 0) << verb << ": " << help.err;
@@ -136,18 +135,13 @@ TEST(Program, HelpFitsOnAScreen) {
   EXPECT_THAT(overview,
               testing::HasSubstr(
                   "  estimate    Estimate a reflectance field from photographs under known illumination.\n"));
-  const std::vector<std::vector<std::string>> commands = {{"acquire"},
-                                                          {"acquire", "calibrate"},
-                                                          {"acquire", "import"},
-                                                          {"acquire", "probe"},
-                                                          {"acquire", "virtual"},
-                                                          {"estimate"},
-                                                          {"relight"},
-                                                          {"simulate"},
-                                                          {"simulate", "prt"},
-                                                          {"simulate", "dynamic"}};
+  const std::vector<std::vector<std::string>> commands = {{"acquire"},           {"acquire", "calibrate"},
+                                                          {"acquire", "import"}, {"acquire", "probe"},
+                                                          {"acquire", "run"},    {"estimate"},
+                                                          {"relight"},           {"simulate"},
+                                                          {"precompute"},        {"render"}};
   for (std::vector<std::string> command : commands) {
-    command.emplace_back("--help");
+    command.emplace_back("--help-all");
     const std::string help = run_refield(command).out;
     EXPECT_GT(help.size(), 100u) << command.front();
     expect_narrow_lines(help, command.front());
@@ -156,6 +150,32 @@ TEST(Program, HelpFitsOnAScreen) {
   EXPECT_THAT(run_refield({"acquire", "--help"}).out,
               testing::AllOf(testing::HasSubstr("Create light patterns for a monitor.\n"),
                              testing::Not(testing::HasSubstr("refield acquire lights --starter"))));
+}
+
+TEST(Program, JsonHasAVersionAndErrorsAreJsonToo) {
+  const test::TemporaryFolder folder;
+  const auto failed = run_refield({"info", folder / "none.exr", "--json"});
+  EXPECT_EQ(failed.status, 2);
+  const auto document = nlohmann::json::parse(failed.out);
+  EXPECT_EQ(document["schema"], 1);
+  EXPECT_EQ(document["error"]["kind"], "device");
+  EXPECT_THAT(failed.err, testing::HasSubstr(document["error"]["message"].get<std::string>()));
+  EXPECT_EQ(nlohmann::json::parse(run_refield({"pack", "--json"}).out)["error"]["kind"], "usage");
+  write_exr(folder / "a.exr", Image(4, 3, 3, 1.0f));
+  const auto good = nlohmann::json::parse(run_refield({"--json", "info", folder / "a.exr"}).out);
+  EXPECT_EQ(good["schema"], 1);
+  EXPECT_FALSE(good.contains("error"));
+}
+
+TEST(Program, HelpShowsTheOutputFirstAndNoBounds) {
+  for (const char* verb : {"estimate", "precompute", "relight"}) {
+    const std::string help = run_refield({verb, "--help"}).out;
+    EXPECT_THAT(help, testing::HasSubstr("Options:\n  -o,--output ")) << verb;
+    EXPECT_THAT(help, testing::Not(testing::HasSubstr(" in ["))) << verb;
+    EXPECT_THAT(help, testing::HasSubstr("--help-all lists")) << verb;
+  }
+  EXPECT_THAT(run_refield({"estimate", "--help"}).out, testing::Not(testing::HasSubstr("--rows")));
+  EXPECT_THAT(run_refield({"estimate", "--help-all"}).out, testing::HasSubstr("--rows"));
 }
 
 TEST(Program, DefaultsFollowTheDescription) {
@@ -203,8 +223,7 @@ TEST(CompareReferences, TellsMotionAndRoomLightFromDrift) {
   EXPECT_EQ(lit[0].property, "room light");
   EXPECT_THAT(lit[0].measured, testing::HasSubstr("% of its mean more"));
   EXPECT_EQ(rows_of(0.5, 0.5, 1.0, -0.1, 0.0).front().property, "motion");
-  for (const double noise : {0.0, 0.02})
-    EXPECT_TRUE(rows_of(0.0, 0.0, 0.9, 0.0, noise).empty()) << noise;
+  for (const double noise : {0.0, 0.02}) EXPECT_TRUE(rows_of(0.0, 0.0, 0.9, 0.0, noise).empty()) << noise;
   EXPECT_TRUE(cli::compare_references({}).empty());
 }
 

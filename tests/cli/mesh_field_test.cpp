@@ -95,23 +95,23 @@ TEST_F(MeshFieldVerbs, TheEnvironmentIsShownBehindTheMesh) {
   write_exr(sky, map);
   const auto picture = [&](std::vector<std::string> more) {
     more.insert(more.begin(), {"--env", sky, "-o", output_, "--camera-position", "0,0,-3", "--camera-target",
-                               "0,0,0", "--fov", "60", "--size", "90x60"});
+                               "0,0,0", "--vertical-fov", "60", "--size", "90x60"});
     EXPECT_THAT(relight(more), Succeeded());
     const auto input = OIIO::ImageInput::open(output_);
     return std::pair(read_image(output_), input->spec().nchannels);
   };
   const auto [scene, with_alpha] = picture({});
-  const auto [whole, without] = picture({"--background"});
+  const auto [whole, without] = picture({"--show-environment"});
   EXPECT_EQ(with_alpha, 4);
   EXPECT_EQ(without, 3);
   EXPECT_EQ(whole.at(45, 30, 1), scene.at(45, 30, 1)) << "the mesh";
   EXPECT_EQ(whole.at(10, 5, 1), 0.0f) << "41° to the left is dark";
   EXPECT_EQ(whole.at(80, 5, 1), 0.0f) << "and so is 39° to the right";
-  const Image turned = picture({"--background", "--yaw", "-30"}).first;
+  const Image turned = picture({"--show-environment", "--yaw", "-30"}).first;
   EXPECT_NEAR(turned.at(80, 5, 1), 3.0f, 1e-5f) << "where the light has come from further right";
   EXPECT_EQ(turned.at(10, 5, 1), 0.0f);
-  EXPECT_THAT(relight({"--env", sky, "--background", "--rotate", "--frames", "2", "--size", "40x30", "-o",
-                       folder_ / "out.mp4"}),
+  EXPECT_THAT(relight({"--env", sky, "--show-environment", "--rotate", "--frames", "2", "--size", "40x30",
+                       "-o", folder_ / "out.mp4"}),
               Succeeded());
 }
 
@@ -143,7 +143,7 @@ TEST_F(MeshFieldVerbs, LightIsBakedIntoVertexColours) {
 
 TEST_F(MeshFieldVerbs, RelightTakesACamera) {
   EXPECT_THAT(relight({"--light", light_path_, "--camera-position", "-1.5,0.5,2", "--camera-target",
-                       "0,0.1,-.1", "--fov", "50", "--size", "120x90", "-o", output_}),
+                       "0,0.1,-.1", "--vertical-fov", "50", "--size", "120x90", "-o", output_}),
               Succeeded());
   PinholeCamera camera;
   camera.position = {-1.5f, 0.5f, 2.0f};
@@ -193,7 +193,7 @@ TEST_F(MeshFieldVerbs, WrongCamerasAreRefused) {
     return relight(more);
   };
   EXPECT_THAT(with({"--size", "0x7"}), RefusedNaming("--size", "16384x16384"));
-  EXPECT_THAT(with({"--fov", "180"}), RefusedNaming("field of view", "between 0 and 180"));
+  EXPECT_THAT(with({"--vertical-fov", "180"}), RefusedNaming("field of view", "between 0 and 180"));
   EXPECT_THAT(with({"--camera-position", "0,9,0", "--camera-target", "0,0,0"}),
               RefusedNaming("camera", "another target or up"));
   EXPECT_THAT(with({"--turntable"}), RefusedNaming("--frames", "--turntable"));
@@ -203,8 +203,9 @@ TEST_F(MeshFieldVerbs, PhotographsHaveNoOtherCamera) {
   Rng rng(1);
   const std::string photographed = folder_ / "photographed.rfield";
   write_reflectance_field(photographed, test::random_field(rng, 12, 9, field_.basis.domain, 40, 6));
-  EXPECT_THAT(run_refield({"relight", photographed, "--light", light_path_, "--fov", "40", "-o", output_}),
-              RefusedNaming("photographed.rfield", "remove --camera-position"));
+  EXPECT_THAT(
+      run_refield({"relight", photographed, "--light", light_path_, "--vertical-fov", "40", "-o", output_}),
+      RefusedNaming("photographed.rfield", "remove --camera-position"));
 }
 
 TEST_F(MeshFieldVerbs, VerbsThatNeedPixelsSaySo) {

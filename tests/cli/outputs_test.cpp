@@ -79,22 +79,22 @@ TEST_F(Outputs, NoVerbReplacesAnInput) {
               {"estimate", "--light", folder_ / "session/illumination", "--observed",
                folder_ / "session/observed", "--mask", field_, "-o", field_},
               "also an input");
-  expect_kept(folder_ / "tetra.obj", {"simulate", "prt", folder_ / "tetra.obj", "-o", folder_ / "tetra.obj"},
+  expect_kept(folder_ / "tetra.obj", {"precompute", folder_ / "tetra.obj", "-o", folder_ / "tetra.obj"},
               ".rfield");
-  expect_kept(folder_ / "scene.toml",
-              {"simulate", "prt", folder_ / "scene.toml", "-o", folder_ / "scene.toml"}, ".rfield");
+  expect_kept(folder_ / "scene.toml", {"precompute", folder_ / "scene.toml", "-o", folder_ / "scene.toml"},
+              ".rfield");
   expect_kept(photograph, {"compare", photograph, other, "-o", photograph}, "also an input");
   expect_kept(other, {"compare", photograph, other, "-o", other}, "also an input");
-  expect_kept(manifest, {"report", session_, "--field", field_, "-o", manifest}, ".html");
-  expect_kept(field_, {"report", session_, "--field", field_, "-o", field_}, ".html");
+  expect_kept(manifest, {"compare", field_, session_, "-o", manifest}, ".html");
+  expect_kept(field_, {"compare", field_, session_, "-o", field_}, ".html");
   expect_kept(field_, {"merge", field_, "-o", field_}, "also an input");
   expect_kept(field_, {"pack", field_, "-o", field_}, "also an input");
   expect_kept(light, {"relight", field_, "--light", light, "-o", light}, "also an input");
   expect_kept(field_, {"relight", field_, "--light", light, "-o", field_}, "also an input");
-  expect_kept(photograph, {"hdr", photograph, other, "--exposures", "1,2", "-o", photograph},
+  expect_kept(photograph, {"acquire", "import", photograph, other, "--exposures", "1,2", "-o", photograph},
               "also an input");
   expect_kept(photograph,
-              {"acquire", "lights", folder_ / "session/observed", "--size", "4x4", "-o",
+              {"acquire", "lights", folder_ / "session/observed", "--light-size", "4x4", "-o",
                folder_ / "session/observed", "--force"},
               "also an input");
   // Through links as well.
@@ -110,7 +110,7 @@ TEST_F(Outputs, TwoRunsOfOneOutput) {
               RefusedNaming("out.rfield", us));
   EXPECT_THAT(run_refield({"pack", field_, "-o", folder_ / "out.rfield"}), RefusedNaming("out.rfield", us));
   const OutputLock page(folder_ / "page.html", {}), web(folder_ / "web", {});
-  EXPECT_THAT(run_refield({"report", session_, "--field", field_, "-o", folder_ / "page.html"}),
+  EXPECT_THAT(run_refield({"compare", field_, session_, "-o", folder_ / "page.html"}),
               RefusedNaming("page.html", us));
   EXPECT_THAT(run_refield({"export-web", field_, "-o", folder_ / "web"}), RefusedNaming("web", us));
 }
@@ -133,8 +133,8 @@ TEST_F(Outputs, NamesThatAreNotUtf8) {
       "cp f.rfield $'f\\xff.rfield'; cp -r session $'s\\xff';"
       "refield --json info $'f\\xff.rfield' && refield --json relight $'f\\xff.rfield' --bar 0.5 --frames 1 "
       "-o $'r\\xff' &&"
-      "refield --json pack $'f\\xff.rfield' -o $'p\\xff.rfield' --error 0.01 && "
-      "refield --json estimate $'s\\xff' --kernels 4 -o $'e\\xff.rfield'";
+      "refield --json pack $'f\\xff.rfield' -o $'p\\xff.rfield' --max-error 0.01 && "
+      "refield --json estimate $'s\\xff' --max-kernels 4 -o $'e\\xff.rfield'";
   const auto result = run_shell(folder_.path(), script);
   ASSERT_THAT(result, Succeeded());
   EXPECT_THAT(result.out, HasSubstr("r\xef\xbf\xbd"));
@@ -154,7 +154,7 @@ TEST_F(Outputs, AFileThatGrowsTooLarge) {
   Rng rng(1);
   write_reflectance_field(field_, test::random_field(rng, 60, 50, test::SmallCapture::domain, 40, 12));
   const auto result =
-      run_shell(folder_.path(), "ulimit -f 8; refield pack f.rfield -o p.rfield --error 2e-5");
+      run_shell(folder_.path(), "ulimit -f 8; refield pack f.rfield -o p.rfield --max-error 2e-5");
   EXPECT_THAT(result, RefusedNaming("p.rfield", "ulimit -f"));
   for (const auto& entry : fs::directory_iterator(folder_.path()))
     EXPECT_FALSE(entry.path().filename().string().starts_with(".")) << entry.path() << " was left behind";
@@ -193,7 +193,7 @@ TEST_F(Outputs, AFolderThatMayNotBeEntered) {
   for (const std::string arguments :
        {"info locked/f.rfield", "estimate locked/session -o o.rfield", "hdr locked/a.exr -o o.exr",
         "compare 'locked/*.exr' locked -o o.exr", "relight locked/f.rfield --bar 0.5 -o o",
-        "simulate prt locked/a.obj -o o.rfield", "report locked/session --field locked/f.rfield -o o.html"}) {
+        "precompute locked/a.obj -o o.rfield", "compare locked/f.rfield locked/session -o o.html"}) {
     const auto result = run_shell(folder_.path(), as_user + " \"'" REFIELD_PROGRAM "' " + arguments + "\"");
     EXPECT_EQ(result.status, 2) << arguments << ": " << result.err;
     EXPECT_THAT(result.err, HasSubstr("locked")) << arguments;
@@ -218,29 +218,15 @@ TEST_F(Outputs, APageReplacesOnlyAPage) {
 }
 
 TEST_F(Outputs, AnotherSimulationKeepsFilesOfTheUser) {
-  const std::vector<std::string> command = {"simulate",
-                                            REFIELD_SOURCE_DIR "/datasets_synthetic/tabletop/recipe.toml",
-                                            "-o",
-                                            folder_ / "truth",
-                                            "--width",
-                                            "8",
-                                            "--height",
-                                            "6",
-                                            "--light-width",
-                                            "8",
-                                            "--light-height",
-                                            "8",
-                                            "--train",
-                                            "2",
-                                            "--natural",
-                                            "1",
-                                            "--bars",
-                                            "0",
-                                            "--squares",
-                                            "0",
-                                            "--quality",
-                                            "1",
-                                            "--force"};
+  const std::vector<std::string> command = {
+      "simulate",     REFIELD_SOURCE_DIR "/datasets_synthetic/tabletop/recipe.toml",
+      "-o",           folder_ / "truth",
+      "--size",       "8x6",
+      "--light-size", "8x8",
+      "--train",      "2",
+      "--test",       "1,0,0",
+      "--quality",    "1",
+      "--force"};
   ASSERT_THAT(run_refield(command), Succeeded());
   write_text_atomically(folder_ / "truth/observed/notes.txt", "mine");
   write_exr(folder_ / "truth/observed/train_007.exr", Image(2, 2, 3));  // as of an earlier, larger simulation

@@ -28,7 +28,7 @@ TEST(PackVerb, MakesASmallFieldThatGoesWhereverAFieldGoes) {
   write_reflectance_field(folder / "f.rfield", field);
   write_exr(folder / "light.exr", test::random_image(rng, 32, 24, 3));
   const auto result =
-      run_refield({"pack", folder / "f.rfield", "-o", folder / "p.rfield", "--error", "2e-3", "--json"});
+      run_refield({"pack", folder / "f.rfield", "-o", folder / "p.rfield", "--max-error", "2e-3", "--json"});
   ASSERT_THAT(result, Succeeded());
   const json figures = json::parse(result.out);
   EXPECT_EQ(figures["bytes"], std::filesystem::file_size((folder / "p.rfield").string()));
@@ -54,7 +54,7 @@ TEST(PackVerb, RefusesWhatItCannotDo) {
   write_reflectance_field(folder / "f.rfield", test::random_field(rng, 20, 20, {16, 12}, 60, 9));
   const std::string field = folder / "f.rfield", packed = folder / "p.rfield";
   EXPECT_THAT(run_refield({"pack", field, "-o", field}), RefusedNaming("f.rfield", "another output"));
-  EXPECT_THAT(run_refield({"pack", field, "-o", packed, "--error", "1e-9"}),
+  EXPECT_THAT(run_refield({"pack", field, "-o", packed, "--max-error", "1e-9"}),
               RefusedNaming("16 bits", "allow a larger error"));
   EXPECT_FALSE(std::filesystem::exists(packed));
   ASSERT_THAT(run_refield({"pack", field, "-o", packed}), Succeeded());

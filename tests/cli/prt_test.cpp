@@ -43,13 +43,13 @@ INSTANTIATE_TEST_SUITE_P(
     Methods, SimulatePrtVerb,
     testing::Values(Method{"clusters", {"--resolution", "32", "--epsilon", "2e-3"}},
                     Method{"clusters", {"--resolution", "16", "--mode", "paper", "--epsilon", "1e-3"}},
-                    Method{"sh", {"--order", "3", "--directions", "128"}}));
+                    Method{"sh", {"--sh-order", "3", "--directions", "128"}}));
 
 TEST_P(SimulatePrtVerb, MakesAFieldForTheSameRelighter) {
   const test::TemporaryFolder folder;
   const std::string field = folder / "f.rfield", picture = folder / "picture.exr";
-  std::vector<std::string> command = {"simulate", "prt",           small_scene, "-o",    field,
-                                      "--method", GetParam().name, "--measure", "--json"};
+  std::vector<std::string> command = {"precompute", small_scene,     "-o",        field,
+                                      "--method",   GetParam().name, "--measure", "--json"};
   command.insert(command.end(), GetParam().options.begin(), GetParam().options.end());
   const auto result = run_refield(command);
   ASSERT_THAT(result, Succeeded());
@@ -75,7 +75,7 @@ TEST(SimulatePrtVerb, AddsReflectedLight) {
   const std::string sky = environment(folder);
   const auto brightness = [&](const char* bounces) {
     const std::string field = folder / "f.rfield", picture = folder / "picture.exr";
-    EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", field, "--resolution", "16", "--epsilon",
+    EXPECT_THAT(run_refield({"precompute", small_scene, "-o", field, "--resolution", "16", "--epsilon",
                              "2e-3", "--bounces", bounces}),
                 Succeeded());
     EXPECT_EQ(json::parse(run_refield({"info", field, "--json"}).out)["provenance"]["bounces"],
@@ -94,8 +94,8 @@ TEST(SimulatePrtVerb, AddsReflectedLight) {
 TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
   const test::TemporaryFolder folder;
   const std::string field = folder / "f.rfield", out = folder / "out";
-  ASSERT_THAT(run_refield({"simulate", "prt", small_scene, "-o", field, "--method", "sh", "--order", "3",
-                           "--directions", "64", "--until", "1", "--radius", "4"}),
+  ASSERT_THAT(run_refield({"precompute", small_scene, "-o", field, "--method", "sh", "--sh-order", "3",
+                           "--directions", "64", "--radius", "4"}),
               Succeeded());
   // From the left to the right.
   std::ofstream(folder / "lights.toml") << "[[light]]\nshape = 'sphere'\nsize = 1.5\nradiance = [5, 5, 5]\n"
@@ -120,18 +120,18 @@ TEST(RelightVerbOnMeshes, ShowsPaintedLightsThatMoveAroundThem) {
 
 TEST(SimulatePrtVerbErrors, NameTheRemedy) {
   const test::TemporaryFolder folder;
-  EXPECT_THAT(run_refield({"simulate", "prt", folder / "none.ply", "-o", folder / "f.rfield"}),
+  EXPECT_THAT(run_refield({"precompute", folder / "none.ply", "-o", folder / "f.rfield"}),
               RefusedNaming("none.ply", "No such file"));
   EXPECT_THAT(
-      run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh", "--image"}),
+      run_refield({"precompute", small_scene, "-o", folder / "f.rfield", "--method", "sh", "--image"}),
       RefusedNaming("--image", "--method clusters"));
-  EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--method", "sh",
-                           "--mode", "paper"}),
+  EXPECT_THAT(run_refield({"precompute", small_scene, "-o", folder / "f.rfield", "--method", "sh", "--mode",
+                           "paper"}),
               RefusedNaming("--mode", "--method clusters"));
-  EXPECT_THAT(run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--window", "hann"}),
-              RefusedNaming("--window", "--method sh"));
+  EXPECT_THAT(run_refield({"precompute", small_scene, "-o", folder / "f.rfield", "--sh-order", "3"}),
+              RefusedNaming("--sh-order", "--method sh"));
   const auto without_image =
-      run_refield({"simulate", "prt", small_scene, "-o", folder / "f.rfield", "--pixel-samples", "2"});
+      run_refield({"precompute", small_scene, "-o", folder / "f.rfield", "--pixel-samples", "2"});
   EXPECT_EQ(without_image.status, 2);
   EXPECT_NE(without_image.err.find("--pixel-samples requires --image"), std::string::npos)
       << without_image.err;

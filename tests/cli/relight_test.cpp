@@ -149,9 +149,9 @@ TEST_F(RelightVerb, AnEnvironmentNeedsToKnowWhereTheMonitorStood) {
     more.insert(more.begin(), {"relight", window, "--env", light_, "-o", output_});
     return run_refield(more);
   };
-  EXPECT_THAT(relit({}), RefusedNaming("window.rfield", "--monitor 520x320@600"));
+  EXPECT_THAT(relit({}), RefusedNaming("window.rfield", "--placement 520x320@600"));
   EXPECT_THAT(relit({"--monitor", "520x320"}), RefusedNaming("520x320", "distance"));
-  const auto result = relit({"--monitor", "520x320@300,yaw=90", "--json"});
+  const auto result = relit({"--placement", "520x320@300,yaw=90", "--json"});
   EXPECT_THAT(result, Succeeded());
   const Image by_option = read_image(output_);
   field.monitors = {{520, 320, 300, {90, 0, 0}}};
@@ -173,9 +173,8 @@ TEST_F(RelightVerb, DaysAndFades) {
   EXPECT_GT(brightness("day/day_0001.exr"), 5.0f * brightness("day/day_0000.exr"));
 
   write_exr(folder_ / "other.exr", test::random_light(rng_, {40, 20, Parameterisation::lat_long}).radiance);
-  EXPECT_THAT(
-      relight({"--env", light_, folder_ / "other.exr", "--fade", "--frames", "3", "-o", folder_ / "fade"}),
-      Succeeded());
+  EXPECT_THAT(relight({"--env", light_, folder_ / "other.exr", "--frames", "3", "-o", folder_ / "fade"}),
+              Succeeded());
   EXPECT_THAT(relight({"--env", light_, "--env", folder_ / "other.exr", "-o", folder_ / "ends"}),
               Succeeded());
   const Image first = read_image(folder_ / "ends/light.exr"), last = read_image(folder_ / "ends/other.exr");
@@ -243,12 +242,11 @@ TEST_F(RelightVerb, OptionsThatDoNotFitTogether) {
         {"--light", light_, "--frames", "2", "-o", out},
         {"--light", light_, "--env", light_, "-o", out},
         {"--light", light_, "--yaw", "10", "-o", out},
-        {"--light", light_, "--fade", "--frames", "2", "-o", out},
-        {"--env", light_, "--fade", "--frames", "2", "-o", out},
-        {"--env", light_, "--monitor", "520x320@600", "-o", out},
+        {"--env", light_, "--frames", "2", "-o", out},
+        {"--env", light_, "--placement", "520x320@600", "-o", out},
         {"--env", light_, "-o", out + ".jpg"},
         {"--day", "-o", out},
-        {"--day", "--frames", "2", "--turbidity", "1", "-o", out},
+        {"--day", "--frames", "2", "--latitude", "100", "-o", out},
         {"--bar", "0.1", "--frames", "2", "--fps", "0", "-o", out},
         {"--light", light_, "-o", out + ".jpg"},
         {"--light", folder_ / "*.png", "-o", out},

@@ -174,20 +174,19 @@ TEST_F(ReportPage, SessionWithoutHeldOutFramesStillGetsAPage) {
 TEST_F(ReportPage, RefusesWhatDoesNotFitAndLeavesTheOldPage) {
   write_text_atomically(page_, "old page");
   const std::string session = session_.folder, page = page_;
-  EXPECT_THAT(run_refield({"report", session, "--field", folder_ / "none.rfield", "-o", page}),
+  EXPECT_THAT(run_refield({"compare", folder_ / "none.rfield", session, "-o", page}),
               RefusedNaming("none.rfield", "refield estimate"));
   ReflectanceField other = test::random_field(rng_, width + 1, height, domain, 5, 3);
   write_reflectance_field(folder_ / "other.rfield", other);
-  EXPECT_THAT(run_refield({"report", session, "--field", folder_ / "other.rfield", "-o", page}),
+  EXPECT_THAT(run_refield({"compare", folder_ / "other.rfield", session, "-o", page}),
               RefusedNaming("other.rfield", "estimated from this session"));
   other = test::random_field(rng_, width, height, {24, 18, Parameterisation::monitor}, 5, 3);
   write_reflectance_field(folder_ / "other.rfield", other);
-  EXPECT_THAT(run_refield({"report", session, "--field", folder_ / "other.rfield", "-o", page}),
+  EXPECT_THAT(run_refield({"compare", folder_ / "other.rfield", session, "-o", page}),
               RefusedNaming("other.rfield", "24×18"));
-  EXPECT_THAT(
-      run_refield({"report", session, "--field", field_path_, "--truth", folder_ / "none", "-o", page}),
-      RefusedNaming("none", "refield simulate"));
-  EXPECT_THAT(run_refield({"report", session, "--field", field_path_, "--pixel", "3;4", "-o", page}),
+  EXPECT_THAT(run_refield({"compare", field_path_, session, "--truth", folder_ / "none", "-o", page}),
+              RefusedNaming("none", "refield simulate"));
+  EXPECT_THAT(run_refield({"compare", field_path_, session, "--pixel", "3;4", "-o", page}),
               RefusedNaming("3;4", "--pixel 80,60"));
   EXPECT_EQ(read_text(page_), "old page");
 }
@@ -199,9 +198,8 @@ TEST_F(ReportPage, PairsOfImagesInsteadOfASession) {
     field_.provenance += (i > 0 ? ", \"train_" : "\"train_") + std::to_string(i) + "_light\"";
   field_.provenance += "]}";
   write_reflectance_field(field_path_, field_);
-  const auto result =
-      run_refield({"report", "--light", session_.folder / "*_light.exr", "--observed",
-                   session_.folder / "*_photo.exr", "--field", field_path_, "--json", "-o", page_});
+  const auto result = run_refield({"compare", field_path_, "--light", session_.folder / "*_light.exr",
+                                   "--observed", session_.folder / "*_photo.exr", "--json", "-o", page_});
   ASSERT_THAT(result, test::Succeeded()) << result.err;
   const auto figures = nlohmann::json::parse(result.out);
   EXPECT_EQ(figures.at("session").at("training_images"), 30);
@@ -214,7 +212,7 @@ TEST_F(ReportPage, PairsOfImagesInsteadOfASession) {
 }
 
 TEST_F(ReportPage, ProgramPrintsFiguresAndPath) {
-  const auto result = run_refield({"report", session_.folder, "--field", field_path_, "--json", "-o", page_});
+  const auto result = run_refield({"compare", field_path_, session_.folder, "--json", "-o", page_});
   ASSERT_THAT(result, test::Succeeded());
   const auto figures = nlohmann::json::parse(result.out);
   EXPECT_EQ(figures.at("report"), page_.string());

@@ -27,7 +27,7 @@ const std::string mixing =
 struct Rig {
   std::string effect, setting;
   std::string recipe;          ///< what is not ideal
-  double least_without = 0.0;  ///< error with --rig off, over that of the ideal rig
+  double least_without = 0.0;  ///< error with --correction off, over that of the ideal rig
   double most = INFINITY;      ///< the same with the correction, where it finds the effect
 };
 
@@ -46,8 +46,8 @@ class StabilityOfRigs : public testing::TestWithParam<Rig> {
     const fs::path truth = *folder_ / (mixes ? "mixed" : "ideal");
     if (fs::exists(truth)) return truth;
     const fs::path file = recipe_file("truth.toml", mixes ? "[sensor]\n" + mixing : "");
-    EXPECT_THAT(run_refield({"simulate", file, "--width", "64", "--height", "48", "--light-width", "32",
-                             "--light-height", "24", "--train", "80", "-o", truth}),
+    EXPECT_THAT(run_refield({"simulate", file, "--size", "64x48", "--light-size", "32x24", "--train", "80",
+                             "-o", truth}),
                 Succeeded());
     return truth;
   }
@@ -60,7 +60,7 @@ class StabilityOfRigs : public testing::TestWithParam<Rig> {
 
   static fs::path captured(const std::string& recipe) {
     const fs::path session = *folder_ / "session";
-    EXPECT_THAT(run_refield({"acquire", "virtual", recipe_file("recipe.toml", recipe), "--truth",
+    EXPECT_THAT(run_refield({"acquire", "run", recipe_file("recipe.toml", recipe), "--truth",
                              truth_of(recipe), "--force", "-o", session}),
                 Succeeded());
     return session;
@@ -69,7 +69,7 @@ class StabilityOfRigs : public testing::TestWithParam<Rig> {
   /// Median error of a pixel under held-out natural light, against the exact transport.
   static double error_of(const fs::path& session, const fs::path& truth, const std::string& rig) {
     const fs::path field = *folder_ / "scene.rfield";
-    EXPECT_THAT(run_refield({"estimate", session, "--rig", rig, "-o", field}), Succeeded());
+    EXPECT_THAT(run_refield({"estimate", session, "--correction", rig, "-o", field}), Succeeded());
     const auto compared =
         run_refield({"--json", "compare", field, session, "--truth", truth / "transport.rfield"});
     EXPECT_THAT(compared, Succeeded());
@@ -94,7 +94,8 @@ TEST_P(StabilityOfRigs, WhatIsFoundIsCorrected) {
   const fs::path session = captured(rig.recipe), truth = truth_of(rig.recipe);
   const double corrected = error_of(session, truth, "auto"), uncorrected = error_of(session, truth, "off");
   test::record_figure({"rig: " + rig.effect, rig.setting, corrected, ideal, 0.0, 0.0});
-  test::record_figure({"rig: " + rig.effect, rig.setting + ", --rig off", uncorrected, ideal, 0.0, 0.0});
+  test::record_figure(
+      {"rig: " + rig.effect, rig.setting + ", --correction off", uncorrected, ideal, 0.0, 0.0});
   EXPECT_LE(corrected, harmless * uncorrected);
   EXPECT_LE(corrected, rig.most * ideal);
   EXPECT_GE(uncorrected, rig.least_without * ideal) << "the effect is too small to be a test";

@@ -142,8 +142,7 @@ TEST(PackedMesh, RefusesFieldsWithoutAMesh) {
 TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "f.rfield", sample_field(Parameterisation::lat_long));
-  const auto result = run_refield(
-      {"export-web", folder / "f.rfield", "-o", folder / "page", "--title", "A </script>", "--json"});
+  const auto result = run_refield({"export-web", folder / "f.rfield", "-o", folder / "page", "--json"});
   ASSERT_THAT(result, Succeeded());
   const auto report = nlohmann::json::parse(result.out);
   std::uint64_t bytes = 0;
@@ -179,7 +178,7 @@ TEST(ExportWeb, BringsEnvironmentsAlongAsRelightReadsThem) {
   field.monitors.clear();
   write_reflectance_field(field_path, field);
   EXPECT_THAT(run_refield({"export-web", field_path, "--env", sky, "-o", folder / "other"}),
-              RefusedNaming("f.rfield", "--monitor 520x320@600"));
+              RefusedNaming("f.rfield", "--placement 520x320@600"));
 }
 
 TEST(ExportWeb, TheFinestPixelsAreOneOfAPowerOfTwo) {
@@ -291,11 +290,11 @@ TEST_F(TiledPageInChromium, DrawsWhatTheProgramComputes) {
 
 class MeshPageInChromium : public testing::Test {
  protected:
-  /// Drives the page of the field that `simulate prt` makes of a scene.
+  /// Drives the page of the field that `precompute` makes of a scene.
   void drive_scene(const std::string& scene, const std::vector<std::string>& options) {
     const std::string file = folder_ / "scene.toml", field = folder_ / "f.rfield";
     write_text_atomically(file, scene);
-    std::vector<std::string> command = {"simulate", "prt", file, "-o", field};
+    std::vector<std::string> command = {"precompute", file, "-o", field};
     command.insert(command.end(), options.begin(), options.end());
     ASSERT_THAT(run_refield(command), Succeeded());
     drive("drive_mesh_page.py", field, folder_);
@@ -336,7 +335,7 @@ target = [0.0, 0.45, 0.0]
 width = 160
 height = 120
 )",
-              {"--method", "sh", "--order", "4", "--directions", "256"});
+              {"--method", "sh", "--sh-order", "4", "--directions", "256"});
 }
 
 }  // namespace

@@ -40,13 +40,13 @@ class Submission:
                                             env=self.environment, cwd=self.lab.folder)
 
     def attach(self):
-        self.start("submit", "--attach", self.shards)
+        self.start("submit", self.shards)
 
     def resume(self):
-        self.start("submit", "--resume", self.shards)
+        self.start("submit", self.shards, "--resume")
 
     def cancel(self):
-        return subprocess.run([self.lab.refield, "submit", "--cancel", self.shards], env=self.lab.cluster.environment,
+        return subprocess.run([self.lab.refield, "submit", self.shards, "--cancel"], env=self.lab.cluster.environment,
                               capture_output=True, text=True)
 
     def text(self):
@@ -121,7 +121,7 @@ class Lab:
             text = re.sub(rf"^{key} = .*", f"{key} = {value}", text, flags=re.M)
         (self.folder / "recipe.toml").write_text(text)
         self.run("--quiet", "simulate", "recipe.toml", "-o", "truth")
-        self.run("--quiet", "acquire", "virtual", "recipe.toml", "--truth", "truth", "-o", "session", "--exposures", "0.003")
+        self.run("--quiet", "acquire", "run", "recipe.toml", "--truth", "truth", "-o", "session", "--exposures", "0.003")
         self.run("estimate", "session", "-o", "whole.rfield", "--threads", "1")
         self.whole = (self.folder / "whole.rfield").read_bytes()
 
@@ -243,7 +243,7 @@ def killed_while_submitting(lab):
 
 
 def cancelled(lab):
-    """submit --cancel, then --resume"""
+    """submit with --cancel, then --resume"""
     one = Submission(lab, "cancelled", "--shards", 6)
     one.wait_submitted()
     pid, _ = one.stop_an_estimator()
@@ -279,7 +279,7 @@ def detached(lab):
 
 def without_slurm(lab):
     """--engine parallel: an estimator is killed"""
-    one = Submission(lab, "parallel", "--shards", 3, "--engine", "parallel")
+    one = Submission(lab, "parallel", "--shards", 3, "--hosts", ":")
     pid, _ = one.stop_an_estimator()
     slurm.kill(pid)
     return one.expect_field() + ", started again by GNU parallel"

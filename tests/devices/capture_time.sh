@@ -7,11 +7,11 @@ set -euo pipefail
 shopt -s inherit_errexit  # a capture that fails has no time
 refield=$1 share=$2 kind=$3 table=$(realpath "$4")
 cd "$share"
-"$refield" --quiet acquire virtual recipe.toml --truth truth -o rig >/dev/null
+"$refield" --quiet acquire run recipe.toml --truth truth -o rig >/dev/null
 case $kind in
   genicam)
     brackets=("0.001, 0.002, 0.005, 0.01" "0.01, 0.02, 0.05, 0.1" "0.1, 0.2, 0.5, 1")
-    free=$'device = "genicam:127.0.0.1"\nformat = "BayerRG12"\nwindow = [0, 0, 64, 48]\nrate = 100'
+    free=$'device = "genicam:127.0.0.1"\npixel_format = "BayerRG12"\nregion = [0, 0, 64, 48]\nfps = 100'
     names=("GenICam, triggered" "GenICam, free") cameras=("$free"$'\ntrigger = "Software"' "$free")
     ;;
   dslr)
@@ -23,8 +23,8 @@ esac
 # seconds CAMERA PATTERNS EXPOSURES: of a whole capture.
 seconds() {
   rm -rf lights session
-  "$refield" --quiet acquire lights --starter --count "$2" --size 32x24 -o lights >/dev/null
-  cat >session.toml <<SESSION
+  "$refield" --quiet acquire lights --starter --patterns "$2" --light-size 32x24 -o lights >/dev/null
+  cat >rig.toml <<SESSION
 [session]
 output = "session"
 calibration = "rig/calibration.toml"
@@ -42,7 +42,7 @@ seconds = [$3]
 ambient_frames = 1
 SESSION
   local begun=$EPOCHREALTIME
-  "$refield" --quiet acquire run session.toml >/dev/null
+  "$refield" --quiet acquire run rig.toml >/dev/null
   python3 -c "print($EPOCHREALTIME - $begun)"
 }
 echo "camera,shutter open (s),pattern (s)" >"$table"

@@ -2,7 +2,7 @@
 # In the guest: a whole session in the virtual laboratory, every frame's pattern checked.
 . "$REFIELD_SOURCE/tests/devices/lab.sh"
 start_lab /run/lab.log
-time "$refield" --quiet acquire run /vmshare/session.toml || exit 1
+time "$refield" --quiet acquire run /vmshare/rig.toml || exit 1
 kill $lab || exit 1  # it must have lived to the end
 "$REFIELD_BUILD/tests/devices/check_pairs" /run/session /vmshare/truth/illumination /run/lab.log
 status=$?

@@ -5,6 +5,6 @@
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 share=$1
-cp "$here/lab_session.toml" "$share/session.toml"
+cp "$here/lab_session.toml" "$share/rig.toml"
 sed "s/^train = .*/train = ${2:-90}/" "$here/lab_recipe.toml" >"$share/recipe.toml"
 "$here/virtual_rig.sh" "$share" "${3:-5}" --exposures 0.005,0.02

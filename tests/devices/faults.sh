@@ -12,8 +12,8 @@ pull() { echo "$1" >"$(echo /sys/devices/platform/gpio-sim.0/gpiochip*/sim_gpio2
 gpio 1
 pull pull-up
 mount -t tmpfs -o size=48m disk /run/disk
-sed 's|/run/session|/run/disk/session|' /vmshare/session.toml >/vmshare/faults.toml
-sed 's|/run/session|/run/disk/undisturbed|' /vmshare/session.toml >/vmshare/undisturbed.toml
+sed 's|/run/session|/run/disk/session|' /vmshare/rig.toml >/vmshare/faults.toml
+sed 's|/run/session|/run/disk/undisturbed|' /vmshare/rig.toml >/vmshare/undisturbed.toml
 session=/run/disk/session
 number=0
 new_lab() { number=$((number + 1)); start_lab "/run/lab$number.log" steady; }

@@ -5,7 +5,7 @@
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 "$here/closed_loop_before.sh" "$1" 24 1
-cat >>"$1/session.toml" <<'TOML'
+cat >>"$1/rig.toml" <<'TOML'
 [trigger]
 chip = "gpio-sim.0-node0"
 line = 1

@@ -22,10 +22,10 @@ share=$(realpath "$share")
 touch "$share/tree/DCIM/TEMPLATE.DNG"
 sensitivity=8e6 options=()
 if [[ $kind == genicam ]]; then
-  sensitivity=4e7 options=(--format BayerRG12 --region 0,0,64,48 --rate 100)
+  sensitivity=4e7 options=(--set camera.pixel_format=BayerRG12 --set camera.region=0,0,64,48 --set camera.fps=100)
 else
   export IOLIBS=$2 VIRTUAL_DSLR_TREE=$share/tree VIRTUAL_DSLR_LAB=$share/camera
-  options=(--control f-number=5.6)
+  options=(--set controls.f-number=5.6)
 fi
 sed "s/^train = .*/train = 1/; s/^natural = .*/natural = 1/; s/^bars = .*/bars = 0/; s/^squares = .*/squares = 0/
   s/^sensitivity = .*/sensitivity = $sensitivity/" "$here/lab_recipe.toml" >"$share/recipe.toml"

@@ -9,4 +9,4 @@ mkdir -p /run/work /dev/pts
 mount -t devpts devpts /dev/pts  # the terminal in which the answers are typed
 export HOME=/run
 time python3 -B "$REFIELD_SOURCE/tests/cli/guided_capture.py" "$refield" --rig v4l2 --work /run/work -- \
-  --light-size 32x24 --format RG12 --region 0,0,64,48 --levels-apart 51
+  --light-size 32x24 --set camera.pixel_format=RG12 --set camera.region=0,0,64,48 --level-step 51

@@ -9,7 +9,7 @@ refield=$REFIELD_BUILD/cli/refield
 sed 's/^train = .*/train = 2/; s/^natural = .*/natural = 1/; s/^bars = .*/bars = 1/; s/^squares = .*/squares = 0/
   s/^bits = .*/bits = 8/; s/^layout = .*/layout = "grey"/' "$here/lab_recipe.toml" >"$share/recipe.toml"
 "$refield" --quiet simulate "$share/recipe.toml" -o "$share/truth" >/dev/null
-"$refield" --quiet acquire virtual "$share/recipe.toml" --truth "$share/truth" -o "$share/rig_session" >/dev/null
+"$refield" --quiet acquire run "$share/recipe.toml" --truth "$share/truth" -o "$share/rig_session" >/dev/null
 cp "$share/rig_session/calibration.toml" "$share/calibration.toml"
 cat >"$share/window.toml" <<'TOML'
 [session]
@@ -19,10 +19,10 @@ reference_every = 0
 preview = "/run/preview.png"
 [camera]
 device = "platform:vivid-000"
-format = "GREY"
+pixel_format = "GREY"
 width = 320
 height = 180
-rate = 30
+fps = 30
 fixed_exposure = 0.01
 [monitor]
 window = true

@@ -208,7 +208,7 @@ TEST_F(Estimate, TellsWhatIsWrongWithTheInput) {
   EXPECT_NE(message(few, options_).find("one training image only"), std::string::npos);
   EstimateOptions bad = options_;
   bad.kernels = 300;
-  EXPECT_NE(message(session_, bad).find("--kernels"), std::string::npos);
+  EXPECT_NE(message(session_, bad).find("--max-kernels"), std::string::npos);
   bad = options_;
   bad.memory_bytes = 1 << 20;
   EXPECT_NE(message(session_, bad).find("--memory"), std::string::npos);

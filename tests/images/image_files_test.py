@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Reads files of every variant that the image formats allow (orientation × layout × depth × metadata × container),
-which image_corpus.py writes, as photographs (`refield hdr`, `acquire import`) and as light maps (`relight`), and
+which image_corpus.py writes, as photographs (`refield acquire import`) and as light maps (`relight`), and
 compares them with values that NumPy computes. Each variant is right, or is refused with the stated message.
 docs/reference/image-files.md lists them. A new kind is one line of `cases`.
 
@@ -313,7 +313,7 @@ def judge(item, program, folder):
     files, out = [str(folder / name) for name in item["files"]], str(folder / "out.exr")
     if item["how"] == "photograph":
         options = item["options"] if "--exposures" in item["options"] else item["options"] + ["--exposures", "1"]
-        command = ["hdr", *files, "-o", out, *options]
+        command = ["acquire", "import", *files, "-o", out, *options]
     elif item["how"] == "dome":
         (folder / "dome.lp").write_text(f"{len(files)}\n" + "".join(f"{pathlib.Path(f).name} {k * 0.3} 0.1 0.9\n" for k, f in enumerate(files)))
         out = str(folder / "session")

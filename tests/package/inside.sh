@@ -44,8 +44,7 @@ zsh -fc 'fpath=(/usr/share/zsh/vendor-completions $fpath); autoload -Uz compinit
 
 step "a field, relit"
 scenes=/usr/share/doc/refield/datasets_synthetic
-refield --quiet simulate $scenes/tabletop/recipe.toml -o truth --width 64 --height 48 --light-width 16 --light-height 12 --train 2 --natural 0 \
-  --bars 0 --squares 0 --quality 1
+refield --quiet simulate $scenes/tabletop/recipe.toml -o truth --size 64x48 --light-size 16x12 --train 2 --test 0,0,0 --quality 1
 refield --quiet relight truth/transport.rfield --bar 0.5 --frames 2 -o bar
 [[ -s bar/bar_0001.exr ]] || fail "no picture of the field"
 

@@ -48,18 +48,17 @@ completes() {
   [[ ${COMPREPLY[*]} == "$expected" ]] || fail "'${COMP_WORDS[*]}' is completed to '${COMPREPLY[*]}', not '$expected'"
 }
 completes e = estimate export-web
-completes acquire i = init import
-completes relight scene.rfield --ro = --roll --rotate
+completes acquire i = import
+completes relight scene.rfield --ro = --rotate --roll
 completes relight scene.rfield --format '' = exr png glb
 completes relight --format p = png
 completes estimate --light '' =
 completes estimate sess =
-completes simulate prt --met = --method
+completes precompute --met = --method
 completes info --js = --json
 if command -v zsh >/dev/null; then zsh -n "$folder/_refield" || fail "zsh cannot read _refield"; fi
 
-"$program" --quiet simulate "$recipe" -o truth --width 24 --height 18 --light-width 8 --light-height 8 --train 1 --natural 0 --bars 0 \
-  --squares 0 --quality 1 >log 2>&1 || fail "$(cat log)"
+"$program" --quiet simulate "$recipe" -o truth --size 24x18 --light-size 8x8 --train 1 --test 0,0,0 --quality 1 >log 2>&1 || fail "$(cat log)"
 "$thumbnailer" truth/transport.rfield picture 12 || fail "no picture"
 mv picture picture.png
 "$program" info picture.png | tr '\n' ' ' | grep 'width: 12  *height: 9 ' >/dev/null || fail "the picture: $("$program" info picture.png)"

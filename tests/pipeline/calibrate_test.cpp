@@ -32,9 +32,15 @@ class CalibrateProgram : public testing::Test {
   }
   int run(std::vector<std::string> words) { return run_program(std::move(words), folder_ / "log"); }
   int calibrate(std::vector<std::string> more = {}) {
-    std::vector<std::string> words = {
-        "acquire",         "calibrate", "--virtual",          folder_ / "recipe.toml", "--truth",
-        folder_ / "truth", "-o",        folder_ / "rig.toml", "--levels-apart",        "15"};
+    std::vector<std::string> words = {"acquire",
+                                      "calibrate",
+                                      folder_ / "recipe.toml",
+                                      "--truth",
+                                      folder_ / "truth",
+                                      "-o",
+                                      folder_ / "calibration.toml",
+                                      "--level-step",
+                                      "15"};
     words.insert(words.end(), more.begin(), more.end());
     return run(words);
   }
@@ -54,14 +60,14 @@ TEST_F(CalibrateProgram, ACaptureWithTheMeasuredCalibrationAgreesWithOneThatKnow
   ASSERT_EQ(calibrate(), 0) << log();
   EXPECT_THAT(log(), HasSubstr("takes effect after 2 more frames"));
   EXPECT_THAT(log(), HasSubstr("whole multiples of 4.167 ms"));
-  EXPECT_THAT(read_text(folder_ / "rig.html"), HasSubstr("\"superposition_holds\":true"));
+  EXPECT_THAT(read_text(folder_ / "calibration.html"), HasSubstr("\"superposition_holds\":true"));
   EXPECT_EQ(calibrate(), 2) << "files that exist are kept";
 
   const std::vector<std::string> capture = {
-      "acquire", "virtual", folder_ / "recipe.toml", "--truth", folder_ / "truth", "--noise", "3%", "-o"};
+      "acquire", "run", folder_ / "recipe.toml", "--truth", folder_ / "truth", "--max-noise", "3%", "-o"};
   auto knowing = capture, measured = capture;
   knowing.push_back(folder_ / "knowing");
-  measured.insert(measured.end(), {folder_ / "measured", "--calibration", folder_ / "rig.toml"});
+  measured.insert(measured.end(), {folder_ / "measured", "--calibration", folder_ / "calibration.toml"});
   ASSERT_EQ(run(knowing), 0) << log();
   EXPECT_THAT(log(), HasSubstr("the scene's range of 1:"));
   ASSERT_EQ(run(measured), 0) << log();
@@ -87,8 +93,8 @@ TEST_F(CalibrateProgram, ADisplayThatDimsItselfEndsWithStatusTwoAndAPageThatSays
   EXPECT_EQ(calibrate({"--json"}), 2);
   EXPECT_THAT(log(), HasSubstr("light is not additive"));
   EXPECT_THAT(log(), HasSubstr("\"superposition_holds\": false"));
-  EXPECT_THAT(read_text(folder_ / "rig.html"), HasSubstr("\"superposition_holds\":false"));
-  EXPECT_TRUE(std::filesystem::exists(folder_ / "rig.toml"));
+  EXPECT_THAT(read_text(folder_ / "calibration.html"), HasSubstr("\"superposition_holds\":false"));
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "calibration.toml"));
 }
 
 }  // namespace

@@ -21,22 +21,22 @@ make() {
 }
 demo() {
   "$refield" simulate "$recipe" -o "$folder/truth"
-  "$refield" acquire virtual "$recipe" --truth "$folder/truth" --force -o "$folder/session"
+  "$refield" acquire run "$recipe" --truth "$folder/truth" --force -o "$folder/session"
   "$refield" estimate "$folder/session" -o "$folder/demo.rfield"
 }
 calibrated() {
-  local small=(--width 96 --height 72 --train 120)
+  local small=(--size 96x72 --train 120)
   "$refield" simulate "$recipe" "${small[@]}" -o "$folder/small"
-  "$refield" acquire calibrate --virtual "$recipe" --truth "$folder/small" --force -o "$folder/rig.toml"
-  "$refield" acquire virtual "$recipe" --truth "$folder/small" --calibration "$folder/rig.toml" --noise 2% \
+  "$refield" acquire calibrate "$recipe" --truth "$folder/small" --force -o "$folder/calibration.toml"
+  "$refield" acquire run "$recipe" --truth "$folder/small" --calibration "$folder/calibration.toml" --max-noise 2% \
     --force -o "$folder/calibrated"
   "$refield" estimate "$folder/calibrated" -o "$folder/calibrated.rfield"
 }
 make demo.rfield demo
 make calibrated.rfield calibrated
-make clusters.rfield "$refield" simulate prt "$prt/small.toml" --resolution 64 -o "$folder/clusters.rfield"
-make harmonics.rfield "$refield" simulate prt "$prt/glossy.toml" --method sh -o "$folder/harmonics.rfield"
-make glossy.rfield "$refield" simulate prt "$prt/glossy.toml" --image --resolution 64 -o "$folder/glossy.rfield"
+make clusters.rfield "$refield" precompute "$prt/small.toml" --resolution 64 -o "$folder/clusters.rfield"
+make harmonics.rfield "$refield" precompute "$prt/glossy.toml" --method sh -o "$folder/harmonics.rfield"
+make glossy.rfield "$refield" precompute "$prt/glossy.toml" --image --resolution 64 -o "$folder/glossy.rfield"
 
 status=0
 sheet=()

@@ -27,8 +27,8 @@ TEST(AcquireProgram, ReferenceFramesTellTheDriftAndSurviveAKill) {
   ASSERT_EQ(run_program({"simulate", folder / "recipe.toml", "-o", folder / "truth"}, log), 0)
       << read_text(log);
   const auto acquire = [&](const std::string& session, const std::string& more) {
-    std::vector<std::string> words = {"acquire",        "virtual", folder / "recipe.toml", "--truth",
-                                      folder / "truth", "-o",      folder / session};
+    std::vector<std::string> words = {"acquire",        "run", folder / "recipe.toml", "--truth",
+                                      folder / "truth", "-o",  folder / session};
     if (!more.empty()) words.push_back(more);
     return words;
   };

@@ -154,7 +154,7 @@ class NewSurroundings : public testing::Test {
 TEST_F(NewSurroundings, AreWithinTheFieldsOwnHeldOutError) {
   std::ofstream(path("recipe.toml")) << recipe_text;
   run({"simulate", path("recipe.toml"), "-o", path("truth"), "--quality", "3"});
-  run({"acquire", "virtual", path("recipe.toml"), "--truth", path("truth"), "-o", path("session")});
+  run({"acquire", "run", path("recipe.toml"), "--truth", path("truth"), "-o", path("session")});
   run({"estimate", path("session"), "-o", path("scene.rfield")});
   const std::string said = run({"compare", path("scene.rfield"), path("session"), "--truth",
                                 path("truth/transport.rfield"), "--json"});

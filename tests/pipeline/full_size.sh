@@ -12,7 +12,7 @@ folder=${2:-$root/out/full_size}
 rm -rf "$folder"
 mkdir -p "$folder"
 "$refield" simulate "$root/datasets_synthetic/tabletop/recipe.toml" -o "$folder/capture" \
-  --width 1024 --height 768 --light-width 800 --light-height 600 --half
+  --size 1024x768 --light-size 800x600 --half
 "$refield" estimate "$folder/capture" -o "$folder/refined.rfield" --memory 4 --json | tee "$folder/estimate.json"
 # Resident memory as the kernel saw it, against the limit of 4 GiB.
 peak=$(sed -n 's/.*"peak_memory_bytes": \([0-9]*\).*/\1/p' "$folder/estimate.json")

@@ -35,17 +35,17 @@ TEST(GenicamSession, IsResumedAfterTheProgramWasKilledAndStillHoldsTheCamera) {
   write_text_atomically(folder / "recipe.toml",
                         std::string(tiny_recipe) + "[sensor]\nlayout = \"grey\"\nbits = 12\n");
   run({"simulate", folder / "recipe.toml", "-o", folder / "truth"});
-  run({"acquire", "virtual", folder / "recipe.toml", "--truth", folder / "truth", "-o", folder / "rig"});
+  run({"acquire", "run", folder / "recipe.toml", "--truth", folder / "truth", "-o", folder / "rig"});
   write_text_atomically(
-      folder / "session.toml",
+      folder / "rig.toml",
       "[session]\noutput = \"session\"\ncalibration = \"rig/calibration.toml\"\nreference_every = 0\n"
-      "[camera]\ndevice = \"genicam:127.0.0.1\"\nformat = \"Mono12\"\nwindow = [0, 0, 64, 48]\n"
-      "rate = 60\ntrigger = \"Software\"\n[controls]\nBlackLevel = 16\n"
+      "[camera]\ndevice = \"genicam:127.0.0.1\"\npixel_format = \"Mono12\"\nregion = [0, 0, 64, 48]\n"
+      "fps = 60\ntrigger = \"Software\"\n[controls]\nBlackLevel = 16\n"
       "[monitor]\nwindow = true\nwidth = 16\nheight = 12\n"
       "[lights]\nsession = \"truth\"\n[exposures]\nseconds = [0.002, 0.008]\n");
-  ASSERT_TRUE(kill_at_file({"acquire", "run", folder / "session.toml"}, folder / "log", "observed/"))
+  ASSERT_TRUE(kill_at_file({"acquire", "run", folder / "rig.toml"}, folder / "log", "observed/"))
       << read_text(folder / "log");
-  run({"acquire", "run", folder / "session.toml", "--resume"});
+  run({"acquire", "run", folder / "rig.toml", "--resume"});
   run({"info", folder / "session"});
   EXPECT_THAT(read_text(folder / "log"), HasSubstr("64"));
   EXPECT_THAT(read_text(folder / "session/plan.toml"),

@@ -46,11 +46,10 @@ class Import : public ::testing::Test {
     write_text_atomically(*folder_ / "recipe.toml", test::tiny_recipe);
     ASSERT_EQ(run_program({"simulate", at("recipe.toml"), "-o", at("truth")}, at("log")), 0)
         << read_text(at("log"));
-    ASSERT_EQ(
-        run_program({"acquire", "virtual", at("recipe.toml"), "--truth", at("truth"), "-o", at("session"),
-                     "--keep-raw", "--exposures", "0.02,0.08,0.32", "--ambient-frames", "1"},
-                    at("log")),
-        0)
+    ASSERT_EQ(run_program({"acquire", "run", at("recipe.toml"), "--truth", at("truth"), "-o", at("session"),
+                           "--keep-raw", "--exposures", "0.02,0.08,0.32"},
+                          at("log")),
+              0)
         << read_text(at("log"));
     fs::create_directories(at("shots"));
     const std::regex name("(.*)_e([0-9])\\.png");
@@ -137,8 +136,8 @@ TEST_F(Import, TellsBracketsByExposureAndLightsByOrder) {
 
 TEST_F(Import, TheCommandMakesASessionThatIsEstimatedFrom) {
   const std::string log = out_ / "log";
-  ASSERT_EQ(run_program({"acquire", "import", at("shots"), "--lights", at("session/illumination"),
-                         "--pattern", "{light}-?.tif", "--ambient", at("shots/ambient-*"), "--response",
+  ASSERT_EQ(run_program({"acquire", "import", at("shots"), "--light", at("session/illumination"), "--names",
+                         "{light}-?.tif", "--ambient", at("shots/ambient-*"), "--response",
                          at("session/calibration.toml"), "-o", out_ / "imported"},
                         log),
             0)
@@ -190,7 +189,7 @@ TEST_F(Import, LightsMayBeDriveLevels) {
     levels.lights.push_back(file);
   }
   levels.light_content = LightContent::drive_levels;
-  EXPECT_THAT(message(levels), HasSubstr("--monitor-calibration"));
+  EXPECT_THAT(message(levels), HasSubstr("--response"));
   levels.monitor = at("session/calibration.toml");
   import_series(levels);
   expect_equal(out_ / "imported", at("session"));
@@ -200,7 +199,7 @@ TEST_F(Import, NamesTheFileAndTheRemedy) {
   ImportRequest wrong = request();
   wrong.lights.pop_back();
   EXPECT_THAT(message(wrong),
-              AllOf(HasSubstr("-0.tif: there is no light named '"), HasSubstr("--lights-by order")));
+              AllOf(HasSubstr("-0.tif: there is no light named '"), HasSubstr("--pair-by order")));
   wrong = request();
   wrong.rule = {"", 2};
   EXPECT_THAT(message(wrong), HasSubstr("do not make brackets of 2"));
@@ -306,15 +305,14 @@ TEST(ImportLightStage, OptionsWithoutEffectAreRefused) {
     EXPECT_EQ(run_program(options, log), 2);
     return read_text(log);
   };
-  for (const std::vector<std::string>& without_effect : {std::vector<std::string>{"--lights-by", "order"},
-                                                         {"--lights-hold", "drive"},
-                                                         {"--parameterisation", "cube"}})
+  for (const std::vector<std::string>& without_effect :
+       {std::vector<std::string>{"--pair-by", "order"}, {"--light-content", "drive"}})
     EXPECT_THAT(refusal({"--light-sources", "dome.lp", without_effect[0], without_effect[1]}),
-                HasSubstr(without_effect[0] + " requires --lights"));
+                HasSubstr(without_effect[0] + " requires --light"));
   EXPECT_THAT(refusal({"--ball", "find", "--object-at", "0,0,0"}), HasSubstr("requires --light-sources"));
-  EXPECT_THAT(refusal({"--light-sources", "dome.lp", "--ball", "find"}),
-              HasSubstr("--light-sources excludes --ball"));
-  EXPECT_THAT(refusal({"--light-sources", "dome.lp", "--field-of-view", "40"}), HasSubstr("requires --ball"));
+  EXPECT_THAT(refusal({"--light-sources", "dome.lp", "--ball", "1,2,3"}), HasSubstr("--light-sources ball"));
+  EXPECT_THAT(refusal({"--light-sources", "dome.lp", "--horizontal-fov", "40"}),
+              HasSubstr("--light-sources ball"));
 }
 
 /// Near light sources in a table, brackets of two exposures, ambient light, and a white card under each
@@ -361,7 +359,7 @@ TEST(ImportLightStage, NearSourcesBracketsAmbientLightAndFlatFields) {
   write_text_atomically(folder / "dome.csv", list);
   const std::vector<std::string> options = {
       "acquire",     "import",    folder / "shots", "--light-sources", folder / "dome.csv",
-      "--object-at", "0,0,100",   "--pattern",      "{light}_?.png",   "--exposures",
+      "--object-at", "0,0,100",   "--names",        "{light}_?.png",   "--exposures",
       "0.5,2",       "--ambient", folder / "dark"};
   const auto import_to = [&](const std::string& session, std::vector<std::string> more) {
     more.insert(more.begin(), options.begin(), options.end());

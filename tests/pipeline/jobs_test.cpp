@@ -49,7 +49,7 @@ class Jobs : public testing::Test {
 
 TEST_F(Jobs, PartsJoinIntoTheBytesOfOneRun) {
   for (const std::vector<std::string>& options :
-       {std::vector<std::string>{}, {"--spatial-passes", "2"}, {"--mode", "paper", "--kernels", "8"}}) {
+       {std::vector<std::string>{}, {"--mode", "fast"}, {"--mode", "paper", "--max-kernels", "8"}}) {
     ASSERT_EQ(estimate("whole.rfield", options), 0) << log();
     std::vector<std::string> merge = {"merge", "-o", folder_ / "joined.rfield"};
     int number = 0;
@@ -69,7 +69,7 @@ TEST_F(Jobs, ShardsShareTheCheckOfFrames) {
   Image photograph = read_image(flickered);
   for (float& value : photograph.values) value *= 1.7f;
   write_exr(flickered, photograph);
-  const std::vector<std::string> options = {"--kernels", "4"};
+  const std::vector<std::string> options = {"--max-kernels", "4"};
   ASSERT_EQ(estimate("whole.rfield", options), 0) << log();
   const auto file = folder_ / "frame-check.json";
   EXPECT_FALSE(std::filesystem::exists(file)) << "for shards only";
@@ -92,7 +92,7 @@ TEST_F(Jobs, ShardsShareTheCheckOfFrames) {
   };
   write_text_atomically(file, changed.dump());
   EXPECT_EQ(found_by(options), 0.125);
-  EXPECT_NE(found_by({"--kernels", "5"}), 0.125) << "another job";
+  EXPECT_NE(found_by({"--max-kernels", "5"}), 0.125) << "another job";
   write_text_atomically(file, changed.dump().substr(0, check.size() / 2));
   EXPECT_NE(found_by(options), 0.125) << "damaged";
   EXPECT_TRUE(read_text(file) == check);
@@ -103,13 +103,13 @@ TEST_F(Jobs, ShardsShareTheCheckOfFrames) {
 }
 
 TEST_F(Jobs, PartsOfARefinementJoinToo) {
-  ASSERT_EQ(run_program(
-                {"estimate", "--light", folder_ / "session/illumination/train_0?0.exr", "--observed",
-                 folder_ / "session/observed/train_0?0.exr", "--kernels", "3", "-o", folder_ / "few.rfield"},
-                log_),
+  ASSERT_EQ(run_program({"estimate", "--light", folder_ / "session/illumination/train_0?0.exr", "--observed",
+                         folder_ / "session/observed/train_0?0.exr", "--max-kernels", "3", "-o",
+                         folder_ / "few.rfield"},
+                        log_),
             0)
       << log();
-  const std::vector<std::string> refine = {"--kernels", "6", "--refine", folder_ / "few.rfield"};
+  const std::vector<std::string> refine = {"--max-kernels", "6", "--refine", folder_ / "few.rfield"};
   ASSERT_EQ(estimate("whole.rfield", refine), 0) << log();
   ASSERT_EQ(estimate("top.rfield", words({"--rows", ":17"}, refine)), 0) << log();
   ASSERT_EQ(estimate("bottom.rfield", words({"--rows", "17:"}, refine)), 0) << log();
@@ -125,21 +125,21 @@ TEST_F(Jobs, EqualBandsCoverThePicture) {
   std::vector<std::string> merge = {"merge", "-o", folder_ / "joined.rfield"};
   for (int i = 1; i <= 5; ++i) {
     const std::string part = "part" + std::to_string(i) + ".rfield";
-    ASSERT_EQ(estimate(part, {"--rows", std::to_string(i) + "/5", "--kernels", "3"}), 0) << log();
+    ASSERT_EQ(estimate(part, {"--rows", std::to_string(i) + "/5", "--max-kernels", "3"}), 0) << log();
     merge.push_back(folder_ / part);
   }
   EXPECT_EQ(run_program(merge, log_), 0) << log();
 }
 
 TEST_F(Jobs, PartsOfOtherOptionsOrCapturesAreRefused) {
-  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--kernels", "4"}), 0) << log();
-  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--kernels", "5"}), 0) << log();
+  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--max-kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--max-kernels", "5"}), 0) << log();
   EXPECT_EQ(
       run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "w.rfield"}, log_),
       2);
   EXPECT_NE(log().find("b.rfield"), std::string::npos) << log();
   write_exr(folder_ / "session/observed/train_003.exr", Image(16, 37, 3, 0.5f));
-  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--max-kernels", "4"}), 0) << log();
   EXPECT_EQ(
       run_program({"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o", folder_ / "w.rfield"}, log_),
       2);
@@ -158,7 +158,7 @@ TEST_F(Jobs, PartsOfACaptureWithTheSameNamesAndSizesAreRefused) {
     ASSERT_TRUE(output && output->open(photograph.string(), spec) &&
                 output->write_image(OIIO::TypeDesc::FLOAT, values.data()) && output->close());
   };
-  const std::vector<std::string> options = {"--kernels", "4", "--keep-outliers"};
+  const std::vector<std::string> options = {"--max-kernels", "4", "--keep-outliers"};
   write(0.5f);
   const auto size = std::filesystem::file_size(photograph);
   ASSERT_EQ(estimate("a.rfield", words({"--rows", "1/2"}, options)), 0) << log();
@@ -174,12 +174,12 @@ TEST_F(Jobs, PartsOfACaptureWithTheSameNamesAndSizesAreRefused) {
 }
 
 TEST_F(Jobs, ShardsFromOtherMountPointsAreMerged) {
-  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--max-kernels", "4"}), 0) << log();
   std::filesystem::create_directory(folder_ / "elsewhere");
   std::filesystem::copy(folder_ / "session", folder_ / "elsewhere/session",
                         std::filesystem::copy_options::recursive);  // with the time of now
-  ASSERT_EQ(run_program({"estimate", folder_ / "elsewhere/session", "--rows", "2/2", "--kernels", "4", "-o",
-                         folder_ / "b.rfield"},
+  ASSERT_EQ(run_program({"estimate", folder_ / "elsewhere/session", "--rows", "2/2", "--max-kernels", "4",
+                         "-o", folder_ / "b.rfield"},
                         log_),
             0)
       << log();
@@ -189,8 +189,8 @@ TEST_F(Jobs, ShardsFromOtherMountPointsAreMerged) {
 }
 
 TEST_F(Jobs, ADamagedShardIsNamed) {
-  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--kernels", "4"}), 0) << log();
-  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("a.rfield", {"--rows", "1/2", "--max-kernels", "4"}), 0) << log();
+  ASSERT_EQ(estimate("b.rfield", {"--rows", "2/2", "--max-kernels", "4"}), 0) << log();
   const std::vector<std::string> merge = {"merge", folder_ / "a.rfield", folder_ / "b.rfield", "-o",
                                           folder_ / "w.rfield"};
   ASSERT_EQ(run_program(merge, log_), 0) << log();

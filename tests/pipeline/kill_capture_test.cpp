@@ -29,9 +29,9 @@ class CaptureProgram : public ::testing::Test {
     ASSERT_GT(steps, 100) << read_text(log);
   }
   std::vector<std::string> acquire(const std::string& session, std::vector<std::string> more = {}) const {
-    std::vector<std::string> arguments = {"acquire",        "virtual",        folder / "recipe.toml",
-                                          "--truth",        folder / "truth", "-o",
-                                          folder / session, "--keep-raw",     "--auto-mask"};
+    std::vector<std::string> arguments = {"acquire",        "run", folder / "recipe.toml", "--truth",
+                                          folder / "truth", "-o",  folder / session,       "--keep-raw",
+                                          "--auto-mask"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }
@@ -63,9 +63,9 @@ TEST_F(CaptureProgram, OverwritesNothingUnasked) {
   EXPECT_NE(read_text(log).find("--resume"), std::string::npos) << read_text(log);
   EXPECT_EQ(run_program(acquire("whole", {"--resume"}), log), 0) << read_text(log);
   EXPECT_NE(read_text(log).find("already complete"), std::string::npos) << read_text(log);
-  EXPECT_EQ(run_program(acquire("whole", {"--resume", "--seed", "6"}), log), 2);
+  EXPECT_EQ(run_program(acquire("whole", {"--resume", "--exposures", "0.01,0.04"}), log), 2);
   EXPECT_EQ(read_text(folder / "whole/journal"), journal);
-  EXPECT_EQ(run_program(acquire("whole", {"--force", "--seed", "6"}), log), 0) << read_text(log);
+  EXPECT_EQ(run_program(acquire("whole", {"--force", "--exposures", "0.01,0.04"}), log), 0) << read_text(log);
   EXPECT_NE(read_text(folder / "whole/journal"), journal);
 }
 
@@ -74,10 +74,15 @@ TEST_F(CaptureProgram, HdrOfKeptFramesIsThePhotograph) {
   const auto start = plan.find("seconds = [") + 11;
   std::string seconds = plan.substr(start, plan.find(']', start) - start);
   std::erase(seconds, ' ');
-  const std::vector<std::string> hdr = {"hdr",         (folder / "whole/raw/train_003_*.png").string(),
-                                        "-o",          (folder / "merged.exr").string(),
-                                        "--exposures", seconds,
-                                        "--response",  (folder / "whole/calibration.toml").string()};
+  const std::vector<std::string> hdr = {"acquire",
+                                        "import",
+                                        (folder / "whole/raw/train_003_*.png").string(),
+                                        "-o",
+                                        (folder / "merged.exr").string(),
+                                        "--exposures",
+                                        seconds,
+                                        "--response",
+                                        (folder / "whole/calibration.toml").string()};
   ASSERT_EQ(run_program(hdr, log), 0) << read_text(log);
   const Image merged = read_photograph(folder / "merged.exr").radiance;
   const Image ambient = read_photograph(folder / "whole/ambient.exr").radiance;

@@ -296,9 +296,27 @@ TEST_F(ProbeFiles, TheCommandMakesMapsOfTwoSides) {
   rig_.scene.world_from_camera = EulerAngles{90.0, 0.0, 0.0}.matrix();
   write_exr(folder_ / "north.exr", photograph_mirror_ball(environment, rig_.scene));
   const std::string log = folder_ / "log";
-  ASSERT_EQ(test::run_program({"acquire", "probe", folder_ / "east.exr", "--join", folder_ / "north.exr",
-                               "--join-yaw", "90", "--distance", "15", "--diameter", "2", "--saturation",
-                               "100", "--width", "32", "--neutral-density", "1", "-o", folder_ / "sky"},
+  ASSERT_EQ(test::run_program({"acquire",
+                               "probe",
+                               folder_ / "east.exr",
+                               "--join",
+                               folder_ / "north.exr",
+                               "--camera-turn",
+                               "0",
+                               "--camera-turn",
+                               "90",
+                               "--distance",
+                               "15",
+                               "--diameter",
+                               "2",
+                               "--saturation",
+                               "100",
+                               "--light-size",
+                               "32x16",
+                               "--neutral-density",
+                               "1",
+                               "-o",
+                               folder_ / "sky"},
                               log),
             0)
       << read_text(log);

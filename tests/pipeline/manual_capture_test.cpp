@@ -93,12 +93,13 @@ class ManualCapture : public ::testing::Test {
     folder_ = std::make_unique<TemporaryFolder>();
     write_text_atomically(at("recipe.toml"), test::tiny_recipe);
     const std::vector<std::vector<std::string>> commands = {
-        {"acquire", "lights", "--starter", "--size", "16x12", "-o", at("lights"), "--png", at("patterns")},
+        {"acquire", "lights", "--starter", "--light-size", "16x12", "-o", at("lights"), "--png",
+         at("patterns")},
         {"simulate", at("recipe.toml"), "-o", at("truth")},
-        {"acquire", "virtual", at("recipe.toml"), "--truth", at("truth"), "--lights", at("hundred"), "-o",
-         at("captured"), "--exposures", "0.02,0.08,0.32", "--ambient-frames", "1"}};
+        {"acquire", "run", at("recipe.toml"), "--truth", at("truth"), "--light", at("hundred"), "-o",
+         at("captured"), "--exposures", "0.02,0.08,0.32"}};
     for (const auto& command : commands) {
-      if (command[1] == "virtual") {
+      if (command[1] == "run") {
         fs::create_directories(at("hundred"));
         const auto all = expand_glob(at("lights/*.exr"));
         for (int i = 0; i < 100; ++i) fs::copy(all[i].path, at("hundred"));
@@ -189,12 +190,12 @@ TEST_F(ManualCapture, TheStarterSetIsWhatItsImagesShow) {
 }
 
 TEST_F(ManualCapture, ImportedByOrderTheCamerasCurveIsEstimated) {
-  ASSERT_EQ(run({"acquire", "import", at("shots"), "--lights", at("shown"), "--ambient-first", "--response",
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "--light", at("shown"), "--ambient-first", "--response",
                  "srgb", "-o", out_ / "doubtful"}),
             0)
       << log();
   EXPECT_THAT(log(), HasSubstr("contradict 'srgb' by"));
-  ASSERT_EQ(run({"acquire", "import", at("shots"), "--lights", at("shown"), "--ambient-first", "-o",
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "--light", at("shown"), "--ambient-first", "-o",
                  out_ / "session"}),
             0)
       << log();
@@ -206,10 +207,10 @@ TEST_F(ManualCapture, ImportedByOrderTheCamerasCurveIsEstimated) {
   constexpr double rounding_and_jpeg = 0.04;  // 8 bits, quality 98, without a camera's own noise
   EXPECT_LT(after, rounding_and_jpeg);
 
-  ASSERT_EQ(run({"acquire", "calibrate", "--from-photographs", at("shots"), "-o", out_ / "camera.toml"}), 0)
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "-o", out_ / "camera.toml"}), 0)
       << log();
   EXPECT_THAT(log(), HasSubstr("response estimated from"));
-  ASSERT_EQ(run({"acquire", "import", at("shots"), "--lights", at("shown"), "--ambient-first", "--response",
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "--light", at("shown"), "--ambient-first", "--response",
                  out_ / "camera.toml", "-o", out_ / "calibrated"}),
             0)
       << log();
@@ -225,16 +226,15 @@ TEST_F(ManualCapture, WithGapsPhotographsAndPatternsArePairedByTime) {
     if (number / 3 != 31 && number / 3 != 47) fs::copy(match.path, shots / match.path.filename());
   }
   ASSERT_EQ(
-      run({"acquire", "import", shots, "--lights", at("shown"), "--ambient-first", "-o", out_ / "ordered"}),
-      0)
+      run({"acquire", "import", shots, "--light", at("shown"), "--ambient-first", "-o", out_ / "ordered"}), 0)
       << log();
   EXPECT_THAT(log(), HasSubstr("lights without photographs, which are left out: test_027, train_013\n"));
   EXPECT_EQ(read_capture_session(out_ / "ordered").frames.size(), 94U);
   EXPECT_EQ(run({"info", out_ / "ordered"}), 0) << log();
   EXPECT_THAT(log(), HasSubstr("left out: test_027, train_013"));
   ASSERT_EQ(run({"acquire", "import", shots, "--ambient-first", "-o", out_ / "hdr"}), 0) << log();
-  ASSERT_EQ(run({"acquire", "match", "--observed", out_ / "hdr", "--lights", at("shown"),
-                 "--parameterisation", "monitor", "--offset", "auto", "-o", out_ / "session"}),
+  ASSERT_EQ(run({"acquire", "import", out_ / "hdr", "--light", at("shown"), "--pair-by", "time", "--offset",
+                 "auto", "-o", out_ / "session"}),
             0)
       << log();
   const CaptureSession session = read_capture_session(out_ / "session");
@@ -268,7 +268,7 @@ TEST_F(ManualCapture, BlackMissingAndRepeatedBracketsAreNamed) {
     if (place == 81) take(place);
   }
   take(0);
-  ASSERT_EQ(run({"acquire", "import", shots, "--lights", lights, "--ambient-first", "-o", out_ / "session"}),
+  ASSERT_EQ(run({"acquire", "import", shots, "--light", lights, "--ambient-first", "-o", out_ / "session"}),
             0)
       << log();
   EXPECT_THAT(log(), AllOf(HasSubstr("IMG_2003.jpg, " + (shots / "IMG_2294.jpg").string()),
@@ -285,7 +285,7 @@ TEST_F(ManualCapture, PhotographsOfSeveralOrientationsAreRefused) {
     write_jpeg(shots / ("IMG_" + std::to_string(1150 + shot) + ".jpg"), grey,
                shot == 2 ? 0.3 : (1 + 3 * shot) / 60.0, noon, 3);
   ASSERT_EQ(
-      run({"acquire", "import", shots, "--lights", at("shown"), "--ambient-first", "-o", out_ / "session"}),
+      run({"acquire", "import", shots, "--light", at("shown"), "--ambient-first", "-o", out_ / "session"}),
       2);
   EXPECT_THAT(log(), HasSubstr("IMG_1150.jpg: was taken with EXIF Orientation 3, but"));
 }
@@ -298,8 +298,7 @@ TEST_F(ManualCapture, AnAmbientBracketWithRoomLightIsNamed) {
     fs::rename(shots / ("IMG_" + std::to_string(1003 + shot) + ".jpg"),
                dark / ("IMG_" + std::to_string(1003 + shot) + ".jpg"));
   ASSERT_EQ(
-      run({"acquire", "import", shots, "--lights", at("shown"), "--ambient", dark, "-o", out_ / "session"}),
-      0)
+      run({"acquire", "import", shots, "--light", at("shown"), "--ambient", dark, "-o", out_ / "session"}), 0)
       << log();
   EXPECT_THAT(log(),
               AllOf(HasSubstr("IMG_1003.jpg: "), HasSubstr("darker than this one of the ambient light")));
@@ -307,12 +306,16 @@ TEST_F(ManualCapture, AnAmbientBracketWithRoomLightIsNamed) {
 
 TEST_F(ManualCapture, HdrRefusesTimesThatThePhotographsContradict) {
   const std::vector<std::string> images = {at("shots/IMG_1012.jpg"), at("shots/IMG_1013.jpg")};
-  EXPECT_EQ(run({"hdr", images[0], images[1], "--exposures", "0.0666,0.0166", "-o", out_ / "view.exr"}), 2);
+  EXPECT_EQ(run({"acquire", "import", images[0], images[1], "--exposures", "0.0666,0.0166", "-o",
+                 out_ / "view.exr"}),
+            2);
   EXPECT_THAT(log(), AllOf(HasSubstr("IMG_1012.jpg: is darker than"), HasSubstr("swapped")));
-  EXPECT_EQ(run({"hdr", images[0], images[0], "--exposures", "0.0166,0.0666", "-o", out_ / "view.exr"}), 2);
+  EXPECT_EQ(run({"acquire", "import", images[0], images[0], "--exposures", "0.0166,0.0666", "-o",
+                 out_ / "view.exr"}),
+            2);
   EXPECT_THAT(log(), HasSubstr("no brighter"));
   EXPECT_FALSE(fs::exists(out_ / "view.exr"));
-  EXPECT_EQ(run({"hdr", images[1], "-o", out_ / "view.exr"}), 0);
+  EXPECT_EQ(run({"acquire", "import", images[1], "-o", out_ / "view.exr"}), 0);
   EXPECT_THAT(log(), HasSubstr("note: 8-bit files with one exposure"));
 }
 
@@ -366,14 +369,14 @@ TEST(SessionFileTemplate, IsReadByTheProgramWithAllItsKeys) {
     EXPECT_EQ(run_program(words, folder / "log"), 2);
     return read_text(folder / "log");
   };
-  ASSERT_EQ(run_program({"acquire", "init", folder / "session.toml"}, folder / "log"), 0)
+  ASSERT_EQ(run_program({"acquire", "devices", "-o", folder / "rig.toml"}, folder / "log"), 0)
       << read_text(folder / "log");
-  EXPECT_THAT(message({"acquire", "init", folder / "session.toml"}), HasSubstr("exists"));
-  std::string text = std::regex_replace(read_text(folder / "session.toml"),
-                                        std::regex("\ndevice = \"[^\"]*\""), "\ndevice = \"no such camera\"");
-  write_text_atomically(folder / "session.toml", text);
+  EXPECT_THAT(message({"acquire", "devices", "-o", folder / "rig.toml"}), HasSubstr("exists"));
+  std::string text = std::regex_replace(read_text(folder / "rig.toml"), std::regex("\ndevice = \"[^\"]*\""),
+                                        "\ndevice = \"no such camera\"");
+  write_text_atomically(folder / "rig.toml", text);
   // The camera is the first thing that is missing: the file was read to its end.
-  EXPECT_THAT(message({"acquire", "run", folder / "session.toml"}), HasSubstr("no such camera"));
+  EXPECT_THAT(message({"acquire", "run", folder / "rig.toml"}), HasSubstr("no such camera"));
   // All keys that are commented out are keys of the program; a display belongs to a window alone, a
   // truth to a simulated rig.
   text = std::regex_replace(text, std::regex("\n# (\\[[a-z]+\\]|[a-z_]+ = )"), "\n$1");

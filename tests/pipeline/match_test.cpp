@@ -95,11 +95,10 @@ TEST_F(MatchSeries, NotOnePairIsWrong) {
 }
 
 TEST_F(MatchSeries, TheSessionIsEstimatedFrom) {
-  ASSERT_EQ(
-      test::run_program({"acquire", "match", "--observed", folder_ / "city", "--lights", folder_ / "sky",
-                         "-o", folder_ / "session", "--offset", "auto", "--test-every", "5"},
-                        folder_ / "match.log"),
-      0)
+  ASSERT_EQ(test::run_program({"acquire", "import", folder_ / "city", "--light", folder_ / "sky", "--pair-by",
+                               "time", "-o", folder_ / "session", "--offset", "auto", "--hold-out", "5"},
+                              folder_ / "match.log"),
+            0)
       << read_text(folder_ / "match.log");
   EXPECT_THAT(read_text(folder_ / "match.log"), HasSubstr("55 pairs"));
   ASSERT_EQ(test::run_program({"estimate", folder_ / "session", "-o", folder_ / "city.rfield"},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The viewer on a scene that moves, in a real window on an X server without a screen: scripts drag objects
-// and area lights, and what is seen then is what `simulate dynamic` makes of the scene with all in those
+// and area lights, and what is seen then is what `render` makes of the scene with all in those
 // places.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -69,13 +69,13 @@ class ViewScene : public test::ViewProgram {
     write_text_atomically(path("scene.toml"), scene_text(places));
     return play(script, "scene.toml");
   }
-  /// What `simulate dynamic` shows of a scene at a time.
+  /// What `render` shows of a scene at a time.
   Image simulated(const Places& places, const std::string& time = "0") const {
     write_text_atomically(path("other.toml"), scene_text(places));
-    EXPECT_EQ(test::run_program({"--quiet", "simulate", "dynamic", path("other.toml"), "--time", time, "-o",
-                                 path("other.exr")},
-                                path("other.log")),
-              0)
+    EXPECT_EQ(
+        test::run_program({"--quiet", "render", path("other.toml"), "--time", time, "-o", path("other.exr")},
+                          path("other.log")),
+        0)
         << read_text(path("other.log"));
     return read_image(path("other.exr"));
   }

@@ -31,8 +31,8 @@ class UntilError : public testing::Test {
   static void TearDownTestSuite() { delete folder_; }
 
   int acquire(const std::string& session, std::vector<std::string> more) {
-    std::vector<std::string> words = {"acquire",          "virtual", *folder_ / "recipe.toml", "--truth",
-                                      *folder_ / "truth", "-o",      *folder_ / session};
+    std::vector<std::string> words = {"acquire",          "run", *folder_ / "recipe.toml", "--truth",
+                                      *folder_ / "truth", "-o",  *folder_ / session};
     words.insert(words.end(), more.begin(), more.end());
     return run_program(words, *folder_ / "log");
   }
@@ -61,8 +61,7 @@ TEST_F(UntilError, StopsWhenReachedAndKeepsHeldOutFrames) {
 }
 
 TEST_F(UntilError, TakesAllWhenItIsNotReached) {
-  ASSERT_EQ(acquire("hard", {"--until-error", "0.0001%", "--min-images", "20", "--check-every", "20"}), 0)
-      << log();
+  ASSERT_EQ(acquire("hard", {"--until-error", "0.0001%", "--min-images", "20"}), 0) << log();
   EXPECT_EQ(names_of("hard", FrameRole::train).size(), static_cast<std::size_t>(planned));
   EXPECT_THAT(log(), HasSubstr("after 40 photographs"));
   EXPECT_THAT(log(), HasSubstr("noise of the photographs is"));

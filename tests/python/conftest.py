@@ -20,8 +20,7 @@ def program():
 @pytest.fixture(scope="session")
 def session(tmp_path_factory):
     """A small simulated session: 40 training photographs and 5 held-out ones."""
-    return refield.simulate(RECIPE, tmp_path_factory.mktemp("data") / "truth", width=24, height=18, light_width=16,
-                            light_height=12, train=40, natural=3, bars=2, squares=0, quality=1)
+    return refield.simulate(RECIPE, tmp_path_factory.mktemp("data") / "truth", size=(24, 18), light_size=(16, 12), train=40, test=(3, 2, 0), quality=1)
 
 
 @pytest.fixture(scope="session")

@@ -38,13 +38,13 @@ def saved(field, folder):
 
 
 def simulate(inputs, folder):
-    refield.simulate(ROOT / "datasets_synthetic/tabletop/recipe.toml", folder / "session", width=16, height=12,
-                     light_width=12, light_height=8, train=6, natural=1, bars=0, squares=0, quality=1)
+    refield.simulate(ROOT / "datasets_synthetic/tabletop/recipe.toml", folder / "session", size=(16, 12),
+                     light_size=(12, 8), train=6, test=(1, 0, 0), quality=1)
     return digest(*(path.read_bytes() for path in sorted((folder / "session").rglob("*.exr"))))
 
 
 def precompute(inputs, folder):
-    return digest(saved(refield.precompute(inputs / "scene.toml", "sh", order=3, directions=64), folder))
+    return digest(saved(refield.precompute(inputs / "scene.toml", "sh", sh_order=3, directions=64), folder))
 
 
 def precompute_clusters(inputs, folder):

@@ -269,7 +269,7 @@ def corners_of(folder, files):
     for name, data in files.items():
         (folder / name).write_bytes(data)
     mesh = next(folder / name for name in files if name.split(".")[-1] in ("ply", "off", "obj", "gltf", "glb"))
-    field = refield.precompute(mesh, "sh", order=2, directions=64)
+    field = refield.precompute(mesh, "sh", sh_order=2, directions=64)
     field.save(folder / "m.rfield")
     with h5py.File(folder / "m.rfield") as file:
         values = np.concatenate([file["mesh/positions"][...], file["mesh/colours"][...]], 1)

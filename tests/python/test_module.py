@@ -62,7 +62,7 @@ def test_estimate_equals_command_line_bit_for_bit(program, session, field, tmp_p
 
 @pytest.mark.parametrize("mode", ["paper", "fast"])
 def test_modes_and_kernel_cap(program, session, tmp_path, mode):
-    run(program, "estimate", session.folder, "-o", tmp_path / "cli.rfield", "--mode", mode, "--kernels", 5)
+    run(program, "estimate", session.folder, "-o", tmp_path / "cli.rfield", "--mode", mode, "--max-kernels", 5)
     refield.estimate(session, mode=mode, max_kernels=5).save(tmp_path / "python.rfield")
     assert (tmp_path / "python.rfield").read_bytes() == (tmp_path / "cli.rfield").read_bytes()
 
@@ -167,7 +167,7 @@ def test_files_pickle_and_packing(program, field, tmp_path):
     same = pickle.loads(pickle.dumps(packed))
     assert same.bits == packed.bits and np.array_equal(same.relight(light), packed.relight(light))
     packed.save(tmp_path / "python.rfield")
-    run(program, "pack", tmp_path / "full.rfield", "-o", tmp_path / "cli.rfield", "--error", 1e-3)
+    run(program, "pack", tmp_path / "full.rfield", "-o", tmp_path / "cli.rfield", "--max-error", 1e-3)
     assert (tmp_path / "python.rfield").read_bytes() == (tmp_path / "cli.rfield").read_bytes()
     assert packed.provenance["pack"]["error"] < packed.provenance["pack"]["max_error"] == 1e-3
     with pytest.raises(refield.InputError, match="already packed"):
@@ -234,7 +234,7 @@ WRONG_CALLS = {
     "shape is 3.5": lambda a: refield.environment(a.sky, shape=(3.5, 4)),
     "give a field, or the shape": lambda a: refield.environment(a.sky, shape=12),
     "omit it": lambda a: refield.environment(a.sky, a.field, shape=(3, 4)),
-    "yaw is nan": lambda a: refield.environment(a.sky, a.field, monitor="520x320@600", yaw=np.nan),
+    "yaw is nan": lambda a: refield.environment(a.sky, a.field, placement="520x320@600", yaw=np.nan),
     "light and observed are empty": lambda a: refield.Session.pairs([], []),
     "light is None": lambda a: refield.Session.pairs(None, None),
     "every is 2.5": lambda a: a.session.held_out(2.5),
@@ -257,16 +257,16 @@ WRONG_CALLS = {
     "x is 1.5": lambda a: a.field.transport(1.5, 2),
     "u is None": lambda a: a.field.lit_by(None, 2),
     "y is 1099511627776": lambda a: a.field.kernels(2, 2**40),
-    "error is 'a'": lambda a: a.field.pack("a"),
+    "max_error is \'a\'": lambda a: a.field.pack("a"),
     "changed is \\(3, 3, 3, 3\\)": lambda a: a.field.relighter().update(a.light[0], (3, 3, 3, 3)),
     "four numbers": lambda a: a.field.relighter().update(a.light[0], None),
     "path is 3": lambda a: refield.Field.load(3),
     r"path is 'f\.rfield\\x00'": lambda a: refield.Field.load("f.rfield\0"),
     "ends in .exr": lambda a: refield.write_exr("image.png", a.observed[0]),
-    "width is 2.5": lambda a: refield.simulate(RECIPE, "folder", width=2.5),
+    "size is 2.5": lambda a: refield.simulate(RECIPE, "folder", size=(2.5, 2)),
     "an option of the method 'clusters'": lambda a: refield.precompute("mesh.obj", "sh", epsilon=0.1),
     "pixel_samples is an option of images": lambda a: refield.precompute("mesh.obj", pixel_samples=2),
-    "order is 3.5": lambda a: refield.precompute("mesh.obj", "sh", order=3.5),
+    "sh_order is 3.5": lambda a: refield.precompute("mesh.obj", "sh", sh_order=3.5),
     "exposures is inf": lambda a: refield.hdr_merge(a.observed[:2], [1.0, np.inf]),
     "omit it$": lambda a: refield.hdr_merge(a.observed[:2], [1.0, 2.0], response="srgb"),
     "session is array": lambda a: refield.evaluate(a.observed, {"a": "paper"}),
@@ -386,26 +386,26 @@ def test_environment(arrays, field, tmp_path):
     sky = np.ones((16, 32, 3), np.float32)
     with pytest.raises(refield.InputError, match="monitor"):
         refield.environment(sky, field)
-    light = refield.environment(sky, field, monitor="520x320@600")
+    light = refield.environment(sky, field, placement="520x320@600")
     assert light.shape == field.light_shape and np.allclose(light, 1.0, rtol=1e-5)
     ringing = sky.copy()
     ringing[3, 4] = -0.01  # of lossy compression
-    assert refield.environment(ringing, field, monitor="520x320@600").min() >= 0.0
+    assert refield.environment(ringing, field, placement="520x320@600").min() >= 0.0
     ahead = sky.copy()
     ahead[:, :16] = 0.0  # the left half
-    turned = refield.environment(ahead, shape=(12, 16), monitor="520x320@600", yaw=-90.0)
-    assert np.allclose(refield.environment(ahead, shape=(12, 16), monitor="520x320@600")[:, 0], 0.0, atol=1e-6)
+    turned = refield.environment(ahead, shape=(12, 16), placement="520x320@600", yaw=-90.0)
+    assert np.allclose(refield.environment(ahead, shape=(12, 16), placement="520x320@600")[:, 0], 0.0, atol=1e-6)
     assert np.allclose(turned[:, -1], 1.0, rtol=1e-4)
-    placed = refield.estimate(*arrays, mode="fast", monitor="520x320@600", predict_errors=False)
+    placed = refield.estimate(*arrays, mode="fast", placement="520x320@600", predict_errors=False)
     assert placed.monitors == ["520x320@600"] and np.array_equal(refield.environment(sky, placed), light)
 
 
-@pytest.mark.parametrize("method, settings", [("clusters", {"resolution": 16, "epsilon": 1e-2, "bounces": 1}), ("sh", {"order": 3, "directions": 64})])
+@pytest.mark.parametrize("method, settings", [("clusters", {"resolution": 16, "epsilon": 1e-2, "diffuse_bounces": 1}), ("sh", {"sh_order": 3, "directions": 64})])
 def test_precompute(program, tmp_path, method, settings):
     scene = ROOT / "datasets_synthetic/prt/small.toml"
     field = refield.precompute(scene, method, **settings)
-    options = [word for name, value in settings.items() for word in (f"--{name}", value)]
-    run(program, "simulate", "prt", scene, "--method", method, *options, "-o", tmp_path / "cli.rfield")
+    options = [word for name, value in settings.items() for word in ("--" + name.replace("_", "-"), value)]
+    run(program, "precompute", scene, "--method", method, *options, "-o", tmp_path / "cli.rfield")
     field.save(tmp_path / "python.rfield")
     assert (tmp_path / "python.rfield").read_bytes() == (tmp_path / "cli.rfield").read_bytes()
     light = refield.environment(np.ones((16, 32, 3), np.float32), field)
@@ -422,7 +422,7 @@ def test_dynamic_scene(program, tmp_path):
     scene = refield.dynamic.Scene(tmp_path / "scene.toml")
     assert scene.duration == pytest.approx(0.2)
     images = [scene.frame(time) for time in (0.0, 0.2)]
-    run(program, "simulate", "dynamic", tmp_path / "scene.toml", "--time", 0.2, "-o", tmp_path / "cli.exr")
+    run(program, "render", tmp_path / "scene.toml", "--time", 0.2, "-o", tmp_path / "cli.exr")
     assert np.array_equal(images[1], refield.read_image(tmp_path / "cli.exr"))
     assert not np.array_equal(*images)
     with pytest.raises(refield.InputError, match="time"):

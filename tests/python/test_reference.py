@@ -211,8 +211,8 @@ def test_shadow(tmp_path):
 
 
 @pytest.mark.parametrize("method, settings, bound", [
-    ("clusters", {"resolution": 32, "bounces": 0}, 0.0115), ("clusters", {"resolution": 32, "bounces": 1}, 0.0104),
-    ("clusters", {"resolution": 32, "bounces": 3}, 0.0101), ("sh", {"order": 8, "directions": 8192}, 0.0054)])
+    ("clusters", {"resolution": 32, "diffuse_bounces": 0}, 0.0115), ("clusters", {"resolution": 32, "diffuse_bounces": 1}, 0.0104),
+    ("clusters", {"resolution": 32, "diffuse_bounces": 3}, 0.0101), ("sh", {"sh_order": 8, "directions": 8192}, 0.0054)])
 def test_corner(tmp_path, method, settings, bound):
     """Coloured walls that light each other. They pass through each other, so that no vertex lies in another plane."""
     camera = Camera([1.6, 1.6, -2.2], [-0.3, 0.7, 0.3], 48, 36, 50.0, 2)
@@ -226,7 +226,7 @@ def test_corner(tmp_path, method, settings, bound):
     direct, reflected = gather(scene, scene.positions, scene.normals, 3)
     first = direct @ sky.reshape(-1, 3)
     light = first
-    for _ in range(settings.get("bounces", 30)):
+    for _ in range(settings.get("diffuse_bounces", 30)):
         light = first + reflected @ (scene.colours * light)
     truth, whole = seen(scene, camera, scene.colours * light)
     image = field.relight(refield.environment(sky, field))

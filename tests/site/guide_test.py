@@ -25,22 +25,23 @@ NOT_RUN = {
     "cmake --install": "library.Installed",
     "refield view": "needs a window: ViewField.*, ViewScene.* and docs/guide/viewer.md's scripts in Script.*",
     "refield acquire show": "needs a screen: ManualCapture.PatternsAreShownOnAScreenWithTheirTimes",
-    "refield acquire import shots --lights patterns": "ManualCapture.ImportedByOrderTheCamerasCurveIsEstimated",
+    "refield acquire import shots --light patterns": "ManualCapture.ImportedByOrderTheCamerasCurveIsEstimated",
     "refield acquire import shots --ambient-first": "ManualCapture.*, MatchSeries.*",
-    "refield acquire match": "MatchSeries.TheSessionIsEstimatedFrom",
+    "refield acquire import hdr": "ManualCapture.AMissedPhotographIsPairedByTime, MatchSeries.*",
     "refield acquire import roof": "needs photographs of a mirror ball: ProbeFiles.*",
     "refield acquire import city": "MatchSeries.*",
-    "refield acquire import stage --ball": "needs photographs of a mirror ball: ChromeBallImport.*",
+    "refield acquire import stage --light-sources ball": "needs photographs of a mirror ball: ChromeBallImport.*",
     "refield acquire colour": "needs a photograph of a chart: ColourVerb.*",
     "refield acquire geometry": "needs photographs of a ball: MonitorByBall.*",
     "refield acquire probe": "ProbeFiles.TheCommandMakesMapsOfTwoSides",
-    "refield acquire calibrate session.toml": "needs a camera: tests/devices/closed_loop.sh",
-    "refield acquire guide mug": "needs a terminal: cli.GuidedCapture",
-    "refield acquire run": "needs a camera: tests/devices/closed_loop.sh",
-    "refield acquire calibrate --from-photographs": "CalibrateProgram.*, bracket_response_test.cpp",
+    "refield acquire calibrate rig.toml": "needs a camera: tests/devices/closed_loop.sh",
+    "refield acquire guide": "needs a terminal: cli.GuidedCapture",
+    "refield acquire run rig.toml": "needs a camera: tests/devices/closed_loop.sh",
+    "refield acquire import BRACKETS": "ManualCapture.*, bracket_response_test.cpp",
     "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev check cluster)",
     "refield-studies": "Studies.*",
-    "refield report SESSION": "a summary of the options",
+    "refield compare a.rfield SESSION": "a summary of the options",
+    "tests/cli/drive_page.py": "Maps/PageInChromium.*",
     "refield estimate more --refine": "needs more photographs of the same scene: Refine.*",
     "oiiotool --create 128x96": "a light map of the demo's size",
 }
@@ -75,7 +76,7 @@ class Reader:
             file.write_text(self.reduced(file.read_text()))
         recipe = scenes / "tabletop/recipe.toml"
         self.run("refield simulate datasets_synthetic/tabletop/recipe.toml -o truth", self.base)
-        self.run("refield acquire virtual datasets_synthetic/tabletop/recipe.toml --truth truth --keep-raw -o session", self.base)
+        self.run("refield acquire run datasets_synthetic/tabletop/recipe.toml --truth truth --keep-raw -o session", self.base)
         self.run("refield estimate session -o scene.rfield", self.base)
         shutil.copy(recipe, self.base / "recipe.toml")
         # Maps of 32×16 texels, brighter above.
@@ -123,7 +124,7 @@ class Reader:
             take("datasets_synthetic")
             if "Without hardware" not in part:
                 # Light maps as those of `acquire lights --starter`.
-                self.run("refield simulate datasets_synthetic/tabletop/recipe.toml -o session --light-width 160 --light-height 90", folder)
+                self.run("refield simulate datasets_synthetic/tabletop/recipe.toml -o session --light-size 160x90", folder)
         elif page == "cookbook.md":
             take("scene.rfield", "session", "sky.exr", one_map + "spot.exr")
             (folder / "maps").mkdir()
@@ -182,7 +183,7 @@ class Reader:
             self.run("refield simulate recipe.toml -o session", folder)
             self.run("for i in 1 2 4 5 6 7 8; do refield estimate session --rows $i/8 -o part$i.rfield || exit; done", folder)
         elif page == "light-probe.md":
-            take("session")  # as 'acquire match' would have written it
+            take("session")  # as 'acquire import --pair-by time' would have written it
         elif page == "meshes.md":
             take("datasets_synthetic", "sky.exr", "datasets_synthetic/prt/rabbit.toml>rabbit.toml", "datasets_synthetic/prt/glossy.toml>glossy.toml")
             corners = "".join(f"{i & 1} {i >> 1 & 1} {i >> 2}\n" for i in range(8))
@@ -196,7 +197,7 @@ class Reader:
             take("scene.rfield", "sky.exr", "dawn.exr", "noon.exr", "dusk.exr", one_map + "map.exr", "datasets_synthetic")
             (folder / "maps").mkdir()
             take("dawn.exr>maps/dawn.exr", "noon.exr>maps/noon.exr")
-            self.run("refield simulate prt datasets_synthetic/prt/small.toml --resolution 64 -o rabbit.rfield", folder)
+            self.run("refield precompute datasets_synthetic/prt/small.toml --resolution 64 -o rabbit.rfield", folder)
         elif page == "report.md":
             take("scene.rfield>a.rfield")
             pairs("light", "observed")

@@ -48,7 +48,7 @@ class ChartVerb : public testing::Test {
 };
 
 TEST_F(ChartVerb, ChartsEveryMethodAndResumes) {
-  const auto result = chart({"--truth", truth_, "--images", "12,30", "--kernels", "5", "--json"});
+  const auto result = chart({"--truth", truth_, "--images", "12,30", "--max-kernels", "5", "--json"});
   ASSERT_THAT(result, Succeeded());
   const auto json = nlohmann::json::parse(result.out);
   // Two rows each of ours, one each of paper, ridge, svd, smooth, haar, box, cells, at two numbers of images.
@@ -69,7 +69,7 @@ TEST_F(ChartVerb, ChartsEveryMethodAndResumes) {
   draws(output_, {"time.svg", "size.svg", "images.svg", "relighting.svg"});
 
   const std::string csv = read_text(output_ + "/chart.csv");
-  const auto resumed = chart({"--truth", truth_, "--images", "12,30", "--kernels", "5,8", "--resume",
+  const auto resumed = chart({"--truth", truth_, "--images", "12,30", "--max-kernels", "5,8", "--resume",
                               "--methods", "ours,box", "--redo", "box", "--json"});
   ASSERT_THAT(resumed, Succeeded());
   EXPECT_EQ(nlohmann::json::parse(resumed.out)["kept_rows"], 16);
@@ -83,7 +83,7 @@ TEST_F(ChartVerb, ChartsEveryMethodAndResumes) {
 }
 
 TEST_F(ChartVerb, WithoutTruthPhotographsAreTheReferenceAndKindsAreDerived) {
-  const auto result = chart({"--methods", "ours,cells", "--kernels", "5", "--images", "30", "--json"});
+  const auto result = chart({"--methods", "ours,cells", "--max-kernels", "5", "--images", "30", "--json"});
   ASSERT_THAT(result, Succeeded());
   const auto json = nlohmann::json::parse(result.out);
   EXPECT_TRUE(json["left_out"].contains("cells"));
@@ -115,7 +115,7 @@ TEST_F(ChartVerb, RefusesWhatItCannotUse) {
   EXPECT_THAT(chart({"--methods", "magic"}), StudyRefusedNaming("magic", "smooth"));
   EXPECT_THAT(chart({"--images", "31"}), StudyRefusedNaming("--images 31", "30"));
   EXPECT_THAT(chart({"--images", "1"}), StudyRefusedNaming("--images 1", "from 2"));
-  EXPECT_THAT(chart({"--kernels", "0"}), StudyRefusedNaming("--kernels 0", "1 to 255"));
+  EXPECT_THAT(chart({"--max-kernels", "0"}), StudyRefusedNaming("--max-kernels 0", "1 to 255"));
   EXPECT_THAT(chart({"--light", "x*.exr"}), StudyRefusedNaming("SESSION", "--test-light"));
   EXPECT_THAT(run_studies({"chart", "--light", truth_ + "/illumination/train_*.exr", "--observed",
                            truth_ + "/observed/train_*.exr", "-o", output_}),

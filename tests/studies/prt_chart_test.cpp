@@ -66,7 +66,7 @@ TEST(PrtChartVerb, ComparesFieldsThatAreThere) {
                     fine = folder / "fine.rfield";
   const auto compute = [&](const std::string& field, const char* epsilon) {
     return run_refield(
-        {"simulate", "prt", scene, "-o", field, "--resolution", "16", "--epsilon", epsilon, "--json"});
+        {"precompute", scene, "-o", field, "--resolution", "16", "--epsilon", epsilon, "--json"});
   };
   ASSERT_THAT(compute(coarse, "0.02"), Succeeded());
   ASSERT_THAT(compute(fine, "1e-4"), Succeeded());

@@ -73,7 +73,8 @@ bool same_row(const ChartRow& row, const Task& task) {
   return row.method == task.method && row.setting == task.setting && row.images == task.images;
 }
 
-/// By number of images, then as all_methods() and --kernels have them, whatever order they were measured in.
+/// By number of images, then as all_methods() and --max-kernels have them, whatever order they were measured
+/// in.
 void sort_rows(std::vector<ChartRow>& rows) {
   const auto place = [](const ChartRow& row) {
     const auto found = std::ranges::find(all_methods(), row.method, &Method::name);
@@ -106,7 +107,7 @@ ChartResult make_chart(const Sources& sources, const ChartOptions& options, cons
   for (const std::string& method : options.redo) method_named(method);
   for (const int kernels : options.kernels)
     if (kernels < 1 || kernels > 255)
-      throw InputError("--kernels " + std::to_string(kernels) + ": give numbers from 1 to 255");
+      throw InputError("--max-kernels " + std::to_string(kernels) + ": give numbers from 1 to 255");
   ChartData data = load_chart_data(sources);
   const auto counts = image_counts(options.images, static_cast<int>(data.session.frames.size()));
   ChartResult result;

@@ -13,7 +13,7 @@ namespace refield::chart {
 struct Method {
   std::string name;    ///< as on the command line
   std::string title;   ///< for people, with its source
-  bool takes_kernels;  ///< whether --kernels gives it settings
+  bool takes_kernels;  ///< whether --max-kernels gives it settings
 };
 
 /// All of them, ours first.

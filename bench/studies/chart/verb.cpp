@@ -130,7 +130,7 @@ void add_chart(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--methods", arguments->options.methods, "Of ours,paper,ridge,svd,smooth,haar,box,cells")
       ->delimiter(',');
   verb->add_option("--images", arguments->options.images, "Numbers of training images")->delimiter(',');
-  verb->add_option("--kernels", arguments->options.kernels, "Kernels a pixel")
+  verb->add_option("--max-kernels", arguments->options.kernels, "Kernels a pixel")
       ->delimiter(',')
       ->capture_default_str();
   verb->add_option("--clip", arguments->options.estimate.clip_level,

@@ -175,7 +175,7 @@ void add_prt_chart(CLI::App& app, Action& action) {
       ->capture_default_str()
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 26));
   verb->add_option("--fields", arguments->fields,
-                   "Compares fields that 'simulate prt --method clusters' made of this scene in place of "
+                   "Compares fields that 'precompute --method clusters' made of this scene in place of "
                    "computing all methods");
   verb->add_flag("--pictures", arguments->pictures,
                  "Also pictures.png under the first map: all methods' pictures beside the exact one, and "

@@ -167,7 +167,7 @@ Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
   auto* packed = std::get_if<PackedField>(&field);
   if (packed == nullptr || !packed->outline.mesh ||
       packed->outline.mesh->positions != chart.scene.mesh.positions)
-    throw InputError(path.string() + " was not made of this scene by 'refield simulate prt'");
+    throw InputError(path.string() + " was not made of this scene by 'refield precompute'");
   if (const LightDomain domain = packed->outline.basis.domain; domain != lights.front().fine.domain())
     throw InputError(path.string() + " is lit by cube maps of " + std::to_string(domain.width) +
                      " texels per side; give --resolution " + std::to_string(domain.width));

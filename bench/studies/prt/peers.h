@@ -52,7 +52,7 @@ struct Peer {
 ///  - harmonics, and the same with a Hann window
 std::vector<Peer> all_peers(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution);
 
-/// A packed field that simulate prt made of the scene, in squares of cube maps of the lights' resolution. Its
+/// A packed field that precompute made of the scene, in squares of cube maps of the lights' resolution. Its
 /// precomputation time is not known (0). Throws InputError for other fields.
 Peer peer_of_field(const std::filesystem::path& path, const ChartScene& chart,
                    const std::vector<ChartLight>& lights);

@@ -110,7 +110,7 @@ OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>&
         std::visit([&](auto content) { return std::make_unique<ViewState>(std::move(content), run); },
                    read_either_field(field, run));
   const FieldOutline& shown = opened.state->field();
-  if (!monitors.empty()) check_placements(monitors, shown.basis.domain, "--monitor");
+  if (!monitors.empty()) check_placements(monitors, shown.basis.domain, "--placement");
   if (light)
     opened.light =
         read_light_file(*light, shown.basis.domain, monitors.empty() ? shown.monitors : monitors, run).light;

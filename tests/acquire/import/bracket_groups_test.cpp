@@ -38,7 +38,7 @@ TEST(BracketGroups, ByPattern) {
     EXPECT_THAT(groups[1].paths, ElementsAre("train_2_e0.tif", "train_2_e1.tif"));
   }
   EXPECT_THAT(refusal(files, Times(4), {"{light}_x*", 0}),
-              HasSubstr("train_1_e0.tif: does not match --pattern"));
+              HasSubstr("train_1_e0.tif: does not match --names"));
   EXPECT_THAT(refusal(files, Times(4), {"train_*", 0}), HasSubstr("{light} exactly once"));
   EXPECT_THAT(refusal(files, Times(4), {"{light}.(tif", 0}),
               HasSubstr("does not match"));  // no regular expression

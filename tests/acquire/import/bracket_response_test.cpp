@@ -170,7 +170,7 @@ TEST(BracketResponse, AGivenResponseIsKeptAndDoubted) {
   camera.response = "gamma:1.2";
   const auto notes = settle_response(brackets(srgb), camera);
   ASSERT_EQ(notes.size(), 1U);
-  EXPECT_THAT(notes[0], AllOf(HasSubstr("contradict 'gamma:1.2'"), HasSubstr("--from-photographs")));
+  EXPECT_THAT(notes[0], AllOf(HasSubstr("contradict 'gamma:1.2'"), HasSubstr("camera.toml")));
   EXPECT_TRUE(camera.curve.empty());
 }
 
