@@ -264,7 +264,7 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
                 "Keep photographs that do not fit the others (flicker, stray light, a person in view); by "
                 "default they are detected, listed and left out")
       ->group(further);
-  verb.add_option("--correction", arguments.correction,
+  verb.add_option("--rig", arguments.rig,
                   "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve, "
                   "brightness and drift from the photographs), off, or a file (JSON) with the model of "
                   "another run, as in "
@@ -290,9 +290,9 @@ CaptureSession open_estimation(EstimationArguments& arguments) {
     throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
                      "; give a number of GiB above 0");
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
-  arguments.options.keep_rig = arguments.options.keep_drift = arguments.correction == "off";
-  if (arguments.correction != "off" && arguments.correction != "auto")
-    arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.correction));
+  arguments.options.keep_rig = arguments.options.keep_drift = arguments.rig == "off";
+  if (arguments.rig != "off" && arguments.rig != "auto")
+    arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.rig));
   CaptureSession session = open_capture(arguments.capture);
   if (!arguments.placements.empty()) session.monitors = placements_from_texts(arguments.placements);
   return session;

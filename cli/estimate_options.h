@@ -18,7 +18,7 @@ struct EstimationArguments {
   std::vector<std::string> placements;
   std::string mode = "refined";
   double memory_gib = 4.0;
-  std::string correction = "auto";
+  std::string rig = "auto";
   EstimateOptions options;
 };
 

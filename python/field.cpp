@@ -331,7 +331,7 @@ EstimateOptions options_of(const std::string& mode, int max_kernels, bool predic
   options.keep_outliers = keep_outliers;
   options.keep_rig = options.keep_drift = rig == "off";
   if (rig != "off" && rig != "auto")
-    options.rig = std::make_shared<const RigModel>(rig_from_text(rig, "correction"));
+    options.rig = std::make_shared<const RigModel>(rig_from_text(rig, "rig"));
   options.memory_bytes = static_cast<std::uint64_t>(memory_gib * 1024.0 * 1024.0 * 1024.0);
   options.check();
   return options;

@@ -107,8 +107,8 @@ def errors_of(compared):
 def demo(use):
     """`./dev demo`, with the field of --mode fast besides."""
     if not (use.work / "session").exists():
-        shell(f"{use.program} simulate {TABLETOP} --width 240 --height 180 -o {use.work}/truth && "
-              f"{use.program} acquire virtual {TABLETOP} --truth {use.work}/truth -o {use.work}/session")
+        shell(f"{use.program} simulate {TABLETOP} --size 240x180 -o {use.work}/truth && "
+              f"{use.program} acquire run {TABLETOP} --truth {use.work}/truth -o {use.work}/session")
     values = {}
     for mode in ("refined", "paper", "fast"):
         field = use.work / f"{mode}.rfield"
@@ -125,7 +125,7 @@ def chart(use):
     """Methods of estimation on the session of `demo`: 30, 90 and all 180 photographs."""
     if not (use.work / "chart/chart.csv").exists():
         shell(f"{use.studies} chart {use.work}/session --truth {use.work}/truth --methods ours,paper,ridge,cells "
-              f"--images 30,90,180 --kernels 25 -o {use.work}/chart")
+              f"--images 30,90,180 --max-kernels 25 -o {use.work}/chart")
     values = {}
     with open(use.work / "chart/chart.csv", encoding="utf-8") as file:
         for row in csv.DictReader(file):
@@ -151,7 +151,7 @@ def polynomial(use):
 
 
 GROUPS = {"demo": (demo, "./dev demo; refield compare FIELD out/demo/session --truth out/demo/truth/transport.rfield"),
-          "chart": (chart, "refield-studies chart out/demo/session --truth out/demo/truth --images 30,90,180 --kernels 25"),
+          "chart": (chart, "refield-studies chart out/demo/session --truth out/demo/truth --images 30,90,180 --max-kernels 25"),
           "polynomial": (polynomial, "bench/studies/polynomial.py out/demo/session --truth out/demo/truth/transport.rfield")}
 
 

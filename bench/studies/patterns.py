@@ -90,8 +90,7 @@ class Study:
             recipe = arguments.output / f"{self.scene}.toml"
             recipe.write_text(recipe_of(self.scene))
             if not (arguments.truth / "session.toml").exists():
-                width, height = arguments.size.split("x")
-                self.refield("simulate", recipe, "--width", width, "--height", height, "--train", 1, "-o", arguments.truth)
+                self.refield("simulate", recipe, "--size", arguments.size, "--train", 1, "-o", arguments.truth)
         else:
             arguments.truth = pathlib.Path(self.scene)
         self.manifest = (arguments.truth / "session.toml").read_text().split("[[frame]]")

@@ -44,8 +44,7 @@ def fields(arguments):
         subprocess.run([arguments.program, *map(str, words)], check=True)
 
     out, truth = arguments.out, arguments.out / "truth"
-    width, height = arguments.size.split("x")
-    refield("simulate", RECIPE, "--width", width, "--height", height, "--quality", 3, "--no-transport", "--half", "-o", truth)
+    refield("simulate", RECIPE, "--size", arguments.size, "--quality", 3, "--transport", "never", "--half", "-o", truth)
     for mode in MODES:
         refield("estimate", truth, "--mode", mode, "-o", out / f"{mode}.rfield")
         for kind in ("natural", "bar"):

@@ -192,7 +192,7 @@ bool is_recipe(const fs::path& path) {
 
 void add_rig_argument(CLI::App& verb, fs::path& rig) {
   verb.add_option(
-          "rig", rig,
+          "rig_file", rig,
           "Rig file (.toml) that names the devices ('refield acquire devices -o rig.toml' writes one), or "
           "recipe of a simulated scene, camera and monitor")
       ->required();

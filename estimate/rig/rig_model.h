@@ -15,7 +15,7 @@ namespace refield {
 /// What a rig does besides B = T L, the same for all pixels. Photograph j shows
 ///   b_j(x + shift_j) = gain_j · mixing · (T tone(l_k) + room_j · mean photograph),  k = light_of[j].
 /// Vectors are [photographs] in the order of the session's training frames, or empty where nothing is to be
-/// corrected. `refield estimate --correction FILE` reads and OUTPUT.log.json contains a model as JSON with
+/// corrected. `refield estimate --rig FILE` reads and OUTPUT.log.json contains a model as JSON with
 /// these names.
 struct RigModel {
   std::vector<std::string> photographs;  ///< names of the training frames

@@ -23,7 +23,7 @@ using State = RigFinding::State;
 constexpr double min_clipped = 2e-4, many_clipped = 0.02;
 // Relative noise from which photographs say little about single pixels.
 constexpr double much_noise = 0.1;
-// What a median training error may leave beside the noise. With --correction off, undisturbed captures of two
+// What a median training error may leave beside the noise. With --rig off, undisturbed captures of two
 // scenes leave less than .002, colour mixing of 12 % leaves .031, a camera that creeps by .3 pixels .027, all
 // effects together .041, wrong pairs .64. What is less looks like noise to the fit: a tone curve that is off
 // by an exponent of 1.05 leaves .012.

@@ -625,7 +625,7 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
              mode: str = "refined", max_kernels: Optional[int] = None, threads: Optional[int] = None,
              progress: Progress = None, *, parameterisation: str = "monitor",
              placement: Union[str, Sequence[str], None] = None, predict_errors: bool = True,
-             keep_outliers: bool = False, correction: Union[str, Path, dict[str, Any]] = "auto", memory: float = 4.0) -> Field:
+             keep_outliers: bool = False, rig: Union[str, Path, dict[str, Any]] = "auto", memory: float = 4.0) -> Field:
     """Estimate a reflectance field from photographs under known lights.
 
     Parameters
@@ -654,7 +654,7 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
         Predict the error of each pixel; takes a fifth more time.
     keep_outliers : bool
         Keep photographs that do not fit the others.
-    correction : "auto", "off", path or dict
+    rig : "auto", "off", path or dict
         "auto": find wrong pairs, motion of the camera, colour mixing, tone curve and brightness from the photographs, and
         correct them. "off": use the pairs as they are. Otherwise a model: Field.rig of another estimate, or a JSON file of it.
     memory : float
@@ -681,7 +681,7 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
     options = _refield.EstimateOptions(
         _arguments.text(mode, "mode"), 0 if max_kernels is None else _arguments.whole(max_kernels, "max_kernels"),
         _arguments.flag(predict_errors, "predict_errors"), _arguments.flag(keep_outliers, "keep_outliers"),
-        _arguments.correction(correction), _arguments.number(memory, "memory"))
+        _arguments.rig(rig), _arguments.number(memory, "memory"))
     how, places = _arguments.text(parameterisation, "parameterisation"), _arguments.texts(placement, "placement")
     report, limit = _arguments.progress_function(progress), _arguments.thread_limit(threads)
     if isinstance(light, Session) or _arguments.is_path(light) or _arguments.are_paths(light):

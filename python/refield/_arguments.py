@@ -25,19 +25,19 @@ def refuse(name: str, value: object, remedy: str) -> NoReturn:
     raise InputError(f"{name} is {reprlib.repr(value)}; give {remedy}")
 
 
-def correction(value: Any) -> str:
+def rig(value: Any) -> str:
     """ "auto", "off", or a model as JSON."""
     if isinstance(value, dict):
         return json.dumps(value)
     if value in ("auto", "off"):
         return str(value)
     if not is_path(value):
-        refuse("correction", value, "'auto', 'off', a model (Field.rig) or the path of one (JSON)")
+        refuse("rig", value, "'auto', 'off', a model (Field.rig) or the path of one (JSON)")
     try:
         with open(value, encoding="utf-8") as file:
             return file.read()
     except OSError as error:
-        raise InputError(f"correction: {value}: {error.strerror}") from None
+        raise InputError(f"rig: {value}: {error.strerror}") from None
 
 
 def whole(value: Any, name: str) -> int:

@@ -27,7 +27,7 @@ const std::string mixing =
 struct Rig {
   std::string effect, setting;
   std::string recipe;          ///< what is not ideal
-  double least_without = 0.0;  ///< error with --correction off, over that of the ideal rig
+  double least_without = 0.0;  ///< error with --rig off, over that of the ideal rig
   double most = INFINITY;      ///< the same with the correction, where it finds the effect
 };
 
@@ -69,7 +69,7 @@ class StabilityOfRigs : public testing::TestWithParam<Rig> {
   /// Median error of a pixel under held-out natural light, against the exact transport.
   static double error_of(const fs::path& session, const fs::path& truth, const std::string& rig) {
     const fs::path field = *folder_ / "scene.rfield";
-    EXPECT_THAT(run_refield({"estimate", session, "--correction", rig, "-o", field}), Succeeded());
+    EXPECT_THAT(run_refield({"estimate", session, "--rig", rig, "-o", field}), Succeeded());
     const auto compared =
         run_refield({"--json", "compare", field, session, "--truth", truth / "transport.rfield"});
     EXPECT_THAT(compared, Succeeded());
@@ -95,7 +95,7 @@ TEST_P(StabilityOfRigs, WhatIsFoundIsCorrected) {
   const double corrected = error_of(session, truth, "auto"), uncorrected = error_of(session, truth, "off");
   test::record_figure({"rig: " + rig.effect, rig.setting, corrected, ideal, 0.0, 0.0});
   test::record_figure(
-      {"rig: " + rig.effect, rig.setting + ", --correction off", uncorrected, ideal, 0.0, 0.0});
+      {"rig: " + rig.effect, rig.setting + ", --rig off", uncorrected, ideal, 0.0, 0.0});
   EXPECT_LE(corrected, harmless * uncorrected);
   EXPECT_LE(corrected, rig.most * ideal);
   EXPECT_GE(uncorrected, rig.least_without * ideal) << "the effect is too small to be a test";
