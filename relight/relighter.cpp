@@ -26,16 +26,15 @@ constexpr std::int64_t max_fixed_point_texels = 1 << 20;
 constexpr double max_moved_light = 16.0;
 
 /// `common` keeps its memory from one light to the next.
-template <class Table>
-void sum_common(const std::vector<double>& smooth, const Table& table, const std::vector<SmallBox>& boxes,
-                Coefficients& common) {
+void sum_common(const std::vector<double>& smooth, const BoxSumTable& table,
+                const std::vector<SmallBox>& boxes, Coefficients& common) {
   common.resize(smooth.size() + boxes.size() * 3 + 1);
   std::ranges::transform(smooth, common.begin(), [](double sum) { return static_cast<float>(sum); });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, boxes.size(), 1024), [&](const auto& range) {
     std::array<float, 4 * 64> sums;
     for (std::size_t first = range.begin(); first < range.end(); first += 64) {
       const std::size_t count = std::min<std::size_t>(64, range.end() - first);
-      sum_boxes(table, std::span(boxes).subspan(first, count), sums.data());
+      table.sum(std::span(boxes).subspan(first, count), sums.data());
       for (std::size_t k = 0; k < count; ++k)
         std::copy_n(sums.data() + 4 * k, 3, common.data() + smooth.size() + 3 * (first + k));
     }
@@ -80,13 +79,9 @@ double sum_of(const Image& image) {
   return sum;
 }
 
-}  // namespace
-
-namespace {
-
-RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision wanted) {
+RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision requested) {
   const auto is_negative = [](float weight) { return weight < 0.0f; };
-  return std::ranges::any_of(field.transfer.weight, is_negative) ? RelightPrecision::fine : wanted;
+  return std::ranges::any_of(field.transfer.weight, is_negative) ? RelightPrecision::fine : requested;
 }
 
 }  // namespace
@@ -97,9 +92,11 @@ Relighter::Relighter(const FieldOutline& field, RelightPrecision precision)
       mixes_colours_(field.mixes_colours()),
       smooth_(field.basis),
       precision_(precision),
-      double_sums_(precision == RelightPrecision::fine ||
-                   std::int64_t{domain_.width} * domain_.height > max_fixed_point_texels),
-      image_(field.width, field.height, 3) {}
+      image_(field.width, field.height, 3) {
+  if (precision == RelightPrecision::fine ||
+      std::int64_t{domain_.width} * domain_.height > max_fixed_point_texels)
+    tables_.emplace<DoubleTable>();
+}
 
 Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
     : Relighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
@@ -138,8 +135,8 @@ void Relighter::list_boxes(const LightBasis& basis) {
         for (int at = 0; at < transfer.tiles(); ++at) {
           own_start_.push_back(static_cast<std::uint32_t>(summed_boxes_.size() - common_boxes_.size()));
           const auto tile = transfer.tile(at);
-          const auto own = tile.support.subspan(tile.common.size());
-          summed_boxes_.insert(summed_boxes_.end(), own.begin(), own.end());
+          const auto own_boxes = tile.support.subspan(tile.common.size());
+          summed_boxes_.insert(summed_boxes_.end(), own_boxes.begin(), own_boxes.end());
         }
       },
       *transfer_);
@@ -157,18 +154,23 @@ void Relighter::show_sums(std::span<const float> sums, const PixelTarget& target
   const std::size_t shared = 3 * (summed_vector_boxes_.size() + common_boxes_.size());
   common_.resize(shared + 1);
   std::copy_n(sums.begin(), shared, common_.begin());
-  const OwnSums own{sums.data() + shared, own_start_};
+  const OwnSums own(sums.data() + shared, own_start_);
   std::visit([&](const auto& transfer) { multiply(transfer, common_, own, target); }, *transfer_);
 }
 
 const Image& Relighter::relight(std::span<const float> sums) {
-  const std::size_t wanted = 3 * (summed_vector_boxes_.size() + summed_boxes_.size());
-  if (!sums_suffice_ || sums.size() != wanted)
-    throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
-                     std::to_string(wanted));
-  show_sums(sums, target());
-  light_ = {};
+  relight_into(sums, image_.values);
   return image_;
+}
+
+void Relighter::relight_into(std::span<const float> sums, std::span<float> out) {
+  const std::size_t needed = 3 * (summed_vector_boxes_.size() + summed_boxes_.size());
+  if (!sums_suffice_ || sums.size() != needed)
+    throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
+                     std::to_string(needed));
+  require_image(out);
+  show_sums(sums, target(out.data()));
+  light_ = {};
 }
 
 const Image& Relighter::relight(const LightMap& light) {
@@ -180,15 +182,19 @@ const Image& Relighter::relight(const LightMap& light) {
   return image_;
 }
 
+void Relighter::require_image(std::span<const float> out) const {
+  if (out.size() != image_.values.size())
+    throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
+                     std::to_string(image_.values.size()));
+}
+
 void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
   LightMap outline{{}, light.parameterisation};  // size and parameterisation alone
   outline.radiance.width = light.radiance.width;
   outline.radiance.height = light.radiance.height;
   require_domain(outline, domain_);
   if (light.radiance.channels != 3) throw InputError("the light map does not have three channels");
-  if (out.size() != image_.values.size())
-    throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
-                     std::to_string(image_.values.size()));
+  require_image(out);
   show(light.radiance, target(out.data()));
   updates_ = refresh_period;
 }
@@ -213,6 +219,11 @@ void Relighter::show(const ImageView& light, const PixelTarget& target) {
     show_light(target);
 }
 
+const BoxSumTable& Relighter::tabulate(const Image& values) {
+  table().build(values);
+  return table();
+}
+
 void Relighter::show_light(const PixelTarget& target) {
   const Box whole{0, 0, domain_.width, domain_.height};
   if (smooth_.weighs()) {
@@ -221,17 +232,9 @@ void Relighter::show_light(const PixelTarget& target) {
   }
   const Image& values = smooth_.weighs() ? weighed_ : light_;
   const std::vector<double> smooth = smooth_.project(values, whole);
-  const auto multiply_with = [&](const auto& table) {
-    sum_common(smooth, table, common_boxes_, common_);
-    std::visit([&](const auto& transfer) { multiply(transfer, common_, table, target); }, *transfer_);
-  };
-  if (double_sums_) {
-    exact_table_.build(values);
-    multiply_with(exact_table_);
-  } else {
-    table_.build(values);
-    multiply_with(table_);
-  }
+  const BoxSumTable& table = tabulate(values);
+  sum_common(smooth, table, common_boxes_, common_);
+  std::visit([&](const auto& transfer) { multiply(transfer, common_, table, target); }, *transfer_);
 }
 
 Image Relighter::take_change(const LightMap& light, const Box& changed) {
@@ -267,27 +270,17 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   changed_texels_.build(difference);
   if (blocks_.empty())
     std::visit([&](const auto& transfer) { blocks_ = KernelBlocks(transfer); }, *transfer_);
-  const auto add_with = [&](const auto& table) {
-    const LightChange<std::decay_t<decltype(table)>> change{changed, changed_texels_, table,
-                                                            smooth_.project(difference, changed)};
-    std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, target()); }, *transfer_);
-  };
-  if (double_sums_) {
-    exact_table_.build(difference);
-    add_with(exact_table_);
-  } else {
-    table_.build(difference);
-    add_with(table_);
-  }
+  const LightChange change{changed, changed_texels_, tabulate(difference),
+                           smooth_.project(difference, changed)};
+  std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, target()); }, *transfer_);
   return image_;
 }
 
-std::size_t Relighter::bytes_per_frame() const {
+std::size_t Relighter::bytes_per_frame() {
   const auto texels = static_cast<std::size_t>(domain_.width) * domain_.height;
-  const std::size_t table = double_sums_ ? 3 * sizeof(double) : 4 * sizeof(std::int32_t);
   return std::visit([](const auto& transfer) { return transfer.bytes(); }, *transfer_) +
          common_boxes_.size() * (sizeof(SmallBox) + 4 * sizeof(float)) +
-         texels * (table + 3 * sizeof(float)) + image_.values.size() * sizeof(float);
+         texels * (table().bytes_per_texel() + 3 * sizeof(float)) + image_.values.size() * sizeof(float);
 }
 
 }  // namespace refield

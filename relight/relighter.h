@@ -12,7 +12,7 @@
 #include "core/image/image.h"
 #include "core/light/light_map.h"
 #include "relight/environment/environment.h"
-#include "relight/tiles/square_sums.h"
+#include "relight/tiles/box_sums.h"
 #include "relight/tiles/tile_change.h"
 #include "relight/tiles/tile_product.h"
 
@@ -32,7 +32,7 @@ class Relighter {
   /// Lays the field out for speed; `field` is not needed any more after that. Throws InputError for a light
   /// map larger than small_box_limit.
   explicit Relighter(const ReflectanceField& field, RelightPrecision precision = RelightPrecision::fast);
-  /// The same for a field whose transfer is not needed elsewhere: its memory is given back on the way, and
+  /// Lays out a field whose transfer is not needed elsewhere: its memory is given back on the way, and
   /// both together never take much more than the field alone. All but the transfer stays.
   explicit Relighter(ReflectanceField&& field, RelightPrecision precision = RelightPrecision::fast);
 
@@ -45,14 +45,14 @@ class Relighter {
   /// light does not fit domain() or has values that are not finite.
   const Image& relight(const LightMap& light);
 
-  /// The same straight into `out` [height × width × 3], without an image of this object's own. Throws
+  /// Writes the image straight into `out` [height × width × 3]. Throws
   /// InputError for another number of values, too. The next update() computes the whole image.
   void relight_into(const LightMapView& light, std::span<float> out);
 
-  /// The same after `light` changed inside `changed` alone since the last call, in less time the less of it
-  /// changed. Rounding adds up over such calls: after refresh_period of them, or when as much light came and
-  /// went as makes it matter, the image is computed anew. Throws InputError when the light does not fit
-  /// domain(), `changed` lies outside it, or values in it are not finite.
+  /// Updates the image after `light` changed only inside `changed` since the last call, in less time the less
+  /// of it changed. Rounding adds up over such calls: after refresh_period of them, or when as much light
+  /// came and went as makes it matter, the image is computed anew. Throws InputError when the light does not
+  /// fit domain(), `changed` lies outside it, or values in it are not finite.
   const Image& update(const LightMap& light, const Box& changed);
   static constexpr int refresh_period = 256;
 
@@ -62,11 +62,13 @@ class Relighter {
   /// The scene under a light whose coefficients are `sums`, as box_projector() has them; valid until the next
   /// call. The next update() computes the whole image. Throws InputError for another number of sums.
   const Image& relight(std::span<const float> sums);
+  /// Writes that image straight into `out` [height × width × 3].
+  void relight_into(std::span<const float> sums, std::span<float> out);
 
   const TransferTiles& transfer() const { return *transfer_; }
 
   /// Bytes that one call of relight() reads and writes at least: transfer, table, light and image.
-  std::size_t bytes_per_frame() const;
+  std::size_t bytes_per_frame();
 
  private:
   /// Without a transfer yet.
@@ -76,8 +78,15 @@ class Relighter {
     return {pixels, image_.width, image_.height, mixes_colours_ ? &output_from_primaries_ : nullptr};
   }
   void list_boxes(const LightBasis& basis);
+  /// Throws InputError unless `out` has the values of an image.
+  void require_image(std::span<const float> out) const;
   /// The scene under a light, which is copied to light_; throws InputError for values that are not finite.
   void show(const ImageView& light, const PixelTarget& target);
+  /// The table of a light, or of a change of it.
+  const BoxSumTable& tabulate(const Image& values);
+  BoxSumTable& table() {
+    return std::visit([](auto& table) -> BoxSumTable& { return table; }, tables_);
+  }
   /// The scene under light_.
   void show_light(const PixelTarget& target);
   void show_sums(std::span<const float> sums, const PixelTarget& target);
@@ -99,9 +108,7 @@ class Relighter {
   std::shared_ptr<const SquareSums> square_sums_;  // where these do
   std::vector<float> sums_;                        // of them
   RelightPrecision precision_;                     // of the weights
-  bool double_sums_ = false;
-  FixedPointTable table_;
-  SummedAreaTable exact_table_;
+  std::variant<FixedPointTable, DoubleTable> tables_;
   ChangedTexels changed_texels_;
   Coefficients common_;
   Image light_;    // as of the last call; empty before

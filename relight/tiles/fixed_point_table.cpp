@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/tiles/fixed_point_table.h"
+#include "relight/tiles/box_sums.h"
 
 #include <tbb/parallel_for.h>
 
@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/base/errors.h"
+#include "relight/tiles/tile_vectors.h"
 
 // Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.
 #undef HWY_TARGET_INCLUDE
@@ -36,16 +37,15 @@ float add_row_vectorised(const float* HWY_RESTRICT texels, std::size_t count, do
     lowest = hn::Min(lowest, some);
     hn::StoreU(hn::Add(hn::LoadU(d, columns + i), hn::PromoteTo(d, some)), d, columns + i);
   }
-  float least = hn::GetLane(hn::MinOfLanes(narrow, lowest));
+  float minimum = hn::GetLane(hn::MinOfLanes(narrow, lowest));
   for (; i < count; ++i) {
     columns[i] += texels[i];
-    least = HWY_MIN(least, texels[i]);
+    minimum = HWY_MIN(minimum, texels[i]);
   }
-  return least;
+  return minimum;
 }
 
 /// The corners right of `texels` texels below a row, from the sums of their columns.
-
 void prefix_row_vectorised(const double* HWY_RESTRICT columns, std::size_t texels,
                            const double* HWY_RESTRICT steps_in_one, std::int32_t* HWY_RESTRICT corners) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
@@ -98,6 +98,10 @@ void add_magnitude(std::span<const float> texels, std::array<double, 3>& magnitu
 
 }  // namespace
 
+void FixedPointTable::sum(std::span<const SmallBox> boxes, float* sums) const {
+  sum_boxes_fixed(corners_.data(), stride(), step_.data(), boxes.data(), boxes.size(), sums);
+}
+
 void FixedPointTable::build(const Image& light) {
   if (light.channels != 3 || light.empty())
     throw InputError("a summed-area table needs an RGB image, not one of " + shape_text(light));
@@ -112,11 +116,12 @@ void FixedPointTable::build(const Image& light) {
   // Strips of rows go to different cores; each starts from what the columns above it hold.
   tbb::parallel_for(0, strips, [&](int strip) {
     double* sums = columns_.data() + values * static_cast<std::size_t>(strip + 1);
-    float least = 0.0f;
+    float minimum = 0.0f;
     for (int y = strip * strip_rows; y < last_row(strip); ++y)
-      least = std::min(least, HWY_DYNAMIC_DISPATCH(add_row_vectorised)(light.row(y).data(), values, sums));
+      minimum =
+          std::min(minimum, HWY_DYNAMIC_DISPATCH(add_row_vectorised)(light.row(y).data(), values, sums));
     auto& of_strip = magnitude[static_cast<std::size_t>(strip)];
-    if (least < 0.0f)
+    if (minimum < 0.0f)
       for (int y = strip * strip_rows; y < last_row(strip); ++y) add_magnitude(light.row(y), of_strip);
     else
       for (std::size_t i = 0; i < values; ++i) of_strip[i % 3] += sums[i];

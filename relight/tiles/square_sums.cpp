@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/tiles/square_sums.h"
+#include "relight/tiles/box_sums.h"
 
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
@@ -11,7 +11,6 @@
 #include <cmath>
 
 #include "core/light/cube_map.h"
-#include "relight/tiles/tile_product.h"
 
 namespace refield {
 
@@ -38,7 +37,8 @@ bool SquareSums::can_sum(int resolution, std::span<const VectorBox> vector_boxes
            box.y0 % side == 0;
   };
   return is_power_of_two(resolution) && std::ranges::all_of(boxes, is_square) &&
-         std::ranges::all_of(vector_boxes, [&](const VectorBox& of) { return is_square(small_box(of.box)); });
+         std::ranges::all_of(vector_boxes,
+                             [&](const VectorBox& kernel) { return is_square(small_box(kernel.box)); });
 }
 
 SquareSums::SquareSums(int resolution, std::span<const VectorBox> vector_boxes,
@@ -68,7 +68,7 @@ SquareSums::SquareSums(int resolution, std::span<const VectorBox> vector_boxes,
         static_cast<std::size_t>(face * blocks_ + top / block_side_) * blocks_ + box.x0 / block_side_;
     found.emplace_back(square.level > block_level_ ? all : block, square);
   };
-  for (const VectorBox& of : vector_boxes) add(small_box(of.box), &of.vector);
+  for (const VectorBox& vector_box : vector_boxes) add(small_box(vector_box.box), &vector_box.vector);
   for (const SmallBox& box : boxes) add(box, nullptr);
   std::ranges::stable_sort(found, {}, [](const auto& placed) { return placed.first; });
   first_.assign(static_cast<std::size_t>(cube_faces) * blocks_ * blocks_ + 1, 0);

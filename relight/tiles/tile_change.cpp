@@ -86,14 +86,14 @@ void prefetch_touched(const TouchedTile<Weight>& touched, const PixelTarget& ima
     for (const std::byte* line = begin; line < last; line += cache_line_bytes) __builtin_prefetch(line);
     __builtin_prefetch(last);
   };
-  for (const auto& own : touched.weights.dense) {
-    ask_for(touched.tile.record_weight.data() + std::size_t{own.record} * touched.tile.record_size(),
+  for (const auto& dense : touched.weights.dense) {
+    ask_for(touched.tile.record_weight.data() + std::size_t{dense.record} * touched.tile.record_size(),
             touched.tile.record_size());
-    __builtin_prefetch(touched.tile.record_scale.data() + own.record);
+    __builtin_prefetch(touched.tile.record_scale.data() + dense.record);
   }
-  for (const auto& own : touched.weights.sparse) {
-    ask_for(touched.tile.sparse.data() + own.first_use, own.uses);
-    __builtin_prefetch(touched.tile.scale.data() + own.kernel);
+  for (const auto& sparse : touched.weights.sparse) {
+    ask_for(touched.tile.sparse.data() + sparse.first_use, sparse.uses);
+    __builtin_prefetch(touched.tile.scale.data() + sparse.kernel);
   }
   const int columns = std::min(tile_side_px, image.width - x0),
             rows = std::min(tile_side_px, image.height - y0);
@@ -158,8 +158,8 @@ SmallBox overlap(const SmallBox& box, const Box& within) {
 }
 
 /// Lists the kernels under which light changed.
-template <class Weight, class Table>
-void find_changed(std::span<const std::int64_t> touched_blocks, const LightChange<Table>& change,
+template <class Weight>
+void find_changed(std::span<const std::int64_t> touched_blocks, const LightChange& change,
                   TouchedTile<Weight>& touched) {
   touched.kernels.clear();
   touched.parts.clear();
@@ -180,11 +180,10 @@ void find_changed(std::span<const std::int64_t> touched_blocks, const LightChang
 }
 
 /// The light of a change under the touched kernels, [kernels × 4].
-template <class Weight, class Table>
-void sum_change(const LightChange<Table>& change, const TouchedTile<Weight>& touched,
-                std::vector<float>& light) {
+template <class Weight>
+void sum_change(const LightChange& change, const TouchedTile<Weight>& touched, std::vector<float>& light) {
   light.resize(std::max(light.size(), touched.parts.size() * 4));
-  sum_boxes(change.difference, touched.parts, light.data());
+  change.difference.sum(touched.parts, light.data());
   const std::size_t smooth = change.smooth.size() / 3;
   float* sum = light.data();
   for (const std::int64_t number : touched.kernels) {
@@ -208,9 +207,9 @@ struct ChangeScratch {
 
 }  // namespace
 
-template <class Weight, class Table>
-void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& blocks,
-                const LightChange<Table>& change, const PixelTarget& image) {
+template <class Weight>
+void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& blocks, const LightChange& change,
+                const PixelTarget& image) {
   tbb::enumerable_thread_specific<ChangeScratch<Weight>> scratches;
   tbb::parallel_for(tbb::blocked_range<int>(0, transfer.tiles(), 16), [&](const auto& range) {
     ChangeScratch<Weight>& scratch = scratches.local();
@@ -244,13 +243,9 @@ void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& block
   });
 }
 
-template void add_change(const TiledTransfer<std::uint8_t>&, const KernelBlocks&,
-                         const LightChange<FixedPointTable>&, const PixelTarget&);
-template void add_change(const TiledTransfer<std::uint8_t>&, const KernelBlocks&,
-                         const LightChange<SummedAreaTable>&, const PixelTarget&);
-template void add_change(const TiledTransfer<std::uint16_t>&, const KernelBlocks&,
-                         const LightChange<FixedPointTable>&, const PixelTarget&);
-template void add_change(const TiledTransfer<std::uint16_t>&, const KernelBlocks&,
-                         const LightChange<SummedAreaTable>&, const PixelTarget&);
+template void add_change(const TiledTransfer<std::uint8_t>&, const KernelBlocks&, const LightChange&,
+                         const PixelTarget&);
+template void add_change(const TiledTransfer<std::uint16_t>&, const KernelBlocks&, const LightChange&,
+                         const PixelTarget&);
 
 }  // namespace refield

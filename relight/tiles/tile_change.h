@@ -63,18 +63,17 @@ extern template KernelBlocks::KernelBlocks(const TiledTransfer<std::uint8_t>&);
 extern template KernelBlocks::KernelBlocks(const TiledTransfer<std::uint16_t>&);
 
 /// A light that changed inside one rectangle.
-template <class Table>
 struct LightChange {
   Box within;
-  const ChangedTexels& changed;  ///< inside `within`
-  const Table& difference;       ///< new less old radiance there
-  std::vector<double> smooth;    ///< [smooth kernels × 3], what the change adds to their coefficients
+  const ChangedTexels& changed;   ///< inside `within`
+  const BoxSumTable& difference;  ///< new less old radiance there
+  std::vector<double> smooth;     ///< [smooth kernels × 3], what the change adds to their coefficients
 };
 
 /// image += transfer · change. Of kernels that the change does not reach nothing is looked at but the bounds
 /// of their blocks (`blocks`, of this transfer), and weights only of kernels under which texels changed.
-template <class Weight, class Table>
-void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& blocks,
-                const LightChange<Table>& change, const PixelTarget& image);
+template <class Weight>
+void add_change(const TiledTransfer<Weight>& transfer, const KernelBlocks& blocks, const LightChange& change,
+                const PixelTarget& image);
 
 }  // namespace refield

@@ -29,34 +29,16 @@ void store_tile(const TileSums& sums, std::uint32_t groups, bool add, int x0, in
     }
 }
 
-void sum_boxes(const FixedPointTable& table, std::span<const SmallBox> boxes, float* sums) {
-  sum_boxes_fixed(table.corners(), table.stride(), table.step().data(), boxes.data(), boxes.size(), sums);
-}
-
-void sum_boxes(const SummedAreaTable& table, std::span<const SmallBox> boxes, float* sums) {
+void DoubleTable::sum(std::span<const SmallBox> boxes, float* sums) const {
   for (const SmallBox& box : boxes) {
-    const auto sum = table.sum({box.x0, box.y0, box.x1, box.y1});
+    const auto sum = table_.sum({box.x0, box.y0, box.x1, box.y1});
     std::ranges::transform(sum, sums, [](double channel) { return static_cast<float>(channel); });
     sums += 4;
   }
 }
 
-namespace {
-
-template <class Table>
-void sum_own_boxes(const Table& table, int, std::span<const SmallBox> boxes, float* sums) {
-  sum_boxes(table, boxes, sums);
-}
-
-void sum_own_boxes(const OwnSums& own, int tile, std::span<const SmallBox> boxes, float* sums) {
-  const float* from = own.sums + std::size_t{3} * own.start[static_cast<std::size_t>(tile)];
-  for (std::size_t k = 0; k < boxes.size(); ++k) std::copy_n(from + 3 * k, 3, sums + 4 * k);
-}
-
-}  // namespace
-
-template <class Weight, class Table>
-void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const Table& table,
+template <class Weight>
+void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const BoxSums& box_sums,
               const PixelTarget& image) {
   tbb::enumerable_thread_specific<std::vector<float>> scratches;
   tbb::parallel_for(0, transfer.tiles(), [&](int at) {
@@ -66,7 +48,7 @@ void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common,
     const std::size_t shared = tile.common.size();
     for (std::size_t k = 0; k < shared; ++k)
       std::memcpy(light.data() + 4 * k, common.data() + std::size_t{3} * tile.common[k], 4 * sizeof(float));
-    sum_own_boxes(table, at, tile.support.subspan(shared), light.data() + 4 * shared);
+    box_sums.sum_own(at, tile.support.subspan(shared), light.data() + 4 * shared);
     TileSums sums;
     sum_kernels(tile, light.data(), light.data() + 4 * tile.support.size(),
                 transfer.tile(std::min(at + 1, transfer.tiles() - 1)), sums);
@@ -75,17 +57,9 @@ void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common,
   });
 }
 
-template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const FixedPointTable&,
+template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const BoxSums&,
                        const PixelTarget&);
-template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const SummedAreaTable&,
-                       const PixelTarget&);
-template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const FixedPointTable&,
-                       const PixelTarget&);
-template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const SummedAreaTable&,
-                       const PixelTarget&);
-template void multiply(const TiledTransfer<std::uint8_t>&, const Coefficients&, const OwnSums&,
-                       const PixelTarget&);
-template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const OwnSums&,
+template void multiply(const TiledTransfer<std::uint16_t>&, const Coefficients&, const BoxSums&,
                        const PixelTarget&);
 
 }  // namespace refield

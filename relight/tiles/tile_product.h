@@ -6,8 +6,7 @@
 
 #include "core/base/aligned_memory.h"
 #include "core/image/image.h"
-#include "core/light/summed_area_table.h"
-#include "relight/tiles/fixed_point_table.h"
+#include "relight/tiles/box_sums.h"
 #include "relight/tiles/tile_vectors.h"
 #include "relight/tiles/tiled_transfer.h"
 
@@ -31,26 +30,11 @@ struct PixelTarget {
 /// Light under kernels, three floats each, and one more, so that each can be read as four.
 using Coefficients = AlignedFloats;
 
-inline SmallBox small_box(const Box& box) {
-  return {static_cast<std::int16_t>(box.x0), static_cast<std::int16_t>(box.y0),
-          static_cast<std::int16_t>(box.x1), static_cast<std::int16_t>(box.y1)};
-}
-
-/// `sums` [boxes × 4]: of the light under each box, a channel each; the fourth means nothing.
-void sum_boxes(const FixedPointTable& table, std::span<const SmallBox> boxes, float* sums);
-void sum_boxes(const SummedAreaTable& table, std::span<const SmallBox> boxes, float* sums);
-
-/// Sums of light that are known without a table: of the boxes that are a tile's own, tile by tile.
-struct OwnSums {
-  const float* sums;                     ///< [boxes × 3]
-  std::span<const std::uint32_t> start;  ///< [tiles], first of each tile's boxes
-};
-
 /// image [height × width × 3] = transfer · light. `common` [common kernels × 3 + 1]: their coefficients; the
-/// others' light is summed through `table`, a summed-area table or OwnSums. Runs on all cores; each output is
+/// others' light is `light`'s. Runs on all cores; each output is
 /// summed in a fixed order.
-template <class Weight, class Table>
-void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const Table& table,
+template <class Weight>
+void multiply(const TiledTransfer<Weight>& transfer, const Coefficients& common, const BoxSums& light,
               const PixelTarget& image);
 
 /// Writes a tile's `groups` (a bit each) into the image at (x0, y0), or, with `add`, adds them; what lies

@@ -174,11 +174,11 @@ HWY_INLINE void add_touched_records(const Tile<Weight>& tile, const TouchedWeigh
                                     const float* HWY_RESTRICT light, float* HWY_RESTRICT dense) {
   const Lanes d;
   constexpr std::size_t record = (grey ? 1 : 3) * group_pixels, apart = grey ? 0 : group_pixels;
-  for (const auto& own : touched.dense) {
-    const Weight* weights = tile.record_weight.data() + std::size_t{own.record} * record;
-    const float* own_light = light + std::size_t{4} * own.light;
-    const float scale = tile.record_scale[own.record];
-    float* pixels = dense + std::size_t{own.group} * 3 * group_pixels;
+  for (const auto& entry : touched.dense) {
+    const Weight* weights = tile.record_weight.data() + std::size_t{entry.record} * record;
+    const float* own_light = light + std::size_t{4} * entry.light;
+    const float scale = tile.record_scale[entry.record];
+    float* pixels = dense + std::size_t{entry.group} * 3 * group_pixels;
     for (std::size_t lane = 0; lane < group_pixels; lane += hn::Lanes(d)) {
       const auto first = widened(d, weights + lane);
       for (std::size_t c = 0; c < 3; ++c) {
@@ -197,19 +197,19 @@ HWY_INLINE std::uint32_t sum_touched_by(const Tile<Weight>& tile, const TouchedW
   std::uint32_t groups = 0;
   sums.has_sparse = !touched.sparse.empty();
   if (sums.has_sparse) hwy::ZeroBytes<sizeof sums.sparse>(sums.sparse);
-  for (const auto& own : touched.sparse) {
-    const SparseWeights<Weight>* uses = tile.sparse.data() + own.first_use;
+  for (const auto& entry : touched.sparse) {
+    const SparseWeights<Weight>* uses = tile.sparse.data() + entry.first_use;
     const auto scaled =
-        hn::Mul(hn::LoadU(rgb, light + std::size_t{4} * own.light), hn::Set(rgb, tile.scale[own.kernel]));
-    add_uses<Weight>(uses, own.uses, scaled, sums.sparse);
-    for (std::size_t i = 0; i < own.uses; ++i) groups |= 1u << (uses[i].pixel / group_pixels);
+        hn::Mul(hn::LoadU(rgb, light + std::size_t{4} * entry.light), hn::Set(rgb, tile.scale[entry.kernel]));
+    add_uses<Weight>(uses, entry.uses, scaled, sums.sparse);
+    for (std::size_t i = 0; i < entry.uses; ++i) groups |= 1u << (uses[i].pixel / group_pixels);
   }
   hwy::ZeroBytes<sizeof sums.dense>(sums.dense);
   if (tile.is_grey())
     add_touched_records<true>(tile, touched, light, sums.dense);
   else
     add_touched_records<false>(tile, touched, light, sums.dense);
-  for (const auto& own : touched.dense) groups |= 1u << own.group;
+  for (const auto& entry : touched.dense) groups |= 1u << entry.group;
   return groups;
 }
 

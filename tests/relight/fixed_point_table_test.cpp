@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/tiles/fixed_point_table.h"
+#include "relight/tiles/box_sums.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,6 @@
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/light/summed_area_table.h"
-#include "relight/tiles/tile_product.h"
 #include "tests/support/random_data.h"
 
 namespace refield {
@@ -26,7 +25,7 @@ double worst_in_steps(const Image& light) {
     const SmallBox box = {static_cast<std::int16_t>(from.x0), static_cast<std::int16_t>(from.y0),
                           static_cast<std::int16_t>(from.x1), static_cast<std::int16_t>(from.y1)};
     float sum[4];
-    sum_boxes(table, std::span(&box, 1), sum);
+    table.sum(std::span(&box, 1), sum);
     const auto expected = exact.sum(from);
     for (std::size_t c = 0; c < 3; ++c) {
       // What float itself rounds off (number, step and product) is not the table's.
@@ -75,7 +74,7 @@ TEST(FixedPointTable, IsMadeAnewForEachLight) {
   table.build(small);
   const SmallBox box = {1, 1, 4, 5};
   float sum[4];
-  sum_boxes(table, std::span(&box, 1), sum);
+  table.sum(std::span(&box, 1), sum);
   EXPECT_FLOAT_EQ(sum[0], 12.0f);
   EXPECT_THROW(table.build(Image(3, 3, 1)), InputError);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/tiles/square_sums.h"
+#include "relight/tiles/box_sums.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,6 @@
 
 #include "core/base/rng.h"
 #include "core/light/cube_map.h"
-#include "relight/tiles/tile_product.h"
 #include "tests/support/random_data.h"
 
 namespace refield {
