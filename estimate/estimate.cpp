@@ -184,7 +184,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
     checkpoint.remove();
   const int width = job.session.width;
   BandsDone done = estimate_bands(
-      job, options, summary.plan, [&](RowRange rows) { return checkpoint.load(rows, width).has_value(); },
+      job, options, summary.plan, [&](RowRange rows) { return checkpoint.has(rows); },
       [&](RowRange rows, const std::vector<PixelKernels>& kernels) { checkpoint.store(rows, kernels); }, run);
   summary.resumed_bands = done.resumed;
 

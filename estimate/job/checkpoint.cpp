@@ -97,14 +97,21 @@ void Checkpoint::store(RowRange rows, const std::vector<PixelKernels>& kernels) 
   write_text_atomically(band_path(rows), bytes);
 }
 
-std::optional<std::vector<PixelKernels>> Checkpoint::load(RowRange rows, int width) const {
+std::optional<std::string> Checkpoint::content_of(RowRange rows) const {
   if (!fs::exists(band_path(rows))) return std::nullopt;
-  const std::string bytes = read_text(band_path(rows));
+  std::string bytes = read_text(band_path(rows));
   if (bytes.size() < sizeof(std::uint64_t)) return std::nullopt;
-  const std::string_view content(bytes.data(), bytes.size() - sizeof(std::uint64_t));
-  Parser trailer{std::string_view(bytes).substr(content.size())};
-  if (trailer.take<std::uint64_t>() != checksum(content)) return std::nullopt;
-  Parser parser{content};
+  const std::size_t size = bytes.size() - sizeof(std::uint64_t);
+  const auto sum = Parser{std::string_view(bytes).substr(size)}.take<std::uint64_t>();
+  bytes.resize(size);
+  if (sum != checksum(bytes)) return std::nullopt;
+  return bytes;
+}
+
+std::optional<std::vector<PixelKernels>> Checkpoint::load(RowRange rows, int width) const {
+  const auto content = content_of(rows);
+  if (!content) return std::nullopt;
+  Parser parser{*content};
   std::vector<PixelKernels> kernels(static_cast<std::size_t>(width) * (rows.last - rows.first));
   for (PixelKernels& pixel : kernels) {
     const auto count = parser.take<std::uint32_t>();

@@ -24,10 +24,14 @@ class Checkpoint {
   void remove() const;
 
   void store(RowRange rows, const std::vector<PixelKernels>& kernels) const;
+  /// Whether the band is there and not damaged.
+  bool has(RowRange rows) const { return content_of(rows).has_value(); }
   /// The band's kernels, or nothing when it is not there or damaged.
   std::optional<std::vector<PixelKernels>> load(RowRange rows, int width) const;
 
  private:
+  /// The bytes of a band without their checksum, which they have; else nothing.
+  std::optional<std::string> content_of(RowRange rows) const;
   std::filesystem::path band_path(RowRange rows) const;
   std::filesystem::path folder_;
   std::string description_;
