@@ -20,6 +20,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/base/units.h"
 #include "core/light/cube_map.h"
 
 namespace refield::prt {
@@ -103,7 +104,7 @@ class LightClusters {
         outputs_(static_cast<double>(outputs)),
         weights_(transfer.groups()) {}
 
-  std::vector<GroupWeights> run(const RunContext& run) {
+  std::vector<GroupWeights> cluster(const RunContext& run) {
     const int resolution = options_.resolution;
     Progress progress(run, "clustering lights", std::uint64_t{6} * resolution * resolution);
     for (int face = 0; face < cube_faces; ++face) {
@@ -114,9 +115,9 @@ class LightClusters {
         domains.pop_back();
         held_ = domain.known.size();
         for (const Domain& other : domains) held_ += other.known.size();
-        const bool similar = one_cluster(domain, run);
+        const bool is_cluster = make_cluster(domain, run);
         run.throw_if_stopped();
-        if (similar)
+        if (is_cluster)
           progress.advance(static_cast<std::uint64_t>(domain.square.box.area()));
         else
           split(std::move(domain), domains);
@@ -150,9 +151,9 @@ class LightClusters {
     return options_.epsilon * std::sqrt(outputs_) / cube_solid_angle(square.box, options_.resolution);
   }
 
-  /// Traces what is missing and tests it; if all samples satisfy it, their mean (eq. 10) becomes the
-  /// cluster's vector.
-  bool one_cluster(Domain& domain, const RunContext& run) {
+  /// Traces the lights that are not known yet. If all samples are similar, makes the square a cluster, whose
+  /// vector is their mean (eq. 10), and returns true.
+  bool make_cluster(Domain& domain, const RunContext& run) {
     const std::vector<Light*> lights = sample(domain);
     const std::size_t size = transfer_.group_values(), groups = transfer_.groups();
     const auto channels = static_cast<std::size_t>(transfer_.channels());
@@ -172,27 +173,27 @@ class LightClusters {
     std::vector<std::uint64_t> rays(groups);
     tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
       if (run.is_stopped()) return;  // thrown away
-      const std::span mine = std::span(mean).subspan(g * size, size);
+      const std::span group_mean = std::span(mean).subspan(g * size, size);
       for (std::size_t l = 0; l < lights.size(); ++l) {
         const std::span values = std::span(lights[l]->transfer).subspan(g * size, size);
         if (!missing[l].isZero()) rays[g] += transfer_.evaluate(g, missing[l], values);
-        for (std::size_t i = 0; i < size; ++i) mine[i] += values[i] / static_cast<float>(lights.size());
+        for (std::size_t i = 0; i < size; ++i) group_mean[i] += values[i] / static_cast<float>(lights.size());
       }
       double* to = &distance[g * lights.size() * channels];
       for (const Light* light : lights)
         for (std::size_t c = 0; c < channels; ++c, ++to)
           for (std::size_t i = c * TransferSamples::group_outputs;
                i < (c + 1) * TransferSamples::group_outputs; ++i) {
-            const double difference = mine[i] - light->transfer[g * size + i];
+            const double difference = group_mean[i] - light->transfer[g * size + i];
             *to += difference * difference;
           }
     });
     for (const std::uint64_t count : rays) statistics_.rays += count;
-    const double most = limit(domain.square);
-    for (std::size_t of = 0; of < lights.size() * channels; ++of) {
+    const double max_distance = limit(domain.square);
+    for (std::size_t i = 0; i < lights.size() * channels; ++i) {
       double sum = 0.0;
-      for (std::size_t g = 0; g < groups; ++g) sum += distance[g * lights.size() * channels + of];
-      if (lights.size() > 1 && !(sum < most * most)) return false;
+      for (std::size_t g = 0; g < groups; ++g) sum += distance[g * lights.size() * channels + i];
+      if (lights.size() > 1 && !(sum < max_distance * max_distance)) return false;
     }
     tbb::parallel_for(std::size_t{0}, groups, [&](std::size_t g) {
       weights_[g].append(GroupWeights::kernel_key(domain.square.name, SquareKernel::constant),
@@ -224,7 +225,7 @@ class LightClusters {
 std::vector<GroupWeights> cluster_lights(const TransferSamples& transfer, std::size_t outputs,
                                          const ClusterOptions& options, ClusterStatistics& statistics,
                                          const RunContext& run) {
-  return LightClusters(transfer, outputs, options, statistics).run(run);
+  return LightClusters(transfer, outputs, options, statistics).cluster(run);
 }
 
 namespace {
@@ -233,7 +234,7 @@ constexpr int coarsest_side = 8;  // squares along a face that are looked at in 
 /// Lobes of larger exponents are narrower than the samples of the coarsest squares are apart.
 constexpr float narrow_exponent = 20.0f;
 
-/// Of a group's values over some samples, each counting by its solid angle: sums of products of the values
+/// Sums over some samples, each weighted by its solid angle, of products of a group's values
 /// and directions.
 struct Moments {
   static constexpr int max_values = 3 * static_cast<int>(TransferSamples::group_outputs);
@@ -310,7 +311,7 @@ class LinearFit {
 
   /// Ω² times the mean squared difference, the largest of all outputs and channels.
   double loss() const { return loss_; }
-  /// Of a SquareKernel beyond the first, for all values.
+  /// Weights of a SquareKernel beyond the first, for all values.
   Eigen::ArrayXf weights(SquareKernel kernel) const {
     return weights_.row(static_cast<int>(kernel) - 1).cast<float>().transpose();
   }
@@ -372,7 +373,7 @@ class GroupCut {
     const bool must_split = has_to_split(square), may_split = square.box.area() > 1;
     if (!must_split) {
       sample(square, moments);
-      if (fits(square, moments, fit_kernels, !may_split)) return moments;
+      if (append_kernels(square, moments, fit_kernels, !may_split)) return moments;
     }
     moments = Moments(transfer_.group_values());
     for (const CubeSquare& part : quadrisect(square))
@@ -381,12 +382,14 @@ class GroupCut {
     std::vector<Leaf> parts(std::make_move_iterator(leaves_.begin() + static_cast<std::ptrdiff_t>(first)),
                             std::make_move_iterator(leaves_.end()));
     leaves_.resize(first);
-    if (!fits(square, moments, kernels, false)) std::ranges::move(parts, std::back_inserter(leaves_));
+    if (!append_kernels(square, moments, kernels, false))
+      std::ranges::move(parts, std::back_inserter(leaves_));
     return moments;
   }
 
-  /// Appends a square's kernels where no more than `allowed` of them do, or where it cannot be cut.
-  bool fits(const CubeSquare& square, const Moments& moments, std::size_t allowed, bool is_last) {
+  /// Appends a square's kernels, unless more than `allowed` would be needed and it can be cut; returns
+  /// whether it did.
+  bool append_kernels(const CubeSquare& square, const Moments& moments, std::size_t allowed, bool is_last) {
     if (!(moments.sum > 0.0).any()) return true;
     if (is_last || moments.loss() <= limit_) {
       leaves_.push_back({GroupWeights::kernel_key(square.name, SquareKernel::constant),
@@ -430,7 +433,7 @@ class GroupCut {
     }
   }
 
-  /// Of a square s×s points with its corners; of a texel the middle.
+  /// Samples s×s points of a square, corners included; of a texel, its middle.
   void sample(const CubeSquare& square, Moments& moments) {
     const Box& box = square.box;
     if (box.area() == 1) {
@@ -691,7 +694,7 @@ FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, Cl
   if (options.relighting == Relighting::geometry) field.outline.mesh = coloured(scene);
   statistics.clusters = field.outline.basis.size();
   count(*clusters, statistics);
-  statistics.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  statistics.seconds = seconds_since(start);
   field.outline.provenance = provenance_of(options, statistics);
   field.rows = [clusters](RowRange range) { return clusters->rows(range); };
   return field;

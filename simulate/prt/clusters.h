@@ -30,8 +30,8 @@ struct GroupWeights {
   std::vector<float> scale;           ///< [kernels]
   std::vector<std::uint8_t> weight;   ///< [kernels × values]
 
-  static std::uint32_t kernel_key(std::uint32_t square, SquareKernel of) {
-    return 4 * square + static_cast<std::uint32_t>(of);
+  static std::uint32_t kernel_key(std::uint32_t square, SquareKernel kernel) {
+    return 4 * square + static_cast<std::uint32_t>(kernel);
   }
   /// `values` ≥ 0, as many for each kernel.
   void append(std::uint32_t key, std::span<const float> values) {
