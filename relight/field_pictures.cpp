@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "core/base/errors.h"
-#include "core/light/euler_angles.h"
 #include "core/light/light_map.h"
 
 namespace refield {

@@ -62,9 +62,9 @@ using Triangle = std::array<std::uint32_t, 3>;
 
 constexpr std::uint32_t whole = 0xffffffffu;
 
-class Refinement {
+class EdgeHalving {
  public:
-  Refinement(Mesh& mesh, float longest_edge, std::vector<Eigen::Array4f>* lobes)
+  EdgeHalving(Mesh& mesh, float longest_edge, std::vector<Eigen::Array4f>* lobes)
       : mesh_(&mesh), longest_edge_(longest_edge), lobes_(lobes && !lobes->empty() ? lobes : nullptr) {}
 
   /// Refuses what cannot end well before memory is spent on it: a triangle with no longer edges covers no
@@ -153,9 +153,9 @@ class Refinement {
 
 void refine(Mesh& mesh, float longest_edge, std::vector<Eigen::Array4f>* lobes) {
   if (!(longest_edge > 0.0f)) throw InputError("edges cannot be refined to a length of zero or less");
-  Refinement refinement(mesh, longest_edge, lobes);
-  refinement.check();
-  while (refinement.pass()) {
+  EdgeHalving halving(mesh, longest_edge, lobes);
+  halving.check();
+  while (halving.pass()) {
   }
 }
 

@@ -110,7 +110,7 @@ using TraceMemory = TraceScratch::Memory;
 /// Light that falls straight from the monitor on a surface, into the boxes of a pixel's row.
 class MonitorLight {
  public:
-  MonitorLight(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
+  MonitorLight(const TabletopScene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
                TraceMemory& memory)
       : scene_(scene), monitor_(scene.monitor()), hierarchy_(hierarchy), options_(options), memory_(memory) {}
 
@@ -223,7 +223,7 @@ class MonitorLight {
     memory_.row.add(hierarchy_.node(level, column, row), weight * found.mean * monitor_.texel_area());
   }
 
-  const Scene& scene_;
+  const TabletopScene& scene_;
   const MonitorSurface& monitor_;
   const LightHierarchy& hierarchy_;
   const TraceOptions& options_;
@@ -260,8 +260,8 @@ SpecularRays specular_rays(const MaterialDescription& material, const Hit& hit, 
 /// surfaces.
 class PixelTracer {
  public:
-  PixelTracer(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options, int x, int y,
-              TraceMemory& memory)
+  PixelTracer(const TabletopScene& scene, const LightHierarchy& hierarchy, const TraceOptions& options, int x,
+              int y, TraceMemory& memory)
       : scene_(scene),
         monitor_(scene.monitor()),
         hierarchy_(hierarchy),
@@ -453,7 +453,7 @@ class PixelTracer {
     scatter_along(surface, sample->direction, weight * sample->weight / survival, depth + 1, nullptr);
   }
 
-  const Scene& scene_;
+  const TabletopScene& scene_;
   const MonitorSurface& monitor_;
   const LightHierarchy& hierarchy_;
   const TraceOptions& options_;
@@ -472,8 +472,8 @@ class PixelTracer {
 
 }  // namespace
 
-PixelTransport trace_pixel(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
-                           int x, int y, TraceScratch& scratch) {
+PixelTransport trace_pixel(const TabletopScene& scene, const LightHierarchy& hierarchy,
+                           const TraceOptions& options, int x, int y, TraceScratch& scratch) {
   return PixelTracer(scene, hierarchy, options, x, y, scratch.memory()).trace();
 }
 

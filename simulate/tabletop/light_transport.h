@@ -62,7 +62,7 @@ class TraceScratch {
 ///
 /// The boxes *are* the scene's transport matrix by definition: no rendering stands above them. tests/simulate
 /// compares them with closed forms and with independent Monte Carlo integration.
-PixelTransport trace_pixel(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
-                           int x, int y, TraceScratch& scratch);
+PixelTransport trace_pixel(const TabletopScene& scene, const LightHierarchy& hierarchy,
+                           const TraceOptions& options, int x, int y, TraceScratch& scratch);
 
 }  // namespace refield

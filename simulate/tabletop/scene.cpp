@@ -69,11 +69,11 @@ namespace {
 constexpr float before_target = 1.0f - 1e-4f;
 
 /// An object in the scene. Normals and textures are those of the unturned shape, its stretch included.
-PlacedObject place_object(const ObjectDescription& object) {
+TabletopObject place_object(const ObjectDescription& object) {
   using Shape = ObjectDescription::Shape;
   const prt::Placement& place = object.place;
   const Eigen::Matrix3f turn = place.turn.matrix().cast<float>();
-  PlacedObject result;
+  TabletopObject result;
   Eigen::AlignedBox3f bounds;
   if (object.shape == Shape::sphere) {
     bounds.extend(Eigen::Vector3f::Constant(-0.5f)).extend(Eigen::Vector3f::Constant(0.5f));
@@ -109,11 +109,12 @@ Eigen::Vector3f at_barycentric(const std::vector<Eigen::Vector3f>& values,
 
 }  // namespace
 
-Scene::Scene(const SceneDescription& description) : description_(description), monitor_(description.monitor) {
+TabletopScene::TabletopScene(const SceneDescription& description)
+    : description_(description), monitor_(description.monitor) {
   for (const ObjectDescription& object : description_.objects) {
     materials_.push_back(&material_named(object.material));
     placed_.push_back(place_object(object));
-    const PlacedObject& last = placed_.back();
+    const TabletopObject& last = placed_.back();
     if (last.mesh.triangles.empty())
       rays_.add_sphere(last.bounds.centre, last.bounds.radius);
     else
@@ -150,7 +151,7 @@ SceneCamera turned(SceneCamera camera, double right_px, double down_px) {
   return camera;
 }
 
-const MaterialDescription& Scene::material_named(const std::string& name) const {
+const MaterialDescription& TabletopScene::material_named(const std::string& name) const {
   static const MaterialDescription standard;
   if (name.empty()) return standard;
   const auto material = std::ranges::find(description_.materials, name, &MaterialDescription::name);
@@ -159,7 +160,7 @@ const MaterialDescription& Scene::material_named(const std::string& name) const 
   return *material;
 }
 
-std::optional<Hit> Scene::intersect(const Ray& ray) const {
+std::optional<Hit> TabletopScene::intersect(const Ray& ray) const {
   const auto found = rays_.first_hit(ray.origin, ray.direction);
   if (!found) return std::nullopt;
   Hit hit;
@@ -170,7 +171,7 @@ std::optional<Hit> Scene::intersect(const Ray& ray) const {
     return hit;
   }
   hit.object = static_cast<int>(found->part);
-  const PlacedObject& placed = placed_[found->part];
+  const TabletopObject& placed = placed_[found->part];
   if (placed.mesh.triangles.empty()) {
     hit.geometric_normal = hit.shading_normal = (hit.position - placed.bounds.centre).normalized();
   } else {
@@ -183,24 +184,24 @@ std::optional<Hit> Scene::intersect(const Ray& ray) const {
   return hit;
 }
 
-bool Scene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const {
+bool TabletopScene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const {
   return rays_.is_occluded(from, to - from, before_target);
 }
 
-Ray Scene::camera_ray(float x, float y) const {
+Ray TabletopScene::camera_ray(float x, float y) const {
   return {camera_origin_, (camera_corner_ + x * camera_right_ + y * camera_down_).normalized()};
 }
 
 namespace {
 
 constexpr int grid = 4;  // rays per pixel, along a side
-constexpr int most = 3 * grid * grid / 4;
+constexpr int min_majority = 3 * grid * grid / 4;
 constexpr int monitor_columns = 16, monitor_rows = 12;
 constexpr double least_hidden = 0.05, max_hidden = 0.95;
 
 enum Label : std::uint8_t { none, diffuse, glossy, refraction, hard_shadow, mixed };
 
-Label label_of(const Scene& scene, const std::optional<Hit>& hit) {
+Label label_of(const TabletopScene& scene, const std::optional<Hit>& hit) {
   if (!hit) return none;
   if (hit->is_monitor()) return refraction;
   switch (scene.material_of(hit->object).kind) {
@@ -221,7 +222,7 @@ struct Visibility {
   int hidden = 0;
 };
 
-void look_at_monitor(const Scene& scene, const Hit& hit, const Ray& ray, Visibility& seen) {
+void look_at_monitor(const TabletopScene& scene, const Hit& hit, const Ray& ray, Visibility& seen) {
   const Surface surface(scene, hit, -ray.direction);
   const MonitorSurface& monitor = scene.monitor();
   const Eigen::Vector3f normal =
@@ -240,7 +241,7 @@ void look_at_monitor(const Scene& scene, const Hit& hit, const Ray& ray, Visibil
     }
 }
 
-Label label_pixel(const Scene& scene, int x, int y) {
+Label label_pixel(const TabletopScene& scene, int x, int y) {
   std::array<int, mixed + 1> counts{};
   Visibility seen;
   for (int j = 0; j < grid; ++j)
@@ -253,7 +254,7 @@ Label label_pixel(const Scene& scene, int x, int y) {
       if (label == diffuse || label == glossy) look_at_monitor(scene, *hit, ray, seen);
     }
   const auto largest = std::ranges::max_element(counts);
-  if (*largest < most) return mixed;
+  if (*largest < min_majority) return mixed;
   const auto label = static_cast<Label>(std::distance(counts.begin(), largest));
   if (label != diffuse && label != glossy) return label;
   const double hidden = seen.facing > 0 ? static_cast<double>(seen.hidden) / seen.facing : 0.0;
@@ -262,7 +263,7 @@ Label label_pixel(const Scene& scene, int x, int y) {
 
 }  // namespace
 
-PixelKinds scene_kinds(const Scene& scene, const RunContext& run) {
+PixelKinds scene_kinds(const TabletopScene& scene, const RunContext& run) {
   const SceneCamera& camera = scene.description().camera;
   PixelKinds kinds{camera.width, camera.height, {std::begin(kind_names), std::end(kind_names)}, {}};
   kinds.labels.resize(static_cast<std::size_t>(camera.width) * camera.height);

@@ -90,19 +90,19 @@ struct BoundingSphere {
 };
 
 /// An object's geometry in the scene.
-struct PlacedObject {
+struct TabletopObject {
   Mesh mesh;  ///< empty where `bounds` is the object, a sphere
   Eigen::Isometry3f object_from_world;
   BoundingSphere bounds;
 };
 
 /// The scene's surfaces, ready for ray queries. All queries may run at the same time.
-class Scene {
+class TabletopScene {
  public:
   /// Throws InputError for a shape that cannot be made.
-  explicit Scene(const SceneDescription& description);
-  Scene(const Scene&) = delete;
-  Scene& operator=(const Scene&) = delete;
+  explicit TabletopScene(const SceneDescription& description);
+  TabletopScene(const TabletopScene&) = delete;
+  TabletopScene& operator=(const TabletopScene&) = delete;
 
   const SceneDescription& description() const { return description_; }
   const MonitorSurface& monitor() const { return monitor_; }
@@ -123,7 +123,7 @@ class Scene {
   SceneDescription description_;
   MonitorSurface monitor_;
   std::vector<const MaterialDescription*> materials_;  // of each object
-  std::vector<PlacedObject> placed_;
+  std::vector<TabletopObject> placed_;
   prt::RayScene rays_;  // parts: the objects, then the monitor
   Eigen::Vector3f camera_origin_, camera_corner_, camera_right_, camera_down_;
 };
@@ -136,6 +136,6 @@ class Scene {
 ///    so that the edge of something lies across its light;
 ///  - mixed: no sort of material reaches three quarters, as on the outlines of things.
 /// Pixels whose rays mostly meet nothing are of no kind.
-PixelKinds scene_kinds(const Scene& scene, const RunContext& run = {});
+PixelKinds scene_kinds(const TabletopScene& scene, const RunContext& run = {});
 
 }  // namespace refield

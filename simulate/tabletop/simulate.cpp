@@ -12,6 +12,7 @@
 #include "core/base/files.h"
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
+#include "core/base/units.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "simulate/rig/light_maps.h"
 #include "simulate/tabletop/scene.h"
@@ -58,7 +59,8 @@ void apply_row(const std::vector<TransportEntry>& entries, const LightSums& sums
   }
 }
 
-std::uint64_t trace_rows(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
+std::uint64_t trace_rows(const TabletopScene& scene, const LightHierarchy& hierarchy,
+                         const TraceOptions& options,
                          const std::function<void(int, std::vector<PixelTransport>&)>& take,
                          const RunContext& run) {
   const int width = scene.description().camera.width, height = scene.description().camera.height;
@@ -120,14 +122,6 @@ namespace {
 // Measured on datasets_synthetic/tabletop at 160×120 under 128×96 texels; it grows slowly with the map.
 constexpr std::uint64_t typical_entries_of_a_pixel = 600;
 constexpr std::uint64_t bytes_of_an_entry = sizeof(std::uint32_t) + 3 * sizeof(float);
-
-class Stopwatch {
- public:
-  double seconds() const { return Seconds(std::chrono::steady_clock::now() - start_).count(); }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 // Relative Gaussian noise. Cut at zero, as a photograph of no light is not negative.
 void add_noise(Image& photograph, double sigma, std::uint64_t seed, std::size_t place) {
@@ -241,18 +235,18 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
   options.check();
   const LightHierarchy hierarchy(recipe.scene.monitor.texels);
   const std::vector<LightSpec> lights = list_lights(recipe.lights);
-  const Scene scene(recipe.scene);
+  const TabletopScene scene(recipe.scene);
   create_folders(folder / "illumination");
   create_folders(folder / "observed");
   const CaptureSession session = session_of(recipe, lights, folder);
   SimulateSummary summary{
       .width = session.width, .height = session.height, .lights = static_cast<int>(lights.size())};
 
-  const Stopwatch making_lights;
+  const auto start_of_lights = std::chrono::steady_clock::now();
   const LightSums sums = write_lights(recipe, lights, session, hierarchy, options.precision, run);
-  summary.light_seconds = making_lights.seconds();
+  summary.light_seconds = seconds_since(start_of_lights);
 
-  const Stopwatch tracing;
+  const auto start_of_tracing = std::chrono::steady_clock::now();
   FieldBuilder builder(hierarchy, session.width, session.height);
   Photographs photographs(sums, session.width, session.height);
   summary.rays = trace_rows(
@@ -264,9 +258,9 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
       run);
   summary.entries_per_pixel =
       static_cast<double>(photographs.entries) / static_cast<double>(photographs.ambient.pixel_count());
-  summary.trace_seconds = tracing.seconds();
+  summary.trace_seconds = seconds_since(start_of_tracing);
 
-  const Stopwatch writing;
+  const auto start_of_writing = std::chrono::steady_clock::now();
   if (options.keep_transport) {
     ReflectanceField field = builder.finish();
     field.provenance = options.provenance;
@@ -279,14 +273,14 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
   write_pixel_kinds(folder / kinds_file_name, scene_kinds(scene, run));
   write_photographs(recipe, options, session, photographs.images, run);
   write_session_manifest(session);  // last: a folder with a manifest is complete
-  summary.write_seconds = writing.seconds();
+  summary.write_seconds = seconds_since(start_of_writing);
   return summary;
 }
 
 TracedScene trace_scene(const SceneDescription& description, const TraceOptions& options,
                         const RunContext& run) {
   const ThreadLimit limit(run);
-  const Scene scene(description);
+  const TabletopScene scene(description);
   const LightHierarchy hierarchy(description.monitor.texels);
   const SceneCamera& camera = description.camera;
   FieldBuilder builder(hierarchy, camera.width, camera.height);

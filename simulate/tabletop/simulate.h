@@ -48,7 +48,8 @@ void apply_row(const std::vector<TransportEntry>& entries, const LightSums& sums
 /// Traces the image in bands of rows, in order, on all cores, with progress. `take` gets each band's first
 /// row and its pixels, row by row, while nothing else runs. Returns the number of rays. Throws Interrupted
 /// between bands.
-std::uint64_t trace_rows(const Scene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
+std::uint64_t trace_rows(const TabletopScene& scene, const LightHierarchy& hierarchy,
+                         const TraceOptions& options,
                          const std::function<void(int first_row, std::vector<PixelTransport>& pixels)>& take,
                          const RunContext& run);
 

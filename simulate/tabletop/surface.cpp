@@ -165,7 +165,7 @@ Vector3f sample_cone(const Vector3f& axis, float cosine_limit, float u, float v)
       {sine * std::cos(2.0f * float_pi * v), sine * std::sin(2.0f * float_pi * v), cosine});
 }
 
-Surface::Surface(const Scene& scene, const Hit& hit, const Vector3f& to_viewer, float smallest_alpha)
+Surface::Surface(const TabletopScene& scene, const Hit& hit, const Vector3f& to_viewer, float smallest_alpha)
     : material_(&scene.material_of(hit.object)), position_(hit.position), to_viewer_(to_viewer) {
   geometric_normal_ = hit.geometric_normal;
   normal_ = hit.shading_normal;

@@ -47,7 +47,8 @@ class Surface {
  public:
   /// `smallest_alpha` roughens narrow lobes. Where light has been scattered before, that costs no visible
   /// detail and saves rare bright samples (path space regularisation; Kaplanyan and Dachsbacher 2013).
-  Surface(const Scene& scene, const Hit& hit, const Eigen::Vector3f& to_viewer, float smallest_alpha = 0.0f);
+  Surface(const TabletopScene& scene, const Hit& hit, const Eigen::Vector3f& to_viewer,
+          float smallest_alpha = 0.0f);
 
   bool is_translucent() const { return material_->kind == MaterialDescription::Kind::translucent; }
 

@@ -46,7 +46,7 @@ ObjectDescription upright_square(const Vector3d& centre, double side, double tur
 }
 
 PixelTransport trace(const SceneDescription& description, const TraceOptions& options) {
-  const Scene scene(description);
+  const TabletopScene scene(description);
   const LightHierarchy hierarchy(description.monitor.texels);
   TraceScratch scratch(hierarchy);
   return trace_pixel(scene, hierarchy, options, 0, 0, scratch);
@@ -189,7 +189,7 @@ SceneDescription corner_scene() {
 
 // Radiance along a ray by path tracing without any shortcut: directions by the cosine, light only where a
 // path happens to meet the monitor. Independent of trace_pixel in everything but the scene.
-Rgb brute_force_path(const Scene& scene, const Image& light, Ray ray, int surfaces, Rng& rng) {
+Rgb brute_force_path(const TabletopScene& scene, const Image& light, Ray ray, int surfaces, Rng& rng) {
   Rgb throughput = Rgb::Ones();
   for (int k = 0; k <= surfaces; ++k) {
     const auto hit = scene.intersect(ray);
@@ -214,7 +214,7 @@ Rgb brute_force_path(const Scene& scene, const Image& light, Ray ray, int surfac
 
 TEST(LightTransport, AgreesWithBruteForceMonteCarlo) {
   SceneDescription description = corner_scene();
-  const Scene scene(description);
+  const TabletopScene scene(description);
   const LightHierarchy hierarchy(description.monitor.texels);
   Image light(64, 48, 3);  // blocks of random colour, and a bright bar
   for (int y = 0; y < 48; ++y)

@@ -47,15 +47,15 @@ std::string kind_at(const PixelKinds& kinds, int x, int y) {
 }
 
 TEST(SceneKinds, AnOpenFloorIsDiffuseAndItsSurroundingsAreOfNoKind) {
-  const PixelKinds kinds = scene_kinds(Scene(floor_with({})));
+  const PixelKinds kinds = scene_kinds(TabletopScene(floor_with({})));
   EXPECT_EQ(kind_at(kinds, 10, 10), "diffuse");
   EXPECT_EQ(kind_at(kinds, 0, 0), "");
 }
 
 TEST(SceneKinds, MaterialsAreToldApart) {
-  const PixelKinds kinds =
-      scene_kinds(Scene(floor_with({ball("mirror", -0.5f, -0.5f, 0.25f), ball("glass", -0.5f, 0.5f, 0.25f),
-                                    ball("coat", 0.5f, 0.0f, 0.25f)})));
+  const PixelKinds kinds = scene_kinds(
+      TabletopScene(floor_with({ball("mirror", -0.5f, -0.5f, 0.25f), ball("glass", -0.5f, 0.5f, 0.25f),
+                                ball("coat", 0.5f, 0.0f, 0.25f)})));
   // 0.1 m a pixel; x to the right, z downwards.
   EXPECT_EQ(kind_at(kinds, 5, 5), "refraction");
   EXPECT_EQ(kind_at(kinds, 5, 15), "refraction");
@@ -69,7 +69,7 @@ TEST(SceneKinds, AnObjectsShadowHasAHardEdgeWhereItHidesPartOfTheMonitor) {
       .shape = Shape::box,
       .material = "matt",
       .place = {.stretch = {0.02f, 0.3f, 0.6f}, .position = Eigen::Vector3f(0.6f, 0.15f, 0.0f)}};
-  const PixelKinds kinds = scene_kinds(Scene(floor_with({plate})));
+  const PixelKinds kinds = scene_kinds(TabletopScene(floor_with({plate})));
   EXPECT_EQ(kind_at(kinds, 4, 10), "hard_shadow") << "the lower half of the monitor is hidden";
   EXPECT_EQ(kind_at(kinds, 13, 10), "diffuse") << "close behind the plate nothing of the monitor is seen";
   EXPECT_EQ(kind_at(kinds, 18, 10), "diffuse") << "on the monitor's side of the plate";

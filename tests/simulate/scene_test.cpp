@@ -39,8 +39,8 @@ ObjectDescription box() {
   return {.shape = Shape::box, .place = {.stretch = {2.0f, 1.0f, 0.5f}}};
 }
 
-TEST(Scene, SphereIsHitFromOutsideAndFromWithin) {
-  const Scene scene(with(sphere()));
+TEST(TabletopScene, SphereIsHitFromOutsideAndFromWithin) {
+  const TabletopScene scene(with(sphere()));
   const auto outside = scene.intersect({{0.3f, 0, 5}, {0, 0, -1}});
   ASSERT_TRUE(outside);
   EXPECT_NEAR(outside->position.z(), 0.4f, 1e-4f);
@@ -52,8 +52,8 @@ TEST(Scene, SphereIsHitFromOutsideAndFromWithin) {
   EXPECT_GT(within->geometric_normal.x(), 0.99f);  // normals point outwards
 }
 
-TEST(Scene, BoxFacesPointOutwardsAndTurnWithIt) {
-  const Scene scene(with(box()));
+TEST(TabletopScene, BoxFacesPointOutwardsAndTurnWithIt) {
+  const TabletopScene scene(with(box()));
   const Vector3f half(1.0f, 0.5f, 0.25f);
   for (int axis = 0; axis < 3; ++axis)
     for (float side : {-1.0f, 1.0f}) {
@@ -68,18 +68,18 @@ TEST(Scene, BoxFacesPointOutwardsAndTurnWithIt) {
     }
   ObjectDescription turned = box();
   turned.place.turn = {.yaw = 90.0};
-  const auto hit = Scene(with(turned)).intersect({{0, 0, 5}, {0, 0, -1}});
+  const auto hit = TabletopScene(with(turned)).intersect({{0, 0, 5}, {0, 0, -1}});
   ASSERT_TRUE(hit);
   EXPECT_NEAR(hit->position.z(), 1.0f, 1e-5f);  // its long side now lies along z
 }
 
-TEST(Scene, LatheOfASemicircleIsASphere) {
+TEST(TabletopScene, LatheOfASemicircleIsASphere) {
   ObjectDescription lathe{.shape = Shape::lathe};
   for (int i = 0; i <= 24; ++i) {
     const double t = -M_PI / 2 + M_PI * i / 24;
     lathe.profile.emplace_back(std::max(0.0, 0.5 * std::cos(t)), 0.5 * std::sin(t));
   }
-  const Scene scene(with(lathe));
+  const TabletopScene scene(with(lathe));
   for (const Vector3f& from : {Vector3f(2, 1, 1), Vector3f(-1, 2, 0.5f), Vector3f(0.3f, -2, 1)}) {
     const auto hit = scene.intersect({from, -from.normalized()});
     ASSERT_TRUE(hit);
@@ -89,8 +89,8 @@ TEST(Scene, LatheOfASemicircleIsASphere) {
   }
 }
 
-TEST(Scene, MonitorPointsAndTexelsAgree) {
-  const Scene scene(with(sphere()));
+TEST(TabletopScene, MonitorPointsAndTexelsAgree) {
+  const TabletopScene scene(with(sphere()));
   const MonitorSurface& monitor = scene.monitor();
   EXPECT_NEAR(monitor.texel_area(), 0.01f, 1e-6f);
   // Seen from the front: the first texel lies at the upper left.
@@ -101,23 +101,23 @@ TEST(Scene, MonitorPointsAndTexelsAgree) {
                 Eigen::Vector2i(x, y));
 }
 
-TEST(Scene, OcclusionIsSymmetricAndEndsBeforeItsTarget) {
-  const Scene scene(with(sphere()));
+TEST(TabletopScene, OcclusionIsSymmetricAndEndsBeforeItsTarget) {
+  const TabletopScene scene(with(sphere()));
   EXPECT_TRUE(scene.occluded({0, 0, 3}, {0, 0, -3}));
   EXPECT_TRUE(scene.occluded({0, 0, -3}, {0, 0, 3}));
   EXPECT_FALSE(scene.occluded({2, 0, 3}, {2, 0, -3}));
   EXPECT_FALSE(scene.occluded({2, 0, 0}, scene.monitor().point(10, 10)));  // the monitor does not hide itself
 }
 
-TEST(Scene, CameraLooksAtItsTarget) {
-  const Scene scene(with(sphere()));
+TEST(TabletopScene, CameraLooksAtItsTarget) {
+  const TabletopScene scene(with(sphere()));
   EXPECT_LT((scene.camera_ray(20, 15).direction - Vector3f(0, 0, -1)).norm(), 1e-6f);
   const Vector3f top = scene.camera_ray(20, 0).direction;
   EXPECT_NEAR(top.y() / -top.z(), 1.0f, 1e-5f);  // 90° from top to bottom
   EXPECT_LT(scene.camera_ray(0, 15).direction.x(), 0.0f);
 }
 
-TEST(Scene, ATurnedCameraSeesItsTargetElsewhere) {
+TEST(TabletopScene, ATurnedCameraSeesItsTargetElsewhere) {
   SceneCamera camera = with(sphere()).camera;
   camera.position = {1, 2, 5};
   const SceneCamera moved = turned(camera, 0.25, -0.5);
@@ -131,11 +131,11 @@ TEST(Scene, ATurnedCameraSeesItsTargetElsewhere) {
   EXPECT_NEAR(to_target.dot(down) * pixels, -0.5, to_first_order);
 }
 
-TEST(Scene, RefusesUnknownMaterialsAndEmptyShapes) {
+TEST(TabletopScene, RefusesUnknownMaterialsAndEmptyShapes) {
   SceneDescription scene = with(sphere());
   scene.objects[0].material = "other";
-  EXPECT_THROW(Scene{scene}, InputError);
-  EXPECT_THROW(Scene{with({.shape = Shape::lathe, .profile = {{0, 0}, {0, 1}}})}, InputError);
+  EXPECT_THROW(TabletopScene{scene}, InputError);
+  EXPECT_THROW(TabletopScene{with({.shape = Shape::lathe, .profile = {{0, 0}, {0, 1}}})}, InputError);
 }
 
 }  // namespace

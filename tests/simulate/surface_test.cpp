@@ -40,7 +40,7 @@ Vector3f direction(double theta, double phi) {
 }
 
 struct Looked {
-  Scene scene;
+  TabletopScene scene;
   Surface surface;
   Looked(const SceneDescription& d, const Vector3f& to_viewer)
       : scene(d), surface(scene, *scene.intersect({to_viewer, -to_viewer}), to_viewer) {}
