@@ -11,8 +11,8 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/base/units.h"
 #include "core/field_io/field_shard.h"
-#include "core/field_io/field_stream.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "estimate/cost_estimate.h"
 #include "estimate/job/checkpoint.h"
@@ -230,7 +230,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   checkpoint.remove();
 
   summarise(field, job, summary);
-  summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  summary.seconds = seconds_since(start);
   summary.peak_memory_bytes = peak_memory_bytes();
   return summary;
 }

@@ -32,7 +32,7 @@ struct HeldOutImage {
 struct HeldOutError {
   std::string kind;
   std::size_t images = 0;
-  /// Of these images, those that the field was estimated from, by the names in its provenance; nothing where
+  /// Number of these images that the field was estimated from, by the names in its provenance; nothing where
   /// it names none. Their errors are training errors.
   std::optional<std::size_t> trained_on;
   double relative_rmse = 0.0;
@@ -43,7 +43,7 @@ struct HeldOutError {
   std::vector<HeldOutImage> per_image;        ///< [images], in the order of frames
 };
 
-/// The same measures of a series as core/image/metrics.h takes of its images' errors.
+/// Measures of a series from its images' errors; see core/image/metrics.h.
 ErrorSpread spread_of(const std::vector<HeldOutImage>& images);
 double tone_mapped_psnr_db(const std::vector<HeldOutImage>& images);
 

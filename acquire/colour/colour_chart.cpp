@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "core/base/errors.h"
-#include "core/base/least_squares.h"
 #include "core/base/linear_algebra.h"
 #include "core/image/colour.h"
 #include "core/image/tone_map.h"

@@ -21,7 +21,7 @@
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/units.h"
-#include "core/light/light_cells.h"
+#include "core/session/capture_session.h"
 
 namespace refield {
 

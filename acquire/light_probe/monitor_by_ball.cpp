@@ -10,7 +10,6 @@
 #include <string>
 
 #include "core/base/errors.h"
-#include "core/base/least_squares.h"
 #include "core/base/linear_algebra.h"
 
 namespace refield {

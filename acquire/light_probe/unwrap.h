@@ -11,7 +11,7 @@
 #include "core/image/image.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
-#include "core/light/euler_angles.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield {
 

@@ -8,7 +8,7 @@
 #include "core/base/rng.h"
 #include "core/image/metrics.h"
 #include "core/light/cube_map.h"
-#include "relight/mesh/emitter_map.h"
+#include "relight/mesh/mesh_view.h"
 #include "relight/pack/pack.h"
 #include "relight/relighter.h"
 #include "simulate/geometry/mesh_shapes.h"

@@ -13,7 +13,7 @@
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
 #include "core/session/journal.h"
-#include "simulate/rig/panorama.h"
+#include "simulate/rig/light_maps.h"
 
 namespace refield::cli {
 

@@ -15,7 +15,7 @@
 #include "core/image/image_io.h"
 #include "relight/environment/environment.h"
 #include "relight/field_pictures.h"
-#include "relight/mesh/emitter_map.h"
+#include "relight/mesh/mesh_view.h"
 #include "relight/sequence.h"
 #include "simulate/prt/area_lights.h"
 #include "simulate/prt/harmonic_transfer.h"

@@ -13,7 +13,7 @@
 
 #include "core/field/mesh.h"
 #include "core/field/reflectance_field.h"
-#include "core/light/euler_angles.h"
+#include "core/light/monitor_placement.h"
 #include "relight/environment/environment.h"
 #include "relight/environment/sky.h"
 #include "relight/relight.h"

@@ -32,7 +32,7 @@ void free_aligned(void* memory, std::size_t bytes) {
   ::operator delete(memory, alignment_of(bytes));
 }
 
-void forget_pages(void* memory, std::size_t bytes) {
+void release_pages(void* memory, std::size_t bytes) {
   static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
   const auto first = reinterpret_cast<std::uintptr_t>(memory);
   const std::uintptr_t begin = (first + page - 1) / page * page;

@@ -13,7 +13,7 @@ void free_aligned(void* memory, std::size_t bytes);
 
 /// Gives the whole pages of a part of memory back to the system, contents and all: it holds zeros, or what it
 /// held, when it is looked at again. For large arrays that are used up from front to back.
-void forget_pages(void* memory, std::size_t bytes);
+void release_pages(void* memory, std::size_t bytes);
 
 template <class T>
 struct AlignedAllocator {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <new>
 #include <span>
@@ -26,7 +27,7 @@ class FileAllocator {
   /// `values`: in `file`, and aligned for T.
   FileAllocator(std::shared_ptr<const MappedFile> file, std::span<const std::byte> values)
       : file_(std::move(file)), values_(values) {}
-  /// Of what a vector is made of for other purposes: the heap alone.
+  /// An allocator for other types takes memory from the heap alone.
   template <class U>
   FileAllocator(const FileAllocator<U>&) {}  // NOLINT(google-explicit-constructor): as allocators do
   FileAllocator select_on_container_copy_construction() const { return {}; }
@@ -40,9 +41,9 @@ class FileAllocator {
   void deallocate(T* memory, std::size_t count) {
     if (!file_ || memory != mapped()) free_aligned(memory, count * sizeof(T));
   }
-  /// Mapped values stand already.
+  /// Values in the file are there already; those that a vector has grown by are not.
   void construct(T* value) {
-    if (!file_) ::new (static_cast<void*>(value)) T();
+    if (!is_in_file(value)) ::new (static_cast<void*>(value)) T();
   }
   template <class... Arguments>
   void construct(T* value, Arguments&&... arguments) {
@@ -51,6 +52,10 @@ class FileAllocator {
   bool operator==(const FileAllocator& other) const { return file_ == other.file_; }
 
  private:
+  bool is_in_file(const T* value) const {
+    const std::less<const T*> before;
+    return file_ && !before(value, mapped()) && before(value, mapped() + values_.size() / sizeof(T));
+  }
   T* mapped() const { return const_cast<T*>(reinterpret_cast<const T*>(values_.data())); }
 
   std::shared_ptr<const MappedFile> file_;
@@ -67,7 +72,7 @@ using FileVector = std::vector<T, FileAllocator<T>>;
 template <class T>
 void pass_by(const FileVector<T>& values, std::size_t first, std::size_t last) {
   if (values.get_allocator().is_mapped())
-    forget_pages(const_cast<T*>(values.data()) + first, (last - first) * sizeof(T));
+    release_pages(const_cast<T*>(values.data()) + first, (last - first) * sizeof(T));
 }
 
 }  // namespace refield

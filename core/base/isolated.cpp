@@ -22,7 +22,7 @@ namespace {
 constexpr int stop_check_ms = 100;
 
 /// nullopt when there is more than `most` or `run` is stopped.
-std::optional<std::string> read_all(int descriptor, std::size_t most, const RunContext& run) {
+std::optional<std::string> read_all(int descriptor, std::size_t max_bytes, const RunContext& run) {
   std::string text;
   char buffer[1 << 16];
   for (;;) {
@@ -33,7 +33,7 @@ std::optional<std::string> read_all(int descriptor, std::size_t most, const RunC
     if (got < 0 && errno == EINTR) continue;
     if (got <= 0) return text;
     text.append(buffer, static_cast<std::size_t>(got));
-    if (text.size() > most) return std::nullopt;
+    if (text.size() > max_bytes) return std::nullopt;
   }
 }
 

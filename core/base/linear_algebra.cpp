@@ -6,6 +6,10 @@
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
+#include <unsupported/Eigen/NonLinearOptimization>
+
+#include <algorithm>
+#include <cmath>
 
 namespace refield {
 
@@ -38,6 +42,47 @@ Eigen::MatrixXd orthonormal_basis(const Eigen::MatrixXd& matrix) {
 
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& matrix) {
   return matrix.inverse();
+}
+
+namespace {
+
+/// What Eigen's solver asks for.
+struct Problem {
+  const std::function<Eigen::VectorXd(const Eigen::VectorXd&)>& residuals;
+  double difference;
+  Eigen::Index count;
+
+  Eigen::Index values() const { return count; }
+  int operator()(const Eigen::VectorXd& parameters, Eigen::VectorXd& result) const {
+    result = residuals(parameters);
+    return 0;
+  }
+  int df(const Eigen::VectorXd& parameters, Eigen::MatrixXd& jacobian) const {
+    const Eigen::VectorXd here = residuals(parameters);
+    for (Eigen::Index i = 0; i < parameters.size(); ++i) {
+      Eigen::VectorXd changed = parameters;
+      changed[i] += difference * std::max(1.0, std::abs(parameters[i]));
+      jacobian.col(i) = (residuals(changed) - here) / (changed[i] - parameters[i]);
+    }
+    return 0;
+  }
+};
+
+}  // namespace
+
+LeastSquaresFit least_squares(const std::function<Eigen::VectorXd(const Eigen::VectorXd&)>& residuals,
+                              const Eigen::VectorXd& start, double difference, double gain) {
+  LeastSquaresFit fit;
+  fit.parameters = start;
+  fit.residuals = residuals(start);
+  Problem problem{residuals, difference, fit.residuals.size()};
+  Eigen::LevenbergMarquardt<Problem> solver(problem);
+  solver.parameters.ftol = gain;
+  solver.minimize(fit.parameters);
+  fit.residuals = residuals(fit.parameters);
+  fit.jacobian.resize(fit.residuals.size(), fit.parameters.size());
+  problem.df(fit.parameters, fit.jacobian);
+  return fit;
 }
 
 }  // namespace refield

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <functional>
 
 /// Eigen's decompositions, compiled once: every unit that names one of them takes seconds longer to compile,
 /// up to half a minute.
@@ -38,5 +39,18 @@ Eigen::MatrixXd orthonormal_basis(const Eigen::MatrixXd& matrix);
 
 /// A⁻¹ [n × n] (LU with partial pivots); not finite where A has none.
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& matrix);
+
+struct LeastSquaresFit {
+  Eigen::VectorXd parameters;
+  Eigen::VectorXd residuals;
+  Eigen::MatrixXd jacobian;  ///< [residuals × parameters]
+};
+
+/// Parameters of the least sum of squared residuals near `start`, by Levenberg's and Marquardt's method
+/// (Eigen's port of MINPACK). `difference` × max(1, |parameter|): by which each parameter is changed for the
+/// derivatives; must be large against the error of `residuals`, of which there are at least as many as
+/// parameters. Ends where a step gains less than `gain` of the sum, at the latest after some hundred calls.
+LeastSquaresFit least_squares(const std::function<Eigen::VectorXd(const Eigen::VectorXd&)>& residuals,
+                              const Eigen::VectorXd& start, double difference, double gain);
 
 }  // namespace refield

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/base/reader_process.h"
+#include "core/base/isolated.h"
 
 #include <sys/prctl.h>
 #include <sys/resource.h>

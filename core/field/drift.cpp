@@ -166,23 +166,23 @@ std::vector<double> off_line(const std::vector<DriftPoint>& points, const std::v
 void set_broken_aside(std::vector<DriftPoint>& points) {
   std::vector<std::size_t> used;
   for (std::size_t k = 0; k < points.size(); ++k) used.push_back(k);
-  for (std::size_t most = points.size() / 4; most > 0 && used.size() >= 5; --most) {
+  for (std::size_t max_dropped = points.size() / 4; max_dropped > 0 && used.size() >= 5; --max_dropped) {
     const auto off = off_line(points, used);
     const double worst = *std::ranges::max_element(off);
     if (worst < broken_gain) return;
     // The frame whose absence leaves the smallest rest.
     std::size_t best = 1;
-    double least = std::numeric_limits<double>::infinity();
+    double smallest = std::numeric_limits<double>::infinity();
     for (std::size_t i = 1; i + 1 < used.size(); ++i) {
       auto others = used;
       others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
       const double rest = std::ranges::max(off_line(points, others));
-      if (rest < least) {
-        least = rest;
+      if (rest < smallest) {
+        smallest = rest;
         best = i;
       }
     }
-    if (least > broken_share * worst) return;
+    if (smallest > broken_share * worst) return;
     points[used[best]].used = false;
     used.erase(used.begin() + static_cast<std::ptrdiff_t>(best));
   }

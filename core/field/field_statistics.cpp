@@ -106,13 +106,13 @@ class EnergyHistogram {
   }
   /// How many of the largest reach `share` of the total; within a step all count as equal.
   std::uint64_t count_for_share(double share) const {
-    const double wanted = share * total();
+    const double target = share * total();
     double sum = 0.0;
     std::uint64_t count = 0;
-    for (auto step = steps_.rbegin(); step != steps_.rend() && sum < wanted; ++step) {
+    for (auto step = steps_.rbegin(); step != steps_.rend() && sum < target; ++step) {
       if (step->count == 0) continue;
       const double each = step->sum / static_cast<double>(step->count);
-      const double needed = each > 0.0 ? std::ceil((wanted - sum) / each) : 0.0;
+      const double needed = each > 0.0 ? std::ceil((target - sum) / each) : 0.0;
       count += std::min(step->count, static_cast<std::uint64_t>(std::max(needed, 0.0)));
       sum += step->sum;
     }
@@ -143,8 +143,9 @@ KernelStatistics kernel_statistics(const ReflectanceField& field, int kernels_pe
     if (entries > 0) ++statistics.pixels;
   }
   if (statistics.pixels == 0) return statistics;
-  const std::uint64_t most = statistics.histogram.size() - 1;
-  statistics.kernels = statistics.pixels * std::max<std::uint64_t>(most, std::max(kernels_per_pixel, 0));
+  const std::uint64_t max_kernels = statistics.histogram.size() - 1;
+  statistics.kernels =
+      statistics.pixels * std::max<std::uint64_t>(max_kernels, std::max(kernels_per_pixel, 0));
   statistics.mean_stored = static_cast<double>(statistics.stored) / static_cast<double>(statistics.pixels);
 
   std::vector<double> areas(field.basis.size());

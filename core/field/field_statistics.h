@@ -25,7 +25,7 @@ struct PixelKernel {
 /// What a pixel takes light from, most energy first. `pixel` counts row-major. Throws InputError for a pixel
 /// that the field does not have.
 std::vector<PixelKernel> kernels_of_pixel(const ReflectanceField& field, std::size_t pixel);
-/// The same for a transfer laid out in tiles; weights that were rounded to zero are left out.
+/// Kernels of a pixel of a transfer in tiles; weights that were rounded to zero are left out.
 std::vector<PixelKernel> kernels_of_pixel(const TransferTiles& tiles, const LightBasis& basis,
                                           std::size_t pixel);
 

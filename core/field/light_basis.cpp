@@ -347,12 +347,13 @@ std::vector<double> VectorBoxTable::project(const Image& part, const Box& within
 
 double LightBasis::area(std::size_t kernel) const {
   if (is_vector_box(kernel)) {
-    const VectorBox& of = vector_boxes[kernel - first_vector_box()];
+    const VectorBox& vector_box = vector_boxes[kernel - first_vector_box()];
     double sum = 0.0;
     for (const auto& [x, y] : square_gauss_points)
-      sum += std::abs(of.vector.cast<double>().dot(
-          cube_direction(of.box.x0 + x * of.box.width(), of.box.y0 + y * of.box.height(), domain.width)));
-    return 0.25 * sum * cube_solid_angle(of.box, domain.width);
+      sum += std::abs(vector_box.vector.cast<double>().dot(
+          cube_direction(vector_box.box.x0 + x * vector_box.box.width(),
+                         vector_box.box.y0 + y * vector_box.box.height(), domain.width)));
+    return 0.25 * sum * cube_solid_angle(vector_box.box, domain.width);
   }
   if (!is_smooth(kernel))
     return measure == Measure::texels ? static_cast<double>(box(kernel).area())

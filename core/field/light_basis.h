@@ -34,7 +34,7 @@ struct HatGrid {
   Box support(int node, const LightDomain& domain) const;
   /// Coefficients [count × 3]: the light's texel values weighted by each function and summed.
   std::vector<double> project(const LightMap& light) const;
-  /// The same for light that is zero outside `within`: `radiance` holds that part of the domain alone.
+  /// Projects light that is zero outside `within`: `radiance` holds that part of the domain alone.
   std::vector<double> project(const Image& radiance, const Box& within, const LightDomain& domain) const;
 };
 
@@ -139,7 +139,7 @@ struct LightBasis {
   const Box& box(std::size_t kernel) const { return boxes[kernel - smooth()]; }
 
   /// A kernel's coefficient under a light of one everywhere: of a box its texels or its solid angle.
-  /// Of a vector box the magnitudes of its values, to about a tenth; of a harmonic what does not cancel.
+  /// For a vector box, the magnitudes of its values, to about a tenth; for a harmonic, what does not cancel.
   double area(std::size_t kernel) const;
   /// Value of a kernel at a texel, the mean over it: of a box 1 inside, else 0.
   float value(std::size_t kernel, int x, int y) const;

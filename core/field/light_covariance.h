@@ -34,24 +34,26 @@ inline Eigen::ArrayXXd matern(const Eigen::ArrayXXd& chords, double length) {
   return (1.0 + scaled) * (-scaled).exp();
 }
 
-inline Eigen::ArrayXXd covariance(const LightInterpolation& of, const Eigen::ArrayXXd& chords) {
-  return (1.0 - of.fine_share) * matern(chords, of.length) + of.fine_share * matern(chords, of.fine_length);
+inline Eigen::ArrayXXd covariance(const LightInterpolation& interpolation, const Eigen::ArrayXXd& chords) {
+  return (1.0 - interpolation.fine_share) * matern(chords, interpolation.length) +
+         interpolation.fine_share * matern(chords, interpolation.fine_length);
 }
 
 /// Keeps the covariance of sources in equal or nearly equal directions positive definite.
 inline constexpr double covariance_jitter = 1e-9;
 
-inline Eigen::LLT<Eigen::MatrixXd> factorised(const LightInterpolation& of, const Eigen::ArrayXXd& chords) {
-  Eigen::MatrixXd matrix = covariance(of, chords).matrix();
+inline Eigen::LLT<Eigen::MatrixXd> factorised(const LightInterpolation& interpolation,
+                                              const Eigen::ArrayXXd& chords) {
+  Eigen::MatrixXd matrix = covariance(interpolation, chords).matrix();
   matrix.diagonal().array() += covariance_jitter;
   return matrix.llt();
 }
 
 /// Part of the effect of light from a direction that stays, from the cosines of its angles to the sources: 1
 /// near them, 0 far away.
-inline double nearness_of(const LightInterpolation& of, const Eigen::VectorXd& cosines) {
+inline double nearness_of(const LightInterpolation& interpolation, const Eigen::VectorXd& cosines) {
   constexpr double fade = 1.5;  // where the effect ends, as a multiple of the reach
-  const double nearest = std::sqrt(std::max(2.0 - 2.0 * cosines.maxCoeff(), 0.0)) / of.reach;
+  const double nearest = std::sqrt(std::max(2.0 - 2.0 * cosines.maxCoeff(), 0.0)) / interpolation.reach;
   return std::clamp((fade - nearest) / (fade - 1.0), 0.0, 1.0);
 }
 

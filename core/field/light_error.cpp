@@ -147,8 +147,9 @@ std::vector<double> own_squared_error_under(const FieldOutline& field, const Ima
   }
   std::vector<double> squared(quality.predicted_error.size());
   for (std::size_t p = 0; p < squared.size(); ++p) {
-    const double own = std::pow(quality.predicted_error[p], 2.0) - std::pow(quality.photograph_noise[p], 2.0);
-    squared[p] = std::max(own, 0.0) * std::pow(quality.training_signal[p], 2.0) *
+    const double misfit =
+        std::pow(quality.predicted_error[p], 2.0) - std::pow(quality.photograph_noise[p], 2.0);
+    squared[p] = std::max(misfit, 0.0) * std::pow(quality.training_signal[p], 2.0) *
                  of_classes[quality.light_class.empty() ? 0 : quality.light_class[p]];
   }
   return squared;

@@ -42,7 +42,7 @@ double solid_angle_of(const Box& box, const LightDomain& domain) {
   return sum;
 }
 
-/// Of each source to the next one.
+/// Median distance of a source to the nearest other one.
 double median_spacing(Eigen::ArrayXXd chords) {
   chords.matrix().diagonal().setConstant(2.0);
   std::vector<double> nearest(static_cast<std::size_t>(chords.cols()));
@@ -56,10 +56,11 @@ double median_spacing(Eigen::ArrayXXd chords) {
 /// Relative RMSE of a pixel over the sources, each predicted from all others (Rasmussen and Williams 2006,
 /// eq. 5.12): its mean logarithm over the pixels of `responses` [sources × 3 pixels], whose squared sum is 1
 /// each. The mean itself would follow the few pixels at edges of shadows, which no choice predicts.
-double left_out_error(const LightInterpolation& of, const Eigen::ArrayXXd& chords,
+double left_out_error(const LightInterpolation& interpolation, const Eigen::ArrayXXd& chords,
                       const Eigen::MatrixXd& responses) {
   const Eigen::Index count = chords.rows();
-  const Eigen::MatrixXd inverse = factorised(of, chords).solve(Eigen::MatrixXd::Identity(count, count));
+  const Eigen::MatrixXd inverse =
+      factorised(interpolation, chords).solve(Eigen::MatrixXd::Identity(count, count));
   const Eigen::MatrixXd residuals = inverse.diagonal().cwiseInverse().asDiagonal() * (inverse * responses);
   const Eigen::RowVectorXd squared = residuals.colwise().squaredNorm();
   constexpr double negligible = 1e-12;

@@ -54,7 +54,7 @@ class LightInterpolator {
   /// solid angle of each dark texel is added to the sources by their weights, which may be negative. Light on
   /// the sources stays where it is.
   void gather(Image& radiance) const;
-  /// Of the energy of a light map.
+  /// Shares of the energy of a light map.
   LightShares shares(const Image& radiance) const;
 
  private:

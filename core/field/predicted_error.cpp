@@ -46,9 +46,9 @@ LearningCurve::LearningCurve(std::span<const LearningPoint> points, double noise
   double y = 0.0, xy = 0.0;
   for (const LearningPoint& point : points) {
     if (!(point.share > 0.0f && point.error > 0.0f)) continue;
-    const double own = std::log(std::pow(point.error, 2.0) - floor_);
-    y += own;
-    xy += own * std::log(point.share);
+    const double log_error = std::log(std::pow(point.error, 2.0) - floor_);
+    y += log_error;
+    xy += log_error * std::log(point.share);
   }
   exponent_ = std::clamp(-(count * xy - x * y) / spread, 0.0, max_exponent);
   scale_ = std::exp((y + exponent_ * x) / count);
@@ -82,7 +82,7 @@ namespace {
 /// Lattice pixels weigh by a Gaussian of this many lattice steps, and are looked for this far.
 constexpr double spread_steps = 1.5;
 constexpr int reach_steps = 3;
-/// The same for the logarithm of the squared leave-one-out error: e^0.7, a factor of two of the error.
+/// Spread of the logarithm of the squared leave-one-out error: e^0.7, a factor of two of the error.
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
 constexpr double share_of_cross_validation = 0.5;
@@ -141,7 +141,7 @@ class Prediction {
     for (int ny = std::max(y - 1, 0); ny <= std::min(y + 1, field_.height - 1); ++ny)
       for (int nx = std::max(x - 1, 0); nx <= std::min(x + 1, field_.width - 1); ++nx)
         if (at(nx, ny).leave_one_out > 0.0f) near[count++] = at(nx, ny).leave_one_out;
-    // Of an even number, the mean of the middle two.
+    // For an even number, the mean of the middle two.
     std::ranges::sort(near);
     const double median = 0.5 * (near[(count - 1) / 2] + near[count / 2]);
     return std::sqrt(at(x, y).leave_one_out * median);
@@ -259,13 +259,13 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
       const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
       double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
       const double shared = std::clamp<double>(evidence[p].shared, 0.0, steadied);
-      double own = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
+      double misfit = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
       if (std::isfinite(evidence[p].expected)) {
-        own = evidence[p].expected;
-        predicted = std::max(predicted, own);
+        misfit = evidence[p].expected;
+        predicted = std::max(predicted, misfit);
       }
       quality.predicted_error[p] = static_cast<float>(std::sqrt(predicted));
-      quality.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - own));
+      quality.photograph_noise[p] = static_cast<float>(std::sqrt(predicted - misfit));
     }
   });
 }

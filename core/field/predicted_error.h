@@ -52,7 +52,7 @@ struct LightErrorModel {
   std::size_t classes() const { return known() ? variances.size() / cells.size() : 0; }
   /// Whether the sizes fit together, of at most 4096 cells.
   bool is_sound() const;
-  /// Of each class, the mean squared error under `radiance`, a light map of the field's domain, divided by
+  /// For each class, the mean squared error under `radiance`, a light map of the field's domain, divided by
   /// that under light of the training images' kind.
   std::vector<double> variances_under(const Image& radiance) const;
 };
@@ -75,7 +75,8 @@ struct ErrorEvidence {
   /// Residual of images that the whole choice of kernels was made without; known on a lattice of pixels, NaN
   /// elsewhere.
   float cross_validated = std::numeric_limits<float>::quiet_NaN();
-  /// The same for fits to a half and to a quarter of the images; known in every fourth lattice block.
+  /// Cross-validated errors of fits to a half and to a quarter of the images; known in every fourth lattice
+  /// block.
   float from_half = std::numeric_limits<float>::quiet_NaN();
   float from_quarter = std::numeric_limits<float>::quiet_NaN();
   std::uint32_t light_class = 0;  ///< of the field's LightErrorModel; FieldQuality keeps it

@@ -11,15 +11,38 @@
 #include <string>
 #include <vector>
 
+#include "core/base/file_vector.h"
 #include "core/field/light_basis.h"
 #include "core/field/mesh.h"
 #include "core/field/predicted_error.h"
-#include "core/field/transfer_matrix.h"
 #include "core/image/colour.h"
 #include "core/image/image.h"
 #include "core/light/monitor_placement.h"
 
 namespace refield {
+
+/// A sparse, non-negative transfer matrix by rows: outputs = transfer · coefficients.
+/// One row an output (pixel or vertex); an entry holds a basis function's number and one weight a channel. A
+/// weight multiplies the *sum* of texel values in its box.
+struct SparseTransfer {
+  std::vector<std::uint64_t> row_start{0};  ///< [rows + 1]
+  FileVector<std::uint32_t> column;         ///< [entries], basis function
+  FileVector<float> weight;                 ///< [entries × 3]
+
+  std::size_t rows() const { return row_start.size() - 1; }
+  std::size_t entries() const { return column.size(); }
+  /// A copy of rows [first, last).
+  SparseTransfer slice(std::size_t first, std::size_t last) const;
+  /// Says that a pass is done with some rows, see pass_by().
+  void pass_by_rows(std::size_t first, std::size_t last) const;
+
+  /// Appends a row with `columns.size()` entries and `weights` [entries × 3].
+  void append_row(std::span<const std::uint32_t> columns, std::span<const float> weights);
+
+  /// `coefficients` [basis functions × 3] to `outputs` [rows × 3]. Runs on all cores; each output is summed
+  /// in the order of its entries, so the result does not depend on the number of threads.
+  void apply(std::span<const float> coefficients, std::span<float> outputs) const;
+};
 
 /// Rows [first, last) of an image, counted from the top.
 struct RowRange {
@@ -78,8 +101,9 @@ struct FieldOutline {
   /// inputs give equal files.
   std::string provenance = "{}";
 
-  /// Of the energy of `radiance`, a light map of the basis' domain: what comes from outside observed_light. 0
-  /// where observed_light is empty. Without interpolation, energy is the sum over texels and channels.
+  /// Share of the energy of `radiance`, a light map of the basis' domain, that comes from outside
+  /// observed_light; 0 where observed_light is empty. Without interpolation, energy is the sum over texels
+  /// and channels.
   LightShares light_shares(const Image& radiance) const;
 };
 

@@ -25,7 +25,7 @@ namespace {
 constexpr const char* field_format_name = "refield reflectance field";
 constexpr const char* part_format_name = "refield reflectance field part";
 constexpr std::uint64_t max_pixels = 1ull << 32;
-/// Of light maps: sides as of images, and texels that a machine of 4 GiB can hold once.
+/// Limits of light maps: sides as for images, and texels that a machine of 4 GiB can hold once.
 constexpr int max_light_side = 1 << 16;
 constexpr std::uint64_t max_light_texels = 1ull << 28;
 /// Hats need no bytes in the file: a forged grid must not take memory of its own.
@@ -189,8 +189,9 @@ void write_outline(const Hdf5Writer& writer, const FieldOutline& field, int vers
   writer.text("provenance", field.provenance);
   write_boxes(writer, boxes_name, field.basis.boxes);
   if (!field.observed_light.empty()) write_boxes(writer, observed_name, field.observed_light);
-  if (const auto& of = field.basis.interpolation) {
-    const std::array numbers = {of->length, of->fine_share, of->fine_length, of->reach};
+  if (const auto& interpolation = field.basis.interpolation) {
+    const std::array numbers = {interpolation->length, interpolation->fine_share, interpolation->fine_length,
+                                interpolation->reach};
     writer.dataset(interpolation_name, numbers.data(), {1, numbers.size()});
   }
   if (const LightErrorModel& model = field.quality.light_error; model.known()) {
@@ -399,9 +400,9 @@ FieldOutline read_outline(const Hdf5Values& values) {
   if (values.has(interpolation_name)) {
     const auto numbers = values.dataset<double>(interpolation_name, 4);
     if (numbers.size() != 4) values.fail(std::string(interpolation_name) + " is not one row of 4 numbers");
-    const auto& of = field.basis.interpolation.emplace(
+    const auto& interpolation = field.basis.interpolation.emplace(
         LightInterpolation{field.observed_light, numbers[0], numbers[1], numbers[2], numbers[3]});
-    if (const std::string fault = of.fault(field.basis.domain); !fault.empty())
+    if (const std::string fault = interpolation.fault(field.basis.domain); !fault.empty())
       values.fail(std::string(interpolation_name) + " " + fault);
   }
   if (values.has(light_cells_name) && values.has(light_directions_name) && values.has(light_variances_name)) {

@@ -50,7 +50,7 @@ FieldOutline read_outline(const Hdf5Values& values);
 void read_boxes(const Hdf5Values& values, FieldOutline& field);
 /// `field.height` must be that of the rows held.
 void read_statistics(const Hdf5Values& values, FieldOutline& field);
-/// Of a part: empty where it was estimated without.
+/// Error evidence of a part; empty if it was estimated without.
 std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels);
 
 }  // namespace refield

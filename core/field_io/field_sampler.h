@@ -30,7 +30,7 @@ struct PixelGrid {
 
   int width() const { return (region.width() + stride - 1) / stride; }
   int height() const { return (region.height() + stride - 1) / stride; }
-  /// Of the grid, for a pixel of the image: the position of it, or of the nearest before it. Nothing outside
+  /// Position on the grid of a pixel of the image, or of the nearest one before it. Nothing outside
   /// the region.
   std::optional<PixelPosition> position_of(const PixelPosition& pixel) const {
     if (!region.contains(pixel.x, pixel.y)) return std::nullopt;
@@ -54,7 +54,7 @@ class FieldSampler {
   /// Without the transfer's boxes and statistics of pixels.
   const FieldOutline& outline() const { return outline_; }
 
-  /// Of the transfer, over all pixels.
+  /// Entries of the transfer, over all pixels.
   std::uint64_t entries() const { return column_.shape[0]; }
   /// All of the image, by the smallest stride that leaves at most `max_pixels` (1 or more).
   PixelGrid whole_image(std::int64_t max_pixels) const;

@@ -8,7 +8,6 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
-#include "core/field_io/field_stream.h"
 #include "core/field_io/reflectance_field_file.h"
 
 namespace refield {

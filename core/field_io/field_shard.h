@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -31,7 +34,7 @@ void write_field_part(const std::filesystem::path& path, const FieldPart& part);
 /// Reads a part and checks it as read_reflectance_field() does. Throws InputError for a whole field,
 /// FormatError for anything else.
 FieldPart read_field_part(const std::filesystem::path& path, const RunContext& run = {});
-/// The same without boxes, transfer and statistics.
+/// Reads a part without its boxes, transfer and statistics.
 FieldPart read_field_part_outline(const std::filesystem::path& path, const RunContext& run);
 
 /// Joins parts, given in any order, into the file of the field that one run over all rows makes, to the bit.
@@ -41,5 +44,23 @@ FieldPart read_field_part_outline(const std::filesystem::path& path, const RunCo
 /// from different captures, options or versions; else as write_reflectance_field().
 ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths,
                                    const std::filesystem::path& output, const RunContext& run = {});
+
+/// A transfer that is too large to stand in memory as a whole; pieces are some rows each, in order.
+struct TransferPieces {
+  std::span<const std::uint64_t> row_start;  ///< of all pieces, [rows + 1]
+  std::size_t count = 0;
+  /// Called once for each piece, in order; the result is used until the next call.
+  std::function<const SparseTransfer&(std::size_t piece)> piece;
+};
+
+/// Writes a field whose transfer comes in pieces, to the same bytes as write_reflectance_field(): no more
+/// than one piece is held. A file of that name appears, or changes, only once all of it is written. Throws
+/// DeviceError where the disk refuses (asked for the space of all pieces before the first), SolverError for
+/// pieces that do not fit the field, Interrupted.
+void write_reflectance_field(const std::filesystem::path& path, const FieldOutline& field,
+                             const TransferPieces& transfer, const RunContext& run);
+/// Writes a part; `part`'s own transfer is ignored.
+void write_field_part(const std::filesystem::path& path, const FieldPart& part,
+                      const TransferPieces& transfer, const RunContext& run);
 
 }  // namespace refield

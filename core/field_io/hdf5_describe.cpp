@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/field_io/hdf5_describe.h"
+#include "core/field_io/hdf5_reader.h"
 
 #include <hdf5.h>
 

@@ -12,7 +12,6 @@
 
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
-#include "core/field_io/hdf5_describe.h"
 #include "core/field_io/hdf5_writer.h"
 
 namespace refield {
@@ -79,8 +78,9 @@ const Hdf5DataSet& Hdf5Values::locate(const char* name, const char* type, std::s
   const Hdf5DataSet& set = outline.data_sets.at(name);
   if ((set.shape.size() > 1 ? set.shape[1] : 1) != columns) fail(named(name, "has the wrong shape"));
   if (set.type != type)
-    throw FormatError(path, named(name, "holds ") + (set.type.empty() ? "another type" : set.type) + " where " +
-                                type + " is expected (docs/reference/reflectance-field-format.md); convert it");
+    throw FormatError(path, named(name, "holds ") + (set.type.empty() ? "another type" : set.type) +
+                                " where " + type +
+                                " is expected (docs/reference/reflectance-field-format.md); convert it");
   // A header may promise more than the file holds.
   const auto value_bytes = static_cast<std::uint64_t>(type[1] - '0');
   const std::uint64_t held = fs::file_size(path), rows = set.shape[0], bytes = rows * columns * value_bytes;

@@ -55,7 +55,7 @@ struct Hdf5Values {
   /// A data set of `columns` columns. T: float, double, std::int32_t, std::uint32_t or std::uint64_t.
   template <class T>
   std::vector<T> dataset(const char* name, std::size_t columns) const;
-  /// The same; of `map_from` bytes or more, values stay in the file until they are looked at.
+  /// A dataset as a vector; values of `map_from` bytes or more stay in the file until they are read.
   template <class T>
   FileVector<T> file_vector(const char* name, std::size_t columns, std::uint64_t map_from) const;
   /// A data set of that many columns as type "f4", "f8", "i4", "u4" or "u8", all of which lies in the file.
@@ -84,5 +84,10 @@ class Hdf5Pieces {
   std::uint64_t done_ = 0;  // bytes
   std::uint32_t crc_ = 0;
 };
+
+/// What read_hdf5_outline() finds, as CBOR; the arguments are the file and the names of the data sets. HDF5's
+/// library (1.10) crashes on many damaged files: where files may be hostile, call it in a process of its own.
+/// Not for several threads at once. Throws where the file is no HDF5 file.
+std::string describe_hdf5(const std::vector<std::string>& arguments);
 
 }  // namespace refield

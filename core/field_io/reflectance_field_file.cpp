@@ -12,7 +12,6 @@
 #include "core/base/files.h"
 #include "core/field_io/field_content.h"
 #include "core/field_io/field_shard.h"
-#include "core/field_io/field_stream.h"
 #include "core/field_io/packed_field.h"
 
 namespace refield {

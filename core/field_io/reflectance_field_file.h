@@ -28,10 +28,10 @@ inline constexpr std::uint64_t large_transfer_bytes = std::uint64_t{1} << 30;
 ReflectanceField read_reflectance_field(const std::filesystem::path& path, const RunContext& run = {},
                                         std::uint64_t map_from = large_transfer_bytes);
 
-/// The same for who needs pixels of a camera that stood still. Throws InputError for a field over a mesh.
+/// Reads a field of a fixed camera. Throws InputError for a field over a mesh.
 ReflectanceField read_image_field(const std::filesystem::path& path, const RunContext& run);
 
-/// The same as read_reflectance_field(), but leaves a packed field as it stands in the file.
+/// As read_reflectance_field(), but leaves a packed field as it is in the file.
 std::variant<ReflectanceField, PackedField> read_either_field(const std::filesystem::path& path,
                                                               const RunContext& run = {});
 

@@ -17,8 +17,8 @@ constexpr int harmonics_of(int order) {
 /// `values` [order²] at a unit direction. By the recurrences for fully normalised Legendre functions, good
 /// to rounding for any order allowed.
 void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<double> values);
-/// The same of many unit directions [3 × count] at once, `values` [order² × count], in single precision: good
-/// to 1e-5.
+/// Evaluates many unit directions [3 × count] at once, `values` [order² × count], in single precision:
+/// accurate to 1e-5.
 void evaluate_harmonics(int order, const Eigen::Ref<const Eigen::Matrix3Xf>& directions,
                         Eigen::Ref<Eigen::MatrixXf> values);
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/light/monitor_placement.h"
 
+#include <Eigen/Geometry>
+
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -8,6 +10,7 @@
 
 #include "core/base/config_file.h"
 #include "core/base/errors.h"
+#include "core/base/units.h"
 #include "core/light/light_map.h"
 
 namespace refield {
@@ -138,6 +141,17 @@ std::string text_of(const MonitorPlacement& monitor) {
   add("x", monitor.offset_x_mm);
   add("y", monitor.offset_y_mm);
   return text;
+}
+
+Eigen::Matrix3d EulerAngles::matrix() const {
+  return (Eigen::AngleAxisd(radians_from_degrees(yaw), Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(radians_from_degrees(pitch), Eigen::Vector3d::UnitX()) *
+          Eigen::AngleAxisd(radians_from_degrees(roll), Eigen::Vector3d::UnitZ()))
+      .toRotationMatrix();
+}
+
+bool EulerAngles::is_none() const {
+  return std::fmod(yaw, 360.0) == 0.0 && std::fmod(pitch, 360.0) == 0.0 && std::fmod(roll, 360.0) == 0.0;
 }
 
 }  // namespace refield

@@ -5,9 +5,24 @@
 #include <string>
 #include <vector>
 
-#include "core/light/euler_angles.h"
-
 namespace refield {
+
+/// A turn in the axes of light maps (lat_long_direction(): +X right, +Y up, +Z ahead), in degrees, the same
+/// for cameras, monitors and maps: first roll, then pitch, then yaw, each about an axis that stands still.
+/// Someone who looks ahead and is turned so looks right by yaw, then down by pitch, with his head rolled.
+struct EulerAngles {
+  double yaw = 0.0;    ///< to the right, +Z towards +X
+  double pitch = 0.0;  ///< down, +Z towards −Y
+  double roll = 0.0;   ///< what was right goes up, +X towards +Y
+
+  bool operator==(const EulerAngles&) const = default;
+
+  /// Takes what was to where it goes: matrix() · (0, 0, 1) is where someone so turned looks.
+  Eigen::Matrix3d matrix() const;
+
+  /// Whether nothing moves, full circles included.
+  bool is_none() const;
+};
 
 class ConfigSection;
 struct LightDomain;
@@ -57,10 +72,10 @@ bool read_placement(ConfigSection& section, MonitorPlacement& place);
 /// and offsets in mm, all of which may be left out. Throws InputError that says so.
 MonitorPlacement monitor_placement_from_text(const std::string& text);
 
-/// The same for each of several texts.
+/// Reads several placements.
 std::vector<MonitorPlacement> placements_from_texts(const std::vector<std::string>& texts);
 
-/// The same the other way round, what is zero left out.
+/// The text of a placement; angles and offsets of zero are left out.
 std::string text_of(const MonitorPlacement& monitor);
 
 }  // namespace refield

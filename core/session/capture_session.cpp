@@ -18,7 +18,6 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
-#include "core/session/frame_correction.h"
 
 namespace refield {
 

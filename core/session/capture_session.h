@@ -81,7 +81,7 @@ struct CaptureSession {
   std::vector<MonitorPlacement> monitors{};
   std::optional<CameraColour> colour{};
 
-  /// Of what read_observed() gives.
+  /// Colour space of the images that read_observed() returns.
   ColourSpace colour_space() const { return colour ? ColourSpace::rec709 : ColourSpace::camera; }
   std::vector<CaptureFrame> frames_of(FrameRole role) const;
 };
@@ -127,5 +127,23 @@ Photograph read_observed_rows(const CaptureFrame& frame, int first, int last);
 /// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size
 /// differs.
 Mask read_mask(const std::filesystem::path& path, int width, int height);
+
+/// Rows of a photograph beyond those wanted that undo_rig() needs, above and below.
+int rig_margin(const FrameCorrection* correction);
+
+/// Undoes shift, gain and colour mixing of `rows`, rows [first_row, first_row + rows.height) of a photograph,
+/// and returns those from `first` to `last`. One interpolation (Keys' cubic convolution, a = −1/2); a sample
+/// that needs one that was not measured (NaN) is not measured, and no channel of a pixel is where one is
+/// not. Beyond the picture's edges the nearest pixel counts.
+Image undo_rig(const Image& rows, int first_row, int first, int last, const FrameCorrection& correction);
+
+/// Weights of the pixels −1, 0, 1, 2 for a value `t` in [0, 1) after pixel 0. Source: Keys 1981, eq. 15.
+std::array<float, 4> cubic_weights(double t);
+
+/// Most light cells (light sources, or blocks of a coarse display) that estimation gives a weight each. Time
+/// per pixel and memory grow with the square of their number. Photographs of one cell at a time need no
+/// choice of a prior for complete pixels, so that their limit is higher: docs/method/light-stages.md.
+inline constexpr int max_light_cells = 256;
+inline constexpr int max_single_light_cells = 512;
 
 }  // namespace refield

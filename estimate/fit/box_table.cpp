@@ -49,8 +49,8 @@ BoxTable::BoxTable(LightDomain domain, int images, HatGrid hats)
       hats_(hats),
       weights_(images, 1.0f),
       hat_sums_(std::size_t{3} * hats.count() * images) {
-  const auto own = std::make_shared<AlignedDoubles>(size());
-  prefix_ = {own, own->data()};
+  const auto values = std::make_shared<AlignedDoubles>(size());
+  prefix_ = {values, values->data()};
 }
 
 BoxTable BoxTable::subset(const std::vector<int>& images) const {
@@ -138,10 +138,10 @@ void BoxTable::integrate(const RunContext& run) {
 
 void BoxTable::choose_unit() {
   // Lights of 100 000 texels, as displays and cameras measure them, need none.
-  constexpr double least = 0x1p-10, most = 0x1p24, too_dim = 1e-20;
+  constexpr double min_total = 0x1p-10, max_total = 0x1p24, too_dim = 1e-20;
   const double* totals = corner(domain_.width, domain_.height);
   const double largest = *std::max_element(totals, totals + std::size_t{3} * images_);
-  if (largest >= least && largest <= most) return;
+  if (largest >= min_total && largest <= max_total) return;
   if (!(largest > too_dim))
     throw InputError(
         "the texels of each light map add up to less than 1e-20, too little for the computation; scale all "

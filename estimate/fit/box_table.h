@@ -30,7 +30,7 @@ class BoxTable {
   /// For lights in memory.
   explicit BoxTable(std::span<const LightMap> lights, HatGrid hats = {}, const RunContext& run = {});
 
-  /// The same table of some of its images; shares its memory.
+  /// A table of some of the images, which shares this one's memory.
   BoxTable subset(const std::vector<int>& images) const;
 
   const LightDomain& domain() const { return domain_; }

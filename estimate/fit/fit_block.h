@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <memory>
 #include <optional>
 #include <span>
@@ -9,15 +11,21 @@
 #include "core/base/run_context.h"
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/fit_tuning.h"
-#include "estimate/fit/gap_filling.h"
 #include "estimate/fit/select_kernels.h"
-#include "estimate/fit/similar_pixels.h"
+#include "estimate/fit/smooth_space.h"
 #include "estimate/fit/texel_regression.h"
 #include "estimate/fit/tree_search.h"
 #include "estimate/fit/weighted_fit.h"
 #include "estimate/options.h"
 
 namespace refield {
+
+/// Pixels sorted into a few sets of alike ones, whose means can stand for all.
+struct AlikeSets {
+  int count = 0;
+  std::vector<int> set_of;   ///< [pixels]
+  std::vector<float> scale;  ///< [pixels], what gives each unit norm: a bright one is not to speak for all
+};
 
 /// Side of the blocks of pixels that are fitted together, in pixels; their corners lie at multiples of it.
 inline constexpr int block_side_px = 4;
@@ -106,7 +114,7 @@ class BlockFitter {
   /// Reduces the pixels' noise by what they have in common, and solves for the weights again.
   void pool_and_solve(const std::vector<Pixel*>& pixels, Hints& hints);
 
-  // Of one pixel.
+  // Fits of one pixel.
 
   /// With a tree of its own, or its own old rectangles.
   Fitted fit_alone(Pixel& pixel, bool reuses_old, Hints& hints);

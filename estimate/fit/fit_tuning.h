@@ -26,10 +26,10 @@ struct FitTuning {
   /// the number of rectangles that a tree can reach. A constant, so that criteria from different trees can be
   /// compared. On a noisy capture 17 to 22 are best and 12 costs 10 %; on a clean one 12 is 3 % better.
   double search_penalty = 17.0;
-  /// The same for pixels whose root mean square is `bright_ratio` times the picture's or more: they mirror or
-  /// refract something bright, so small rectangles are more probable. Reduces the picture's error at 50
-  /// images by 8 % in natural light and 10 % under bars, at 180 images by 6 % and 0; without effect on noisy
-  /// captures.
+  /// Search penalty of pixels whose root mean square is `bright_ratio` times the picture's or more: they
+  /// mirror or refract something bright, so small rectangles are more probable. Reduces the picture's error
+  /// at 50 images by 8 % in natural light and 10 % under bars, at 180 images by 6 % and 0; without effect on
+  /// noisy captures.
   double bright_search_penalty = 10.0;
   double bright_ratio = 2.0;
 

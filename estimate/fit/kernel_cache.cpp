@@ -46,8 +46,8 @@ void KernelCache::clear() {
 void KernelCache::keep_within(std::uint64_t limit_bytes) {
   if (bytes() <= limit_bytes) return;
   clear();
-  const auto most = static_cast<std::size_t>(limit_bytes / (block_floats * sizeof(float)));
-  if (blocks_.size() > most) blocks_.resize(most);
+  const auto max_blocks = static_cast<std::size_t>(limit_bytes / (block_floats * sizeof(float)));
+  if (blocks_.size() > max_blocks) blocks_.resize(max_blocks);
 }
 
 const float* KernelCache::column(const Box& box, int channel) {

@@ -99,7 +99,7 @@ std::vector<int> light_groups(std::span<const LightSketch> lights) {
 
 int light_rank(std::span<const LightSketch> lights) {
   constexpr std::size_t max_lights = 256;
-  constexpr double least = 1e-6;  // of an eigenvalue, relative to the largest
+  constexpr double min_share = 1e-6;  // of an eigenvalue, relative to the largest
   if (lights.empty() || lights.size() > max_lights) return static_cast<int>(lights.size());
   const auto images = static_cast<Eigen::Index>(lights.size());
   Eigen::MatrixXd units(3 * parts * part_length, images);
@@ -108,7 +108,7 @@ int light_rank(std::span<const LightSketch> lights) {
     units.col(j).normalize();
   }
   const Eigen::VectorXd values = symmetric_eigenvalues(units.transpose() * units);
-  return static_cast<int>((values.array() > least * values.maxCoeff()).count());
+  return static_cast<int>((values.array() > min_share * values.maxCoeff()).count());
 }
 
 int count_of(std::span<const int> groups) {

@@ -32,7 +32,7 @@ int count_of(std::span<const int> groups);
 
 /// The members of each group.
 std::vector<std::vector<int>> members_of(std::span<const int> groups);
-/// Of each group that has several.
+/// Members of each group that has several.
 std::vector<std::vector<int>> repeats_in(std::span<const int> groups);
 
 /// Fewer lights that differ do not show what a field misses under another one: the error is then not

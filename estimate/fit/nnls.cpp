@@ -20,13 +20,13 @@ std::size_t padded(std::size_t n) {
 }
 }  // namespace
 
-void NnlsSolver::start(int most) {
+void NnlsSolver::start(int max_size) {
   free_.clear();
-  is_free_.assign(most, 0);
-  row_stride_ = padded(most);
-  if (root_.size() < most * row_stride_) root_.resize(most * row_stride_);
-  rows_.resize(most);
-  for (int k = 0; k < most; ++k) rows_[k] = row(k);
+  is_free_.assign(max_size, 0);
+  row_stride_ = padded(max_size);
+  if (root_.size() < max_size * row_stride_) root_.resize(max_size * row_stride_);
+  rows_.resize(max_size);
+  for (int k = 0; k < max_size; ++k) rows_[k] = row(k);
   for (auto* vector : {&column_, &part_, &minus_y_, &solution_}) vector->resize(row_stride_);
 }
 

@@ -10,7 +10,7 @@ namespace refield {
 /// 7). Active set method (Lawson and Hanson 1974) with a warm start: the caller's feasible x says which
 /// variables are free at first, which in a growing kernel tree is nearly always right.
 ///
-/// Of the free variables' Gram matrix G_F a root W of the inverse is kept, Wᵀ W = G_F⁻¹. To free a variable
+/// Keeps a root W of the inverse of the free variables' Gram matrix G_F, Wᵀ W = G_F⁻¹. To free a variable
 /// adds a row to it (its first such root is the inverse of the Cholesky factor), to hold one takes a row away
 /// after a Householder reflection; either costs two products with W, where a factorisation costs |F|/6 of
 /// them, and both are as stable as the factorisation. So systems that grow variable by variable are solved

@@ -54,16 +54,18 @@ constexpr int offset_side = 2 * window_side_px - 1;
 /// The eigenvalue below which the part `share` of a noise matrix's eigenvalues lies (Marchenko and Pastur
 /// 1967): unit variance, `ratio` of columns to rows at most 1.
 double noise_eigenvalue(double ratio, double share) {
-  const double least = std::pow(1.0 - std::sqrt(ratio), 2), most = std::pow(1.0 + std::sqrt(ratio), 2);
+  const double min_eigenvalue = std::pow(1.0 - std::sqrt(ratio), 2),
+               max_eigenvalue = std::pow(1.0 + std::sqrt(ratio), 2);
   constexpr int steps = 2000;
-  const double step = (most - least) / steps;
+  const double step = (max_eigenvalue - min_eigenvalue) / steps;
   double sum = 0.0;
   for (int i = 0; i < steps; ++i) {
-    const double x = least + (i + 0.5) * step;
-    sum += step * std::sqrt((most - x) * (x - least)) / (2.0 * std::numbers::pi * ratio * x);
+    const double x = min_eigenvalue + (i + 0.5) * step;
+    sum +=
+        step * std::sqrt((max_eigenvalue - x) * (x - min_eigenvalue)) / (2.0 * std::numbers::pi * ratio * x);
     if (sum >= share) return x;
   }
-  return most;
+  return max_eigenvalue;
 }
 
 int quartile_of(int pixels) {
@@ -202,8 +204,8 @@ Eigen::VectorXd weights_for(const Eigen::VectorXd& noise, std::span<const Sample
   Eigen::VectorXd weights = noise.cwiseMax(1e-6).cwiseInverse();
   std::vector<float> sorted;
   for (const double weight : weights) sorted.push_back(static_cast<float>(weight));
-  const double usual = quantile(std::move(sorted), 0.5);
-  weights = weights.cwiseMin(usual * max_weight_ratio);
+  const double median = quantile(std::move(sorted), 0.5);
+  weights = weights.cwiseMin(median * max_weight_ratio);
   double before = 0.0, after = 0.0;
   for (const SampleWindow& window : windows)
     for (int p = 0; p < 3 * window.pixels; ++p)

@@ -155,7 +155,7 @@ class KernelSelector {
   std::size_t padded_size_ = 0;
   std::vector<Metric> metrics_;  // [classes]
 
-  // Of the pixel and class at hand; memory that is reused.
+  // State for the current pixel and class; memory that is reused.
   Samples samples_;
   Pursuit pursuit_;
   NormalEquations equations_;

@@ -45,11 +45,11 @@ Eigen::MatrixXd covariance(const HatGrid& grid, const LightDomain& domain) {
 }  // namespace
 
 HatGrid hat_grid_for(const LightDomain& domain, int kernels) {
-  const int most = std::min(max_hats, static_cast<int>(max_hats_share * kernels));
+  const int max_nodes = std::min(max_hats, static_cast<int>(max_hats_share * kernels));
   HatGrid best;
   double best_spacing = 0.0;
-  for (int columns = 2; columns <= std::min(most / 2, domain.width); ++columns) {
-    const int rows = std::min({most / columns, domain.height});
+  for (int columns = 2; columns <= std::min(max_nodes / 2, domain.width); ++columns) {
+    const int rows = std::min({max_nodes / columns, domain.height});
     if (rows < 2) continue;
     // The wider of the two distances between nodes decides how much detail is lost.
     const double spacing = std::max(static_cast<double>(domain.width) / (columns - 1),

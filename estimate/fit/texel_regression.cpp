@@ -32,7 +32,7 @@ constexpr int independent_prior = 0;
 /// Samples that are filled in, so that incomplete pixels can choose a prior, come from this one.
 constexpr int usual_prior = 4;
 constexpr int usual_noise = 8;
-/// Of a rectangle: see "Selection of rectangles" in docs/method/estimation.md.
+/// Penalty of a rectangle: see "Selection of rectangles" in docs/method/estimation.md.
 constexpr double rectangle_penalty = 17.0;
 /// Covariances of weights that are kept, of each regression.
 constexpr std::size_t max_posterior_bytes = 64 << 20;
@@ -88,7 +88,7 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
 bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
   return std::ranges::all_of(lights, [](const Eigen::MatrixXd& channel) {
     if (channel.rows() > channel.cols()) return false;
-    // Of lights scaled to one length: how bright each is does not matter, and radiance of equal irradiance
+    // Lights are scaled to one length: how bright each is does not matter, and radiance of equal irradiance
     // differs by more than the factor where one source is near a pole of a lat-long map.
     const Eigen::MatrixXd scaled = channel.rowwise().normalized();
     const Eigen::MatrixXd gram = scaled * scaled.transpose();
@@ -97,7 +97,7 @@ bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
   });
 }
 
-/// Of one channel, [cells]; `kernels` has those with a weight, in their order.
+/// Weights of one channel, [cells]; `kernels` has those cells that have a weight, in their order.
 Eigen::VectorXd weights_on_cells(const PixelKernels& kernels, std::span<const Box> cells, int channel) {
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(cells.size()));
   std::size_t cell = 0;
@@ -235,8 +235,8 @@ TexelRegression::TexelRegression(const BoxTable& table, std::span<const Box> cel
         spectrum.scale = trace > 0.0 ? images_ / trace : 1.0;
         const SymmetricEigen solver = symmetric_eigen(spectrum.scale * factor.transpose() * factor);
         // Directions that the lights do not tell apart are left to the rest, which has no signal.
-        const double least = 1e-12 * solver.values.maxCoeff();
-        const Eigen::Index rank = (solver.values.array() > least).count();
+        const double min_value = 1e-12 * solver.values.maxCoeff();
+        const Eigen::Index rank = (solver.values.array() > min_value).count();
         spectrum.values = solver.values.tail(rank);
         spectrum.vectors = std::sqrt(spectrum.scale) * factor * solver.vectors.rightCols(rank) *
                            spectrum.values.cwiseSqrt().cwiseInverse().asDiagonal();
@@ -437,7 +437,7 @@ double TexelRegression::criterion_of(const PixelKernels& kernels, const PixelSam
       error += residual[j] * residual[j];
     }
     if (!(squared > 0.0)) continue;
-    // Of the filled-in samples that fit() counts, nothing is known here: their share is left as it is.
+    // Nothing is known here about the filled-in samples that fit() counts: their share is left as it is.
     criterion +=
         images_ * std::log(std::max(error, rounding * squared) / measured) + weights * std::log(images_);
   }
@@ -493,8 +493,8 @@ TexelRegression::GroupLeverage TexelRegression::leverage_of(const std::vector<in
     if (std::ranges::binary_search(out.measured, group[i]))
       taken.root(static_cast<Eigen::Index>(i)) =
           std::sqrt(std::max(1.0 - noise_ratio * out.diagonal(group[i]), 0.0));
-  constexpr double least = 1e-12;
-  taken.rest = std::max(1.0 - taken.root.square().sum(), least);
+  constexpr double min_error = 1e-12;
+  taken.rest = std::max(1.0 - taken.root.square().sum(), min_error);
   return taken;
 }
 
@@ -527,7 +527,7 @@ double TexelRegression::expected_error(const PixelKernels& kernels, const Masked
   for (int c = 0; c < 3; ++c) {
     if (!(samples.squared[c] > 0.0)) continue;
     const LeftOut out = left_out_of(kernels, samples, c);
-    // Of the samples, in units of the prior's scale.
+    // Variance of the samples, in units of the prior's scale.
     Eigen::ArrayXd variance = (out.diagonal.array().inverse() - lambda).max(0.0);
     for (const auto& group : repeats_) {
       const GroupLeverage taken = leverage_of(group, out, lambda);

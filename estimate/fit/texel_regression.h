@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "core/light/light_cells.h"
+#include "core/session/capture_session.h"
 #include "estimate/fit/box_table.h"
 #include "estimate/fit/fit_pixel.h"
 
@@ -64,7 +64,7 @@ class TexelRegression {
   /// Fits a pixel; unmeasured samples are left out. No kernels where all measured samples are zero.
   Fit fit(const PixelSamples& samples) const;
 
-  /// The same criterion of another model: the Bayesian information criterion with a penalty for the search of
+  /// This criterion for another model: the Bayesian information criterion with a penalty for the search of
   /// rectangles, as the selection of rectangles uses it.
   double criterion_of(const PixelKernels& kernels, const PixelSamples& samples) const;
 
@@ -93,7 +93,7 @@ class TexelRegression {
     double rest;          ///< 1 − hᵀh
   };
   static GroupLeverage leverage_of(const std::vector<int>& group, const LeftOut& out, double noise_ratio);
-  /// Of one prior and channel: the covariance of the samples is V diag(values) Vᵀ.
+  /// Covariance of the samples for one prior and channel, V diag(values) Vᵀ.
   struct Spectrum {
     Eigen::MatrixXd vectors;                   ///< [images × rank]
     Eigen::VectorXd values;                    ///< ≥ 0; their sum is the number of images
@@ -149,7 +149,7 @@ class TexelRegressions {
   const std::vector<Box>& cells() const { return cells_; }
   /// Null for light with many degrees of freedom.
   std::shared_ptr<const TexelRegression> of_all();
-  /// Of the images `seen`.
+  /// The regression on the images `seen`.
   std::shared_ptr<const TexelRegression> of_part(const std::vector<int>& seen);
 
  private:

@@ -156,13 +156,13 @@ void corner_products_vectorised(const std::array<const double*, 4>& corners, std
 }
 
 void add_gains_vectorised(const float* HWY_RESTRICT correlation, const float* HWY_RESTRICT norm2,
-                          const float* HWY_RESTRICT least, std::size_t n, float* HWY_RESTRICT gain) {
+                          const float* HWY_RESTRICT min_norm2, std::size_t n, float* HWY_RESTRICT gain) {
   const Floats d;
   for (std::size_t j = 0; j < n; j += hn::Lanes(d)) {
     const auto positive = hn::Max(hn::Load(d, correlation + j), hn::Zero(d));
     const auto divisor = hn::Load(d, norm2 + j);
     const auto value = hn::Div(hn::Mul(positive, positive), divisor);
-    const auto valid = hn::Gt(divisor, hn::Load(d, least + j));
+    const auto valid = hn::Gt(divisor, hn::Load(d, min_norm2 + j));
     hn::Store(hn::Add(hn::Load(d, gain + j), hn::IfThenElseZero(valid, value)), d, gain + j);
   }
 }

@@ -12,7 +12,7 @@
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
-#include "core/session/frame_correction.h"
+#include "core/session/capture_session.h"
 #include "estimate/fit/vector_kernels.h"
 
 namespace refield {

@@ -21,10 +21,11 @@ namespace refield {
 namespace {
 
 /// Pixels of the sample: blocks on a square lattice, row by row within a block.
-std::vector<std::array<int, 2>> lattice_of(int width, int height, int most) {
+std::vector<std::array<int, 2>> lattice_of(int width, int height, int max_pixels) {
   constexpr int side = block_side_px;
   const double blocks = std::max(1.0, static_cast<double>(width / side) * (height / side));
-  const int step = std::max(1, static_cast<int>(std::ceil(std::sqrt(blocks * side * side / most)))) * side;
+  const int step =
+      std::max(1, static_cast<int>(std::ceil(std::sqrt(blocks * side * side / max_pixels)))) * side;
   std::vector<std::array<int, 2>> lattice;
   for (int y = step / (2 * side) * side; y + side <= height; y += step)
     for (int x = step / (2 * side) * side; x + side <= width; x += step)
@@ -122,9 +123,9 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
   constexpr std::size_t block_size = block_side_px * block_side_px;
   tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
     run.throw_if_stopped();
-    auto& own = workers.local();
-    if (!own) own = std::make_unique<FitWorker>(table, options);
-    KernelCache& cache = own->model.cache();
+    auto& worker = workers.local();
+    if (!worker) worker = std::make_unique<FitWorker>(table, options);
+    KernelCache& cache = worker->model.cache();
     cache.keep_within(cache_limit_bytes);
     AlignedFloats padded(block_size * 3 * table.stride());
     std::vector<PixelSamples> block(block_size);
@@ -134,15 +135,15 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
         std::ranges::copy(samples_[b * block_size + i][c], values);
         block[i][c] = values;
       }
-    const auto fitted = own->model.fit(block, block_side_px, {}, run);
-    const auto validated = own->evaluator.cross_validate(block, block_side_px, 5, run);
+    const auto fitted = worker->model.fit(block, block_side_px, {}, run);
+    const auto validated = worker->evaluator.cross_validate(block, block_side_px, 5, run);
     MaskedSamples masked;
     AlignedFloats residuals(3 * table.stride());
     for (std::size_t i = 0; i < block_size; ++i) {
       const double squared = fitted[i].squared_samples;
       if (!(squared > 0.0)) continue;
       masked.assign(block[i], table.stride(), images());
-      const double left_out = own->evaluator.leave_one_out(fitted[i], cache, masked, residuals.data());
+      const double left_out = worker->evaluator.leave_one_out(fitted[i], cache, masked, residuals.data());
       predicted[b * block_size + i] =
           static_cast<float>(std::sqrt(std::lerp(left_out, validated[i], share) / squared));
       noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));

@@ -35,7 +35,7 @@ class ErrorFollower {
       : options_(options), max_pixels_(max_pixels) {}
 
   /// Light under which the error is asked for; without any it is that of the photographs' own kind of light.
-  /// Of the size of the photographs' light maps, none of them black.
+  /// The maps have the size of the photographs' light maps, and none is black.
   void expect(std::vector<LightMap> lights) { expected_ = std::move(lights); }
 
   /// Reads a photograph and its light. Throws InputError when sizes differ from those before.

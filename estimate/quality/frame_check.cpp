@@ -36,15 +36,15 @@ void log_drift(const Drift& drift, const RunContext& run) {
 /// The fit squares products of samples and sums of light in single precision, which further off are infinite
 /// or zero. Such photographs come from a conversion gone wrong, which scaling them silently would hide.
 void require_usual_brightness(const EstimateJob& job) {
-  constexpr double least = 1e-9, most = 1e7;
+  constexpr double min_mean = 1e-9, max_mean = 1e7;
   const double typical = std::sqrt(job.mean_square);
-  if (typical == 0.0 || (typical >= least && typical <= most)) return;
+  if (typical == 0.0 || (typical >= min_mean && typical <= max_mean)) return;
   char text[160];
   std::snprintf(
       text, sizeof text,
       ": the photographs' samples are about %.1e, too %s for the computation; scale all photographs by "
       "the same factor to values around 1",
-      typical, typical < least ? "small" : "large");
+      typical, typical < min_mean ? "small" : "large");
   throw InputError(job.frames.front().observed.parent_path().string() + text);
 }
 

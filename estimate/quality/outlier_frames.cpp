@@ -34,9 +34,9 @@ constexpr int least_cell_side = 4;
 
 /// Starts of at most `most` cells of `size` pixels along a side of `length`, spread evenly, each a multiple
 /// of the size where that is the block.
-std::vector<int> starts(int length, int most, int size) {
+std::vector<int> starts(int length, int max_count, int size) {
   const int there = std::max(1, length / size);
-  const int count = std::min(most, there);
+  const int count = std::min(max_count, there);
   std::vector<int> result;
   for (int i = 0; i < count; ++i) result.push_back(there * (2 * i + 1) / (2 * count) * size);
   return result;
@@ -125,8 +125,8 @@ constexpr std::array<double, 4> ridges = {1e-5, 1e-4, 1e-3, 1e-2};
 /// Few enough to stay in the first-level cache while every row of a predictor passes.
 constexpr int series_at_a_time = 32;
 
-int cells_along(int texels, int most) {
-  return std::min(texels, most);
+int cells_along(int texels, int max_cells) {
+  return std::min(texels, max_cells);
 }
 
 /// Rows of texels of a cell that the derivatives by the tone curve's exponent are summed over: logarithms
@@ -187,13 +187,13 @@ LightFeatures features_of(const std::vector<std::optional<CoarseLight>>& lights,
   features.groups = light_groups(sketches);
   const double log_white = std::log(features.white > 0.0 ? features.white : 1.0);
   for (int c = 0; c < 3; ++c) {
-    auto& of = features.of_channel[c];
-    of.fill(Eigen::MatrixXd(static_cast<Eigen::Index>(columns) * rows, images));
+    auto& channel = features.of_channel[c];
+    channel.fill(Eigen::MatrixXd(static_cast<Eigen::Index>(columns) * rows, images));
     for (Eigen::Index j = 0; j < images; ++j) {
       const auto& sums = lights[j]->sums[c];
-      of[0].col(j) = sums[0];
-      of[1].col(j) = sums[1] - log_white * sums[0];
-      of[2].col(j) = sums[2] - 2.0 * log_white * sums[1] + log_white * log_white * sums[0];
+      channel[0].col(j) = sums[0];
+      channel[1].col(j) = sums[1] - log_white * sums[0];
+      channel[2].col(j) = sums[2] - 2.0 * log_white * sums[1] + log_white * log_white * sums[0];
     }
   }
   return features;
@@ -256,7 +256,8 @@ float reordered_median(std::vector<float>& values) {
 struct Predictor {
   std::size_t stride = 0;
   AlignedFloats inverse;  ///< rows of [stride] floats, padded with zeros; [images × stride]
-  /// Of the inverse; for frames that are left out, and those of repeated lights, inverse predictive variance.
+  /// Diagonal of the inverse; for frames that are left out, and those of repeated lights, inverse predictive
+  /// variance.
   Eigen::VectorXf diagonal;
   /// Rows that are predictions from others alone, times `diagonal`: of the same frames.
   std::vector<char> is_prediction;
@@ -441,7 +442,8 @@ class SeriesBatch {
         const float* row = way.row(j);
         float product = 0.0f;
         dots(values, &row, 1, stride_, &product);
-        // Of (K + λI)⁻¹ for the measured frames alone; or the variance of the missing ones comes in addition.
+        // Precision from (K + λI)⁻¹ of the measured frames alone; or the variance of the missing ones is
+        // added.
         const float p = way.diagonal[j];
         const float precision =
             way.is_prediction[j] ? p / (1.0f + lost[j] / p) : std::max(p - lost[j], 1e-3f * p);
@@ -527,10 +529,7 @@ constexpr double close_to_worst = 1.5;
 constexpr float tiny = 1e-12f;
 
 float median_of(std::vector<float> values) {
-  if (values.empty()) return 0.0f;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
+  return reordered_median(values);
 }
 
 /// How far each value lies above the median of those not left out, in units of the limit: beyond 1 is an

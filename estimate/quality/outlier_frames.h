@@ -41,7 +41,7 @@ struct PixelSample {
   const float* series(int channel, int pixel) const {
     return values.data() + (static_cast<std::size_t>(channel) * pixels + pixel) * images;
   }
-  /// Of what was measured in the images that are not left out; 0 where that is nothing.
+  /// Mean square of the measured samples of the images that are not left out; 0 without any.
   double mean_square(std::span<const int> left_out) const;
 };
 

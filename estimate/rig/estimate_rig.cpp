@@ -15,7 +15,7 @@
 #include "core/base/aligned_memory.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
-#include "core/session/frame_correction.h"
+#include "core/session/capture_session.h"
 #include "estimate/fit/vector_kernels.h"
 #include "estimate/job/observations.h"
 #include "estimate/rig/camera_path.h"

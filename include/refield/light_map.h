@@ -8,6 +8,5 @@
 /// lat_long_direction(), cube_face_axes(), Box, MonitorPlacement (lengths in millimetres, angles in degrees),
 /// EulerAngles and read_light_map(). docs/reference/conventions.md shows the axes.
 #include "core/image/image_io.h"
-#include "core/light/euler_angles.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"

@@ -44,7 +44,7 @@ double energy_of(const LightMap& environment) {
   return energy;
 }
 
-/// Of one texel of the light map.
+/// Sums over one texel of the light map.
 struct TexelSums {
   double energy[3] = {};     ///< radiance times solid angle
   double solid_angle = 0.0;  ///< of the texel
@@ -136,9 +136,9 @@ void EnvironmentProjector::find_shared_texels(const RunContext& run) {
         const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(domain.width) +
                         static_cast<std::size_t>(x);
         std::vector<SeenPart> parts = parts_of(patch.texel(x, y - patch.first_row), patch);
-        double own = 0.0;
-        for (const SeenPart& part : parts) own += solid_angle(part.outline) / part.windows;
-        seen[static_cast<std::size_t>(y)] += own;
+        double texel_share = 0.0;
+        for (const SeenPart& part : parts) texel_share += solid_angle(part.outline) / part.windows;
+        seen[static_cast<std::size_t>(y)] += texel_share;
         if (parts.size() == 1)
           shares[at] = 1.0f / static_cast<float>(parts.front().windows);
         else
@@ -225,7 +225,7 @@ class CornerGrid {
   int columns() const { return is_lat_long() ? domain_.width : patch_.columns(); }
   int rows() const { return is_lat_long() ? domain_.height : patch_.rows(); }
 
-  /// Of a row's upper edge.
+  /// Number of corners along a row's upper edge.
   std::size_t corners() const { return static_cast<std::size_t>(columns() * edges_per_texel_) + 1; }
 
   /// The directions of these corners.
@@ -320,7 +320,7 @@ class CornerLine {
     const MapPoint &from = point(i), &to = point(i + 1);
     batch.add(from.direction, from.texel, to.direction, to.texel, sums_[i]);
   }
-  /// Them, when the batch is flushed.
+  /// The sums that add_edge() requested; valid once the batch is flushed.
   const PathSums& edge(std::size_t i) const { return sums_[i]; }
 
  private:
@@ -382,7 +382,7 @@ class TexelRows {
   bool continues(int x) const {
     return x > 0 && mixed_[static_cast<std::size_t>(x)] == 0 && mixed_[static_cast<std::size_t>(x) - 1] == 0;
   }
-  /// Of the row's texel `x`: its radiance where it is the same all over it, else nullptr and the integral in
+  /// Radiance of the row's texel `x` where it is constant; else nullptr, and the integral over the texel in
   /// `light`.
   const float* texel(int x, double light[3]) const {
     const auto at = static_cast<std::size_t>(x);

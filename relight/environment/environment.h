@@ -10,7 +10,6 @@
 #include "core/base/run_context.h"
 #include "core/field/light_basis.h"
 #include "core/field/transfer_tiles.h"
-#include "core/light/euler_angles.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
 #include "relight/environment/prepared_environment.h"
@@ -64,11 +63,11 @@ class EnvironmentProjector {
   /// Throws Interrupted.
   EnvironmentLight project(const PreparedEnvironment& environment, const EulerAngles& turn,
                            const RunContext& run = {}) const;
-  /// The same for a map that is needed once. Throws InputError for one that is neither lat-long nor cube.
+  /// Projects a map that is needed once. Throws InputError for one that is neither lat-long nor cube.
   EnvironmentLight project(const LightMap& environment, const EulerAngles& turn,
                            const RunContext& run = {}) const;
 
-  /// The same by clipping each texel of the target against the texels of the environment. Slow: the
+  /// Projects by clipping each texel of the target against the texels of the environment. Slow: the
   /// reference.
   EnvironmentLight project_exactly(const LightMap& environment, const EulerAngles& turn,
                                    const RunContext& run = {}) const;
@@ -131,7 +130,7 @@ class BoxProjector {
       bool is_column = false;
       std::size_t first = 0, last = 0;  ///< of stops_
     };
-    /// Of a box, what lies on one face: places in stops_ of the ends of its edges.
+    /// The part of a box on one face: places in stops_ of the ends of its edges.
     struct Piece {
       std::array<std::uint32_t, 2> top, bottom, left, right;
     };

@@ -63,7 +63,7 @@ void measure_piece_vectors_vectorised(const PathPieceEnds& ends, const PieceRows
   const hn::CappedTag<double, 8> d;
   using V = hn::Vec<decltype(d)>;
   const auto one = hn::Set(d, 1.0), half = hn::Set(d, 0.5);
-  /// Of a point: the azimuth's direction turned by a quarter, and the angle down from the row's edge.
+  /// End of a piece: the azimuth's direction turned by a quarter, and the angle down from the row's edge.
   struct End {
     V x, z, below;
   };

@@ -21,7 +21,7 @@ struct PathPieceEnds {
 /// `azimuth`, `above` [capacity], aligned to 64 bytes: numbers behind the last piece are overwritten.
 void measure_pieces(const PathPieceEnds& ends, std::size_t count, double* azimuth, double* above);
 
-/// Of the upper edge of the texel that a piece lies in.
+/// Values at the upper edge of the texel that a piece lies in.
 struct PieceRows {
   alignas(64) double sine[PathPieceEnds::capacity] = {}, cosine[PathPieceEnds::capacity] = {};  ///< latitude
   alignas(64) double from_pole[PathPieceEnds::capacity] = {};                                   ///< angle

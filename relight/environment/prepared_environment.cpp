@@ -382,7 +382,7 @@ void PreparedEnvironment::add_measured(double azimuth, const Eigen::Vector2d& ac
 VectorPathSums PreparedEnvironment::vectors_along(const Vector3d& a, const SourceTexel& at_a,
                                                   const Vector3d& b, const SourceTexel& at_b) const {
   VectorPathSums sums;
-  /// Of a point: the azimuth's direction, its integral, and that times the angle from the pole.
+  /// End of a piece: the azimuth's direction, its integral, and that times the angle from the pole.
   struct End {
     Eigen::Vector2d level, across, side;
   };

@@ -99,7 +99,7 @@ class PreparedEnvironment {
   /// anticlockwise as an observer at the origin sees it.
   void enclosed(const PathSums& around, double light[3]) const;
 
-  /// The same for the light vector, ∫ L ω dω: where radiance is constant, it is an integral of ω along the
+  /// Path sums of the light vector, ∫ L ω dω: where radiance is constant, it is an integral of ω along the
   /// edges, too (the light vector of a polygon), so that these sums are as exact. The first call makes a
   /// table of 48 bytes per texel, on all cores; throws Interrupted.
   void prepare_vectors(const RunContext& run) const;
@@ -131,10 +131,10 @@ class PreparedEnvironment {
 
   /// Whether great circles between points of a texel whose sines of latitude lie between `least` and `most`
   /// stay in the texel; `shrink` as for bounds_of().
-  bool stays_inside(const SourceTexel& texel, double least, double most, double shrink) const {
+  bool stays_inside(const SourceTexel& texel, double lowest, double highest, double shrink) const {
     const double north = sines_[static_cast<std::size_t>(texel.row)],
                  south = sines_[static_cast<std::size_t>(texel.row) + 1];
-    return (north <= 0.0 || most <= north * shrink) && (south >= 0.0 || least >= south * shrink);
+    return (north <= 0.0 || highest <= north * shrink) && (south >= 0.0 || lowest >= south * shrink);
   }
   void prepare_lat_long(const RunContext& run);
   /// `level`: (x, z) of what tells the azimuth, for which points near a pole are not good enough: the edge of
@@ -150,7 +150,7 @@ class PreparedEnvironment {
             const SourceTexel& at_b, const Visit& visit) const;
   /// Adds the sums along a piece in one texel: its azimuth and ∫ (1 − sin(latitude)) dφ.
   void add_measured(double azimuth, double above, std::int32_t texel, int row, PathSums& sums) const;
-  /// The same of light vectors: see PieceVectors.
+  /// Adds a piece to sums of light vectors: see PieceVectors.
   void add_measured(double azimuth, const Eigen::Vector2d& across, const Eigen::Vector3d& inside,
                     std::int32_t texel, int row, VectorPathSums& sums) const;
   /// Sine of the azimuth from the left edge of `column` to a direction, times the cosine of its latitude.

@@ -52,7 +52,7 @@ struct SpherePatch {
 
   /// The outline of a texel, column and row counted from 0 within the patch.
   SphericalPolygon texel(int column, int row) const { return rectangle(column, row, column + 1, row + 1); }
-  /// Of all texels.
+  /// Outline of all texels together.
   SphericalPolygon outline() const { return rectangle(0, 0, columns(), rows()); }
 
  private:

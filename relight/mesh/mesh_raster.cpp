@@ -72,8 +72,8 @@ class BoxOfTriangle {
 
  private:
   static constexpr double slack = 1e-6;  // pixels, for rounding
-  static int limited(double value, int most) {
-    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(most)));
+  static int limited(double value, int max_value) {
+    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(max_value)));
   }
   int width_, height_;
   Eigen::Vector2d low_, high_;  // of the points in a pixel
@@ -119,8 +119,8 @@ class Band {
     const double sign = facet.volume < 0.0 ? -1.0 : 1.0, nearness_scale = 1.0 / std::abs(facet.volume);
     for (int y = std::max(box.y0, first_); y < std::min(box.y1, first_ + rows_); ++y)
       for (std::size_t s = 0; s < points_.size(); ++s) {
-        // Of the edge functions what is the same all along the row. Both triangles of an edge compute the
-        // same, but for the sign.
+        // The part of the edge functions that is constant along the row. Both triangles of an edge compute
+        // the same, but for the sign.
         std::array<double, 3> slope{}, of_row{};
         for (std::size_t i = 0; i < 3; ++i) {
           slope[i] = sign * facet.edge[i].x();

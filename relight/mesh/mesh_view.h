@@ -9,6 +9,7 @@
 #include "core/field/mesh.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/image.h"
+#include "core/light/light_map.h"
 
 namespace refield {
 
@@ -27,7 +28,7 @@ class MeshView {
   /// field without a mesh and what PinholeCamera::check() throws.
   MeshView(const FieldOutline& field, const PinholeCamera& camera, int samples = 4);
 
-  /// Of a mesh whose vertices' radiance is told to show(); the mesh must outlive this.
+  /// View of a mesh whose vertices' radiance is passed to show(); the mesh must outlive this.
   MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples = 4);
 
   const PinholeCamera& camera() const { return camera_; }
@@ -38,7 +39,7 @@ class MeshView {
   /// (Fujita and Kanai 2004, section 2.3). Costs about as much as copying some pictures: 10 ms at 1024×768
   /// on two cores.
   Image show(const Image& outputs) const;
-  /// The same of radiance [vertices] towards the camera, colours included.
+  /// The picture of radiance [vertices] towards the camera, colours included.
   Image show(std::span<const Eigen::Array3f> radiance) const;
 
   /// [pixels]: the share of each pixel's lines of sight that meet the mesh, from whichever side.
@@ -66,5 +67,13 @@ class MeshView {
   std::size_t outputs_a_vertex_ = 1;
   std::vector<float> harmonics_;  // [vertices × outputs]; empty where vertices shine alike in all directions
 };
+
+/// Cube map of `resolution` texels per face of what shines, as seen from `middle`: the colours of `emitters`
+/// are radiance, both sides shine, the nearest is seen (Fujita and Kanai 2004, section 3.2). Each texel is
+/// the mean over its solid angle of many lines of sight, so that lights keep their power as they move across
+/// texels. No correction for the solid angle of texels is done here: fields with Measure::solid_angle weigh
+/// them, exactly, where the paper's weight ∆A ∕ √(x² + y² + 1) is off by up to a factor of three and does not
+/// add up to the sphere.
+LightMap emitter_map(const Mesh& emitters, const Eigen::Vector3f& middle, int resolution);
 
 }  // namespace refield

@@ -19,7 +19,7 @@ struct PackCost {
     std::string kind;
     double relative_rmse = 0.0;
   };
-  /// Of relit pictures against the full field's, by kind of light (probe_lights()).
+  /// Errors of relit pictures against the full field's, by kind of light (probe_lights()).
   std::vector<KindError> errors;
   double worst_error() const;
 };

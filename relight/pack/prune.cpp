@@ -229,7 +229,7 @@ class ErrorSums {
       for (std::size_t c = 0; c < 3; ++c) picture[i + c] += weight[c] * light[i + c];
   }
 
-  /// Of the error, full − factor · (full − pruned), written so that small ones keep their digits.
+  /// Sums the squared error, full − factor · (full − pruned), written so that small ones keep their digits.
   void sum_squares(const RgbSums& energy, const RgbSums& pruned_energy, SumsByKind& sums) const {
     std::ranges::fill(sums, 0.0);
     RgbSums factor;

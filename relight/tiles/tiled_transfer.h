@@ -13,11 +13,11 @@ namespace refield {
 /// Throws InputError for a light map larger than small_box_limit.
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(const ReflectanceField& field);
-/// The same, giving the memory of the field's transfer back as it goes.
+/// Gives the memory of the field's transfer back as it goes.
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(ReflectanceField&& field);
 
-/// The same for a field that is never there as a whole. If its rows are not repeatable, all its kernels count
+/// Lays out a field that is never in memory as a whole. If its rows are not repeatable, all its kernels count
 /// as common. Throws Interrupted, too.
 template <class Weight>
 TiledTransfer<Weight> tile_transfer(const FieldRows& rows, const RunContext& run);

@@ -11,7 +11,7 @@
 
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
 

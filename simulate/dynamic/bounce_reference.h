@@ -9,7 +9,6 @@
 #include "core/base/run_context.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/dynamic/scene_rays.h"
 
 namespace refield::dynamic {
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -144,19 +143,6 @@ BrdfTable read_brdf_table(const fs::path& path) {
   if (words.next())
     throw FormatError(path, "has more numbers than its counts ask for, 3 × " + std::to_string(values.size()));
   return {theta_in, theta_out, delta_phi, std::move(values)};
-}
-
-void write_brdf_table(const fs::path& path, const BrdfTable& table) {
-  std::string text = "refield brdf 1\ntheta_in " + std::to_string(table.theta_in()) + " theta_out " +
-                     std::to_string(table.theta_out()) + " delta_phi " + std::to_string(table.delta_phi()) +
-                     "\n";
-  std::array<char, 32> digits{};  // the shortest that read back the same
-  for (const Eigen::Array3f& value : table.values())
-    for (int c = 0; c < 3; ++c) {
-      text.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value[c]).ptr);
-      text += c < 2 ? ' ' : '\n';
-    }
-  write_text_atomically(path, text);
 }
 
 namespace {

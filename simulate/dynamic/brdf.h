@@ -3,11 +3,27 @@
 
 #include <Eigen/Core>
 
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <vector>
 
 namespace refield::dynamic {
+
+/// Rows: tangent, bitangent, normal; orthonormal for any unit normal, without branches (Duff et al. 2017,
+/// "Building an orthonormal basis, revisited"). Times a direction it gives the direction in the local frame,
+/// z along the normal. The tangent jumps where the normal's z changes its sign: only what does not depend on
+/// the turn about the normal (isotropic reflection) may be carried from vertex to vertex.
+inline Eigen::Matrix3f tangent_frame(const Eigen::Vector3f& normal) {
+  const float sign = std::copysign(1.0f, normal.z());
+  const float a = -1.0f / (sign + normal.z());
+  const float b = normal.x() * normal.y() * a;
+  Eigen::Matrix3f frame;
+  frame.row(0) << 1.0f + sign * normal.x() * normal.x() * a, sign * b, -sign * normal.x();
+  frame.row(1) << b, sign + normal.y() * normal.y() * a, -normal.y();
+  frame.row(2) = normal.transpose();
+  return frame;
+}
 
 /// A measured isotropic BRDF, 1/sr, over the angles from the normal and the azimuth between the two
 /// directions, which both point away from the surface. θ goes evenly from 0° to 90°, Δφ from 0° (light comes
@@ -42,9 +58,8 @@ class BrdfTable {
 ///
 /// R G B of one sample after another; white space separates, and from # to the line's end is a remark. Throws
 /// FormatError, naming the sample, for anything else: counts outside [2, 181], too few or too many numbers,
-/// words, negative and not finite values. read_brdf_table(write_brdf_table(t)) is t.
+/// words, negative and not finite values.
 BrdfTable read_brdf_table(const std::filesystem::path& path);
-void write_brdf_table(const std::filesystem::path& path, const BrdfTable& table);
 
 /// What reflects beside the diffuse part.
 enum class Lobe { none, phong, ggx, table };

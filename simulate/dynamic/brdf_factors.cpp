@@ -134,7 +134,7 @@ std::vector<Candidate> candidates_of(const FourierOrders& orders, int m) {
   return candidates;
 }
 
-/// Of all orders, the largest first.
+/// Candidates of all orders, the largest first.
 std::vector<Candidate> all_candidates(const FourierOrders& orders, const RunContext& run) {
   std::vector<std::vector<Candidate>> by_order(orders.f.size());
   tbb::parallel_for(std::size_t{0}, by_order.size(), [&](std::size_t m) {

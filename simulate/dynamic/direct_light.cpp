@@ -8,7 +8,7 @@
 #include <cmath>
 #include <vector>
 
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
 

@@ -7,7 +7,6 @@
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/dynamic/scene_rays.h"
 
 namespace refield::dynamic {
 

@@ -7,7 +7,7 @@
 #include <chrono>
 
 #include "core/base/errors.h"
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
 

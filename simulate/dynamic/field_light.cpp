@@ -11,7 +11,7 @@
 #include <span>
 
 #include "core/light/harmonics.h"
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
 
@@ -275,7 +275,7 @@ void hide_within_edge(const Harmonics& covered, const CapEdges& edges, AreaLight
   }
 }
 
-/// The same by a product, of what is left of the light of all area lights behind it together.
+/// Hides light by a product with what is left of the light of all area lights behind it together.
 void hide_by_product(const Harmonics& covered, const HarmonicProduct& product, const AreaLightsAbove& above,
                      HarmonicsOfLight& light) {
   const auto arriving = above.arriving.leftCols(above.count);
@@ -305,7 +305,7 @@ DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_
                                FieldShadow shadow, const HarmonicProduct& product) const {
   const Mesh& mesh = scene_.objects[target].mesh;
   const Brdf& brdf = scene_.objects[target].brdf;
-  const ObjectTransport& own = *objects[target].transport;
+  const ObjectTransport& target_transport = *objects[target].transport;
   const FirstTerm& first = first_[target];
   const Pose to_own = objects[target].pose.inverse();
   const LightSamples area_lights = area_lights_seen_from(points, to_own);
@@ -314,17 +314,17 @@ DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_
     if (o != target)
       blockers.push_back({seen_object(objects[o], objects[target].pose), half_size_[o],
                           area_lights_seen_from(points, objects[o].pose.inverse()).position});
-  const Index terms = own.terms();
+  const Index terms = target_transport.terms();
   const std::size_t vertices = mesh.positions.size();
   DirectLight light{TermLight::Zero(static_cast<Index>(vertices) * terms, 3),
                     std::vector<Eigen::Array3f>(vertices, Eigen::Array3f::Zero())};
   const Eigen::Vector3f own_eye = to_own * eye;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, vertices, 64), [&](const auto& range) {
-    AreaLightsAbove above(area_lights.area.size(), own.receiving.rows());
+    AreaLightsAbove above(area_lights.area.size(), target_transport.receiving.rows());
     for (std::size_t v = range.begin(); v < range.end(); ++v) {
-      above.look(area_lights, mesh.positions[v], mesh.normals[v], own.order);
+      above.look(area_lights, mesh.positions[v], mesh.normals[v], target_transport.order);
       if (above.count == 0) continue;
-      HarmonicsOfLight arriving(own.receiving.rows(), 3);
+      HarmonicsOfLight arriving(target_transport.receiving.rows(), 3);
       if (shadow == FieldShadow::product) arriving = above.light();
       for (const Blocker& blocker : blockers) {
         const Eigen::Vector3f from = blocker.seen.from_target * mesh.positions[v];
@@ -349,11 +349,13 @@ DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_
         to_eye += above.cosine[j] * part * brdf(frame * above.direction.col(j), sight);
       }
       auto rows = light.terms.middleRows(static_cast<Index>(v) * terms, terms);
-      rows = own.receiving.middleCols(static_cast<Index>(v) * terms, terms).transpose().lazyProduct(arriving);
+      rows = target_transport.receiving.middleCols(static_cast<Index>(v) * terms, terms)
+                 .transpose()
+                 .lazyProduct(arriving);
       const Eigen::Array3f safe = low.max(1e-30f);
       const Eigen::Array3f left = first.sign * rows.row(0).transpose().array() / safe;
-      constexpr float most = 2.0f;  // near the horizon harmonics tell too little
-      const Eigen::Array3f scale = (left > 0.0f).select((exact / safe).min(most), 0.0f);
+      constexpr float max_factor = 2.0f;  // near the horizon harmonics tell too little
+      const Eigen::Array3f scale = (left > 0.0f).select((exact / safe).min(max_factor), 0.0f);
       rows.array().rowwise() *= scale.transpose();
       light.to_eye[v] = left.max(0.0f).min(1.0f) * to_eye;
     }

@@ -60,7 +60,7 @@ class CapEdges {
     float value;
     float slope;  ///< by which it falls outwards, a radian; may be zero
   };
-  /// Of a disc that covers `share` of all directions, in [0, 1].
+  /// Edge of a disc that covers `share` of all directions, in [0, 1].
   Edge at(float share) const;
 
  private:

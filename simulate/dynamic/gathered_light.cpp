@@ -8,7 +8,7 @@
 #include <numbers>
 #include <optional>
 
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
 
@@ -85,7 +85,7 @@ std::vector<float> table_of(const BrdfFactors& factors) {
   return table;
 }
 
-/// Of each vertex, itself and those within two edges that face the same side, the nearest of too many.
+/// For each vertex, itself and those within two edges that face the same side; the nearest, if too many.
 void find_neighbours(const Mesh& mesh, std::vector<std::uint32_t>& near, std::vector<std::uint32_t>& first) {
   const std::size_t vertices = mesh.positions.size();
   std::vector<std::vector<std::uint32_t>> ring(vertices);

@@ -11,7 +11,6 @@
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/glossy_sums.h"
 #include "simulate/dynamic/object_transport.h"
-#include "simulate/dynamic/scene_rays.h"
 
 namespace refield::dynamic {
 

@@ -13,8 +13,8 @@
 #include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
+#include "simulate/dynamic/brdf.h"
 #include "simulate/dynamic/point_lights.h"
-#include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {

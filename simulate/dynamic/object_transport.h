@@ -43,7 +43,7 @@ class ShellGrid {
 
  private:
   std::size_t side() const { return 2 * static_cast<std::size_t>(rings_) + 1; }
-  /// Of a corner with |x| + |y| + |z| = rings.
+  /// Number of a corner with |x| + |y| + |z| = rings.
   std::uint32_t number(int x, int y, int z) const;
 
   int rings_ = 0;

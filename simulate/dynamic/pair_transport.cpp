@@ -79,8 +79,8 @@ void leave_out_inside(const std::vector<bool>& outside, ShellGrid::Corners& corn
       corners.weight[i] = 0.0f;
   }
   // A place with next to nothing outside of the object is in it: nothing comes there, smoothly.
-  constexpr float least = 0.05f;
-  const float factor = all / std::max(kept, least * std::max(all, 1e-30f));
+  constexpr float min_share = 0.05f;
+  const float factor = all / std::max(kept, min_share * std::max(all, 1e-30f));
   for (float& weight : corners.weight) weight *= factor;
 }
 
@@ -96,14 +96,14 @@ bool stands_before(const Eigen::Vector3f& from, const Eigen::Vector3f& middle, f
 void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
                  std::span<const Eigen::Vector3f> positions, bool occlusion, const HarmonicProduct& product,
                  std::span<PairTransport> pairs) {
-  const ObjectTransport& own = *objects[target].transport;
-  const Index terms = own.terms();
+  const ObjectTransport& target_transport = *objects[target].transport;
+  const Index terms = target_transport.terms();
   std::vector<SeenObject> others;
   for (const PlacedObject& object : objects) others.push_back(seen_object(object, objects[target].pose));
   for (std::size_t source = 0; source < objects.size(); ++source) {
     if (source == target) continue;
     pairs[source].corners.resize(positions.size());
-    pairs[source].receiving.resize(own.receiving.rows(), own.receiving.cols());
+    pairs[source].receiving.resize(target_transport.receiving.rows(), target_transport.receiving.cols());
   }
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, positions.size(), 64), [&](const auto& range) {
     const auto first = static_cast<Index>(range.begin()) * terms;
@@ -111,7 +111,7 @@ void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
     for (std::size_t source = 0; source < objects.size(); ++source)
       if (source != target)
         pairs[source].receiving.middleCols(first, count).noalias() =
-            others[source].turn_back * own.receiving.middleCols(first, count);
+            others[source].turn_back * target_transport.receiving.middleCols(first, count);
     View view(others, product);
     const bool hides = occlusion && objects.size() > 2;
     Eigen::MatrixXf receiving;
@@ -122,7 +122,7 @@ void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
         if (source == target) continue;
         pairs[source].corners[v] = view.corners(source);
         bool hidden = false;
-        receiving = own.receiving.middleCols(column, terms);
+        receiving = target_transport.receiving.middleCols(column, terms);
         for (std::size_t other = 0; other < objects.size() && hides; ++other)
           if (other != source && other != target) hidden |= view.hide(other, source, receiving);
         if (hidden)

@@ -12,7 +12,7 @@
 #include <span>
 
 #include "core/base/run_context.h"
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {
@@ -116,7 +116,7 @@ AreaPoint middle_of(std::span<const AreaLightSample> samples) {
     middle.power += sample.at.power;
     middle.area += sample.at.area;
   }
-  // Of a closed surface the normals' sum tells nothing.
+  // The sum of a closed surface's normals says nothing.
   const float length = middle.normal.norm();
   middle.normal = length > 0.1f * static_cast<float>(samples.size()) ? Eigen::Vector3f(middle.normal / length)
                                                                      : samples.front().at.normal;
@@ -157,12 +157,12 @@ std::vector<AreaPoint> area_points(const Mesh& area_lights, int count) {
     while (end < samples.size() && samples[end].area_light == samples[begin].area_light) ++end;
     // Whole points alone: what one area light loses by rounding another one gains.
     const auto whole = [=](std::size_t sample) { return (sample + samples_a_point / 2) / samples_a_point; };
-    const std::size_t own = whole(end) - whole(begin);
-    if (own == 0) continue;
+    const std::size_t points_here = whole(end) - whole(begin);
+    if (points_here == 0) continue;
     const std::size_t before = points.size();
-    part_into_points(std::span(samples).subspan(begin, end - begin), own,
+    part_into_points(std::span(samples).subspan(begin, end - begin), points_here,
                      axes_of(area_lights, samples[begin].area_light, area_light_of), points);
-    const float share = static_cast<float>(own * samples_a_point) / static_cast<float>(end - begin);
+    const float share = static_cast<float>(points_here * samples_a_point) / static_cast<float>(end - begin);
     for (std::size_t p = before; p < points.size(); ++p) {
       points[p].power *= share;
       points[p].area *= share;

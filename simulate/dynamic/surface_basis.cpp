@@ -115,9 +115,9 @@ Eigen::MatrixXf principal_components(const Eigen::MatrixXf& patterns, const Eige
   const Eigen::MatrixXd shares = (range.transpose() * root.asDiagonal() * patterns).cast<double>();
   const SymmetricEigen solver = symmetric_eigen(shares * shares.transpose());
   const Eigen::VectorXd energy = solver.values.reverse();
-  constexpr double least = 1e-10;  // what float cannot tell from zero is no pattern
+  constexpr double min_value = 1e-10;  // what float cannot tell from zero is no pattern
   const Eigen::Index kept =
-      std::min<Eigen::Index>(count, (energy.array() > std::max(least * energy[0], 0.0)).count());
+      std::min<Eigen::Index>(count, (energy.array() > std::max(min_value * energy[0], 0.0)).count());
   // X Xᵀ W Ψ = Ψ σ²: defined at vertices without area, too.
   const Eigen::MatrixXd vectors = solver.vectors.rowwise().reverse().leftCols(kept);
   const Eigen::MatrixXf mix =

@@ -22,7 +22,7 @@ enum class Weights {
 
 struct BasisOptions {
   Weights weights = Weights::orthonormal;
-  /// Of orthonormal weights: functions are dropped of which the ones before leave no more than this share.
+  /// With orthonormal weights, functions are dropped of which the ones before leave no more than this share.
   double smallest_share = 1e-3;
 };
 

@@ -12,7 +12,6 @@
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/tone_map.h"
-#include "simulate/geometry/vertex_materials.h"
 
 namespace refield::prt {
 

@@ -97,20 +97,20 @@ void RayScene::commit() {
 
 namespace {
 
-/// Of up to 16 rays: fills all but the lengths, and says how many there are.
+/// Fills all but the lengths of up to 16 rays, and returns how many there are.
 std::size_t fill_packet(std::span<const Eigen::Vector3f> origins, std::span<const Eigen::Vector3f> directions,
                         RTCRay16& rays, std::span<int, ray_packet> valid) {
   const std::size_t count = std::min(origins.size(), ray_packet);
   for (std::size_t i = 0; i < ray_packet; ++i) {
     // Idle lanes hold the first ray: what is in them is looked at where packets go through instances.
-    const std::size_t of = i < count ? i : 0;
+    const std::size_t ray = i < count ? i : 0;
     valid[i] = i < count ? -1 : 0;
-    rays.org_x[i] = origins[of].x();
-    rays.org_y[i] = origins[of].y();
-    rays.org_z[i] = origins[of].z();
-    rays.dir_x[i] = directions[of].x();
-    rays.dir_y[i] = directions[of].y();
-    rays.dir_z[i] = directions[of].z();
+    rays.org_x[i] = origins[ray].x();
+    rays.org_y[i] = origins[ray].y();
+    rays.org_z[i] = origins[ray].z();
+    rays.dir_x[i] = directions[ray].x();
+    rays.dir_y[i] = directions[ray].y();
+    rays.dir_z[i] = directions[ray].z();
     rays.tnear[i] = rays.time[i] = 0.0f;
     rays.id[i] = static_cast<unsigned>(i);
     rays.mask[i] = ~0u;

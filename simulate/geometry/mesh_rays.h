@@ -44,7 +44,7 @@ class RayScene {
   void commit();
 
   std::optional<FirstHit> first_hit(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
-  /// Of up to 16 rays.
+  /// First hits of up to 16 rays.
   void first_hits(std::span<const Eigen::Vector3f> origins, std::span<const Eigen::Vector3f> directions,
                   std::span<std::optional<FirstHit>> hits) const;
   /// Whether a ray of this length, in lengths of its direction, meets anything.

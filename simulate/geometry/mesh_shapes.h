@@ -16,7 +16,7 @@ namespace refield::prt {
 Mesh plane_mesh(int resolution);
 /// 1×1×1 with hard edges; resolution² squares per face.
 Mesh box_mesh(int resolution);
-/// Of diameter 1: an icosahedron's edges divided by `resolution`, 10 · resolution² + 2 vertices.
+/// A sphere of diameter 1: an icosahedron's edges divided by `resolution`, 10 · resolution² + 2 vertices.
 Mesh sphere_mesh(int resolution);
 /// A rabbit's head: a bumpy sphere, drawn out into two ears, a nose and cheeks, about 1 high. As many
 /// vertices as sphere_mesh(). It stands for scanned figures: it shadows itself, and its normals go

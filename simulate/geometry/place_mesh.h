@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "core/field/mesh.h"
-#include "core/light/euler_angles.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield::prt {
 

@@ -11,7 +11,7 @@
 
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
-#include "core/light/euler_angles.h"
+#include "core/light/monitor_placement.h"
 #include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/place_mesh.h"
 
@@ -139,8 +139,8 @@ struct SceneObject {
   MaterialDescription material;         ///< diffuse and white where the mesh's file says all
   std::vector<Eigen::Array4f> lobes{};  ///< of the mesh's file, see prt::MeshFile; or empty
 };
-/// The same with its material: read_material_of(), or, of a section without the key `material`, those of the
-/// mesh's file, as colours and lobes of the vertices, by `gloss`.
+/// Reads an object with its material: read_material_of() or, for a section without the key `material`, those
+/// of the mesh's file, as colours and lobes of the vertices, by `gloss`.
 SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
                               std::span<const MaterialDescription> materials,
                               const std::filesystem::path& folder, prt::Gloss gloss, const RunContext& run);

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/geometry/vertex_materials.h"
 
 #include <sys/mman.h>
 #include <tbb/parallel_for.h>

@@ -28,7 +28,7 @@ struct HarmonicOptions {
   /// first, the shadow pass, brought them (under uniform light); 1 and more: no interreflection.
   double until = 0.002;
   int max_passes = 16;  ///< of interreflection
-  /// Of the sphere that the lights stand on, around the middle() of the mesh; 0: infinitely far.
+  /// Radius of the sphere that the lights are on, around the middle() of the mesh; 0: infinitely far.
   double radius = 0.0;
   Emission emission = Emission::towards_all;
   HarmonicWindow window = HarmonicWindow::none;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/rig/leaf_patterns.h"
+#include "simulate/rig/light_maps.h"
 
 #include <algorithm>
 #include <cmath>

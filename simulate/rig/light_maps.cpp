@@ -12,8 +12,6 @@
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
 #include "core/image/metrics.h"
-#include "simulate/rig/leaf_patterns.h"
-#include "simulate/rig/panorama.h"
 
 namespace refield {
 

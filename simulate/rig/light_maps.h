@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <Eigen/Core>
+
 #include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
+#include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "core/light/monitor_placement.h"
 #include "core/session/capture_session.h"
 #include "simulate/tabletop/recipe.h"
 
@@ -36,5 +40,53 @@ std::vector<LightSpec> list_lights(const LightPlan& plan);
 void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, std::uint64_t seed,
                  const std::function<void(std::size_t place, LightMap&& light)>& sink,
                  const RunContext& run = {});
+
+/// A made-up surrounding, lat-long, linear radiance, sun and area lights far above 1: sky or ceiling,
+/// horizon, buildings or walls, area lights and windows, and over all a dead-leaves pattern (Lee, Mumford and
+/// Huang 2001): opaque shapes that cover one another, with sizes r distributed as r^-3. That gives what
+/// estimation lives on, the statistics of natural images: sharp edges at all scales, heavy-tailed gradients,
+/// a power spectrum that falls about as 1/f². `width` must be even; the height is half of it. Equal arguments
+/// give equal panoramas.
+Image make_panorama(std::uint64_t seed, std::uint64_t index, int width);
+
+/// How someone looks into a panorama.
+struct PanoramaView {
+  EulerAngles turn{};  ///< of the one who looks
+  double horizontal_fov_degrees = 70.0;
+};
+
+/// A perspective view, as a monitor shows it; four samples per texel. Radiance as in the panorama.
+Image view_of_panorama(const Image& panorama, const PanoramaView& view, int width, int height);
+
+/// Patterns designed for estimation, one after another: saturated dead leaves (docs/method/patterns.md).
+///
+/// Opaque rectangles of all sizes cover the map, others in each channel (Lee, Mumford and Huang 2001; sizes
+/// uniform in the logarithm), and each is 0 or 1. The places are random. The levels are chosen so that a
+/// pattern tells as much as possible that those before it have not told: a pixel's response is a Gaussian
+/// process whose covariance is that of a pixel that sees one rectangle of unknown place and size, and the
+/// levels maximise the variance of the response given the earlier patterns (all channels count, since a
+/// pixel's kernels serve all three), with the mean held near one half. Equal arguments give equal patterns.
+class LeafPatterns {
+ public:
+  LeafPatterns(const LightDomain& domain, std::uint64_t seed);
+  LightMap next();
+
+ private:
+  struct Leaf {
+    std::vector<std::pair<int, double>> cells;  ///< of the design grid, with the covered area
+    double area = 0.0;                          ///< share of the map
+    double variance = 0.0;
+  };
+  /// The visible leaves; `owner` receives the leaf of each texel.
+  std::vector<Leaf> place_leaves(int number, int channel, std::vector<int>& owner) const;
+  /// +1 or −1 for each leaf.
+  std::vector<int> choose_levels(std::vector<Leaf>& leaves, int number, int channel);
+
+  LightDomain domain_;
+  std::uint64_t seed_;
+  int columns_, rows_, made_ = 0;
+  double noise_variance_;
+  Eigen::MatrixXd covariance_;  ///< of the responses to single cells, given the patterns so far
+};
 
 }  // namespace refield

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/rig/panorama.h"
+#include "simulate/rig/light_maps.h"
 
 #include <algorithm>
 #include <array>
@@ -256,7 +256,7 @@ void paint_leaves(Image& image, const Style& style, Rng& rng) {
     leaf.shape = static_cast<int>(rng.below(3));
     const Rgb tint =
         palette[rng.below(leaf_palette_size)] * static_cast<float>(std::exp(0.45 * rng.normal()));
-    const float own = real(rng, 0.25, 1.0);
+    const float brightness = real(rng, 0.25, 1.0);
     leaf.gradient_x = static_cast<float>(0.25 * rng.normal());
     leaf.gradient_y = static_cast<float>(0.25 * rng.normal());
     leaf.stripe_pitch = rng.uniform() < 0.15 ? real(rng, 2, 9) : 0.0f;
@@ -265,7 +265,7 @@ void paint_leaves(Image& image, const Style& style, Rng& rng) {
     if (height > 0.05 && rng.uniform() > style.leaves_above) continue;
     const int y = std::clamp(static_cast<int>(leaf.y), 0, h - 1);
     const Rgb behind = pixel(image, static_cast<int>(leaf.x) % w, y).min(1.0f);
-    leaf.colour = mix(behind, tint, own);
+    leaf.colour = mix(behind, tint, brightness);
     paint_leaf(image, leaf, grain_seed);
   }
 }

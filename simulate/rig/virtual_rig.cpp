@@ -151,18 +151,18 @@ struct VirtualRig::State {
 
   // Renders the scene from where the camera stands now.
   void follow_camera() {
-    const Disturbances::Move wanted = disturbances.position(done);
-    if (wanted.right_px == position.right_px && wanted.down_px == position.down_px) return;
+    const Disturbances::Move camera_position = disturbances.position(done);
+    if (camera_position.right_px == position.right_px && camera_position.down_px == position.down_px) return;
     const int width = transport.width, height = transport.height;
     const LightDomain domain = transport.basis.domain;
     transport = {};  // two of them need not fit into memory
-    TracedScene scene = scene_at(wanted);
+    TracedScene scene = scene_at(camera_position);
     transport = std::move(scene.transport);
     ambient = std::move(scene.ambient);
     check_scene();
     if (transport.width != width || transport.height != height || transport.basis.domain != domain)
       throw InputError("virtual rig: the scene of the moved camera has another size");
-    position = wanted;
+    position = camera_position;
     for (Flip& flip : flips) flip.pattern->scene = {};
     for (ExposedFrame& frame : queue)
       for (Share& share_of_light : frame.light) share_of_light.pattern->scene = {};
@@ -230,7 +230,7 @@ struct VirtualRig::State {
 
     ExposedFrame frame{start, acting, asked, sequence++, gathered(start, end), {}, 1.0f, {}, 0};
     frame.room = static_cast<float>(disturbances.room(done));
-    // The same for all exposures of a photograph.
+    // All exposures of a photograph have the same jitter.
     Rng place(seed, std::bit_cast<std::uint64_t>(done), repetition);
     frame.jitter = sensor.jitter(place.next());
     const double backlight = monitor.backlight(start, end);

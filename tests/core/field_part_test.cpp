@@ -10,7 +10,6 @@
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/field_io/field_stream.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"

@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "core/light/cube_map.h"
-#include "core/light/euler_angles.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield {
 namespace {

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "core/base/reader_process.h"
+#include "core/base/isolated.h"
 
 namespace {
 

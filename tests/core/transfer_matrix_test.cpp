@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/field/transfer_matrix.h"
+#include "core/field/reflectance_field.h"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <fstream>
+#include <memory>
+
 #include "core/base/errors.h"
 #include "core/base/rng.h"
+#include "tests/support/temporary_folder.h"
 
 namespace refield {
 namespace {
@@ -75,6 +79,20 @@ TEST(SparseTransfer, ChecksShapes) {
   transfer.append_row({}, {});
   std::vector<float> outputs(6);
   EXPECT_THROW(transfer.apply({}, outputs), InputError);
+}
+
+TEST(FileVector, GrowsByZerosBehindTheValuesOfItsFile) {
+  const test::TemporaryFolder folder;
+  const std::vector<float> written = {1.0f, 2.0f, 3.0f};
+  std::ofstream(folder / "values", std::ios::binary)
+      .write(reinterpret_cast<const char*>(written.data()), sizeof(float) * written.size());
+  const auto file = std::make_shared<const MappedFile>(folder / "values");
+  FileVector<float> values(3, FileAllocator<float>(file, file->bytes()));
+  EXPECT_EQ(static_cast<const void*>(values.data()), file->bytes().data());
+  // Memory of the new size that holds other numbers before.
+  { const FileVector<float> used(4096, 7.0f); }
+  values.resize(4096);
+  for (std::size_t i = 0; i < values.size(); ++i) ASSERT_EQ(values[i], i < 3 ? written[i] : 0.0f);
 }
 
 }  // namespace

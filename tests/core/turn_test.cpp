@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/light/euler_angles.h"
 
 #include <gtest/gtest.h>
 

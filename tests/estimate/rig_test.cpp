@@ -13,7 +13,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/rng.h"
-#include "core/session/frame_correction.h"
+#include "core/session/capture_session.h"
 #include "estimate/estimate.h"
 #include "estimate/rig/camera_path.h"
 #include "estimate/rig/rig_model.h"

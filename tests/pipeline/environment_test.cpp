@@ -13,7 +13,7 @@
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
-#include "simulate/rig/panorama.h"
+#include "simulate/rig/light_maps.h"
 #include "simulate/tabletop/recipe.h"
 #include "simulate/tabletop/scene.h"
 #include "simulate/tabletop/simulate.h"

@@ -15,7 +15,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/units.h"
-#include "simulate/rig/panorama.h"
+#include "simulate/rig/light_maps.h"
 #include "tests/pipeline/mirror_ball_photo.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/temporary_folder.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/mesh/emitter_map.h"
+#include "relight/mesh/mesh_view.h"
 
 #include <gtest/gtest.h>
 

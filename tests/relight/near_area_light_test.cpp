@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
-#include "relight/mesh/emitter_map.h"
+#include "relight/mesh/mesh_view.h"
 #include "relight/pack/pack.h"
 #include "relight/relighter.h"
 #include "simulate/prt/harmonic_transfer.h"

@@ -9,9 +9,6 @@
 #include <numbers>
 #include <numeric>
 
-#include "simulate/rig/leaf_patterns.h"
-#include "simulate/rig/panorama.h"
-
 namespace refield {
 namespace {
 

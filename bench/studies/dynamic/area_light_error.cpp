@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {
 

@@ -10,7 +10,7 @@
 #include "bench/studies/dynamic/area_light_error.h"
 #include "bench/studies/dynamic/picture_grid.h"
 #include "cli/run_context.h"
-#include "simulate/dynamic/tangent_frame.h"
+#include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic_chart {
 

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 
 #include "bench/studies/peers/peer_data.h"
-#include "core/field/transfer_matrix.h"
+#include "core/field/reflectance_field.h"
 
 namespace refield::peers {
 

@@ -14,7 +14,6 @@
 #include "core/base/files.h"
 #include "core/base/rng.h"
 #include "core/base/units.h"
-#include "core/light/light_cells.h"
 #include "core/session/capture_session.h"
 #include "tests/support/message_of.h"
 #include "tests/support/temporary_folder.h"

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <numbers>
@@ -12,7 +14,6 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/tangent_frame.h"
 #include "simulate/prt/transfer_samples.h"
 #include "tests/simulate/dynamic/hemisphere.h"
 #include "tests/support/temporary_folder.h"
@@ -62,6 +63,20 @@ TEST(Brdf, TablesInterpolateWhatTheyWereMadeFrom) {
   for (const Eigen::Vector3f& in : test::hemisphere(40))
     for (const Eigen::Vector3f& out : test::hemisphere(37))
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(measured(in, out)[c], phong(in, out)[c], 0.006);
+}
+
+/// The inverse of read_brdf_table().
+void write_brdf_table(const fs::path& path, const BrdfTable& table) {
+  std::string text = "refield brdf 1\ntheta_in " + std::to_string(table.theta_in()) + " theta_out " +
+                     std::to_string(table.theta_out()) + " delta_phi " + std::to_string(table.delta_phi()) +
+                     "\n";
+  std::array<char, 32> digits{};  // the shortest that read back the same
+  for (const Eigen::Array3f& value : table.values())
+    for (int c = 0; c < 3; ++c) {
+      text.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value[c]).ptr);
+      text += c < 2 ? ' ' : '\n';
+    }
+  write_text_atomically(path, text);
 }
 
 TEST(Brdf, TablesSurviveTheirFile) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/prt/ggx_gain.h"
+#include "simulate/prt/prt_scene.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "core/base/errors.h"
-#include "core/light/euler_angles.h"
+#include "core/light/monitor_placement.h"
 #include "simulate/prt/harmonic_passes.h"
 #include "tests/simulate/prt/path_comparison.h"
 #include "tests/simulate/prt/small_scenes.h"
