@@ -10,6 +10,7 @@
 
 #include "core/base/errors.h"
 #include "core/light/light_map.h"
+#include "core/light/monitor_placement.h"
 
 namespace refield {
 
@@ -61,39 +62,38 @@ void FieldPictures::lay_out(RelightPrecision precision) {
 
 Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) const {
   const auto* map = std::get_if<LightMap>(&light);
-  std::vector<float> sums;
-  if (!map) {
+  std::vector<float> coefficients;
+  if (const auto* turned = std::get_if<TurnedEnvironment>(&light)) {
     if (!box_projector_) throw InputError("this field needs an environment's light map");
-    const auto& turned = std::get<TurnedEnvironment>(light);
-    sums = box_projector_->project(*turned.environment, turned.turn, run);
+    coefficients = box_projector_->project(*turned->environment, turned->turn, run);
+  } else if (!relighters_) {
+    coefficients = field_->basis.project(*map);
   }
+  Image image(field_->width, field_->height, 3);
   if (!relighters_) {
-    if (map) return field_->relight(*map);
-    Image image(field_->width, field_->height, 3);
-    field_->apply(sums, image.values);
+    field_->apply(coefficients, image.values);
     return image;
   }
   auto relighter = relighters_->take();
-  Image image;
   // Without other pictures' work in between.
-  tbb::this_task_arena::isolate([&] { image = map ? relighter->relight(*map) : relighter->relight(sums); });
+  tbb::this_task_arena::isolate([&] {
+    map ? relighter->relight_into(*map, image.values) : relighter->relight_into(coefficients, image.values);
+  });
   relighters_->idle.push(std::move(relighter));
   return image;
 }
 
-Image FieldPictures::picture(const SceneLight& light, std::size_t frame, const RunContext& run) const {
-  Image outputs = this->outputs(light, run);
+Image FieldPictures::picture(Image outputs, std::size_t frame) const {
   if (cameras_.empty()) return outputs;
   if (view_) return view_->show(outputs);
   return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);
 }
 
-Image FieldPictures::vertices(const SceneLight& light, const RunContext& run) const {
+Image FieldPictures::vertices(const Image& outputs) const {
   if (!field_->mesh) throw InputError("a captured field has no mesh for a .glb file; write .exr or .png");
   if (field_->mesh->outgoing_order > 1)
     throw InputError(
         "glossy vertices look different from every side, which a .glb file cannot hold; write .exr or .png");
-  const Image outputs = this->outputs(light, run);
   Image image(static_cast<int>(field_->mesh->positions.size()), 1, 3);
   for (std::size_t v = 0; v < field_->mesh->positions.size(); ++v)
     for (std::size_t c = 0; c < 3; ++c)

@@ -43,12 +43,18 @@ class FieldPictures {
   int width() const;
   int height() const;
 
-  /// Throws InputError when the light does not fit the field, and for an environment where box_sums_suffice()
-  /// does not hold.
-  Image picture(const SceneLight& light, std::size_t frame, const RunContext& run = {}) const;
-  /// What the vertices of the field's mesh reflect, colours included, [1 × vertices × 3]. Throws InputError
-  /// for a captured field, for one whose light depends on the direction of sight, and what picture() does.
-  Image vertices(const SceneLight& light, const RunContext& run = {}) const;
+  /// What the field's pixels, or the vertices of its mesh, send under a light: [height × width × 3] of the
+  /// field. Throws InputError when the light does not fit the field, and for an environment where
+  /// box_sums_suffice() does not hold.
+  Image outputs(const SceneLight& light, const RunContext& run = {}) const;
+  /// The picture of such outputs.
+  Image picture(Image outputs, std::size_t frame) const;
+  Image picture(const SceneLight& light, std::size_t frame, const RunContext& run = {}) const {
+    return picture(outputs(light, run), frame);
+  }
+  /// What the vertices of the field's mesh reflect of such outputs, colours included, [1 × vertices × 3].
+  /// Throws InputError for a captured field and for one whose light depends on the direction of sight.
+  Image vertices(const Image& outputs) const;
   /// The mesh; null of a captured field.
   const Mesh* mesh() const { return field_->mesh ? &*field_->mesh : nullptr; }
   /// What is to be added to picture(): the light as it is seen beside the mesh, four lines of sight a pixel,
@@ -62,7 +68,6 @@ class FieldPictures {
 
  private:
   struct Relighters;
-  Image outputs(const SceneLight& light, const RunContext& run) const;
 
   const ReflectanceField* field_;
   std::vector<PinholeCamera> cameras_;

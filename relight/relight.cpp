@@ -38,8 +38,6 @@ const Image& radiance_of(const SceneLight& light) {
   return map ? map->radiance : std::get<TurnedEnvironment>(light).environment->map().radiance;
 }
 
-constexpr const char* too_bright = "the light is too bright for 32-bit floats; scale the light map down";
-
 double exposure_of(const Image& shown) {
   ExposureMeter meter;
   meter.add(shown);
@@ -89,10 +87,20 @@ Image MeteredPicture::whole() && {
 }
 
 MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights,
-                                 std::string name)
-    : field_(field), lights_(std::move(lights)), name_(std::move(name)) {}
+                                 std::string name, std::vector<char> are_meshes)
+    : field_(field), lights_(std::move(lights)), name_(std::move(name)), are_meshes_(std::move(are_meshes)) {}
 
-MeteredPicture MeteredPictures::make(std::size_t i, const RunContext& run) const {
+void MeteredPictures::require_finite(const Image& image, std::size_t i, const SceneLight& light) const {
+  if (std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) return;
+  char brightest[32];
+  std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(radiance_of(light).values));
+  refield::require_finite(
+      image, name_ + (lights_.size() == 1 ? std::string() : ", picture " + std::to_string(i + 1)), true,
+      std::string("the light is too bright for 32-bit floats (its brightest texel: ") + brightest +
+          "); scale the light map down");
+}
+
+MeteredPicture MeteredPictures::make(std::size_t i, bool is_metered, const RunContext& run) const {
   run.throw_if_stopped();
   const SceneLight light = lights_[i]();
   if (const auto* map = std::get_if<LightMap>(&light)) {
@@ -100,16 +108,17 @@ MeteredPicture MeteredPictures::make(std::size_t i, const RunContext& run) const
     raise_to(interpolated_, shares.interpolated);
     raise_to(unobserved_, shares.unobserved);
   }
-  Image image = field_.picture(light, i, run);
-  if (!std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) {
-    char brightest[32];
-    std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(radiance_of(light).values));
-    require_finite(image,
-                   name_ + (lights_.size() == 1 ? std::string() : ", picture " + std::to_string(i + 1)), true,
-                   std::string("the light is too bright for 32-bit floats (its brightest texel: ") +
-                       brightest + "); scale the light map down");
+  Image outputs = field_.outputs(light, run);
+  MeteredPicture made;
+  if (is_mesh(i)) {
+    made.vertices = field_.vertices(outputs);
+    require_finite(made.vertices, i, light);
+    if (!is_metered) return made;
   }
-  return {std::move(image), field_.background(light, i)};
+  made.scene = field_.picture(std::move(outputs), i);
+  require_finite(made.scene, i, light);
+  made.background = field_.background(light, i);
+  return made;
 }
 
 double MeteredPictures::sequence_exposure(const RunContext& run) {
@@ -118,7 +127,7 @@ double MeteredPictures::sequence_exposure(const RunContext& run) {
   const auto place = [&](std::size_t k) { return (2 * k + 1) * lights_.size() / (2 * count); };
   Progress progress(run, "choosing the exposure", count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
-    pictures[k] = make(place(k), run);
+    pictures[k] = make(place(k), true, run);
     progress.advance();
   });
   ExposureMeter meter;
@@ -133,24 +142,26 @@ double MeteredPictures::sequence_exposure(const RunContext& run) {
 
 MeteredPicture MeteredPictures::take(std::size_t i, const RunContext& run) {
   const auto kept = kept_.find(i);  // no one else looks for picture i, and the map stays as it is
-  return kept == kept_.end() ? make(i, run) : std::move(kept->second);
+  return kept == kept_.end() ? make(i, false, run) : std::move(kept->second);
 }
 
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
                                 const ExposureOptions& exposure, const RunContext& run) {
   const ThreadLimit limit(run);
   std::vector<LightSource> lights;
+  std::vector<char> are_meshes;
   for (const RelightJob& job : jobs) {
     if (job.output.extension() != ".exr" && !is_exposed(job))
       throw InputError(job.output.string() +
                        ": images are written as .exr or .png, meshes as .glb; give an output with one of "
                        "these extensions");
     lights.push_back(job.light);
+    are_meshes.push_back(is_mesh(job));
   }
   const auto exposed = static_cast<std::size_t>(std::ranges::count_if(jobs, is_exposed));
   const std::filesystem::path& first = jobs.front().output;
   MeteredPictures pictures(field, std::move(lights),
-                           (jobs.size() == 1 ? first : first.parent_path()).string());
+                           (jobs.size() == 1 ? first : first.parent_path()).string(), std::move(are_meshes));
   std::optional<double> shared = exposure.factor;
   if (!shared && exposure.is_sequence && exposed > 0) shared = pictures.sequence_exposure(run);
   std::vector<double> factors(jobs.size()), clipped(jobs.size());
@@ -163,26 +174,27 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
       factors[i] = shared ? *shared : exposure_of(shown);
       if (exposure.factor) clipped[i] = clipped_share(shown, factors[i]);
     };
+    MeteredPicture picture = pictures.take(i, run);
     if (is_mesh(jobs[i])) {
-      const Image vertices = field.vertices(jobs[i].light(), run);
-      require_finite(vertices, jobs[i].output.string(), true, too_bright);
-      factor_for(vertices);
+      factor_for(picture.vertices);
       std::vector<Eigen::Array3f> colours;
-      for (std::size_t v = 0; v < vertices.values.size(); v += 3)
-        colours.push_back(Eigen::Map<const Eigen::Array3f>(&vertices.values[v]) *
+      for (std::size_t v = 0; v < picture.vertices.values.size(); v += 3)
+        colours.push_back(Eigen::Map<const Eigen::Array3f>(&picture.vertices.values[v]) *
                           static_cast<float>(factors[i]));
       write_baked_mesh(jobs[i].output, *field.mesh(), colours);
       progress.advance();
       return;
     }
-    MeteredPicture picture = pictures.take(i, run);
     const bool fills = !picture.background.values.empty();
     const std::vector<float> coverage = field.coverage(i);
     if (is_exposed(jobs[i])) {
-      const Image shown = unpremultiplied(picture.scene, coverage);
+      // A background is added to the picture as it is; without one, the picture may be changed.
+      const Image shown = unpremultiplied(fills ? picture.scene : std::move(picture.scene), coverage);
       factor_for(shown);
-      if (coverage.empty() || fills)
-        write_png(jobs[i].output, fills ? std::move(picture).whole() : shown, {factors[i]});
+      if (fills)
+        write_png(jobs[i].output, std::move(picture).whole(), {factors[i]});
+      else if (coverage.empty())
+        write_png(jobs[i].output, shown, {factors[i]});
       else
         write_with_alpha(jobs[i].output, shown, {factors[i]}, coverage);
     } else if (coverage.empty() || fills) {

@@ -48,11 +48,12 @@ struct ExposureReport {
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
                                 const ExposureOptions& exposure = {}, const RunContext& run = {});
 
-/// The scene in a picture, and what FieldPictures::background() adds to it.
+/// The scene in a picture, and what FieldPictures::background() adds to it; or what its vertices reflect.
 struct MeteredPicture {
   Image scene, background;
+  Image vertices;  ///< FieldPictures::vertices(), of meshes to be written
 
-  /// Both together.
+  /// The scene before its background.
   Image whole() &&;
 };
 
@@ -60,8 +61,10 @@ struct MeteredPicture {
 /// sequence's exposure are not made again, where they fit into memory.
 class MeteredPictures {
  public:
-  /// `name` is what errors call the pictures.
-  MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights, std::string name);
+  /// `name` is what errors call the pictures; `are_meshes` [lights] says which are meshes, none if it is
+  /// empty.
+  MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights, std::string name,
+                  std::vector<char> are_meshes = {});
 
   /// The exposure of a sequence of these pictures: for what light does to the scene, not for the background.
   double sequence_exposure(const RunContext& run);
@@ -71,11 +74,15 @@ class MeteredPictures {
   LightShares light_shares() const { return {interpolated_, unobserved_}; }
 
  private:
-  MeteredPicture make(std::size_t i, const RunContext& run) const;
+  bool is_mesh(std::size_t i) const { return !are_meshes_.empty() && are_meshes_[i] != 0; }
+  /// `is_metered`: the picture is needed of a mesh, too.
+  MeteredPicture make(std::size_t i, bool is_metered, const RunContext& run) const;
+  void require_finite(const Image& image, std::size_t i, const SceneLight& light) const;
 
   const FieldPictures& field_;
   std::vector<LightSource> lights_;
   std::string name_;
+  std::vector<char> are_meshes_;
   std::map<std::size_t, MeteredPicture> kept_;
   mutable std::atomic<double> interpolated_ = 0.0, unobserved_ = 0.0;
 };

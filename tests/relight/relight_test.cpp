@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -11,6 +12,7 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
+#include "tests/support/mesh_field.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
@@ -113,6 +115,27 @@ TEST_F(Relight, ReportsTheLightThatTheFieldDoesNotKnow) {
   field_.observed_light = {{0, 0, 1, domain.height}};
   EXPECT_NEAR(relight_to_files(field_, known).light_shares.unobserved, 0.0, 1e-12);
   EXPECT_NEAR(relight_to_files(field_, both).light_shares.unobserved, 1.0 - 1.0 / domain.width, 1e-12);
+}
+
+TEST_F(Relight, MeshesAreLitOnceAndReportTheirLight) {
+  const test::TemporaryFolder folder;
+  Mesh triangle;
+  triangle.positions = {{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f}};
+  triangle.normals.assign(3, Eigen::Vector3f(0.0f, 0.0f, -1.0f));
+  triangle.colours.assign(3, Eigen::Array3f::Ones());
+  triangle.triangles = {{0, 1, 2}};
+  ReflectanceField field = test::unshadowed_field(triangle);
+  field.observed_light = {{0, 0, 4, 4}};  // one face of six
+  std::atomic<int> lights = 0;
+  const LightSource white = [&] {
+    ++lights;
+    return LightMap{Image(4, 24, 3, 1.0f), Parameterisation::cube};
+  };
+  const std::vector<RelightJob> jobs = {{white, folder / "0.glb"}, {white, folder / "1.glb"}};
+  const ExposureReport report = relight_to_files(field, jobs, {.is_sequence = true});
+  EXPECT_EQ(lights, 2);
+  EXPECT_NEAR(report.light_shares.unobserved, 5.0 / 6.0, 1e-6);
+  EXPECT_EQ(read_text(folder / "0.glb"), read_text(folder / "1.glb"));
 }
 
 TEST_F(Relight, PicturesAreExposedByThemselvesAndSequencesAsOne) {
