@@ -16,7 +16,6 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/image/image.h"
 #include "core/image/image_io.h"
@@ -44,11 +43,6 @@ struct LightsOptions {
 std::pair<int, int> size_of(const std::string& text) {
   const PictureSize size = read_picture_size(text, {1, 1}, "--light-size");
   return {size.width, size.height};
-}
-
-/// "name", or with brightness steps "name_x0.25" and so on.
-std::string name_of(const std::string& name, double step, bool stepped) {
-  return name + (stepped ? formatted("_x%.4g", step) : "");
 }
 
 /// Writes patterns, linear radiance from 0 to 1, as OpenEXR and, where asked for, as PNG.
