@@ -106,7 +106,7 @@ class Sources:
                  "CHANGELOG.md": "changelog.md", "include/refield": "reference/cpp/index.md"}
         if name in fixed:
             return fixed[name]
-        if name.startswith("docs/") and target.suffix not in (".py", ".sh"):
+        if name.startswith("docs/") and target.suffix not in (".py", ".sh", ".toml"):
             return name.removeprefix("docs/")
         page = f"sources/{name}.md"
         self.listings[page] = target
