@@ -92,6 +92,8 @@ void print(const ImportSummary& summary, const fs::path& folder) {
 
 void run_import(const ImportOptions& options, const Common& common) {
   const fs::path& output = options.request.folder;
+  if (options.light_sources != "ball" && (options.ball != "find" || options.horizontal_fov))
+    throw InputError("--ball and --horizontal-fov require --light-sources ball");
   if (options.pair_by == "time") return match_by_time(options, common);
   if (output.extension() == ".exr") return merge_one_view(options, common);
   if (output.extension() == ".toml") return estimate_camera_response(options, common);

@@ -103,6 +103,7 @@ void fill_exposures(const VirtualOptions& options, const Recipe& recipe, Capture
   request.exposure_plan.count = series.count;
   request.exposure_plan.ratio = series.ratio;
   request.frames_per_exposure = series.frames;
+  request.ambient_repeats = series.ambient_frames;
   if (!options.max_noise.empty()) request.exposure_plan.relative_noise = error_from_text(options.max_noise);
   if (series.longest && options.max_noise.empty())
     request.exposure_plan.shortest =

@@ -126,6 +126,7 @@ void read_exposures(Section section, ExposureSeries& exposures) {
   section.integer("count", exposures.count, 1, 16);
   section.number("ratio", exposures.ratio, 1.01, 64.0);
   section.integer("averaged_frames", exposures.frames, 1, 1000);
+  section.integer("ambient_frames", exposures.ambient_frames, 0, 64);
   double longest = 0.0;
   section.number("longest_s", longest, 1e-6, 3600.0);
   if (section.has("longest_s")) exposures.longest = Seconds(longest);

@@ -29,6 +29,7 @@ struct ExposureSeries {
   double ratio = 4.0;              ///< of one exposure to the next shorter
   std::optional<Seconds> longest;  ///< else metered
   int frames = 1;                  ///< averaged for each exposure
+  int ambient_frames = 0;          ///< of the ambient photograph; 0: a number by that of the lights
 };
 
 /// What virtual devices the scene is photographed with.

@@ -132,7 +132,7 @@ TEST_F(ColourVerb, FieldsOfASessionWithAChartAreInRec709) {
   EXPECT_THAT(run_refield({"info", folder_ / "before.rfield"}).out, HasSubstr("camera RGB"));
 
   const auto calibrated =
-      run_refield({"acquire", "colour", folder_ / "session", "--picture", folder_ / "check.png", "--json"});
+      run_refield({"acquire", "colour", folder_ / "session", "-o", folder_ / "check.png", "--json"});
   ASSERT_THAT(calibrated, Succeeded());
   const auto figures = nlohmann::json::parse(calibrated.out);
   EXPECT_LE(figures["delta_e_2000"]["median"], 1.0);

@@ -191,7 +191,7 @@ TEST_F(Outputs, AFolderThatMayNotBeEntered) {
   fs::permissions(folder_.path(), fs::perms::all);
   fs::permissions(folder_ / "locked", fs::perms::none);
   for (const std::string arguments :
-       {"info locked/f.rfield", "estimate locked/session -o o.rfield", "hdr locked/a.exr -o o.exr",
+       {"info locked/f.rfield", "estimate locked/session -o o.rfield", "acquire import locked/a.exr -o o.exr",
         "compare 'locked/*.exr' locked -o o.exr", "relight locked/f.rfield --bar 0.5 -o o",
         "precompute locked/a.obj -o o.rfield", "compare locked/f.rfield locked/session -o o.html"}) {
     const auto result = run_shell(folder_.path(), as_user + " \"'" REFIELD_PROGRAM "' " + arguments + "\"");

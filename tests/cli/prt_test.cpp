@@ -76,7 +76,7 @@ TEST(SimulatePrtVerb, AddsReflectedLight) {
   const auto brightness = [&](const char* bounces) {
     const std::string field = folder / "f.rfield", picture = folder / "picture.exr";
     EXPECT_THAT(run_refield({"precompute", small_scene, "-o", field, "--resolution", "16", "--epsilon",
-                             "2e-3", "--bounces", bounces}),
+                             "2e-3", "--diffuse-bounces", bounces}),
                 Succeeded());
     EXPECT_EQ(json::parse(run_refield({"info", field, "--json"}).out)["provenance"]["bounces"],
               std::stoi(bounces));

@@ -150,7 +150,7 @@ TEST_F(RelightVerb, AnEnvironmentNeedsToKnowWhereTheMonitorStood) {
     return run_refield(more);
   };
   EXPECT_THAT(relit({}), RefusedNaming("window.rfield", "--placement 520x320@600"));
-  EXPECT_THAT(relit({"--monitor", "520x320"}), RefusedNaming("520x320", "distance"));
+  EXPECT_THAT(relit({"--placement", "520x320"}), RefusedNaming("520x320", "distance"));
   const auto result = relit({"--placement", "520x320@300,yaw=90", "--json"});
   EXPECT_THAT(result, Succeeded());
   const Image by_option = read_image(output_);

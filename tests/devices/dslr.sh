@@ -17,7 +17,7 @@ touch "$share/tree/DCIM/TEMPLATE.DNG"
 export VIRTUAL_DSLR_TREE=$share/tree HOME=$share  # libgphoto2 keeps settings in the home folder
 lights="s/^train = .*/train = 16/; s/^natural = .*/natural = 4/; s/^bars = .*/bars = 2/; s/^squares = .*/squares = 2/"  # enough that each fault strikes
 [[ -z $patterns ]] || lights="s/^train = .*/train = $((patterns - 30))/"
-sed "$lights; s/^sensitivity = .*/sensitivity = 8e6/" "$here/lab_recipe.toml" >"$share/recipe.toml"
+sed "$lights; s/^sensitivity = .*/sensitivity = 8e6/; s/^\[sensor\]/[exposures]\nambient_frames = 1\n&/" "$here/lab_recipe.toml" >"$share/recipe.toml"
 "$here/virtual_rig.sh" "$share" "$([[ -z $patterns ]] && echo 1 || echo 5)" --exposures 0.0025,0.005,0.01,0.02
 "$build/cli/refield" acquire devices 2>/dev/null | grep -A 3 "gphoto:" | sed 's/^/## /'
 

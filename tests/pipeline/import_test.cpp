@@ -43,7 +43,9 @@ class Import : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = std::make_unique<TemporaryFolder>();
-    write_text_atomically(*folder_ / "recipe.toml", test::tiny_recipe);
+    std::string recipe = test::tiny_recipe;
+    recipe.insert(recipe.find("count = 4"), "ambient_frames = 1\n");
+    write_text_atomically(*folder_ / "recipe.toml", recipe);
     ASSERT_EQ(run_program({"simulate", at("recipe.toml"), "-o", at("truth")}, at("log")), 0)
         << read_text(at("log"));
     ASSERT_EQ(run_program({"acquire", "run", at("recipe.toml"), "--truth", at("truth"), "-o", at("session"),

@@ -91,7 +91,9 @@ class ManualCapture : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = std::make_unique<TemporaryFolder>();
-    write_text_atomically(at("recipe.toml"), test::tiny_recipe);
+    std::string recipe = test::tiny_recipe;
+    recipe.insert(recipe.find("count = 4"), "ambient_frames = 1\n");
+    write_text_atomically(at("recipe.toml"), recipe);
     const std::vector<std::vector<std::string>> commands = {
         {"acquire", "lights", "--starter", "--light-size", "16x12", "-o", at("lights"), "--png",
          at("patterns")},
@@ -207,8 +209,7 @@ TEST_F(ManualCapture, ImportedByOrderTheCamerasCurveIsEstimated) {
   constexpr double rounding_and_jpeg = 0.04;  // 8 bits, quality 98, without a camera's own noise
   EXPECT_LT(after, rounding_and_jpeg);
 
-  ASSERT_EQ(run({"acquire", "import", at("shots"), "-o", out_ / "camera.toml"}), 0)
-      << log();
+  ASSERT_EQ(run({"acquire", "import", at("shots"), "-o", out_ / "camera.toml"}), 0) << log();
   EXPECT_THAT(log(), HasSubstr("response estimated from"));
   ASSERT_EQ(run({"acquire", "import", at("shots"), "--light", at("shown"), "--ambient-first", "--response",
                  out_ / "camera.toml", "-o", out_ / "calibrated"}),

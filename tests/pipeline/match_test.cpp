@@ -95,8 +95,9 @@ TEST_F(MatchSeries, NotOnePairIsWrong) {
 }
 
 TEST_F(MatchSeries, TheSessionIsEstimatedFrom) {
-  ASSERT_EQ(test::run_program({"acquire", "import", folder_ / "city", "--light", folder_ / "sky", "--pair-by",
-                               "time", "-o", folder_ / "session", "--offset", "auto", "--hold-out", "5"},
+  ASSERT_EQ(test::run_program({"acquire", "import", folder_ / "city", "--light", folder_ / "sky",
+                               "--parameterisation", "lat_long", "--pair-by", "time", "-o",
+                               folder_ / "session", "--offset", "auto", "--hold-out", "5"},
                               folder_ / "match.log"),
             0)
       << read_text(folder_ / "match.log");
