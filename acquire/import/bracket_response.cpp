@@ -248,26 +248,25 @@ class LogResponse {
            std::exp(coefficients_(knot) * (1.0 - above) + coefficients_(knot + 1) * above);
   }
 
-  /// RMS of the samples about the curve, relative.
+  /// RMS of the samples about the curve, relative, weighted as in the fit.
   double residual(std::span<const BracketSamples> brackets, std::span<const ScenePoint> points,
                   double full) const {
-    double squares = 0.0, count = 0.0;
+    double squares = 0.0, total = 0.0;
+    std::vector<Row> rows;
     for (const ScenePoint& point : points) {
-      const BracketSamples& bracket = brackets[point.bracket];
-      double first = 0.0;
-      for (std::size_t i = 0; i < bracket.values.size(); ++i) {
-        const double value = bracket.values[i][point.sample];
-        if (!is_usable(value, full)) continue;
-        const double radiance = light(value / full) / bracket.seconds[i];
-        if (first > 0.0) {
-          squares += std::pow(std::log(radiance / first), 2);
-          count += 1.0;
-        } else {
-          first = radiance;
-        }
+      rows_of(brackets[point.bracket], point.sample, full, rows);
+      double sum = 0.0, sum_of_squares = 0.0, weights = 0.0;
+      for (const Row& row : rows) {
+        const double of_curve =
+            coefficients_(row.knot) * (1.0 - row.above) + coefficients_(row.knot + 1) * row.above;
+        sum += row.weight * (row.value - of_curve);
+        sum_of_squares += row.weight * std::pow(row.value - of_curve, 2);
+        weights += row.weight;
       }
+      squares += sum_of_squares - sum * sum / weights;
+      total += weights;
     }
-    return std::sqrt(squares / std::max(count, 1.0));
+    return std::sqrt(std::max(squares, 0.0) / total);
   }
 
  private:
@@ -619,14 +618,6 @@ std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamp
   return ratios;
 }
 
-double disagreement(std::span<const BracketSamples> brackets, const BracketCamera& camera) {
-  std::size_t worst = 0;
-  double squares = std::pow(worst_agreement(brackets, camera, worst).spread, 2);
-  for (const auto& ratio : measure_ratios(brackets, camera))
-    if (ratio) squares += ratio->log * ratio->log;
-  return std::sqrt(squares);
-}
-
 std::string times_text(const std::vector<double>& seconds) {
   std::string text;
   for (const double time : seconds) text += (text.empty() ? "" : ", ") + digits(time, 4);
@@ -648,18 +639,17 @@ std::vector<double> times_by_ratio(std::span<const BracketSamples> brackets, con
   return times;
 }
 
-/// The times that cameras mean by those they state, with their response curve, where they agree better.
+/// The times that cameras mean by those they state, with their response curve, where that fits clearly
+/// better. A curve serves any times of one common ratio, but only the right ones where ratios differ.
 std::vector<double> times_by_name(std::span<const BracketSamples> brackets, BracketCamera& camera) {
-  constexpr double clearly = 0.7;
+  constexpr double clearly = 0.92;  // 5 brackets of 80×60 pixels with 1/60, 1/15 and 1/4 s have 0.80
   std::vector<double> times = brackets.front().seconds;
   for (double& time : times) time = std::exp2(std::round(3.0 * std::log2(time)) / 3.0);
   std::vector<BracketSamples> renamed(brackets.begin(), brackets.end());
   for (BracketSamples& bracket : renamed) bracket.seconds = times;
-  BracketCamera other = camera;
-  other.curve = estimate_response(renamed).linear_from_dn;
-  if (disagreement(renamed, other) > clearly * disagreement(brackets, camera))
-    return brackets.front().seconds;
-  camera = std::move(other);
+  ResponseEstimate named = estimate_response(renamed);
+  if (named.residual > clearly * estimate_response(brackets).residual) return brackets.front().seconds;
+  camera.curve = std::move(named.linear_from_dn);
   return times;
 }
 

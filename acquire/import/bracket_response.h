@@ -46,8 +46,8 @@ ExposureAgreement compare_exposures(const BracketSamples& bracket, const Bracket
 /// An inverse response estimated from brackets.
 struct ResponseEstimate {
   std::vector<float> linear_from_dn;  ///< [2^bits], 0 at 0
-  double residual = 0.0;              ///< RMS by which radiances of one scene point differ, relative
-  std::size_t places = 0;             ///< samples of scene points that it rests on
+  double residual = 0.0;   ///< RMS by which radiances of one scene point differ, relative, weighted
+  std::size_t places = 0;  ///< samples of scene points that it rests on
 };
 
 /// Estimates the response that makes samples proportional to exposure time: log light of each scene point =
@@ -69,7 +69,7 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
 /// settle_response(). Where they differ from the stated ones by more than 1.5 % and their uncertainty
 /// (cameras round: 1/60, 1/30 and 1/15 s are 2^-6, 2^-5 and 2^-4 s), sets `camera.measured_times`. A curve
 /// that was estimated with wrong times has adapted to them: there the powers of 2^(1/3) nearest to the stated
-/// times are tried, and taken with their curve where the exposures agree clearly better. Returns what the
+/// times are tried, and taken with their curve where the samples fit it clearly better. Returns what the
 /// user should know; empty: the times stay.
 std::string settle_times(std::span<const BracketSamples> brackets, BracketCamera& camera);
 
