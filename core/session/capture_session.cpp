@@ -363,8 +363,9 @@ LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameter
 }
 
 int rig_margin(const FrameCorrection* correction) {
-  if (!correction || correction->shift_px[1] == 0.0) return 0;
-  return static_cast<int>(std::ceil(std::abs(correction->shift_px[1]))) + 2;
+  if (!correction) return 0;
+  const double shift = correction->shift_px[1];
+  return 1 + (shift == 0.0 ? 0 : static_cast<int>(std::ceil(std::abs(shift))) + 2);  // 1: for bound_of()
 }
 
 std::array<float, 4> cubic_weights(double t) {
@@ -401,7 +402,11 @@ void interpolate_row(const Image& rows, int first_row, int y, const std::array<d
 
 }  // namespace
 
-Image undo_rig(const Image& rows, int first_row, int first, int last, const FrameCorrection& correction) {
+namespace {
+
+/// What undo_rig() does to samples that were all measured.
+Image moved_and_unmixed(const Image& rows, int first_row, int first, int last,
+                        const FrameCorrection& correction) {
   Image result(rows.width, last - first, 3);
   const bool moves = correction.shift_px != std::array<double, 2>{};
   const bool mixes = correction.primaries_from_camera != Eigen::Matrix3f::Identity();
@@ -420,16 +425,63 @@ Image undo_rig(const Image& rows, int first_row, int first, int last, const Fram
   return result;
 }
 
+/// The better of two lower bounds of an unmeasured sample: what it shows, and the mean of its neighbours that
+/// were measured (it may be a dead pixel).
+float bound_of(const Image& rows, const std::vector<char>& unmeasured, int x, int y, int c) {
+  float sum = 0.0f, count = 0.0f;
+  for (const auto& [u, v] : {std::pair(x - 1, y), {x + 1, y}, {x, y - 1}, {x, y + 1}}) {
+    if (u < 0 || v < 0 || u >= rows.width || v >= rows.height) continue;
+    const std::size_t i = (static_cast<std::size_t>(v) * rows.width + u) * 3 + c;
+    if (unmeasured[i]) continue;
+    sum += rows.values[i];
+    count += 1.0f;
+  }
+  const float shown = rows.at(x, y, c), mean = count > 0.0f ? sum / count : 0.0f;
+  return std::isfinite(shown) ? std::max(shown, mean) : mean;
+}
+
+}  // namespace
+
+Image undo_rig(const Image& rows, const std::vector<char>& unmeasured, int first_row, int first, int last,
+               const FrameCorrection& correction) {
+  if (std::ranges::count(unmeasured, 1) == 0)
+    return moved_and_unmixed(rows, first_row, first, last, correction);
+  constexpr float max_share =
+      0.25f;  // clipped samples may lack half their light: then errors are 25 % and less
+  Image filled = rows, lost(rows.width, rows.height, 3);
+  for (int y = 0; y < rows.height; ++y)
+    for (int x = 0; x < rows.width; ++x)
+      for (int c = 0; c < 3; ++c)
+        if (unmeasured[(static_cast<std::size_t>(y) * rows.width + x) * 3 + c])
+          filled.at(x, y, c) = lost.at(x, y, c) = bound_of(rows, unmeasured, x, y, c);
+  Image result = moved_and_unmixed(filled, first_row, first, last, correction);
+  const Image part = moved_and_unmixed(lost, first_row, first, last, correction);
+  const auto dx = static_cast<int>(std::lround(correction.shift_px[0])),
+             dy = static_cast<int>(std::lround(correction.shift_px[1]));
+  for (int y = first; y < last; ++y)
+    for (int x = 0; x < rows.width; ++x) {
+      const int v = std::clamp(y + dy - first_row, 0, rows.height - 1),
+                u = std::clamp(x + dx, 0, rows.width - 1);
+      for (int c = 0; c < 3; ++c) {
+        float& value = result.at(x, y - first, c);
+        if (unmeasured[(static_cast<std::size_t>(v) * rows.width + u) * 3 + c] ||
+            std::abs(part.at(x, y - first, c)) > max_share * std::abs(value))
+          value = std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+  return result;
+}
+
 namespace {
 
-/// Undoes the frame's correction. Samples whose interpolation needs one that was not measured are not either.
+/// Undoes the frame's correction.
 Photograph undone(Photograph photograph, const CaptureFrame& frame) {
   if (!frame.correction) return photograph;
   constexpr float unknown = std::numeric_limits<float>::infinity();
   auto &radiance = photograph.radiance, &sigma = photograph.sigma;
-  for (std::size_t i = 0; i < sigma.values.size(); ++i)
-    if (sigma.values[i] == unknown) radiance.values[i] = std::numeric_limits<float>::quiet_NaN();
-  radiance = undo_rig(radiance, 0, 0, radiance.height, *frame.correction);
+  std::vector<char> unmeasured;
+  for (const float value : sigma.values) unmeasured.push_back(value == unknown);
+  radiance = undo_rig(radiance, unmeasured, 0, 0, radiance.height, *frame.correction);
   for (std::size_t i = 0; i < sigma.values.size(); ++i)
     if (std::isnan(radiance.values[i])) {
       radiance.values[i] = 0.0f;

@@ -132,10 +132,13 @@ Mask read_mask(const std::filesystem::path& path, int width, int height);
 int rig_margin(const FrameCorrection* correction);
 
 /// Undoes shift, gain and colour mixing of `rows`, rows [first_row, first_row + rows.height) of a photograph,
-/// and returns those from `first` to `last`. One interpolation (Keys' cubic convolution, a = −1/2); a sample
-/// that needs one that was not measured (NaN) is not measured, and no channel of a pixel is where one is
-/// not. Beyond the picture's edges the nearest pixel counts.
-Image undo_rig(const Image& rows, int first_row, int first, int last, const FrameCorrection& correction);
+/// and returns those from `first` to `last`. One interpolation (Keys' cubic convolution, a = −1/2). Beyond
+/// the picture's edges the nearest pixel counts. `unmeasured` [samples of rows]: samples that show no more
+/// than a lower bound, as clipped ones do; empty: none. A sample is NaN, not measured, where the nearest one
+/// of its channel is unmeasured or such samples make up more than a quarter of it: else a highlight would
+/// take along all pixels that are interpolated from it, in all photographs that moved.
+Image undo_rig(const Image& rows, const std::vector<char>& unmeasured, int first_row, int first, int last,
+               const FrameCorrection& correction);
 
 /// Weights of the pixels −1, 0, 1, 2 for a value `t` in [0, 1) after pixel 0. Source: Keys 1981, eq. 15.
 std::array<float, 4> cubic_weights(double t);

@@ -22,9 +22,9 @@ namespace {
 /// Images are transposed this many at a time: a cache line of floats.
 constexpr int group_size = 16;
 
-/// A photograph's rows with unmeasured samples as NaN.
-Image read_measured_rows(const CaptureFrame& frame, int width, int first_row, int last_row,
-                         float clip_level) {
+/// A photograph's rows. `unmeasured` [samples] tells which show no more than a lower bound.
+Image read_measured_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level,
+                         std::vector<char>& unmeasured) {
   Photograph photograph = read_observed_rows(frame, first_row, last_row);
   Image& radiance = photograph.radiance;
   if (radiance.width != width)
@@ -38,31 +38,37 @@ Image read_measured_rows(const CaptureFrame& frame, int width, int first_row, in
                      std::to_string(first_row + static_cast<int>(i / 3) / width) + "), " + channels[i % 3] +
                      ", has a " + quantity + " of " + number + "; " + remedy);
   };
+  unmeasured.assign(radiance.values.size(), 0);
   for (std::size_t i = 0; i < radiance.values.size(); ++i) {
-    float& value = radiance.values[i];
+    const float value = radiance.values[i];
     const float sigma = photograph.sigma.empty() ? 0.0f : photograph.sigma.values[i];
     if (!(sigma >= 0.0f))
       refuse(i, "noise estimate (sigma)", sigma,
              "a standard deviation is 0 or more, and infinite where nothing was measured");
     // The camera clips before drift is divided out.
     const bool clipped = std::isfinite(clip_level) && value * frame.gain[i % 3] >= clip_level;
-    if (clipped || std::isinf(sigma))
-      value = std::numeric_limits<float>::quiet_NaN();
-    else if (!(std::abs(value) <= largest_radiance))
+    unmeasured[i] = clipped || std::isinf(sigma);
+    if (!unmeasured[i] && !(std::abs(value) <= largest_radiance))
       refuse(i, "radiance", value,
              "repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
   }
   return std::move(radiance);
 }
 
-/// The same without what the rig did, but for the room light.
+/// The same without what the rig did, but for the room light; NaN where not measured.
 Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
-  if (!frame.correction) return read_measured_rows(frame, width, first_row, last_row, clip_level);
+  std::vector<char> unmeasured;
+  if (!frame.correction) {
+    Image rows = read_measured_rows(frame, width, first_row, last_row, clip_level, unmeasured);
+    for (std::size_t i = 0; i < unmeasured.size(); ++i)
+      if (unmeasured[i]) rows.values[i] = std::numeric_limits<float>::quiet_NaN();
+    return rows;
+  }
   const int margin = rig_margin(frame.correction.get());
   const int first = std::max(0, first_row - margin),
             last = std::min(frame.correction->height_px, last_row + margin);
-  return undo_rig(read_measured_rows(frame, width, first, last, clip_level), first, first_row, last_row,
-                  *frame.correction);
+  const Image rows = read_measured_rows(frame, width, first, last, clip_level, unmeasured);
+  return undo_rig(rows, unmeasured, first, first_row, last_row, *frame.correction);
 }
 
 /// Photograph j loses room_j times the grey mean of all photographs.

@@ -370,12 +370,43 @@ TEST(RigModel, UndoesShiftGainAndMixingOfAParabola) {
       pixel = (mixing * pixel).eval();
       for (int c = 0; c < 3; ++c) image.at(x, y, c) = correction.gain[c] * pixel[c];
     }
-  const Image undone = undo_rig(image, 0, 4, 7, correction);
+  const Image undone = undo_rig(image, {}, 0, 4, 7, correction);
   for (int y = 4; y < 7; ++y)
     for (int x = 2; x < 9; ++x)
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(undone.at(x, y - 4, c), truth(x, y, c), 1e-4);
-  image.at(5, 4, 1) = NAN;
-  EXPECT_TRUE(std::isnan(undo_rig(image, 0, 4, 7, correction).at(5, 1, 0)));
+}
+
+TEST(RigModel, AClippedSampleTakesAlongOnlyWhatConsistsOfIt) {
+  Image image(9, 5, 3);
+  std::ranges::fill(image.values, 1.0f);
+  std::vector<char> unmeasured(image.values.size(), 0);
+  const auto clip = [&](int x, float shown) {
+    image.at(x, 2, 0) = shown;
+    unmeasured[(std::size_t{2} * 9 + x) * 3] = 1;
+  };
+  clip(4, 4.0f);
+  FrameCorrection correction;
+  const auto measured = [&](int x, int c) {
+    return std::isfinite(undo_rig(image, unmeasured, 0, 0, 5, correction).at(x, 2, c));
+  };
+  correction.shift_px = {0.05, 0.0};  // Keys' weights of the pixels beside: −0.02 and 0.01
+  EXPECT_FALSE(measured(4, 0));
+  EXPECT_TRUE(measured(3, 0));
+  EXPECT_TRUE(measured(5, 0));
+  EXPECT_TRUE(measured(4, 1));
+  correction.shift_px = {0.4, 0.0};  // pixel 3 is interpolated from pixel 4, which makes up most of it
+  EXPECT_FALSE(measured(3, 0));
+  EXPECT_TRUE(measured(1, 0));
+  correction.shift_px = {};
+  correction.primaries_from_camera(1, 0) = -0.05f;
+  correction.primaries_from_camera(2, 0) = -0.5f;
+  EXPECT_FALSE(measured(4, 0));
+  EXPECT_TRUE(measured(4, 1));
+  EXPECT_FALSE(measured(4, 2));
+  clip(4, 0.0f);  // a dead pixel shows nothing, its neighbours do
+  correction = {};
+  correction.shift_px = {0.4, 0.0};
+  EXPECT_FALSE(measured(3, 0));
 }
 
 /// Ten photographs, of which every fifth is held out, and the rig model of the others.
@@ -448,7 +479,8 @@ TEST(RigModel, ReadersOfPhotographsUndoTheShift) {
   const Photograph read = read_observed(frame);
   EXPECT_NEAR(read.radiance.at(5, 4, 0), 1 + 5.5 + 40, 1e-4);
   EXPECT_TRUE(std::isinf(read.sigma.at(2, 3, 1))) << "was not measured";
-  EXPECT_TRUE(std::isinf(read.sigma.at(3, 3, 1))) << "needs what was not measured";
+  EXPECT_TRUE(std::isinf(read.sigma.at(1, 3, 1))) << "half of it was not measured";
+  EXPECT_EQ(read.sigma.at(3, 3, 1), 0.0f) << "a sixteenth of it was not measured";
   EXPECT_EQ(read.sigma.at(5, 4, 0), 0.0f);
 }
 
