@@ -175,6 +175,10 @@ void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, Fram
   if (!used.search.too_many) {  // else there is no majority to measure by
     std::vector<char> left_out(paired.frames.size(), 0);
     for (const OutlierFrame& outlier : used.search.outliers) left_out[outlier.frame] = 1;
+    const auto primaries = primary_images(used.lights);
+    if (std::ranges::none_of(primaries, &std::vector<int>::empty))
+      for (const auto& images : primaries)
+        for (const int image : images) left_out[image] = 0;
     found =
         estimate_rig(paired.frames, left_out, job.session, job.mask, options.clip_level, used.lights, run);
   }
@@ -194,12 +198,78 @@ void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, Fram
   evidence = FrameEvidence(job, options, true, run);
 }
 
+/// How many times the ambient photograph outlier `image` shows besides what the others predict of it; nullopt
+/// where that leaves much of the difference.
+std::optional<double> room_light_in(const EstimateJob& job, const EstimateOptions& options,
+                                    const FrameEvidence& evidence, int image, const RunContext& run) {
+  constexpr double max_rest = 0.3;  // of the difference, where the room light explains it
+  if (!job.session.ambient) return std::nullopt;
+  CaptureFrame dark = job.frames[image];
+  dark.observed = *job.session.ambient;
+  dark.views.reset();
+  if (dark.correction) {
+    FrameCorrection correction = *dark.correction;
+    correction.room = {};
+    dark.correction = std::make_shared<const FrameCorrection>(correction);
+  }
+  const std::vector<CaptureFrame> frames{dark};
+  const PixelSample ambient =
+      read_pixel_sample(frames, job.session.width, job.session.height, job.mask, options.clip_level, run);
+  const PixelSample& sample = evidence.sample;
+  std::vector<char> left_out(static_cast<std::size_t>(sample.images), 0);
+  for (const OutlierFrame& outlier : evidence.search.outliers) left_out[outlier.frame] = 1;
+  const LightGrams grams = light_grams(evidence.lights);
+  // Medians over samples, relative to what the pixel shows: hot pixels and highlights would decide else.
+  struct Sample {
+    double room, difference, scale;
+  };
+  std::vector<Sample> samples;
+  for (int c = 0; c < 3; ++c) {
+    const Eigen::Map<const Eigen::MatrixXf> series(sample.series(c, 0), sample.images, sample.pixels);
+    const auto loo = leave_one_out(grams.of_channel[c], series, left_out, grams.repeats, run);
+    for (int p = 0; p < sample.pixels; ++p) {
+      double power = 0.0;
+      for (int j = 0; j < sample.images; ++j)
+        if (std::isfinite(series(j, p))) power += std::pow(series(j, p), 2);
+      if (const double room = *ambient.series(c, p); room > 0.0 && power > 0.0)
+        samples.push_back({room, loo.residual(image, p), 1.0 / std::sqrt(power)});
+    }
+  }
+  if (samples.empty()) return std::nullopt;
+  const auto median = [&](auto value) {
+    std::vector<double> values;
+    for (const Sample& of : samples) values.push_back(value(of));
+    std::ranges::nth_element(values, values.begin() + std::ssize(values) / 2);
+    return values[values.size() / 2];
+  };
+  const double times = median([](const Sample& of) { return of.difference / of.room; });
+  const double before = median([](const Sample& of) { return of.scale * std::abs(of.difference); });
+  const double after =
+      median([&](const Sample& of) { return of.scale * std::abs(of.difference - times * of.room); });
+  return times > 0.0 && after < max_rest * before ? std::optional(times) : std::nullopt;
+}
+
 /// Finds the frames to leave out, and those that are doubtful.
-void assess_frames(const EstimateJob& job, const OutlierSearch& search, FrameReport& report) {
-  report.typical_residual = search.typical_residual;
-  auto& list = search.too_many ? report.doubtful : report.left_out;
-  for (const OutlierFrame& outlier : search.outliers)
-    list.push_back({job.frames[outlier.frame].name, description_of(outlier), outlier});
+void assess_frames(const EstimateJob& job, const EstimateOptions& options, const FrameEvidence& evidence,
+                   FrameReport& report, const RunContext& run) {
+  report.typical_residual = evidence.search.typical_residual;
+  auto& list = evidence.search.too_many ? report.doubtful : report.left_out;
+  for (const OutlierFrame& outlier : evidence.search.outliers) {
+    std::string why = description_of(outlier);
+    std::optional<double> room;
+    if (outlier.kind != OutlierFrame::Kind::region && !evidence.search.too_many)
+      room = room_light_in(job, options, evidence, outlier.frame, run);
+    char text[160];
+    if (room) {
+      std::snprintf(
+          text, sizeof text,
+          "the room light was on: it shows %.3g times the ambient photograph besides what its light "
+          "explains",
+          *room);
+      why = text;
+    }
+    list.push_back({job.frames[outlier.frame].name, why, outlier});
+  }
 }
 
 void log_frames(const FrameReport& report, std::size_t images, const RunContext& run) {
@@ -341,7 +411,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   log_rig(report.rig, run);
   report.residuals = evidence.search.residuals;
   const PixelSample& sample = evidence.sample;
-  if (can_assess) assess_frames(job, evidence.search, report);
+  if (can_assess) assess_frames(job, options, evidence, report, run);
   log_frames(report, job.frames.size(), run);
   std::vector<int> dropped;
   for (const LeftOutFrame& frame : report.left_out) dropped.push_back(frame.found.frame);

@@ -61,16 +61,27 @@ Tile cut(const ObservationBand& band, int x0, int x1, int picture_width, int pic
   tile.height = band.last_row() - band.first_row();
   tile.stride = padded_length(band.images());
   tile.values.assign(static_cast<std::size_t>(tile.width) * tile.height * 3 * tile.stride, 0.0f);
-  std::vector<char> bad(static_cast<std::size_t>(tile.width) * tile.height, 0);
+  const auto at = [&](int x, int y, int c, int j) -> std::optional<float> {
+    if (x < 0 || y < 0 || x >= tile.width || y >= tile.height) return std::nullopt;
+    const float value = band.samples(x0 + x, tile.y0 + y, c)[j];
+    return std::isfinite(value) ? std::optional(value) : std::nullopt;
+  };
+  // Of pixels: what their neighbours cannot replace, and hot pixels, whose neighbours do.
+  std::vector<char> bad(static_cast<std::size_t>(tile.width) * tile.height, 0), replaced = bad;
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x)
       for (int c = 0; c < 3; ++c) {
-        const float* from = band.samples(x0 + x, tile.y0 + y, c);
         float* to = tile.at(x, y, c);
         for (int j = 0; j < band.images(); ++j) {
-          const bool measured = std::isfinite(from[j]);
-          to[j] = measured ? from[j] : 0.0f;
-          if (!measured) bad[static_cast<std::size_t>(y) * tile.width + x] = 1;
+          if (const auto value = at(x, y, c, j)) {
+            to[j] = *value;
+            continue;
+          }
+          const auto left = at(x - 1, y, c, j), right = at(x + 1, y, c, j), up = at(x, y - 1, c, j),
+                     down = at(x, y + 1, c, j);
+          const bool known = left && right && up && down;
+          to[j] = known ? 0.25f * (*left + *right + *up + *down) : 0.0f;
+          (known ? replaced : bad)[static_cast<std::size_t>(y) * tile.width + x] = 1;
         }
       }
   tile.usable.assign(bad.size(), 0);
@@ -82,7 +93,7 @@ Tile cut(const ObservationBand& band, int x0, int x1, int picture_width, int pic
     for (int x = left; x < tile.width - right; ++x) {
       if (!mask.empty() && mask[static_cast<std::size_t>(tile.y0 + y) * picture_width + x0 + x] == 0)
         continue;
-      bool good = true;
+      bool good = !replaced[static_cast<std::size_t>(y) * tile.width + x];
       for (int v = -near_px; v <= near_px; ++v)
         for (int u = -near_px; u <= near_px; ++u)
           good = good && !bad[static_cast<std::size_t>(y + v) * tile.width + x + u];
@@ -193,6 +204,8 @@ constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
 /// 0.
 /// Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few photographs.
 constexpr double min_agreement = 2.2, min_motion_agreement = 1.5;
+/// Of the criterion, by which motion is clear without. A creep of half a pixel gains .4.
+constexpr double clear_motion_gain = 0.1;
 /// Relative residuals beyond which the predictor is not good enough to tell a tone curve or gains from what
 /// it does not know of the light, and different lights for gains: with 40 of sharp boxes it took its own
 /// errors for gains of 9 %.
@@ -236,6 +249,12 @@ class RigEstimation {
     if (places_.size() < 50) return report();
     choose_way();
     before_ = total_criterion();
+    measured_mixing_ = measure_mixing();
+    if (measured_mixing_ && !measured_mixing_->isIdentity()) {
+      model_.mixing = *measured_mixing_;
+      prepare();
+      choose_way();
+    }
     if (jumps_far()) lose_track();
     for (int round = 0; round < max_alternations; ++round) {
       const bool moved = estimate_motion(round);
@@ -278,6 +297,7 @@ class RigEstimation {
   bool jumps_far();
   MatrixXd motion_step(VectorXd& variance) const;
   bool estimate_colour_and_tone();
+  std::optional<Eigen::Matrix3d> measure_mixing() const;
   void estimate_colour();
   std::array<double, 3> best_exponents();
   std::array<MatrixXf, 3> relative_residuals() const;
@@ -302,6 +322,7 @@ class RigEstimation {
   std::vector<Place> places_;             // bright pixels, spread over the tiles; channel 0
   std::array<MatrixXf, 3> leave_one_out_;
   MatrixXd shift_;
+  std::optional<Eigen::Matrix3d> measured_mixing_;
   CapturePath path_;
   bool lost_track_ = false;
   double jump_px_ = 0.0;
@@ -682,6 +703,7 @@ bool RigEstimation::estimate_motion(int round) {
   if (lost_track_ || (round > 0 && path_.kind == CapturePath::Kind::rest)) return false;
   const MatrixXd before = shift_;
   const auto residuals = relative_residuals();
+  const double start = total_criterion();
   MatrixXd measured = shift_;
   VectorXd variance;
   for (int step = 0; step < max_steps; ++step) {
@@ -710,7 +732,8 @@ bool RigEstimation::estimate_motion(int round) {
     prepare();
   };
   follow();
-  if (path_.kind != CapturePath::Kind::rest && round == 0 &&
+  // Photographs near the mean position gain nothing where the camera moved steadily.
+  if (path_.kind != CapturePath::Kind::rest && round == 0 && start - total_criterion() < clear_motion_gain &&
       agreement(residuals, relative_residuals()) < min_motion_agreement) {
     path_.kind = CapturePath::Kind::rest;
     path_.values.setZero();
@@ -853,7 +876,42 @@ bool RigEstimation::estimate_colour_and_tone() {
   return change > 1e-3;
 }
 
+/// Channels of photographs under single primaries, over the primary's own: medians over the pixels that are
+/// brighter there than the median. The tone curve and gains do not matter, nor do shifts.
+std::optional<Eigen::Matrix3d> RigEstimation::measure_mixing() const {
+  const auto median = [](std::vector<double> values) {
+    const auto middle = values.begin() + std::ssize(values) / 2;
+    std::ranges::nth_element(values, middle);
+    return *middle;
+  };
+  const std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
+  const auto primaries = primary_images(lights_);
+  Eigen::Matrix3d mixing = Eigen::Matrix3d::Identity();
+  for (int c = 0; c < 3; ++c) {
+    std::array<std::vector<double>, 3> ratios;
+    for (Index i = 0; i < images_; ++i) {
+      if (std::ranges::find(primaries[c], chosen_[static_cast<std::size_t>(i)]) == primaries[c].end())
+        continue;
+      const double least = median({y[c].row(i).begin(), y[c].row(i).end()});
+      for (Index p = 0; p < y[c].cols(); ++p)
+        if (const double own = y[c](i, p); own > 0.0 && own >= least)
+          for (int k = 0; k < 3; ++k) ratios[k].push_back(y[k](i, p) / own);
+    }
+    if (ratios[0].empty()) return std::nullopt;
+    for (int k = 0; k < 3; ++k) mixing(k, c) = k == c ? 1.0 : median(std::move(ratios[k]));
+  }
+  const Eigen::Matrix3d none = Eigen::Matrix3d::Identity();
+  const double largest = (mixing - none).cwiseAbs().maxCoeff();
+  if (largest < min_mixing) return none;
+  const MixingCriterion criterion(leave_one_out_, y);  // the other photographs must not contradict it
+  const double evidence =
+      static_cast<double>(images_) * (criterion.at(none) - criterion.at(mixing.inverse()));
+  if (!(largest < max_mixing) || !(evidence > min_evidence)) return std::nullopt;
+  return mixing;
+}
+
 void RigEstimation::estimate_colour() {
+  if (measured_mixing_) return;
   if (model_.mixes_colours()) {
     model_.mixing.setIdentity();
     prepare();
@@ -1167,6 +1225,18 @@ RigReport RigEstimation::report() const {
 }
 
 }  // namespace
+
+std::array<std::vector<int>, 3> primary_images(const LightFeatures& lights) {
+  std::array<std::vector<int>, 3> images;
+  for (int j = 0; j < lights.images(); ++j) {
+    std::array<double, 3> sums;
+    for (int c = 0; c < 3; ++c) sums[c] = lights.of_channel[c][0].col(j).sum();
+    const double all = sums[0] + sums[1] + sums[2];
+    for (int c = 0; c < 3; ++c)
+      if (sums[c] > 0.0 && all - sums[c] <= 1e-6 * all) images[c].push_back(j);
+  }
+  return images;
+}
 
 RigReport estimate_rig(std::span<const CaptureFrame> frames, const std::vector<char>& left_out,
                        const CaptureSession& session, const Mask& mask, float clip_level,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <span>
 #include <string>
 #include <vector>
@@ -41,6 +42,10 @@ inline constexpr int min_frames_for_rig = 24;
 std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sample,
                               std::span<const CaptureFrame> frames, bool doubtful, RigFinding& finding,
                               const RunContext& run);
+
+/// Numbers of the images of each primary alone, without light of the others. Colour mixing follows from their
+/// photographs directly, and makes them look like outliers until it is known.
+std::array<std::vector<int>, 3> primary_images(const LightFeatures& lights);
 
 /// Estimates motion, colour mixing, tone curve, gains and room light from the photographs and lights of
 /// `frames`, which are paired rightly, by the leave-one-out residual of ridge regression on coarse lights:

@@ -48,14 +48,15 @@ class WavyCapture {
   std::vector<std::array<double, 3>> gain;
   std::vector<double> room;
   std::vector<int> light_of;  ///< what each photograph shows
+  int hot_every = 0;          ///< rows and columns between pixels that show 100; 0: there are none
 
   int images() const { return static_cast<int>(lights_.size()); }
 
-  RigReport report() {
+  RigReport report(float clip_level = INFINITY) {
     photograph();
     const auto features = light_features(session_.frames, session_.light, {});
     const std::vector<char> none(lights_.size(), 0);
-    return estimate_rig(session_.frames, none, session_, {}, INFINITY, features, {});
+    return estimate_rig(session_.frames, none, session_, {}, clip_level, features, {});
   }
   std::vector<int> pairing() {
     photograph();
@@ -113,6 +114,8 @@ class WavyCapture {
         for (int c = 0; c < 3; ++c)
           image.values[i + c] = static_cast<float>(gain[j][c] * pixel[c] * (1.0 + noise_ * rng.normal()));
       }
+      for (int y = 3; hot_every > 0 && y < height; y += hot_every)
+        for (int x = 3; x < width; x += hot_every) image.at(x, y, y % 3) = 100.0f;
       photographs_.push_back(std::move(image));
     }
     session_ = {};
@@ -177,6 +180,13 @@ TEST(Rig, ACreepingCameraIsALine) {
   EXPECT_FALSE(report.model.mixes_colours());
 }
 
+TEST(Rig, HotPixelsDoNotHideAMovingCamera) {
+  WavyCapture capture(60);
+  for (int j = 0; j < 60; ++j) capture.shift[j] = {0.3 * j / 59, -0.2 * j / 59};
+  capture.hot_every = 6;  // no pixel has a neighbourhood without
+  EXPECT_LT(shift_error(capture.report(50.0f), capture), max_shift_error_px);
+}
+
 TEST(Rig, ABumpIsAJumpWithItsPlace) {
   WavyCapture capture(60);
   for (int j = 25; j < 60; ++j) capture.shift[j] = {-0.4, 0.9};
@@ -209,6 +219,27 @@ TEST(Rig, ColourMixingIsFoundAndUndone) {
   EXPECT_LT((report.model.mixing - capture.mixing).cwiseAbs().maxCoeff(), max_mixing_error);
   EXPECT_EQ(finding(report, "colour").state, RigFinding::State::corrected);
   EXPECT_LT(finding(report, "colour").residual_after, finding(report, "colour").residual_before);
+}
+
+/// Grey lights, and in the end one full-screen light of each primary.
+WavyCapture grey_capture_with_primaries() {
+  WavyCapture capture(60);
+  for (std::size_t j = 0; j < 60; ++j) {
+    auto& values = capture.lights()[j].radiance.values;
+    for (std::size_t i = 0; i < values.size(); i += 3) values[i + 1] = values[i + 2] = values[i];
+    for (std::size_t i = 0; j >= 57 && i < values.size(); ++i) values[i] = i % 3 == j - 57 ? 1.0f : 0.0f;
+  }
+  return capture;
+}
+
+TEST(Rig, PrimariesMeasureColourMixing) {
+  WavyCapture capture = grey_capture_with_primaries();
+  EXPECT_TRUE(capture.report().model.is_identity());
+  capture.mixing << 1, 0.05, 0.12, 0.15, 1, 0.02, 0.03, 0.1, 1;
+  const RigReport report = capture.report();
+  constexpr double noise = 0.005;  // of medians over 200 pixels
+  EXPECT_LT((report.model.mixing - capture.mixing).cwiseAbs().maxCoeff(), noise);
+  EXPECT_EQ(finding(report, "colour").state, RigFinding::State::corrected);
 }
 
 TEST(Rig, ToneCurveAndConstantRoomLightAreToldApart) {

@@ -137,6 +137,25 @@ TEST_F(OutlierFrames, AWalkerIsFoundWhereHeIs) {
   }
 }
 
+TEST_F(OutlierFrames, APhotographWithTheRoomLightOnIsNamed) {
+  Image ambient = read_photograph(session_.frames[0].observed).radiance;
+  for (std::size_t i = 0; i < ambient.values.size(); ++i) {
+    Rng rng(3, i / 3);
+    ambient.values[i] = static_cast<float>(0.02 + 0.03 * rng.uniform());
+  }
+  session_.ambient = folder_ / "ambient.exr";
+  write_exr(*session_.ambient, ambient);
+  change_photograph(session_.frames[30], [&](Image& image) {
+    for (std::size_t i = 0; i < image.values.size(); ++i) image.values[i] += 20.0f * ambient.values[i];
+  });
+  const FrameReport found = report();
+  ASSERT_EQ(names(found), std::vector<std::string>{"train_030"});
+  EXPECT_NE(found.left_out[0].why.find("the room light was on: it shows 2"), std::string::npos)
+      << found.left_out[0].why;
+  session_.ambient.reset();
+  EXPECT_EQ(report().left_out.at(0).why.find("room light was on"), std::string::npos);
+}
+
 TEST_F(OutlierFrames, AreNamedInTheSummaryAndTheField) {
   std::swap(session_.frames[3].observed, session_.frames[50].observed);
   const EstimateSummary summary = estimate(options_);
