@@ -309,7 +309,7 @@ TEST_F(LightStageImport, MissingOrUnfitPhotographs) {
                                HasSubstr("take its light source out")));
   ImportRequest both = request();
   both.lights = {folder_ / "light.exr"};
-  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not several"));
+  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not both"));
 }
 
 TEST_F(LightStageImport, WarnsOfEightBitsTakenAsLinear) {
@@ -615,7 +615,7 @@ TEST_F(ChromeBallImport, UnfitPhotographs) {
   EXPECT_THAT(refusal(ImageCircle{{20.0, 170.0}, 37.0}), HasSubstr("beyond the photograph"));
   ImportRequest both = request(circle);
   both.lights = {folder_ / "light.exr"};
-  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not several"));
+  EXPECT_THAT(message_of([&] { import_series(both); }), HasSubstr("not both"));
 }
 
 }  // namespace
