@@ -108,7 +108,9 @@ class HelpFormatter : public CLI::Formatter {
     help += verbs_of(*app);
     const std::string more =
         hidden > 0 ? "; --help-all lists " + std::to_string(hidden) + " further options" : "";
-    if (app->get_parent() != nullptr)
+    const CLI::App* program = app;
+    while (program->get_parent() != nullptr) program = program->get_parent();
+    if (program != app && program->get_option_no_throw("--force") != nullptr)  // not in refield-studies
       help += "\n" +
               wrapped(
                   "Every command takes --json (results and errors as JSON on standard output), --quiet (no "
