@@ -62,17 +62,39 @@ void check_raw(int code, const fs::path& path, const std::string& what) {
                                 "); develop it to a linear 16-bit TIFF");
 }
 
-RawLevels levels_of_raw(const libraw_colordata_t& colour, const fs::path& path) {
-  // One level for all, one for each of four colours, then a repeating pattern of rows × columns.
-  double black = colour.black;
-  for (int c = 0; c < 4; ++c) black += colour.cblack[c] / 4.0;
-  const unsigned pattern = colour.cblack[4] * colour.cblack[5];
-  for (unsigned i = 0; i < pattern && 6 + i < std::size(colour.cblack); ++i)
-    black += colour.cblack[6 + i] / static_cast<double>(pattern);
-  if (!(colour.maximum > black))
-    throw FormatError(path, "states a black level of " + std::to_string(black) + " and saturation at " +
+/// Black level of a sample of colour `c`: one level for all, one for each of four colours, and a repeating
+/// pattern of rows × columns.
+unsigned black_of_raw(const libraw_colordata_t& colour, std::size_t y, std::size_t x, std::size_t c) {
+  const std::size_t rows = colour.cblack[4], columns = colour.cblack[5];
+  const std::size_t place = 6 + (rows * columns > 0 ? y % rows * columns + x % columns : 0);
+  const bool is_pattern = rows * columns > 0 && place < std::size(colour.cblack);
+  return colour.black + colour.cblack[c] + (is_pattern ? colour.cblack[place] : 0);
+}
+
+/// Levels after each sample is lowered to the lowest of the black levels, which lowers saturation, too.
+/// Throws FormatError where none is left.
+RawLevels level_black(LibRaw& raw, RawFrame& frame, const fs::path& path) {
+  const libraw_colordata_t& colour = raw.imgdata.color;
+  const std::size_t channels = frame.samples.size() / (static_cast<std::size_t>(frame.width) * frame.height);
+  const bool has_colours = raw.imgdata.idata.filters != 0;
+  const auto black_at = [&](std::size_t i) {
+    const std::size_t pixel = i / channels, y = pixel / frame.width, x = pixel % frame.width;
+    const int site = has_colours ? raw.COLOR(static_cast<int>(y), static_cast<int>(x)) : 0;
+    return black_of_raw(colour, y, x, channels > 1 ? i % channels : static_cast<std::size_t>(site));
+  };
+  unsigned lowest = black_at(0), highest = lowest;
+  for (std::size_t i = 1; i < frame.samples.size(); ++i) {
+    lowest = std::min(lowest, black_at(i));
+    highest = std::max(highest, black_at(i));
+  }
+  if (colour.maximum <= highest)
+    throw FormatError(path, "states a black level of " + std::to_string(highest) + " and saturation at " +
                                 std::to_string(colour.maximum) + "; develop it to a linear 16-bit TIFF");
-  return {black, static_cast<double>(colour.maximum)};
+  if (lowest < highest)
+    for (std::size_t i = 0; i < frame.samples.size(); ++i)
+      frame.samples[i] -=
+          static_cast<std::uint16_t>(std::min<unsigned>(frame.samples[i], black_at(i) - lowest));
+  return {static_cast<double>(lowest), static_cast<double>(colour.maximum - (highest - lowest))};
 }
 
 /// Layout of one sample per pixel. `filters` is LibRaw's: 0 none, 9 X-Trans, else two bits per site of eight
@@ -112,6 +134,13 @@ BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given
   file.settings.focal_length_mm = positive(shot.focal_len);
   if (raw->is_floating_point())
     throw FormatError(path, "stores floating-point samples; convert it to 16 bits, or develop it to OpenEXR");
+  // LibRaw reads such tiles as if they were rows.
+  libraw_decoder_info_t decoder{};
+  const auto& unpacker = raw->get_internal_data_pointer()->unpacker_data;
+  if (raw->get_decoder_info(&decoder) == LIBRAW_SUCCESS && decoder.decoder_name &&
+      std::string_view(decoder.decoder_name).starts_with("packed_dng") &&
+      unpacker.tile_width < raw->imgdata.sizes.raw_width)
+    throw FormatError(path, "stores tiles without compression; convert it to a compressed DNG");
   check_raw(raw->unpack(), path, "unpacked");
   const libraw_rawdata_t& data = raw->imgdata.rawdata;
   const libraw_image_sizes_t& size = raw->imgdata.sizes;
@@ -121,7 +150,6 @@ BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given
     throw FormatError(path, "has no samples of a mosaic (such as sRAW); develop it to a linear 16-bit TIFF");
   if (size.left_margin + size.width > size.raw_width || size.top_margin + size.height > size.raw_height)
     throw FormatError(path, "has a picture larger than its sensor; the file is damaged");
-  file.raw_levels = levels_of_raw(raw->imgdata.color, path);
   file.frame.width = size.width;
   file.frame.height = size.height;
   file.frame.layout = !data.raw_image ? PixelLayout::rgb : layout_of_raw(*raw, given, path);
@@ -139,6 +167,7 @@ BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given
     for (std::size_t x = 0; x < size.width; ++x)
       file.frame.samples.insert(file.frame.samples.end(), row + x * stored, row + x * stored + kept);
   }
+  file.raw_levels = level_black(*raw, file.frame, path);
   return file;
 }
 #else
@@ -160,8 +189,7 @@ ImageFacts facts_of_photograph(const fs::path& path) {
   if (is_camera_raw(path)) return {};
   ImageFacts facts = read_image_facts(path);
   if (!facts.is_raw) read_image_header(path);  // for its checks
-  if (facts.is_unusual)
-    throw FormatError(path, "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB");
+  if (!facts.refusal.empty() && !facts.is_raw) throw FormatError(path, facts.refusal);
   return facts;
 }
 
@@ -218,6 +246,7 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
                       "has integer samples of neither 8 nor 16 bits; convert it to one of them or to "
                       "OpenEXR");
   file.bits = stored.samples == StoredSamples::uint8 ? 8 : 16;
+  if (file.response.empty()) file.settings.bits = file.bits;
   file.frame.samples = read_samples(*input, path, channels);
   if (!is_bayer(file.frame.layout))
     file.frame.samples = upright(file.frame.samples, file.frame.width, file.frame.height, facts.orientation);
@@ -241,6 +270,8 @@ void require_same_settings(const CameraSettings& settings, const fs::path& path,
   const char* develop = "develop all with one white balance, or give the RAW files";
   require("EXIF WhiteBalance", settings.white_balance, expected.white_balance, develop);
   require("EXIF LightSource (white balance preset)", settings.light_source, expected.light_source, develop);
+  require("a depth in bits of", settings.bits, expected.bits,
+          "they state no encoding, which is assumed by the depth: export all with one depth");
   require("EXIF Orientation", settings.orientation, expected.orientation,
           "turn the pictures that differ, or, if all are stored in the order of the sensor, set the tag of "
           "all to 1");

@@ -25,6 +25,7 @@ struct CameraSettings {
   std::optional<int> white_balance;  ///< 0 automatic, 1 manual (EXIF)
   std::optional<int> light_source;   ///< preset of the white balance, such as 1 daylight (EXIF)
   int orientation = 1;               ///< as ImageFacts::orientation
+  std::optional<int> bits = {};  ///< of integer files that state no encoding: it is assumed by their depth
 };
 
 /// One exposure of a bracketed series, from an ordinary image file.

@@ -11,6 +11,7 @@
 #include "acquire/import/bracket_saturation.h"
 #include "core/base/errors.h"
 #include "core/base/number_text.h"
+#include "core/image/image_facts.h"
 
 namespace refield {
 
@@ -151,6 +152,21 @@ std::optional<PixelLayout> layout_of(const std::string& name) {
   return static_cast<PixelLayout>(found - layout_names.begin());
 }
 
+namespace {
+
+/// Moves the samples of a RAW file to the black level of the first of its bracket, whose levels count for
+/// all: cameras state others in each file.
+void equalise_levels(BracketFile& first, BracketFile& file) {
+  if (!first.raw_levels || !file.raw_levels) return;
+  const double difference = first.raw_levels->black - file.raw_levels->black;
+  first.raw_levels->saturation =
+      std::min(first.raw_levels->saturation, file.raw_levels->saturation + difference);
+  for (std::uint16_t& sample : file.frame.samples)
+    sample = static_cast<std::uint16_t>(std::clamp(sample + difference, 0.0, 65535.0));
+}
+
+}  // namespace
+
 Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures) {
   if (paths.empty()) throw InputError("there is no exposure to merge");
@@ -167,13 +183,13 @@ Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& ca
         !file.linear.same_shape(first.linear))
       throw InputError(path.string() + ": differs in size, bits or channels from " + paths.front().string() +
                        "; merge exposures of one camera and one view");
-    if (camera.response.empty() &&
-        (file.response != first.response || (file.bits > 8 && file.response == "unknown")))
+    if (camera.response.empty() && file.bits > 8 && file.response == "unknown")
+      throw InputError(path.string() + ": " + unknown_encoding + ", or give its response with --response");
+    if (camera.response.empty() && file.response != first.response)
       throw InputError(path.string() + ": states another encoding ('" + file.response + "') than " +
-                       (file.response == first.response
-                            ? "is known here"
-                            : paths.front().string() + " ('" + first.response + "')") +
-                       "; give the response of all with --response");
+                       paths.front().string() + " ('" + first.response +
+                       "'); give the response of all with --response");
+    equalise_levels(bracket.files.front(), bracket.files.back());
   }
   bracket.exposures = exposures_of(bracket, exposures, camera);
   return bracket;

@@ -66,6 +66,7 @@ class Linearisation {
     }
     BracketCamera of_bracket = camera;
     of_bracket.stated = bracket.response;
+    if (!of_bracket.black) of_bracket.black = bracket.black;
     const CameraCalibration calibration = bracket_calibration(of_bracket, bracket.bits);
     table_ = calibration.linear_from_dn;
     black_ = calibration.black_level_dn;
@@ -397,6 +398,7 @@ BracketSamples samples_of(const Bracket& bracket) {
   const BracketFile& first = bracket.files.at(0);
   samples.bits = first.bits;
   samples.response = first.response;
+  if (first.raw_levels) samples.black = first.raw_levels->black;
   samples.automatic_white_balance = !first.is_raw && first.settings.white_balance == 0;
   samples.highest = highest_samples(bracket);
   samples.is_sensor =

@@ -15,6 +15,7 @@ struct BracketSamples {
   bool is_sensor = false;  ///< a sensor's own samples (RAW or Bayer), which no tone curve has bent
   std::string response;    ///< as BracketFile::response
   bool automatic_white_balance = false;  ///< developed files say so (EXIF)
+  std::optional<double> black;           ///< of RAW files
   HighestSamples highest;
   std::vector<std::filesystem::path> paths;
   std::vector<double> seconds;

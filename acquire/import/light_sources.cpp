@@ -72,7 +72,7 @@ std::optional<Number> parsed(std::string_view word) {
 double finite_number(const fs::path& file, int line, const std::string& word) {
   const auto value = parsed<double>(word);
   if (!value || !std::isfinite(*value))
-    refuse_line(file, line, "'" + word + "' is not a finite number; correct the value");
+    refuse_line(file, line, "'" + word + "' is not a finite number with a decimal point; correct it");
   return *value;
 }
 

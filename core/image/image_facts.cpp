@@ -55,27 +55,52 @@ class FileBytes {
   std::uint64_t size_;
 };
 
-/// The curve of an ICC profile's red channel, rTRC. Empty: it has none. Source: ICC.1:2010, 10.5 and 10.15.
-std::string response_of_profile(std::string_view icc) {
+Chromaticities chromaticities_of(const std::array<double, 8>& xy) {
+  return {Eigen::Vector2d(xy[0], xy[1]), Eigen::Vector2d(xy[2], xy[3]), Eigen::Vector2d(xy[4], xy[5]),
+          Eigen::Vector2d(xy[6], xy[7])};
+}
+
+/// The curve of an ICC profile's red channel or grey, rTRC or kTRC; that of a profile of tables is unknown.
+/// Its primaries are adapted to the white D50. Source: ICC.1:2010, 9.2, 10.5 and 10.15.
+void read_profile(std::string_view icc, ImageFacts& facts) {
   const auto number = [&](std::size_t at, int bytes) {
     std::uint32_t value = 0;
     for (int i = 0; i < bytes; ++i)
       value = value << 8 | (at + i < icc.size() ? static_cast<unsigned char>(icc[at + i]) : 0u);
     return value;
   };
-  std::size_t curve = 0;
-  for (std::size_t k = 0; k < std::min(number(128, 4), 100u); ++k)
-    if (icc.substr(std::min(icc.size(), 132 + 12 * k), 4) == "rTRC") curve = number(132 + 12 * k + 4, 4);
-  if (curve == 0 || curve + 12 > icc.size()) return {};
-  const auto fixed = [&](std::size_t i) {
-    return static_cast<std::int32_t>(number(curve + 12 + 4 * i, 4)) / 65536.0;
+  const auto place_of = [&](std::string_view tag) -> std::size_t {
+    for (std::size_t k = 0; k < std::min(number(128, 4), 100u); ++k)
+      if (icc.substr(std::min(icc.size(), 132 + 12 * k), 4) == tag) return number(132 + 12 * k + 4, 4);
+    return 0;
   };
+  const auto fixed_at = [&](std::size_t at) { return static_cast<std::int32_t>(number(at, 4)) / 65536.0; };
+  facts.response = "unknown";
+  std::array<double, 8> xy = {0, 0, 0, 0, 0, 0, 0.3457, 0.3585};
+  bool has_primaries = true;
+  for (std::size_t c = 0; c < 3; ++c) {
+    const std::size_t at = place_of(std::array{"rXYZ", "gXYZ", "bXYZ"}[c]) + 8;
+    const double sum = fixed_at(at) + fixed_at(at + 4) + fixed_at(at + 8);
+    has_primaries &= at > 8 && sum > 0.0;
+    xy[2 * c] = fixed_at(at) / sum;
+    xy[2 * c + 1] = fixed_at(at + 4) / sum;
+  }
+  facts.chromaticities = has_primaries ? std::optional(chromaticities_of(xy)) : std::nullopt;
+  const std::size_t curve = std::max(place_of("rTRC"), place_of("kTRC"));
+  if (curve == 0 || curve + 12 > icc.size()) return;
+  const auto fixed = [&](std::size_t i) { return fixed_at(curve + 12 + 4 * i); };
   const bool is_table = icc.substr(curve, 4) == "curv";
   const std::uint32_t count = is_table ? number(curve + 8, 4) : 0, kind = is_table ? 0 : number(curve + 8, 2);
   const auto light = [&](double x) {
     if (is_table && count == 0) return x;
     if (is_table && count == 1) return std::pow(x, number(curve + 12, 2) / 256.0);
-    if (is_table) return number(curve + 12 + 2 * std::lround(x * (count - 1)), 2) / 65535.0;
+    if (is_table) {
+      const double place = x * (count - 1);
+      const auto below = static_cast<std::size_t>(place);
+      return std::lerp(number(curve + 12 + 2 * below, 2), number(curve + 14 + 2 * below, 2),
+                       place - std::floor(place)) /
+             65535.0;
+    }
     if (kind == 0) return std::pow(x, fixed(0));
     const double a = fixed(1), b = fixed(2), c = fixed(3);
     if (kind < 3) return x >= -b / a ? std::pow(a * x + b, fixed(0)) : 0.0;  // apart from an offset
@@ -87,11 +112,12 @@ std::string response_of_profile(std::string_view icc) {
     return std::ranges::all_of(std::array{0.1, 0.25, 0.5, 0.75, 0.9},
                                [&](double x) { return std::abs(light(x) - expected(x)) < tolerance; });
   };
-  if (is_curve([](double x) { return x; })) return "linear";
-  if (is_curve([](double x) { return linear_from_srgb(static_cast<float>(x)); })) return "srgb";
-  if (is_curve([&](double x) { return std::pow(x, gamma); }) && gamma > 0.1 && gamma < 10.0)
-    return "gamma:" + std::to_string(gamma);
-  return "unknown";
+  if (is_curve([](double x) { return x; }))
+    facts.response = "linear";
+  else if (is_curve([](double x) { return linear_from_srgb(static_cast<float>(x)); }))
+    facts.response = "srgb";
+  else if (is_curve([&](double x) { return std::pow(x, gamma); }) && gamma > 0.1 && gamma < 10.0)
+    facts.response = "gamma:" + std::to_string(gamma);
 }
 
 /// The first directory of a TIFF structure that begins at `base`, and its EXIF directory. Source: TIFF 6.0,
@@ -128,8 +154,12 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
       if (tag == 274 && value >= 1.0 && value <= 8.0) facts.orientation = static_cast<int>(value);
       if (tag == 262) {
         facts.is_raw |= value == 32803.0 || value == 34892.0;  // colour filter array, LinearRaw
-        facts.is_unusual = value == 0.0 || (value >= 8.0 && value <= 10.0);
+        if (value == 0.0 || (value >= 8.0 && value <= 10.0))
+          facts.refusal = "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB";
+        if (value == 32844.0 || value == 32845.0) facts.refusal = "stores LogLuv; convert it to OpenEXR";
       }
+      if (depth == 0 && ((tag == 254 && number(place, 4) & 1u) || (tag == 255 && value == 2.0)))
+        facts.refusal = "begins with a thumbnail (NewSubfileType); export the image alone";
       if (tag == 50706) facts.is_raw = true;  // DNGVersion
       if (tag == 33434) facts.exposure_seconds = positive;
       if (tag == 33437) facts.f_number = positive;
@@ -137,9 +167,14 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
       if (tag == 37386) facts.focal_length_mm = positive;
       if (tag == 37384) facts.light_source = static_cast<int>(value);
       if (tag == 41987) facts.white_balance = static_cast<int>(value);
-      if (tag == 34675)
-        facts.response = response_of_profile(file.text(place, std::min(count, max_profile_bytes)));
-      if (tag == 34665 && depth == 0) self(base + static_cast<std::uint64_t>(value), self, 1);
+      if (tag == 34675) read_profile(file.text(place, std::min(count, max_profile_bytes)), facts);
+      // The directories of EXIF and, in it, of interoperability, which marks Adobe RGB. Source: DCF 2.0, 3.
+      if ((tag == 34665 && depth == 0) || (tag == 40965 && depth == 1))
+        self(base + static_cast<std::uint64_t>(value), self, depth + 1);
+      if (tag == 1 && depth == 2 && file.text(place, 3) == "R03") {
+        facts.response = "gamma:2.199219";
+        facts.chromaticities = chromaticities_of({0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.329});
+      }
     }
   };
   read_directory(base + number(base + (is_big_tiff ? 8 : 4), word), read_directory, 0);
@@ -160,7 +195,7 @@ void read_jpeg(FileBytes& file, ImageFacts& facts) {
       profile += file.text(at + 18, length - 16);
     at += 2 + length;
   }
-  if (!profile.empty()) facts.response = response_of_profile(profile);
+  if (!profile.empty()) read_profile(profile, facts);
 }
 
 std::string inflated(const std::string& compressed) {
@@ -173,33 +208,51 @@ std::string inflated(const std::string& compressed) {
   return bytes;
 }
 
-/// Of several chunks that state a curve, cICP counts first, then iCCP, sRGB and gAMA. Source: PNG, third
-/// edition, section 4.3.
+/// Of several chunks that state a curve, cICP counts first, then iCCP, sRGB, and gAMA with cHRM. Source: PNG,
+/// third edition, section 4.3.
 void read_png(FileBytes& file, ImageFacts& facts) {
-  std::array<std::string, 4> curves;
+  std::array<ImageFacts, 4> chunks;
   for (std::uint64_t at = 8; at + 12 <= file.size();) {
     const std::uint64_t length = file.number(at, 4, true), data = at + 8;
     const std::string name = file.text(at + 4, 4);
     if (name == "cICP") {  // ITU-T H.273, table 3
-      const std::uint64_t transfer = file.number(data + 1, 1, true);
-      curves[0] = transfer == 13 ? "srgb" : transfer == 8 ? "linear" : "unknown";
+      const std::uint64_t primaries = file.number(data, 1, true), transfer = file.number(data + 1, 1, true);
+      if (primaries == 9)
+        chunks[0].chromaticities =
+            chromaticities_of({0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329});
+      if (primaries == 12)
+        chunks[0].chromaticities = chromaticities_of({0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329});
+      const bool is_known = primaries <= 2 || chunks[0].chromaticities;
+      chunks[0].response = is_known && transfer == 13  ? "srgb"
+                           : is_known && transfer == 8 ? "linear"
+                                                       : "unknown";
     }
     if (name == "iCCP") {
       const std::string content = file.text(data, std::min(length, max_profile_bytes));
       if (const auto end = content.find('\0'); end != std::string::npos && end + 2 < content.size())
-        curves[1] = response_of_profile(inflated(content.substr(end + 2)));
+        read_profile(inflated(content.substr(end + 2)), chunks[1]);
     }
-    if (name == "sRGB") curves[2] = "srgb";
+    if (name == "sRGB") chunks[2].response = "srgb";
     if (name == "gAMA") {
       const double gamma = 1e5 / static_cast<double>(std::max<std::uint64_t>(file.number(data, 4, true), 1));
-      curves[3] = std::abs(gamma - 1.0) < 0.01 ? "linear" : "gamma:" + std::to_string(gamma);
+      if (gamma >= 0.1 && gamma <= 10.0)  // else the chunk is invalid
+        chunks[3].response = std::abs(gamma - 1.0) < 0.01 ? "linear" : "gamma:" + std::to_string(gamma);
+    }
+    if (name == "cHRM") {  // white first
+      std::array<double, 8> xy{};
+      for (std::size_t i = 0; i < xy.size(); ++i)
+        xy[(i + 6) % 8] = static_cast<double>(file.number(data + 4 * i, 4, true)) / 1e5;
+      chunks[3].chromaticities = chromaticities_of(xy);
     }
     if (name == "eXIf") read_tiff(file, data, facts);
     at = data + length + 4;
   }
-  if (const auto found = std::ranges::find_if(curves, [](const auto& curve) { return !curve.empty(); });
-      found != curves.end())
-    facts.response = *found;
+  for (const ImageFacts& chunk : chunks) {
+    if (chunk.response.empty() && !chunk.chromaticities) continue;
+    facts.response = chunk.response;
+    facts.chromaticities = chunk.chromaticities;
+    break;
+  }
 }
 
 }  // namespace
@@ -236,7 +289,7 @@ void linearise(Image& image, const std::string& response) {
   if (response == "linear") return;
   if (response.starts_with("gamma:")) {
     const float gamma = std::stof(response.substr(6));
-    for (float& value : image.values) value = std::pow(value, gamma);
+    for (float& value : image.values) value = std::copysign(std::pow(std::abs(value), gamma), value);
   } else {
     std::ranges::transform(image.values, image.values.begin(), linear_from_srgb);
   }

@@ -18,18 +18,24 @@ struct ImageFacts {
   /// Where the first stored row and column belong in the upright picture: 1 (top, left) to 8. TIFF 6.0, tag
   /// 274, in TIFF, JPEG and PNG files.
   int orientation = 1;
-  /// How integer samples encode light: "linear", "srgb" or "gamma:X" (sample = light^(1/X)) as the chunks
-  /// cICP, sRGB and gAMA of a PNG file or an ICC profile state it, "unknown" for another curve; empty: not
-  /// stated.
+  /// How samples encode light: "linear", "srgb" or "gamma:X" (sample = light^(1/X)) as the chunks cICP, sRGB
+  /// and gAMA of a PNG file, an ICC profile or the DCF option file of EXIF (Adobe RGB) state it, "unknown"
+  /// for another curve; empty: not stated.
   std::string response;
   std::optional<double> exposure_seconds, iso, f_number, focal_length_mm;  ///< EXIF
   std::optional<int> white_balance;                                        ///< EXIF: 0 automatic, 1 manual
   std::optional<int> light_source;  ///< EXIF: 0 unknown, 1 daylight, …
-  bool is_unusual = false;  ///< TIFF whose zero is white, or of L*a*b*: decoders hand these on undecoded
+  std::string
+      refusal;  ///< TIFF that decoders hand on undecoded, or as its thumbnail: what to tell; else empty
   bool is_raw = false;  ///< a TIFF file of sensor samples: a colour filter array, or a DNG of another name
-  std::optional<Chromaticities> chromaticities;  ///< EXR, and PRIMARIES of Radiance files
+  std::optional<Chromaticities> chromaticities;  ///< of EXR, PRIMARIES of Radiance, ICC, cHRM, cICP, EXIF
   std::optional<bool> is_cube;                   ///< EXR attribute envmap: cube or lat-long
 };
+
+/// What to tell about ImageFacts::response "unknown", where samples must be decoded.
+inline constexpr const char* unknown_encoding =
+    "states an encoding (ICC profile or cICP) that is neither linear, sRGB nor a power; convert it to linear "
+    "OpenEXR";
 
 /// Values that a damaged header states are left out. Throws DeviceError for a missing file and FormatError
 /// where an EXR header is damaged.
@@ -61,7 +67,7 @@ std::vector<T> upright(const std::vector<T>& stored, int& width, int& height, in
 }
 Image upright(const Image& stored, int orientation);
 
-/// Samples from 0 to 1 to linear light by ImageFacts::response; sRGB where it is empty or "unknown".
+/// Samples to linear light by ImageFacts::response; sRGB where it is empty or "unknown".
 void linearise(Image& image, const std::string& response);
 
 }  // namespace refield

@@ -91,7 +91,11 @@ std::vector<ColourLayer> colour_layers(const StoredImage& stored) {
     const std::string last = name.substr(prefix.size());
     const auto rgb = find_channels(stored, prefix);
     if (last == "R" && rgb) layers.push_back({layer, *rgb});
-    if (last == "Y" && !rgb) layers.push_back({layer, {c, c, c}});
+    // Y beside X is of CIE XYZ, a normal or a position; beside RY and BY it is luminance.
+    const bool is_grey = std::ranges::none_of(std::array{"X", "RY", "BY"}, [&](const char* other) {
+      return std::ranges::find(stored.channels, prefix + other) != stored.channels.end();
+    });
+    if (last == "Y" && !rgb && is_grey) layers.push_back({layer, {c, c, c}});
   }
   return layers;
 }
@@ -204,6 +208,11 @@ ImageFacts facts_of(const PlacedFile& file, const fs::path& path) {
   return file.is_exr || is_camera_raw(path) ? ImageFacts{} : read_image_facts(path);
 }
 
+/// Whether a profile says that floating-point samples are not linear, as developing programs export them.
+bool is_encoded(const ImageFacts& facts) {
+  return !facts.response.empty() && facts.response != "linear";
+}
+
 /// The given channels of rows [first, last) of the image. Where the file stores no pixels, radiance is zero,
 /// and noise infinite: nothing was measured there.
 Image read_rows(PlacedFile& file, const fs::path& path, int first, int last, std::span<const int> channels) {
@@ -293,8 +302,7 @@ Image read_image(const fs::path& path, ImageUse use) {
   const ImageFacts facts = facts_of(file, path);
   if (facts.is_raw)
     throw FormatError(path, "holds samples of a camera's sensor; develop it, or import it as a photograph");
-  if (facts.is_unusual)
-    throw FormatError(path, "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB");
+  if (!facts.refusal.empty()) throw FormatError(path, facts.refusal);
   const auto colour = colour_channels(stored, file.is_exr, path);
   std::vector<int> channels(colour.begin(), colour.end());
   const bool has_alpha = use == ImageUse::picture && stored.straight_alpha;
@@ -304,6 +312,10 @@ Image read_image(const fs::path& path, ImageUse use) {
   if (has_alpha) alpha = take_fourth_channel(image);
   if (stored.samples != StoredSamples::floating_point)
     linearise(image, use == ImageUse::picture ? facts.response : "");
+  else if (facts.response == "unknown")
+    throw FormatError(path, unknown_encoding);
+  else if (is_encoded(facts))
+    linearise(image, facts.response);
   for (std::size_t p = 0; p < alpha.size(); ++p)
     for (std::size_t c = 0; c < 3; ++c) image.values[3 * p + c] *= alpha[p];
   if (use == ImageUse::texture) return image;
@@ -324,7 +336,9 @@ Photograph read_photograph_rows(const fs::path& path, int first, int last) {
   PlacedFile file = place_image(path);
   const StoredImage& stored = file.stored();
   const bool is_linear = stored.samples == StoredSamples::floating_point;
-  if (is_linear && facts_of(file, path).orientation > 1) return rows_of(read_image(path));
+  if (is_linear)
+    if (const ImageFacts facts = facts_of(file, path); facts.orientation > 1 || is_encoded(facts))
+      return rows_of(read_image(path));
   require_rows(file.height);
   if (!is_linear)
     throw FormatError(path, "is not scene-linear; photographs must be OpenEXR or another float format");
@@ -432,7 +446,7 @@ class NegativeTexels {
 
   std::string percent(double share) const {
     char text[32];
-    std::snprintf(text, sizeof text, "%.2g %%", 100.0 * share);
+    std::snprintf(text, sizeof text, share < 0.1 ? "%.2g %%" : "%.3g %%", 100.0 * share);
     return text;
   }
   double share_of_texels(std::size_t texels) const {
@@ -521,7 +535,11 @@ bool are_of_rec709(const Chromaticities& stated) {
   // Radiance states its own primaries, which all programs take for those of Rec.709.
   static const Chromaticities of_radiance = {Eigen::Vector2d(0.64, 0.33), Eigen::Vector2d(0.29, 0.60),
                                              Eigen::Vector2d(0.15, 0.06), Eigen::Vector2d(0.333, 0.333)};
-  constexpr double rounding = 2e-3;
+  constexpr double rounding = 2e-3, visible = 5e-3;
+  // The primaries of ICC profiles are those of another white.
+  if ((rgb_from_rgb(stated, rec709_chromaticities()) - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() <
+      visible)
+    return true;
   return std::ranges::any_of(std::array{rec709_chromaticities(), of_radiance}, [&](const auto& known) {
     return std::ranges::equal(stated, known, [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
       return (a - b).cwiseAbs().maxCoeff() < rounding;
@@ -566,6 +584,7 @@ LightMap read_light_map(const fs::path& path, Parameterisation parameterisation,
                         Primaries primaries) {
   LightMap light{read_image(path), parameterisation};
   const ImageFacts facts = is_camera_raw(path) ? ImageFacts{} : read_image_facts(path);
+  if (facts.response == "unknown") throw FormatError(path, unknown_encoding);
   if (facts.is_cube && parameterisation != Parameterisation::monitor &&
       *facts.is_cube != (parameterisation == Parameterisation::cube))
     throw InputError(path.string() + ": its attribute envmap says that it is a " +

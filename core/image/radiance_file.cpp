@@ -56,9 +56,13 @@ RadianceHeader header_of(const std::string& bytes, const fs::path& path) {
     double v[8] = {};
     const char* text = line.c_str();
     if (line.starts_with("FORMAT=")) {
-      header.is_xyz = line.starts_with("FORMAT=32-bit_rle_xyze");
-      if (!header.is_xyz && !line.starts_with("FORMAT=32-bit_rle_rgbe"))
-        throw FormatError(path, "has pixels of the kind '" + line.substr(7) + "'; convert it to OpenEXR");
+      const std::string kind = line.substr(std::min(line.find_first_not_of(" \t", 7), line.size()));
+      header.is_xyz = kind.starts_with("32-bit_rle_xyze");
+      if (!header.is_xyz && !kind.starts_with("32-bit_rle_rgbe"))
+        throw FormatError(path, "has pixels of the kind '" + kind + "'; convert it to OpenEXR");
+    } else if (std::sscanf(text, "GAMMA=%lf", &v[0]) == 1 && v[0] != 1.0) {
+      throw FormatError(path,
+                        "states '" + line + "', pixels that are not linear; convert it to linear OpenEXR");
     } else if (std::sscanf(text, "EXPOSURE=%lf", &v[0]) == 1) {
       for (double& divisor : header.divisor) divisor *= v[0];
     } else if (std::sscanf(text, "COLORCORR=%lf %lf %lf", &v[0], &v[1], &v[2]) == 3) {

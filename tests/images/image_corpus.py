@@ -137,7 +137,8 @@ def dng(samples, colours=(0, 1, 1, 2), orientation=1, order="<", black=BLACK, wh
     is_mosaic = samples.ndim == 2
     data = samples[..., None] if is_mosaic else samples
     more = {254: (4, 0), 262: (3, 32803 if is_mosaic else 34892), 271: (2, "refield"), 272: (2, "virtual"),
-            50706: (1, [1, 4, 0, 0]), 50708: (2, "refield virtual"), 50714: (4, black), 50717: (4, [white] * data.shape[2]),
+            50706: (1, [1, 4, 0, 0]), 50708: (2, "refield virtual"),
+            50714: (4, [black] * data.shape[2] if np.ndim(black) == 0 else list(black)), 50717: (4, [white] * data.shape[2]),
             50721: (10, [1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1]),
             50728: (5, [round(v * 1000) if i == 0 else 1000 for v in neutral for i in range(2)]), 50778: (3, 21)}
     if is_mosaic and colours is not None:
@@ -150,17 +151,28 @@ def dng(samples, colours=(0, 1, 1, 2), orientation=1, order="<", black=BLACK, wh
     return tiff(data, order, orientation, tags=more, **settings)
 
 
-# ── ICC profiles: a header and the tag rTRC, which is all that counts here ──
+# ── ICC profiles: a header, the curve and the primaries ──
 
-def icc(curve):
+# Colorants of Adobe RGB (1998), adapted to D50.
+ADOBE_RGB = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))
+
+
+def icc(curve, tag=b"rTRC", colorants=()):
     body = {"linear": b"curv" + struct.pack(">II", 0, 0),
             "table": b"curv" + struct.pack(">II", 0, 1024) + np.round(65535 * np.where(
                 (t := np.linspace(0, 1, 1024)) <= 0.04045, t / 12.92, ((t + 0.055) / 1.055) ** 2.4)).astype(">u2").tobytes(),
             "srgb": b"para" + struct.pack(">IHH5i", 0, 3, 0, *(round(v * 65536) for v in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))),
-            "odd": b"curv" + struct.pack(">II", 0, 3) + struct.pack(">3H", 0, 60000, 65535)}.get(curve)
+            "odd": b"curv" + struct.pack(">II", 0, 3) + struct.pack(">3H", 0, 60000, 65535),
+            "table of 2": b"curv" + struct.pack(">II2H", 0, 2, 0, 65535)}.get(curve)
     if body is None:
         body = b"curv" + struct.pack(">IIH", 0, 1, round(float(curve) * 256))
-    profile = bytes(128) + struct.pack(">I4sII", 1, b"rTRC", 144, len(body)) + body
+    tags = [(tag, body)] + [(name, b"XYZ " + struct.pack(">I3i", 0, *(round(v * 65536) for v in xyz)))
+                            for name, xyz in zip((b"rXYZ", b"gXYZ", b"bXYZ"), colorants)]
+    table, content = struct.pack(">I", len(tags)), b""
+    for name, data in tags:
+        table += struct.pack(">4sII", name, 132 + 12 * len(tags) + len(content), len(data))
+        content += data + b"\0" * (-len(data) % 4)
+    profile = bytes(128) + table + content
     profile = struct.pack(">I", len(profile)) + bytes(8) + b"mntrRGB XYZ " + profile[24:]
     return profile[:36] + b"acsp" + profile[40:]
 
@@ -200,7 +212,7 @@ def encoded(light, curve, default):
         return light ** 0.5
     if "1.8" in curve:
         return light ** (1 / round(1.8 * 256) * 256)
-    return light if curve in ("gAMA 1", "cICP linear", "linear") else to_srgb(light)
+    return light if curve in ("gAMA 1", "cICP linear", "linear", "table of 2") else to_srgb(light)
 
 
 def jpeg(stored, orientation=1, profile=b"", **settings):

@@ -15,6 +15,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import zlib
 
 import numpy as np
 
@@ -27,14 +28,15 @@ FULL = 65535.0
 HALF = 2.0 ** -11      # relative resolution of half floats
 FLOAT = 1e-5
 ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
-def case(name, files, truth=None, refused=None, note=None, tolerance=FLOAT, how="photograph", options=(), where=None):
+def case(name, files, truth=None, refused=None, note=None, tolerance=FLOAT, how="photograph", options=(), where=None, without=None):
     """`files`: {name: bytes}, the first ones in order are given. `truth` [rows × columns × 3]; `where`: of which
-    samples. `refused`, `note`: a pattern that the messages have."""
+    samples. `refused`, `note`: a pattern that the messages have; `without`: one that they lack."""
     return dict(name=name, files=files, truth=truth, refused=refused, note=note, tolerance=tolerance, how=how,
-                options=list(options), where=where)
+                options=list(options), where=where, without=without)
 
 
 def sites(layout, shape):
@@ -65,6 +67,19 @@ def raw_cases():
     yield case("RAW of a monochrome camera", {"a.dng": dng(grey, None)}, np.repeat(truth[..., 1:2], 3, 2))
     yield case("RAW, layout given", {"a.dng": dng(corpus.mosaic(sensor, "grbg"))}, truth,
                where=sites("grbg", light.shape[:2]), options=["--layout", "bayer_grbg"])
+    blacks = (200, 260, 300, 240)
+    for layout in BAYER:  # a level per site
+        of_sites = np.tile(np.reshape(blacks, (2, 2)), (24, 32))
+        raised = (corpus.mosaic(sensor, layout) + of_sites - corpus.BLACK).astype(np.uint16)
+        yield case(f"RAW {layout}, black level per site", {"a.dng": dng(raised, BAYER[layout], black=blacks, tags={50713: (3, [2, 2])})},
+                   truth, where=sites(layout, light.shape[:2]))
+    raised = (sensor + np.subtract(blacks[:3], corpus.BLACK)).astype(np.uint16)
+    yield case("LinearRaw, black level per channel", {"a.dng": dng(raised, black=blacks[:3])}, truth)
+    dark = {f"{t}.dng": dng(corpus.mosaic(np.round(black + light * t * 1500).astype(np.uint16), "rggb"), black=black)
+            for t, black in ((1, 256), (2, 400))}
+    yield case("RAW, black level differs within a bracket", dark, light * 1500 / FULL, where=sites("rggb", light.shape[:2]), tolerance=0.01,
+               options=["--exposures", "1,2"], without="times as bright|contradict")
+    yield case("RAW of tiles without compression", {"a.dng": dng(grey, tile=16)}, refused="tiles without compression")
     xtrans = [1, 1, 0, 1, 1, 2, 1, 1, 2, 1, 1, 0, 2, 0, 1, 0, 2, 1, 1, 1, 2, 1, 1, 0, 1, 1, 0, 1, 1, 2, 0, 2, 1, 2, 0, 1]
     yield case("RAW of X-Trans", {"a.dng": dng(grey, xtrans, period=6)}, refused="colour filter 'X-Trans'")
     yield case("RAW of X-Trans, layout given", {"a.dng": dng(grey, xtrans, period=6)}, refused="X-Trans", options=["--layout", "grey"])
@@ -101,11 +116,24 @@ def tiff_cases():
         yield case(f"TIFF grey, 0 is white: {how}", {"a.tif": tiff(65535 - sixteen[..., :1], grey_is_white=True)},
                    refused="white as zero", how=how)
     yield case("TIFF of 32-bit integers", {"a.tif": tiff(sixteen.astype(np.uint32))}, refused="integer samples of neither")
-    for curve, bits in itertools.product(("linear", "srgb", "table", "1.8"), (8, 16)):
+    for curve, how in itertools.product(("srgb", "1.8"), ("photograph", "map")):
+        profile = icc(curve)
+        yield case(f"TIFF float with ICC profile {curve}: {how}", {"a.tif": tiff(encoded(SCENE, curve, "").astype(np.float32), icc=profile)},
+                   SCENE, tolerance=1e-3, how=how)
+        of_grey = {"a.tif": tiff(integers(encoded(SCENE[..., :1], curve, ""), 16), icc=icc(curve, b"kTRC"))}
+        yield case(f"TIFF grey with grey ICC profile {curve}: {how}", of_grey, np.repeat(SCENE[..., :1], 3, 2), tolerance=4e-3, how=how)
+    for how in ("photograph", "map"):
+        yield case(f"TIFF with a profile of tables: {how}", {"a.tif": tiff(sixteen, icc=icc("srgb", b"A2B0"))}, refused="states an encoding", how=how)
+        yield case(f"TIFF float with a profile of tables: {how}", {"a.tif": tiff(SCENE.astype(np.float32), icc=icc("srgb", b"A2B0"))},
+                   refused="states an encoding", how=how)
+        yield case(f"TIFF that begins with a thumbnail: {how}", {"a.tif": tiff(sixteen, tags={254: (4, 1)})}, refused="thumbnail", how=how)
+        yield case(f"TIFF of LogLuv: {how}", {"a.tif": tiff(sixteen, tags={262: (3, 32845)})}, refused="LogLuv", how=how)
+    yield case("TIFF, ICC profile of another curve: map", {"a.tif": tiff(sixteen, icc=icc("odd"))}, refused="states an encoding", how="map")
+    for curve, bits in itertools.product(("linear", "srgb", "table", "1.8", "table of 2"), (8, 16)):
         stored = integers(encoded(SCENE, curve, ""), bits)
         yield case(f"TIFF {bits} bits, ICC profile {curve}", {"a.tif": tiff(stored, icc=icc(curve))}, SCENE,
                    tolerance=0.08 if bits == 8 else 4e-3)
-    yield case("TIFF 16 bits, ICC profile of another curve", {"a.tif": tiff(sixteen, icc=icc("odd"))}, refused="encoding.*--response")
+    yield case("TIFF 16 bits, ICC profile of another curve", {"a.tif": tiff(sixteen, icc=icc("odd"))}, refused="states an encoding.*--response")
     yield case("TIFF with '?' in its name", {"a?b=1.tif": tiff(sixteen)}, light)
 
 
@@ -120,6 +148,19 @@ def png_cases():
         file = {"a.png": png(stored, [(b"eXIf", corpus.exif_block(orientation))])}
         yield case(f"PNG eXIf orientation {orientation}: photograph upright", file, integers(SCENE, 16) / FULL)
         yield case(f"PNG eXIf orientation {orientation}: map upright", file, srgb_decoded(integers(SCENE, 16) / FULL), how="map")
+    for how in ("photograph", "map"):
+        yield case(f"PNG cICP of PQ: {how}", {"a.png": png(integers(SCENE, 16), [(b"cICP", bytes([9, 16, 0, 1]))])}, refused="states an encoding", how=how)
+        yield case(f"PNG gAMA of zero: {how}", {"a.png": png(integers(SCENE, 16), [(b"gAMA", bytes(4))])},
+                   integers(SCENE, 16) / FULL if how == "photograph" else srgb_decoded(integers(SCENE, 16) / FULL), how=how)
+    linear = integers(SCENE, 16)
+    adobe = np.maximum(linear / FULL @ REC709_FROM_ADOBE.T, 0)
+    chrm = struct.pack(">8I", *(round(v * 1e5) for v in ADOBE[6:] + ADOBE[:6]))
+    for name, chunks in (("cHRM", [(b"gAMA", struct.pack(">I", 100000)), (b"cHRM", chrm)]),
+                         ("iCCP", [(b"iCCP", b"p\0\0" + zlib.compress(icc("linear", colorants=corpus.ADOBE_RGB)))])):
+        yield case(f"PNG {name} of Adobe RGB: map", {"a.png": png(linear, chunks)}, adobe, tolerance=2e-2, how="map", note="primaries.*converted")
+        yield case(f"PNG {name} of Adobe RGB: photograph", {"a.png": png(linear, chunks)}, linear / FULL)
+    yield case("PNG cICP of BT.2020: map", {"a.png": png(linear, [(b"cICP", bytes([9, 8, 0, 1]))])}, np.maximum(linear / FULL @ REC709_FROM_2020.T, 0),
+               tolerance=1e-3, how="map", note="primaries.*converted")
     grey = integers(SCENE[..., :1], 8)
     yield case("PNG grey", {"a.png": png(grey)}, np.repeat(srgb_decoded(grey / 255), 3, 2))
     few = (integers(SCENE, 8) // 64 * 64).astype(np.uint8)
@@ -165,6 +206,10 @@ def radiance_cases():
     yield case("Radiance XYZE", {"a.hdr": file}, values @ np.linalg.inv(XYZ_FROM_REC709).T, tolerance=1e-4, how="map")
     yield case("Radiance PRIMARIES of ACEScg", {"a.hdr": rgbe(SCENE, header=["PRIMARIES=" + " ".join(map(str, ACESCG))])[0]},
                np.maximum(rgbe(SCENE)[1] @ REC709_FROM_ACESCG.T, 0), tolerance=1e-3, how="map", note="primaries.*converted")
+    for how in ("photograph", "map"):
+        yield case(f"Radiance GAMMA: {how}", {"a.hdr": rgbe(SCENE, header=["GAMMA=2.2"])[0]}, refused="GAMMA=2.2", how=how)
+        yield case(f"Radiance GAMMA of 1: {how}", {"a.hdr": rgbe(SCENE, header=["GAMMA=1.0"])[0]}, rgbe(SCENE)[1], how=how)
+    yield case("Radiance FORMAT behind a blank", {"a.hdr": rgbe(SCENE)[0].replace(b"FORMAT=", b"FORMAT= ")}, rgbe(SCENE)[1])
     wide = np.tile(SCENE, (1, 40, 1))
     file, values = rgbe(np.where(wide > 2, wide, 0.5), coding="old")
     yield case("Radiance old run lengths of more than 255", {"a.hdr": file}, values)
@@ -183,6 +228,11 @@ def exr_cases():
     bright = SCENE * 50
     yield case("EXR above 1: no saturation", {"a.exr": exr(rgb_channels(bright))}, bright)
     yield case("EXR of Y", {"a.exr": exr({"Y": SCENE[..., 0].astype(np.float32)})}, np.repeat(SCENE[..., :1], 3, 2), how="map")
+    named = lambda *names: {n: SCENE[..., c].astype(np.float32) for c, n in enumerate(names)}
+    for names, how in itertools.product((("X", "Y", "Z"), ("N.X", "N.Y", "N.Z"), ("RY", "Y", "BY")), ("photograph", "map")):
+        yield case(f"EXR of {', '.join(names)}: {how}", {"a.exr": exr(named(*names))}, refused="has no colour", how=how)
+    yield case("EXR of a layer and normals", {"a.exr": exr({**named("V.Combined.R", "V.Combined.G", "V.Combined.B"), **named("V.N.X", "V.N.Y", "V.N.Z")})},
+               SCENE, how="map")
     yield case("EXR of uint", {"a.exr": exr(rgb_channels(SCENE * 1000, np.uint32))}, refused="whole numbers", how="map")
     numbers = {**rgb_channels(SCENE), "object.id": np.ones(SCENE.shape[:2], np.uint32)}
     yield case("EXR with a uint channel beside R, G, B", {"a.exr": exr(numbers)}, SCENE, how="map")
@@ -233,6 +283,8 @@ def setting_cases():
     for container, write in containers.items():
         yield case(f"automatic white balance is noted, {container}", {f"{i}.{container}": write(seconds=0.01, white_balance=0) for i in range(2)},
                    truth=True, how="dome", **({} if container == "dng" else {"note": "automatic white balance"}))
+    depths = {"0.tif": tiff(sixteen, seconds=0.01), "1.tif": tiff((sixteen // 257).astype(np.uint8), seconds=0.01)}
+    yield case("depth differs where no encoding is stated", depths, how="dome", refused="depth in bits of 8.*16")
     curves = {"0.png": png(sixteen), "1.png": png(sixteen, PNG_CURVES["sRGB"])}
     yield case("encoding differs in a bracket", curves, refused="another encoding", options=["--exposures", "1,2"])
 
@@ -292,6 +344,8 @@ def adapted(source, target):
 
 XYZ_FROM_REC709 = xyz_from_rgb(REC709)
 REC709_FROM_ACESCG = adapted(ACESCG, REC709)
+REC709_FROM_ADOBE = adapted(ADOBE, REC709)
+REC709_FROM_2020 = adapted((0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290), REC709)
 
 
 def refield_cube(radiance, size):
@@ -332,6 +386,8 @@ def judge(item, program, folder):
         return f"exit {ran.returncode}: {text.strip()[:300]}"
     if item["note"] and not re.search(item["note"], text, re.S):
         return f"lacks the note '{item['note']}': {text.strip()[:300]}"
+    if item["without"] and re.search(item["without"], text, re.S):
+        return f"has a note like '{item['without']}': {text.strip()[:300]}"
     if item["how"] == "dome":
         return None
     channels = corpus.read_exr(out)
