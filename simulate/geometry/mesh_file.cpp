@@ -141,6 +141,19 @@ MeshFile in_light_axes(const ImportedMesh& file, const MeshFileOptions& options,
   return result;
 }
 
+/// Coordinates of maps and surveys exceed what floats resolve.
+void require_near_origin(const Mesh& mesh, const fs::path& path) {
+  constexpr float max_rounding = 1e-4f;  // of the diagonal
+  Eigen::AlignedBox3f box;
+  for (const Eigen::Vector3f& position : mesh.positions) box.extend(position);
+  const float farthest = std::max(box.min().cwiseAbs().maxCoeff(), box.max().cwiseAbs().maxCoeff());
+  if (farthest * std::numeric_limits<float>::epsilon() > max_rounding * box.diagonal().norm())
+    throw FormatError(path,
+                      "lies " + std::to_string(std::lround(farthest / box.diagonal().norm())) +
+                          " times its size away from the origin, where single precision deforms it; move "
+                          "it to the origin");
+}
+
 }  // namespace
 
 void compute_normals(Mesh& mesh) {
@@ -188,6 +201,7 @@ MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options, co
                                 ? "contains no triangles; convert a point cloud to a surface first"
                                 : "holds " + std::to_string(file.triangles.size()) +
                                       " triangles, none with an area; repair the mesh");
+  require_near_origin(mesh, path);
   const std::size_t left_out = file.triangles.size() - mesh.triangles.size();
   if (left_out > 0)
     run.note(path.string() + ": " + std::to_string(left_out) + " of " +

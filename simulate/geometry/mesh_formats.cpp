@@ -131,6 +131,16 @@ void scale_colours(std::vector<Colour>& colours, bool are_bytes = false) {
   for (Colour& colour : colours) colour /= full;
 }
 
+/// Where a file gives others a colour; white in the end.
+Colour uncoloured() {
+  return Colour::Constant(-1.0f);
+}
+
+void whiten(std::vector<Colour>& colours) {
+  for (Colour& colour : colours)
+    if (colour[0] < 0.0f) colour = Colour::Ones();
+}
+
 constexpr double no_index = -1e300;
 
 struct Corner {
@@ -290,7 +300,11 @@ class Ply {
  private:
   void read_header(Words line, std::string_view bytes) {
     const std::string_view key = line.next();
-    if (key == "comment" && line.next() == "TextureFile") texture_ = line.rest();
+    if (key == "comment" && line.next() == "TextureFile") {
+      if (!texture_.empty() && texture_ != line.rest())
+        throw MeshFault("it has several textures (TextureFile); join them, or export it as OBJ or glTF");
+      texture_ = line.rest();
+    }
     if (key == "format") {
       const std::string_view format = line.next();
       is_text_ = format == "ascii";
@@ -602,6 +616,7 @@ class Obj {
       scale_colours(faces_.colours);
     else
       faces_.colours.clear();
+    whiten(faces_.colours);
     mtl_.materials[0].base_colour = {0.8f, 0.8f, 0.8f};
     mesh_.materials = std::move(mtl_.materials);
     ImportedMesh mesh = assemble(faces_, std::move(mesh_));
@@ -622,7 +637,7 @@ class Obj {
     const bool coloured = values.size() == 6;
     is_coloured_ = is_coloured_ || coloured;
     faces_.colours.push_back(coloured ? Eigen::Array3d(values[3], values[4], values[5]).cast<float>()
-                                      : Colour(Colour::Ones()));
+                                      : uncoloured());
   }
 
   void read_face(Words words) {
@@ -710,14 +725,11 @@ class Off {
     scale_colours(faces_.colours);
     if (!faces_.face_colours.empty()) faces_.face_colours.resize(faces_.sizes.size(), uncoloured());
     scale_colours(faces_.face_colours);
-    for (Colour& colour : faces_.face_colours)
-      if (colour[0] < 0.0f) colour = Colour::Ones();
+    whiten(faces_.face_colours);
     return assemble(faces_, std::move(mesh_));
   }
 
  private:
-  static Colour uncoloured() { return Colour::Constant(-1.0f); }
-
   void read_vertex(const std::vector<double>& v) {
     const std::size_t plain = 3 + (normals_ ? 3 : 0) + (places_ ? 2 : 0),
                       expected = plain + (colours_ ? 4 : 0);

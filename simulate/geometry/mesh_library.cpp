@@ -174,6 +174,7 @@ struct Gltf {
 
 Gltf parse_gltf(const std::string& bytes, bool binary) {
   if (bytes.empty()) throw MeshFault("the file is empty");
+  if (!binary && bytes.starts_with("glTF")) throw MeshFault("it is a GLB file; name it .glb");
   if (!binary) return {Json::parse(bytes), {}, false};
   const auto word = [&](std::size_t at) {
     std::uint32_t number = 0;
@@ -212,7 +213,15 @@ void prepare_for_library(Json& gltf, const fs::path& path) {
     for (Json& node : gltf["nodes"]) node.erase("skin");
 }
 
-void require_supported(const Json& gltf) {
+void require_supported(const Gltf& file) {
+  const Json& gltf = file.json;
+  const std::string version = child(gltf, "asset").value("version", "");
+  if (!version.starts_with("2."))
+    throw MeshFault("it is not of glTF 2.0, which its asset must state; export it as glTF 2.0");
+  const Json& buffers = child(gltf, "buffers");
+  if (file.binary && !buffers.empty() && buffers.at(0).contains("uri"))
+    throw MeshFault(
+        "its first buffer is another file, which GLB files are not read with; export it as .gltf");
   static const std::set<std::string> supported = {"KHR_draco_mesh_compression", "KHR_texture_transform",
                                                   "KHR_materials_unlit", "KHR_lights_punctual"};
   for (const std::string& name : gltf.value("extensionsRequired", std::vector<std::string>{})) {
@@ -382,11 +391,11 @@ void append_materials(const Json& gltf, const aiScene& scene, const fs::path& pa
 
 ImportedMesh read_gltf(const std::string& bytes, const fs::path& path) {
   Gltf gltf = parse_gltf(bytes, mesh_format_of(path) == "glb");
-  require_supported(gltf.json);
+  require_supported(gltf);
   ImportedMesh mesh;
   const Json& scenes = child(gltf.json, "scenes");
-  const Json none = Json::array();
-  const Json& roots = scenes.empty() ? none : scenes.at(gltf.json.value("scene", std::size_t{0})).at("nodes");
+  if (scenes.empty()) throw MeshFault("it has no scene, so that nothing is shown; export it with one");
+  const Json& roots = child(scenes.at(gltf.json.value("scene", std::size_t{0})), "nodes");
   std::set<std::size_t> seen;
   const std::uint64_t promised = triangles_below(gltf.json, roots, seen, mesh.notes);
   prepare_for_library(gltf.json, path);

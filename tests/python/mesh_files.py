@@ -109,10 +109,10 @@ def off(key="OFF", end="\n", colours=None, face_colours=None, lists=None, counts
 # ---- OBJ
 
 def obj(end="\n", head=(), colours=None, w="", relative=False, lists=None, places=False, bom=b"", between=(), number=str,
-        corner="{p}", encoding="utf-8"):
+        corner="{p}", encoding="utf-8", positions=None):
     lists = M["triangles"] if lists is None else lists
     lines = [*head]
-    for i, p in enumerate(M["positions"]):
+    for i, p in enumerate(M["positions"] if positions is None else positions):
         lines.append("v " + " ".join(map(number, p)) + w + ("" if colours is None else " " + " ".join(map(str, colours[i]))))
         if places:
             lines.append("vt " + " ".join(map(str, M["places"][i])))
@@ -134,7 +134,7 @@ COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 512
 
 def gltf(positions=None, indices=None, component=5123, mode=None, colour=None, places=None, node=None, nodes=None,
          material=None, images=None, textures=None, required=(), used=(), binary=False, sparse=False, bom=b"", change=None,
-         uri=None, texture_info=None, extra_attributes=(), stride=0):
+         uri=None, texture_info=None, extra_attributes=(), stride=0, buffer_uri=None):
     """A document of one mesh, and its buffer: {name: bytes}. `change` edits the JSON."""
     positions = M["positions"] if positions is None else positions
     buffer, views, accessors = b"", [], []
@@ -191,7 +191,7 @@ def gltf(positions=None, indices=None, component=5123, mode=None, colour=None, p
         document["extensionsUsed"] = [*required, *used]
     if change:
         change(document)
-    document["buffers"] = [{"byteLength": len(buffer)}]
+    document["buffers"] = [{"byteLength": len(buffer), **({"uri": buffer_uri} if buffer_uri else {})}]
     if binary:
         text = json.dumps(document).encode()
         text += b" " * (-len(text) % 4)

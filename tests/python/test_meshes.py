@@ -140,6 +140,8 @@ READ = [
     ("obj coordinates", as_m("obj", obj(places=True, corner="{p}/{p}")), PLAIN, None),
     ("obj colours", as_m("obj", obj(colours=LEVELS / 255)), COLOURED, None),
     ("obj colours to 255", as_m("obj", obj(colours=LEVELS)), COLOURED, None),
+    ("obj colours of some vertices", as_m("obj", obj(colours=[c if i % 2 else () for i, c in enumerate(LEVELS)])),
+     truth(reflectance=0.8 * np.where(np.arange(12)[:, None] % 2, linear(LEVELS / 255), 1.0)), None),
     ("mtl Kd", with_mtl("Kd 0.1 0.2 0.3"), truth(reflectance=[0.1, 0.2, 0.3]), None),
     ("mtl byte order mark", as_m("obj", obj(head=MTL), **{"m.mtl": b"\xef\xbb\xbf" + mtl("Kd 0.3")}),
      truth(reflectance=0.3), None),
@@ -226,7 +228,17 @@ IGNORED = [
     ("gltf second coordinates", textured({"texCoord": 1}, extra_attributes=[("TEXCOORD_1", M["places"])]),
      truth(reflectance=1.0), "first texture coordinates"),
 ]
+FAR = np.float32([512345, 5812345, 112])
 REFUSED = [
+    ("obj far from the origin", as_m("obj", obj(positions=M["positions"] + FAR)), None, "times its size away from the origin"),
+    ("ply doubles far from the origin", as_m("ply", ply("binary_little_endian", xyz="double", positions=M["positions"] + FAR.astype(float))),
+     None, "times its size away from the origin"),
+    ("gltf far from the origin", gltf(node={"translation": FAR.tolist()}), None, "times its size away from the origin"),
+    ("ply of two textures", as_m("ply", ply(comment="comment TextureFile a.png\ncomment TextureFile b.png")), None, "several textures"),
+    ("gltf without scenes", gltf(change=lambda d: (d.pop("scene"), d.pop("scenes"))), None, "has no scene"),
+    ("gltf 1.0", gltf(change=lambda d: d.update(asset={"version": "1.0"})), None, "not of glTF 2.0"),
+    ("glb named gltf", {"m.gltf": gltf(binary=True)["m.glb"]}, None, "it is a GLB file"),
+    ("glb with a buffer beside it", gltf(binary=True, buffer_uri="a.bin"), None, "first buffer is another file"),
     ("ply index out of range", as_m("ply", ply(lists=[[0, 1, 99]])),
      None, "names vertex 99 of 12: the index is out of range"),
     ("ply negative index", as_m("ply", ply(lists=[[0, 1, -1]])), None, "index is out of range"),
