@@ -15,6 +15,7 @@
 #include "core/field_io/field_shard.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "estimate/cost_estimate.h"
+#include "estimate/fit/light_groups.h"
 #include "estimate/job/checkpoint.h"
 #include "estimate/job/estimate_band.h"
 #include "estimate/job/estimate_job.h"
@@ -144,6 +145,17 @@ EstimateOptions with_thread_limit(EstimateOptions options, const RunContext& run
   return options;
 }
 
+/// Of fewer lights, the light tables have said so.
+void note_unpredicted(const EstimateJob& job, const FieldOutline& field, const RunContext& run) {
+  const std::vector<float>& predicted = field.quality.predicted_error;
+  if (predicted.empty() || static_cast<int>(job.frames.size()) < min_lights_for_errors ||
+      std::ranges::any_of(predicted, [](float error) { return error > 0.0f; }))
+    return;
+  run.note(
+      "the error on new photographs cannot be predicted: the field fits its photographs so closely that they "
+      "tell nothing of others; photograph more lights that differ");
+}
+
 ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const RunContext& run) {
   const EstimateOptions options = with_thread_limit(wanted, run);
   const auto limit = limit_threads(plan_job(job, options, FieldGoes::to_memory).threads);
@@ -152,7 +164,9 @@ ReflectanceField field_of(EstimateJob job, const EstimateOptions& wanted, const 
   BandsDone done = estimate_bands(
       job, options, plan_job(job, options, FieldGoes::to_memory), [](RowRange) { return false; },
       [&](RowRange, const std::vector<PixelKernels>& kernels) { assembler.append(kernels); }, run);
-  return assembler.take(std::move(done.observed_light), std::move(done.light_error));
+  ReflectanceField field = assembler.take(std::move(done.observed_light), std::move(done.light_error));
+  note_unpredicted(job, field, run);
+  return field;
 }
 
 }  // namespace
@@ -229,6 +243,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   }
   checkpoint.remove();
 
+  note_unpredicted(job, field, run);
   summarise(field, job, summary);
   summary.seconds = seconds_since(start);
   summary.peak_memory_bytes = peak_memory_bytes();

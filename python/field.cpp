@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <span>
+#include <utility>
 
 #include "core/base/output_lock.h"
 #include "core/field/field_statistics.h"
@@ -219,6 +221,14 @@ py::object quality_map(const Field& field, const std::vector<float>& values) {
   return array_of(std::vector<float>(values), {field.outline().height, field.outline().width});
 }
 
+/// As quality_map(), of what is predicted: NaN where the field predicts nothing.
+py::object predicted_map(const Field& field, std::vector<float> values) {
+  const std::vector<float>& predicted = field.outline().quality.predicted_error;
+  for (std::size_t p = 0; p < values.size(); ++p)
+    if (predicted[p] == 0.0f) values[p] = std::numeric_limits<float>::quiet_NaN();
+  return quality_map(field, values);
+}
+
 py::object predicted_error_of(const Field& field, const Floats& light) {
   const FieldOutline& outline = field.outline();
   const ImageView view = view_of(light, "light");
@@ -231,7 +241,7 @@ py::object predicted_error_of(const Field& field, const Floats& light) {
     field.relight({&view, 1}, relit.values.data(), {});
     error = predicted_error_under(outline, map.radiance, relit);
   });
-  return quality_map(field, error);
+  return predicted_map(field, std::move(error));
 }
 
 Field load(const std::filesystem::path& path) {
@@ -410,10 +420,10 @@ void bind_field(py::module_& module) {
                              [](const Field& field) { return field.packed() ? field.packed()->bits() : 32; })
       .def_property_readonly(
           "predicted_error",
-          [](const Field& f) { return quality_map(f, f.outline().quality.predicted_error); })
+          [](const Field& f) { return predicted_map(f, f.outline().quality.predicted_error); })
       .def("predicted_error_under", &predicted_error_of)
       .def_property_readonly(
-          "noise", [](const Field& f) { return quality_map(f, f.outline().quality.photograph_noise); })
+          "noise", [](const Field& f) { return predicted_map(f, f.outline().quality.photograph_noise); })
       .def_property_readonly("training_error", [](const Field& f) {
         return quality_map(f, f.outline().quality.training_error);
       });

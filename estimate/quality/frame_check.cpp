@@ -45,7 +45,7 @@ void require_usual_brightness(const EstimateJob& job) {
       ": the photographs' samples are about %.1e, too %s for the computation; scale all photographs by "
       "the same factor to values around 1",
       typical, typical < min_mean ? "small" : "large");
-  throw InputError(job.frames.front().observed.parent_path().string() + text);
+  throw InputError(name_of(job.session) + text);
 }
 
 double share_not_measured(const PixelSample& sample) {

@@ -243,7 +243,8 @@ class Field:
     def predicted_error(self) -> Optional[Array]:
         """Relative RMSE [H, W] to be expected on new photographs, or None.
 
-        It holds for photographs as noisy as those of the estimate, under light of their kind. 0 where nothing is known.
+        It holds for photographs as noisy as those of the estimate, under light of their kind. NaN where nothing is known:
+        outside the mask, without light, where a channel was not measured, everywhere with few lights.
         """
         return self._native.predicted_error
 
@@ -261,7 +262,7 @@ class Field:
         Returns
         -------
         array [H, W], float32, or None
-            0 where the picture is black. None where the field has no predicted error.
+            0 where the picture is black, NaN where `predicted_error` is. None where the field has no predicted error.
 
         Raises
         ------

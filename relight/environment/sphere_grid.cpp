@@ -116,7 +116,7 @@ void SphereGrid::add_faces() {
 }
 
 void SphereGrid::add_windows(std::span<const MonitorPlacement> monitors) {
-  if (monitors.empty()) throw InputError("a monitor's light map needs to know where the monitor stands");
+  if (monitors.empty()) throw InputError("the monitor's placement is not known; give one, as in 520x320@600");
   check_placements(monitors, domain_, "light map");
   const int rows = domain_.height / static_cast<int>(monitors.size());
   for (const MonitorPlacement& monitor : monitors)

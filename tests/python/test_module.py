@@ -29,7 +29,7 @@ def same_content(a, b):
     light = random_lights(a, 1)[0]
     assert np.array_equal(a.relight(light), b.relight(light))
     for name in ("predicted_error", "noise", "training_error"):
-        assert np.array_equal(getattr(a, name), getattr(b, name)), name
+        assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
     for x, y in ((0, 0), (11, 7), (23, 17)):
         assert a.kernels(x, y) == b.kernels(x, y)
         assert np.array_equal(a.transport(x, y), b.transport(x, y))
@@ -39,13 +39,26 @@ def test_predicted_error_follows_the_light(field):
     natural = random_lights(field, 1)[0]
     error = field.predicted_error_under(natural)
     assert error.shape == field.predicted_error.shape
-    assert np.allclose(field.predicted_error_under(3 * natural), error, rtol=1e-5)
+    assert np.allclose(field.predicted_error_under(3 * natural), error, rtol=1e-5, equal_nan=True)
     texel = np.zeros_like(natural)
     texel[natural.shape[0] // 2, natural.shape[1] // 2] = 1
-    assert np.median(field.predicted_error_under(texel)) > np.median(error)
-    assert not field.predicted_error_under(np.zeros_like(natural)).any()
+    assert np.nanmedian(field.predicted_error_under(texel)) > np.nanmedian(error)
+    assert not np.nan_to_num(field.predicted_error_under(np.zeros_like(natural))).any()
     with pytest.raises(refield.InputError):
         field.predicted_error_under(natural[1:])
+
+
+@pytest.mark.parametrize("lights,pattern", [(5, "its error on new photographs cannot be predicted"),
+                                            (11, "the error on new photographs cannot be predicted")])
+def test_error_that_cannot_be_predicted_is_nan_and_said(lights, pattern, caplog):
+    random = np.random.default_rng(3)
+    light = random.random((lights, 4, 8, 3), dtype=np.float32) ** 3
+    observed = (random.random((20, 32)) @ light.reshape(lights, 32, 3)).reshape(lights, 4, 5, 3)
+    observed *= 1 + 0.02 * random.standard_normal(observed.shape)
+    with caplog.at_level(logging.WARNING, "refield"):
+        field = refield.estimate(light, observed, rig="off")
+    assert pattern in caplog.text
+    assert np.isnan(field.predicted_error).all() and np.isnan(field.noise).all()
 
 
 def test_estimate_equals_command_line_bit_for_bit(program, session, field, tmp_path):
