@@ -58,6 +58,7 @@ ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, 
   rows = prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics, run_context()),
                              options.map_resolution);
   return {{"order", options.order},
+          {"window", "none"},
           {"directions", options.directions},
           {"radius", options.radius},
           {"pass_energy", statistics.pass_energy}};
