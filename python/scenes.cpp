@@ -236,6 +236,7 @@ Field precompute(const fs::path& path, const std::string& method,
       rows = prt::harmonic_field(scene, prt::harmonic_transfer(scene, harmonics, statistics, run),
                                  harmonics.map_resolution);
       provenance.update({{"order", harmonics.order},
+                         {"window", "none"},
                          {"directions", harmonics.directions},
                          {"radius", harmonics.radius},
                          {"pass_energy", statistics.pass_energy}});
