@@ -855,7 +855,7 @@ bool RigEstimation::estimate_colour_and_tone() {
   estimate_colour();
   const Eigen::Matrix3d mixing_alone = model_.mixing;
   const auto residuals = relative_residuals();
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4 && predictors_.are_mixtures(); ++k) {
     const auto tone = best_exponents();
     double change = 0.0;
     for (int c = 0; c < 3; ++c) change = std::max(change, std::abs(tone[c] - model_.tone[c]));
@@ -955,7 +955,8 @@ std::array<double, 3> RigEstimation::best_exponents() {
         high = at(centre + width);
       }
     }
-    for (int narrowing = 0; narrowing < 3; ++narrowing) {
+    const bool has_minimum = middle <= low && middle <= high;
+    for (int narrowing = 0; has_minimum && narrowing < 3; ++narrowing) {
       const double curvature = low - 2.0 * middle + high;
       if (!(curvature > 0.0)) break;
       const double best = centre + 0.5 * width * (low - high) / curvature;

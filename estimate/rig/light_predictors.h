@@ -26,6 +26,9 @@ class LightPredictors {
   /// Number of lights of which none is a multiple of another: copies tell nothing of what a weak predictor
   /// does not know.
   int different_lights() const { return different_lights_; }
+  /// Whether lights have parts in common. Of single light sources a tone curve only changes the brightness,
+  /// as gains do.
+  bool are_mixtures() const { return are_mixtures_; }
   /// Before exponents other than 1.
   void prepare_exponents();
 
@@ -48,6 +51,7 @@ class LightPredictors {
   std::vector<int> chosen_;
   std::array<std::vector<std::vector<int>>, 3> folds_;  // of more than one image, by channel
   int different_lights_ = 0;
+  bool are_mixtures_ = false;
   std::size_t way_ = ways;
   bool has_exponents_ = false;
   /// [channel][derivative by the exponent]: blurred lights [images × cells].

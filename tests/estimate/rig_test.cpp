@@ -252,6 +252,23 @@ TEST(Rig, ToneCurveAndConstantRoomLightAreToldApart) {
   EXPECT_FALSE(capture.report().model.bends_tone());
 }
 
+// Where each photograph has one light source, an exponent only changes their brightness.
+TEST(Rig, SingleLightSourcesTellNoToneCurve) {
+  WavyCapture capture(48);
+  Rng rng(4);
+  for (int j = 0; j < capture.images(); ++j) {
+    Image& light = capture.lights()[static_cast<std::size_t>(j)].radiance;
+    std::ranges::fill(light.values, 0.0f);
+    const float brightness = 0.3f + 0.7f * static_cast<float>(rng.uniform());
+    for (int y = 0; y < 3; ++y)
+      for (int x = 0; x < 3; ++x)
+        for (int c = 0; c < 3; ++c)
+          light.at(j % 8 * 2 + std::min(x, 1), std::min(j / 8 * 2 + y, 11), c) = brightness;
+  }
+  capture.tone = 1.3;
+  EXPECT_FALSE(capture.report().model.bends_tone());
+}
+
 TEST(Rig, WhiteBalanceOfEachPhotographIsFound) {
   WavyCapture capture(60);
   Rng rng(8);
