@@ -526,7 +526,7 @@ Json check_json(const FrameReport& found, int photographs) {
 Json page_data(const ReportInput& input, const std::vector<FieldFigures>& evaluated, const KernelStudy& study,
                const std::vector<RunLog>& logs, Json figures, Json check, const RunContext& run) {
   figures["page"] = "report";
-  figures["command"] = "refield report";
+  figures["command"] = "refield compare";
   figures["name"] = session_name(input.session);
   figures["kinds"] = kinds_of(input.session);
   if (input.truth) figures["truth_note"] = input.truth_note;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the pages of `refield report` and `refield acquire calibrate` are made of: text, numbers, tables, charts.
+// What the pages of `refield compare` and `refield acquire calibrate` are made of: text, numbers, tables, charts.
 // The program writes what it measured as JSON into #data; the pages' own scripts, below, draw it.
 'use strict';
 

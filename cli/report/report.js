@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of `refield report`, in reading order. Of several references of errors, the last one is the best.
+// The page of `refield compare`, in reading order. Of several references of errors, the last one is the best.
 
 pages.report = (data) => ({
   title: 'Reflectance field report',
