@@ -114,6 +114,9 @@ CaptureRequest request_of(const SessionFile& session, const CameraDescription& c
   request.lights = lights_of(session, monitor, request.monitor, quick);
   request.rig = rig_text(session, camera, monitor);
   request.monitors = session.placements;
+  if (const auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
+      simulated && request.monitors.empty())
+    request.monitors = monitor_placements(read_recipe(simulated->recipe).scene);
   for (double seconds : session.exposures) request.exposures.emplace_back(seconds);
   request.exposure_plan.count = session.exposure_count;
   request.exposure_plan.ratio = session.exposure_ratio;

@@ -35,7 +35,7 @@ NOT_RUN = {
     "refield acquire geometry": "needs photographs of a ball: MonitorByBall.*",
     "refield acquire probe": "ProbeFiles.TheCommandMakesMapsOfTwoSides",
     "refield acquire calibrate rig.toml": "needs a camera: tests/devices/closed_loop.sh",
-    "refield acquire guide": "needs a terminal: cli.GuidedCapture",
+    "refield acquire guide mug": "needs a terminal: cli.GuidedCapture",
     "refield acquire run rig.toml": "needs a camera: tests/devices/closed_loop.sh",
     "refield acquire import BRACKETS": "ManualCapture.*, bracket_response_test.cpp",
     "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev check cluster)",
