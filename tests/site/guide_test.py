@@ -37,6 +37,7 @@ NOT_RUN = {
     "refield acquire calibrate rig.toml": "needs a camera: tests/devices/closed_loop.sh",
     "refield acquire guide mug": "needs a terminal: cli.GuidedCapture",
     "refield acquire run rig.toml": "needs a camera: tests/devices/closed_loop.sh",
+    "refield acquire run ball.toml": "needs a camera: tests/devices/closed_loop.sh",
     "refield acquire import BRACKETS": "ManualCapture.*, bracket_response_test.cpp",
     "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev check cluster)",
     "refield-studies": "Studies.*",
