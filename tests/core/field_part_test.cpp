@@ -58,9 +58,9 @@ class FieldParts : public testing::Test {
     write_field_part(folder_ / name, {renumbered(field_, rows), rows, height, job});
     return folder_ / name;
   }
-  static std::string refusal(const std::vector<fs::path>& paths) {
+  std::string refusal(const std::vector<fs::path>& paths) const {
     try {
-      merge_field_parts(paths, "refused.rfield");
+      merge_field_parts(paths, folder_ / "refused.rfield");
     } catch (const InputError& error) {
       return error.what();
     }
