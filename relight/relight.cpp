@@ -86,7 +86,7 @@ Image MeteredPicture::whole() && {
   return std::move(scene);
 }
 
-MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights,
+MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightFunction> lights,
                                  std::string name, std::vector<char> are_meshes)
     : field_(field), lights_(std::move(lights)), name_(std::move(name)), are_meshes_(std::move(are_meshes)) {}
 
@@ -148,7 +148,7 @@ MeteredPicture MeteredPictures::take(std::size_t i, const RunContext& run) {
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
                                 const ExposureOptions& exposure, const RunContext& run) {
   const ThreadLimit limit(run);
-  std::vector<LightSource> lights;
+  std::vector<LightFunction> lights;
   std::vector<char> are_meshes;
   for (const RelightJob& job : jobs) {
     if (job.output.extension() != ".exr" && !is_exposed(job))

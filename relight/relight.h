@@ -16,12 +16,12 @@
 namespace refield {
 
 /// A light, read or computed when its turn comes; lights may be asked for from several threads at a time.
-using LightSource = std::function<SceneLight()>;
+using LightFunction = std::function<SceneLight()>;
 
 /// One image to be made: a light and the file that the relit scene goes to. The file's extension chooses the
 /// format: .exr (scene-linear, float), .png (sRGB, 8 bits) or, of a mesh, .glb: write_baked_mesh().
 struct RelightJob {
-  LightSource light;
+  LightFunction light;
   std::filesystem::path output;
 };
 
@@ -63,7 +63,7 @@ class MeteredPictures {
  public:
   /// `name` is what errors call the pictures; `are_meshes` [lights] says which are meshes, none if it is
   /// empty.
-  MeteredPictures(const FieldPictures& field, std::vector<LightSource> lights, std::string name,
+  MeteredPictures(const FieldPictures& field, std::vector<LightFunction> lights, std::string name,
                   std::vector<char> are_meshes = {});
 
   /// The exposure of a sequence of these pictures: for what light does to the scene, not for the background.
@@ -80,7 +80,7 @@ class MeteredPictures {
   void require_finite(const Image& image, std::size_t i, const SceneLight& light) const;
 
   const FieldPictures& field_;
-  std::vector<LightSource> lights_;
+  std::vector<LightFunction> lights_;
   std::string name_;
   std::vector<char> are_meshes_;
   std::map<std::size_t, MeteredPicture> kept_;

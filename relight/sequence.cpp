@@ -213,7 +213,7 @@ void VideoWriter::fail() {
                     "ffmpeg could not write the video" + (said.empty() ? std::string() : ": " + said));
 }
 
-ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
+ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightFunction>& lights,
                                 const std::filesystem::path& output, const VideoOptions& options,
                                 const RunContext& run) {
   const ThreadLimit limit(run);

@@ -68,7 +68,7 @@ class VideoWriter {
 /// Relights `field` for each light in turn and writes the images as a video, with progress. Several images
 /// are made at a time; none is kept once it is encoded. The file appears when it is complete. Throws
 /// Interrupted between frames, DeviceError where ffmpeg is missing or fails, and what the lights throw.
-ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightSource>& lights,
+ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightFunction>& lights,
                                 const std::filesystem::path& output, const VideoOptions& options,
                                 const RunContext& run = {});
 

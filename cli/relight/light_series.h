@@ -85,7 +85,7 @@ class SeenShares {
 struct SeriesLight {
   std::string name;                             ///< its image's, without extension
   std::optional<std::filesystem::path> source;  ///< the file that it comes from, where it is one file's
-  LightSource make;                             ///< reads or computes it; from several threads at a time
+  LightFunction make;                           ///< reads or computes it; from several threads at a time
 };
 
 /// What the options ask a field to be lit by.

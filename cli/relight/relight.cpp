@@ -92,7 +92,7 @@ Written write_images(const RelightOptions& options, const ReflectanceField& fiel
 }
 
 Written write_video(const RelightOptions& options, const ReflectanceField& field, const LightSeries& series) {
-  std::vector<LightSource> lights;
+  std::vector<LightFunction> lights;
   for (const SeriesLight& light : series.lights) lights.push_back(light.make);
   create_folders(fs::absolute(options.output).parent_path());
   return {{options.output.string()},

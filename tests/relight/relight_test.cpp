@@ -127,7 +127,7 @@ TEST_F(Relight, MeshesAreLitOnceAndReportTheirLight) {
   ReflectanceField field = test::unshadowed_field(triangle);
   field.observed_light = {{0, 0, 4, 4}};  // one face of six
   std::atomic<int> lights = 0;
-  const LightSource white = [&] {
+  const LightFunction white = [&] {
     ++lights;
     return LightMap{Image(4, 24, 3, 1.0f), Parameterisation::cube};
   };

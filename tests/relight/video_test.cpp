@@ -33,8 +33,8 @@ class Video : public testing::Test {
   void SetUp() override {
     if (!has_ffmpeg()) GTEST_SKIP() << "ffmpeg is not installed";
   }
-  std::vector<LightSource> bar() const {
-    std::vector<LightSource> lights;
+  std::vector<LightFunction> bar() const {
+    std::vector<LightFunction> lights;
     for (int i = 0; i < frames; ++i)
       lights.emplace_back([i] { return sliding_bar(domain, 0.25, i, frames, 0.05f); });
     return lights;
