@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cmake -P join.cmake OUT SOURCE...: writes the test sources into one file, the anonymous namespace of each under a name of
-# its own. Joined, nine files compile in the time of four; the sources need not avoid each other's names.
+# its own. Joined, 18 files compile in the time of seven; the sources need not avoid each other's names.
 math(EXPR last "${CMAKE_ARGC} - 1")
 set(joined "")
 foreach(i RANGE 4 ${last})

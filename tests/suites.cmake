@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Read by ctest. Registers each GoogleTest suite of `program` as test `folder`.SUITE, which runs in one process. Suites
-# without a label are fast, and twelve of them share a process, `folder`.fast_NUMBER: to start one takes up to half a second,
-# nearly all of it the 240 libraries that OpenImageIO brings. Damaged files have a process of their own, since libraries crash
-# on some (HDF5).
+# without a label are fast, and twelve of them share a process, `folder`.fast_NUMBER: most take less time than a process
+# takes to start. Damaged files have a process of their own, since libraries crash on some (HDF5).
 #   medium, slow   suites with these labels
 # Suites that take long start first, so that none of them runs alone at the end.
 cmake_policy(VERSION 3.25)
