@@ -82,7 +82,7 @@ void compare_images(const CompareOptions& options, const Common& common) {
   const std::string& mask_file = options.capture.mask;
   const Mask mask = mask_file.empty() ? Mask{} : read_mask(mask_file, first.width, first.height);
   SeriesError series(mask);
-  HeldOutError error;
+  std::vector<HeldOutImage> per_image;
   Progress progress(run_context(), "compare", pairs.size());
   for (const auto& [predicted_path, observed_path] : pairs) {
     run_context().throw_if_stopped();
@@ -95,16 +95,11 @@ void compare_images(const CompareOptions& options, const Common& common) {
     require_comparable(predicted, predicted_path, mask);
     require_comparable(observed, observed_path, mask);
     series.add(predicted.radiance, observed.radiance, observed.sigma);
-    error.per_image.push_back({predicted_path.filename().string(), observed_path,
-                               image_error(predicted.radiance, observed.radiance, mask, observed.sigma)});
+    per_image.push_back({predicted_path.filename().string(), observed_path,
+                         image_error(predicted.radiance, observed.radiance, mask, observed.sigma)});
     progress.advance();
   }
-  error.images = series.images();
-  error.trained_on = 0;
-  error.relative_rmse = series.relative_rmse();
-  error.median = series.pixel_quantile(0.5);
-  error.percentile_90 = series.pixel_quantile(0.9);
-  error.tone_mapped_psnr_db = tone_mapped_psnr_db(error.per_image);
+  const HeldOutError error = error_of(series, std::move(per_image));
   if (!options.output.empty()) write_exr(options.output, series.relative_rmse_map());
   if (common.json) {
     print_json(held_out_figures(error));

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# What the libraries link; part of the installed package, too, since static libraries are linked by their users.
+# What the libraries link.
 enable_language(C)  # what FindHDF5 tries its headers with
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(HDF5 REQUIRED COMPONENTS C)

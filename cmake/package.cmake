@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# The manual, and Debian packages by CPack: refield, librefield-dev, and python3-refield where the module is built.
+# The manual, and Debian packages by CPack: refield, librefield0.2, librefield-dev, and python3-refield where the module is
+# built.
 # `./dev check packages` makes them.
 find_package(Python3 3.9 REQUIRED COMPONENTS Interpreter)
 
@@ -31,7 +32,7 @@ install(FILES cmake/package/refield.svg DESTINATION share/icons/hicolor/scalable
 install(FILES README.md DESTINATION share/doc/refield COMPONENT program)
 install(DIRECTORY docs datasets_synthetic DESTINATION share/doc/refield COMPONENT program PATTERN site EXCLUDE)
 
-set(components program library)
+set(components program shared library)
 if(TARGET refield_python)
   list(APPEND components python)
 endif()
@@ -46,20 +47,29 @@ photographs, estimates how the scene transforms light into pixel values,
 and renders it under new illumination: images, video, an interactive
 viewer and web pages. It also precomputes the light transport of meshes.")
 
+# As the SONAME says; its users depend on it by name and version.
+set(shared_package librefield${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
+set(CPACK_DEBIAN_SHARED_PACKAGE_NAME ${shared_package})
+set(CPACK_DEBIAN_SHARED_PACKAGE_SECTION libs)
+
+set(CPACK_COMPONENT_SHARED_DESCRIPTION "estimate and relight reflectance fields (shared library)
+Library for programs that estimate reflectance fields from images in
+memory, read and write field files, relight fields and precompute the
+light transport of meshes.")
+
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME librefield-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
-# Static libraries leave what they link to their users: the packages of cmake/dependencies.cmake.
-set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libassimp-dev, libeigen3-dev, libembree-dev, libhdf5-dev, libhwy-dev, libopencv-core-dev, libopencv-imgproc-dev, libopenexr-dev, libopenimageio-dev, libpng-dev, openimageio-tools, libraw-dev, libtbb-dev, libtomlplusplus-dev, nlohmann-json3-dev, pkg-config, zlib1g-dev")
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "${shared_package} (= ${PROJECT_VERSION}-1)")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SUGGESTS "refield")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "estimate and relight reflectance fields (C++ library)
-Headers and static libraries for C++ programs that estimate reflectance
-fields from images in memory, read and write field files, relight fields
-and precompute the light transport of meshes. CMake finds the library by
+Headers for C++ programs that estimate reflectance fields from images in
+memory, read and write field files, relight fields and precompute the
+light transport of meshes. CMake finds the library by
 find_package(refield).")
 
 set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-refield)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
-set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}~), python3 (<< ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}.99), python3-numpy")
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}~), python3 (<< ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}.99), python3-numpy, ${shared_package} (= ${PROJECT_VERSION}-1)")
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS "refield, python3-scipy, python3-sklearn")
 set(CPACK_DEBIAN_PYTHON_PACKAGE_CONTROL_EXTRA "${PROJECT_SOURCE_DIR}/cmake/package/postinst;${PROJECT_SOURCE_DIR}/cmake/package/prerm")
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "estimate and relight reflectance fields (Python module)
@@ -96,12 +106,13 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS ON)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS "${PROJECT_BINARY_DIR}/library")
 # Not the tests and benchmarks of target `all`; ./dev check packages builds what is installed.
 set(CPACK_CMAKE_GENERATOR Ninja)
 set(CPACK_INSTALL_CMAKE_PROJECTS "${PROJECT_BINARY_DIR};refield;ALL;/")
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
-add_custom_target(packaged DEPENDS manual refield_image_formats_module refield-reader refield-thumbnailer refield_core refield_estimate refield_hdr
-                  refield_relight refield_simulate)
+add_custom_target(packaged DEPENDS manual refield_image_formats_module refield-reader refield-thumbnailer refield_shared)
 if(TARGET refield_python)
   add_dependencies(packaged refield_python)
 endif()

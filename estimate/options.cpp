@@ -7,11 +7,11 @@
 
 namespace refield {
 
-std::string_view name_of(EstimateMode mode) {
+std::string_view v0_2::name_of(EstimateMode mode) {
   return mode == EstimateMode::paper ? "paper" : mode == EstimateMode::fast ? "fast" : "refined";
 }
 
-EstimateMode estimate_mode_from_name(std::string_view name) {
+EstimateMode v0_2::estimate_mode_from_name(std::string_view name) {
   for (auto mode : {EstimateMode::refined, EstimateMode::paper, EstimateMode::fast})
     if (name == name_of(mode)) return mode;
   throw InputError("unknown mode '" + std::string(name) + "'; use refined, paper or fast");

@@ -8,6 +8,7 @@ import hashlib
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -47,10 +48,15 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
         build = os.environ.get("REFIELD_BUILD_DIR", f"{work}/build")
         run("cmake", "-S", ROOT, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", "-DCMAKE_CXX_FLAGS_RELEASE=-O3",
             "-DCMAKE_UNITY_BUILD=ON", "-DREFIELD_PYTHON=ON", "-DREFIELD_BENCHMARKS=OFF", "-DREFIELD_STUDIES=OFF",
-            f"-DPython3_EXECUTABLE={sys.executable}")
+            f"-DPython3_EXECUTABLE={sys.executable}", "-DCMAKE_INSTALL_RPATH=$ORIGIN")
         run("cmake", "--build", build, "--target", "refield_python")
         run("cmake", "--install", build, "--strip", "--component", "python", "--prefix", f"{work}/root")
         packages = pathlib.Path(work, "root/lib/python3/dist-packages")
+        # The library that the module links lies beside it.
+        run("cmake", "--install", build, "--strip", "--component", "shared", "--prefix", f"{work}/shared")
+        for library in pathlib.Path(work, "shared/lib").glob("librefield.so.*"):
+            if library.name.count(".") == 3:  # librefield.so.MAJOR.MINOR, as the module names it
+                shutil.copyfile(library, packages / "refield" / library.name)
         files = {path.relative_to(packages).as_posix(): path.read_bytes()
                  for path in sorted(packages.rglob("*")) if path.is_file()}
     info = f"refield-{VERSION}.dist-info"

@@ -6,7 +6,6 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <condition_variable>
-#include <cstring>
 #include <deque>
 #include <exception>
 #include <functional>
@@ -19,11 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
-#include "core/base/floating_point.h"
-#include "core/base/run_context.h"
-#include "core/image/image.h"
-#include "core/light/light_map.h"
+#include "refield/field.h"
 
 /// What the parts of the Python module share: long calls, and images between NumPy and the library.
 namespace refield::python {
@@ -36,13 +31,12 @@ using Floats = py::array_t<float, 0>;  ///< float32 of any strides; nothing is c
 /// exist in the child. Called by everything that works on several threads.
 void require_own_threads();
 
-/// A short call, in this thread, without the interpreter's lock. Not every state of a thread of Python's is
-/// ours: other modules may flush denormals in it.
+/// A short call, in this thread, without the interpreter's lock.
 template <class Work>
-void unlocked(const Work& work) {
+auto unlocked(const Work& work) {
   require_own_threads();
   const py::gil_scoped_release without_lock;
-  with_default_floating_point(work);
+  return work();
 }
 
 /// A message of the library with the names of Python's arguments in place of the command line's options.
@@ -94,8 +88,12 @@ py::array array_of(std::vector<float>&& values, std::vector<py::ssize_t> shape);
 ImageView view_of(const Floats& array, const std::string& name);
 /// The same of each image of [images × height × width × 3].
 std::vector<ImageView> views_of(const Floats& array, const std::string& name);
-/// A copy.
-Image image_of(const ImageView& view);
+/// Pixels that count; empty for None. Throws InputError unless it is of [height × width].
+using Flags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
+Mask mask_of(const std::optional<Flags>& mask, const std::vector<ImageView>& images);
+
+/// [height × width] of a map that is not empty, else None.
+py::object map_or_none(Image&& map);
 
 /// The values of an array that results are written to: float32 of this shape, without gaps, aligned,
 /// writable. Throws InputError.

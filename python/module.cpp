@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cfenv>
 #include <chrono>
+#include <cstring>
 #include <map>
 #include <sstream>
 
-#include "python/binding.h"
+#include "binding.h"
 
 namespace refield::python {
 
@@ -73,7 +75,7 @@ class Workers {
 
  private:
   [[noreturn]] void serve() {
-    const DefaultFloatingPoint not_the_callers;
+    std::fesetenv(FE_DFL_ENV);  // not the caller's
     for (;;) {
       std::unique_lock lock(mutex_);
       ++idle_;
@@ -231,8 +233,17 @@ std::vector<ImageView> views_of(const Floats& array, const std::string& name) {
   return views;
 }
 
-Image image_of(const ImageView& view) {
-  return copied_rows(view, 0, view.height);
+Mask mask_of(const std::optional<Flags>& mask, const std::vector<ImageView>& images) {
+  if (!mask) return {};
+  if (mask->ndim() != 2 || images.empty() || mask->shape(0) != images[0].height ||
+      mask->shape(1) != images[0].width)
+    throw InputError("mask: is not of the photographs' height×width");
+  return {mask->data(), mask->data() + mask->size()};
+}
+
+py::object map_or_none(Image&& map) {
+  if (map.empty()) return py::none();
+  return array_of(std::move(map));
 }
 
 float* target_of(py::array& out, const std::vector<py::ssize_t>& shape) {

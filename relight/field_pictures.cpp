@@ -16,15 +16,15 @@ namespace refield {
 
 /// One for each picture that is being made; they share the field's transfer.
 struct FieldPictures::Relighters {
-  explicit Relighters(Relighter&& relighter) : first(std::move(relighter)) {}
+  explicit Relighters(TileRelighter&& relighter) : first(std::move(relighter)) {}
 
-  std::unique_ptr<Relighter> take() {
-    std::unique_ptr<Relighter> relighter;
-    return idle.try_pop(relighter) ? std::move(relighter) : std::make_unique<Relighter>(first);
+  std::unique_ptr<TileRelighter> take() {
+    std::unique_ptr<TileRelighter> relighter;
+    return idle.try_pop(relighter) ? std::move(relighter) : std::make_unique<TileRelighter>(first);
   }
 
-  const Relighter first;
-  tbb::concurrent_queue<std::unique_ptr<Relighter>> idle;
+  const TileRelighter first;
+  tbb::concurrent_queue<std::unique_ptr<TileRelighter>> idle;
 };
 
 FieldPictures::FieldPictures(const ReflectanceField& field, std::vector<PinholeCamera> cameras)
@@ -41,7 +41,7 @@ FieldPictures::FieldPictures(const ReflectanceField& field, std::vector<PinholeC
   }
   if (cameras_.empty()) cameras_.push_back(standard_camera(field));
   for (const PinholeCamera& camera : cameras_) camera.check();
-  if (cameras_.size() == 1) view_ = std::make_shared<const MeshView>(field, cameras_.front());
+  if (cameras_.size() == 1) view_ = std::make_shared<const MeshRenderer>(field, cameras_.front());
 }
 
 int FieldPictures::width() const {
@@ -55,7 +55,7 @@ int FieldPictures::height() const {
 void FieldPictures::lay_out(RelightPrecision precision) {
   const LightDomain& domain = field_->basis.domain;
   if (domain.width > small_box_limit || domain.height > small_box_limit) return;
-  relighters_ = std::make_shared<Relighters>(Relighter(*field_, precision));
+  relighters_ = std::make_shared<Relighters>(TileRelighter(*field_, precision));
   if (auto boxes = relighters_->first.box_projector())
     box_projector_ = std::make_shared<const BoxProjector>(std::move(*boxes));
 }
@@ -86,7 +86,7 @@ Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) con
 Image FieldPictures::picture(Image outputs, std::size_t frame) const {
   if (cameras_.empty()) return outputs;
   if (view_) return view_->show(outputs);
-  return MeshView(*field_, cameras_[frame % cameras_.size()]).show(outputs);
+  return MeshRenderer(*field_, cameras_[frame % cameras_.size()]).show(outputs);
 }
 
 Image FieldPictures::vertices(const Image& outputs) const {
@@ -116,7 +116,7 @@ Image FieldPictures::background(const SceneLight& light, std::size_t frame) cons
   const auto* turned = std::get_if<TurnedEnvironment>(&light);
   const LightMap& map = turned ? turned->environment->map() : std::get<LightMap>(light);
   const Eigen::Matrix3d back =
-      turned ? Eigen::Matrix3d(turned->turn.matrix().transpose()) : Eigen::Matrix3d::Identity();
+      turned ? Eigen::Matrix3d(rotation_of(turned->turn).transpose()) : Eigen::Matrix3d::Identity();
   Image image(camera.width, camera.height, 3);
   tbb::parallel_for(0, camera.height, [&](int y) {
     for (int x = 0; x < camera.width; ++x) {
@@ -134,7 +134,8 @@ Image FieldPictures::background(const SceneLight& light, std::size_t frame) cons
 
 std::vector<float> FieldPictures::coverage(std::size_t frame) const {
   if (cameras_.empty()) return {};
-  return view_ ? view_->coverage() : MeshView(*field_->mesh, cameras_[frame % cameras_.size()]).coverage();
+  return view_ ? view_->coverage()
+               : MeshRenderer(*field_->mesh, cameras_[frame % cameras_.size()]).coverage();
 }
 
 std::string unobserved_light_warning(const LightShares& shares) {
@@ -148,7 +149,7 @@ std::string unobserved_light_warning(const LightShares& shares) {
 std::vector<PinholeCamera> turntable(const PinholeCamera& start, int frames) {
   std::vector<PinholeCamera> cameras(static_cast<std::size_t>(frames), start);
   for (int i = 0; i < frames; ++i) {
-    const Eigen::Matrix3f turn = EulerAngles{.yaw = -360.0 * i / frames}.matrix().cast<float>();
+    const Eigen::Matrix3f turn = rotation_of(EulerAngles{.yaw = -360.0 * i / frames}).cast<float>();
     PinholeCamera& camera = cameras[static_cast<std::size_t>(i)];
     camera.position = start.target + turn * (start.position - start.target);
     camera.up = turn * start.up;

@@ -31,8 +31,8 @@ class FieldPictures {
   // NOLINTNEXTLINE(google-explicit-constructor): a field shows itself where no camera is asked for
   FieldPictures(const ReflectanceField& field, std::vector<PinholeCamera> cameras = {});
 
-  /// Lays the field out for relighting many times, by Relighter, which takes the time of some pictures and
-  /// memory. Pictures before are as ReflectanceField::relight() gives them. Not while pictures are made.
+  /// Lays the field out for relighting many times, by TileRelighter, which takes the time of some pictures
+  /// and memory. Pictures before are as ReflectanceField::relight() gives them. Not while pictures are made.
   void lay_out(RelightPrecision precision);
 
   /// From now on background() shows the light. Throws InputError for a captured field, whose photographs fill
@@ -72,7 +72,7 @@ class FieldPictures {
   const ReflectanceField* field_;
   std::vector<PinholeCamera> cameras_;
   bool shows_background_ = false;
-  std::shared_ptr<const MeshView> view_;  // where one camera takes all frames
+  std::shared_ptr<const MeshRenderer> view_;  // where one camera takes all frames
   std::shared_ptr<const BoxProjector> box_projector_;
   std::shared_ptr<Relighters> relighters_;
 };

@@ -88,8 +88,18 @@ ErrorSpread spread_of(const std::vector<HeldOutImage>& images) {
   return spread_of(std::span<const ImageError>(errors_of(images)));
 }
 
-double tone_mapped_psnr_db(const std::vector<HeldOutImage>& images) {
-  return tone_mapped_psnr_db(std::span<const ImageError>(errors_of(images)));
+HeldOutError error_of(const SeriesError& series, std::vector<HeldOutImage> per_image, const std::string& kind,
+                      std::optional<std::size_t> trained_on) {
+  const double psnr_db = tone_mapped_psnr_db(std::span<const ImageError>(errors_of(per_image)));
+  return {kind,
+          series.images(),
+          trained_on,
+          series.relative_rmse(),
+          series.pixel_quantile(0.5),
+          series.pixel_quantile(0.9),
+          psnr_db,
+          std::nullopt,
+          std::move(per_image)};
 }
 
 std::string text_of(const CaptureSession& session) {
@@ -197,14 +207,11 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
       }
       progress.advance();
     }
-    const SeriesError& error = sums.error;
     std::optional<std::size_t> trained_on;
     if (!trained.empty() || is_exact)
       trained_on = std::ranges::count_if(
           sums.per_image, [&](const HeldOutImage& image) { return trained.contains(image.name); });
-    errors.push_back({kind, error.images(), trained_on, error.relative_rmse(), error.pixel_quantile(0.5),
-                      error.pixel_quantile(0.9), tone_mapped_psnr_db(sums.per_image), std::nullopt,
-                      sums.per_image});
+    errors.push_back(error_of(sums.error, sums.per_image, kind, trained_on));
     if (predicts) errors.back().prediction = check_prediction(field, sums, mask, noise_scale);
   }
   return errors;

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,43 +7,15 @@
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
 #include "core/session/capture_session.h"
+#include "refield/compare.h"
 
 namespace refield {
 
-/// How well a field predicted its own errors, pixel by pixel.
-struct PredictionCheck {
-  double rank_correlation = 0.0;  ///< Spearman, predicted against true error
-  double median_ratio = 0.0;      ///< of predicted to true error
-  double predicted_median = 0.0;
-};
-
-/// One photograph under held-out light.
-struct HeldOutImage {
-  std::string name;                ///< the frame's
-  std::filesystem::path observed;  ///< the photograph's file
-  ImageError error;
-};
-
-/// How well a field predicts photographs that it was not estimated from, for one kind of light. All errors
-/// are relative RMSE, unitless: over everything, and as quantiles of the errors that single pixels make over
-/// the kind's images.
-struct HeldOutError {
-  std::string kind;
-  std::size_t images = 0;
-  /// Number of these images that the field was estimated from, by the names in its provenance; nothing where
-  /// it names none. Their errors are training errors.
-  std::optional<std::size_t> trained_on;
-  double relative_rmse = 0.0;
-  double median = 0.0;
-  double percentile_90 = 0.0;
-  double tone_mapped_psnr_db = 0.0;           ///< of the series, core/image/metrics.h
-  std::optional<PredictionCheck> prediction;  ///< where the field holds predicted errors
-  std::vector<HeldOutImage> per_image;        ///< [images], in the order of frames
-};
-
 /// Measures of a series from its images' errors; see core/image/metrics.h.
 ErrorSpread spread_of(const std::vector<HeldOutImage>& images);
-double tone_mapped_psnr_db(const std::vector<HeldOutImage>& images);
+/// `series` holds the images of `per_image`.
+HeldOutError error_of(const SeriesError& series, std::vector<HeldOutImage> per_image,
+                      const std::string& kind = "", std::optional<std::size_t> trained_on = 0);
 
 /// What messages and pages call a capture: its folder, or that of its photographs.
 std::string text_of(const CaptureSession& session);

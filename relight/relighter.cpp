@@ -86,7 +86,7 @@ RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision r
 
 }  // namespace
 
-Relighter::Relighter(const FieldOutline& field, RelightPrecision precision)
+TileRelighter::TileRelighter(const FieldOutline& field, RelightPrecision precision)
     : domain_(field.basis.domain),
       output_from_primaries_(field.output_from_primaries),
       mixes_colours_(field.mixes_colours()),
@@ -98,8 +98,8 @@ Relighter::Relighter(const FieldOutline& field, RelightPrecision precision)
     tables_.emplace<DoubleTable>();
 }
 
-Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
-    : Relighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
+TileRelighter::TileRelighter(const ReflectanceField& field, RelightPrecision precision)
+    : TileRelighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
   if (precision_ == RelightPrecision::fast)
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(field));
   else
@@ -107,8 +107,8 @@ Relighter::Relighter(const ReflectanceField& field, RelightPrecision precision)
   list_boxes(field.basis);
 }
 
-Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
-    : Relighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
+TileRelighter::TileRelighter(ReflectanceField&& field, RelightPrecision precision)
+    : TileRelighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
   if (precision_ == RelightPrecision::fast)
     transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(std::move(field)));
   else
@@ -117,13 +117,13 @@ Relighter::Relighter(ReflectanceField&& field, RelightPrecision precision)
   list_boxes(field.basis);
 }
 
-Relighter::Relighter(PackedField&& packed)
-    : Relighter(packed.outline, packed.bits() == 8 ? RelightPrecision::fast : RelightPrecision::fine) {
+TileRelighter::TileRelighter(PackedField&& packed)
+    : TileRelighter(packed.outline, packed.bits() == 8 ? RelightPrecision::fast : RelightPrecision::fine) {
   transfer_ = std::make_shared<const TransferTiles>(std::move(packed.tiles));
   list_boxes(packed.outline.basis);
 }
 
-void Relighter::list_boxes(const LightBasis& basis) {
+void TileRelighter::list_boxes(const LightBasis& basis) {
   sums_suffice_ = box_sums_suffice(basis);
   std::visit(
       [&](const auto& transfer) {
@@ -145,12 +145,12 @@ void Relighter::list_boxes(const LightBasis& basis) {
     square_sums_ = std::make_shared<const SquareSums>(domain_.width, summed_vector_boxes_, summed_boxes_);
 }
 
-std::optional<BoxProjector> Relighter::box_projector() const {
+std::optional<BoxProjector> TileRelighter::box_projector() const {
   if (!sums_suffice_) return std::nullopt;
   return BoxProjector(domain_.width, summed_vector_boxes_, summed_boxes_);
 }
 
-void Relighter::show_sums(std::span<const float> sums, const PixelTarget& target) {
+void TileRelighter::show_sums(std::span<const float> sums, const PixelTarget& target) {
   const std::size_t shared = 3 * (summed_vector_boxes_.size() + common_boxes_.size());
   common_.resize(shared + 1);
   std::copy_n(sums.begin(), shared, common_.begin());
@@ -158,12 +158,12 @@ void Relighter::show_sums(std::span<const float> sums, const PixelTarget& target
   std::visit([&](const auto& transfer) { multiply(transfer, common_, own, target); }, *transfer_);
 }
 
-const Image& Relighter::relight(std::span<const float> sums) {
+const Image& TileRelighter::relight(std::span<const float> sums) {
   relight_into(sums, image_.values);
   return image_;
 }
 
-void Relighter::relight_into(std::span<const float> sums, std::span<float> out) {
+void TileRelighter::relight_into(std::span<const float> sums, std::span<float> out) {
   const std::size_t needed = 3 * (summed_vector_boxes_.size() + summed_boxes_.size());
   if (!sums_suffice_ || sums.size() != needed)
     throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
@@ -173,7 +173,7 @@ void Relighter::relight_into(std::span<const float> sums, std::span<float> out) 
   light_ = {};
 }
 
-const Image& Relighter::relight(const LightMap& light) {
+const Image& TileRelighter::relight(const LightMap& light) {
   require_domain(light, domain_);
   show(light.radiance, target());
   updates_ = 0;
@@ -182,13 +182,13 @@ const Image& Relighter::relight(const LightMap& light) {
   return image_;
 }
 
-void Relighter::require_image(std::span<const float> out) const {
+void TileRelighter::require_image(std::span<const float> out) const {
   if (out.size() != image_.values.size())
     throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
                      std::to_string(image_.values.size()));
 }
 
-void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
+void TileRelighter::relight_into(const LightMapView& light, std::span<float> out) {
   LightMap outline{{}, light.parameterisation};  // size and parameterisation alone
   outline.radiance.width = light.radiance.width;
   outline.radiance.height = light.radiance.height;
@@ -199,7 +199,7 @@ void Relighter::relight_into(const LightMapView& light, std::span<float> out) {
   updates_ = refresh_period;
 }
 
-void Relighter::show(const ImageView& light, const PixelTarget& target) {
+void TileRelighter::show(const ImageView& light, const PixelTarget& target) {
   // The copy first: it is what the caches hold then.
   bool finite = true;
   if (square_sums_) {
@@ -219,12 +219,12 @@ void Relighter::show(const ImageView& light, const PixelTarget& target) {
     show_light(target);
 }
 
-const BoxSumTable& Relighter::tabulate(const Image& values) {
+const BoxSumTable& TileRelighter::tabulate(const Image& values) {
   table().build(values);
   return table();
 }
 
-void Relighter::show_light(const PixelTarget& target) {
+void TileRelighter::show_light(const PixelTarget& target) {
   const Box whole{0, 0, domain_.width, domain_.height};
   if (smooth_.weighs()) {
     copy(light_, weighed_);
@@ -237,7 +237,7 @@ void Relighter::show_light(const PixelTarget& target) {
   std::visit([&](const auto& transfer) { multiply(transfer, common_, table, target); }, *transfer_);
 }
 
-Image Relighter::take_change(const LightMap& light, const Box& changed) {
+Image TileRelighter::take_change(const LightMap& light, const Box& changed) {
   if (total_light_ < 0.0) total_light_ = sum_of(light_);
   Image difference(changed.width(), changed.height(), 3);
   for (int y = changed.y0; y < changed.y1; ++y) {
@@ -255,7 +255,7 @@ Image Relighter::take_change(const LightMap& light, const Box& changed) {
   return difference;
 }
 
-const Image& Relighter::update(const LightMap& light, const Box& changed) {
+const Image& TileRelighter::update(const LightMap& light, const Box& changed) {
   require_domain(light, domain_);
   if (!changed.inside(domain_.width, domain_.height))
     throw InputError("the changed part of the light reaches outside the light map");
@@ -276,7 +276,7 @@ const Image& Relighter::update(const LightMap& light, const Box& changed) {
   return image_;
 }
 
-std::size_t Relighter::bytes_per_frame() {
+std::size_t TileRelighter::bytes_per_frame() {
   const auto texels = static_cast<std::size_t>(domain_.width) * domain_.height;
   return std::visit([](const auto& transfer) { return transfer.bytes(); }, *transfer_) +
          common_boxes_.size() * (sizeof(SmallBox) + 4 * sizeof(float)) +

@@ -11,6 +11,7 @@
 #include "core/field_io/packed_field.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "refield/relight.h"
 #include "relight/environment/environment.h"
 #include "relight/tiles/box_sums.h"
 #include "relight/tiles/tile_change.h"
@@ -18,26 +19,20 @@
 
 namespace refield {
 
-/// How a relighter trades error for speed, as relative RMSE against ReflectanceField::relight(). `fast`:
-/// weights of 8 bits; 4e-4 for estimated fields, and below 1e-3 where a pixel has some ten kernels. `fine`:
-/// 16 bits and sums of light in double; 2e-6, below 1e-5. Fields with negative weights are always shown
-/// `fine`: rounding of what nearly cancels in a pixel weighs more there.
-enum class RelightPrecision { fast, fine };
-
 /// Shows one reflectance field under one light after another. Keeps the light and the image between calls,
 /// so that a change of part of the light costs only what it touches. Not for several threads at once; its own
 /// work runs on all cores. Copies share the field's transfer, so that each thread may have one.
-class Relighter {
+class TileRelighter {
  public:
   /// Lays the field out for speed; `field` is not needed any more after that. Throws InputError for a light
   /// map larger than small_box_limit.
-  explicit Relighter(const ReflectanceField& field, RelightPrecision precision = RelightPrecision::fast);
+  explicit TileRelighter(const ReflectanceField& field, RelightPrecision precision = RelightPrecision::fast);
   /// Lays out a field whose transfer is not needed elsewhere: its memory is given back on the way, and
   /// both together never take much more than the field alone. All but the transfer stays.
-  explicit Relighter(ReflectanceField&& field, RelightPrecision precision = RelightPrecision::fast);
+  explicit TileRelighter(ReflectanceField&& field, RelightPrecision precision = RelightPrecision::fast);
 
   /// Shows a packed field as it stands, with weights and sums of light of its precision.
-  explicit Relighter(PackedField&& packed);
+  explicit TileRelighter(PackedField&& packed);
 
   const LightDomain& domain() const { return domain_; }
 
@@ -72,7 +67,7 @@ class Relighter {
 
  private:
   /// Without a transfer yet.
-  Relighter(const FieldOutline& field, RelightPrecision precision);
+  TileRelighter(const FieldOutline& field, RelightPrecision precision);
   PixelTarget target() { return target(image_.values.data()); }
   PixelTarget target(float* pixels) const {
     return {pixels, image_.width, image_.height, mixes_colours_ ? &output_from_primaries_ : nullptr};

@@ -152,7 +152,7 @@ MonitorPlacement placement_of(const ScreenPose& pose, double width_mm, double he
   constexpr double degrees = 180.0 / std::numbers::pi;
   const Vector3d local = pose.turn.transpose() * pose.middle;
   const Matrix3d& r = pose.turn;
-  // Inverse of EulerAngles::matrix().
+  // Inverse of rotation_of().
   return {width_mm,
           height_mm,
           local.z(),

@@ -65,7 +65,7 @@ class Unwrapper {
             const UnwrapOptions& options)
       : photograph_(photograph),
         ball_(ball),
-        camera_from_world_(turn.matrix().transpose()),
+        camera_from_world_(rotation_of(turn).transpose()),
         hidden_(hidden),
         options_(options),
         cos_region_(std::cos(radians_from_degrees(options.camera_region_degrees))),

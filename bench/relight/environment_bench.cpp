@@ -119,9 +119,9 @@ class Screen {
   }
 
  private:
-  refield::Relighter relighter_;
+  refield::TileRelighter relighter_;
   refield::BoxProjector boxes_;
-  refield::MeshView view_;
+  refield::MeshRenderer view_;
   refield::LevelTable tones_{refield::ToneMapping{}};
   Image picture_;
   std::vector<std::uint8_t> rgba_;

@@ -44,7 +44,7 @@ LightMap random_cube(std::uint64_t seed) {
 void Harmonics(benchmark::State& state, bool glossy) {
   const FieldRows rows =
       rabbit_field(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)), glossy);
-  refield::Relighter relighter(refield::pack_rows(rows, 8));
+  refield::TileRelighter relighter(refield::pack_rows(rows, 8));
   const LightMap lights[] = {random_cube(3), random_cube(4)};
   std::size_t frame = 0;
   const Image* image = nullptr;

@@ -79,7 +79,7 @@ class Comparison {
   }
 
  private:
-  refield::Relighter relighter_;
+  refield::TileRelighter relighter_;
   refield::EnvironmentProjector projector_;
   std::optional<refield::BoxProjector> boxes_;
 };

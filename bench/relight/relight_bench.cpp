@@ -273,7 +273,7 @@ BENCHMARK(ReadMemory)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 /// The whole light changes from frame to frame.
 void Whole(benchmark::State& state, GiveField field, refield::RelightPrecision precision) {
-  refield::Relighter relighter(field(), precision);
+  refield::TileRelighter relighter(field(), precision);
   const refield::LightMap lights[] = {random_light(3), random_light(4)};
   std::size_t frame = 0;
   const Image* image = nullptr;
@@ -302,7 +302,7 @@ void RotatedEnvironment(benchmark::State& state) {
   const refield::EnvironmentProjector projector(field.basis.domain, monitor);
   const refield::PreparedEnvironment environment(
       refield::bench::environment(static_cast<int>(state.range(0))));
-  refield::Relighter relighter(field);
+  refield::TileRelighter relighter(field);
   const refield::LevelTable tones{refield::ToneMapping{}};
   std::vector<std::uint8_t> rgba(std::size_t{4} * static_cast<std::size_t>(field.width) * field.height);
   refield::EulerAngles turn{20, 30, 40};
@@ -348,7 +348,7 @@ BENCHMARK(Window)
 
 /// A twentieth of the map's width changes: over its whole height, or a region as high as wide.
 void Part(benchmark::State& state, GiveField field, refield::RelightPrecision precision, bool whole_height) {
-  refield::Relighter relighter(field(), precision);
+  refield::TileRelighter relighter(field(), precision);
   refield::LightMap light = random_light(3);
   const int w = light.radiance.width, h = light.radiance.height;
   const int side = std::max(w / 20, 1);
@@ -464,7 +464,7 @@ BENCHMARK(DenseBlas)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 /// What comes before the first frame.
 void LayOut(benchmark::State& state) {
-  for (auto _ : state) benchmark::DoNotOptimize(refield::Relighter(the_field()).bytes_per_frame());
+  for (auto _ : state) benchmark::DoNotOptimize(refield::TileRelighter(the_field()).bytes_per_frame());
 }
 BENCHMARK(LayOut)->Unit(benchmark::kMillisecond)->UseRealTime();
 

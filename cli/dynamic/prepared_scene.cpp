@@ -2,9 +2,7 @@
 #include "cli/dynamic/prepared_scene.h"
 
 #include <memory>
-#include <numbers>
 
-#include "cli/run_context.h"
 #include "relight/mesh/mesh_view.h"
 #include "simulate/geometry/place_mesh.h"
 
@@ -44,7 +42,7 @@ constexpr int reference_area_light_points = 4096;
 
 PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
                              const RunContext& run)
-    : scene_(std::move(scene)) {
+    : run_(run), scene_(std::move(scene)) {
   rays_.reserve(scene_.objects.size());
   for (const dynamic::MovingObject& object : scene_.objects) {
     rays_.emplace_back(object.mesh);
@@ -82,14 +80,14 @@ std::vector<Eigen::Array3f> PreparedScene::radiance(int first_bounce, int last_b
 
 Image PreparedScene::picture(int first_bounce, int last_bounce) {
   const Mesh all = mesh();
-  return MeshView(all, camera_).show(radiance(first_bounce, last_bounce));
+  return MeshRenderer(all, camera_).show(radiance(first_bounce, last_bounce));
 }
 
 Image PreparedScene::reflected_picture() {
   const Mesh all = mesh();
   std::vector<Eigen::Array3f> reflected = light_->radiance(0, light_->bounces());
   reflected.resize(all.positions.size(), Eigen::Array3f::Zero());
-  return MeshView(all, camera_).show(reflected);
+  return MeshRenderer(all, camera_).show(reflected);
 }
 
 Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
@@ -104,7 +102,7 @@ Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
     for (std::size_t v = 0; v < radiance.size(); ++v) radiance[v] += bounce[v];
   const Mesh area_lights = scene_.lights.at(time);
   const Mesh all = mesh_with_area_lights(scene_, poses, area_lights);
-  return MeshView(all, camera).show(radiance_with_area_lights(std::move(radiance), area_lights));
+  return MeshRenderer(all, camera).show(radiance_with_area_lights(std::move(radiance), area_lights));
 }
 
 std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
@@ -113,96 +111,13 @@ std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
   dynamic::SceneRays rays(rays_);
   rays.move(poses);
   const auto area_lights = dynamic::area_points(scene_.lights.at(time), reference_area_light_points);
-  return trace_bounces(scene_, rays, poses, {.area_lights = area_lights}, starts, options, run_context());
+  return trace_bounces(scene_, rays, poses, {.area_lights = area_lights}, starts, options, run_);
 }
 
 PinholeCamera camera_of(const dynamic::DynamicScene& scene) {
   const PinholeCamera standard;
   return scene.camera ? *scene.camera
                       : framing_camera(joined_mesh(scene, scene.poses(0.0)), standard.width, standard.height);
-}
-
-namespace {
-
-Eigen::Isometry3f handled(Eigen::Isometry3f pose, const Handling& handling) {
-  const auto radians = static_cast<float>(handling.turn_degrees * std::numbers::pi / 180.0);
-  pose.linear() = Eigen::AngleAxisf(radians, Eigen::Vector3f::UnitY()) * pose.linear();
-  pose.translation() += handling.shift;
-  return pose;
-}
-
-/// An area light that looks at a point still does where a hand took it.
-Mesh handled_area_lights(const prt::AreaLights& lights, double time, std::span<const Handling> handling) {
-  Mesh all;
-  for (std::size_t i = 0; i < lights.lights.size(); ++i) {
-    const prt::AreaLight& light = lights.lights[i];
-    Mesh shape = light.shape;
-    for (Eigen::Array3f& colour : shape.colours) colour *= static_cast<float>(handling[i].gain);
-    Eigen::Isometry3f pose = light.pose(light.motion.position(time) + handling[i].shift);
-    if (!light.towards) pose = handled(pose, {.turn_degrees = handling[i].turn_degrees});
-    prt::append(shape, pose, all);
-  }
-  return all;
-}
-
-void light_moment(PreparedScene& prepared, const SceneMoment& moment, SceneFrame& frame) {
-  const dynamic::DynamicScene& scene = prepared.scene();
-  const std::size_t objects = scene.objects.size();
-  std::vector<dynamic::Pose> poses = scene.poses(moment.time);
-  for (std::size_t o = 0; o < objects; ++o) poses[o] = handled(poses[o], moment.handling[o]);
-  PinholeCamera camera;
-  camera.position = moment.eye;
-  dynamic::FrameOptions options;
-  options.bounces = moment.bounces;
-  prepared.solve(std::move(poses),
-                 handled_area_lights(scene.lights, moment.time, moment.handling.subspan(objects)), camera,
-                 options);
-  frame.mesh = prepared.mesh();
-  frame.radiance = prepared.radiance(0, prepared.light().bounces());
-}
-
-SceneThing thing_of(const dynamic::MovingObject& object) {
-  return {.name = object.name, .moves = object.motion.duration() > 0.0, .can_turn = true};
-}
-
-SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t count) {
-  return {.name = count == 1 ? "area light" : "area light " + std::to_string(number + 1),
-          .is_area_light = true,
-          .moves = light.motion.path.size() > 1,
-          .can_turn = !light.towards};
-}
-
-}  // namespace
-
-MovingScene read_moving_scene(const std::filesystem::path& path) {
-  const auto prepared = std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path, run_context()),
-                                                        dynamic::TransportOptions{});
-  const dynamic::DynamicScene& scene = prepared->scene();
-  const std::vector<prt::AreaLight>& lights = scene.lights.lights;
-  MovingScene moving;
-  moving.name = path.filename().string();
-  moving.duration = scene.duration();
-  moving.camera = camera_of(scene);
-  std::vector<std::uint32_t> first = {0};
-  for (const dynamic::MovingObject& object : scene.objects) {
-    moving.things.push_back(thing_of(object));
-    first.push_back(first.back() + static_cast<std::uint32_t>(object.mesh.positions.size()));
-  }
-  for (std::size_t i = 0; i < lights.size(); ++i) {
-    moving.things.push_back(thing_of(lights[i], i, lights.size()));
-    first.push_back(first.back() + static_cast<std::uint32_t>(lights[i].shape.positions.size()));
-  }
-  moving.middle = [prepared](std::size_t thing, double time) -> Eigen::Vector3f {
-    const dynamic::DynamicScene& described = prepared->scene();
-    const std::size_t objects = described.objects.size();
-    return thing < objects ? described.objects[thing].motion.at(time).translation()
-                           : described.lights.lights[thing - objects].motion.position(time);
-  };
-  moving.light = [prepared, first](const SceneMoment& moment, SceneFrame& frame) {
-    light_moment(*prepared, moment, frame);
-    frame.first_vertex = first;
-  };
-  return moving;
 }
 
 }  // namespace refield::cli

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <vector>
 
-#include "cli/run_context.h"
+#include "core/base/run_context.h"
 #include "core/image/image.h"
-#include "relight/viewer/viewer.h"
 #include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/dynamic_light.h"
 
@@ -19,7 +17,7 @@ class PreparedScene {
  public:
   /// Throws Interrupted.
   PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
-                const RunContext& run = run_context());
+                const RunContext& run = {});
 
   const dynamic::DynamicScene& scene() const { return scene_; }
   const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }
@@ -47,6 +45,7 @@ class PreparedScene {
                                                      const dynamic::ReferenceOptions& options) const;
 
  private:
+  RunContext run_;
   dynamic::DynamicScene scene_;
   std::vector<prt::MeshRays> rays_;
   std::vector<dynamic::ObjectTransport> transport_;
@@ -58,9 +57,5 @@ class PreparedScene {
 
 /// The scene's camera, or one that sees all of it from in front.
 PinholeCamera camera_of(const dynamic::DynamicScene& scene);
-
-/// A description of a moving scene (TOML, docs/reference/scene-files.md) with all that is precomputed, for
-/// the viewer. Throws what read_dynamic_scene() throws, and Interrupted.
-MovingScene read_moving_scene(const std::filesystem::path& path);
 
 }  // namespace refield::cli

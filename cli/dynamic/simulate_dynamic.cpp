@@ -311,7 +311,8 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   std::optional<OutputLock> lock;
   if (!arguments.output.empty()) lock.emplace(arguments.output, std::vector<fs::path>{arguments.scene});
   const auto start = std::chrono::steady_clock::now();
-  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene, run_context()), arguments.transport);
+  PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene, run_context()), arguments.transport,
+                      run_context());
   ordered_json figures{{"objects", ordered_json::array()}};
   for (std::size_t o = 0; o < scene.transport().size(); ++o) {
     const dynamic::ObjectTransport& transport = scene.transport()[o];

@@ -52,7 +52,7 @@ double seconds_of(const std::function<void()>& action) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-RelightTimes measure_relighting(Relighter& relighter) {
+RelightTimes measure_relighting(TileRelighter& relighter) {
   const LightDomain domain = relighter.domain();
   LightMap light{Image(domain.width, domain.height, 3), domain.parameterisation};
   std::ranges::fill(light.radiance.values, ambient);

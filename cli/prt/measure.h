@@ -19,6 +19,6 @@ struct RelightTimes {
 double seconds_of(const std::function<void()>& action);
 
 /// Of a relighter whose light is a cube map.
-RelightTimes measure_relighting(Relighter& relighter);
+RelightTimes measure_relighting(TileRelighter& relighter);
 
 }  // namespace refield::prt_chart

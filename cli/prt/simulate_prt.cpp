@@ -89,7 +89,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   figures["bytes"] = fs::file_size(arguments.output);
   figures["seconds"] = seconds;
   if (arguments.measure) {
-    Relighter relighter(std::move(packed));
+    TileRelighter relighter(std::move(packed));
     const auto times = prt_chart::measure_relighting(relighter);
     figures["relight_ms"] = times.whole_ms;
     figures["two_area_lights_ms"] = times.two_area_lights_ms;

@@ -382,10 +382,10 @@ nlohmann::ordered_json window_of(const ReflectanceField& field) {
   if (field.basis.domain.parameterisation != Parameterisation::monitor || field.monitors.size() != 1)
     return nullptr;
   const MonitorPlacement& monitor = field.monitors.front();
-  const Eigen::Vector3d corner = monitor.direction(0.0, 0.0);
+  const Eigen::Vector3d corner = screen_direction(monitor, 0.0, 0.0);
   nlohmann::ordered_json window;
-  for (const Eigen::Vector3d& vector : {corner, Eigen::Vector3d(monitor.direction(1.0, 0.0) - corner),
-                                        Eigen::Vector3d(monitor.direction(0.0, 1.0) - corner)})
+  for (const Eigen::Vector3d& vector : {corner, Eigen::Vector3d(screen_direction(monitor, 1.0, 0.0) - corner),
+                                        Eigen::Vector3d(screen_direction(monitor, 0.0, 1.0) - corner)})
     window.push_back({vector.x(), vector.y(), vector.z()});
   return window;
 }
@@ -446,7 +446,7 @@ nlohmann::ordered_json add_mesh_field(const ReflectanceField& field, const std::
                                       DataWriter& data, ExportReport& report, const RunContext& run) {
   const PackedMesh packed = pack_mesh(field, run);
   const PinholeCamera camera = standard_camera(field);
-  const MeshView view(field, camera);
+  const MeshRenderer view(field, camera);
   const auto full = [&](const LightMap& light) { return view.show(field.relight(light)); };
   measure(
       field.basis.domain, full,

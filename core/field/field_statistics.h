@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -11,16 +9,9 @@
 #include "core/field/transfer_tiles.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "refield/field.h"
 
 namespace refield {
-
-/// One entry of a pixel's row of the transfer.
-struct PixelKernel {
-  std::optional<std::uint32_t> hat;  ///< its number; nothing: a rectangle
-  Box support;
-  std::array<float, 3> weight{};  ///< multiplies the sum of texel values under the kernel
-  double energy_share = 0.0;      ///< of the pixel's energy (|weight| × area, all channels), 0 to 1
-};
 
 /// What a pixel takes light from, most energy first. `pixel` counts row-major. Throws InputError for a pixel
 /// that the field does not have.

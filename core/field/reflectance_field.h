@@ -44,15 +44,6 @@ struct SparseTransfer {
   void apply(std::span<const float> coefficients, std::span<float> outputs) const;
 };
 
-/// Rows [first, last) of an image, counted from the top.
-struct RowRange {
-  int first = 0;
-  int last = 0;
-
-  int count() const { return last - first; }
-  bool operator==(const RowRange&) const = default;
-};
-
 /// What is known of a field's errors. Each map is [pixels], row-major, relative RMSE, or empty where it was
 /// not measured.
 struct FieldQuality {

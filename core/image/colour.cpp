@@ -64,7 +64,7 @@ double share_of_high_chroma(double c) {
 
 }  // namespace
 
-std::string_view name_of(ColourSpace space) {
+std::string_view v0_2::name_of(ColourSpace space) {
   return space == ColourSpace::rec709 ? "linear Rec.709" : "camera RGB";
 }
 

@@ -5,19 +5,10 @@
 
 #include <array>
 #include <span>
-#include <string_view>
 
 #include "core/image/image.h"
 
 namespace refield {
-
-/// What the three channels of photographs and fields mean.
-///  - camera: the camera's own channels; nothing says how they see colours.
-///  - rec709: scene-linear light of the primaries of Rec. ITU-R BT.709 and sRGB, white D65.
-enum class ColourSpace { camera, rec709 };
-
-/// "camera RGB", "linear Rec.709".
-std::string_view name_of(ColourSpace space);
 
 /// CIE 1931 chromaticities x, y of red, green, blue and white.
 using Chromaticities = std::array<Eigen::Vector2d, 4>;

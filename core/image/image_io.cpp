@@ -295,6 +295,10 @@ ImageHeader read_image_header(const fs::path& path) {
           file.stored().block_rows};
 }
 
+Image v0_2::read_image(const fs::path& path) {
+  return read_image(path, ImageUse::picture);
+}
+
 Image read_image(const fs::path& path, ImageUse use) {
   if (is_radiance(path)) return read_radiance(path);
   PlacedFile file = place_image(path);
@@ -580,6 +584,11 @@ void treat_primaries(const Chromaticities& stated, Primaries primaries, Image& l
 
 }  // namespace
 
+LightMap v0_2::read_light_map(const fs::path& path, Parameterisation parameterisation,
+                              const RunContext& run) {
+  return read_light_map(path, parameterisation, run, Primaries::as_stored);
+}
+
 LightMap read_light_map(const fs::path& path, Parameterisation parameterisation, const RunContext& run,
                         Primaries primaries) {
   LightMap light{read_image(path), parameterisation};
@@ -604,7 +613,7 @@ void repair_light_map(LightMap& light, const fs::path& name, const RunContext& r
   for (float& value : light.radiance.values) value = std::max(value, 0.0f);  // −0
 }
 
-void write_exr(const fs::path& path, const Image& image, Precision precision, ColourSpace space) {
+void v0_2::write_exr(const fs::path& path, const Image& image, Precision precision, ColourSpace space) {
   std::vector<std::string> names = {"R", "G", "B", "A"};
   if (image.channels == 1)
     names = {"Y"};

@@ -22,16 +22,6 @@ struct ImageHeader {
   int block_rows = 1;
 };
 
-/// A photograph, or a band of its rows: scene-linear radiance and, where known, each sample's standard
-/// deviation. In EXR files the channels are R, G, B and sigma.R, sigma.G, sigma.B. An infinite sigma marks a
-/// sample that was not measured (clipped in every exposure); its radiance is then only a lower bound.
-struct Photograph {
-  Image radiance;  ///< [rows × width × 3]
-  Image sigma;     ///< same shape, or empty
-};
-
-enum class Precision { half, single };
-
 /// Throws DeviceError for a missing file and FormatError for one that is no image.
 ImageHeader read_image_header(const std::filesystem::path& path);
 
@@ -39,12 +29,8 @@ ImageHeader read_image_header(const std::filesystem::path& path);
 /// exporters leave alpha in those of opaque materials, and glTF 2.0, section 3.8.3, has profiles ignored.
 enum class ImageUse { picture, texture };
 
-/// Reads a file as linear RGB, upright by its stated orientation. A grey image is repeated in all channels.
-/// Integer formats (PNG, JPEG) are decoded by the curve that they state, else as sRGB, then multiplied by
-/// alpha, if any: transparent pixels are black. Radiance pictures are divided by their exposure. Other values
-/// are returned as stored: check them with require_finite(). Throws FormatError for a truncated file or no
-/// image. docs/reference/image-files.md lists the variants of the formats.
-Image read_image(const std::filesystem::path& path, ImageUse use = ImageUse::picture);
+/// As refield/image.h's, for a use. Check values with require_finite().
+Image read_image(const std::filesystem::path& path, ImageUse use);
 
 /// Reads rows [first, last) of a photograph, and no more of the file than the blocks that hold them.
 Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
@@ -56,19 +42,12 @@ enum class Primaries {
   rec709      ///< it is converted; negative values of colours outside that gamut become zero
 };
 
-/// Reads a light map: finite, nothing negative. Negative values of lossy compression become zero, with a
-/// warning; the channels' means stay. The faces of EXR cube maps (attribute envmap) are put into the layout
-/// of cube_face_axes(). Throws InputError on NaN, Inf, many negative values, naming the texel, and where the
-/// attribute contradicts the parameterisation.
+/// As refield/light_map.h's, which keeps primaries as stored.
 LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
-                        const RunContext& run = {}, Primaries primaries = Primaries::as_stored);
+                        const RunContext& run, Primaries primaries);
 /// The same of a map in memory, which messages call `name`; without the primaries.
 void repair_light_map(LightMap& light, const std::filesystem::path& name, const RunContext& run = {});
 
-/// Writes an EXR of Y, RGB or premultiplied RGBA (ZIP), atomically, with the attribute `chromaticities` where
-/// the colour space has any. Throws DeviceError where the disk refuses.
-void write_exr(const std::filesystem::path& path, const Image& image, Precision precision = Precision::single,
-               ColourSpace space = ColourSpace::camera);
 void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
                       Precision precision = Precision::single);
 

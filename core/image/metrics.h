@@ -10,9 +10,6 @@
 
 namespace refield {
 
-/// Which pixels count: [pixels], non-zero where the scene is of interest. Empty: all.
-using Mask = std::vector<unsigned char>;
-
 /// The sums behind the measures below, gathered image by image, so that a long series is never held in
 /// memory.
 class SeriesError {
@@ -72,10 +69,6 @@ double tone_mapped_psnr_db(const Image& predicted, const Image& observed, const 
                            const Image& sigma = {});
 
 /// The two measures of one image of a series.
-struct ImageError {
-  double relative_rmse = 0.0;
-  double tone_mapped_psnr_db = 0.0;
-};
 ImageError image_error(const Image& predicted, const Image& observed, const Mask& mask = {},
                        const Image& sigma = {});
 

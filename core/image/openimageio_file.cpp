@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "core/image/image_file.h"
+#include "refield/run_context.h"
 
 namespace refield {
 
@@ -128,7 +129,7 @@ constexpr ImageFormats formats = {
 }  // namespace
 
 #if REFIELD_IMAGE_FORMATS_MODULE
-extern "C" const ImageFormats* refield_image_formats() {
+extern "C" REFIELD_API const ImageFormats* refield_image_formats() {
   return &formats;
 }
 #else

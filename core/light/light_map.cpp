@@ -10,7 +10,7 @@
 
 namespace refield {
 
-std::string_view name_of(Parameterisation parameterisation) {
+std::string_view v0_2::name_of(Parameterisation parameterisation) {
   switch (parameterisation) {
     case Parameterisation::monitor:
       return "monitor";
@@ -22,7 +22,7 @@ std::string_view name_of(Parameterisation parameterisation) {
   throw InputError("unknown light map parameterisation");
 }
 
-Parameterisation parameterisation_from_name(std::string_view name) {
+Parameterisation v0_2::parameterisation_from_name(std::string_view name) {
   for (auto p : {Parameterisation::monitor, Parameterisation::lat_long, Parameterisation::cube})
     if (name == name_of(p)) return p;
   throw InputError("unknown light map parameterisation '" + std::string(name) +

@@ -3,32 +3,14 @@
 
 #include <Eigen/Core>
 
-#include <compare>
 #include <cstdint>
 #include <functional>
-#include <string>
 #include <string_view>
 
 #include "core/image/image.h"
+#include "refield/light_map.h"
 
 namespace refield {
-
-/// A rectangle of light-map texels, half-open: columns [x0, x1) and rows [y0, y1).
-struct Box {
-  std::int32_t x0 = 0;
-  std::int32_t y0 = 0;
-  std::int32_t x1 = 0;
-  std::int32_t y1 = 0;
-
-  std::int32_t width() const { return x1 - x0; }
-  std::int32_t height() const { return y1 - y0; }
-  std::int64_t area() const { return static_cast<std::int64_t>(width()) * height(); }
-  bool contains(std::int32_t x, std::int32_t y) const { return x >= x0 && x < x1 && y >= y0 && y < y1; }
-  bool inside(std::int32_t map_width, std::int32_t map_height) const {
-    return x0 >= 0 && y0 >= 0 && x0 < x1 && y0 < y1 && x1 <= map_width && y1 <= map_height;
-  }
-  friend auto operator<=>(const Box&, const Box&) = default;
-};
 
 struct BoxHash {
   std::size_t operator()(const Box& box) const {
@@ -42,48 +24,10 @@ struct BoxHash {
   }
 };
 
-/// How the columns and rows of a light map stand for incident light.
-///  - monitor: texels of a flat emitter, as someone in front of it sees them.
-///  - lat_long: all directions, see lat_long_direction().
-///  - cube: six square faces stacked from top to bottom, +X −X +Y −Y +Z −Z (height = 6 × width), see
-///  cube_face_axes().
-enum class Parameterisation { monitor, lat_long, cube };
-
-std::string_view name_of(Parameterisation parameterisation);
-/// Throws InputError for an unknown name.
-Parameterisation parameterisation_from_name(std::string_view name);
-
-/// The domain over which incident light is defined: a light map without its values.
-struct LightDomain {
-  int width = 0;
-  int height = 0;
-  Parameterisation parameterisation = Parameterisation::monitor;
-  bool operator==(const LightDomain&) const = default;
-};
-
-/// Incident illumination: linear RGB radiance, row-major, top row first.
-struct LightMap {
-  Image radiance;  ///< 3 channels
-  Parameterisation parameterisation = Parameterisation::monitor;
-  LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
-};
-
 /// What a monitor shows, from its texels: "black", "white" and "primary" (one channel) fill the screen, a
 /// "bar" and a "square" are rectangles of one colour on black, of the full height or width and smaller; all
 /// else is "natural". Values within a thousandth of the largest are equal.
 std::string_view kind_of_light(const Image& radiance);
-
-/// A light map that another user owns.
-struct LightMapView {
-  ImageView radiance;  ///< 3 channels
-  Parameterisation parameterisation = Parameterisation::monitor;
-
-  LightMapView() = default;
-  LightMapView(const ImageView& view, Parameterisation how) : radiance(view), parameterisation(how) {}
-  LightMapView(const LightMap& light)  // NOLINT(google-explicit-constructor): wherever a view is taken
-      : radiance(light.radiance), parameterisation(light.parameterisation) {}
-  LightDomain domain() const { return {radiance.width, radiance.height, parameterisation}; }
-};
 
 /// Throws InputError unless the light is of a field's domain.
 void require_domain(const LightMap& light, const LightDomain& domain);

@@ -47,9 +47,10 @@ void require_range(const std::string& name, const char* what, double value, doub
 
 }  // namespace
 
-Eigen::Vector3d MonitorPlacement::direction(double u, double v) const {
-  return turn.matrix() *
-         Eigen::Vector3d(left() + u * (right() - left()), top() + v * (bottom() - top()), 1.0);
+Eigen::Vector3d screen_direction(const MonitorPlacement& monitor, double u, double v) {
+  return rotation_of(monitor.turn) * Eigen::Vector3d(monitor.left() + u * (monitor.right() - monitor.left()),
+                                                     monitor.top() + v * (monitor.bottom() - monitor.top()),
+                                                     1.0);
 }
 
 void MonitorPlacement::check(const std::string& name) const {
@@ -96,7 +97,7 @@ bool read_placement(ConfigSection& section, MonitorPlacement& place) {
   return true;
 }
 
-MonitorPlacement monitor_placement_from_text(const std::string& text) {
+MonitorPlacement v0_2::monitor_placement_from_text(const std::string& text) {
   std::string_view rest = text;
   MonitorPlacement monitor;
   monitor.width_mm = take_number(rest, "x", text);
@@ -120,13 +121,13 @@ MonitorPlacement monitor_placement_from_text(const std::string& text) {
   return monitor;
 }
 
-std::vector<MonitorPlacement> placements_from_texts(const std::vector<std::string>& texts) {
+std::vector<MonitorPlacement> v0_2::placements_from_texts(const std::vector<std::string>& texts) {
   std::vector<MonitorPlacement> monitors;
   for (const std::string& text : texts) monitors.push_back(monitor_placement_from_text(text));
   return monitors;
 }
 
-std::string text_of(const MonitorPlacement& monitor) {
+std::string v0_2::text_of(const MonitorPlacement& monitor) {
   char number[96];
   std::snprintf(number, sizeof number, "%gx%g@%g", monitor.width_mm, monitor.height_mm, monitor.distance_mm);
   std::string text = number;
@@ -143,10 +144,10 @@ std::string text_of(const MonitorPlacement& monitor) {
   return text;
 }
 
-Eigen::Matrix3d EulerAngles::matrix() const {
-  return (Eigen::AngleAxisd(radians_from_degrees(yaw), Eigen::Vector3d::UnitY()) *
-          Eigen::AngleAxisd(radians_from_degrees(pitch), Eigen::Vector3d::UnitX()) *
-          Eigen::AngleAxisd(radians_from_degrees(roll), Eigen::Vector3d::UnitZ()))
+Eigen::Matrix3d rotation_of(const EulerAngles& turn) {
+  return (Eigen::AngleAxisd(radians_from_degrees(turn.yaw), Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(radians_from_degrees(turn.pitch), Eigen::Vector3d::UnitX()) *
+          Eigen::AngleAxisd(radians_from_degrees(turn.roll), Eigen::Vector3d::UnitZ()))
       .toRotationMatrix();
 }
 

@@ -165,7 +165,7 @@ void check_size(const fs::path& path, const ImageView* view, int& width, int& he
 
 }  // namespace
 
-std::string_view name_of(FrameRole role) {
+std::string_view v0_2::name_of(FrameRole role) {
   switch (role) {
     case FrameRole::train:
       return "train";

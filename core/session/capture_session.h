@@ -12,13 +12,9 @@
 #include "core/image/metrics.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
+#include "refield/session.h"
 
 namespace refield {
-
-/// What a frame is for: estimation, held-out validation, or a repeated reference for drift.
-enum class FrameRole { train, test, reference };
-
-std::string_view name_of(FrameRole role);
 
 /// What the rig did to a frame besides B = T L (estimate/rig/rig_model.h), for readers of training frames to
 /// undo: photograph = gain · mixing · (B + room · room_colour · its mean picture), moved by shift_px.

@@ -233,16 +233,12 @@ def declaration(member):
 
 
 def cpp_pages(sources, work):
-    """One page for each public header: its introduction, and what is documented of the headers that it includes."""
+    """One page for each public header: its introduction, its declarations, and the example that tests compile and run."""
     headers = sorted((root / "include/refield").glob("*.h"))
-    included = {}  # public header -> the project's own headers that it includes directly
-    for header in headers:
-        included[header] = [root / name for name in re.findall(r'^#include "((?!refield/)[^"]+)"', header.read_text(), flags=re.M)]
-    files = [str(path) for paths in included.values() for path in paths]
     (work / "doxyfile").write_text("\n".join([
-        f"INPUT = {' '.join(files)}", f"OUTPUT_DIRECTORY = {work}", "GENERATE_HTML = NO", "GENERATE_LATEX = NO", "GENERATE_XML = YES",
+        f"INPUT = {' '.join(map(str, headers))}", f"OUTPUT_DIRECTORY = {work}", "GENERATE_HTML = NO", "GENERATE_LATEX = NO", "GENERATE_XML = YES",
         "XML_PROGRAMLISTING = NO", "QUIET = YES", "WARNINGS = NO", "JAVADOC_AUTOBRIEF = YES", "MARKDOWN_SUPPORT = YES",
-        "AUTOLINK_SUPPORT = NO", "MACRO_EXPANSION = YES", "EXTRACT_ALL = NO", f"STRIP_FROM_PATH = {root}"]))
+        "AUTOLINK_SUPPORT = NO", "MACRO_EXPANSION = YES", "PREDEFINED = REFIELD_API=", "EXTRACT_ALL = NO", f"STRIP_FROM_PATH = {root}"]))
     subprocess.run(["doxygen", work / "doxyfile"], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     compounds = {}
     for path in (work / "xml").glob("*.xml"):
@@ -253,7 +249,7 @@ def cpp_pages(sources, work):
         place = compound.find("location")
         kind = compound.get("kind")
         if kind in ("struct", "class") and compound.get("prot") == "public":
-            name = compound.findtext("compoundname").removeprefix("refield::")
+            name = re.sub(r"^(refield::)?(v\d+_\d+::)?", "", compound.findtext("compoundname"))
             text = described(compound)
             members = [m for s in compound.findall("sectiondef") if s.get("kind", "").startswith("public") for m in s.findall("memberdef")]
             if not text and not any(described(m) for m in members):
@@ -277,10 +273,9 @@ def cpp_pages(sources, work):
         intro = re.search(r"((?:^///.*\n)+)", header.read_text(), flags=re.M)[1]
         intro = re.sub(r"^/// ?", "", intro, flags=re.M).strip()
         lines = [f"# refield/{header.name}", "", intro, ""]
-        for path in included[header]:
-            entries = by_file.get(str(path.relative_to(root)), [])
-            if entries:
-                lines += [f"## {path.relative_to(root)}", ""] + [text for _, text in sorted(entries, key=lambda e: e[0])]
+        lines += [text for _, text in sorted(by_file.get(str(header.relative_to(root)), []), key=lambda e: e[0])]
+        example = (root / f"tests/library/examples/{header.stem}.cpp").read_text()
+        lines += ["## Example", "", "```cpp", example.partition("\n")[2].rstrip(), "```", ""]
         sources.write(f"reference/cpp/{header.stem}.md", "\n".join(lines))
         index += [f"[refield/{header.name}]({header.stem}.md)", f":   {intro.partition('.')[0]}.".replace("\n", " "), ""]
         navigation.append({f"refield/{header.name}": f"reference/cpp/{header.stem}.md"})

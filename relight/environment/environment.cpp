@@ -475,7 +475,7 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
   if (!environment.has_path_sums()) return project_exactly(environment.map(), turn, run);
   if (auto light = as_it_stands(environment.map(), turn)) return {std::move(*light), {}};
   const LightDomain& domain = target();
-  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+  const Eigen::Matrix3d environment_from_scene = rotation_of(turn).transpose();
   EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};
   std::vector<double> energy(static_cast<std::size_t>(domain.height), 0.0);
   const bool is_lat_long = domain.parameterisation == Parameterisation::lat_long;
@@ -675,7 +675,7 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
                                          const RunContext& run) const {
   if (!environment.has_path_sums())
     throw InputError("this environment is integrated over texels alone; give a lat-long map of 16 columns");
-  const Eigen::Matrix3d scene_from_environment = turn.matrix(),
+  const Eigen::Matrix3d scene_from_environment = rotation_of(turn),
                         environment_from_scene = scene_from_environment.transpose();
   std::vector<float> sums((vector_boxes_.size() + edges_.boxes()) * 3, 0.0f);
   if (!vector_boxes_.empty()) {
@@ -708,7 +708,7 @@ EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environme
   if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
   const LightDomain& domain = grid_.domain();
   const SphereGrid source(environment.domain());
-  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+  const Eigen::Matrix3d environment_from_scene = rotation_of(turn).transpose();
   EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};
   std::vector<double> covered(domain.height), energy(domain.height);
   Progress progress(run, "resampling the map", static_cast<std::uint64_t>(domain.height));

@@ -57,10 +57,10 @@ class EnvironmentProjector {
   const LightDomain& target() const { return grid_.domain(); }
 
   /// The light that `environment` gives when it is turned by `turn`: what it shows ahead (+Z) lies at
-  /// turn.matrix() · (0, 0, 1) then. An environment of the target's own size and parameterisation that is not
-  /// turned is not touched. Sums along the edges of texels, see PreparedEnvironment; cubes and maps of fewer
-  /// than 16 columns go the way of project_exactly(). Runs on all cores; from several threads at a time.
-  /// Throws Interrupted.
+  /// rotation_of(turn) · (0, 0, 1) then. An environment of the target's own size and parameterisation that is
+  /// not turned is not touched. Sums along the edges of texels, see PreparedEnvironment; cubes and maps of
+  /// fewer than 16 columns go the way of project_exactly(). Runs on all cores; from several threads at a
+  /// time. Throws Interrupted.
   EnvironmentLight project(const PreparedEnvironment& environment, const EulerAngles& turn,
                            const RunContext& run = {}) const;
   /// Projects a map that is needed once. Throws InputError for one that is neither lat-long nor cube.

@@ -100,7 +100,7 @@ void SphereGrid::add_strips() {
   strip.column_edges = shared({{-std::sin(half), std::cos(half)}, {std::sin(half), std::cos(half)}});
   strip.row_edges = shared(std::move(rows));
   for (int i = 0; i < count; ++i) {
-    strip.axes = EulerAngles{.yaw = 360.0 * (i + 0.5) / count - 180.0}.matrix().transpose();
+    strip.axes = rotation_of(EulerAngles{.yaw = 360.0 * (i + 0.5) / count - 180.0}).transpose();
     strip.first_column = i / each;
     patches_.push_back(strip);
   }
@@ -121,7 +121,7 @@ void SphereGrid::add_windows(std::span<const MonitorPlacement> monitors) {
   const int rows = domain_.height / static_cast<int>(monitors.size());
   for (const MonitorPlacement& monitor : monitors)
     patches_.push_back(
-        {monitor.turn.matrix().transpose(), even_edges(monitor.left(), monitor.right(), domain_.width),
+        {rotation_of(monitor.turn).transpose(), even_edges(monitor.left(), monitor.right(), domain_.width),
          even_edges(monitor.top(), monitor.bottom(), rows), 0, rows * static_cast<int>(patches_.size())});
 }
 

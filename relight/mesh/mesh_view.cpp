@@ -95,18 +95,18 @@ PinholeCamera standard_camera(const FieldOutline& field) {
   return mesh.camera ? *mesh.camera : framing_camera(mesh, standard.width, standard.height);
 }
 
-MeshView::MeshView(const FieldOutline& field, const PinholeCamera& camera, int samples)
-    : MeshView(mesh_of(field), camera, samples) {
+MeshRenderer::MeshRenderer(const FieldOutline& field, const PinholeCamera& camera, int samples)
+    : MeshRenderer(mesh_of(field), camera, samples) {
   if (const int order = field.mesh->outgoing_order; order > 0) evaluate_mirrored_sight(*field.mesh, order);
 }
 
-MeshView::MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples)
+MeshRenderer::MeshRenderer(const Mesh& mesh, const PinholeCamera& camera, int samples)
     : camera_(camera), mesh_(&mesh) {
   if (mesh.empty()) throw InputError("the mesh has no vertices, so there is nothing to be seen");
   gather_shares(mesh, samples);
 }
 
-void MeshView::gather_shares(const Mesh& mesh, int samples) {
+void MeshRenderer::gather_shares(const Mesh& mesh, int samples) {
   const std::vector<SeenPoint> seen = rasterise(mesh, camera_, samples);
   const auto pixels = static_cast<std::size_t>(camera_.width) * camera_.height;
   const std::size_t of_pixel = seen.size() / pixels;
@@ -128,7 +128,7 @@ void MeshView::gather_shares(const Mesh& mesh, int samples) {
   });
 }
 
-void MeshView::evaluate_mirrored_sight(const Mesh& mesh, int order) {
+void MeshRenderer::evaluate_mirrored_sight(const Mesh& mesh, int order) {
   outputs_a_vertex_ = static_cast<std::size_t>(harmonics_of(order));
   harmonics_.resize(mesh.positions.size() * outputs_a_vertex_);
   tbb::parallel_for(std::size_t{0}, mesh.positions.size(), [&](std::size_t v) {
@@ -142,7 +142,7 @@ void MeshView::evaluate_mirrored_sight(const Mesh& mesh, int order) {
   });
 }
 
-Eigen::Array3f MeshView::radiance(const Image& outputs, std::uint32_t vertex) const {
+Eigen::Array3f MeshRenderer::radiance(const Image& outputs, std::uint32_t vertex) const {
   if (harmonics_.empty()) return output_of(outputs, vertex);
   Eigen::Array3f sum = Eigen::Array3f::Zero();
   const std::size_t first = vertex * outputs_a_vertex_;
@@ -151,7 +151,7 @@ Eigen::Array3f MeshView::radiance(const Image& outputs, std::uint32_t vertex) co
   return sum;
 }
 
-Image MeshView::show(const Image& outputs) const {
+Image MeshRenderer::show(const Image& outputs) const {
   const std::size_t vertices = mesh_->positions.size();
   if (outputs.width != output_image_width || outputs.channels != 3 ||
       outputs.height < output_image_height(vertices * outputs_a_vertex_))
@@ -164,7 +164,7 @@ Image MeshView::show(const Image& outputs) const {
   return show(light);
 }
 
-Image MeshView::show(std::span<const Eigen::Array3f> radiance) const {
+Image MeshRenderer::show(std::span<const Eigen::Array3f> radiance) const {
   Image picture(camera_.width, camera_.height, 3);
   tbb::parallel_for(std::size_t{0}, picture.pixel_count(), [&](std::size_t pixel) {
     Eigen::Array3f sum = Eigen::Array3f::Zero();
@@ -175,7 +175,7 @@ Image MeshView::show(std::span<const Eigen::Array3f> radiance) const {
   return picture;
 }
 
-std::vector<float> MeshView::coverage() const {
+std::vector<float> MeshRenderer::coverage() const {
   std::vector<float> shares(hits_.size());
   std::ranges::transform(hits_, shares.begin(), [&](std::uint8_t hits) {
     return static_cast<float>(hits) / static_cast<float>(samples_);
@@ -183,7 +183,7 @@ std::vector<float> MeshView::coverage() const {
   return shares;
 }
 
-std::optional<std::uint32_t> MeshView::vertex_at(int x, int y) const {
+std::optional<std::uint32_t> MeshRenderer::vertex_at(int x, int y) const {
   const std::size_t pixel = static_cast<std::size_t>(y) * camera_.width + x;
   const auto first = shares_.begin() + first_[pixel], last = shares_.begin() + first_[pixel + 1];
   if (first == last) return std::nullopt;

@@ -22,22 +22,22 @@ PinholeCamera standard_camera(const FieldOutline& field);
 
 /// Pictures of a field over a mesh from one camera: what the camera sees is found once, and then each light's
 /// outputs become a picture by a sum over the vertices that each pixel shows.
-class MeshView {
+class MeshRenderer {
  public:
   /// `samples`: 1 or 4 lines of sight a pixel. The field's mesh must outlive this. Throws InputError for a
   /// field without a mesh and what PinholeCamera::check() throws.
-  MeshView(const FieldOutline& field, const PinholeCamera& camera, int samples = 4);
+  MeshRenderer(const FieldOutline& field, const PinholeCamera& camera, int samples = 4);
 
   /// View of a mesh whose vertices' radiance is passed to show(); the mesh must outlive this.
-  MeshView(const Mesh& mesh, const PinholeCamera& camera, int samples = 4);
+  MeshRenderer(const Mesh& mesh, const PinholeCamera& camera, int samples = 4);
 
   const PinholeCamera& camera() const { return camera_; }
 
   /// The picture, [camera height × width × 3]: black where no mesh is, and where its back is seen. `outputs`
-  /// is the field relit, as by Relighter::relight(); vertices multiply it by their colours. Where vertices
-  /// have harmonics as outputs, they are summed for the direction of the line of sight mirrored by the normal
-  /// (Fujita and Kanai 2004, section 2.3). Costs about as much as copying some pictures: 10 ms at 1024×768
-  /// on two cores.
+  /// is the field relit, as by TileRelighter::relight(); vertices multiply it by their colours. Where
+  /// vertices have harmonics as outputs, they are summed for the direction of the line of sight mirrored by
+  /// the normal (Fujita and Kanai 2004, section 2.3). Costs about as much as copying some pictures: 10 ms at
+  /// 1024×768 on two cores.
   Image show(const Image& outputs) const;
   /// The picture of radiance [vertices] towards the camera, colours included.
   Image show(std::span<const Eigen::Array3f> radiance) const;

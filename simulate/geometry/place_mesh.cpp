@@ -37,7 +37,7 @@ Settled settle(const Eigen::AlignedBox3f& bounds, const Placement& placement) {
 }
 
 void place(Mesh& mesh, const Placement& placement) {
-  const Eigen::Matrix3f turn = placement.turn.matrix().cast<float>();
+  const Eigen::Matrix3f turn = rotation_of(placement.turn).cast<float>();
   const Eigen::Matrix3f matrix = turn * placement.stretch.asDiagonal();
   const Eigen::Matrix3f for_normals = turn * placement.stretch.cwiseInverse().asDiagonal();
   for (auto& position : mesh.positions) position = matrix * position;

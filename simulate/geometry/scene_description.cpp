@@ -406,7 +406,7 @@ Eigen::Isometry3f Motion::at(double time) const {
   const EulerAngles turn = {.yaw = a.yaw + share * (b.yaw - a.yaw),
                             .pitch = a.pitch + share * (b.pitch - a.pitch),
                             .roll = a.roll + share * (b.roll - a.roll)};
-  pose.linear() = turn.matrix().cast<float>();
+  pose.linear() = rotation_of(turn).cast<float>();
   return pose;
 }
 

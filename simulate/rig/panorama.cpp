@@ -323,7 +323,7 @@ Image make_panorama(std::uint64_t seed, std::uint64_t index, int width) {
 }
 
 Image view_of_panorama(const Image& panorama, const PanoramaView& view, int width, int height) {
-  const Eigen::Matrix3d turn = view.turn.matrix();
+  const Eigen::Matrix3d turn = rotation_of(view.turn);
   const double step = 2.0 * std::tan(radians_from_degrees(view.horizontal_fov_degrees) / 2.0) / width;
   const auto at = [&](int x, int y) {
     return pixel(panorama, (x % panorama.width + panorama.width) % panorama.width,

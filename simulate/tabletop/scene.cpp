@@ -52,8 +52,8 @@ std::vector<MonitorPlacement> monitor_placements(const SceneDescription& scene) 
   MonitorPlacement placement;
   placement.turn.yaw = degrees_from_radians(std::atan2(onto_screen.x(), onto_screen.z()));
   placement.turn.pitch = -degrees_from_radians(std::asin(std::clamp(onto_screen.y(), -1.0, 1.0)));
-  const Eigen::Vector3d centre =
-      placement.turn.matrix().transpose() * scene_from_world * (scene.monitor.centre - scene.camera.target);
+  const Eigen::Vector3d centre = rotation_of(placement.turn).transpose() * scene_from_world *
+                                 (scene.monitor.centre - scene.camera.target);
   placement.width_mm = mm_per_m * scene.monitor.width_m;
   placement.height_mm = mm_per_m * scene.monitor.height_m;
   placement.distance_mm = mm_per_m * centre.z();
@@ -72,7 +72,7 @@ constexpr float before_target = 1.0f - 1e-4f;
 TabletopObject place_object(const ObjectDescription& object) {
   using Shape = ObjectDescription::Shape;
   const prt::Placement& place = object.place;
-  const Eigen::Matrix3f turn = place.turn.matrix().cast<float>();
+  const Eigen::Matrix3f turn = rotation_of(place.turn).cast<float>();
   TabletopObject result;
   Eigen::AlignedBox3f bounds;
   if (object.shape == Shape::sphere) {

@@ -47,7 +47,7 @@ TEST(GeometryVerb, StoresThePlacementInAnotherSession) {
     Image photograph(width, height, 3, 0.3f);
     const auto spot = spot_of(light.radiance);
     const auto seen =
-        spot ? ball.find(far_screen.direction(spot->x(), spot->y()).normalized()) : std::nullopt;
+        spot ? ball.find(screen_direction(far_screen, spot->x(), spot->y()).normalized()) : std::nullopt;
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
         const Eigen::Vector2d at(x + 0.5, y + 0.5);
@@ -73,8 +73,9 @@ TEST(GeometryVerb, StoresThePlacementInAnotherSession) {
   ASSERT_EQ(placed.size(), 1U);
   for (const double u : {0.0, 1.0})
     for (const double v : {0.0, 1.0}) {
-      const Eigen::Vector3d truth = far_screen.distance_mm * far_screen.direction(u, v);
-      EXPECT_LT((placed[0].distance_mm * placed[0].direction(u, v) - truth).norm(), 0.01 * truth.norm());
+      const Eigen::Vector3d truth = far_screen.distance_mm * screen_direction(far_screen, u, v);
+      EXPECT_LT((placed[0].distance_mm * screen_direction(placed[0], u, v) - truth).norm(),
+                0.01 * truth.norm());
     }
 }
 

@@ -80,7 +80,7 @@ TEST(Harmonics, ManyAtOnceAreThoseOfEach) {
 
 TEST(Harmonics, TurningCoefficientsTurnsTheFunction) {
   constexpr int order = largest_harmonics_order, count = harmonics_of(order);
-  const Eigen::Matrix3d rotation = EulerAngles{.yaw = 34.0, .pitch = -71.0, .roll = 200.0}.matrix();
+  const Eigen::Matrix3d rotation = rotation_of(EulerAngles{.yaw = 34.0, .pitch = -71.0, .roll = 200.0});
   const Eigen::MatrixXd matrix = harmonic_rotation(order, rotation);
   const Eigen::VectorXd coefficients = Eigen::VectorXd::LinSpaced(count, -1.0, 2.0);
   const Eigen::VectorXd turned = matrix * coefficients;

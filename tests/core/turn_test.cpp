@@ -19,11 +19,11 @@ void expect_near(const Vector3d& found, const Vector3d& expected) {
 }
 
 TEST(Turn, YawGoesRightPitchDownRollLiftsTheRight) {
-  expect_near(EulerAngles{.yaw = 90}.matrix() * Vector3d::UnitZ(), Vector3d::UnitX());
-  expect_near(EulerAngles{.pitch = 90}.matrix() * Vector3d::UnitZ(), -Vector3d::UnitY());
-  expect_near(EulerAngles{.roll = 90}.matrix() * Vector3d::UnitX(), Vector3d::UnitY());
+  expect_near(rotation_of(EulerAngles{.yaw = 90}) * Vector3d::UnitZ(), Vector3d::UnitX());
+  expect_near(rotation_of(EulerAngles{.pitch = 90}) * Vector3d::UnitZ(), -Vector3d::UnitY());
+  expect_near(rotation_of(EulerAngles{.roll = 90}) * Vector3d::UnitX(), Vector3d::UnitY());
   // Roll first, yaw last: the head stays rolled about where one looks in the end.
-  const Eigen::Matrix3d all = EulerAngles{90, 0, 90}.matrix();
+  const Eigen::Matrix3d all = rotation_of(EulerAngles{90, 0, 90});
   expect_near(all * Vector3d::UnitZ(), Vector3d::UnitX());
   expect_near(all * Vector3d::UnitX(), Vector3d::UnitY());
 }
@@ -49,13 +49,13 @@ TEST(CubeFaces, StandUprightForSomeoneInside) {
 
 TEST(MonitorPlacement, SeesItsCornersWhereTheyAre) {
   MonitorPlacement monitor{400, 300, 500};
-  expect_near(monitor.direction(0.5, 0.5), {0, 0, 1});
-  expect_near(monitor.direction(0, 0), {-0.4, 0.3, 1});  // top left
-  monitor.turn.yaw = 90;                                 // to the camera's right
-  expect_near(monitor.direction(0.5, 0.5), {1, 0, 0});
-  expect_near(monitor.direction(1, 1), {1, -0.3, -0.4});  // its right edge is nearer to the camera
+  expect_near(screen_direction(monitor, 0.5, 0.5), {0, 0, 1});
+  expect_near(screen_direction(monitor, 0, 0), {-0.4, 0.3, 1});  // top left
+  monitor.turn.yaw = 90;                                         // to the camera's right
+  expect_near(screen_direction(monitor, 0.5, 0.5), {1, 0, 0});
+  expect_near(screen_direction(monitor, 1, 1), {1, -0.3, -0.4});  // its right edge is nearer to the camera
   monitor.offset_y_mm = 250;
-  expect_near(monitor.direction(0.5, 0.5), {1, 0.5, 0});
+  expect_near(screen_direction(monitor, 0.5, 0.5), {1, 0.5, 0});
 }
 
 TEST(MonitorPlacement, IsReadFromTextAndWritten) {

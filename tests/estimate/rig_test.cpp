@@ -539,7 +539,7 @@ TEST(RigModel, TheFieldMixesColoursWhereItIsRelit) {
   const Image plain = field.relight(lights[0]);
   field.output_from_primaries << 1, 0.1f, 0.02f, 0.2f, 1, 0.1f, 0, 0.15f, 1;
   const Image mixed = field.relight(lights[0]);
-  Relighter relighter(field, RelightPrecision::fine);
+  TileRelighter relighter(field, RelightPrecision::fine);
   const Image first = relighter.relight(lights[1]);
   const Image& updated = relighter.update(lights[0], {0, 0, 16, 12});
   for (std::size_t i = 0; i < plain.values.size(); i += 3) {

@@ -8,6 +8,7 @@
 #include <random>
 #include <vector>
 
+#include "refield/compare.h"
 #include "refield/estimate.h"
 #include "refield/relight.h"
 
@@ -60,7 +61,8 @@ int main() {
     if (progress.event == StageProgress::Event::ended) ++ended;
     if (progress.stage == "estimate") pixels = progress.done;
   };
-  const ReflectanceField field = estimate(light_views, photograph_views, {}, {}, {}, run);
+  const CaptureArrays capture{light_views, photograph_views};
+  const Field field = estimate(capture, {}, run);
   bool holds = check(ended >= 2 && pixels == 12 * 8, "progress of all stages and pixels is reported");
 
   std::atomic<bool> stop{false};
@@ -68,14 +70,16 @@ int main() {
   run.on_progress = [&](const StageProgress& progress) { stop = stop || progress.stage == "estimate"; };
   bool is_stopped = false;
   try {
-    estimate(light_views, photograph_views, {}, {}, {}, run);
+    estimate(capture, {}, run);
   } catch (const Interrupted&) {
     is_stopped = true;
   }
   holds &= check(is_stopped, "a second estimate stops when the caller asks for it");
 
   const LightMap light = random_light(random);
-  const double error = relative_rmse(Relighter(field).relight(light), photograph(light));
+  const Image predicted = Relighter(field).relight(light), observed = photograph(light);
+  const ImageView predicted_view = predicted, observed_view = observed;
+  const double error = compare({&predicted_view, 1}, {&observed_view, 1}).relative_rmse;
   std::printf("relative error under a new light: %.4f\n", error);
   holds &= check(error < 0.05, "the field predicts the photograph under a new light");
   return holds ? 0 : 1;

@@ -34,7 +34,7 @@ def end_of(text, begin):
 
 def sources():
     names = subprocess.run(["git", "ls-files", "--cached", "--others", "--exclude-standard", "--deduplicate", "--",
-                            *(f"{folder}/*.{end}" for folder in ("core", "acquire", "estimate", "relight", "simulate", "cli", "python") for end in ("cpp", "h", "py"))],
+                            *(f"{folder}/*.{end}" for folder in ("core", "acquire", "estimate", "library", "relight", "simulate", "cli", "python") for end in ("cpp", "h", "py"))],
                            cwd=root, check=True, capture_output=True, text=True).stdout.split()
     for name in filter(lambda name: (root / name).is_file(), names):
         yield name, re.sub(r"^\s*//.*$", "", (root / name).read_text(encoding="utf-8"), flags=re.M)

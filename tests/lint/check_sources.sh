@@ -24,12 +24,13 @@ check_includes() {
   [[ -z $found ]] || complain "$folder may include only $allowed:
 $found"
 }
-check_includes core 'core/'
-check_includes include '(refield|core|acquire/hdr|estimate|relight|simulate)/'
-check_includes acquire '(core|acquire)/'
-check_includes estimate '(core|estimate)/'
-check_includes relight '(core|relight)/'
-check_includes simulate '(core|simulate)/|acquire/(camera|illuminator|trigger)\.h"'
+check_includes core '(core|refield)/'
+check_includes include 'refield/'
+check_includes python 'refield/|binding\.h"'
+check_includes acquire '(core|acquire|refield)/'
+check_includes estimate '(core|estimate|refield)/'
+check_includes relight '(core|relight|refield)/'
+check_includes simulate '(core|simulate|refield)/|acquire/(camera|illuminator|trigger)\.h"'
 
 # Headers of other libraries stay in .cpp files, so that no stage's users depend on them.
 found=$(sources {core,acquire,estimate,include,relight,simulate}/'*.h' |
@@ -40,11 +41,11 @@ $found"
 tests/lint/check_links.py || status=1
 tests/lint/check_messages.py || status=1
 bench/studies/figures.py check || status=1
-tests/lint/check_words.py {core,acquire,estimate,include,relight,simulate,cli,bench,python}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
+tests/lint/check_words.py {core,acquire,estimate,include,library,relight,simulate,cli,bench,python}/'*'.{h,cpp} tests/'*'.{h,cpp} || status=1
 
 # What a library must leave to its caller: standard error, signals, forks of processes with threads. Progress,
 # notes and stopping go through RunContext (core/base/run_context.h).
-found=$(sources {core,acquire,estimate,relight,simulate}/'*.h' {core,acquire,estimate,relight,simulate}/'*.cpp' |
+found=$(sources {core,acquire,estimate,library,relight,simulate}/'*.h' {core,acquire,estimate,library,relight,simulate}/'*.cpp' |
   xargs -r grep -nE '\bstderr\b|STDERR_FILENO|std::(cerr|clog)|\bsigaction\(|\bv?fork\(' |
   grep -v posix_spawn_file_actions || true)
 [[ -z $found ]] || complain "library code reports through RunContext, not to standard error, and handles no signal:

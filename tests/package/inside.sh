@@ -22,7 +22,7 @@ apt update
 # Whatever the packages need and what tries them out; so that only their own files differ afterwards.
 apt install --no-install-recommends man-db bash-completion zsh shared-mime-info libglib2.0-bin desktop-file-utils g++ cmake make python3 file
 depends=$(for package in /packages/*.deb; do dpkg-deb -f "$package" Depends; done | tr ',' '\n' | sed -E 's/\(.*//; s/\|.*//; s/ //g' | sort -u |
-  grep -v -x -E 'refield|librefield-dev|python3-refield')
+  grep -v -x -E 'refield|librefield.*|python3-refield')
 # shellcheck disable=SC2086  # a list
 apt install --no-install-recommends $depends
 files >before
@@ -68,12 +68,11 @@ add_executable(consumer main.cpp)
 target_link_libraries(consumer PRIVATE refield::refield)
 END
 cat >consumer/main.cpp <<'END'
-#include "refield/field.h"
 #include "refield/relight.h"
 #include <cstdio>
 int main(int, char** argv) {
-  const refield::ReflectanceField field = refield::read_reflectance_field(argv[1]);
-  const refield::LightDomain& domain = field.basis.domain;
+  const refield::Field field(argv[1]);
+  const refield::LightDomain domain = field.light_domain();
   const refield::LightMap white{refield::Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation};
   const refield::Image image = refield::Relighter(field).relight(white);
   std::printf("%d x %d, %s\n", image.width, image.height, image.at(32, 24, 1) > 0 ? "lit" : "dark");
@@ -88,7 +87,7 @@ if dpkg-query -W python3-refield >/dev/null 2>&1; then
 fi
 
 step "apt purge"
-apt purge refield librefield-dev $(dpkg-query -W -f '${Package}\n' python3-refield 2>/dev/null || true)
+apt purge refield librefield-dev $(dpkg-query -W -f '${Package}\n' python3-refield 'librefield0*' 2>/dev/null || true)
 files >after
 left=$(comm -13 before after)
 [[ -z $left ]] || fail "left behind: $left"

@@ -92,7 +92,7 @@ struct Rig {
     scene.width = scene.height = side;
     scene.ball_centre = centre;
     scene.focal_px = fill * 0.5 * side / std::tan(std::asin(1.0 / centre.norm()));
-    scene.world_from_camera = turn.matrix();
+    scene.world_from_camera = rotation_of(turn);
     scene.refractive_index = mirror;
     scene.samples = 4;
   }
@@ -293,7 +293,7 @@ TEST_F(ProbeFiles, TheCommandMakesMapsOfTwoSides) {
   const Image environment = sky(3.0f);
   rig_.scene.backdrop = Eigen::Vector3f(0.9f, 0.9f, 0.9f);
   write_exr(folder_ / "east.exr", photograph_mirror_ball(environment, rig_.scene));
-  rig_.scene.world_from_camera = EulerAngles{90.0, 0.0, 0.0}.matrix();
+  rig_.scene.world_from_camera = rotation_of(EulerAngles{90.0, 0.0, 0.0});
   write_exr(folder_ / "north.exr", photograph_mirror_ball(environment, rig_.scene));
   const std::string log = folder_ / "log";
   ASSERT_EQ(test::run_program({"acquire",

@@ -11,8 +11,9 @@
 #include <string_view>
 #include <vector>
 
-#include "refield/estimate.h"
-#include "refield/relight.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "estimate/estimate.h"
+#include "relight/relighter.h"
 
 using namespace refield;
 
@@ -52,7 +53,7 @@ ReflectanceField made_field() {
 
 double relight_ms(const char* file, int frames) {
   const ReflectanceField field = read_reflectance_field(file);
-  Relighter relighter(field);
+  TileRelighter relighter(field);
   const LightDomain domain = relighter.domain();
   const LightMap light{Image(domain.width, domain.height, 3, 0.5f), domain.parameterisation};
   for (int i = 0; i < 3; ++i) relighter.relight(light);

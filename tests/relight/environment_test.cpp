@@ -75,8 +75,8 @@ double triangle(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen:
 
 double window_angle(const MonitorPlacement& monitor, const LightDomain& domain, int x, int y) {
   const auto corner = [&](int i, int j) {
-    return monitor
-        .direction(static_cast<double>(x + i) / domain.width, static_cast<double>(y + j) / domain.height)
+    return screen_direction(monitor, static_cast<double>(x + i) / domain.width,
+                            static_cast<double>(y + j) / domain.height)
         .normalized();
   };
   return triangle(corner(0, 0), corner(1, 0), corner(1, 1)) +
@@ -117,7 +117,7 @@ TEST(SphereGrid, OverlapsOfAPolygonAddUpToIt) {
       const double size = std::exp(rng.uniform(-9.0, 0.0));
       SphericalPolygon quad;
       for (const auto& [x, y] : {std::pair{-1, 1}, {1, 1}, {1, -1}, {-1, -1}})
-        quad.push_back(turn.matrix() * Eigen::Vector3d(size * x, size * y, 1.0));
+        quad.push_back(rotation_of(turn) * Eigen::Vector3d(size * x, size * y, 1.0));
       double sum = 0.0;
       for (const TexelOverlap& overlap : finder.find(quad)) sum += overlap.solid_angle;
       EXPECT_NEAR(sum, solid_angle(quad), 1e-12 + 1e-9 * solid_angle(quad));
@@ -135,7 +135,7 @@ TEST(SphereGrid, ThePolesAreNoExceptions) {
                                                      {0.0, 0.1, 0.0, 0.1},
                                                      {-0.1, 0.1, 0.0, 0.1},
                                                      {-0.1, 0.0, -0.1, 0.1}}) {
-        const Eigen::Matrix3d turn = EulerAngles{yaw, pitch, 0}.matrix();
+        const Eigen::Matrix3d turn = rotation_of(EulerAngles{yaw, pitch, 0});
         SphericalPolygon quad;
         for (const auto& [x, y] : {std::pair{left, top}, {right, top}, {right, bottom}, {left, bottom}})
           quad.push_back(turn * Eigen::Vector3d(x, y, 1.0));
@@ -162,7 +162,7 @@ TEST(Environment, AConstantMapStaysConstant) {
 TEST(Environment, ASunOfOneTexelKeepsItsEnergy) {
   constexpr float radiance = 1e5f;
   LightMap sun = constant(lat_long(4096), 0.0f);
-  const Eigen::Vector2d at = lat_long_position(slanted.direction(0.4, 0.7).normalized(), 4096, 2048);
+  const Eigen::Vector2d at = lat_long_position(screen_direction(slanted, 0.4, 0.7).normalized(), 4096, 2048);
   const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
   for (int c = 0; c < 3; ++c) sun.radiance.at(x, y, c) = radiance;
   const double energy = radiance * lat_long_angle(sun.domain(), y);
@@ -196,7 +196,7 @@ TEST(Environment, LightOutsideOfTheWindowIsLeftOutAndTold) {
 TEST(Environment, TexelsAreMeansOverTheirSolidAngles) {
   Rng rng(5);
   const EulerAngles turn{70, -15, 25};
-  const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+  const Eigen::Matrix3d environment_from_scene = rotation_of(turn).transpose();
   const LightDomain target = window(6, 4);
   for (const LightDomain& source : {lat_long(32), cube(9)}) {
     const LightMap map = test::random_light(rng, source);
@@ -208,8 +208,8 @@ TEST(Environment, TexelsAreMeansOverTheirSolidAngles) {
         double weight = 0.0;
         for (int j = 0; j < samples; ++j)
           for (int i = 0; i < samples; ++i) {
-            const Eigen::Vector3d d = slanted.direction((x + (i + 0.5) / samples) / target.width,
-                                                        (y + (j + 0.5) / samples) / target.height);
+            const Eigen::Vector3d d = screen_direction(slanted, (x + (i + 0.5) / samples) / target.width,
+                                                       (y + (j + 0.5) / samples) / target.height);
             const double angle = std::pow(d.norm(), -3);  // of equal areas on the screen, but for a factor
             sum += angle * value_at(map, environment_from_scene * d).cast<double>();
             weight += angle;
@@ -368,7 +368,7 @@ TEST(Environment, TexelsOfALatLongMapAreMeansOverTheirSolidAngles) {
   const LightDomain target = lat_long(6);
   const LightMap map = test::random_light(rng, lat_long(20));
   for (const EulerAngles& turn : {EulerAngles{0, 90, 0}, random_turn(rng)}) {
-    const Eigen::Matrix3d environment_from_scene = turn.matrix().transpose();
+    const Eigen::Matrix3d environment_from_scene = rotation_of(turn).transpose();
     const LightMap light = EnvironmentProjector(target, {}).project(map, turn).light;
     for (int y = 0; y < target.height; ++y)
       for (int x = 0; x < target.width; ++x) {
@@ -592,7 +592,8 @@ TEST(Environment, FineWindowsAgreeWithClipping) {
     const std::vector monitor{MonitorPlacement{40, 30, 600, turn}};
     const EnvironmentProjector projector(target, monitor);
     LightMap map = test::random_light(rng, lat_long(400));
-    const Eigen::Vector2d at = lat_long_position(monitor[0].direction(0.4, 0.7).normalized(), 400, 200);
+    const Eigen::Vector2d at =
+        lat_long_position(screen_direction(monitor[0], 0.4, 0.7).normalized(), 400, 200);
     for (int c = 0; c < 3; ++c) map.radiance.at(static_cast<int>(at.x()), static_cast<int>(at.y()), c) = sun;
     const LightMap fast = projector.project(PreparedEnvironment(map), {}).light,
                    exact = projector.project_exactly(map, {}).light;

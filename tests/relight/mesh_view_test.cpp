@@ -98,7 +98,7 @@ TEST(MeshRaster, LeavesNoGapsBetweenTriangles) {
   }
 }
 
-TEST(MeshView, AveragesOverAPixelAndMultipliesByColours) {
+TEST(MeshRenderer, AveragesOverAPixelAndMultipliesByColours) {
   ReflectanceField field = field_over(prt::plane_mesh(1));
   for (auto& colour : field.mesh->colours) colour = Eigen::Array3f(0.5f, 0.25f, 1.0f);
   PinholeCamera camera;
@@ -106,7 +106,7 @@ TEST(MeshView, AveragesOverAPixelAndMultipliesByColours) {
   camera.up = {0, 0, 1};
   camera.vertical_field_of_view_degrees = 60.0f;
   camera.width = camera.height = 200;
-  const Image picture = MeshView(field, camera).show(outputs_of(field, 2.0f));
+  const Image picture = MeshRenderer(field, camera).show(outputs_of(field, 2.0f));
   EXPECT_NEAR(picture.at(100, 100, 0), 1.0f, 1e-5f);
   EXPECT_NEAR(picture.at(100, 100, 1), 0.5f, 1e-5f);
   EXPECT_EQ(picture.at(0, 0, 0), 0.0f);
@@ -115,11 +115,11 @@ TEST(MeshView, AveragesOverAPixelAndMultipliesByColours) {
   for (std::size_t i = 0; i < picture.pixel_count(); ++i) sum += picture.values[3 * i];
   EXPECT_NEAR(sum / 40000.0, 1.0 / 12.0, 0.001);  // edges fall between sight points
   camera.position.y() = -3.0f;                    // the back is dark
-  for (const float value : MeshView(field, camera).show(outputs_of(field, 2.0f)).values)
+  for (const float value : MeshRenderer(field, camera).show(outputs_of(field, 2.0f)).values)
     ASSERT_EQ(value, 0.0f);
 }
 
-TEST(MeshView, InterpolatesInPerspective) {
+TEST(MeshRenderer, InterpolatesInPerspective) {
   // Light that grows with x: at the point that is seen, not along the image.
   const ReflectanceField field = field_over(prt::plane_mesh(1));
   Image outputs = outputs_of(field, 0.0f);
@@ -129,7 +129,7 @@ TEST(MeshView, InterpolatesInPerspective) {
   camera.position = {0, 0.4f, -0.7f};
   camera.target = {0, 0, 0};
   camera.width = camera.height = 101;
-  const Image picture = MeshView(field, camera, 1).show(outputs);
+  const Image picture = MeshRenderer(field, camera, 1).show(outputs);
   for (const int y : {30, 50, 70}) {
     const Eigen::Vector3f direction = camera.direction(50.5f, static_cast<float>(y) + 0.5f);
     const Eigen::Vector3f point = camera.position - camera.position.y() / direction.y() * direction;
@@ -137,7 +137,7 @@ TEST(MeshView, InterpolatesInPerspective) {
   }
 }
 
-TEST(MeshView, GlossyVerticesShineIntoTheMirroredSight) {
+TEST(MeshRenderer, GlossyVerticesShineIntoTheMirroredSight) {
   constexpr int order = 3;
   const ReflectanceField field = field_over(prt::plane_mesh(1), order);
   Image outputs = outputs_of(field, 0.0f);
@@ -153,15 +153,15 @@ TEST(MeshView, GlossyVerticesShineIntoTheMirroredSight) {
   camera.target = {0, 0, 0};
   camera.vertical_field_of_view_degrees = 0.1f;
   camera.width = camera.height = 21;
-  const Image picture = MeshView(field, camera).show(outputs);
+  const Image picture = MeshRenderer(field, camera).show(outputs);
   EXPECT_NEAR(picture.at(10, 10, 0), 2.0f + 0.6f, 2e-3f);  // sight from −z is mirrored to +z
 }
 
-TEST(MeshView, FramesAMeshByItself) {
+TEST(MeshRenderer, FramesAMeshByItself) {
   const ReflectanceField field = field_over(prt::rabbit_mesh(8));
   for (const auto& [width, height] : {std::pair{200, 100}, {100, 200}}) {
     const Image picture =
-        MeshView(field, framing_camera(*field.mesh, width, height)).show(outputs_of(field, 1.0f));
+        MeshRenderer(field, framing_camera(*field.mesh, width, height)).show(outputs_of(field, 1.0f));
     double covered = 0.0;
     for (std::size_t i = 0; i < picture.pixel_count(); ++i) covered += picture.values[3 * i];
     EXPECT_GT(covered / static_cast<double>(picture.pixel_count()), 0.1);
@@ -170,13 +170,13 @@ TEST(MeshView, FramesAMeshByItself) {
   }
 }
 
-TEST(MeshView, TellsTheVertexUnderAPixel) {
+TEST(MeshRenderer, TellsTheVertexUnderAPixel) {
   const ReflectanceField field = field_over(prt::plane_mesh(1));
   PinholeCamera camera;
   camera.position = {0, 2, 0};
   camera.up = {0, 0, 1};
   camera.width = camera.height = 100;
-  const MeshView view(field, camera);
+  const MeshRenderer view(field, camera);
   // Upper right of the picture: +x, +z.
   const auto vertex = view.vertex_at(80, 20);
   ASSERT_TRUE(vertex);
@@ -184,13 +184,13 @@ TEST(MeshView, TellsTheVertexUnderAPixel) {
   EXPECT_FALSE(view.vertex_at(0, 0));
 }
 
-TEST(MeshView, RefusesWhatDoesNotFit) {
+TEST(MeshRenderer, RefusesWhatDoesNotFit) {
   const ReflectanceField field = field_over(prt::sphere_mesh(16));
-  EXPECT_THROW(MeshView(field_over({}), PinholeCamera{}), InputError);
+  EXPECT_THROW(MeshRenderer(field_over({}), PinholeCamera{}), InputError);
   PinholeCamera blind;
   blind.target = blind.position;
-  EXPECT_THROW(MeshView(field, blind), InputError);
-  EXPECT_THROW(MeshView(field, PinholeCamera{}).show(Image(64, 16, 3)), InputError);
+  EXPECT_THROW(MeshRenderer(field, blind), InputError);
+  EXPECT_THROW(MeshRenderer(field, PinholeCamera{}).show(Image(64, 16, 3)), InputError);
 }
 
 TEST(FramingCamera, ShowsAMeshOfAnySizeAlike) {

@@ -31,7 +31,7 @@ TEST(NearAreaLight, LightsTheSceneWhereverItMoves) {
   const Eigen::Vector3f middle = prt::middle(scene.mesh);
   prt::HarmonicStatistics statistics;
   const prt::HarmonicOptions options{.order = 8, .until = 0.01, .radius = area_light_distance};
-  Relighter relighter(pack_rows(
+  TileRelighter relighter(pack_rows(
       prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics), options.map_resolution),
       16));
   const auto picture = [&](const Mesh& area_light) {

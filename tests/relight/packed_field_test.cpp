@@ -70,8 +70,8 @@ TEST(PackedField, ShowsTheSameFromTilesRowsAndFile) {
     EXPECT_EQ(back.outline.monitors, packed.outline.monitors);
     const ReflectanceField rows = read_reflectance_field(folder / "a.rfield");
     const LightMap light = some_light();
-    const Image expected = Relighter(PackedField(packed)).relight(light);
-    EXPECT_EQ(Relighter(std::move(back)).relight(light).values, expected.values);
+    const Image expected = TileRelighter(PackedField(packed)).relight(light);
+    EXPECT_EQ(TileRelighter(std::move(back)).relight(light).values, expected.values);
     EXPECT_LT(relative_rmse(rows.relight(light), expected), error > 1e-3 ? 1e-5 : 1e-6);
     EXPECT_EQ(expand(PackedField(packed)).transfer.weight, rows.transfer.weight);
   }
@@ -80,7 +80,7 @@ TEST(PackedField, ShowsTheSameFromTilesRowsAndFile) {
 TEST(PackedField, UpdatesAfterReading) {
   const test::TemporaryFolder folder;
   write_packed_field(folder / "a.rfield", sample());
-  Relighter relighter(read_packed_field(folder / "a.rfield"));
+  TileRelighter relighter(read_packed_field(folder / "a.rfield"));
   LightMap light = some_light();
   relighter.relight(light);
   const Box part = {5, 6, 30, 21};
@@ -186,7 +186,7 @@ TEST(DamagedPackedField, AnyMemoryIsRefusedOrUsable) {
     }
     std::get<Tiles8>(damaged.tiles).mark_parts();
     PackedField copy = damaged;
-    Relighter relighter(std::move(copy));
+    TileRelighter relighter(std::move(copy));
     relighter.relight(light);
     relighter.update(light, {3, 3, 20, 20});
     expand(std::move(damaged)).relight(light);

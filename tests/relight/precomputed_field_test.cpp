@@ -92,7 +92,7 @@ TEST_P(PrecomputedField, IsRelitByTheSameRelighter) {
   const ReflectanceField field = random_mesh_field(GetParam());
   const LightMap light = random_light(1);
   const Image expected = field.relight(light);
-  Relighter fast(field), fine(field, RelightPrecision::fine), by_rows(pack_rows(rows_of(field), 8));
+  TileRelighter fast(field), fine(field, RelightPrecision::fine), by_rows(pack_rows(rows_of(field), 8));
   EXPECT_LT(relative_rmse(fast.relight(light), expected), fast_error);
   EXPECT_LT(relative_rmse(by_rows.relight(light), expected), fast_error);
   EXPECT_LT(relative_rmse(fine.relight(light), expected), fine_error);
@@ -103,7 +103,7 @@ TEST_P(PrecomputedField, IsRelitByTheSameRelighter) {
   for (int y = part.y0; y < part.y1; ++y)
     for (int x = part.x0; x < part.x1; ++x)
       for (int c = 0; c < 3; ++c) changed.radiance.at(x, y, c) = other.radiance.at(x, y, c);
-  for (Relighter* relighter : {&fast, &by_rows})
+  for (TileRelighter* relighter : {&fast, &by_rows})
     EXPECT_LT(relative_rmse(relighter->update(changed, part), field.relight(changed)), fast_error);
   EXPECT_LT(relative_rmse(fine.update(changed, part), field.relight(changed)), fine_error);
 }
@@ -114,7 +114,7 @@ TEST_P(PrecomputedField, FollowsAreaLightsAsIfComputedAnew) {
   const ReflectanceField field = random_mesh_field(GetParam());
   LightMap light = random_light(1);
   for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
-    Relighter moving(field, precision), anew(field, precision);
+    TileRelighter moving(field, precision), anew(field, precision);
     moving.relight(light);
     Rng rng(7);
     for (int step = 0; step < 40; ++step) {
@@ -188,7 +188,7 @@ TEST(PrecomputedFields, MayHaveVectorBoxesAlone) {
   EXPECT_GT(expected, 0.8f);
   const PreparedEnvironment environment({Image(64, 32, 3, 1.0f), Parameterisation::lat_long});
   for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
-    Relighter relighter(field, precision);
+    TileRelighter relighter(field, precision);
     EXPECT_NEAR(relighter.relight(white).values[0], expected, 1e-5);
     EXPECT_NEAR(relighter.relight(relighter.box_projector().value().project(environment, {})).values[0],
                 expected, 1e-5);
@@ -222,12 +222,12 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
   const Image expected = field.relight(map);
   constexpr double float_error = 1e-5;
 
-  Relighter relighter(field, RelightPrecision::fine);
+  TileRelighter relighter(field, RelightPrecision::fine);
   const std::vector<float> sums = relighter.box_projector().value().project(*environment, turn);
   EXPECT_LT(relative_rmse(relighter.relight(sums), expected), fine_error);
   EXPECT_LT(relative_rmse(relighter.update(map, {0, 0, side, cube_faces * side}), expected), fine_error);
   EXPECT_THROW(relighter.relight(std::span(sums).first(3)), InputError);
-  Relighter copy = relighter;
+  TileRelighter copy = relighter;
   EXPECT_EQ(copy.relight(sums).values, relighter.relight(sums).values);
 
   // Without a mesh the outputs themselves.

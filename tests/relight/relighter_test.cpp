@@ -41,7 +41,7 @@ TEST_P(RelighterOfSize, EqualsTheFieldUpToItsPrecision) {
   const ReflectanceField field = mixed_field(width, height, monitor);
   const LightMap light = random_light(monitor, 1);
   const Image expected = field.relight(light);
-  Relighter fast(field), fine(field, RelightPrecision::fine);
+  TileRelighter fast(field), fine(field, RelightPrecision::fine);
   EXPECT_LT(relative_rmse(fast.relight(light), expected), fast_error);
   EXPECT_LT(relative_rmse(fine.relight(light), expected), fine_error);
 }
@@ -51,10 +51,10 @@ INSTANTIATE_TEST_SUITE_P(Sizes, RelighterOfSize,
                          testing::Values(std::tuple(64, 48), std::tuple(37, 29), std::tuple(3, 2),
                                          std::tuple(1, 1), std::tuple(101, 1), std::tuple(1, 33)));
 
-TEST(Relighter, GivesTheSameOnEveryInstructionSet) {
+TEST(TileRelighter, GivesTheSameOnEveryInstructionSet) {
   const ReflectanceField field = mixed_field(37, 29, monitor);
   const LightMap light = random_light(monitor, 1), other = random_light(monitor, 2);
-  Relighter reference(field);
+  TileRelighter reference(field);
   const Image whole = reference.relight(light);
   LightMap changed = light;
   const Box part = {10, 5, 22, 31};
@@ -67,7 +67,7 @@ TEST(Relighter, GivesTheSameOnEveryInstructionSet) {
     const std::int64_t target = left & -left;
     hwy::SetSupportedTargetsForTest(target);
     hwy::GetChosenTarget().Update(target);
-    Relighter relighter(field);
+    TileRelighter relighter(field);
     // Only the order of roundings in float may differ.
     EXPECT_LT(relative_rmse(relighter.relight(light), whole), 1e-6) << hwy::TargetName(target);
     EXPECT_LT(relative_rmse(relighter.update(changed, part), updated), 1e-6) << hwy::TargetName(target);
@@ -77,13 +77,13 @@ TEST(Relighter, GivesTheSameOnEveryInstructionSet) {
   EXPECT_GT(tried, 0);
 }
 
-TEST(Relighter, InterpolatesBetweenLightSources) {
+TEST(TileRelighter, InterpolatesBetweenLightSources) {
   ReflectanceField field = mixed_field(37, 29, {50, 25, Parameterisation::lat_long});
   for (int x = 0; x < 50; x += 4) field.observed_light.push_back({x, x % 7 + 8, x + 1, x % 7 + 9});
   field.basis.interpolation = LightInterpolation{field.observed_light, 0.8, 0.1, 0.1, 0.5};
   const LightMap light = random_light(field.basis.domain, 1);
   const Image expected = field.relight(light);
-  Relighter fast(field), fine(field, RelightPrecision::fine);
+  TileRelighter fast(field), fine(field, RelightPrecision::fine);
   // Of the sources' light, part of which is negative; relative to the picture this is more.
   EXPECT_LT(relative_rmse(fast.relight(light), expected), 3 * fast_error);
   EXPECT_LT(relative_rmse(fine.relight(light), expected), 3 * fine_error);
@@ -95,23 +95,23 @@ TEST(Relighter, InterpolatesBetweenLightSources) {
   EXPECT_LT(relative_rmse(fine.update(changed, part), field.relight(changed)), 3 * fine_error);
 }
 
-TEST(Relighter, UsesUpAFieldThatIsGivenUp) {
+TEST(TileRelighter, UsesUpAFieldThatIsGivenUp) {
   const ReflectanceField field = mixed_field(70, 131, monitor);  // several bands of tiles
   const LightMap light = random_light(monitor, 1);
   ReflectanceField given = field;
-  Relighter relighter(std::move(given));
-  EXPECT_EQ(relighter.relight(light).values, Relighter(field).relight(light).values);
+  TileRelighter relighter(std::move(given));
+  EXPECT_EQ(relighter.relight(light).values, TileRelighter(field).relight(light).values);
   EXPECT_EQ(given.transfer.entries(), 0u);
   EXPECT_EQ(given.basis.size(), field.basis.size());
 }
 
 // Memory is kept from one light to the next, and tiles prefetch their successors.
-TEST(Relighter, ShowsALightTheSameWhateverCameBeforeAndOnOneThread) {
+TEST(TileRelighter, ShowsALightTheSameWhateverCameBeforeAndOnOneThread) {
   const ReflectanceField field = mixed_field(101, 133, monitor);
   const LightMap light = random_light(monitor, 1), other = random_light(monitor, 2);
   for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
-    const Image expected = Relighter(field, precision).relight(light);
-    Relighter relighter(field, precision);
+    const Image expected = TileRelighter(field, precision).relight(light);
+    TileRelighter relighter(field, precision);
     relighter.relight(other);
     EXPECT_EQ(relighter.relight(light).values, expected.values);
     const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
@@ -120,7 +120,7 @@ TEST(Relighter, ShowsALightTheSameWhateverCameBeforeAndOnOneThread) {
 }
 
 // The projection takes texels in pairs; intervals between nodes have odd and even lengths here.
-TEST(Relighter, SumsHatsOverMapsOfAnyWidth) {
+TEST(TileRelighter, SumsHatsOverMapsOfAnyWidth) {
   const HatGrid hats{5, 4};
   for (const int width : {49, 50, 51, 53}) {
     const LightMap light = random_light({width, 7, Parameterisation::monitor}, 6);
@@ -138,7 +138,7 @@ TEST(Relighter, SumsHatsOverMapsOfAnyWidth) {
 }
 
 // Other programs' files may name a kernel twice in a row.
-TEST(Relighter, AddsUpAKernelThatAPixelHasTwice) {
+TEST(TileRelighter, AddsUpAKernelThatAPixelHasTwice) {
   ReflectanceField field;
   field.width = field.height = 4;
   field.basis = {monitor, {}, {{0, 0, 20, 20}, {5, 5, 9, 30}}};
@@ -146,17 +146,17 @@ TEST(Relighter, AddsUpAKernelThatAPixelHasTwice) {
     field.transfer.append_row(std::vector<std::uint32_t>{0, 1, 0},
                               std::vector<float>(9, 0.01f * static_cast<float>(i + 1)));
   const LightMap light = random_light(monitor, 1);
-  Relighter relighter(field, RelightPrecision::fine);
+  TileRelighter relighter(field, RelightPrecision::fine);
   EXPECT_LT(relative_rmse(relighter.relight(light), field.relight(light)), fine_error);
 }
 
 // As ridge regression or wavelets give them. Pixels below zero stay: pictures for screens clip them.
-TEST(Relighter, ShowsWeightsOfBothSigns) {
+TEST(TileRelighter, ShowsWeightsOfBothSigns) {
   const ReflectanceField field = test::with_both_signs(mixed_field(37, 29, monitor));
   LightMap light = random_light(monitor, 1);
   const Image expected = field.relight(light);
   ASSERT_LT(*std::ranges::min_element(expected.values), 0.0f);
-  Relighter relighter(field), given_up{ReflectanceField(field)};
+  TileRelighter relighter(field), given_up{ReflectanceField(field)};
   EXPECT_LT(relative_rmse(relighter.relight(light), expected), fine_error);
   EXPECT_EQ(given_up.relight(light).values, relighter.relight(light).values);
   const Box part = {10, 5, 22, 31};
@@ -165,9 +165,9 @@ TEST(Relighter, ShowsWeightsOfBothSigns) {
   EXPECT_LT(relative_rmse(relighter.update(light, part), field.relight(light)), fine_error);
 }
 
-TEST(Relighter, RefusesLightThatIsNotFinite) {
+TEST(TileRelighter, RefusesLightThatIsNotFinite) {
   const ReflectanceField field = mixed_field(20, 20, monitor);
-  Relighter relighter(field, RelightPrecision::fine);
+  TileRelighter relighter(field, RelightPrecision::fine);
   const LightMap light = random_light(monitor, 5);
   const Image shown = relighter.relight(light);
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
@@ -180,18 +180,18 @@ TEST(Relighter, RefusesLightThatIsNotFinite) {
   }
 }
 
-TEST(Relighter, LightsNothingWithNoLight) {
+TEST(TileRelighter, LightsNothingWithNoLight) {
   const ReflectanceField field = mixed_field(20, 20, monitor);
   const LightMap dark{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
   for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
-    Relighter relighter(field, precision);
+    TileRelighter relighter(field, precision);
     for (const float value : relighter.relight(dark).values) EXPECT_EQ(value, 0.0f);
   }
 }
 
-TEST(Relighter, ShowsEverySingleTexel) {
+TEST(TileRelighter, ShowsEverySingleTexel) {
   const ReflectanceField field = mixed_field(24, 20, monitor);
-  Relighter relighter(field);
+  TileRelighter relighter(field);
   for (const auto& [x, y] : {std::pair(0, 0), std::pair(49, 39), std::pair(0, 39), std::pair(23, 17)}) {
     LightMap light{Image(monitor.width, monitor.height, 3), monitor.parameterisation};
     for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = 1e5f;
@@ -199,43 +199,43 @@ TEST(Relighter, ShowsEverySingleTexel) {
   }
 }
 
-TEST(Relighter, WorksWithoutHatsAndWithoutBoxes) {
+TEST(TileRelighter, WorksWithoutHatsAndWithoutBoxes) {
   ReflectanceField no_hats = mixed_field(33, 17, monitor, {});
   const LightMap light = random_light(monitor, 4);
-  EXPECT_LT(relative_rmse(Relighter(no_hats).relight(light), no_hats.relight(light)), fast_error);
+  EXPECT_LT(relative_rmse(TileRelighter(no_hats).relight(light), no_hats.relight(light)), fast_error);
   ReflectanceField only_hats;
   only_hats.width = only_hats.height = 5;
   only_hats.basis = {monitor, {3, 2}, {}};
   const std::vector<std::uint32_t> columns = {0, 1, 2, 3, 4, 5};
   const std::vector<float> weights(18, 0.25f);
   for (int i = 0; i < 25; ++i) only_hats.transfer.append_row(columns, weights);
-  EXPECT_LT(relative_rmse(Relighter(only_hats).relight(light), only_hats.relight(light)), fast_error);
+  EXPECT_LT(relative_rmse(TileRelighter(only_hats).relight(light), only_hats.relight(light)), fast_error);
 }
 
-TEST(Relighter, UpdatesAsIfComputedAnew) {
+TEST(TileRelighter, UpdatesAsIfComputedAnew) {
   const ReflectanceField field = mixed_field(37, 29, monitor);
   for (const auto precision : {RelightPrecision::fast, RelightPrecision::fine}) {
-    Relighter relighter(field, precision), anew(field, precision);
+    TileRelighter relighter(field, precision), anew(field, precision);
     LightMap light = random_light(monitor, 1);
     relighter.relight(light);
     Rng rng(5);
     // Past the period after which the image is computed as a whole.
-    for (int step = 0; step < Relighter::refresh_period + 20; ++step) {
+    for (int step = 0; step < TileRelighter::refresh_period + 20; ++step) {
       const Box part = test::random_box(rng, monitor.width, monitor.height);
       for (int y = part.y0; y < part.y1; ++y)
         for (int x = part.x0; x < part.x1; ++x)
           for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = static_cast<float>(rng.uniform());
       const Image& updated = relighter.update(light, part);
-      if (step % 20 == 0 || step > Relighter::refresh_period - 3) {
+      if (step % 20 == 0 || step > TileRelighter::refresh_period - 3) {
         ASSERT_LT(relative_rmse(updated, anew.relight(light)), 5e-6) << "after " << step << " changes";
       }
     }
   }
 }
 
-TEST(Relighter, ForgetsASunThatSet) {
+TEST(TileRelighter, ForgetsASunThatSet) {
   const ReflectanceField field = mixed_field(37, 29, monitor);
-  Relighter relighter(field, RelightPrecision::fine);
+  TileRelighter relighter(field, RelightPrecision::fine);
   LightMap light = random_light(monitor, 1);
   const Image before = relighter.relight(light);
   const Box sun = {20, 20, 21, 21};
@@ -246,16 +246,16 @@ TEST(Relighter, ForgetsASunThatSet) {
   EXPECT_LT(relative_rmse(relighter.update(light, sun), before), 1e-6);
 }
 
-TEST(Relighter, TakesAChangeForTheWholeWhereItHasNoImageYet) {
+TEST(TileRelighter, TakesAChangeForTheWholeWhereItHasNoImageYet) {
   const ReflectanceField field = mixed_field(20, 20, monitor);
   const LightMap light = random_light(monitor, 1);
-  Relighter relighter(field);
+  TileRelighter relighter(field);
   EXPECT_LT(relative_rmse(relighter.update(light, {0, 0, 1, 1}), field.relight(light)), fast_error);
 }
 
-TEST(Relighter, KernelsInItsTilesAreThoseOfTheRows) {
+TEST(TileRelighter, KernelsInItsTilesAreThoseOfTheRows) {
   const ReflectanceField field = mixed_field(37, 21, monitor);
-  const Relighter tiled(field, RelightPrecision::fine);
+  const TileRelighter tiled(field, RelightPrecision::fine);
   const double step = *std::ranges::max_element(field.transfer.weight) / 65535.0;
   for (std::size_t p = 0; p < field.transfer.rows(); ++p) {
     const Image expected = kernel_density(field, p);
@@ -267,9 +267,9 @@ TEST(Relighter, KernelsInItsTilesAreThoseOfTheRows) {
   EXPECT_THROW(kernels_of_pixel(tiled.transfer(), field.basis, 37 * 21), InputError);
 }
 
-TEST(Relighter, RefusesWhatDoesNotFit) {
+TEST(TileRelighter, RefusesWhatDoesNotFit) {
   const ReflectanceField field = mixed_field(20, 20, monitor);
-  Relighter relighter(field);
+  TileRelighter relighter(field);
   const LightMap light = random_light(monitor, 1);
   EXPECT_THROW(relighter.relight(random_light({40, 40, Parameterisation::monitor}, 1)), InputError);
   EXPECT_THROW(relighter.relight(random_light({50, 40, Parameterisation::lat_long}, 1)), InputError);
@@ -277,11 +277,11 @@ TEST(Relighter, RefusesWhatDoesNotFit) {
   EXPECT_THROW(relighter.update(light, {4, 4, 4, 8}), InputError);
   ReflectanceField wide = field;
   wide.basis.domain.width = small_box_limit + 1;
-  EXPECT_THROW(Relighter{wide}, InputError);
+  EXPECT_THROW(TileRelighter{wide}, InputError);
 }
 
 // Above some million texels steps of whole numbers would be too coarse: sums are made in double there.
-TEST(Relighter, KeepsDarkTexelsOfALargeMapBesideASun) {
+TEST(TileRelighter, KeepsDarkTexelsOfALargeMapBesideASun) {
   const LightDomain large{2048, 1024, Parameterisation::lat_long};
   ReflectanceField field;
   field.width = 2;
@@ -291,7 +291,7 @@ TEST(Relighter, KeepsDarkTexelsOfALargeMapBesideASun) {
     field.transfer.append_row(std::vector{k}, std::vector{1.0f, 1.0f, 1.0f});
   LightMap light = random_light(large, 3);
   for (int c = 0; c < 3; ++c) light.radiance.at(1000, 500, c) = 1e5f;
-  const Image image = Relighter(field).relight(light);
+  const Image image = TileRelighter(field).relight(light);
   EXPECT_NEAR(image.at(0, 0, 1), light.radiance.at(5, 5, 1), 1e-5);
   EXPECT_NEAR(image.at(1, 0, 1), 1e5f, 1e-5 * 1e5);
 }

@@ -87,8 +87,8 @@ TEST_F(RecipeTest, ScenesAreMirroredIntoRightHandedAxes) {
   const prt::Placement& place = recipe.scene.objects.at(0).place;
   EXPECT_EQ(*place.position, Eigen::Vector3f(1, 2, -3));
   const Eigen::Vector3d flip(1, 1, -1);
-  const Eigen::Matrix3d turn = EulerAngles{.yaw = 30, .pitch = 20, .roll = 10}.matrix();
-  EXPECT_LT((place.turn.matrix() - flip.asDiagonal() * turn * flip.asDiagonal()).norm(), 1e-12);
+  const Eigen::Matrix3d turn = rotation_of(EulerAngles{.yaw = 30, .pitch = 20, .roll = 10});
+  EXPECT_LT((rotation_of(place.turn) - flip.asDiagonal() * turn * flip.asDiagonal()).norm(), 1e-12);
 }
 
 TEST_F(RecipeTest, ErrorsNameFileLineKeyValueAndRemedy) {

@@ -41,7 +41,7 @@ Image basis_picture(const StudySurface& surface, const std::vector<StudyBasis>& 
   FieldOutline field;
   field.mesh = OutputMesh{surface.mesh};
   field.mesh->colours.assign(field.mesh->positions.size(), Eigen::Array3f::Ones());
-  const MeshView view(field, camera_of(surface.mesh));
+  const MeshRenderer view(field, camera_of(surface.mesh));
   const Eigen::VectorXf areas = dynamic::vertex_areas(surface.mesh);
   // As bright as a picture can be without losing more than its brightest spots.
   std::vector<float> levels(light.col(0).data(), light.col(0).data() + light.rows());

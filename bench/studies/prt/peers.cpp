@@ -64,7 +64,7 @@ double count_weights(const TiledTransfer<Weight>& tiles) {
 void show(PackedField packed, const ChartScene& chart, const std::vector<ChartLight>& lights,
           const LightMap ChartLight::*map, Peer& peer) {
   peer.kernels = packed.outline.basis.size();
-  Relighter relighter(std::move(packed));
+  TileRelighter relighter(std::move(packed));
   std::visit(
       [&](const auto& tiles) {
         peer.bytes = static_cast<double>(tiles.bytes());

@@ -24,7 +24,7 @@ PinholeCamera small_camera(const FieldOutline& field) {
   return camera;
 }
 
-Image picture(const MeshView& view, const std::vector<Eigen::Array3f>& shading) {
+Image picture(const MeshRenderer& view, const std::vector<Eigen::Array3f>& shading) {
   Image outputs(output_image_width, output_image_height(shading.size()), 3);
   for (std::size_t v = 0; v < shading.size(); ++v)
     std::copy_n(shading[v].data(), 3, outputs.values.data() + 3 * pixel_of_output(v));
@@ -60,7 +60,7 @@ void write_comparison(const std::filesystem::path& path, const prt::Scene& scene
   FieldOutline field;
   field.mesh = OutputMesh{scene.mesh, 0, scene.camera};
   field.mesh->colours = prt::diffuse_reflectance(scene);
-  const MeshView view(field, small_camera(field));
+  const MeshRenderer view(field, small_camera(field));
   const Image reference = picture(view, exact);
   const double bright = std::max(1e-30, quantile(reference.values, 0.99));
   const LevelTable tones(ToneMapping{0.9 / bright});

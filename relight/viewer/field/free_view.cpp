@@ -63,7 +63,7 @@ void OrbitCamera::reset() {
 
 FreeView::FreeView(const FieldOutline& field)
     : FreeView(standard_camera(field), [&field](const PinholeCamera& camera, int samples) {
-        return std::make_unique<const MeshView>(field, camera, samples);
+        return std::make_unique<const MeshRenderer>(field, camera, samples);
       }) {}
 
 FreeView::FreeView(const PinholeCamera& start, Look look) : look_(std::move(look)), orbit_(start) {

@@ -46,7 +46,7 @@ class FreeView {
   static constexpr auto rest = std::chrono::milliseconds(150);  ///< so long without a move
 
   /// Finds what a camera sees by that many lines of sight a pixel.
-  using Look = std::function<std::unique_ptr<const MeshView>(const PinholeCamera& camera, int samples)>;
+  using Look = std::function<std::unique_ptr<const MeshRenderer>(const PinholeCamera& camera, int samples)>;
 
   /// `field` must outlive this.
   explicit FreeView(const FieldOutline& field);
@@ -66,12 +66,12 @@ class FreeView {
   /// Whether update() has yet to be called once the camera rests.
   bool wants_rest() const { return is_rough_; }
 
-  const MeshView& seen() const { return *view_; }
+  const MeshRenderer& seen() const { return *view_; }
 
  private:
   Look look_;
   OrbitCamera orbit_;
-  std::unique_ptr<const MeshView> view_;
+  std::unique_ptr<const MeshRenderer> view_;
   bool is_moved_ = true, is_rough_ = true, is_settled_ = false;
   Clock::time_point moved_at_{};
 };

@@ -38,10 +38,10 @@ void require_content(const FieldOutline& field) {
     throw InputError("the field is empty; there is nothing to show");
 }
 
-Relighter relighter_of(ReflectanceField& field) {
+TileRelighter relighter_of(ReflectanceField& field) {
   require_content(field);
   const RelightPrecision precision = precision_for(field);
-  std::optional<Relighter> relighter;
+  std::optional<TileRelighter> relighter;
   run_uncancelled([&] { relighter.emplace(std::move(field), precision); });
   // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
   field.basis.boxes = {};
@@ -49,10 +49,10 @@ Relighter relighter_of(ReflectanceField& field) {
 }
 
 /// Leaves the outline.
-Relighter relighter_of(PackedField& packed) {
+TileRelighter relighter_of(PackedField& packed) {
   require_content(packed.outline);
   FieldOutline outline = packed.outline;
-  Relighter relighter(std::move(packed));
+  TileRelighter relighter(std::move(packed));
   packed.outline = std::move(outline);  // NOLINT(bugprone-use-after-move): what was moved is made anew
   return relighter;
 }
@@ -77,7 +77,7 @@ ViewRelighter::ViewRelighter(std::shared_ptr<FieldPixels> pixels, const RunConte
       relit_by_{LightSetup(pixels_->relighter.domain()), std::nullopt, pixels_},
       probe_light_{Image(relit_by_.setup.domain().width, relit_by_.setup.domain().height, 3),
                    relit_by_.setup.domain().parameterisation} {
-  const Relighter& relighter = pixels_->relighter;
+  const TileRelighter& relighter = pixels_->relighter;
   auto boxes = relighter.box_projector();
   if (!boxes || !panorama_.is_cube()) return;
   summed_.emplace(SummedEnvironment{.relighter = relighter,

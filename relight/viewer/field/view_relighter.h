@@ -13,7 +13,7 @@ namespace refield {
 
 /// A field, or some pixels of a large one, laid out to be relit.
 struct FieldPixels {
-  Relighter relighter;
+  TileRelighter relighter;
   FieldOutline field;  ///< without boxes, which stand in the relighter alone
   PixelGrid grid;      ///< of the whole image
 
@@ -84,7 +84,7 @@ class ViewRelighter {
   /// Clustered lights: an environment's integrals over the clusters, without a light map. What it lights is
   /// added to what light sources light.
   struct SummedEnvironment {
-    Relighter relighter;
+    TileRelighter relighter;
     BoxProjector boxes;
     EnvironmentProjector shown;  ///< onto the panorama
     std::optional<LightSetup> of;

@@ -65,7 +65,7 @@ SceneState::SceneState(MovingScene scene) : scene_(std::move(scene)), handling_(
   if (scene_.things.empty()) throw InputError(scene_.name + ": the scene is empty; there is nothing to show");
   light(scene_.camera);
   view_ = std::make_unique<FreeView>(scene_.camera, [this](const PinholeCamera& camera, int samples) {
-    return std::make_unique<const MeshView>(frame_.mesh, camera, samples);
+    return std::make_unique<const MeshRenderer>(frame_.mesh, camera, samples);
   });
   seen_ = view_->seen().show(frame_.radiance);
   expose();

@@ -34,7 +34,7 @@ struct Rig {
 
   /// Screen coordinates where a ray from a point relative to the ball's centre meets the screen's plane.
   Eigen::Vector2d meet(const Eigen::Vector3d& from, const Eigen::Vector3d& direction) const {
-    const Eigen::Matrix3d turn = monitor.turn.matrix();
+    const Eigen::Matrix3d turn = rotation_of(monitor.turn);
     const Eigen::Vector3d start = turn.transpose() * from, way = turn.transpose() * direction;
     const double along = (monitor.distance_mm - start.z()) / way.z();
     if (!(along > 0.0)) return {-1.0, -1.0};
@@ -103,12 +103,14 @@ struct Rig {
         {{0.0, 0.0}, {1.0, 0.0}, {1.0, 1.0}, {0.0, 1.0}}};
     double largest = 0.0;
     for (std::size_t i = 0; i < 4; ++i) {
-      const Eigen::Vector3d truth = monitor.distance_mm * monitor.direction(corners[i][0], corners[i][1]);
+      const Eigen::Vector3d truth =
+          monitor.distance_mm * screen_direction(monitor, corners[i][0], corners[i][1]);
       largest = std::max(largest, (found.corners_mm[i] - truth).norm() / truth.norm());
       // The placement says the same.
       const MonitorPlacement& p = found.placement;
-      EXPECT_LT((p.distance_mm * p.direction(corners[i][0], corners[i][1]) - found.corners_mm[i]).norm(),
-                1e-6);
+      EXPECT_LT(
+          (p.distance_mm * screen_direction(p, corners[i][0], corners[i][1]) - found.corners_mm[i]).norm(),
+          1e-6);
     }
     return largest;
   }

@@ -72,7 +72,7 @@ TEST(FreeView, IsRoughInMotionAndFineAtRest) {
   EXPECT_FALSE(view.wants_rest());
   EXPECT_FALSE(view.update(now + 2 * FreeView::rest));
   const Image outputs(field.width, field.height, 3, 1.0f);
-  EXPECT_EQ(view.seen().show(outputs).values, MeshView(field, view.camera()).show(outputs).values);
+  EXPECT_EQ(view.seen().show(outputs).values, MeshRenderer(field, view.camera()).show(outputs).values);
 }
 
 TEST(LightPanorama, ShowsACubeAsSeenFromInside) {

@@ -143,7 +143,7 @@ TEST(HarmonicTransfer, PassesBringLessAndLess) {
 
 TEST(HarmonicTransfer, TurnsWithSceneAndLight) {
   const Scene scene = test::ball_scene(white);
-  const Eigen::Matrix3d turn = EulerAngles{.yaw = 50.0, .pitch = 20.0, .roll = -130.0}.matrix();
+  const Eigen::Matrix3d turn = rotation_of(EulerAngles{.yaw = 50.0, .pitch = 20.0, .roll = -130.0});
   Scene turned = scene;
   for (auto* vectors : {&turned.mesh.positions, &turned.mesh.normals})
     for (auto& vector : *vectors) vector = turn.cast<float>() * vector;
