@@ -134,9 +134,8 @@ MovingPictures::MovingPictures(const fs::path& scene, bool as_published, const R
   dynamic::TransportOptions transport;
   dynamic::FrameOptions frame;
   if (as_published) {
-    transport = dynamic::as_in_the_paper(transport);
-    frame.direct = dynamic::DirectLightBy::field_products;
-    frame.exact_direct = false;
+    transport.fields = true;
+    frame.direct_by_fields = true;
   }
   data_ = guarded(run, [&] {
     return std::unique_ptr<Data>(new Data{{dynamic::read_dynamic_scene(scene, run), transport, run}, frame});

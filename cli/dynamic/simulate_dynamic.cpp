@@ -100,7 +100,6 @@ std::vector<LightError> frame_errors(PreparedScene& scene, const FrameReference&
                                      dynamic::FrameOptions options) {
   const int bounces = static_cast<int>(reference.bounces.size()) - 1;
   options.bounces = bounces;
-  options.until = 0.0;
   scene.solve(reference.time, reference.camera, options);
   const std::size_t count = reference.vertices.size();
   const auto truth_of = [&](int first, int last) {
@@ -298,9 +297,8 @@ void print(const ordered_json& figures) {
 
 void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   if (arguments.mode == "paper") {
-    arguments.transport = dynamic::as_in_the_paper(arguments.transport);
-    arguments.frame.direct = dynamic::DirectLightBy::field_products;
-    arguments.frame.exact_direct = false;
+    arguments.transport.fields = true;
+    arguments.frame.direct_by_fields = true;
   }
   arguments.video.check();
   arguments.frame.check();
@@ -345,8 +343,8 @@ void add_render(CLI::App& app, const Common& common, Action& action) {
       "render",
       "Render a scene with moving objects and area lights in real time.\n"
       "\n"
-      "Includes diffuse and glossy interreflection between the objects. "
-      "docs/reference/scene-files.md describes the scene format, docs/method/dynamic.md the method.\n"
+      "Includes diffuse and glossy interreflection between the objects. docs/reference/scene-files.md "
+      "describes the scene format, docs/method/dynamic.md the method.\n"
       "\n"
       "Examples:\n"
       "  refield render datasets_synthetic/dynamic/rabbit.toml -o rabbit.mp4\n"
@@ -360,12 +358,10 @@ void add_render(CLI::App& app, const Common& common, Action& action) {
       ->check(non_negative_number());
   add_fps_option(*verb, arguments->video.frames_per_second);
   add_exposure_option(*verb, arguments->video.exposure);
-  verb->add_option(
-          "--mode", arguments->mode,
-          "Mode: refined: rays from every vertex for shadows and indirect light; paper: precomputed fields "
-          "around "
-          "objects, direct light by the BRDF terms, shadows from occlusion fields by products of spherical "
-          "harmonics")
+  verb->add_option("--mode", arguments->mode,
+                   "Mode: refined: rays from every vertex for shadows and indirect light; paper: precomputed "
+                   "fields around objects, direct light by the BRDF terms, shadows from occlusion fields by "
+                   "products of spherical harmonics")
       ->check(CLI::IsMember({"refined", "paper"}))
       ->capture_default_str();
   verb->add_option("--bounces", arguments->frame.bounces, "Maximum number of indirect bounces")

@@ -27,12 +27,6 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-double energy_of(std::span<const TermLight> light) {
-  double energy = 0.0;
-  for (const TermLight& object : light) energy += object.cast<double>().squaredNorm();
-  return std::sqrt(energy);
-}
-
 }  // namespace
 
 void FrameOptions::check() const {
@@ -40,7 +34,6 @@ void FrameOptions::check() const {
     throw InputError("number of light samples: give 1 to 65536");
   if (rays < 1 || rays > 1024) throw InputError("rays: give 1 to 1024");
   if (bounces < 0 || bounces > 64) throw InputError("bounces: give 0 to 64");
-  if (!(until >= 0.0 && until < 1.0)) throw InputError("until: give a fraction from 0 to below 1");
 }
 
 DynamicLight::DynamicLight(const DynamicScene& scene, std::span<const prt::MeshRays> rays,
@@ -60,15 +53,16 @@ DynamicLight::DynamicLight(const DynamicScene& scene, std::span<const prt::MeshR
 void DynamicLight::light_directly(const Mesh& area_lights) {
   const Stopwatch watch(times_.direct);
   const std::vector<AreaPoint> points = area_points(area_lights, options_.light_samples);
-  const bool by_rays = options_.direct == DirectLightBy::rays;
-  const FieldShadow shadow =
-      options_.direct == DirectLightBy::field_products ? FieldShadow::product : FieldShadow::edge;
-  if (by_rays) rays_.move(poses_);
   direct_to_eye_.clear();
+  if (options_.direct_by_fields) {
+    for (std::size_t o = 0; o < scene_.objects.size(); ++o)
+      light_[0].push_back(fields_.direct(placed_, o, points, product_));
+    return;
+  }
+  rays_.move(poses_);
   for (std::size_t o = 0; o < scene_.objects.size(); ++o) {
     DirectLight direct =
-        by_rays ? direct_light(scene_.objects[o], poses_[o], transport_[o].factors, rays_, points, eye_)
-                : fields_.direct(placed_, o, points, eye_, shadow, product_);
+        direct_light(scene_.objects[o], poses_[o], transport_[o].factors, rays_, points, eye_);
     light_[0].push_back(std::move(direct.terms));
     direct_to_eye_.push_back(std::move(direct.to_eye));
   }
@@ -78,7 +72,7 @@ void DynamicLight::place() {
   const Stopwatch watch(times_.place);
   const std::size_t objects = scene_.objects.size();
   for (std::size_t target = 0; target < objects; ++target)
-    place_pairs(placed_, target, scene_.objects[target].mesh.positions, options_.occlusion, product_,
+    place_pairs(placed_, target, scene_.objects[target].mesh.positions, product_,
                 std::span(pairs_).subspan(target * objects, objects));
   tbb::parallel_for(std::size_t{0}, objects, [&](std::size_t source) { find_used_points(source); });
 }
@@ -135,7 +129,7 @@ std::vector<TermLight> DynamicLight::bounce(std::span<const TermLight> light) {
 void DynamicLight::solve(std::span<const Pose> poses, const Mesh& area_lights, const Eigen::Vector3f& eye,
                          const FrameOptions& options) {
   options.check();
-  if (options.direct != DirectLightBy::rays && gathered_)
+  if (options.direct_by_fields && gathered_)
     throw InputError("shadows by fields need objects whose transport has fields");
   poses_.assign(poses.begin(), poses.end());
   options_ = options;
@@ -153,16 +147,13 @@ void DynamicLight::solve(std::span<const Pose> poses, const Mesh& area_lights, c
     place();
   }
   const Stopwatch watch(times_.bounces);
-  const double first = energy_of(light_[0]);
-  for (int b = 0; b < options.bounces; ++b) {
+  for (int b = 0; b < options.bounces; ++b)
     light_.push_back(gathered_ ? gathered_->bounce(light_.back()) : bounce(light_.back()));
-    if (energy_of(light_.back()) <= options.until * first) break;
-  }
 }
 
 std::vector<Eigen::Array3f> DynamicLight::radiance(int first, int last) {
   const Stopwatch watch(times_.shade);
-  const bool exact = first == 0 && options_.exact_direct;
+  const bool exact = first == 0 && !options_.direct_by_fields;
   std::vector<Eigen::Array3f> all;
   for (std::size_t o = 0; o < scene_.objects.size(); ++o) {
     const Mesh& mesh = scene_.objects[o].mesh;

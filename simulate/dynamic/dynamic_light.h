@@ -14,19 +14,13 @@
 
 namespace refield::dynamic {
 
-/// How shadows of light that comes straight from area lights are found: by rays, or without them by objects'
-/// occlusion fields (FieldShadow: edge, product).
-enum class DirectLightBy { rays, field_edges, field_products };
-
 struct FrameOptions {
-  DirectLightBy direct = DirectLightBy::rays;
   int light_samples = 32;  ///< that stand for all area lights together
   int rays = 16;           ///< from each vertex, for indirect light where objects have no fields
   int bounces = 3;         ///< at most, between objects and within them
-  double until = 0.0;      ///< bounces end with one that brings less than this share of the direct light
-  bool occlusion = true;   ///< by fields: objects hide others from third ones, for indirect light, too
-  /// Light from area lights goes to the eye by the material itself; else by its K terms, as in the paper.
-  bool exact_direct = true;
+  /// As in the paper: shadows from area lights by objects' occlusion fields instead of rays (FieldLight), and
+  /// that light goes to the eye by the K terms of a material instead of the material itself.
+  bool direct_by_fields = false;
 
   /// Throws InputError naming the option and its range.
   void check() const;

@@ -19,7 +19,6 @@ namespace {
 
 constexpr double whole_sphere = 4.0 * std::numbers::pi;
 constexpr int zonal_samples = 513;  // odd: one lies on the horizon
-constexpr std::size_t cap_samples = 257;
 
 double legendre(std::size_t band, double cosine) {
   return std::legendre(static_cast<unsigned>(band), cosine);
@@ -33,19 +32,6 @@ double zonal_sum(std::span<const double> bands, double cosine) {
   return sum;
 }
 
-CapEdges::Edge cap_edge(int order, double share) {
-  const double cosine = 1.0 - 2.0 * share, angle = std::acos(cosine);
-  std::vector<double> bands{whole_sphere * share};
-  for (std::size_t l = 1; l < static_cast<std::size_t>(order); ++l)
-    bands.push_back(2.0 * std::numbers::pi * (legendre(l - 1, cosine) - legendre(l + 1, cosine)) /
-                    (2.0 * static_cast<double>(l) + 1.0));
-  constexpr double step = 1e-3;
-  const double inside = zonal_sum(bands, std::cos(angle - step)),
-               outside = zonal_sum(bands, std::cos(angle + step));
-  return {static_cast<float>(zonal_sum(bands, cosine)),
-          static_cast<float>(std::max((inside - outside) / (2.0 * step), 0.0))};
-}
-
 }  // namespace
 
 float ZonalTable::operator()(float cosine) const {
@@ -53,21 +39,6 @@ float ZonalTable::operator()(float cosine) const {
   const float place = std::clamp(0.5f * (cosine + 1.0f) * last, 0.0f, last);
   const auto i = std::min(static_cast<std::size_t>(place), samples_.size() - 2);
   return samples_[i] + (place - static_cast<float>(i)) * (samples_[i + 1] - samples_[i]);
-}
-
-CapEdges::CapEdges(int order) {
-  for (std::size_t i = 0; i < cap_samples; ++i) {
-    const double root = static_cast<double>(i) / (cap_samples - 1);
-    edges_.push_back(cap_edge(order, root * root));
-  }
-}
-
-CapEdges::Edge CapEdges::at(float share) const {
-  const float place = std::sqrt(std::clamp(share, 0.0f, 1.0f)) * static_cast<float>(cap_samples - 1);
-  const auto i = std::min(static_cast<std::size_t>(place), cap_samples - 2);
-  const float after = place - static_cast<float>(i), before = 1.0f - after;
-  return {before * edges_[i].value + after * edges_[i + 1].value,
-          before * edges_[i].slope + after * edges_[i + 1].slope};
 }
 
 FirstTerm first_term(const BrdfFactors& factors, int order) {
@@ -166,9 +137,6 @@ namespace {
 using Eigen::Index;
 using HarmonicsOfLight = Eigen::Matrix<float, Eigen::Dynamic, 3, 0, max_harmonics, 3>;
 
-/// Edges are never sharper than that, radians.
-constexpr float least_blur = 0.02f;
-
 /// The area lights' points in some object's axes.
 struct LightSamples {
   Eigen::Matrix3Xf position, normal, power;
@@ -197,15 +165,14 @@ struct AreaLightsAbove {
         arriving(3, points),
         harmonic(harmonics, points),
         cosine(points),
-        radius(points),
         behind(points) {}
 
   Index count = 0;
   std::vector<Index> number;             // among all
   Eigen::Matrix3Xf direction, arriving;  // arriving: on a plane that faces it
   Eigen::MatrixXf harmonic;              // [n² × points]
-  Eigen::ArrayXf cosine, radius;         // radius: of the disc it stands for, radians
-  Eigen::ArrayXf behind;                 // 1 where an object may stand before it, else 0
+  Eigen::ArrayXf cosine;
+  Eigen::ArrayXf behind;  // 1 where an object may stand before it, else 0
 
   void look(const LightSamples& area_lights, const Eigen::Vector3f& from, const Eigen::Vector3f& normal,
             int order) {
@@ -218,7 +185,6 @@ struct AreaLightsAbove {
       number[static_cast<std::size_t>(count)] = j;
       direction.col(count) = way / distance;
       cosine[count] = height / distance;
-      radius[count] = std::sqrt(area_lights.area[j] / std::numbers::pi_v<float>) / distance;
       const float across = std::abs(area_lights.normal.col(j).dot(direction.col(count)));
       arriving.col(count++) = across / std::max(squared, area_lights.area[j]) * area_lights.power.col(j);
     }
@@ -262,19 +228,6 @@ struct Blocker {
   }
 };
 
-/// Takes from what arrives what an object covers, each area light by itself.
-void hide_within_edge(const Harmonics& covered, const CapEdges& edges, AreaLightsAbove& above) {
-  // ∫ V dω of the harmonic y_00 = 1/√4π
-  const float share = covered[0] / std::sqrt(4.0f * std::numbers::pi_v<float>);
-  const CapEdges::Edge edge = edges.at(share);
-  for (Index j = 0; j < above.count; ++j) {
-    if (above.behind[j] == 0.0f) continue;
-    const float blur = std::max(2.0f * std::max(above.radius[j], least_blur) * edge.slope, 1e-6f);
-    const float within = covered.dot(above.harmonic.col(j)) - edge.value;
-    above.arriving.col(j) *= 1.0f - std::clamp(0.5f + within / blur, 0.0f, 1.0f);
-  }
-}
-
 /// Hides light by a product with what is left of the light of all area lights behind it together.
 void hide_by_product(const Harmonics& covered, const HarmonicProduct& product, const AreaLightsAbove& above,
                      HarmonicsOfLight& light) {
@@ -291,7 +244,7 @@ void hide_by_product(const Harmonics& covered, const HarmonicProduct& product, c
 }  // namespace
 
 FieldLight::FieldLight(const DynamicScene& scene, std::span<const ObjectTransport> transport)
-    : scene_(scene), edges_(transport.empty() ? 1 : transport.front().order) {
+    : scene_(scene) {
   for (std::size_t o = 0; o < transport.size(); ++o) {
     Eigen::Array3f half = Eigen::Array3f::Zero();
     for (const auto& point : scene.objects[o].mesh.positions) half = half.max(point.array().abs());
@@ -300,15 +253,12 @@ FieldLight::FieldLight(const DynamicScene& scene, std::span<const ObjectTranspor
   }
 }
 
-DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_t target,
-                               std::span<const AreaPoint> points, const Eigen::Vector3f& eye,
-                               FieldShadow shadow, const HarmonicProduct& product) const {
+TermLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_t target,
+                             std::span<const AreaPoint> points, const HarmonicProduct& product) const {
   const Mesh& mesh = scene_.objects[target].mesh;
-  const Brdf& brdf = scene_.objects[target].brdf;
   const ObjectTransport& target_transport = *objects[target].transport;
   const FirstTerm& first = first_[target];
-  const Pose to_own = objects[target].pose.inverse();
-  const LightSamples area_lights = area_lights_seen_from(points, to_own);
+  const LightSamples area_lights = area_lights_seen_from(points, objects[target].pose.inverse());
   std::vector<Blocker> blockers;
   for (std::size_t o = 0; o < objects.size(); ++o)
     if (o != target)
@@ -316,39 +266,29 @@ DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_
                           area_lights_seen_from(points, objects[o].pose.inverse()).position});
   const Index terms = target_transport.terms();
   const std::size_t vertices = mesh.positions.size();
-  DirectLight light{TermLight::Zero(static_cast<Index>(vertices) * terms, 3),
-                    std::vector<Eigen::Array3f>(vertices, Eigen::Array3f::Zero())};
-  const Eigen::Vector3f own_eye = to_own * eye;
+  TermLight light = TermLight::Zero(static_cast<Index>(vertices) * terms, 3);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, vertices, 64), [&](const auto& range) {
     AreaLightsAbove above(area_lights.area.size(), target_transport.receiving.rows());
     for (std::size_t v = range.begin(); v < range.end(); ++v) {
       above.look(area_lights, mesh.positions[v], mesh.normals[v], target_transport.order);
       if (above.count == 0) continue;
-      HarmonicsOfLight arriving(target_transport.receiving.rows(), 3);
-      if (shadow == FieldShadow::product) arriving = above.light();
+      HarmonicsOfLight arriving = above.light();
       for (const Blocker& blocker : blockers) {
         const Eigen::Vector3f from = blocker.seen.from_target * mesh.positions[v];
         if (!blocker.stands_in_the_way(from, above)) continue;
         const Harmonics covered = covered_by(blocker.seen, blocker.seen.transport->grid.around(from));
-        if (shadow == FieldShadow::product)
-          hide_by_product(covered, product, above, arriving);
-        else
-          hide_within_edge(covered, edges_, above);
+        hide_by_product(covered, product, above, arriving);
       }
-      if (shadow == FieldShadow::edge) arriving = above.light();
 
       // What the first term would take with nothing else hidden: exactly, and by harmonics.
-      Eigen::Array3f exact = Eigen::Array3f::Zero(), low = exact, to_eye = exact;
-      const Eigen::Matrix3f frame = tangent_frame(mesh.normals[v]);
-      const Eigen::Vector3f sight = frame * (own_eye - mesh.positions[v]).normalized();
+      Eigen::Array3f exact = Eigen::Array3f::Zero(), low = exact;
       for (Index j = 0; j < above.count; ++j) {
         const Eigen::Array3f part = above.arriving.col(j);
         if (!(part.maxCoeff() > 0.0f)) continue;
         exact += first.exact(above.cosine[j]) * part;
         low += std::max(first.by_harmonics(above.cosine[j]), first.least) * part;
-        to_eye += above.cosine[j] * part * brdf(frame * above.direction.col(j), sight);
       }
-      auto rows = light.terms.middleRows(static_cast<Index>(v) * terms, terms);
+      auto rows = light.middleRows(static_cast<Index>(v) * terms, terms);
       rows = target_transport.receiving.middleCols(static_cast<Index>(v) * terms, terms)
                  .transpose()
                  .lazyProduct(arriving);
@@ -357,7 +297,6 @@ DirectLight FieldLight::direct(std::span<const PlacedObject> objects, std::size_
       constexpr float max_factor = 2.0f;  // near the horizon harmonics tell too little
       const Eigen::Array3f scale = (left > 0.0f).select((exact / safe).min(max_factor), 0.0f);
       rows.array().rowwise() *= scale.transpose();
-      light.to_eye[v] = left.max(0.0f).min(1.0f) * to_eye;
     }
   });
   return light;

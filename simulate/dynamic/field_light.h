@@ -50,23 +50,6 @@ class ZonalTable {
   std::vector<float> samples_;
 };
 
-/// Where something seen as a round disc ends, as harmonics below an order tell it: they blur its edge, and
-/// what is smaller than they resolve never reaches one. The disc of equal solid angle says which value
-/// stands at the edge, and so the blurred function still tells what is covered and what is not.
-class CapEdges {
- public:
-  explicit CapEdges(int order);
-  struct Edge {
-    float value;
-    float slope;  ///< by which it falls outwards, a radian; may be zero
-  };
-  /// Edge of a disc that covers `share` of all directions, in [0, 1].
-  Edge at(float share) const;
-
- private:
-  std::vector<Edge> edges_;  // evenly over the root of the share
-};
-
 /// Weight of a material's first term for light at an angle from the normal, h_0 cosθ: itself, and as
 /// harmonics below an order tell it. That term does not depend on the azimuth and never changes its sign, as
 /// the largest of a distribution that is nowhere negative; here it is never negative.
@@ -95,39 +78,29 @@ class HarmonicProduct {
   std::vector<float> value_;
 };
 
-/// What an occlusion field, n² harmonics of what an object covers, says of an area light behind the object.
-///  - product: the light of all area light points behind it times what is left, by products of harmonics
-///  (Zhou et
-///    al. 2005, section 4): blurred twice, and what is small hides hardly anything
-///  - edge: each point of an area light is a small disc, and as much of it is hidden as lies within the edge
-///  that
-///    CapEdges finds
-enum class FieldShadow { product, edge };
-
 /// Direct light without rays, from what is computed once for each object (Zhou et al. 2005, "Precomputed
 /// Shadow Fields for Dynamic Scenes"; Iwasaki et al., section 3). Other objects' shadows come of their
-/// occlusion fields, an object's own of ObjectTransport::receiving. An object hides a point of an area light
-/// only if the line to it meets the object's bounding box, so that nothing hides what stands before it.
+/// occlusion fields, n² harmonics of what an object covers: the light of all area light points behind it is
+/// multiplied by what is left (blurred twice, so what is small hides hardly anything). An object's own shadow
+/// comes of ObjectTransport::receiving. An object hides a point of an area light only if the line to it meets
+/// the object's bounding box, so that nothing hides what stands before it.
 ///
 /// Blurred to n² harmonics light would be far too even. So they tell shares alone: L_k are scaled so that the
-/// first is right where nothing hides, and radiance to the eye is that of the material itself times the share
-/// that is left of the first term. Nothing is negative, and all is finite wherever objects and area lights
-/// stand.
+/// first is right where nothing hides. All is finite wherever objects and area lights stand.
 class FieldLight {
  public:
   /// Both must outlive it.
   FieldLight(const DynamicScene& scene, std::span<const ObjectTransport> transport);
 
-  /// As direct_light(), for the vertices of objects[target]. `objects`: all of the scene. Runs on all cores.
-  DirectLight direct(std::span<const PlacedObject> objects, std::size_t target,
-                     std::span<const AreaPoint> area_lights, const Eigen::Vector3f& eye, FieldShadow shadow,
-                     const HarmonicProduct& product) const;
+  /// L_k as of direct_light(), for the vertices of objects[target]. `objects`: all of the scene. Runs on all
+  /// cores.
+  TermLight direct(std::span<const PlacedObject> objects, std::size_t target,
+                   std::span<const AreaPoint> area_lights, const HarmonicProduct& product) const;
 
  private:
   const DynamicScene& scene_;
   std::vector<Eigen::Array3f> half_size_;  // [objects], of the bounding boxes
   std::vector<FirstTerm> first_;           // [objects]
-  CapEdges edges_;
 };
 
 }  // namespace refield::dynamic

@@ -128,26 +128,20 @@ std::size_t LowRank::bytes() const {
          static_cast<std::size_t>(mix.size()) * sizeof(float);
 }
 
-LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& strength, double error) {
+LowRank low_rank(const Eigen::MatrixXf& rows, int width) {
   LowRank result;
   result.width = width;
   result.blocks = static_cast<std::size_t>(rows.cols() / width);
-  const Eigen::MatrixXd weighted = strength.cast<double>().asDiagonal();
-  const SymmetricEigen solver = symmetric_eigen(weighted * gram_of(rows) * weighted);
+  const SymmetricEigen solver = symmetric_eigen(gram_of(rows));
   const Eigen::VectorXd energy = solver.values.reverse().cwiseMax(0.0);  // the largest first
   // Float cannot tell less from nothing: an error of 3e-4.
-  const double all = energy.sum(), least = all * 1e-7;
-  double left = all;
-  while (result.rank < energy.size() && left > std::max(error * error * all, least))
-    left -= energy[result.rank++];
-  result.error = all > 0.0 ? std::sqrt(std::max(left, 0.0) / all) : 0.0;
-
-  const Eigen::MatrixXd vectors = solver.vectors.rowwise().reverse().leftCols(result.rank);
-  // M ≈ (M S V) (Vᵀ S⁻¹); a column without strength is multiplied with nothing.
-  const Eigen::VectorXd inverse =
-      (strength.array() > 0.0f).select(strength.array().inverse(), 0.0f).cast<double>();
-  result.mix = (vectors.transpose() * inverse.asDiagonal()).cast<float>();
-  const Eigen::MatrixXf to_modes = (vectors.transpose() * weighted).cast<float>();
+  const double least = energy.sum() * 1e-7;
+  double left = energy.sum();
+  while (result.rank < energy.size() && left > least) left -= energy[result.rank++];
+  // M ≈ (M V) Vᵀ
+  const Eigen::MatrixXf to_modes =
+      solver.vectors.rowwise().reverse().leftCols(result.rank).transpose().cast<float>();
+  result.mix = to_modes;
   result.scale.assign(result.blocks, 0.0f);
   result.values.assign(result.blocks * static_cast<std::size_t>(width * result.rank), 0);
   if (result.rank == 0) return result;
@@ -170,40 +164,12 @@ SurfaceModes separate_modes(const SurfaceBasis& basis, int terms) {
   SurfaceModes modes;
   modes.functions = SurfaceModes::Rows::Zero(vertices * terms, count * terms);
   modes.to_weights = Eigen::MatrixXf::Zero(count * terms, vertices * terms);
-  modes.strength = Eigen::VectorXf::Ones(count * terms);
   for (Eigen::Index v = 0; v < vertices; ++v)
     for (int k = 0; k < terms; ++k) {
       modes.functions.row(v * terms + k).segment(k * count, count) = basis.functions.row(v);
       modes.to_weights.col(v * terms + k).segment(k * count, count) = basis.to_weights.col(v);
     }
   return modes;
-}
-
-SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes,
-                         const RunContext& run) {
-  const PrincipalOptions standard;
-  Eigen::MatrixXf light =
-      light_terms(mesh, rays, factors, point_lights(mesh, standard.lights, standard.distances), run);
-  // A light counts for its pattern, not for how near it is.
-  for (Eigen::Index l = 0; l < light.cols(); ++l)
-    if (const float norm = light.col(l).norm(); norm > 0.0f) light.col(l) /= norm;
-  const int terms = factors.terms();
-  const Eigen::VectorXf areas = vertex_areas(mesh);
-  Eigen::VectorXf weight(light.rows());
-  for (Eigen::Index row = 0; row < weight.size(); ++row) weight[row] = areas[row / terms];
-  const Eigen::MatrixXf weighted = weight.cwiseSqrt().asDiagonal() * light;
-  const SymmetricEigen solver = symmetric_eigen((weighted.transpose() * weighted).cast<double>());
-  const Eigen::VectorXd energy = solver.values.reverse().cwiseMax(0.0);
-  // What float cannot tell from zero is no pattern.
-  const Eigen::Index useful = (energy.array() > 1e-6 * energy[0]).count();
-  const Eigen::Index count = std::min<Eigen::Index>(modes, useful);
-  const Eigen::VectorXf sigma = energy.head(count).cwiseSqrt().cast<float>();
-  const Eigen::MatrixXf vectors = solver.vectors.rowwise().reverse().leftCols(count).cast<float>();
-  SurfaceModes result;
-  result.functions = light * vectors * sigma.cwiseInverse().asDiagonal();
-  result.to_weights = result.functions.transpose() * weight.asDiagonal();
-  result.strength = sigma;
-  return result;
 }
 
 namespace {
@@ -346,8 +312,7 @@ void trace_grid(const Mesh& mesh, const prt::MeshRays& rays, const TransportOpti
     progress.advance();
   });
   transport.outside.assign(outside.begin(), outside.end());
-  transport.leaving = low_rank(radiance, static_cast<int>(count), transport.modes.strength.replicate(3, 1),
-                               options.compression);
+  transport.leaving = low_rank(radiance, static_cast<int>(count));
 }
 
 void trace_vertices(const Mesh& mesh, const prt::MeshRays& rays, const TransportOptions& options,
@@ -384,8 +349,7 @@ void trace_vertices(const Mesh& mesh, const prt::MeshRays& rays, const Transport
     }
     progress.advance();
   });
-  transport.returning = low_rank(returning, static_cast<int>(terms), transport.modes.strength.replicate(3, 1),
-                                 options.compression);
+  transport.returning = low_rank(returning, static_cast<int>(terms));
 }
 
 }  // namespace
@@ -398,15 +362,7 @@ void TransportOptions::check() const {
   require(functions >= 1 && functions <= 256, "functions: give 1 to 256");
   require(rings >= 1 && rings <= 64 && shells >= 2 && shells <= 64, "rings: give 1 to 64; shells: 2 to 64");
   require(directions >= 16 && directions <= 1 << 20, "directions: give 16 to 1048576");
-  require(compression >= 0.0 && compression < 1.0, "compression: give 0 to below 1");
   factors.check();
-}
-
-TransportOptions as_in_the_paper(TransportOptions options) {
-  options.fields = true;
-  options.modes = ModeKind::separate;
-  options.compression = 0.0;
-  return options;
 }
 
 std::size_t ObjectTransport::bytes() const {
@@ -428,11 +384,8 @@ ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays
   run.throw_if_stopped();
   transport.radius = bounding_ball(object.mesh).radius;
   if (!options.fields) return transport;
-  transport.modes =
-      options.modes == ModeKind::joint
-          ? joint_modes(object.mesh, rays, transport.factors, options.functions, run)
-          : separate_modes(principal_basis(object.mesh, rays, transport.factors, options.functions, {}, run),
-                           transport.terms());
+  transport.modes = separate_modes(
+      principal_basis(object.mesh, rays, transport.factors, options.functions, {}, run), transport.terms());
   run.throw_if_stopped();
   transport.grid = shell_grid_of(options, transport.radius);
   const Shine shine(object.mesh, transport.factors, transport.modes);

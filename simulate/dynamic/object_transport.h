@@ -63,7 +63,6 @@ struct LowRank {
   std::vector<std::int16_t> values;  ///< [blocks × rank × width]
   std::vector<float> scale;          ///< [blocks]
   Eigen::MatrixXf mix;               ///< [rank × columns]
-  double error = 0.0;                ///< relative, of all elements, by what was left out
 
   /// z of weights [columns / 3 × 3], one colour for each third of the columns.
   ModeWeights modes_of(const ModeWeights& weights) const;
@@ -72,11 +71,9 @@ struct LowRank {
   std::size_t bytes() const;
 };
 
-/// The fewest modes that leave no more than `error` of the matrix out (relative, Frobenius' norm; 0: all that
-/// can be told from zero, 3e-4). `rows` [columns × blocks · width]: one column of it for each row of the
-/// matrix. The matrix' columns are weighted by `strength` [columns] when errors are counted: by how large the
-/// numbers are that it will be multiplied with.
-LowRank low_rank(const Eigen::MatrixXf& rows, int width, const Eigen::VectorXf& strength, double error);
+/// All modes of a matrix that float can tell from zero: they leave 3e-4 of it out (relative, Frobenius'
+/// norm). `rows` [columns × blocks · width]: one column of it for each row of the matrix.
+LowRank low_rank(const Eigen::MatrixXf& rows, int width);
 
 /// Patterns of light over an object, by which it shines on others. What a vertex v reflects of the light that
 /// it gets is represented by L_k(v), one number for each of the K terms of its material (Iwasaki et al., eq.
@@ -85,42 +82,27 @@ struct SurfaceModes {
   using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Rows functions;              ///< [vertices · K × modes]; empty once an object's transport is computed
   Eigen::MatrixXf to_weights;  ///< [modes × vertices · K]
-  Eigen::VectorXf strength;    ///< [modes]: how large weights are under typical light; relative
-  Eigen::Index count() const { return strength.size(); }
+  Eigen::Index count() const { return to_weights.rows(); }
 };
 
 /// The paper's (eq. 5): each term's L_k by the same N functions, with weights of its own: N · K modes.
 SurfaceModes separate_modes(const SurfaceBasis& basis, int terms);
 
-/// All terms together: principal components of the vectors (L_1 … L_K over all vertices), areas as weights,
-/// under point lights around the object. One weight a mode tells all terms, which go together since they
-/// come of the same light, and the frames in which vertices tell directions do not matter.
-SurfaceModes joint_modes(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors, int modes,
-                         const RunContext& run);
-
-/// How an object's patterns of light are made: the paper's way, each term by itself, or all together.
-enum class ModeKind { joint, separate };
-
 struct TransportOptions {
-  /// All that follows but `factors` is for indirect light by fields (Iwasaki et al., section 4), and for
-  /// shadows by fields; by rays from vertices (GatheredLight) light needs nothing else.
+  /// All that follows but `factors` is for indirect light by fields (Iwasaki et al., section 4), with N · K
+  /// modes, and for shadows by fields; by rays from vertices (GatheredLight) light needs nothing else.
   bool fields = false;
   int order = 4;       ///< n: light that arrives at a point is represented by n² spherical harmonics
   int functions = 32;  ///< N: patterns an object shines in
   FactorOptions factors{.largest = 0, .error = 0.2};  ///< K; for indirect light
-  ModeKind modes = ModeKind::joint;
   int rings = 8, shells = 14;                         ///< ShellGrid
   float smallest_radius = 0.06f, largest_radius = 4;  ///< of the shells, in radii of the object
   int directions = 1024;                              ///< rays per point
-  double compression = 0.03;                          ///< relative error that LowRank may leave; 0: none
 
   /// Throws InputError naming the option and its range.
   void check() const;
   bool operator==(const TransportOptions&) const = default;
 };
-
-/// With fields, N · K modes and no compression; N, K and n as given.
-TransportOptions as_in_the_paper(TransportOptions options);
 
 /// What an object does to light, computed once, in its own axes: the same wherever it goes. Angular functions
 /// are represented by n² harmonics, of radiance by the direction that it comes from.

@@ -94,7 +94,7 @@ bool stands_before(const Eigen::Vector3f& from, const Eigen::Vector3f& middle, f
 }
 
 void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
-                 std::span<const Eigen::Vector3f> positions, bool occlusion, const HarmonicProduct& product,
+                 std::span<const Eigen::Vector3f> positions, const HarmonicProduct& product,
                  std::span<PairTransport> pairs) {
   const ObjectTransport& target_transport = *objects[target].transport;
   const Index terms = target_transport.terms();
@@ -113,7 +113,7 @@ void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
         pairs[source].receiving.middleCols(first, count).noalias() =
             others[source].turn_back * target_transport.receiving.middleCols(first, count);
     View view(others, product);
-    const bool hides = occlusion && objects.size() > 2;
+    const bool hides = objects.size() > 2;
     Eigen::MatrixXf receiving;
     for (std::size_t v = range.begin(); v < range.end(); ++v) {
       view.look(positions[v], target, hides);

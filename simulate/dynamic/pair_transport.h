@@ -24,10 +24,10 @@ struct PairTransport {
 };
 
 /// How all other objects light one, [objects]; its own place there stays as it is. `positions`: the target's
-/// vertices, in its own axes. With `occlusion` an object that stands before a source takes off what it
-/// covers, by products of harmonics (Zhou et al. 2005, section 4). Runs on all cores.
+/// vertices, in its own axes. An object that stands before a source takes off what it covers, by products of
+/// harmonics (Zhou et al. 2005, section 4). Runs on all cores.
 void place_pairs(std::span<const PlacedObject> objects, std::size_t target,
-                 std::span<const Eigen::Vector3f> positions, bool occlusion, const HarmonicProduct& product,
+                 std::span<const Eigen::Vector3f> positions, const HarmonicProduct& product,
                  std::span<PairTransport> pairs);
 
 /// Corners of which the grid's points hold no light, because they lie inside of the object, give their share

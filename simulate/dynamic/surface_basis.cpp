@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 
 #include "core/base/errors.h"
@@ -18,26 +17,9 @@ namespace refield::dynamic {
 
 namespace {
 
-/// Eigenvalues below so much of the largest are double's rounding.
-constexpr double singular = 1e-15;
-
-double condition_of(const Eigen::MatrixXd& a) {
-  const Eigen::VectorXd values = symmetric_eigenvalues(a);
-  const double largest = values[values.size() - 1], smallest = values[0];
-  return smallest > singular * largest ? largest / smallest : std::numeric_limits<double>::infinity();
-}
-
-Eigen::MatrixXf inverse_of(const Eigen::MatrixXf& a, double condition) {
-  Eigen::MatrixXf result = inverse(a.cast<double>()).cast<float>();
-  if (!result.allFinite())
-    throw SolverError("The matrix of equation 7 has no inverse (condition " + std::to_string(condition) +
-                      "): use fewer functions, or orthonormal weights");
-  return result;
-}
-
 /// One function after another, less what those before it have of it, twice for rounding (Gram and Schmidt).
-Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& functions, const Eigen::VectorXd& areas,
-                            double smallest_share) {
+Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& functions, const Eigen::VectorXd& areas) {
+  constexpr double smallest_share = 1e-3;
   Eigen::MatrixXd result(functions.rows(), functions.cols());
   Eigen::Index kept = 0;
   for (const auto& function : functions.colwise()) {
@@ -52,21 +34,13 @@ Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& functions, const Eigen::Vecto
 
 }  // namespace
 
-SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas,
-                           const BasisOptions& options) {
+SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas) {
   if (functions.cols() < 1 || functions.rows() != areas.size())
     throw InputError("surface basis: " + std::to_string(functions.cols()) + " functions over " +
                      std::to_string(functions.rows()) + " vertices with " + std::to_string(areas.size()) +
                      " areas: give at least one function, and an area for each vertex");
-  const Eigen::MatrixXd exact = functions.cast<double>();
   SurfaceBasis basis;
-  basis.condition = condition_of(exact.transpose() * exact);
-  if (options.weights == Weights::inverse) {
-    basis.functions = functions;
-    basis.to_weights = inverse_of(functions.transpose() * functions, basis.condition) * functions.transpose();
-    return basis;
-  }
-  basis.functions = orthonormal(exact, areas.cast<double>(), options.smallest_share).cast<float>();
+  basis.functions = orthonormal(functions.cast<double>(), areas.cast<double>()).cast<float>();
   basis.to_weights = basis.functions.transpose() * areas.asDiagonal();
   return basis;
 }
@@ -149,7 +123,7 @@ SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const 
   const Eigen::MatrixXf components = principal_components(patterns, areas.cwiseSqrt(), functions);
   if (components.cols() == 0)
     throw InputError("principal basis: no light reaches the mesh; its triangles may face inwards");
-  return surface_basis(components, areas, options.basis);
+  return surface_basis(components, areas);
 }
 
 }  // namespace refield::dynamic

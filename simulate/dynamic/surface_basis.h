@@ -10,41 +10,24 @@
 
 namespace refield::dynamic {
 
-/// How weights w are found of values L at the vertices, so that Ψ w is close to L.
-enum class Weights {
-  /// Ψ is replaced by an orthonormal basis of what it spans, each vertex counting by its area; directions
-  /// that
-  /// it hardly spans are dropped. Weights are integrals, never larger than L. Deviation from the paper.
-  orthonormal,
-  /// A⁻¹ Ψᵀ L with A = ΨᵀΨ, vertices counting one each (Iwasaki et al., eqs. 6 and 7), in float.
-  inverse
-};
-
-struct BasisOptions {
-  Weights weights = Weights::orthonormal;
-  /// With orthonormal weights, functions are dropped of which the ones before leave no more than this share.
-  double smallest_share = 1e-3;
-};
-
 /// Functions Ψ over a mesh' vertices, by which light on the surface is told: L ≈ functions · w,
 /// w = to_weights · L.
 struct SurfaceBasis {
-  Eigen::MatrixXf functions;   ///< [vertices × N], unitless; N may be less than asked for, see Weights
+  Eigen::MatrixXf functions;   ///< [vertices × N], unitless
   Eigen::MatrixXf to_weights;  ///< [N × vertices]
-  double condition;  ///< of the matrix A of eq. 7 for the functions as asked for; infinite: singular
 };
 
-/// A basis of given functions [vertices × N] over vertices of given areas. Throws SolverError where
-/// Weights::inverse is asked for and A has none in float, InputError where shapes do not fit.
-SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas,
-                           const BasisOptions& options);
+/// An orthonormal basis of what functions [vertices × N] span over vertices of given areas; functions of
+/// which the ones before leave no more than a thousandth are dropped. Weights are integrals, never larger
+/// than L. Deviation from the paper, which inverts ΨᵀΨ (Iwasaki et al., eqs. 6 and 7;
+/// docs/method/dynamic-bases.md). Throws InputError where shapes do not fit.
+SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas);
 
 struct PrincipalOptions {
   int lights = 128;  ///< point lights at each distance, at least 1
   /// In radii of the bounding sphere, > 1 (point_lights()). The paper has them on the sphere itself, one
   /// distance; several serve light from near and far.
   std::vector<float> distances = {1.4f, 2.0f, 4.0f};
-  BasisOptions basis;
 };
 
 /// Principal components of the light that point lights around a mesh bring to its vertices (section 5.2): the

@@ -8,6 +8,7 @@
 #include "bench/studies/dynamic/area_light_error.h"
 #include "bench/studies/dynamic/factor_study.h"
 #include "bench/studies/dynamic/fixed_basis.h"
+#include "core/base/errors.h"
 #include "simulate/dynamic/point_lights.h"
 #include "simulate/geometry/mesh_shapes.h"
 
@@ -39,18 +40,17 @@ TEST(FixedBasis, IsOrthonormalAndExactOnWhatItSpans) {
           error_of(basis, areas, basis.functions * Eigen::VectorXf::LinSpaced(basis.functions.cols(), -1, 2)),
           1e-5);
       // The functions asked for are among what it spans, whatever became of them.
-      const SurfaceBasis asked = fixed_basis(kind, mesh, 9, {.weights = Weights::inverse});
-      EXPECT_LT(error_of(basis, areas, asked.functions), 1e-4);
+      EXPECT_LT(error_of(basis, areas, fixed_functions(kind, surface_places(mesh), 9)), 1e-4);
     }
 }
 
 TEST(FixedBasis, OfAnEvenPlaneNeedsNoChange) {
-  const SurfaceBasis cosines =
-      fixed_basis(BasisKind::cosines, prt::plane_mesh(64), 16, {.weights = Weights::inverse});
-  EXPECT_LT(cosines.condition, 6.0);  // cosines are twice as long where they vary along both sides
-  const SurfaceBasis harmonics =
-      fixed_basis(BasisKind::spherical_harmonics, prt::sphere_mesh(16), 16, {.weights = Weights::inverse});
-  EXPECT_LT(harmonics.condition, 1.3);
+  const auto condition = [](BasisKind kind, const Mesh& mesh) {
+    return condition_of(fixed_functions(kind, surface_places(mesh), 16));
+  };
+  // Cosines are twice as long where they vary along both sides.
+  EXPECT_LT(condition(BasisKind::cosines, prt::plane_mesh(64)), 6.0);
+  EXPECT_LT(condition(BasisKind::spherical_harmonics, prt::sphere_mesh(16)), 1.3);
 }
 
 TEST(FixedBasis, MeetsMeshesTooCoarseForItsFunctions) {
@@ -60,8 +60,28 @@ TEST(FixedBasis, MeetsMeshesTooCoarseForItsFunctions) {
     EXPECT_LE(basis.functions.cols(), 42);
     EXPECT_TRUE(basis.functions.allFinite() && basis.to_weights.allFinite());
     EXPECT_LT(basis.to_weights.norm(), 10.0f);
-    EXPECT_EQ(basis.condition, infinite);
+    EXPECT_EQ(condition_of(fixed_functions(kind, surface_places(coarse), 64)), infinite);
   }
+}
+
+/// Eqs. 6 and 7 on functions that are nearly alike: monomials.
+TEST(BasisByInverse, FailsWhereTheMatrixIsBadAndOrthonormalWeightsDoNot) {
+  const Eigen::Index vertices = 400;
+  const Eigen::VectorXf areas = Eigen::VectorXf::Constant(vertices, 1.0f / 400);
+  const Eigen::ArrayXf u = Eigen::ArrayXf::LinSpaced(vertices, 0, 1);
+  const Eigen::VectorXf light = (3.0f * u).cos().matrix();
+  const auto monomials = [&](Eigen::Index count) {
+    Eigen::MatrixXf functions(vertices, count);
+    for (Eigen::Index i = 0; i < count; ++i) functions.col(i) = u.pow(static_cast<float>(i)).matrix();
+    return functions;
+  };
+  EXPECT_LT(condition_of(monomials(3)), 1e4);
+  EXPECT_LT(error_of(basis_by_inverse(monomials(3)), areas, light), 0.12);
+  EXPECT_GT(condition_of(monomials(9)), 1e10);
+  EXPECT_GT(error_of(basis_by_inverse(monomials(9)), areas, light), 1.0)
+      << "more functions should have made it worse";
+  EXPECT_LT(error_of(surface_basis(monomials(9), areas), areas, light), 1e-3);
+  EXPECT_THROW(basis_by_inverse(Eigen::MatrixXf::Ones(50, 2)), SolverError);
 }
 
 /// Iwasaki et al., figure 10: a sphere under an area light.

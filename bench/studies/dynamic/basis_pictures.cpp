@@ -54,7 +54,7 @@ Image basis_picture(const StudySurface& surface, const std::vector<StudyBasis>& 
     pictures.push_back(view.show(outputs_of(exact)));
     for (const int functions : {4, 8, 16}) {
       const auto some = dynamic::surface_basis(
-          basis.functions.leftCols(std::min<Eigen::Index>(functions, basis.functions.cols())), areas, {});
+          basis.functions.leftCols(std::min<Eigen::Index>(functions, basis.functions.cols())), areas);
       pictures.push_back(view.show(outputs_of(some.functions * (some.to_weights * exact))));
     }
   }

@@ -17,7 +17,6 @@ namespace refield::dynamic_chart {
 
 using dynamic::BasisKind;
 using dynamic::SurfaceBasis;
-using dynamic::Weights;
 
 namespace {
 
@@ -59,8 +58,7 @@ double median_error(const SurfaceBasis& basis, const Eigen::VectorXf& root,
 std::optional<double> error_by_inverse(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas,
                                        const std::vector<Eigen::MatrixXf>& light) {
   try {
-    const double error = median_error(dynamic::surface_basis(functions, areas, {.weights = Weights::inverse}),
-                                      areas.cwiseSqrt(), light);
+    const double error = median_error(dynamic::basis_by_inverse(functions), areas.cwiseSqrt(), light);
     if (std::isfinite(error)) return error;
   } catch (const SolverError&) {
   }
@@ -85,7 +83,7 @@ std::vector<StudyBasis> bases_of(const StudySurface& surface, const prt::MeshRay
                                .functions});
   };
   add_principal("principal", {});
-  add_principal("principal, near", {.distances = {1.05f}, .basis = {}});
+  add_principal("principal, near", {.distances = {1.05f}});
   return bases;
 }
 
@@ -131,8 +129,8 @@ std::vector<BasisRow> study(const StudySurface& surface, const std::vector<Study
       if (count > basis.functions.cols()) continue;
       run_context().throw_if_stopped();
       const Eigen::MatrixXf first = basis.functions.leftCols(count);
-      const SurfaceBasis ours = dynamic::surface_basis(first, areas, {});
-      rows.push_back({surface.name, basis.name, count, ours.functions.cols(), ours.condition,
+      const SurfaceBasis ours = dynamic::surface_basis(first, areas);
+      rows.push_back({surface.name, basis.name, count, ours.functions.cols(), dynamic::condition_of(first),
                       median_error(ours, areas.cwiseSqrt(), light), error_by_inverse(first, areas, light)});
     }
   return rows;

@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <string>
 #include <vector>
 
 #include "core/base/errors.h"
+#include "core/base/linear_algebra.h"
 #include "core/light/harmonics.h"
 #include "simulate/dynamic/point_lights.h"
 
@@ -83,8 +85,26 @@ Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> pl
   return functions_of(kind, places, functions);
 }
 
-SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options) {
-  return surface_basis(fixed_functions(kind, surface_places(mesh), functions), vertex_areas(mesh), options);
+SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions) {
+  return surface_basis(fixed_functions(kind, surface_places(mesh), functions), vertex_areas(mesh));
+}
+
+SurfaceBasis basis_by_inverse(const Eigen::MatrixXf& functions) {
+  const Eigen::MatrixXf a = functions.transpose() * functions;
+  const Eigen::MatrixXf inverted = inverse(a.cast<double>()).cast<float>();
+  if (!inverted.allFinite())
+    throw SolverError("The matrix of equation 7 has no inverse (condition " +
+                      std::to_string(condition_of(functions)) +
+                      "): use fewer functions, or orthonormal weights");
+  return {functions, inverted * functions.transpose()};
+}
+
+double condition_of(const Eigen::MatrixXf& functions) {
+  constexpr double singular = 1e-15;  // of the largest eigenvalue: below it is double's rounding
+  const Eigen::MatrixXd exact = functions.cast<double>();
+  const Eigen::VectorXd values = symmetric_eigenvalues(exact.transpose() * exact);
+  const double largest = values[values.size() - 1], smallest = values[0];
+  return smallest > singular * largest ? largest / smallest : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace refield::dynamic

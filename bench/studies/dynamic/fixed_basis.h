@@ -18,6 +18,12 @@ enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
 /// [vertices × functions], for vertices at surface_places(). Throws InputError for other numbers of functions
 /// than 1 … 256.
 Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> places, int functions);
-SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions, const BasisOptions& options = {});
+SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions);
+
+/// Functions Ψ as they are, with the weights of the paper, A⁻¹ Ψᵀ L with A = ΨᵀΨ, vertices counting one each
+/// (Iwasaki et al., eqs. 6 and 7), in float. Throws SolverError where A has no inverse.
+SurfaceBasis basis_by_inverse(const Eigen::MatrixXf& functions);
+/// Condition of A; infinite: singular.
+double condition_of(const Eigen::MatrixXf& functions);
 
 }  // namespace refield::dynamic

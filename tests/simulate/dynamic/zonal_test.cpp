@@ -17,17 +17,6 @@ TEST(Zonal, TablesInterpolateAndEndAtTheirEnds) {
   EXPECT_FLOAT_EQ(table(1.5f), 4.0f);
 }
 
-TEST(Zonal, ACapsEdgeIsHalfWayWhereHarmonicsResolveItAndLowWhereTheyDoNot) {
-  const CapEdges edges(8);
-  // Of half the sphere the edge is at one half: all its bands but the first are odd.
-  EXPECT_NEAR(edges.at(0.5f).value, 0.5f, 2e-3f);
-  EXPECT_GT(edges.at(0.5f).slope, 1.0f);
-  // Of next to nothing the blurred function is flat: its solid angle times n²/4π, the sum of all y².
-  EXPECT_NEAR(edges.at(1e-3f).value, 1e-3f * 64.0f, 4e-3f);
-  EXPECT_EQ(edges.at(0.0f).value, 0.0f);
-  EXPECT_NEAR(edges.at(1.0f).value, 1.0f, 1e-3f);
-}
-
 TEST(Zonal, TheFirstTermOfADiffuseSurfaceIsTheCosine) {
   const FirstTerm first = first_term(factor(Brdf{}, {}), 3);
   const float top = first.exact(1.0f);
