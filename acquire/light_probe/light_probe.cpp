@@ -45,9 +45,6 @@ void ProbeLimits::check() const {
     if (!(fraction >= 0.0 && fraction <= 1.0))
       throw InputError("a limit of the light probe is " + std::to_string(fraction) +
                        "; give a fraction, 0 to 1");
-  if (!(sun_degrees > 0.0 && sun_degrees <= 90.0))
-    throw InputError("the sun's region is " + std::to_string(sun_degrees) +
-                     " degrees; give more than 0, at most 90");
 }
 
 ProbeVerdict assess(const SeenLight& light, const ProbeLimits& limits) {
@@ -60,7 +57,8 @@ ProbeVerdict assess(const SeenLight& light, const ProbeLimits& limits) {
                               static_cast<double>(t / map.width) + 0.5, map.width, map.height);
   };
   const Eigen::Vector3d sun = direction_of(brightest);
-  const double near = std::cos(radians_from_degrees(limits.sun_degrees));
+  constexpr double sun_degrees = 3.0;
+  const double near = std::cos(radians_from_degrees(sun_degrees));
 
   ProbeVerdict verdict;
   double all = 0.0, from_sun = 0.0, total = 0.0, clipped = 0.0;
@@ -126,13 +124,12 @@ Photograph read_probe_photograph(const fs::path& path, std::optional<double> sat
 }
 
 ProbeOptics optics_of(const ProbeSide& side, int width, int height) {
-  ProbeOptics optics{side.focal_px, side.distance_radii, Eigen::Vector2d(width, height) / 2.0};
+  ProbeOptics optics{{}, side.distance_radii, Eigen::Vector2d(width, height) / 2.0};
   if (side.field_of_view_degrees) {
     const double view = *side.field_of_view_degrees;
     if (!(view > 0.0 && view < 180.0))
       throw InputError("the field of view is " + std::to_string(view) +
                        " degrees; give more than 0, less than 180");
-    if (optics.focal_px) throw InputError("give the focal length or the field of view, not both");
     optics.focal_px = 0.5 * width / std::tan(radians_from_degrees(view) / 2.0);
   }
   optics.check();
@@ -157,8 +154,6 @@ class Side {
           "--saturation");
     if (side.ball)
       ball_ = ball_from_circle(*side.ball, optics_);
-    else if (side.ball_mask)
-      ball_ = ball_from_mask(read_mask(*side.ball_mask, width_, height_), width_, height_, optics_);
     else if (!request.ball_moves)
       ball_ = find_in_series(notes, run);
     if (ball_) require_usable(*ball_, width_, height_, side.photographs.front().string());
@@ -241,13 +236,11 @@ class Side {
 void check(const ProbeRequest& request) {
   if (request.sides.empty() || request.sides[0].photographs.empty())
     throw InputError("there is no photograph of a ball; name photographs (.exr)");
-  for (const ProbeSide& side : request.sides) {
+  for (const ProbeSide& side : request.sides)
     if (side.photographs.size() != request.sides[0].photographs.size())
       throw InputError("one side has " + std::to_string(request.sides[0].photographs.size()) +
                        " photographs, another " + std::to_string(side.photographs.size()) +
                        "; each needs its partner");
-    if (side.ball && side.ball_mask) throw InputError("give the ball's circle or its mask, not both");
-  }
   UnwrapOptions unwrap = request.unwrap;
   if (unwrap.width == 0) unwrap.width = 512;
   unwrap.check();

@@ -16,8 +16,7 @@ namespace refield {
 /// When a light map does not serve estimation.
 struct ProbeLimits {
   double max_clipped = 0.0;  ///< solid angle that may rest on clipped samples, fraction of the sphere
-  double max_sun = 0.5;      ///< light that may come from within `sun_degrees` of the brightest texel
-  double sun_degrees = 3.0;
+  double max_sun = 0.5;      ///< light that may come from within 3 degrees of the brightest texel
 
   /// Throws InputError naming the limit and its range.
   void check() const;
@@ -45,12 +44,10 @@ void require_usable(const MirrorBall& ball, int width, int height, const std::st
 struct ProbeSide {
   std::vector<std::filesystem::path> photographs;  ///< linear radiance (OpenEXR)
   EulerAngles turn;
-  std::optional<double> focal_px;                  ///< or
-  std::optional<double> field_of_view_degrees;     ///< across the photograph's width, or
-  std::optional<double> distance_radii;            ///< just one of the three
-  std::optional<ImageCircle> ball;                 ///< where the ball is,
-  std::optional<std::filesystem::path> ball_mask;  ///< or its painted mask; neither: it is found
-  std::optional<std::filesystem::path> hidden;     ///< mask of what to leave out, white
+  std::optional<double> field_of_view_degrees;  ///< across the photograph's width, or
+  std::optional<double> distance_radii;         ///< just one of the two
+  std::optional<ImageCircle> ball;              ///< where the ball is; none: it is found
+  std::optional<std::filesystem::path> hidden;  ///< mask of what to leave out, white
 };
 
 struct ProbeRequest {

@@ -186,35 +186,6 @@ MirrorBall ball_of(const Cone& cone, const ProbeCamera& camera) {
   return {camera, cone.axis(camera), 1.0 / std::sin(alpha)};
 }
 
-/// Algebraic circle fit (Kåsa): the start where nothing is known yet.
-ImageCircle fit_circle(std::span<const Eigen::Vector2d> points) {
-  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
-  for (const auto& p : points) mean += p / static_cast<double>(points.size());
-  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d right = Eigen::Vector3d::Zero();
-  for (const auto& p : points) {
-    const Eigen::Vector2d q = p - mean;
-    const Eigen::Vector3d row(q.x(), q.y(), 1.0);
-    normal += row * row.transpose();
-    right += q.squaredNorm() * row;
-  }
-  const Eigen::Vector3d solution = solve_symmetric(normal, right);
-  const Eigen::Vector2d centre = solution.head<2>() / 2.0;
-  return {mean + centre, std::sqrt(std::max(0.0, solution[2] + centre.squaredNorm()))};
-}
-
-/// Half-way points between pixels on the ball and neighbours that are not.
-std::vector<Eigen::Vector2d> border_points(const Mask& mask, int width, int height) {
-  std::vector<Eigen::Vector2d> points;
-  const auto on = [&](int x, int y) { return mask[static_cast<std::size_t>(y) * width + x] != 0; };
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      if (x + 1 < width && on(x, y) != on(x + 1, y)) points.emplace_back(x + 1.0, y + 0.5);
-      if (y + 1 < height && on(x, y) != on(x, y + 1)) points.emplace_back(x + 0.5, y + 1.0);
-    }
-  return points;
-}
-
 }  // namespace
 
 void ProbeOptics::check() const {
@@ -269,19 +240,6 @@ MirrorBall ball_from_circle(const ImageCircle& circle, const ProbeOptics& optics
     points.push_back(circle.centre + circle.radius * Eigen::Vector2d(std::cos(turn), std::sin(turn)));
   }
   return fit_outline(points, optics, circle).ball;
-}
-
-MirrorBall ball_from_mask(const Mask& mask, int width, int height, const ProbeOptics& optics) {
-  const auto points = border_points(mask, width, height);
-  if (points.size() < least_points)
-    throw InputError("the mask of the ball has no border; paint the whole ball white on black");
-  const OutlineFit fit = fit_outline(points, optics, fit_circle(points));
-  constexpr double least_support = 0.6;
-  if (fit.support < least_support)
-    throw InputError("the ball's mask is not round: " +
-                     std::to_string(static_cast<int>(std::lround(100.0 * fit.support))) +
-                     " % of its border lie on the best outline; paint the ball alone, white on black");
-  return fit.ball;
 }
 
 namespace {

@@ -114,11 +114,6 @@ OutlineFit fit_outline(std::span<const Eigen::Vector2d> points, const ProbeOptic
 /// The ball whose outline comes nearest to a circle that was drawn around it.
 MirrorBall ball_from_circle(const ImageCircle& circle, const ProbeOptics& optics);
 
-/// The ball whose outline is the border of a painted mask [height × width] that is non-zero on the ball. The
-/// mask's border against the edge of the image does not count. Throws InputError when the mask is empty or
-/// shows no round shape.
-MirrorBall ball_from_mask(const Mask& mask, int width, int height, const ProbeOptics& optics);
-
 /// Finds a mirror ball in a photograph: circles are proposed by the Hough transform of the edges of its
 /// logarithm, each is refined to a fraction of a pixel by the sharpest step along 720 radii, and the one
 /// whose outline is clearest is taken. The background is best plain and unlike the ball's rim: a mirror ball

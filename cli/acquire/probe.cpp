@@ -59,9 +59,7 @@ ProbeSide side_of(const std::vector<std::string>& photographs, std::size_t side,
   result.field_of_view_degrees = options.horizontal_fov;
   if (options.distance) result.distance_radii = 2.0 * *options.distance / *options.diameter;
   const std::string ball = text_of(options.ball), hide = text_of(options.hide);
-  if (ball.find(',') == std::string::npos && fs::exists(ball)) {
-    result.ball_mask = ball;
-  } else if (!ball.empty() && ball != "find") {
+  if (!ball.empty() && ball != "find") {
     const auto circle = channel_numbers(ball, "--ball");
     result.ball = ImageCircle{{circle[0], circle[1]}, circle[2]};
   }
@@ -172,24 +170,21 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
   CLI::Option* view = add_horizontal_fov_option(*verb, options->horizontal_fov);
   CLI::Option* distance =
       verb->add_option("--distance", options->distance,
-                       "Distance from the lens to the centre of the ball in mm, instead of "
-                       "--horizontal-fov")
+                       "Distance from the lens to the centre of the ball in mm, instead of --horizontal-fov")
           ->excludes(view);
   CLI::Option* diameter = add_diameter_option(*verb, options->diameter);
   diameter->needs(distance);
   distance->needs(diameter);
   const char* twice = "; a second value is for the photographs of --join";
-  verb->add_option("--ball", options->ball,
-                   "Centre and radius of the mirror ball, X,Y,R in pixels from the top left corner, or "
-                   "'find'; a mask image "
-                   "of it, white on black, or 'find'" +
-                       std::string(twice))
-      ->default_str("find");
   verb->add_option(
-      "--camera-turn", options->camera_turn,
-      "Rotation of the camera to the right of the centre of the map (+Z), downward and about its "
-      "viewing direction, YAW or YAW,PITCH,ROLL in degrees (default: 0,0,0)" +
-          std::string(twice));
+          "--ball", options->ball,
+          "Centre and radius of the mirror ball, X,Y,R in pixels from the top left corner, or 'find'" +
+              std::string(twice))
+      ->default_str("find");
+  verb->add_option("--camera-turn", options->camera_turn,
+                   "Rotation of the camera to the right of the centre of the map (+Z), downward and about "
+                   "its viewing direction, YAW or YAW,PITCH,ROLL in degrees (default: 0,0,0)" +
+                       std::string(twice));
   verb->add_option("--hide", options->hide,
                    "Mask image, white over objects that are not part of the environment (tripod, stand, "
                    "photographer); these regions are filled from their neighbourhood" +

@@ -138,24 +138,6 @@ TEST(OutlineFit, IsNotLedAstrayByAThirdOfWrongPoints) {
   EXPECT_NEAR(fit.support, 2.0 / 3.0, 0.05);
 }
 
-TEST(OutlineFit, ReadsAPaintedMask) {
-  const MirrorBall truth = ball_at(0.2, 0.1, 5.0);
-  Mask mask(1000 * 800);
-  for (int y = 0; y < 800; ++y)
-    for (int x = 0; x < 1000; ++x) mask[y * 1000 + x] = truth.reflect({x + 0.5, y + 0.5}).has_value();
-  ProbeOptics optics;
-  optics.principal_px = truth.camera().principal_px;
-  optics.focal_px = truth.camera().focal_px;
-  const MirrorBall found = ball_from_mask(mask, 1000, 800, optics);
-  constexpr double tenth_of_a_pixel = 0.1;
-  EXPECT_NEAR((found.centre_px() - truth.centre_px()).norm(), 0.0, tenth_of_a_pixel);
-  EXPECT_NEAR(found.radius_px(), truth.radius_px(), tenth_of_a_pixel);
-  EXPECT_THROW(ball_from_mask(Mask(mask.size(), 0), 1000, 800, optics), InputError);
-  for (int y = 0; y < 800; ++y)
-    for (int x = 0; x < 1000; ++x) mask[y * 1000 + x] = x > 200 && x < 700 && y > 300 && y < 500;
-  EXPECT_THROW(ball_from_mask(mask, 1000, 800, optics), InputError);  // a rectangle
-}
-
 TEST(OutlineFit, WantsToKnowTheDistance) {
   try {
     ball_from_circle({{500.0, 400.0}, 100.0}, ProbeOptics{});
