@@ -589,10 +589,10 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
       "Estimate a reflectance field on a Slurm cluster.\n"
       "\n"
       "The image is divided into shards of rows, which are estimated as a Slurm job array and merged by a "
-      "last job. The field equals that of 'refield estimate' on one machine, byte for byte. Memory and "
-      "time per shard come from the cost estimate of 'refield estimate --dry-run'. Shards that lose their "
-      "node, exceed a limit or are killed are submitted again, with more memory or time, up to three "
-      "times. Session, program and output must have the same path on all nodes.\n"
+      "last job. The field equals that of 'refield estimate' on one machine, byte for byte. Memory and time "
+      "per shard come from the cost estimate of 'refield estimate --dry-run'. Shards that lose their node, "
+      "exceed a limit or are killed are submitted again, with more memory or time, up to three times. "
+      "Session, program and output must have the same path on all nodes.\n"
       "\n"
       "The command follows the jobs; Ctrl-C detaches from them, and they continue. Scripts, logs and shards "
       "are in the folder OUTPUT.shards.\n"
@@ -631,10 +631,9 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--partition", arguments->partition, "Slurm partition (default: that of the cluster)");
   verb->add_option("--sbatch", arguments->sbatch,
                    "Further option of sbatch, such as --sbatch=--account=optics; repeat it for each");
-  verb->add_option(
-      "--hosts", arguments->hosts,
-      "Run the shards by GNU parallel over ssh instead of Slurm, until this command ends: hosts, "
-      "separated by commas, or a file with one per line; ':' is this machine");
+  verb->add_option("--hosts", arguments->hosts,
+                   "Run the shards by GNU parallel over ssh instead of Slurm, until this command ends: "
+                   "hosts, separated by commas, or a file with one per line; ':' is this machine");
   verb->add_flag("--detach", arguments->detach, "Submit the jobs and do not follow them");
   add_dry_run_flag(*verb, arguments->dry_run)->group("");
   verb->add_flag("--resume", arguments->resume,

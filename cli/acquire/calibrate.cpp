@@ -54,10 +54,9 @@ CalibrateOptions options_of(const CalibrateVerbOptions& given) {
     const RelativeMap flat_field = read_camera_calibration(file).flat_field,
                       uniformity = read_monitor_calibration(file).uniformity;
     if (flat_field.empty() && uniformity.empty())
-      throw InputError(
-          file.string() +
-          ": has no flat field and no uniformity; make one with 'refield acquire calibrate --target "
-          "card' or '--target screen'");
+      throw InputError(file.string() +
+                       ": has no flat field and no uniformity; make one with 'refield acquire calibrate "
+                       "--target card' or '--target screen'");
     if (!flat_field.empty()) options.flat_field = flat_field;
     if (!uniformity.empty()) options.uniformity = uniformity;
   }
@@ -162,17 +161,16 @@ ordered_json page_data(const RigMeasurements& rig) {
   data["tone_curves"] = tone_curves(rig.tone_curve);
   data["maps"] = ordered_json::array();
   if (rig.flat_field)
-    data["maps"].push_back(map_json(
-        "Vignetting", *rig.flat_field,
-        "Relative light at each position of the frame. Photographs are divided by it. It should be smooth "
-        "and symmetric about the centre: a slope from one side to the other indicates an unevenly lit "
-        "card."));
+    data["maps"].push_back(map_json("Vignetting", *rig.flat_field,
+                                    "Relative light at each position of the frame. Photographs are divided "
+                                    "by it. It should be smooth and symmetric about the centre: a slope from "
+                                    "one side to the other indicates an unevenly lit card."));
   if (rig.screen)
     data["maps"].push_back(
         map_json("Uniformity of the screen", *rig.screen,
-                 "Relative brightness of each position of the screen, seen from the camera. The light "
-                 "maps of a session are multiplied by it. LCDs also darken at oblique angles: place the "
-                 "camera at the position of the scene for this measurement."));
+                 "Relative brightness of each position of the screen, seen from the camera. The light maps "
+                 "of a session are multiplied by it. LCDs also darken at oblique angles: place the camera at "
+                 "the position of the scene for this measurement."));
   return data;
 }
 
@@ -284,8 +282,7 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
                      "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
                      std::to_string(100.0 * measured.superposition.largest_error()) +
                      " %, because the display dims itself. Switch off dynamic contrast, local dimming, power "
-                     "saving and automatic "
-                     "brightness, then calibrate again. " +
+                     "saving and automatic brightness, then calibrate again. " +
                      given.page.string() + " shows details");
 }
 
@@ -332,8 +329,7 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
       "Measures display latency and settling, control latency, banding, response and black level, noise, "
       "tone curves and additivity of light with the camera itself. Writes a calibration file for 'refield "
       "acquire run' and a page (.html) that shows and explains each result. The exit status is 2 if light is "
-      "not "
-      "additive (the display dims itself), since captures would be wrong.\n"
+      "not additive (the display dims itself), since captures would be wrong.\n"
       "\n"
       "Only the display may change in the view of the camera; the room must be dark. docs/guide/capture.md "
       "describes the procedure.\n"
@@ -352,10 +348,9 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
                    "vignetting) or screen (the whole display, measures its uniformity)")
       ->check(CLI::IsMember({"scene", "card", "screen"}))
       ->capture_default_str();
-  verb->add_option(
-      "--copy-from", options->copy_from,
-      "Calibration file whose flat field (vignetting) or screen uniformity is copied; repeat the "
-      "option for each");
+  verb->add_option("--copy-from", options->copy_from,
+                   "Calibration file whose flat field (vignetting) or screen uniformity is copied; repeat "
+                   "the option for each");
   verb->add_option("--patience", options->patience,
                    "Time in seconds after which the display has certainly settled")
       ->capture_default_str();

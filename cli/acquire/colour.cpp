@@ -51,10 +51,9 @@ fs::path white_photograph(const CaptureSession& session) {
 
 Photograph chart_photograph(const fs::path& path) {
   if (path.extension() != ".exr")
-    throw InputError(
-        path.string() +
-        ": is not an OpenEXR file; the chart must be photographed like the session, scene-linear: "
-        "convert RAW files or brackets with 'refield acquire import'");
+    throw InputError(path.string() +
+                     ": is not an OpenEXR file; the chart must be photographed like the session, "
+                     "scene-linear: convert RAW files or brackets with 'refield acquire import'");
   Photograph photograph = read_photograph(path);
   require_finite(photograph.radiance, path.string(), true, "photograph the chart again");
   return photograph;
@@ -140,18 +139,18 @@ void calibrate_colour(const ColourOptions& options, const Common& common) {
 
 void add_acquire_colour(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<ColourOptions>();
-  CLI::App* verb = group.add_subcommand(
-      "colour",
-      "Calibrate the colours of a session with a chart of 24 patches.\n"
-      "\n"
-      "Finds the chart in a photograph under the white monitor, estimates the matrix from camera RGB to "
-      "linear Rec.709 and stores it in the session. Its photographs, and fields estimated from it, are then "
-      "in linear Rec.709, the light of the photograph being white. docs/guide/colour.md describes the "
-      "photograph.\n"
-      "\n"
-      "Examples:\n"
-      "  refield acquire colour session\n"
-      "  refield acquire colour session --chart chart.exr -o check.png");
+  CLI::App* verb =
+      group.add_subcommand("colour",
+                           "Calibrate the colours of a session with a chart of 24 patches.\n"
+                           "\n"
+                           "Finds the chart in a photograph under the white monitor, estimates the matrix "
+                           "from camera RGB to linear Rec.709 and stores it in the session. Its photographs, "
+                           "and fields estimated from it, are then in linear Rec.709, the light of the "
+                           "photograph being white. docs/guide/colour.md describes the photograph.\n"
+                           "\n"
+                           "Examples:\n"
+                           "  refield acquire colour session\n"
+                           "  refield acquire colour session --chart chart.exr -o check.png");
   verb->add_option("session", options->session, "Capture session (folder)")->required();
   verb->add_option("--chart", options->chart,
                    "Photograph of the chart (.exr, scene-linear) by the same camera under the white monitor "

@@ -679,8 +679,8 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
       "\n"
       "Asks for one thing after the other in a terminal and runs the other commands, which it shows: live "
       "image, exposure and room light, calibration, patterns, capture, estimate, relighting. 'refield "
-      "acquire' without a verb does the same. Answers that options give are not asked for. The rig file "
-      "that results works with 'refield acquire run'. After an interruption the same command continues.\n"
+      "acquire' without a verb does the same. Answers that options give are not asked for. The rig file that "
+      "results works with 'refield acquire run'. After an interruption the same command continues.\n"
       "\n"
       "Examples:\n"
       "  refield acquire guide                                    # asks\n"
@@ -699,10 +699,9 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
   verb->add_option("--set", options->settings,
                    "Value of the rig file, SECTION.KEY=VALUE, such as camera.pixel_format=RGGB, "
                    "camera.region=200,100,1280,800 or controls.gain=3; repeat the option for each");
-  verb->add_option(
-      "--level-step", options->level_step,
-      "Step between the measured levels of the tone curves: 1, 3, 5, 15, 17, 51 or 85 (default: 5; for "
-      "a DSLR 51, to take fewer photographs)");
+  verb->add_option("--level-step", options->level_step,
+                   "Step between the measured levels of the tone curves: 1, 3, 5, 15, 17, 51 or 85 (default: "
+                   "5; for a DSLR 51, to take fewer photographs)");
   add_max_noise_option(*verb, options->max_noise);
   verb->add_option("--patterns", options->patterns,
                    "Number of patterns of the starter set, held-out ones included (default: 180)");

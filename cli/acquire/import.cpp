@@ -10,6 +10,8 @@
 
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/hdr_merge.h"
+#include "acquire/import/bracket_merge.h"
+#include "acquire/import/bracket_response.h"
 #include "acquire/light_probe/unwrap.h"
 #include "cli/acquire/capture_report.h"
 #include "cli/acquire/import.h"
@@ -90,6 +92,39 @@ void print(const ImportSummary& summary, const fs::path& folder) {
       std::printf("note: %s\n", sentence.c_str());
 }
 
+/// One HDR photograph of all files.
+void merge_one_view(const ImportOptions& options, const Common& common) {
+  const fs::path& output = options.request.folder;
+  const OutputLock lock(output, {options.photographs.begin(), options.photographs.end()}, ".exr");
+  const std::vector<Seconds> exposures(options.exposures.begin(), options.exposures.end());
+  Bracket bracket = read_bracket(expand_globs(options.photographs), options.request.camera, exposures);
+  BracketCamera camera = options.request.camera;
+  const std::vector<BracketSamples> samples = {samples_of(bracket)};
+  const std::vector<std::string> notes = settle_response(samples, camera);
+  MergeStatistics statistics;
+  const Photograph merged = merge_bracket(bracket, camera, &statistics);
+  write_photograph(output, merged);
+
+  ordered_json images = ordered_json::array();
+  for (std::size_t i = 0; i < bracket.paths.size(); ++i)
+    images.push_back({{"file", bracket.paths[i].string()},
+                      {"seconds", bracket.exposures[i].count()},
+                      {"useful_fraction", statistics.useful_fraction[i]}});
+  if (common.json) {
+    print_json(ordered_json{{"images", images},
+                            {"response_estimated", !camera.curve.empty()},
+                            {"notes", notes},
+                            {"clipped_fraction", statistics.clipped_fraction}});
+    return;
+  }
+  for (const std::string& note : notes) std::printf("note: %s\n", note.c_str());
+  for (const auto& image : images)
+    std::printf("%s: %.6g s, useful for %.1f %% of the samples\n", image["file"].get<std::string>().c_str(),
+                image["seconds"].get<double>(), 100.0 * image["useful_fraction"].get<double>());
+  std::printf("%s: %.3f %% of the samples are clipped in every exposure\n", output.c_str(),
+              100.0 * statistics.clipped_fraction);
+}
+
 void run_import(const ImportOptions& options, const Common& common) {
   const fs::path& output = options.request.folder;
   if (options.light_sources != "ball" && (options.ball != "find" || options.horizontal_fov))
@@ -126,19 +161,15 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       "Import photographs taken with other software, or merge brackets into HDR photographs.\n"
       "\n"
       "With --light or --light-sources, writes a capture session for 'refield estimate'; without them, a "
-      "folder "
-      "of HDR photographs (.exr) with their times. For an output .exr all files are exposures of one view, "
-      "for "
-      ".toml static views from which the response curve of the camera is estimated. Reads TIFF, PNG, JPEG, "
-      "EXR "
-      "and camera RAW files, with exposure times from EXIF. docs/guide/import.md explains the rules.\n"
+      "folder of HDR photographs (.exr) with their times. For an output .exr all files are exposures of one "
+      "view, for .toml static views from which the response curve of the camera is estimated. Reads TIFF, "
+      "PNG, JPEG, EXR and camera RAW files, with exposure times from EXIF. docs/guide/import.md explains the "
+      "rules.\n"
       "\n"
       "Files are grouped into brackets by name (--names), by number (--bracket-size) or otherwise by "
-      "exposure "
-      "time: a repeated exposure time starts the next bracket. Brackets are paired with lights by name (with "
-      "--names), by order or by time. The order is checked by brightness, and by times.tsv of 'refield "
-      "acquire "
-      "show' beside the lights: black, missing and repeated brackets are found and named.\n"
+      "exposure time: a repeated exposure time starts the next bracket. Brackets are paired with lights by "
+      "name (with --names), by order or by time. The order is checked by brightness, and by times.tsv of "
+      "'refield acquire show' beside the lights: black, missing and repeated brackets are found and named.\n"
       "\n"
       "Examples:\n"
       "  refield acquire import shots --light patterns --ambient-first -o session\n"
@@ -151,36 +182,32 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
       "  refield acquire import a.tif b.tif c.tif --exposures 0.01,0.04,0.16 -o view.exr");
   verb->add_option("photographs", options->photographs, "Photographs: folders, files or quoted patterns")
       ->required();
-  verb->add_option("-o,--output", request.folder,
-                   "Session folder, folder for HDR photographs, one HDR photograph (.exr) or response curve "
-                   "(.toml)")
+  verb->add_option(
+          "-o,--output", request.folder,
+          "Session folder, folder for HDR photographs, one HDR photograph (.exr) or response curve (.toml)")
       ->required();
   CLI::Option* light = verb->add_option("--light", options->light,
                                         "Light maps: folder or quoted pattern of those that were shown");
   CLI::Option* sources =
       verb->add_option(
               "--light-sources", options->light_sources,
-              "Light sources of a dome or light stage, one per photograph: a .lp file (count, then "
-              "'name x y z' per line), a table whose first line names the columns file,x,y,z and "
-              "optionally r,g,b, or directions 'x y z' per line with filenames.txt and "
-              "light_intensities.txt in the same folder. Axes: x right, y up, z towards the camera. "
-              "Or 'ball': the highlights of a mirror ball in the photographs show the directions. The "
-              "light maps are lat_long")
+              "Light sources of a dome or light stage, one per photograph: a .lp file (count, then 'name x y "
+              "z' per line), a table whose first line names the columns file,x,y,z and optionally r,g,b, or "
+              "directions 'x y z' per line with filenames.txt and light_intensities.txt in the same folder. "
+              "Axes: x right, y up, z towards the camera. Or 'ball': the highlights of a mirror ball in the "
+              "photographs show the directions. The light maps are lat_long")
           ->excludes(light);
-  verb->add_option(
-          "--pair-by", options->pair_by,
-          "How brackets are paired with lights: by name, by order, or HDR photographs by time (default: "
-          "name with --names, otherwise order)")
+  verb->add_option("--pair-by", options->pair_by,
+                   "How brackets are paired with lights: by name, by order, or HDR photographs by time "
+                   "(default: name with --names, otherwise order)")
       ->check(CLI::IsMember({"name", "order", "time"}))
       ->needs(light);
-  verb->add_flag(
-      "--ambient-first", request.ambient_first,
-      "Use the first bracket as the ambient light, since 'refield acquire show' starts with black; "
-      "further black brackets are left out");
-  verb->add_option(
-          "--exposures", options->exposures,
-          "Exposure times of a photograph in seconds, separated by commas; in the order of the files' names "
-          "(default: from the metadata of the files)")
+  verb->add_flag("--ambient-first", request.ambient_first,
+                 "Use the first bracket as the ambient light, since 'refield acquire show' starts with "
+                 "black; further black brackets are left out");
+  verb->add_option("--exposures", options->exposures,
+                   "Exposure times of a photograph in seconds, separated by commas; in the order of the "
+                   "files' names (default: from the metadata of the files)")
       ->delimiter(',');
   add_bracket_camera(*verb, request.camera);
   add_mask_option(*verb, options->mask);
@@ -218,11 +245,10 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
   add_placement_option(*verb, options->placements, "For relighting by environment maps.")
       ->needs(light)
       ->group(lights);
-  verb->add_option(
-          "--object-at", options->object_at,
-          "Position of the object, X,Y,Z, in the axes and unit of --light-sources, whose vectors are "
-          "then positions of near light sources: light falls with the square of the distance "
-          "(default: the vectors are directions)")
+  verb->add_option("--object-at", options->object_at,
+                   "Position of the object, X,Y,Z, in the axes and unit of --light-sources, whose vectors "
+                   "are then positions of near light sources: light falls with the square of the distance "
+                   "(default: the vectors are directions)")
       ->delimiter(',')
       ->expected(3)
       ->needs(sources)
@@ -237,14 +263,14 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
                    "auto: estimated from the brightness of both series")
       ->capture_default_str()
       ->group(times);
-  verb->add_option("--drift", options->drift,
-                   "Drift of the scene camera's clock in parts per million; auto: estimated, requires "
-                   "--offset auto")
+  verb->add_option(
+          "--drift", options->drift,
+          "Drift of the scene camera's clock in parts per million; auto: estimated, requires --offset auto")
       ->capture_default_str()
       ->group(times);
   verb->add_option("--max-gap", options->max_gap,
-                   "Maximum time in seconds between a photograph and its light map (default: half the "
-                   "median interval of the light maps)")
+                   "Maximum time in seconds between a photograph and its light map (default: half the median "
+                   "interval of the light maps)")
       ->check(non_negative_number())
       ->group(times);
   verb->callback([options, &common, &action] {

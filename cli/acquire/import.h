@@ -34,9 +34,8 @@ struct ImportOptions {
 };
 
 /// What `refield acquire import` makes of photographs beside a session: HDR photographs paired with light
-/// maps by their times, one HDR photograph of all files, or the response curve of the camera.
+/// maps by their times, or the response curve of the camera.
 void match_by_time(const ImportOptions& options, const Common& common);
-void merge_one_view(const ImportOptions& options, const Common& common);
 void estimate_camera_response(const ImportOptions& options, const Common& common);
 
 }  // namespace refield::cli

@@ -221,12 +221,10 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       "Patterns are resampled from images of any size, or a starter set of 180 generated patterns. Each "
       "texel is the mean linear radiance over its area of the image. PNG and JPEG files are decoded from "
       "sRGB; 1 is white, higher values are clipped; of other aspect ratios the central part is used. The "
-      "starter set is always the same: 150 patterns for "
-      "training (train_…), designed for estimation (docs/method/patterns.md), and, held out (test_…), 12 "
-      "natural patterns, 3 in saturated colours, 8 bars, 6 squares and white. Beside these 180 it has each "
-      "primary of the monitor alone (primary_…) and white as a reference for drift, before, after and "
-      "between "
-      "them (reference, …_reference).\n"
+      "starter set is always the same: 150 patterns for training (train_…), designed for estimation "
+      "(docs/method/patterns.md), and, held out (test_…), 12 natural patterns, 3 in saturated colours, 8 "
+      "bars, 6 squares and white. Beside these 180 it has each primary of the monitor alone (primary_…) and "
+      "white as a reference for drift, before, after and between them (reference, …_reference).\n"
       "\n"
       "With --png, each pattern is also written as an 8-bit sRGB image for a monitor. The OpenEXR file then "
       "contains the linear radiance of these 8-bit levels: level L has the radiance sRGB⁻¹(L / 255).\n"
@@ -253,9 +251,9 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
           "Number of patterns of the starter set, held-out ones included; without primaries and references")
       ->check(CLI::Range(12, 5000))
       ->capture_default_str();
-  verb->add_option("--light-size", options->size,
-                   "Size of the light maps in texels (default for --starter and --spots: 160x90, for 16:9 "
-                   "monitors)")
+  verb->add_option(
+          "--light-size", options->size,
+          "Size of the light maps in texels (default for --starter and --spots: 160x90, for 16:9 monitors)")
       ->type_name("WIDTHxHEIGHT");
   verb->add_option("-o,--output", options->output, "Folder for the light maps (.exr)")->required();
   verb->add_option("--png", options->png, "Folder for the same patterns as 8-bit sRGB PNG files");

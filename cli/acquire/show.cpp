@@ -56,8 +56,7 @@ int display_of(const std::string& monitor) {
   char rest = '\0';
   if (std::sscanf(monitor.c_str(), "window:%d%c", &display, &rest) != 1 || display < 0)
     throw InputError("--monitor " + monitor +
-                     ": patterns are shown in a window; give window:0 for the first "
-                     "display of the desktop");
+                     ": patterns are shown in a window; give window:0 for the first display of the desktop");
   return display;
 }
 
@@ -220,9 +219,8 @@ void add_acquire_show(CLI::App& group, const Common& /*common*/, Action& action)
       "\n"
       "Keys in the window: Space or Right next, Left back, P pause, Esc stop. The display time of each "
       "pattern is logged in times.tsv next to the patterns, in local time; 'refield acquire import --pair-by "
-      "time' uses it "
-      "to pair photographs with patterns if the series has gaps. docs/guide/capture.md describes a manual "
-      "capture.\n"
+      "time' uses it to pair photographs with patterns if the series has gaps. docs/guide/capture.md "
+      "describes a manual capture.\n"
       "\n"
       "Examples:\n"
       "  refield acquire show patterns --every 5s\n"
