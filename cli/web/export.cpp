@@ -21,7 +21,6 @@
 #include <vector>
 
 #include "cli/report/page.h"
-#include "cli/web/packed_mesh.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json_text.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/web/packed_mesh.h"
+#include "cli/web/export.h"
 
 #include <tbb/parallel_for.h>
 
@@ -9,7 +9,6 @@
 #include <limits>
 #include <numeric>
 
-#include "cli/web/export.h"
 #include "core/base/errors.h"
 #include "core/field/mesh.h"
 #include "core/field/transfer_tiles.h"

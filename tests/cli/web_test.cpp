@@ -9,7 +9,6 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/web/export.h"
-#include "cli/web/packed_mesh.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/field_io/field_sampler.h"
