@@ -26,7 +26,6 @@ class ViewProgram : public testing::Test {
 #ifdef __SANITIZE_THREAD__
     GTEST_SKIP() << "SKIPPED: the software renderer's threads are not instrumented";
 #endif
-    ::setenv("XDG_STATE_HOME", path("state").c_str(), 1);
     screen_ = std::make_unique<VirtualScreen>(1280, 820);
     ASSERT_TRUE(screen_->is_up()) << "Xvfb does not start";
   }

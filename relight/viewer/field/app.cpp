@@ -54,7 +54,6 @@ void show_light(App& app, OpenedLight opened) {
     setup.set_map(std::move(opened.map));
   app.light_name = opened.file.filename().string();
   app.light_file = opened.file;
-  app.recent.add(opened.file);
   app.state->probe(std::nullopt);
   app.state->expose_light();
   app.state->expose_picture();
@@ -65,7 +64,6 @@ void show_opened(App& app, OpenedFile opened) {
   if (opened.state) {
     app.state = std::move(opened.state);
     app.field_file = opened.file;
-    app.recent.add(opened.file);
     app.light_name.clear();
     app.selected.reset();
     app.tells_share = false;
@@ -373,8 +371,6 @@ std::vector<Shortcut<App>> make_shortcuts() {
   };
 }
 
-using Verb = ScriptCommand::Verb;
-
 /// `"pixels": {…}`: those of the image that are shown.
 std::string pixels_text(const PixelGrid& grid) {
   const Box& region = grid.region;
@@ -403,20 +399,11 @@ void print_places(const App& app) {
 }
 
 void perform(App& app, const ScriptCommand& command) {
-  ViewState& state = *app.state;
-  switch (command.verb) {
-    case Verb::pan:
-      if (FreeView* view = state.view()) return view->move().pan(command.numbers[0], command.numbers[1]);
-      return app.picture.pan(command.numbers[0], command.numbers[1]);
-    case Verb::where:
-      return print_places(app);
-    case Verb::save:
-      return save_picture(app, command.text);
-    case Verb::save_light:
-      return save_light(app, command.text);
-    default:
-      return;  // mouse and keys
-  }
+  if (command.verb == "where") return print_places(app);
+  if (command.verb == "save") return save_picture(app, command.text);
+  if (command.verb == "save-light") return save_light(app, command.text);
+  if (FreeView* view = app.state->view()) return view->move().pan(command.numbers[0], command.numbers[1]);
+  app.picture.pan(command.numbers[0], command.numbers[1]);
 }
 
 }  // namespace
@@ -428,9 +415,8 @@ const std::vector<Shortcut<App>>& shortcuts() {
 
 ScriptStage field_stage(App& app) {
   return {.window_point =
-              [&app](ScriptCommand::Target target, double x, double y) {
-                const Canvas& canvas = target == ScriptCommand::Target::picture ? app.picture : app.light;
-                return canvas.window_from_image({x, y});
+              [&app](bool on_light, double x, double y) {
+                return (on_light ? app.light : app.picture).window_from_image({x, y});
               },
           .key = [](const std::string& name) { return key_named(keys_of(shortcuts()), name); },
           .perform = [&app](const ScriptCommand& command) { perform(app, command); },

@@ -55,7 +55,6 @@ struct App : WindowState {
   std::vector<MonitorPlacement> monitors;  ///< in place of those of fields; empty: theirs
   std::string light_name;                  ///< of the map behind the light sources; empty: none
   std::filesystem::path light_file;
-  RecentFiles recent{RecentFiles::list_from_environment()};
   std::unique_ptr<ViewState> state;
 
   std::unique_ptr<BackgroundJob<OpenedFile>> opening;  ///< the file that is being read

@@ -552,8 +552,7 @@ void draw_panels(App& app, const Textures& textures, const std::function<void()>
                       pointer_text(app.light, app.state->shown_light(), "texel"));
   draw_notice(app, picture);
   if (app.shows_help) draw_help(app, left, mouse_help, keys_of(shortcuts()));
-  draw_file_dialog(app, left, app.recent.files(),
-                   [&](const std::filesystem::path& file) { take_file(app, file); });
+  draw_file_dialog(app, left, [&](const std::filesystem::path& file) { take_file(app, file); });
 }
 
 }  // namespace refield

@@ -13,12 +13,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <utility>
 
 #include "core/base/errors.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "relight/viewer/gui/widgets.h"
 
@@ -350,13 +350,13 @@ class WindowLoop {
  public:
   WindowLoop(GlWindow& window, const std::optional<std::string>& script, const WindowContent& content)
       : content_(content), state_(content.state), window_(window) {
-    if (script) script_.emplace(*script);
+    if (script) script_.emplace(*script, state_, content_.stage, input_);
   }
 
   void run() {
     while (!window_.is_closed() && !state_.wants_to_close) {
       state_.run.throw_if_stopped();
-      const bool plays = script_ && script_->step(state_, content_.stage, input_);
+      const bool plays = script_ && script_->step();
       const bool is_busy =
           plays || content_.wants_frame() || frames_left_ > 0 || content_.is_moving() || !input_.is_empty();
       window_.collect(input_, is_busy ? 0.0 : idle_patience_s);
@@ -444,12 +444,11 @@ bool show_message_until(GlWindow& window, const std::string& message,
     window.collect(ignored, 0.0);
     ignored = {};
     window.begin_frame({});
-    char text[200];
-    std::snprintf(text, sizeof text, "%s … %.0f s", message.c_str(),
-                  milliseconds_between(start, Clock::now()) / 1000.0);
-    const ImVec2 size = ImGui::CalcTextSize(text), all = ImGui::GetIO().DisplaySize;
+    const std::string text =
+        message + formatted(" … %.0f s", milliseconds_between(start, Clock::now()) / 1000.0);
+    const ImVec2 size = ImGui::CalcTextSize(text.c_str()), all = ImGui::GetIO().DisplaySize;
     ImGui::GetBackgroundDrawList()->AddText(vector(0.5 * (all.x - size.x), 0.5 * (all.y - size.y)),
-                                            text_colour, text);
+                                            text_colour, text.c_str());
     window.end_frame(nullptr);
     if (is_done(frame)) return true;
   }

@@ -50,7 +50,18 @@ class InputQueue {
 
   /// Takes the events of one frame: all up to the first that comes after a press or release and would blur
   /// where or in what order that was. A click that began and ended between two frames so takes two.
-  std::vector<InputEvent> take_frame();
+  std::vector<InputEvent> take_frame() {
+    std::vector<InputEvent> frame;
+    bool had_button = false;
+    while (!events_.empty()) {
+      const bool is_button = std::holds_alternative<MouseButtonChanged>(events_.front());
+      if (had_button && (is_button || std::holds_alternative<MouseMoved>(events_.front()))) break;
+      had_button |= is_button;
+      frame.push_back(std::move(events_.front()));
+      events_.pop_front();
+    }
+    return frame;
+  }
 
  private:
   std::deque<InputEvent> events_;
@@ -85,8 +96,5 @@ template <class State>
 std::vector<ShortcutKey> keys_of(const std::vector<Shortcut<State>>& shortcuts) {
   return {shortcuts.begin(), shortcuts.end()};
 }
-
-/// The event of pressing a shortcut of that name. Throws InputError for a name that none has.
-KeyChanged key_named(const std::vector<ShortcutKey>& shortcuts, const std::string& name);
 
 }  // namespace refield

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdio>
 #include <ranges>
+#include <set>
 #include <string_view>
 
 #include "core/base/errors.h"
@@ -19,38 +20,34 @@ namespace refield {
 
 namespace {
 
-using Verb = ScriptCommand::Verb;
-using Target = ScriptCommand::Target;
-
-/// What follows a verb.
+/// A command as it is written; its name is the first word.
 struct Grammar {
-  std::string_view name;
-  Verb verb;
-  bool has_target;
-  int least_numbers, max_numbers;
-  bool has_text;
   std::string_view usage;
+  int min_numbers, max_numbers;
+  bool has_target = false, has_text = false;
+
+  std::string_view name() const { return usage.substr(0, usage.find(' ')); }
 };
 
-constexpr std::array<Grammar, 17> grammars = {{
-    {"load", Verb::load, false, 0, 0, true, "load FILE"},
-    {"pick", Verb::pick, false, 2, 2, false, "pick X Y"},
-    {"drag", Verb::drag, true, 4, 5, false, "drag image|light X Y X2 Y2 [FRAMES]"},
-    {"probe", Verb::probe, false, 2, 2, false, "probe X Y"},
-    {"scroll", Verb::scroll, true, 3, 3, false, "scroll image|light X Y STEPS"},
-    {"release", Verb::release, false, 0, 0, false, "release"},
-    {"press", Verb::press, false, 0, 0, true, "press LABEL"},
-    {"key", Verb::key, false, 0, 0, true, "key NAME"},
-    {"type", Verb::type, false, 0, 0, true, "type TEXT"},
-    {"pan", Verb::pan, false, 2, 2, false, "pan PIXELS_RIGHT PIXELS_DOWN"},
-    {"wait", Verb::wait, false, 1, 1, false, "wait FRAMES"},
-    {"fps", Verb::fps, false, 0, 0, false, "fps"},
-    {"where", Verb::where, false, 0, 0, false, "where"},
-    {"screenshot", Verb::screenshot, false, 0, 0, true, "screenshot FILE.png"},
-    {"save", Verb::save, false, 0, 0, true, "save FILE.exr|FILE.png"},
-    {"save-light", Verb::save_light, false, 0, 0, true, "save-light FILE.exr|FILE.png"},
-    {"quit", Verb::quit, false, 0, 0, false, "quit"},
-}};
+constexpr std::array grammars = {
+    Grammar{"load FILE", 0, 0, false, true},
+    Grammar{"pick X Y", 2, 2},
+    Grammar{"drag image|light X Y X2 Y2 [FRAMES]", 4, 5, true},
+    Grammar{"probe X Y", 2, 2},
+    Grammar{"scroll image|light X Y STEPS", 3, 3, true},
+    Grammar{"release", 0, 0},
+    Grammar{"press LABEL", 0, 0, false, true},
+    Grammar{"key NAME", 0, 0, false, true},
+    Grammar{"type TEXT", 0, 0, false, true},
+    Grammar{"pan PIXELS_RIGHT PIXELS_DOWN", 2, 2},
+    Grammar{"wait FRAMES", 1, 1},
+    Grammar{"fps", 0, 0},
+    Grammar{"where", 0, 0},
+    Grammar{"screenshot FILE.png", 0, 0, false, true},
+    Grammar{"save FILE.exr|FILE.png", 0, 0, false, true},
+    Grammar{"save-light FILE.exr|FILE.png", 0, 0, false, true},
+    Grammar{"quit", 0, 0},
+};
 
 constexpr std::string_view blanks = " \t\r";
 
@@ -74,13 +71,6 @@ double number(std::string_view word, const std::string& place) {
   return *value;
 }
 
-Target target_named(std::string_view word, const Grammar& grammar, const std::string& place) {
-  if (word == "image") return Target::picture;
-  if (word == "light") return Target::light;
-  throw InputError(place + "'" + std::string(word) + "' is neither image nor light; write " +
-                   std::string(grammar.usage));
-}
-
 const Grammar& grammar_of(std::string_view name, const std::string& place) {
   const auto found = std::ranges::find(grammars, name, &Grammar::name);
   if (found != grammars.end()) return *found;
@@ -90,12 +80,6 @@ const Grammar& grammar_of(std::string_view name, const std::string& place) {
 
 constexpr int settling_frames = 2;
 constexpr int usual_drag_frames = 30;
-
-/// The middle of a pixel or texel, in the window.
-MouseMoved over(const ScriptStage& stage, Target target, double x, double y) {
-  const Point p = stage.window_point(target, x + 0.5, y + 0.5);
-  return {p.x, p.y};
-}
 
 Point control_named(const WindowState& window, const std::string& name) {
   const auto found = window.controls.find(name);
@@ -113,15 +97,21 @@ std::optional<ScriptCommand> parse_script_line(const std::string& text, int line
   if (rest.empty() || rest.front() == '#') return std::nullopt;
   const std::string place = "script, line " + std::to_string(line) + ": ";
   const Grammar& grammar = grammar_of(take_word(rest), place);
-  ScriptCommand command{grammar.verb, ScriptCommand::Target::picture, {}, "", line};
-  if (grammar.has_target) command.target = target_named(take_word(rest), grammar, place);
+  ScriptCommand command{std::string(grammar.name()), grammar.name() == "probe", {}, "", line};
+  if (grammar.has_target) {
+    const std::string target(take_word(rest));
+    if (target != "image" && target != "light")
+      throw InputError(place + "'" + target + "' is neither image nor light; write " +
+                       std::string(grammar.usage));
+    command.on_light = target == "light";
+  }
   if (grammar.has_text) {
     command.text = rest;
     rest = {};
   }
   while (!rest.empty()) command.numbers.push_back(number(take_word(rest), place));
   const auto count = static_cast<int>(command.numbers.size());
-  if (count < grammar.least_numbers || count > grammar.max_numbers ||
+  if (count < grammar.min_numbers || count > grammar.max_numbers ||
       (grammar.has_text && command.text.empty()))
     throw InputError(place + "write " + std::string(grammar.usage));
   return command;
@@ -164,10 +154,18 @@ std::optional<ScriptCommand> ScriptSource::next() {
   return command;
 }
 
-void ScriptPlayer::add(const ScriptCommand& command, std::function<void(const Driven&)> run, bool waits) {
-  const auto told = [line = command.line, run = std::move(run)](const Driven& driven) {
+KeyChanged key_named(const std::vector<ShortcutKey>& shortcuts, const std::string& name) {
+  const auto found = std::ranges::find(shortcuts, name, &ShortcutKey::name);
+  if (found != shortcuts.end()) return {found->key, true, found->with_shift, false};
+  std::string known;
+  for (const ShortcutKey& shortcut : shortcuts) known.append(known.empty() ? "" : " ").append(shortcut.name);
+  throw InputError("no shortcut has the key '" + name + "'; there are " + known);
+}
+
+void ScriptPlayer::add(const ScriptCommand& command, std::function<void()> run, bool waits) {
+  const auto told = [line = command.line, run = std::move(run)] {
     try {
-      run(driven);
+      run();
     } catch (const InputError& error) {
       throw InputError("script, line " + std::to_string(line) + ": " + error.what());
     }
@@ -175,22 +173,31 @@ void ScriptPlayer::add(const ScriptCommand& command, std::function<void(const Dr
   steps_.push_back({told, waits});
 }
 
-void ScriptPlayer::plan_waiting(int frames) {
-  for (int i = 0; i < frames; ++i) steps_.push_back({[](const Driven&) {}});
+/// To the middle of a pixel or texel.
+void ScriptPlayer::add_move(const ScriptCommand& command, double x, double y) {
+  add(command, [=, this, on_light = command.on_light] {
+    const Point p = stage_.window_point(on_light, x + 0.5, y + 0.5);
+    input_.push(MouseMoved{p.x, p.y});
+  });
 }
 
-void ScriptPlayer::plan_click(const ScriptCommand& command, MouseButton button) {
-  const bool holds = command.verb == Verb::probe;
-  const Target target = holds ? Target::light : Target::picture;
-  add(command, [=, at = command.numbers](const Driven& driven) {
-    driven.input.push(over(driven.stage, target, at[0], at[1]));
-  });
-  plan_waiting(1);
-  add(command, [=](const Driven& driven) { driven.input.push(MouseButtonChanged{button, true}); });
-  plan_waiting(1);
-  if (!holds)
-    add(command, [=](const Driven& driven) { driven.input.push(MouseButtonChanged{button, false}); });
-  plan_waiting(settling_frames);
+void ScriptPlayer::add_button(const ScriptCommand& command, MouseButton button, bool is_down) {
+  add(command, [=, this] { input_.push(MouseButtonChanged{button, is_down}); });
+}
+
+void ScriptPlayer::add_waiting(int frames) {
+  for (int i = 0; i < frames; ++i) steps_.push_back({[] {}});
+}
+
+void ScriptPlayer::plan_click(const ScriptCommand& command) {
+  const bool holds = command.verb == "probe";
+  const MouseButton button = holds ? MouseButton::right : MouseButton::left;
+  add_move(command, command.numbers[0], command.numbers[1]);
+  add_waiting(1);
+  add_button(command, button, true);
+  add_waiting(1);
+  if (!holds) add_button(command, button, false);
+  add_waiting(settling_frames);
 }
 
 void ScriptPlayer::plan_drag(const ScriptCommand& command) {
@@ -198,123 +205,92 @@ void ScriptPlayer::plan_drag(const ScriptCommand& command) {
   const int frames = at.size() > 4 ? static_cast<int>(at[4]) : usual_drag_frames;
   if (frames < 1)
     throw InputError("script, line " + std::to_string(command.line) + ": a drag takes 1 frame or more");
-  const auto go_to = [&](double x, double y) {
-    add(command, [=, target = command.target](const Driven& driven) {
-      driven.input.push(over(driven.stage, target, x, y));
-    });
-  };
-  const auto hold = [&](bool is_down) {
-    add(command, [=](const Driven& driven) {
-      driven.input.push(MouseButtonChanged{MouseButton::left, is_down});
-    });
-  };
-  go_to(at[0], at[1]);
-  plan_waiting(1);
-  hold(true);
+  add_move(command, at[0], at[1]);
+  add_waiting(1);
+  add_button(command, MouseButton::left, true);
   for (int i = 1; i <= frames; ++i) {
     const double t = static_cast<double>(i) / frames;
-    go_to(at[0] + t * (at[2] - at[0]), at[1] + t * (at[3] - at[1]));
+    add_move(command, at[0] + t * (at[2] - at[0]), at[1] + t * (at[3] - at[1]));
   }
-  hold(false);
-  plan_waiting(settling_frames);
-}
-
-void ScriptPlayer::plan_output(const ScriptCommand& command) {
-  plan_waiting(1);
-  const auto run = [this, command](const Driven& driven) {
-    if (command.verb == Verb::fps) {
-      std::printf("%s\n", text_of(frame_statistics(frames_)).c_str());
-      std::fflush(stdout);
-      frames_.clear();
-    } else if (command.verb == Verb::screenshot) {
-      screenshot_ = command.text;
-    } else if (command.verb == Verb::quit) {
-      driven.window.wants_to_close = true;
-    } else {
-      driven.stage.perform(command);
-    }
-  };
-  add(command, run, command.verb != Verb::quit);
+  add_button(command, MouseButton::left, false);
+  add_waiting(settling_frames);
 }
 
 void ScriptPlayer::plan_press(const ScriptCommand& command) {
-  add(command, [=](const Driven& driven) {
-    const Point p = control_named(driven.window, command.text);
-    driven.input.push(MouseMoved{p.x, p.y});
+  add(command, [=, this] {
+    const Point p = control_named(window_, command.text);
+    input_.push(MouseMoved{p.x, p.y});
   });
-  plan_waiting(1);
-  add(command, [](const Driven& driven) {
-    driven.input.push(MouseButtonChanged{MouseButton::left, true});
-    driven.input.push(MouseButtonChanged{MouseButton::left, false});
+  add_waiting(1);
+  add(command, [this] {
+    input_.push(MouseButtonChanged{MouseButton::left, true});
+    input_.push(MouseButtonChanged{MouseButton::left, false});
   });
-  plan_waiting(settling_frames + 1);
+  add_waiting(settling_frames + 1);
 }
 
-void ScriptPlayer::plan_input(const ScriptCommand& command) {
-  add(command, [=](const Driven& driven) {
-    InputQueue& input = driven.input;
-    if (command.verb == Verb::load) input.push(FilesDropped{{command.text}});
-    if (command.verb == Verb::scroll) {
-      input.push(over(driven.stage, command.target, command.numbers[0], command.numbers[1]));
-      input.push(MouseScrolled{0.0, command.numbers[2]});
-    }
-    if (command.verb == Verb::key) {
-      KeyChanged key = driven.stage.key(command.text);
-      input.push(key);
-      key.is_down = false;
-      input.push(key);
-    }
-    if (command.verb == Verb::type)
-      for (const char c : command.text) input.push(CharacterTyped{static_cast<unsigned char>(c)});
-    if (command.verb == Verb::release)
-      for (const auto button : {MouseButton::left, MouseButton::right, MouseButton::middle})
-        input.push(MouseButtonChanged{button, false});
-  });
-  plan_waiting(command.verb == Verb::release ? settling_frames + 2 : settling_frames);
-}
-
-void ScriptPlayer::plan(const ScriptCommand& command) {
-  switch (command.verb) {
-    case Verb::load:
-    case Verb::scroll:
-    case Verb::release:
-    case Verb::key:
-    case Verb::type:
-      return plan_input(command);
-    case Verb::pick:
-      return plan_click(command, MouseButton::left);
-    case Verb::probe:
-      return plan_click(command, MouseButton::right);
-    case Verb::drag:
-      return plan_drag(command);
-    case Verb::press:
-      return plan_press(command);
-    case Verb::wait:
-      return plan_waiting(static_cast<int>(command.numbers[0]));
-    case Verb::fps:
-    case Verb::where:
-    case Verb::screenshot:
-    case Verb::save:
-    case Verb::save_light:
-    case Verb::quit:
-      return plan_output(command);
-    case Verb::pan:
-      add(command, [=](const Driven& driven) { driven.stage.perform(command); });
-      return plan_waiting(settling_frames);
+void ScriptPlayer::put_out(const ScriptCommand& command) {
+  if (command.verb == "fps") {
+    std::printf("%s\n", text_of(frame_statistics(frames_)).c_str());
+    std::fflush(stdout);
+    frames_.clear();
+  } else if (command.verb == "screenshot") {
+    screenshot_ = command.text;
+  } else if (command.verb == "quit") {
+    window_.wants_to_close = true;
+  } else {
+    stage_.perform(command);
   }
 }
 
-bool ScriptPlayer::step(WindowState& window, const ScriptStage& stage, InputQueue& input) {
-  if (stage.is_opening()) return true;
+void ScriptPlayer::push_events(const ScriptCommand& command) {
+  if (command.verb == "load") input_.push(FilesDropped{{command.text}});
+  if (command.verb == "scroll") {
+    const Point p = stage_.window_point(command.on_light, command.numbers[0] + 0.5, command.numbers[1] + 0.5);
+    input_.push(MouseMoved{p.x, p.y});
+    input_.push(MouseScrolled{0.0, command.numbers[2]});
+  }
+  if (command.verb == "key") {
+    KeyChanged key = stage_.key(command.text);
+    input_.push(key);
+    key.is_down = false;
+    input_.push(key);
+  }
+  if (command.verb == "type")
+    for (const char c : command.text) input_.push(CharacterTyped{static_cast<unsigned char>(c)});
+  if (command.verb == "release")
+    for (const auto button : {MouseButton::left, MouseButton::right, MouseButton::middle})
+      input_.push(MouseButtonChanged{button, false});
+  if (command.verb == "pan") stage_.perform(command);
+}
+
+void ScriptPlayer::plan(const ScriptCommand& command) {
+  static const std::set<std::string_view> outputs = {"fps",  "where",      "screenshot",
+                                                     "save", "save-light", "quit"};
+  if (command.verb == "pick" || command.verb == "probe") return plan_click(command);
+  if (command.verb == "drag") return plan_drag(command);
+  if (command.verb == "press") return plan_press(command);
+  if (command.verb == "wait") return add_waiting(static_cast<int>(command.numbers[0]));
+  if (outputs.contains(command.verb)) {
+    add_waiting(1);
+    return add(
+        command, [=, this] { put_out(command); }, command.verb != "quit");
+  }
+  add(command, [=, this] { push_events(command); });
+  add_waiting(command.verb == "release" ? settling_frames + 2 : settling_frames);
+}
+
+bool ScriptPlayer::step() {
+  if (stage_.is_opening()) return true;
   while (steps_.empty()) {
     const auto command = source_.next();
     if (!command) return false;
     plan(*command);
   }
-  if (steps_.front().waits && !stage.is_current()) return true;
+  if (steps_.front().waits && !stage_.is_current()) return true;
   const Step next = std::move(steps_.front());
   steps_.pop_front();
-  next.run({window, stage, input});
+  next.run();
   return true;
 }
 

@@ -16,29 +16,8 @@ namespace refield {
 
 /// One line of a script that drives the viewer; docs/guide/viewer.md describes the language.
 struct ScriptCommand {
-  enum class Verb {
-    load,    ///< text: file
-    pick,    ///< numbers: x y
-    drag,    ///< target, numbers: x y x2 y2 frames
-    probe,   ///< numbers: x y
-    scroll,  ///< target, numbers: x y steps
-    release,
-    press,  ///< text: a control's label
-    key,    ///< text: its name
-    type,   ///< text: ASCII, into the text field that has the focus
-    pan,    ///< numbers: pixels to the right, down
-    wait,   ///< numbers: frames
-    fps,
-    where,
-    screenshot,  ///< text: file
-    save,        ///< text: file
-    save_light,  ///< text: file
-    quit
-  };
-  enum class Target { picture, light };
-
-  Verb verb = Verb::wait;
-  Target target = Target::picture;
+  std::string verb;
+  bool on_light = false;  ///< positions are texels of the light map, else pixels of the image
   std::vector<double> numbers;
   std::string text;
   int line = 0;
@@ -68,10 +47,14 @@ class ScriptSource {
   std::deque<ScriptCommand> commands_;
 };
 
+/// The event of pressing a shortcut of that name. Throws InputError for a name that none has.
+KeyChanged key_named(const std::vector<ShortcutKey>& shortcuts, const std::string& name);
+
 /// What a script needs of what the window shows.
 struct ScriptStage {
-  /// A position of a picture, in the window. Throws InputError for a picture that is not there.
-  std::function<Point(ScriptCommand::Target, double x, double y)> window_point;
+  /// A position in the image or in the light map, in the window. Throws InputError where there is no light
+  /// map.
+  std::function<Point(bool on_light, double x, double y)> window_point;
   /// The event of pressing a key. Throws InputError for a name that no shortcut has.
   std::function<KeyChanged(const std::string&)> key;
   /// Does what is neither mouse nor key. Throws InputError for what is not to be had there.
@@ -85,11 +68,13 @@ struct ScriptStage {
 /// Plays a script, a step a frame: mouse and keys as events that a user could have made, the rest by calls.
 class ScriptPlayer {
  public:
-  explicit ScriptPlayer(const std::string& path) : source_(path) {}
+  /// All but `path` must outlive it.
+  ScriptPlayer(const std::string& path, WindowState& window, const ScriptStage& stage, InputQueue& input)
+      : source_(path), window_(window), stage_(stage), input_(input) {}
 
   /// Called before each frame. False when nothing is left to do for now. Throws InputError, which names the
   /// line, for what cannot be done.
-  bool step(WindowState& window, const ScriptStage& stage, InputQueue& input);
+  bool step();
 
   /// Called after each frame, for the statistics.
   void note_frame(const FrameTime& frame) { frames_.push_back(frame); }
@@ -97,28 +82,28 @@ class ScriptPlayer {
   std::filesystem::path take_screenshot() { return std::exchange(screenshot_, {}); }
 
  private:
-  struct Driven {
-    WindowState& window;
-    const ScriptStage& stage;
-    InputQueue& input;
-  };
   struct Step {
-    std::function<void(const Driven&)> run;
+    std::function<void()> run;
     bool waits = false;  ///< for the picture
   };
   void plan(const ScriptCommand& command);
   /// `run` as the next frame's step, its errors with the command's line.
-  void add(const ScriptCommand& command, std::function<void(const Driven&)> run, bool waits = false);
-  void plan_click(const ScriptCommand& command, MouseButton button);
+  void add(const ScriptCommand& command, std::function<void()> run, bool waits = false);
+  void add_move(const ScriptCommand& command, double x, double y);
+  void add_button(const ScriptCommand& command, MouseButton button, bool is_down);
+  /// Frames in which panels settle.
+  void add_waiting(int frames);
+  void plan_click(const ScriptCommand& command);
   void plan_drag(const ScriptCommand& command);
   void plan_press(const ScriptCommand& command);
   /// What takes events of one frame alone.
-  void plan_input(const ScriptCommand& command);
-  void plan_output(const ScriptCommand& command);
-  /// Frames in which panels settle.
-  void plan_waiting(int frames);
+  void push_events(const ScriptCommand& command);
+  void put_out(const ScriptCommand& command);
 
   ScriptSource source_;
+  WindowState& window_;
+  const ScriptStage& stage_;
+  InputQueue& input_;
   std::deque<Step> steps_;
   std::vector<FrameTime> frames_;
   std::filesystem::path screenshot_;

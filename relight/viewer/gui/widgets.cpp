@@ -187,8 +187,6 @@ std::size_t help_line(const ShortcutKey& key, bool begins_group) {
   return begins_group ? 2 : 1;
 }
 
-constexpr std::size_t shown_recent = 5;
-
 /// A line that can be clicked, and found by scripts under its text.
 bool line(WindowState& window, const std::string& text, const std::string& id) {
   const bool is_clicked = ImGui::Selectable((text + "##" + id).c_str());
@@ -207,17 +205,6 @@ std::optional<fs::path> follow(FileDialog& dialog, const fs::path& path) {
 std::optional<fs::path> typed_path(FileDialog& dialog) {
   const fs::path typed = dialog.typed.data();
   return typed.empty() ? std::nullopt : follow(dialog, dialog.folder / typed);  // absolute ones stay
-}
-
-std::optional<fs::path> draw_recent(WindowState& window, FileDialog& dialog,
-                                    std::span<const fs::path> recent) {
-  std::optional<fs::path> chosen;
-  if (recent.empty()) return chosen;
-  ImGui::TextDisabled("Recent files");
-  for (std::size_t i = 0; i < std::min(recent.size(), shown_recent); ++i)
-    if (line(window, recent[i].string(), "recent")) chosen = follow(dialog, recent[i]);
-  ImGui::Separator();
-  return chosen;
 }
 
 std::optional<fs::path> draw_folder(WindowState& window, FileDialog& dialog, double height) {
@@ -321,7 +308,7 @@ void draw_help(WindowState& window, const Area& area, const char* mouse,
   ImGui::End();
 }
 
-void draw_file_dialog(WindowState& window, const Area& area, std::span<const fs::path> recent,
+void draw_file_dialog(WindowState& window, const Area& area,
                       const std::function<void(const fs::path&)>& take) {
   if (!window.dialog) return;
   FileDialog& dialog = *window.dialog;
@@ -343,8 +330,6 @@ void draw_file_dialog(WindowState& window, const Area& area, std::span<const fs:
   if (ImGui::InputTextWithHint("##path", "Name or path, then Enter", dialog.typed.data(), dialog.typed.size(),
                                ImGuiInputTextFlags_EnterReturnsTrue | ImGuiInputTextFlags_AutoSelectAll))
     chosen = typed_path(dialog);
-  if (opens)
-    if (const auto old = draw_recent(window, dialog, recent)) chosen = old;
   const auto in_folder = draw_folder(window, dialog, std::clamp(area.height - 360.0, 90.0, 260.0));
   if (opens && in_folder) chosen = in_folder;  // a click opens; saving over a file takes one more
   if (button(window, opens ? "Open file" : "Save file")) chosen = typed_path(dialog);

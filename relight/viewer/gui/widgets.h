@@ -5,7 +5,6 @@
 
 #include <filesystem>
 #include <functional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -86,8 +85,7 @@ std::string pointer_text(const Canvas& canvas, const Image& image, const char* w
                          const std::optional<PixelGrid>& grid = std::nullopt);
 
 /// Draws the window's dialog, where it has one, over an area, and calls `take` with the file that was chosen.
-/// `recent`: files that are offered first when one is opened.
-void draw_file_dialog(WindowState& window, const Area& area, std::span<const std::filesystem::path> recent,
+void draw_file_dialog(WindowState& window, const Area& area,
                       const std::function<void(const std::filesystem::path&)>& take);
 
 }  // namespace refield

@@ -30,8 +30,6 @@ namespace refield {
 
 namespace {
 
-using Verb = ScriptCommand::Verb;
-
 /// What the left button holds: a thing by one of its points, or the camera.
 struct HeldThing {
   std::optional<std::size_t> thing;
@@ -178,16 +176,10 @@ void print_scene_places(const SceneApp& app) {
 }
 
 void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
-  switch (command.verb) {
-    case Verb::pan:
-      return app.state.view().move().pan(command.numbers[0], command.numbers[1]);
-    case Verb::where:
-      return print_scene_places(app);
-    case Verb::save:
-      return save_scene_picture(app, command.text);
-    default:
-      throw InputError("this command requires a field, but a dynamic scene is shown");
-  }
+  if (command.verb == "where") return print_scene_places(app);
+  if (command.verb == "save") return save_scene_picture(app, command.text);
+  if (command.verb == "pan") return app.state.view().move().pan(command.numbers[0], command.numbers[1]);
+  throw InputError("this command requires a field, but a dynamic scene is shown");
 }
 
 const std::vector<Shortcut<SceneApp>>& scene_shortcuts() {
@@ -198,8 +190,8 @@ const std::vector<Shortcut<SceneApp>>& scene_shortcuts() {
 /// What scripts can do; `app` must outlive it.
 ScriptStage scene_stage(SceneApp& app) {
   return {.window_point =
-              [&app](ScriptCommand::Target target, double x, double y) {
-                if (target != ScriptCommand::Target::picture)
+              [&app](bool on_light, double x, double y) {
+                if (on_light)
                   throw InputError("a dynamic scene has no light map; give positions in the image");
                 return app.picture.window_from_image({x, y});
               },
@@ -394,7 +386,7 @@ void draw_scene_panels(SceneApp& app, const Texture& picture) {
                   pointer_text(app.picture, app.state.radiance(), "pixel"));
   draw_notice(app, picture_area);
   if (app.shows_help) draw_help(app, left, scene_mouse_help, keys_of(scene_shortcuts()));
-  draw_file_dialog(app, left, {}, [&](const std::filesystem::path& file) { save_to(app, file); });
+  draw_file_dialog(app, left, [&](const std::filesystem::path& file) { save_to(app, file); });
 }
 
 FrameTime draw_scene(SceneApp& app, Texture& picture) {
