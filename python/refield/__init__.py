@@ -36,7 +36,7 @@ from ._refield import DeviceError, Error, FormatError, InputError, SolverError
 
 __all__ = [
     "estimate", "Field", "Relighter", "Kernel", "Session", "Frame", "compare", "Comparison", "ImageError", "evaluate",
-    "Evaluation", "simulate", "precompute", "hdr_merge", "environment", "read_image", "write_exr", "dynamic",
+    "Evaluation", "simulate", "precompute", "hdr_merge", "environment", "read_image", "write_exr", "show", "dynamic",
     "Error", "InputError", "FormatError", "DeviceError", "SolverError",
 ]
 __version__: str = _refield.version
@@ -78,6 +78,66 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
         The path has another ending, the array another shape or type; the file cannot be written.
     """
     _refield.write_exr(_arguments.path(path), _arguments.floats(image, "image"))
+
+
+def show(pictures: Any, titles: Union[str, Sequence[str]] = (), exposure: Optional[float] = None, columns: int = 4) -> Any:
+    """Draw pictures beside one another as a screen shows them; needs Matplotlib.
+
+    Parameters
+    ----------
+    pictures : array [H, W, 3] or [H, W], or a list of them
+        Scene-linear RGB, sRGB-encoded for display. An array [H, W], such as `Field.predicted_error`, is drawn in false
+        colour with a scale, whose upper end is its 99th percentile.
+    titles : str or sequence of str, optional
+        Text above each picture.
+    exposure : float, optional
+        Factor applied to the radiance; what exceeds 1 is clipped. None: each picture has its own, which maps the 99th
+        percentile of its brightest channel to white, as in PNG files of `refield relight`. Give one to compare pictures.
+    columns : int
+        Maximum number of pictures in a row.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook displays it as the result of a cell; ``savefig`` writes it.
+
+    Raises
+    ------
+    InputError
+        A picture has another shape; there are more titles than pictures.
+    """
+    from matplotlib import pyplot
+
+    factor = None if exposure is None else _arguments.number(exposure, "exposure")
+    single = not isinstance(pictures, (list, tuple)) and np.ndim(pictures) < 4
+    shown = [_arguments.floats(picture, "pictures") for picture in ([pictures] if single else pictures)]
+    texts = _arguments.texts(titles, "titles")
+    for picture in shown:
+        if not (picture.ndim == 2 or picture.ndim == 3 and picture.shape[2] == 3) or picture.size == 0:
+            raise InputError(f"pictures: has the shape {'×'.join(map(str, picture.shape))}; give height×width×3 or height×width")
+    if not shown or len(texts) > len(shown):
+        raise InputError(f"titles: {len(texts)} for {len(shown)} pictures; give one for each")
+    if _arguments.whole(columns, "columns") < 1:
+        _arguments.refuse("columns", columns, "1 or more")
+    columns = min(columns, len(shown))
+    rows = -(-len(shown) // columns)
+    width = min(5.0, 12.0 / columns)
+    height = width * max(picture.shape[0] / picture.shape[1] for picture in shown) + (0.3 if texts else 0.05)
+    figure = pyplot.figure(figsize=(width * columns, height * rows), layout="constrained")
+    for place, picture in enumerate(shown):
+        axes = figure.add_subplot(rows, columns, place + 1)
+        axes.set_axis_off()
+        axes.set_title(texts[place] if place < len(texts) else "", fontsize=10)
+        brightest = picture if picture.ndim == 2 else picture.max(axis=2)
+        lit = brightest[np.isfinite(brightest) & (brightest > 0)]
+        white = float(np.quantile(lit, 0.99, method="higher")) if lit.size else 1.0
+        if picture.ndim == 2:
+            figure.colorbar(axes.imshow(picture, vmin=0.0, vmax=white), ax=axes, fraction=0.04)
+            continue
+        linear = np.clip(np.nan_to_num(picture) * (1.0 / white if factor is None else factor), 0.0, 1.0)
+        axes.imshow(np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055))
+    pyplot.close(figure)  # shown where it is returned to, once
+    return figure
 
 
 class Kernel(NamedTuple):

@@ -282,6 +282,10 @@ WRONG_CALLS = {
     "sh_order is 3.5": lambda a: refield.precompute("mesh.obj", "sh", sh_order=3.5),
     "exposures is inf": lambda a: refield.hdr_merge(a.observed[:2], [1.0, np.inf]),
     "omit it$": lambda a: refield.hdr_merge(a.observed[:2], [1.0, 2.0], response="srgb"),
+    "pictures: has the shape 8×18×24×3": lambda a: refield.show([a.observed[:8]]),
+    "titles: 2 for 1 pictures": lambda a: refield.show(a.observed[0], ["a", "b"]),
+    "columns is 0": lambda a: refield.show(a.observed[0], columns=0),
+    "exposure is 'auto'": lambda a: refield.show(a.observed[0], exposure="auto"),
     "session is array": lambda a: refield.evaluate(a.observed, {"a": "paper"}),
     "an object with fit and predict": lambda a: refield.evaluate(a.session, {"a": object()}),
 }
@@ -440,6 +444,25 @@ def test_dynamic_scene(program, tmp_path):
     assert not np.array_equal(*images)
     with pytest.raises(refield.InputError, match="time"):
         scene.frame(-1.0)
+
+
+def test_pictures_are_shown_as_relight_writes_them(program, field, tmp_path):
+    light = random_lights(field, 1)[0]
+    refield.write_exr(tmp_path / "light.exr", light)
+    image = field.relight(light)
+    field.save(tmp_path / "field.rfield")
+    run(program, "relight", tmp_path / "field.rfield", "--light", tmp_path / "light.exr", "--exposure", 0.7, "-o", tmp_path / "by.png")
+    drawn = [axes.images[0].get_array() for axes in refield.show([image, image], exposure=0.7).axes]
+    written = refield.show(refield.read_image(tmp_path / "by.png"), exposure=1.0).axes[0].images[0].get_array()
+    assert np.abs(drawn[0] - written).max() <= 0.6 / 255  # PNG has 256 levels
+    assert np.array_equal(*drawn)
+    # The 99th percentile becomes white, whatever the units.
+    own = [refield.show(factor * image).axes[0].images[0].get_array() for factor in (1.0, 1000.0)]
+    assert np.allclose(*own, atol=1e-5) and 0 < np.mean(own[0].max(axis=2) > 0.9999) <= 0.02
+    figure = refield.show([image, field.predicted_error, image], "relit", columns=2)
+    assert [axes.get_title() for axes in figure.axes if axes.get_title()] == ["relit"]
+    assert figure.axes[1].images[0].get_clim()[0] == 0.0
+    refield.show(np.zeros((4, 5, 3))).savefig(tmp_path / "black.png")
 
 
 def test_evaluate(session, tmp_path):
