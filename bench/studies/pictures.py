@@ -5,11 +5,13 @@
     bench/studies/pictures.py fields OUT --env MAP     # traces, estimates, relights: 1 hour on 2 cores at 1024x768
     bench/studies/pictures.py film OUT film.webp       # joins the frames; needs ffmpeg
     bench/studies/pictures.py crops OUT crops.jpg      # mirror, glass and shadow, enlarged
+    bench/studies/pictures.py grain OUT --size 96x72   # error of the traced picture against one with 16 times the samples
 
 `fields` traces the scene without grain (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
 it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
 from which `crops` shows the traced picture, the paper's method, the default mode and the differences of both. The film's map is
-sunset.exr of Debian's package blender-data (CC0). Needs numpy and the Python module of OpenImageIO.
+sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with 17 seeds and compares the first with the mean of
+the others: in total, and what remains of the difference after subtraction of its mean over 5×5 pixels, which is the grain. Needs numpy and the Python module of OpenImageIO.
 """
 import argparse
 import pathlib
@@ -91,16 +93,50 @@ def crops(arguments):
     buffer.write(str(arguments.picture))
 
 
+def box_mean(pixels, radius=2):
+    """Mean over a square of pixels, smaller at the border."""
+    rows, columns = pixels.shape[:2]
+    sums = numpy.pad(pixels.cumsum(0).cumsum(1), ((1, 0), (1, 0), (0, 0)))
+    y0, y1 = numpy.clip([numpy.arange(rows) - radius, numpy.arange(rows) + radius + 1], 0, rows)
+    x0, x1 = numpy.clip([numpy.arange(columns) - radius, numpy.arange(columns) + radius + 1], 0, columns)
+    total = sums[y1][:, x1] - sums[y0][:, x1] - sums[y1][:, x0] + sums[y0][:, x0]
+    return total / ((y1 - y0)[:, None] * (x1 - x0)[None, :])[..., None]
+
+
+def grain(arguments):
+    lights, pictures = {}, {}
+    for seed in range(17):
+        truth = arguments.out / f"seed-{seed}"
+        subprocess.run([arguments.program, "--quiet", "simulate", RECIPE, "--size", arguments.size, "--quality", str(arguments.quality),
+                        "--seed", str(2004 + seed), "--train", "1", "--test", "1,1,0", "--transport", "always", "--force", "-o", truth],
+                       check=True)
+        lights = lights or {kind: truth / frame["illumination"] for kind, frame in held_out(truth).items() if kind != "black"}
+        for kind, light in lights.items():
+            picture = truth / f"{kind}.exr"
+            subprocess.run([arguments.program, "--quiet", "relight", truth / "transport.rfield", "--light", light, "--force", "-o", picture],
+                           check=True)
+            pictures.setdefault(kind, []).append(read_image(picture).astype(float))
+    for kind, (first, *others) in pictures.items():
+        reference = numpy.mean(others, axis=0)
+        difference = first - reference
+        rough = difference - box_mean(difference)
+        level = numpy.sqrt((reference ** 2).mean(axis=2))
+        whole, median = ([numpy.sqrt((error ** 2).mean() / (reference ** 2).mean()) for error in (difference, rough)],
+                         [numpy.median(numpy.sqrt((error ** 2).mean(axis=2)) / numpy.maximum(level, 1e-9)) for error in (difference, rough)])
+        print(f"{kind:9} whole picture {whole[0]:.4f}, of it grain {whole[1]:.4f}; median pixel {median[0]:.4f}, of it grain {median[1]:.4f}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("fields", "film", "crops"))
+    parser.add_argument("step", choices=("fields", "film", "crops", "grain"))
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("picture", type=pathlib.Path, nargs="?", help="of film and crops")
     parser.add_argument("--env", default="/usr/share/blender/datafiles/studiolights/world/sunset.exr")
     parser.add_argument("--size", default="1024x768")
+    parser.add_argument("--quality", type=int, default=3, help="of tracing, of grain")
     parser.add_argument("--program", default="build/release/cli/refield")
     arguments = parser.parse_args()
-    {"fields": fields, "film": film, "crops": crops}[arguments.step](arguments)
+    {"fields": fields, "film": film, "crops": crops, "grain": grain}[arguments.step](arguments)
 
 
 if __name__ == "__main__":
