@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the film and the comparison of the README from the tabletop scene.
+"""Makes the film and the comparison of the README from the tabletop scene, and the documents' screenshots.
 
     bench/studies/pictures.py fields OUT --env MAP     # traces, estimates, relights: 1 hour on 2 cores at 1024x768
     bench/studies/pictures.py film OUT film.webp       # joins the frames; needs ffmpeg
     bench/studies/pictures.py crops OUT crops.jpg      # mirror, glass and shadow, enlarged
-    bench/studies/pictures.py grain OUT --size 96x72   # error of the traced picture against one with 16 times the samples
+    bench/studies/pictures.py grain OUT --size 64x48   # error of the traced picture against one with 16 times the samples
+    bench/studies/pictures.py screens OUT docs/images --mesh MESH.rfield --env MAP   # the viewer, in Xvfb
 
 `fields` traces the scene without grain (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
 it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
@@ -14,6 +15,7 @@ sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with
 the others: in total, and what remains of the difference after subtraction of its mean over 5×5 pixels, which is the grain. Needs numpy and the Python module of OpenImageIO.
 """
 import argparse
+import os
 import pathlib
 import re
 import subprocess
@@ -72,7 +74,7 @@ def display(pixels, exposure):
 
 
 def crops(arguments):
-    out, rows = arguments.out, []
+    out, columns = arguments.out, []
     frames = held_out(out / "truth")
     for x, y, kind in CROPS.values():
         reference = read_image(out / "truth" / frames[kind]["observed"])
@@ -84,10 +86,10 @@ def crops(arguments):
         exposure = 0.9 / numpy.percentile(reference[window].max(axis=2), 98)
         pictures = [reference, *relit, *(4 * numpy.abs(picture - reference) for picture in relit)]
         tiles = [numpy.kron(display(picture[window], exposure), numpy.ones((2, 2, 1))) for picture in pictures]
-        gap = numpy.ones((tiles[0].shape[0], 8, 3))
-        rows.append(numpy.hstack([part for tile in tiles for part in (tile, gap)][:-1]))
-    gap = numpy.ones((8, rows[0].shape[1], 3))
-    sheet = numpy.vstack([part for row in rows for part in (row, gap)][:-1])
+        gap = numpy.ones((8, tiles[0].shape[1], 3))
+        columns.append(numpy.vstack([part for tile in tiles for part in (tile, gap)][:-1]))
+    gap = numpy.ones((columns[0].shape[0], 8, 3))
+    sheet = numpy.hstack([part for column in columns for part in (column, gap)][:-1])
     buffer = oiio.ImageBuf(oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8))
     buffer.set_pixels(oiio.ROI(), numpy.ascontiguousarray(sheet, numpy.float32))
     buffer.write(str(arguments.picture))
@@ -108,7 +110,7 @@ def grain(arguments):
     for seed in range(17):
         truth = arguments.out / f"seed-{seed}"
         subprocess.run([arguments.program, "--quiet", "simulate", RECIPE, "--size", arguments.size, "--quality", str(arguments.quality),
-                        "--seed", str(2004 + seed), "--train", "1", "--test", "1,1,0", "--transport", "always", "--force", "-o", truth],
+                        "--seed", str(2004 + seed), "--light-size", "64x48", "--train", "1", "--test", "1,1,0", "--transport", "always", "--force", "-o", truth],
                        check=True)
         lights = lights or {kind: truth / frame["illumination"] for kind, frame in held_out(truth).items() if kind != "black"}
         for kind, light in lights.items():
@@ -126,17 +128,48 @@ def grain(arguments):
         print(f"{kind:9} whole picture {whole[0]:.4f}, of it grain {whole[1]:.4f}; median pixel {median[0]:.4f}, of it grain {median[1]:.4f}")
 
 
+# Picture -> file and commands (docs/guide/viewer.md#scripts); positions are of a field of 320×240 pixels, light 128×96.
+ROOM = RECIPE.parents[1] / "dynamic/room.toml"
+LIGHTS = ["key B", "drag light 64 48 72 48 2"]
+SCREENS = {
+    "lights": ("refined.rfield", [*LIGHTS, "press Auto-expose"]),
+    "kernels": ("refined.rfield", [*LIGHTS, "press Auto-expose", "pick 118 112"]),
+    "probe": ("refined.rfield", ["where", "probe 50 70"]),
+    "error": ("refined.rfield", [*LIGHTS, "key 3"]),
+    "help": ("refined.rfield", [*LIGHTS, "press Auto-expose", "key F1"]),
+    "mesh": ("mesh", ["where", "press Auto-expose", "pick 460 420"]),
+    "scene": (ROOM, ["where", "drag image 366 588 470 596", "key ,"]),
+}
+
+
+def screens(arguments):
+    for name, (file, commands) in SCREENS.items():
+        path = {"mesh": arguments.mesh, ROOM: ROOM}.get(file, arguments.out / str(file))
+        if path is None:
+            continue
+        script, picture = arguments.out / f"{name}.txt", arguments.out / f"{name}.png"
+        size = "1440x900" if path == ROOM else "1280x860"
+        script.write_text("\n".join([*commands, "wait 20", f"screenshot {picture}", "quit", ""]))
+        light = ["--light", arguments.env] if file == "mesh" else []
+        subprocess.run(["xvfb-run", "-a", "-s", "-screen 0 1600x1000x24", arguments.program, "view", path, *light, "--script", script,
+                        "--size", size], check=True, env={**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"})
+        buffer = oiio.ImageBuf(str(picture))
+        buffer.specmod().attribute("compression", "jpeg:90")
+        buffer.write(str(arguments.picture / f"viewer-{name}.jpg"))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("fields", "film", "crops", "grain"))
+    parser.add_argument("step", choices=("fields", "film", "crops", "grain", "screens"))
     parser.add_argument("out", type=pathlib.Path)
-    parser.add_argument("picture", type=pathlib.Path, nargs="?", help="of film and crops")
+    parser.add_argument("picture", type=pathlib.Path, nargs="?", help="of film and crops; folder of screens")
+    parser.add_argument("--mesh", type=pathlib.Path, help="field of a mesh, for screens")
     parser.add_argument("--env", default="/usr/share/blender/datafiles/studiolights/world/sunset.exr")
     parser.add_argument("--size", default="1024x768")
     parser.add_argument("--quality", type=int, default=3, help="of tracing, of grain")
     parser.add_argument("--program", default="build/release/cli/refield")
     arguments = parser.parse_args()
-    {"fields": fields, "film": film, "crops": crops, "grain": grain}[arguments.step](arguments)
+    {"fields": fields, "film": film, "crops": crops, "grain": grain, "screens": screens}[arguments.step](arguments)
 
 
 if __name__ == "__main__":

@@ -25,37 +25,57 @@ import yaml
 
 root = pathlib.Path(__file__).resolve().parents[2]
 
-# The gallery: (title, text, commands that make it, picture or film). The commands are run as the page shows them.
+# The gallery: (title, text, commands that make it, picture, film or page). The commands of what lies in gallery/ are run as the
+# page shows them; those of other pictures need files that the reader fetches, or made what docs/images has.
 GALLERY = [
     ("Live: relight a captured scene",
      "Drag on the light map to move the light; click a pixel of the scene to see which light reaches it. This is the folder "
      "that [`refield export-web`](guide/web.md) writes, embedded in this page ([full window](gallery/page/index.html)).",
-     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --size 112x84 --light-size 64x48 "
+     ["refield simulate datasets_synthetic/tabletop/recipe.toml -o truth --size 240x180 --light-size 64x48 "
       "--train 90 --quality 3",
       "refield estimate truth -o table-top.rfield", "refield export-web table-top.rfield -o page"],
      "gallery/page/index.html"),
     ("The report on its error",
      "One file with held-out photographs, predictions, charts and the kernels of single pixels: "
      "[open the report](gallery/report.html), [how to read it](guide/report.md).",
-     ["refield compare scene.rfield truth --truth truth -o report.html"], None),
-    ("A day", "The scene from sunrise to sunset, lit through the window of the monitor.",
-     ["refield relight scene.rfield --day --latitude 65 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
+     ["refield compare table-top.rfield truth --truth truth -o report.html"], None),
+    ("A light stage: real photographs",
+     "96 photographs of a statuette, one light source each (DiLiGenT), become a field that any environment lights "
+     "([import](guide/import.md#domes-and-light-stages)). The photographs are not free to copy, so there is no picture here.",
+     ["git clone https://github.com/BelabdiMalak/Photometric_3D_Reconstruction cat",
+      "refield acquire import cat/data --light-sources cat/data/light_directions.txt --mask cat/data/mask.png -o cat-session",
+      "refield estimate cat-session -o cat.rfield",
+      "refield relight cat.rfield --env sunset.exr --rotate --frames 120 -o cat.mp4"], None),
+    ("A bar, a panorama", "A field of 1024×768 pixels from 180 simulated photographs: a sliding bar, a turning panorama.",
+     ["bench/studies/pictures.py fields OUT --env sunset.exr", "bench/studies/pictures.py film OUT film.webp"], "images/film.webp"),
+    ("Held-out light, enlarged",
+     "A mirror, a glass and a shadow: traced, the method of the paper, refield, and four times the differences of both.",
+     ["bench/studies/pictures.py crops OUT crops.jpg"], "images/crops.jpg"),
+    ("A scanned mesh in its environment",
+     "The bunny of the Stanford 3D Scanning Repository, from Debian's package libcgal-demo, under a panorama of blender-data (CC0).",
+     ["apt-get download libcgal-demo blender-data",
+      "for package in *.deb; do dpkg -x $package .; done",
+      "tar xzf usr/share/doc/libcgal-dev/data.tar.gz --strip-components=2 data/meshes/bunny00.off",
+      "cp usr/share/blender/datafiles/studiolights/world/sunset.exr docs/examples/bunny.toml .",
+      "refield precompute bunny.toml --resolution 256 -o bunny.rfield",
+      "refield relight bunny.rfield --env sunset.exr --yaw 60 --show-environment --size 1024x768 -o bunny.png"], "images/bunny.jpg"),
+    ("Moving objects and lights", "Objects, area lights and the camera move; the materials are glossy.",
+     ["refield render datasets_synthetic/dynamic/room.toml -o room.mp4"], "images/dynamic-room.mp4"),
+    ("A day", "The scene lit by the sky beside the sun, through the window of the monitor.",
+     ["refield relight table-top.rfield --day --latitude 50 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
     ("A bar of light", "The experiment of the paper: a white bar moves over the monitor.",
-     ["refield relight scene.rfield --bar 0.125 --frames 60 --fps 15 -o bar.mp4"], "gallery/bar.mp4"),
+     ["refield relight table-top.rfield --bar 0.125 --frames 60 --fps 15 -o bar.mp4"], "gallery/bar.mp4"),
     ("Precomputed transport", "Meshes with soft and hard shadows and interreflection, from a moving camera during a day.",
      ["refield precompute datasets_synthetic/prt/small.toml -o small.rfield",
-      "refield relight small.rfield --day --yaw 30 --turntable --frames 60 --fps 15 --size 400x300 -o turntable.mp4"],
+      "refield relight small.rfield --day --yaw 30 --turntable --frames 60 --fps 15 --size 640x480 -o turntable.mp4"],
      "gallery/turntable.mp4"),
-    ("Moving objects and lights", "Objects, area lights and the camera move; the materials are glossy.",
-     [], "images/dynamic-room.mp4"),
-    ("Viewer: the kernels of a pixel", "A click on a pixel shows the light that contributes to it. [Viewer](guide/viewer.md)", [],
-     "images/viewer-kernels.png"),
-    ("Viewer: a dynamic scene", "Objects and lights follow the mouse. [Dynamic scenes](guide/dynamic-scenes.md)", [],
-     "images/viewer-scene.png"),
-    ("Environments", "One captured scene in several environments. [Relighting](guide/relighting.md)", [], "images/environments.png"),
-    ("Held-out light, enlarged",
-     "A mirror, a glass and a shadow: traced, the method of the paper, refield, and four times the differences of both.", [],
-     "images/crops.jpg"),
+    ("Environments", "One captured scene in several environments. [Relighting](guide/relighting.md)", [], "images/environments.jpg"),
+    ("Viewer: the kernels of a pixel", "A click on a pixel shows the light that contributes to it. [Viewer](guide/viewer.md)",
+     ["refield view table-top.rfield"], "images/viewer-kernels.jpg"),
+    ("Viewer: a mesh under a panorama", "The camera orbits; a click shows the kernels of a vertex.",
+     ["refield view bunny.rfield --light sunset.exr"], "images/viewer-mesh.jpg"),
+    ("Viewer: a moving scene", "Objects and lights follow the mouse. [Dynamic scenes](guide/dynamic-scenes.md)",
+     ["refield view datasets_synthetic/dynamic/room.toml"], "images/viewer-scene.jpg"),
 ]
 
 
@@ -141,7 +161,8 @@ class Sources:
 
 def make_gallery(program, folder):
     """Runs the commands unless they, and the program, are those that made what is there."""
-    commands = [command for entry in GALLERY for command in entry[2]]
+    made_here = [entry for entry in GALLERY if (entry[3] or "gallery/").startswith("gallery/") and "git clone" not in entry[2][0]]
+    commands = [command for entry in made_here for command in entry[2]]
     stamp = "\n".join([*commands, str(program.stat().st_mtime_ns)])
     made = folder / "made"
     if made.exists() and made.read_text() == stamp:
@@ -168,7 +189,7 @@ def gallery_page():
         if lines[-1] != "</figure>":
             lines += ["## Pictures and films", "", '<div class="gallery" markdown>']
         name = pathlib.PurePosixPath(shown)
-        wide = ' class="wide"' if name.name == "crops.jpg" else ""
+        wide = ' class="wide"' if name.name in ("film.webp", "crops.jpg") else ""
         lines += [f'<figure markdown="1"{wide}>', ""]
         if name.suffix == ".mp4":
             lines += [f'<video src="{shown}#t=1.7" aria-label="{title}" controls loop muted playsinline preload="metadata"></video>', ""]
@@ -434,7 +455,7 @@ def main():
         name = document.relative_to(root / "docs").as_posix()
         if document.suffix == ".md" and name != "README.md":
             sources.add(document, name)
-        elif document.suffix in (".png", ".svg", ".mp4"):
+        elif document.suffix in (".png", ".jpg", ".webp", ".svg", ".mp4"):
             (sources.folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(document, sources.folder / name)
     for name, page in (("README.md", "index.md"), ("CONTRIBUTING.md", "contributing.md"), ("CHANGELOG.md", "changelog.md")):
