@@ -6,7 +6,7 @@
     bench/studies/pictures.py film OUT film.webp       # joins the frames; needs ffmpeg
     bench/studies/pictures.py crops OUT crops.jpg      # mirror, glass and shadow, enlarged
     bench/studies/pictures.py grain OUT --size 64x48   # error of the traced picture against one with 16 times the samples
-    bench/studies/pictures.py screens OUT docs/images --mesh MESH.rfield --env MAP   # the viewer, in Xvfb
+    bench/studies/pictures.py screens OUT docs/images --mesh MESH.rfield --env MAP   # viewer and web page, in Xvfb and Chromium
 
 `fields` traces the scene without grain (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
 it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
@@ -19,6 +19,8 @@ import os
 import pathlib
 import re
 import subprocess
+import sys
+import tempfile
 
 import numpy
 import OpenImageIO as oiio
@@ -142,6 +144,12 @@ SCREENS = {
 }
 
 
+def write_jpeg(picture, path):
+    buffer = oiio.ImageBuf(str(picture))
+    buffer.specmod().attribute("compression", "jpeg:90")
+    buffer.write(str(path))
+
+
 def screens(arguments):
     for name, (file, commands) in SCREENS.items():
         path = {"mesh": arguments.mesh, ROOM: ROOM}.get(file, arguments.out / str(file))
@@ -153,9 +161,29 @@ def screens(arguments):
         light = ["--light", arguments.env] if file == "mesh" else []
         subprocess.run(["xvfb-run", "-a", "-s", "-screen 0 1600x1000x24", arguments.program, "view", path, *light, "--script", script,
                         "--size", size], check=True, env={**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"})
-        buffer = oiio.ImageBuf(str(picture))
-        buffer.specmod().attribute("compression", "jpeg:90")
-        buffer.write(str(arguments.picture / f"viewer-{name}.jpg"))
+        write_jpeg(picture, arguments.picture / f"viewer-{name}.jpg")
+    page, field = arguments.out / "page", arguments.out / "table-top.rfield"  # its name is the heading of the page
+    field.unlink(missing_ok=True)
+    field.symlink_to("refined.rfield")
+    subprocess.run([arguments.program, "export-web", field, "--env", arguments.env, "--force", "-o", page],
+                   check=True)
+    sys.path.insert(0, str(RECIPE.parents[2] / "tests/cli"))
+    from webdriver import Browser
+    with tempfile.TemporaryDirectory() as folder:
+        browser = Browser(folder, ["--allow-file-access-from-files"])
+        try:
+            browser.command("POST", "/window/rect", {"width": 1280, "height": 960})
+            browser.command("POST", "/url", {"url": (page / "index.html").resolve().as_uri()})
+            browser.wait_until("typeof viewer !== 'undefined' && viewer !== null && viewer.atRest()")
+            by_map = "const m = document.getElementById('maps'); m.value = '0'; m.dispatchEvent(new Event('change'));"
+            for name, act in (("map", lambda: browser.run(by_map)), ("pixel", lambda: browser.drag("#scene", [(0.2125, 0.594)]))):
+                act()
+                browser.wait_until("viewer.atRest()")
+                browser.screenshot(arguments.out / f"{name}.png")
+                write_jpeg(arguments.out / f"{name}.png", arguments.picture / f"web-{name}.jpg")
+                browser.click("input[value=bar]")
+        finally:
+            browser.close()
 
 
 def main():
