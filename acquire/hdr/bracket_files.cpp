@@ -6,13 +6,16 @@
 #endif
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <numeric>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -62,6 +65,45 @@ void check_raw(int code, const fs::path& path, const std::string& what) {
                                 "); develop it to a linear 16-bit TIFF");
 }
 
+/// Tags of a DNG that LibRaw reduces to less.
+struct DngTags {
+  /// Black level of each column, each row of the picture above the common one (BlackLevelDeltaH, V).
+  std::array<std::vector<double>, 2> black_deltas;
+  std::string colours;  ///< of the mosaic (CFAPattern, CFAPlaneColor), where any is not red, green or blue
+};
+
+/// Called by LibRaw for each tag; `stream` is at its values.
+void note_tag(void* context, int tag, int type, int count, unsigned order, void* stream, INT64) {
+  constexpr int cfa_pattern = 33422, cfa_plane_colour = 50710, delta_h = 50715, delta_v = 50716;
+  constexpr int max_count = 65536, srational = 10;
+  DngTags& tags = *static_cast<DngTags*>(context);
+  auto& file = *static_cast<LibRaw_abstract_datastream*>(stream);
+  const auto read = [&](std::size_t bytes) {
+    std::vector<unsigned char> data(bytes);
+    if (file.read(data.data(), 1, bytes) != static_cast<int>(bytes)) data.clear();
+    return data;
+  };
+  const int number = tag & 0xffff;
+  if ((tag & 0xf0000) != 0 || count <= 0 || count > max_count) return;  // of EXIF or a maker
+  if (number == cfa_pattern || number == cfa_plane_colour) {
+    std::string letters;
+    for (const unsigned char code : read(static_cast<std::size_t>(count)))
+      letters += std::string_view("RGBCMYW?")[std::min<std::size_t>(code, 7)];
+    if (letters.find_first_not_of("RGB") != std::string::npos) tags.colours = letters;
+  } else if ((number == delta_h || number == delta_v) && type == srational) {
+    const auto data = read(std::size_t{8} * static_cast<std::size_t>(count));
+    const auto integer = [&](std::size_t first) {
+      std::uint32_t value = 0;
+      for (std::size_t i = 0; i < 4; ++i) value = value << 8 | data[first + (order == 0x4949 ? 3 - i : i)];
+      return static_cast<double>(static_cast<std::int32_t>(value));
+    };
+    auto& deltas = tags.black_deltas[number == delta_v];
+    deltas.clear();
+    for (std::size_t i = 0; i + 8 <= data.size(); i += 8)
+      deltas.push_back(integer(i + 4) != 0.0 ? integer(i) / integer(i + 4) : 0.0);
+  }
+}
+
 /// Black level of a sample of colour `c`: one level for all, one for each of four colours, and a repeating
 /// pattern of rows × columns.
 unsigned black_of_raw(const libraw_colordata_t& colour, std::size_t y, std::size_t x, std::size_t c) {
@@ -73,14 +115,29 @@ unsigned black_of_raw(const libraw_colordata_t& colour, std::size_t y, std::size
 
 /// Levels after each sample is lowered to the lowest of the black levels, which lowers saturation, too.
 /// Throws FormatError where none is left.
-RawLevels level_black(LibRaw& raw, RawFrame& frame, const fs::path& path) {
+RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const fs::path& path) {
   const libraw_colordata_t& colour = raw.imgdata.color;
   const std::size_t channels = frame.samples.size() / (static_cast<std::size_t>(frame.width) * frame.height);
   const bool has_colours = raw.imgdata.idata.filters != 0;
+  const auto& [of_columns, of_rows] = tags.black_deltas;
+  for (const auto& [deltas, length] :
+       {std::pair(&of_columns, frame.width), std::pair(&of_rows, frame.height)})
+    if (!deltas->empty() && std::ssize(*deltas) != length)
+      throw FormatError(path, "states black levels (BlackLevelDelta) of " + std::to_string(deltas->size()) +
+                                  " rows or columns, of which it has " + std::to_string(length) +
+                                  "; develop it to a linear 16-bit TIFF");
+  // LibRaw adds the mean of each.
+  const auto mean_of = [](const std::vector<double>& deltas) {
+    return deltas.empty() ? 0.0 : std::reduce(deltas.begin(), deltas.end()) / std::ssize(deltas);
+  };
+  const double mean = mean_of(of_columns) + mean_of(of_rows);
   const auto black_at = [&](std::size_t i) {
     const std::size_t pixel = i / channels, y = pixel / frame.width, x = pixel % frame.width;
     const int site = has_colours ? raw.COLOR(static_cast<int>(y), static_cast<int>(x)) : 0;
-    return black_of_raw(colour, y, x, channels > 1 ? i % channels : static_cast<std::size_t>(site));
+    const double black =
+        black_of_raw(colour, y, x, channels > 1 ? i % channels : static_cast<std::size_t>(site));
+    const double delta = (of_columns.empty() ? 0.0 : of_columns[x]) + (of_rows.empty() ? 0.0 : of_rows[y]);
+    return static_cast<unsigned>(std::max(0L, std::lround(black - mean + delta)));
   };
   unsigned lowest = black_at(0), highest = lowest;
   for (std::size_t i = 1; i < frame.samples.size(); ++i) {
@@ -99,8 +156,10 @@ RawLevels level_black(LibRaw& raw, RawFrame& frame, const fs::path& path) {
 
 /// Layout of one sample per pixel. `filters` is LibRaw's: 0 none, 9 X-Trans, else two bits per site of eight
 /// rows and two columns.
-PixelLayout layout_of_raw(LibRaw& raw, std::optional<PixelLayout> given, const fs::path& path) {
+PixelLayout layout_of_raw(LibRaw& raw, const DngTags& tags, std::optional<PixelLayout> given,
+                          const fs::path& path) {
   const libraw_iparams_t& camera = raw.imgdata.idata;
+  if (!tags.colours.empty()) return raw_layout(tags.colours, path);  // LibRaw calls them RGB
   if (camera.filters == LIBRAW_XTRANS) return raw_layout("X-Trans", path);
   if (camera.filters == 0) return given.value_or(PixelLayout::grey);
   if ((camera.filters & 0xff) * 0x01010101u != camera.filters || raw.is_fuji_rotated())
@@ -112,15 +171,17 @@ PixelLayout layout_of_raw(LibRaw& raw, std::optional<PixelLayout> given, const f
   return raw_layout(pattern, path);
 }
 
-std::unique_ptr<LibRaw> open_raw(const fs::path& path) {
+std::unique_ptr<LibRaw> open_raw(const fs::path& path, DngTags* tags = nullptr) {
   auto raw = std::make_unique<LibRaw>();  // some hundred kilobytes
+  if (tags) raw->set_exifparser_handler(note_tag, tags);
   check_raw(raw->open_file(path.c_str()), path, "read as a camera's RAW");
   return raw;
 }
 
 /// Samples in the order of the sensor. LibRaw turns pictures when it develops them, not when it unpacks them.
 BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given) {
-  const auto raw = open_raw(path);
+  DngTags tags;
+  const auto raw = open_raw(path, &tags);
   const auto positive = [](float value) {
     return value > 0.0f && std::isfinite(value) ? std::optional<double>(value) : std::nullopt;
   };
@@ -152,7 +213,7 @@ BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given
     throw FormatError(path, "has a picture larger than its sensor; the file is damaged");
   file.frame.width = size.width;
   file.frame.height = size.height;
-  file.frame.layout = !data.raw_image ? PixelLayout::rgb : layout_of_raw(*raw, given, path);
+  file.frame.layout = !data.raw_image ? PixelLayout::rgb : layout_of_raw(*raw, tags, given, path);
   const std::size_t stored = data.raw_image      ? 1
                              : data.color3_image ? 3
                                                  : 4,
@@ -167,7 +228,7 @@ BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given
     for (std::size_t x = 0; x < size.width; ++x)
       file.frame.samples.insert(file.frame.samples.end(), row + x * stored, row + x * stored + kept);
   }
-  file.raw_levels = level_black(*raw, file.frame, path);
+  file.raw_levels = level_black(*raw, tags, file.frame, path);
   return file;
 }
 #else

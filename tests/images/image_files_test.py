@@ -74,6 +74,21 @@ def raw_cases():
         yield case(f"RAW {layout}, black level per site", {"a.dng": dng(raised, BAYER[layout], black=blacks, tags={50713: (3, [2, 2])})},
                    truth, where=sites(layout, light.shape[:2]))
     raised = (sensor + np.subtract(blacks[:3], corpus.BLACK)).astype(np.uint16)
+    columns, rows = np.arange(64) % 7 * 9 + 3, np.arange(48) % 5 * 11
+    fractions = lambda v: (10, np.stack([4 * v, np.full(len(v), 4)], -1).ravel())
+    uneven = (sensor + columns[None, :, None] + rows[:, None, None]).astype(np.uint16)
+    deltas = {50715: fractions(columns), 50716: fractions(rows)}
+    for name, stored, where in (("RAW", corpus.mosaic(uneven, "rggb"), sites("rggb", light.shape[:2])), ("LinearRaw", uneven, None)):
+        for order, tags in itertools.product("<>", (deltas, {50715: fractions(columns)})):
+            shown = stored if len(tags) == 2 else (stored - (rows[:, None] if stored.ndim == 2 else rows[:, None, None])).astype(np.uint16)
+            yield case(f"{name}, {len(tags)} of BlackLevelDelta, order {order}", {"a.dng": dng(shown, order=order, tags=tags)}, truth, where=where)
+    yield case("RAW, BlackLevelDelta of other columns", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50715: fractions(columns[:50])})},
+               refused="BlackLevelDelta.*50 rows or columns.*64")
+    for name, pattern, planes in (("CMY", (3, 4, 4, 5), (3, 4, 5)), ("GMCY", (1, 4, 3, 5), (1, 4, 3, 5)), ("RGBW", (0, 1, 6, 2), (0, 1, 2, 6)),
+                                  ("RGB, planes of CMY", (0, 1, 1, 2), (3, 4, 5))):
+        for options in ((), ("--layout", "bayer_rggb")):
+            yield case(f"RAW of {name} {' '.join(options)}", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), pattern, tags={50710: (1, planes)})},
+                       refused="has the colour filter '[CMYRGBW]+'", options=options)
     yield case("LinearRaw, black level per channel", {"a.dng": dng(raised, black=blacks[:3])}, truth)
     dark = {f"{t}.dng": dng(corpus.mosaic(np.round(black + light * t * 1500).astype(np.uint16), "rggb"), black=black)
             for t, black in ((1, 256), (2, 400))}
