@@ -213,6 +213,40 @@ void prepare_for_library(Json& gltf, const fs::path& path) {
     for (Json& node : gltf["nodes"]) node.erase("skin");
 }
 
+const std::set<std::string>& supported_extensions() {
+  static const std::set<std::string> names = {"KHR_draco_mesh_compression", "KHR_texture_transform",
+                                              "KHR_materials_unlit", "KHR_lights_punctual"};
+  return names;
+}
+
+/// As messages name it: the file may say anything.
+std::string extension_name(const std::string& name) {
+  const bool plain = name.size() < 64 &&
+                     std::ranges::all_of(name, [](unsigned char c) { return std::isalnum(c) || c == '_'; });
+  return plain ? name : "of an odd name";
+}
+
+/// Extensions in any part, whether or not the file declares them.
+void find_extensions(const Json& part, std::set<std::string>& names) {
+  for (const auto& [key, value] : part.items()) {
+    if (part.is_object() && key == "extensions" && value.is_object())
+      for (const auto& extension : value.items()) names.insert(extension.key());
+    if (value.is_structured()) find_extensions(value, names);
+  }
+}
+
+/// Names what the file uses without requiring it, and is not read.
+std::string unread_extensions(const Json& gltf) {
+  std::set<std::string> names, unread;
+  find_extensions(gltf, names);
+  for (const std::string& name : gltf.value("extensionsUsed", std::vector<std::string>{})) names.insert(name);
+  for (const std::string& name : names)
+    if (!supported_extensions().contains(name)) unread.insert(extension_name(name));
+  std::string list;
+  for (const std::string& name : unread) list += (list.empty() ? "" : ", ") + name;
+  return list.empty() ? "" : "glTF extensions are ignored, which may change the look: " + list + "\n";
+}
+
 void require_supported(const Gltf& file) {
   const Json& gltf = file.json;
   const std::string version = child(gltf, "asset").value("version", "");
@@ -222,15 +256,10 @@ void require_supported(const Gltf& file) {
   if (file.binary && !buffers.empty() && buffers.at(0).contains("uri"))
     throw MeshFault(
         "its first buffer is another file, which GLB files are not read with; export it as .gltf");
-  static const std::set<std::string> supported = {"KHR_draco_mesh_compression", "KHR_texture_transform",
-                                                  "KHR_materials_unlit", "KHR_lights_punctual"};
-  for (const std::string& name : gltf.value("extensionsRequired", std::vector<std::string>{})) {
-    if (supported.contains(name)) continue;
-    const bool plain = name.size() < 64 &&
-                       std::ranges::all_of(name, [](unsigned char c) { return std::isalnum(c) || c == '_'; });
-    throw MeshFault("it requires the glTF extension " + (plain ? name : "of an odd name") +
-                    ", which is not supported; export the mesh without it");
-  }
+  for (const std::string& name : gltf.value("extensionsRequired", std::vector<std::string>{}))
+    if (!supported_extensions().contains(name))
+      throw MeshFault("it requires the glTF extension " + extension_name(name) +
+                      ", which is not supported; export the mesh without it");
 }
 
 std::uint64_t triangles_of(const Json& gltf, const Json& primitive) {
@@ -269,8 +298,6 @@ std::uint64_t triangles_below(const Json& gltf, const Json& nodes, std::set<std:
       notes += "morph targets are ignored\n";
     if (node.contains("skin"))
       notes += "skins are ignored: the mesh is shown as it is stored, in its node's place\n";
-    if (child(node, "extensions").contains("EXT_mesh_gpu_instancing"))
-      notes += "instances of its nodes (EXT_mesh_gpu_instancing) are ignored\n";
   }
   return triangles;
 }
@@ -393,6 +420,7 @@ ImportedMesh read_gltf(const std::string& bytes, const fs::path& path) {
   Gltf gltf = parse_gltf(bytes, mesh_format_of(path) == "glb");
   require_supported(gltf);
   ImportedMesh mesh;
+  mesh.notes = unread_extensions(gltf.json);
   const Json& scenes = child(gltf.json, "scenes");
   if (scenes.empty()) throw MeshFault("it has no scene, so that nothing is shown; export it with one");
   const Json& roots = child(scenes.at(gltf.json.value("scene", std::size_t{0})), "nodes");
