@@ -13,6 +13,7 @@
 #include "core/field/light_error.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
+#include "core/session/journal.h"
 
 namespace refield {
 
@@ -153,9 +154,9 @@ std::string training_warning(const std::vector<HeldOutError>& errors) {
            "them, the errors are training errors";
   if (trained == 0) return "";
   return "warning: " + std::to_string(trained) + " of the " + std::to_string(images) +
-         " photographs have the names of images that the field was estimated from. If they are these images, "
-         "the "
-         "errors are training errors; estimate with --hold-out 10 to measure errors on new images";
+         " photographs have the names or light maps of images that the field was estimated from. If they are "
+         "these images, the errors are training errors; estimate with --hold-out 10 to measure errors on new "
+         "images";
 }
 
 std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const CaptureSession& session,
@@ -180,7 +181,14 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
 
   const bool predicts = !field.quality.predicted_error.empty();
   const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
-  const std::set<std::string> trained = names_in(provenance, "frames");
+  const std::set<std::string> trained = names_in(provenance, "frames"),
+                              lights = names_in(provenance, "lights");
+  const auto is_trained = [&](CaptureFrame frame) {
+    frame.correction.reset();
+    return trained.contains(frame.name) ||
+           (!lights.empty() && lights.contains(digest_of(
+                                   read_illumination(frame, session.light.parameterisation, run).radiance)));
+  };
   const bool is_exact = provenance.is_object() && provenance.contains("program");  // simulated, not estimated
   if (truth) noise_scale = 0.0;
   std::vector<std::string> kinds;
@@ -190,6 +198,7 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   Progress progress(run, "comparing held-out frames", frames.size());
   for (const std::string& kind : kinds) {  // one after the other: sums take 40 bytes per pixel
     KindSums sums{SeriesError(mask)};
+    std::size_t trained_on = 0;
     for (const CaptureFrame& frame : frames) {
       if (frame.kind != kind) continue;
       run.throw_if_stopped();
@@ -205,13 +214,12 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
         sums.own.resize(own.size());
         std::ranges::transform(sums.own, own, sums.own.begin(), std::plus<>());
       }
+      trained_on += is_trained(frame);
       progress.advance();
     }
-    std::optional<std::size_t> trained_on;
-    if (!trained.empty() || is_exact)
-      trained_on = std::ranges::count_if(
-          sums.per_image, [&](const HeldOutImage& image) { return trained.contains(image.name); });
-    errors.push_back(error_of(sums.error, sums.per_image, kind, trained_on));
+    const bool is_known = !trained.empty() || !lights.empty() || is_exact;
+    errors.push_back(
+        error_of(sums.error, sums.per_image, kind, is_known ? std::optional(trained_on) : std::nullopt));
     if (predicts) errors.back().prediction = check_prediction(field, sums, mask, noise_scale);
   }
   return errors;

@@ -283,6 +283,9 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
   // Numbers of arrays name no photographs that a field could be compared with.
   for (const CaptureFrame& frame : job.frames)
     if (!frame.views) provenance["frames"].push_back(frame.name);
+  for (const CaptureFrame& frame : job.frames)
+    if (const auto found = job.light_digests.find(frame.name); found != job.light_digests.end())
+      provenance["lights"].push_back(found->second);
   for (const std::string& name : job.held_out) provenance["held_out"].push_back(name);
   if (job.drift.significant)
     provenance["drift_removed"] = {{"reference_frames", job.references.size()},

@@ -791,7 +791,8 @@ class Comparison(NamedTuple):
     percentile_90: float
     tone_mapped_psnr_db: float
     per_image: list[ImageError]
-    #: Of these images, those that the field was estimated from, so that their errors are training errors; None: not known.
+    #: Of these images, those that the field was estimated from, by names and light maps, so that their errors are
+    #: training errors; None: not known.
     trained_on: Optional[int] = None
 
 

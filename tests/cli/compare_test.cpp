@@ -8,6 +8,7 @@
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
+#include "core/session/journal.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
@@ -161,6 +162,17 @@ TEST_F(ComparePairs, OnlyThoseThatTheFieldWasNotEstimatedFrom) {
   EXPECT_EQ(warning_.find("warning"), std::string::npos);
   EXPECT_EQ(compare(R"({"frames": ["a", "b", "1"]})")["images"], pairs);
   EXPECT_NE(warning_.find("1 of the 6 photographs"), std::string::npos) << warning_;
+}
+
+TEST_F(ComparePairs, LightMapsOfTrainingImagesAreRecognisedUnderOtherNames) {
+  const std::string digest = digest_of(read_image(folder_ / "light/2.exr"));
+  const std::string provenance = R"({"frames": ["a"], "lights": [")" + digest + R"("]})";
+  EXPECT_EQ(compare(provenance)["trained_on"], 1);
+  EXPECT_NE(warning_.find("1 of the 6 photographs"), std::string::npos) << warning_;
+  Image other = read_image(folder_ / "light/2.exr");
+  other.values[5] += 0.01f;
+  write_exr(folder_ / "light/2.exr", other);
+  EXPECT_EQ(compare(provenance)["trained_on"], 0);
 }
 
 TEST_F(ComparePairs, NamesWhatIsMissing) {

@@ -197,7 +197,7 @@ def test_session_and_comparison(program, session, field, tmp_path):
         assert errors.relative_rmse == pytest.approx(by_command[errors.kind]["relative_rmse"], rel=1e-12)
         assert len(errors.per_image) == errors.images
     frame = session.test[0]
-    assert all(errors.trained_on is None for errors in refield.compare(field, session))  # estimated from arrays
+    assert all(errors.trained_on == 0 for errors in refield.compare(field, session))  # estimated from arrays
     from_files = refield.estimate(session, mode="fast", predict_errors=False)
     assert all(errors.trained_on == 0 for errors in refield.compare(from_files, session))
     alone = refield.compare(field.relight(frame.light()), frame.observed())[0]
@@ -205,6 +205,7 @@ def test_session_and_comparison(program, session, field, tmp_path):
     assert alone.relative_rmse == pytest.approx(in_series[0].relative_rmse)
     split = refield.Session.pairs(f"{session.folder}/illumination/train_*.exr", f"{session.folder}/observed/train_*.exr").held_out(10)
     assert (len(split.train), len(split.test)) == (36, 4)
+    assert refield.compare(field, split)[0].trained_on == 4  # recognised by their light maps
     with pytest.raises(refield.InputError, match="held_out 1"):
         session.held_out(1)
     with pytest.raises(IndexError):
