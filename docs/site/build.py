@@ -62,7 +62,7 @@ GALLERY = [
     ("Moving objects and lights", "Objects, area lights and the camera move; the materials are glossy.",
      ["refield render datasets_synthetic/dynamic/room.toml -o room.mp4"], "images/dynamic-room.mp4"),
     ("A day", "The scene lit by the sky beside the sun, through the window of the monitor.",
-     ["refield relight table-top.rfield --day --latitude 50 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
+     ["refield relight table-top.rfield --day --latitude 40 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
     ("A bar of light", "The experiment of the paper: a white bar moves over the monitor.",
      ["refield relight table-top.rfield --bar 0.125 --frames 60 --fps 15 -o bar.mp4"], "gallery/bar.mp4"),
     ("Precomputed transport", "Meshes with soft and hard shadows and interreflection, from a moving camera during a day.",
@@ -177,7 +177,7 @@ def make_gallery(program, folder):
 
 
 def gallery_page():
-    lines = ["# Gallery", "", "Pictures, films and pages that `refield` made, with the commands.", ""]
+    lines = ["---", "hide: [navigation, toc]", "---", "", "# Gallery", "", "Pictures, films and pages that `refield` made, with the commands.", ""]
     for title, text, commands, shown in GALLERY:
         live = shown and shown.endswith(".html")
         if live or not shown:
@@ -189,7 +189,7 @@ def gallery_page():
         if lines[-1] != "</figure>":
             lines += ["## Pictures and films", "", '<div class="gallery" markdown>']
         name = pathlib.PurePosixPath(shown)
-        wide = ' class="wide"' if name.name in ("film.webp", "crops.jpg") else ""
+        wide = ' class="wide"' if name.name in ("film.webp", "crops.jpg", "environments.jpg") else ""
         lines += [f'<figure markdown="1"{wide}>', ""]
         if name.suffix == ".mp4":
             lines += [f'<video src="{shown}#t=1.7" aria-label="{title}" controls loop muted playsinline preload="metadata"></video>', ""]
