@@ -30,11 +30,7 @@ FrameTime refresh(App& app, Textures& textures) {
   if (done.light) textures.light.update(light.width, light.height, state.light_picture());
   if (done.kernels) textures.kernels.update(light.width, light.height, state.kernel_picture());
   textures.picture.set_smooth(app.is_smooth);
-  return {.relight_ms = done.relight_ms,
-          .tone_ms = done.tone_ms,
-          .view_ms = done.view_ms,
-          .light_ms = done.light_ms,
-          .wait_ms = done.wait_ms};
+  return done.time;
 }
 
 FrameTime draw(App& app, Textures& textures) {

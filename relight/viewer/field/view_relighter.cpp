@@ -115,8 +115,8 @@ double ViewRelighter::sum_environment(const LightSetup& setup) {
   return relight_ms;
 }
 
-ViewRelighter::Times ViewRelighter::relight(const ViewLight& wanted) {
-  Times times;
+FrameTime ViewRelighter::relight(const ViewLight& wanted) {
+  FrameTime times;
   const auto start = Clock::now();
   if (wanted.pixels != pixels_) {
     pixels_ = wanted.pixels;

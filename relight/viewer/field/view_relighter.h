@@ -8,6 +8,7 @@
 #include "core/field_io/field_sampler.h"
 #include "relight/relighter.h"
 #include "relight/viewer/field/light_painter.h"
+#include "relight/viewer/gui/window_state.h"
 
 namespace refield {
 
@@ -47,13 +48,9 @@ class ViewRelighter {
 
   const LightPanorama& panorama() const { return panorama_; }
 
-  struct Times {
-    double light_ms = 0.0;  ///< turning or projecting the map, painting light sources
-    double relight_ms = 0.0;
-  };
-  /// What can be cancelled is projecting alone, which takes long and leaves all as it was; then throws
-  /// Interrupted.
-  Times relight(const ViewLight& wanted);
+  /// The times of the light map and of relighting. What can be cancelled is projecting alone, which takes
+  /// long and leaves all as it was; then throws Interrupted.
+  FrameTime relight(const ViewLight& wanted);
 
   /// Brings `shown`, always the same, up to date with the last relight(). Whether its light map changed.
   bool show(RelitField& shown);

@@ -88,7 +88,7 @@ bool ViewState::await_relit(std::optional<std::chrono::milliseconds> patience, R
   while (!is_current()) {
     if (!job_) {
       running_ = wanted_;
-      job_ = std::make_unique<BackgroundJob<ViewRelighter::Times>>(
+      job_ = std::make_unique<BackgroundJob<FrameTime>>(
           [this, light = running_] { return relighter_.relight(light); });
     }
     const std::chrono::duration<double, std::milli> waited(1e3 * seconds_since(start));
@@ -99,7 +99,7 @@ bool ViewState::await_relit(std::optional<std::chrono::milliseconds> patience, R
     take_result(done);
     relit = true;
   }
-  done.wait_ms = 1e3 * seconds_since(start);
+  done.time.wait_ms = 1e3 * seconds_since(start);
   return relit;
 }
 
@@ -107,7 +107,7 @@ bool ViewState::await_relit(std::optional<std::chrono::milliseconds> patience, R
 void ViewState::take_result(Refreshed& done) {
   const auto job = std::exchange(job_, nullptr);
   done_ = running_;  // also where it failed: it would fail again
-  const ViewRelighter::Times times = job->take();
+  const FrameTime times = job->take();
   if (shown_ != running_.pixels) {
     shown_ = running_.pixels;
     picture_.replace(field());
@@ -118,8 +118,8 @@ void ViewState::take_result(Refreshed& done) {
       light_shares_ = field().light_shares(relit_.light);
   }
   ++relit_count_;
-  done.light_ms += times.light_ms;
-  done.relight_ms += times.relight_ms;
+  done.time.light_ms += times.light_ms;
+  done.time.relight_ms += times.relight_ms;
 }
 
 /// Makes the camera's picture anew where the light or the camera is another. Whether there is a new picture.
@@ -137,7 +137,7 @@ ViewState::Refreshed ViewState::refresh(std::optional<std::chrono::milliseconds>
   const bool relit = await_relit(patience, done);
   auto start = std::chrono::steady_clock::now();
   if (look(relit)) {
-    if (view_) done.view_ms = 1e3 * seconds_since(start);
+    if (view_) done.time.view_ms = 1e3 * seconds_since(start);
     picture_.set_relit();
   }
   expose_if_current();
@@ -145,7 +145,7 @@ ViewState::Refreshed ViewState::refresh(std::optional<std::chrono::milliseconds>
   const bool is_cube = field().basis.domain.parameterisation == Parameterisation::cube;
   done.picture = picture_.draw(radiance(), tone_in_use().exposure, is_cube ? nullptr : &relit_.light);
   done.light = draw_light();
-  if (done.picture || done.light) done.tone_ms = 1e3 * seconds_since(start);
+  if (done.picture || done.light) done.time.tone_ms = 1e3 * seconds_since(start);
   done.kernels = kernels_.draw(*shown_);
   if (loader_ && patience && !done.picture) loader_->wait_at_rest();
   return done;

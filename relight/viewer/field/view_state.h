@@ -105,11 +105,7 @@ class ViewState {
     bool picture = false;
     bool light = false;
     bool kernels = false;
-    double light_ms = 0.0;    ///< in the background: turning or projecting the map, painting light sources
-    double relight_ms = 0.0;  ///< in the background
-    double view_ms = 0.0;     ///< of what the camera sees, and the picture of it
-    double tone_ms = 0.0;
-    double wait_ms = 0.0;  ///< for the background
+    FrameTime time;  ///< all but total_ms and draw_ms
   };
   /// Brings up to date what can be within `patience`, by default all of it. Throws what projecting the map
   /// throws.
@@ -155,7 +151,7 @@ class ViewState {
   bool is_light_old_ = true;
   LightShares light_shares_;
 
-  std::unique_ptr<BackgroundJob<ViewRelighter::Times>> job_;  // ends before what it works on
+  std::unique_ptr<BackgroundJob<FrameTime>> job_;  // ends before what it works on
 };
 
 }  // namespace refield

@@ -122,12 +122,7 @@ struct HandOver {
   void operator()(const FilesDropped&) const {}
 };
 
-}  // namespace
-
-WindowColour background_colour() {
-  return {0.085f, 0.085f, 0.09f};
-}
-
+/// Neutral greys around pictures, so that they alone have colour; amber marks what is selected.
 void apply_theme(float scale) {
   load_font(scale);
   ImGui::StyleColorsDark();
@@ -172,6 +167,8 @@ void apply_theme(float scale) {
   colours[ImGuiCol_TableHeaderBg] = grey(0.17f);
   colours[ImGuiCol_TableRowBgAlt] = grey(1.0f, 0.02f);
 }
+
+}  // namespace
 
 struct GlWindow::Impl {
   /// What glfwInit() began; ends it.
@@ -287,8 +284,7 @@ void GlWindow::end_frame(ScreenImage* shot) {
   int width = 0, height = 0;
   glfwGetFramebufferSize(impl_->window, &width, &height);
   glViewport(0, 0, width, height);
-  const WindowColour back = background_colour();
-  glClearColor(back.red, back.green, back.blue, 1.0f);
+  glClearColor(0.085f, 0.085f, 0.09f, 1.0f);
   glClear(GL_COLOR_BUFFER_BIT);
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
   if (shot != nullptr) *shot = impl_->shot(width, height);

@@ -18,14 +18,6 @@
 
 namespace refield {
 
-struct WindowColour {
-  float red, green, blue;
-};
-
-/// Neutral greys around pictures, so that they alone have colour; amber marks what is selected.
-void apply_theme(float scale);
-WindowColour background_colour();
-
 /// A window with OpenGL 3.3 and Dear ImGui: collects input, draws frames. One at a time.
 class GlWindow {
  public:

@@ -24,27 +24,20 @@ FrameStatistics frame_statistics(const std::vector<FrameTime>& frames) {
   if (frames.empty()) return result;
   std::vector<float> totals;
   for (const FrameTime& frame : frames) {
-    result.mean.total_ms += frame.total_ms;
-    result.mean.view_ms += frame.view_ms;
-    result.mean.tone_ms += frame.tone_ms;
-    result.mean.draw_ms += frame.draw_ms;
-    result.mean.relight_ms += frame.relight_ms;
-    result.mean.light_ms += frame.light_ms;
-    result.mean.wait_ms += frame.wait_ms;
-    result.longest_ms = std::max(result.longest_ms, frame.total_ms);
-    if (frame.relight_ms > 0.0) ++result.relit;
     totals.push_back(static_cast<float>(frame.total_ms));
+    result.longest_ms = std::max(result.longest_ms, frame.total_ms);
+    result.relit += frame.relight_ms > 0.0;
   }
-  const auto count = static_cast<double>(frames.size());
-  result.mean.total_ms /= count;
-  result.mean.view_ms /= count;
-  result.mean.tone_ms /= count;
-  result.mean.draw_ms /= count;
-  result.mean.wait_ms /= count;
-  if (result.relit > 0) {
-    result.mean.relight_ms /= static_cast<double>(result.relit);
-    result.mean.light_ms /= static_cast<double>(result.relit);
-  }
+  const auto mean = [&](double FrameTime::*part, std::size_t count) {
+    double sum = 0.0;
+    for (const FrameTime& frame : frames) sum += frame.*part;
+    return sum / static_cast<double>(std::max<std::size_t>(count, 1));
+  };
+  const std::size_t all = frames.size(), relit = result.relit;
+  result.mean = {mean(&FrameTime::total_ms, all), mean(&FrameTime::relight_ms, relit),
+                 mean(&FrameTime::tone_ms, all),  mean(&FrameTime::draw_ms, all),
+                 mean(&FrameTime::view_ms, all),  mean(&FrameTime::light_ms, relit),
+                 mean(&FrameTime::wait_ms, all)};
   if (result.mean.total_ms > 0.0) result.per_second = 1000.0 / result.mean.total_ms;
   result.percentile_95_ms = quantile(std::move(totals), 0.95);
   return result;

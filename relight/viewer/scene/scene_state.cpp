@@ -147,18 +147,18 @@ SceneState::Refreshed SceneState::refresh() {
   if (is_lit) {
     light(view_->camera());
     view_->move();
-    done.light_ms = take_milliseconds(start);
+    done.time.relight_ms = done.time.wait_ms = take_milliseconds(start);
   }
   if (view_->update()) {
     seen_ = view_->seen().show(frame_.radiance);
     is_tone_old_ = true;
-    done.view_ms = take_milliseconds(start);
+    done.time.view_ms = take_milliseconds(start);
   }
   done.picture = std::exchange(is_tone_old_, false);
   if (!done.picture) return done;
   picture_.resize(std::size_t{4} * seen_.pixel_count());
   tone_map_rgba(seen_, tone_table_.table(tone_), picture_);
-  done.tone_ms = take_milliseconds(start);
+  done.time.tone_ms = take_milliseconds(start);
   return done;
 }
 

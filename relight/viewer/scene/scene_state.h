@@ -14,6 +14,7 @@
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/window_state.h"
 #include "relight/viewer/viewer.h"
 
 namespace refield {
@@ -75,9 +76,7 @@ class SceneState {
   /// What it took, and whether there is a new picture.
   struct Refreshed {
     bool picture = false;
-    double light_ms = 0.0;
-    double view_ms = 0.0;
-    double tone_ms = 0.0;
+    FrameTime time;
   };
   Refreshed refresh();
 

@@ -394,10 +394,7 @@ FrameTime draw_scene(SceneApp& app, Texture& picture) {
   const SceneState::Refreshed done = app.state.refresh();
   const Image& seen = app.state.radiance();
   if (done.picture) picture.update(seen.width, seen.height, app.state.picture());
-  return {.relight_ms = done.light_ms,
-          .tone_ms = done.tone_ms,
-          .view_ms = done.view_ms,
-          .wait_ms = done.light_ms};
+  return done.time;
 }
 
 void handle_in_scene(SceneApp& app, const InputEvent& event) {
