@@ -9,7 +9,8 @@ small leaves, some translucent), which is traced at --size first, or a folder of
 Its held-out lights and photographs are the test. The sets `natural` and `designed` are those of `refield acquire lights
 --starter`; --set adds the light maps (*.exr) of a folder. The photographs of each pattern are exact images, made by `refield
 relight`, with shot noise (--noise at the mean level of the natural set's photographs) and read noise of a sixth of it. --mixing
-makes the camera's channels mix: C = [1 m m/6, 2m/3 1 5m/4, m/12 m 1].
+makes the camera's channels mix: C = [1 m m/6, 2m/3 1 5m/4, m/12 m 1]. With --sigma the photographs state their noise, as those
+of a capture do.
 
 Writes patterns.csv: scene, set, noise, mode, photographs and for each kind of held-out light the relative RMSE of the median
 pixel and of the whole picture, and the median ratio of predicted to true error; `draw.py OUT` draws it. Needs numpy and the
@@ -37,9 +38,12 @@ def read_image(path):
     return oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
 
 
-def write_image(path, pixels):
-    height, width, channels = pixels.shape
-    buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
+def write_image(path, pixels, sigma=None):
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.FLOAT)
+    if sigma is not None:
+        pixels = numpy.concatenate([pixels, sigma], axis=2)
+        spec.nchannels, spec.channelnames = 6, ("R", "G", "B", "sigma.R", "sigma.G", "sigma.B")
+    buffer = oiio.ImageBuf(spec)
     buffer.set_pixels(oiio.ROI(), numpy.ascontiguousarray(pixels, numpy.float32))
     buffer.write(str(path))
 
@@ -136,7 +140,8 @@ class Study:
             image = read_image(source) @ colour.T
             variance = sigma**2 * level * numpy.maximum(image, 0) + (sigma * level / 6) ** 2
             random = numpy.random.default_rng([self.arguments.seed, *target.name.encode()])
-            write_image(target, image + numpy.sqrt(variance) * random.standard_normal(image.shape))
+            sigma = numpy.sqrt(variance)
+            write_image(target, image + sigma * random.standard_normal(image.shape), sigma if self.arguments.sigma else None)
 
         for light in self.lights(name)[:count]:
             shutil.copy(light, folder / "illumination")
@@ -196,6 +201,7 @@ def main():
     parser.add_argument("--noise", type=float, nargs="+", default=[0.006])
     parser.add_argument("--mode", default="refined")
     parser.add_argument("--mixing", type=float, default=0.0)
+    parser.add_argument("--sigma", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
     Study(parser.parse_args()).run()
 

@@ -86,11 +86,19 @@ constexpr int reach_steps = 3;
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
 constexpr double share_of_cross_validation = 0.5;
-/// Neighbours choose different kernels, so not all misfit is shared: that part of the excess of
-/// cross-validation counts as the field's own error besides what is.
-constexpr double share_that_is_misfit = 0.75;
+/// Noise is sought in this quantile of the leave-one-out errors, which by chance are that many standard
+/// deviations lower there.
+constexpr double best_share = 0.05, best_deviations = 1.645;
+/// The best pixels' leave-one-out error may be that much lower than noise that is stated right.
+constexpr double stated_margin = 1.1;
+/// Brightness levels of the noise, each with at least this number of pixels.
+constexpr std::size_t max_levels = 12, min_pixels_per_level = 100;
 /// Squared relative errors below float32's own are not distinguished.
 constexpr double least = 1e-12;
+
+double logarithm(double squared) {
+  return std::log(std::max(squared, least));
+}
 
 /// One block of the lattice: how much larger, as a logarithm, the cross-validated error is.
 struct LatticePoint {
@@ -177,7 +185,6 @@ class Prediction {
   int lattice_size(int pixels) const {
     return (pixels - blocks_.corner(0) + blocks_.step_px() - 1) / blocks_.step_px();
   }
-  static double logarithm(double squared) { return std::log(std::max(squared, least)); }
   const ErrorEvidence& at(int x, int y) const {
     return evidence_[static_cast<std::size_t>(y) * field_.width + x];
   }
@@ -189,6 +196,66 @@ class Prediction {
   std::vector<LatticePoint> lattice_;
   double common_log_ratio_ = 0.0;
 };
+
+/// Squared leave-one-out error, such that best_share of the pixels that have noise alone would be below it.
+float above_chance(const ErrorEvidence& pixel) {
+  const double chance = best_deviations * std::sqrt(2.0 / pixel.samples);
+  return static_cast<float>(pixel.leave_one_out / std::max(1.0 - chance, 0.5));
+}
+
+/// The photographs' noise, squared and relative to Σ b²: as they state it, scaled down where even the best
+/// pixels have less error; else, against brightness, the error of the pixels that are fitted best. Relative
+/// noise does not grow with brightness.
+class PhotographNoise {
+ public:
+  /// `signal`: [pixels] or empty for pixels that are equally bright.
+  PhotographNoise(std::span<const float> signal, std::span<const ErrorEvidence> evidence) {
+    std::vector<std::array<float, 2>> pixels;  // logarithm of brightness, squared error
+    std::vector<float> errors;
+    for (std::size_t p = 0; p < evidence.size(); ++p) {
+      if (!(evidence[p].leave_one_out > 0.0f)) continue;
+      pixels.push_back({std::log(signal.empty() ? 1.0f : signal[p]), above_chance(evidence[p])});
+      if (evidence[p].noise > 0.0f) errors.push_back(above_chance(evidence[p]) / evidence[p].noise);
+    }
+    if (!errors.empty()) of_stated_ = std::min(1.0, stated_margin * quantile(errors, best_share));
+    std::ranges::sort(pixels);
+    const std::size_t levels = std::clamp<std::size_t>(pixels.size() / min_pixels_per_level, 1, max_levels);
+    for (std::size_t i = 0; i < levels && !pixels.empty(); ++i) {
+      const std::size_t first = pixels.size() * i / levels, last = pixels.size() * (i + 1) / levels;
+      errors.clear();
+      for (std::size_t k = first; k < last; ++k) errors.push_back(pixels[k][1]);
+      const double log_error = logarithm(quantile(errors, best_share));
+      log_signal_.push_back(pixels[(first + last) / 2][0]);
+      log_error_.push_back(i == 0 ? log_error : std::min(log_error, log_error_.back()));
+    }
+  }
+
+  double of(const ErrorEvidence& pixel, float signal) const {
+    return pixel.noise > 0.0f ? of_stated_ * pixel.noise : at(signal);
+  }
+
+ private:
+  double at(float signal) const {
+    const double level = std::log(signal);
+    const auto above = std::ranges::upper_bound(log_signal_, level) - log_signal_.begin();
+    if (above == 0) return std::exp(log_error_.front());
+    if (above == std::ssize(log_signal_)) return std::exp(log_error_.back());
+    const double part = (level - log_signal_[above - 1]) / (log_signal_[above] - log_signal_[above - 1]);
+    return std::exp(std::lerp(log_error_[above - 1], log_error_[above], part));
+  }
+
+  double of_stated_ = 1.0;                      // part of the noise that photographs state
+  std::vector<double> log_signal_, log_error_;  // [levels]
+};
+
+/// The class whose ratio is next to a hundred times the noise.
+std::uint32_t light_class_of(double noise) {
+  std::uint32_t nearest = 0;
+  while (nearest + 1 < light_noise_ratios.size() &&
+         100.0 * noise > std::sqrt(light_noise_ratios[nearest] * light_noise_ratios[nearest + 1]))
+    ++nearest;
+  return nearest;
+}
 
 /// Middle errors over the pixels where fits to parts of the images were tried; none where these are so few
 /// that they do not stand for the picture.
@@ -251,6 +318,11 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
   quality.learning_curve = learning_curve_of(evidence);
   if (evidence.empty()) return;
   const Prediction prediction(field, evidence);
+  const bool has_signal = quality.training_signal.size() == evidence.size();
+  const std::span<const float> signal = has_signal ? quality.training_signal : std::span<const float>();
+  const PhotographNoise photographs(signal, evidence);
+  const bool has_noise_classes = quality.light_error.classes() == light_noise_ratios.size();
+  if (has_noise_classes) quality.light_class.assign(evidence.size(), 0);
   tbb::parallel_for(0, field.height, [&](int y) {
     for (int x = 0; x < field.width; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * field.width + x;
@@ -258,8 +330,9 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
       const double steadied = prediction.steadied(x, y);
       const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
       double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
-      const double shared = std::clamp<double>(evidence[p].shared, 0.0, steadied);
-      double misfit = std::clamp(shared + share_that_is_misfit * excess, 0.0, predicted);
+      const double noise = photographs.of(evidence[p], has_signal ? signal[p] : 1.0f);
+      if (has_noise_classes) quality.light_class[p] = light_class_of(noise);
+      double misfit = std::max(predicted - noise, 0.0);
       if (std::isfinite(evidence[p].expected)) {
         misfit = evidence[p].expected;
         predicted = std::max(predicted, misfit);

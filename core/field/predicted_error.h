@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -57,6 +58,13 @@ struct LightErrorModel {
   std::vector<double> variances_under(const Image& radiance) const;
 };
 
+/// Classes of the model for light with many degrees of freedom: ratios of noise to signal. That of a pixel is
+/// a hundred times the noise of its photographs, squared and relative to Σ b²: what a field misses at first
+/// is about a hundredth of the signal. Without noise only the first would be needed. With 3 % of noise, what
+/// large lights leave unknown is mostly noise, and the error under small squares is 1.3 times too large by
+/// the first class.
+inline constexpr std::array<double, 4> light_noise_ratios = {0.01, 0.03, 0.1, 0.3};
+
 struct FieldOutline;
 
 /// What a pixel's training images tell about its error on images to come. All three are squared and relative
@@ -66,9 +74,9 @@ struct ErrorEvidence {
   /// Residual of each image predicted by the final kernels with weights fitted without it. Too low, since the
   /// kernels themselves were chosen with it.
   float leave_one_out = 0.0f;
-  /// The part of it that the pixel shares with its left and right neighbour, image by image: what the field
-  /// misses. The rest is noise, which neighbours do not share. May be negative by chance.
-  float shared = 0.0f;
+  /// The photographs' noise as they state it; NaN where they do not.
+  float noise = std::numeric_limits<float>::quiet_NaN();
+  float samples = 0.0f;  ///< that were measured
   /// What the field misses as the regression on light cells expects it; NaN for light with many degrees of
   /// freedom.
   float expected = std::numeric_limits<float>::quiet_NaN();
@@ -109,14 +117,17 @@ class CrossValidationLattice {
   int step_ = 6;  // blocks
 };
 
-/// Fills predicted_error, photograph_noise and learning_curve of `field.quality` from what each pixel's
-/// training images tell, [pixels]; empties them where `evidence` is empty.
+/// Fills predicted_error, photograph_noise, learning_curve and, for light with many degrees of freedom,
+/// light_class of `field.quality` from what each pixel's training images tell, [pixels]; empties them where
+/// `evidence` is empty.
 ///
 /// Every pixel's leave-one-out error is steadied by the median of its 3 × 3 neighbours (geometric mean of the
 /// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
 /// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
 /// images; the prediction is the mean of the two squares, which measurements on two captures bear out
-/// (docs/method/progressive.md). Runs on all cores; the result does not depend on their number.
+/// (docs/method/progressive.md). Noise is what the photographs state, but at most what the pixels that are
+/// fitted best leave: among many, some have next to no other error. Where they state none, it is what the
+/// best pixels of equal brightness leave. Runs on all cores; the result does not depend on their number.
 void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence);
 
 }  // namespace refield

@@ -308,9 +308,9 @@ void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
   if (!evidence.empty()) {
     std::vector<float> numbers;
     for (const ErrorEvidence& pixel : evidence)
-      numbers.insert(numbers.end(), {pixel.leave_one_out, pixel.shared, pixel.cross_validated,
+      numbers.insert(numbers.end(), {pixel.leave_one_out, pixel.noise, pixel.samples, pixel.cross_validated,
                                      pixel.from_half, pixel.from_quarter, pixel.expected});
-    writer.dataset("statistics/error_evidence", numbers.data(), {evidence.size(), 6});
+    writer.dataset("statistics/error_evidence", numbers.data(), {evidence.size(), 7});
   }
   if (!quality.learning_curve.empty()) {
     std::vector<float> points;
@@ -420,17 +420,18 @@ void read_boxes(const Hdf5Values& values, FieldOutline& field) {
 
 std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels) {
   if (!values.has("statistics/error_evidence")) return {};
-  const auto numbers = values.dataset<float>("statistics/error_evidence", 6);
-  if (numbers.size() != pixels * 6) values.fail("statistics/error_evidence does not fit the image size");
+  const auto numbers = values.dataset<float>("statistics/error_evidence", 7);
+  if (numbers.size() != pixels * 7) values.fail("statistics/error_evidence does not fit the image size");
   std::vector<ErrorEvidence> evidence;
   evidence.reserve(pixels);
-  for (std::size_t i = 0; i < numbers.size(); i += 6)
+  for (std::size_t i = 0; i < numbers.size(); i += 7)
     evidence.push_back({.leave_one_out = numbers[i],
-                        .shared = numbers[i + 1],
-                        .expected = numbers[i + 5],
-                        .cross_validated = numbers[i + 2],
-                        .from_half = numbers[i + 3],
-                        .from_quarter = numbers[i + 4]});
+                        .noise = numbers[i + 1],
+                        .samples = numbers[i + 2],
+                        .expected = numbers[i + 6],
+                        .cross_validated = numbers[i + 3],
+                        .from_half = numbers[i + 4],
+                        .from_quarter = numbers[i + 5]});
   return evidence;
 }
 

@@ -103,11 +103,6 @@ class BandEstimator {
   bool knows_error() const {
     return is_error_known(input_.table, input_.texels ? input_.texels->of_all().get() : nullptr);
   }
-  /// Squared and relative to Σ b²; 0 where it is not known of the photographs as they are.
-  double measured_noise(const PixelKernels& pixel) const {
-    if (!input_.noise || !input_.noise->image_weights.empty()) return 0.0;
-    return input_.noise->relative_variance(pixel.squared_samples / (3.0 * input_.table.images()));
-  }
   FitWorker& worker() const {
     auto& own = workers_.local();
     const bool pools = input_.noise && input_.options.mode == EstimateMode::refined &&
@@ -136,12 +131,8 @@ class BandEstimator {
   /// The table's columns are in units of their own; weights are to multiply sums of texel values.
   void to_texel_sums(Rows& rows) const;
 
-  // Fills in what the final kernels tell about their own error. Looks along rows only, so that no result
-  // depends on where the band begins.
+  // Fills in what the final kernels tell about their own error.
   void gather_evidence(Rows& rows) const;
-  /// Leave-one-out residuals in units of the pixel's √Σb², or false where there is nothing to assess.
-  bool residuals_of(const Rows& rows, int x, int y, FitWorker& own, MaskedSamples& masked,
-                    AlignedFloats& residuals, double& squared) const;
   void leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& own) const;
   /// Cross-validates a block of the lattice.
   void cross_validate(Rows& rows, const PixelTile& block, FitWorker& own) const;
@@ -245,57 +236,28 @@ void BandEstimator::gather_evidence(Rows& rows) const {
   for_each(blocks, [&](const PixelTile& block, FitWorker& own) { cross_validate(rows, block, own); });
 }
 
-bool BandEstimator::residuals_of(const Rows& rows, int x, int y, FitWorker& own, MaskedSamples& masked,
-                                 AlignedFloats& residuals, double& squared) const {
-  if (x < 0 || x >= width_ || !active(x, y)) return false;
-  const PixelKernels& pixel = rows.at(x, y);
-  if (!(pixel.squared_samples > 0.0)) return false;  // without kernels, all of it is error
-  own.model.cache().keep_within(cache_limit_bytes);
-  const BoxTable& table = input_.table;
-  masked.assign(samples(x, y), table.stride(), table.images());
-  // Nothing is known of a channel without samples.
-  if (std::ranges::any_of(masked.count, [](int count) { return count == 0; })) return false;
-  residuals.resize(3 * table.stride());
-  squared =
-      own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data()) / pixel.squared_samples;
-  const auto scale = static_cast<float>(1.0 / std::sqrt(pixel.squared_samples));
-  for (float& r : residuals) r *= scale;
-  return true;
-}
-
 void BandEstimator::leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& own) const {
+  const BoxTable& table = input_.table;
   MaskedSamples masked;
-  AlignedFloats before, here;
+  AlignedFloats residuals(3 * table.stride());
   for (int y = tile.y0; y < tile.y1; ++y) {
     run_.throw_if_stopped();
-    double squared = 0.0;
-    bool has_before = residuals_of(rows, tile.x0 - 1, y, own, masked, before, squared);
-    double shared_before = 0.0;  // with the pixel before
-    bool is_shared_before = false;
-    for (int x = tile.x0; x <= tile.x1; ++x) {
-      const bool has_here = residuals_of(rows, x, y, own, masked, here, squared);
-      const bool is_shared = has_before && has_here;
-      double shared = 0.0;
-      for (std::size_t j = 0; is_shared && j < here.size(); ++j)
-        shared += static_cast<double>(before[j]) * here[j];
-      if (x > tile.x0 && has_before)
-        if (PixelKernels& pixel = rows.at(x - 1, y); !(measured_noise(pixel) > 0.0))
-          pixel.evidence.shared = static_cast<float>(
-              (shared_before + shared) / std::max(1, static_cast<int>(is_shared_before) + is_shared));
-      if (x < tile.x1 && has_here) {
-        PixelKernels& pixel = rows.at(x, y);
-        pixel.evidence.leave_one_out = static_cast<float>(squared);
-        if (const double noise = measured_noise(pixel); noise > 0.0)
-          pixel.evidence.shared = static_cast<float>(squared - noise);
-        if (const auto expected = own.evaluator.expected_error(pixel, masked)) {
-          pixel.evidence.expected = static_cast<float>(*expected / pixel.squared_samples);
-          pixel.evidence.light_class = static_cast<std::uint32_t>(pixel.light_class);
-        }
+    for (int x = tile.x0; x < tile.x1; ++x) {
+      PixelKernels& pixel = rows.at(x, y);
+      // Without kernels, all of it is error; nothing is known of a channel without samples.
+      if (!active(x, y) || !(pixel.squared_samples > 0.0)) continue;
+      masked.assign(samples(x, y), table.stride(), table.images());
+      if (std::ranges::any_of(masked.count, [](int count) { return count == 0; })) continue;
+      own.model.cache().keep_within(cache_limit_bytes);
+      const double squared = own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data());
+      pixel.evidence.leave_one_out = static_cast<float>(squared / pixel.squared_samples);
+      if (const auto noise = input_.band.squared_noise(x, y))
+        pixel.evidence.noise = static_cast<float>(*noise / pixel.squared_samples);
+      pixel.evidence.samples = static_cast<float>(masked.count_sum());
+      if (const auto expected = own.evaluator.expected_error(pixel, masked)) {
+        pixel.evidence.expected = static_cast<float>(*expected / pixel.squared_samples);
+        pixel.evidence.light_class = static_cast<std::uint32_t>(pixel.light_class);
       }
-      shared_before = shared;
-      is_shared_before = is_shared;
-      has_before = has_here;
-      std::swap(before, here);
     }
   }
 }

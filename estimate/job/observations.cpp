@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <limits>
 #include <string>
 
@@ -21,12 +22,13 @@ namespace {
 
 /// Images are transposed this many at a time: a cache line of floats.
 constexpr int group_size = 16;
+constexpr float unknown = std::numeric_limits<float>::quiet_NaN();
 
 /// A photograph's rows. `unmeasured` [samples] tells which show no more than a lower bound.
-Image read_measured_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level,
-                         std::vector<char>& unmeasured) {
+Photograph read_measured_rows(const CaptureFrame& frame, int width, int first_row, int last_row,
+                              float clip_level, std::vector<char>& unmeasured) {
   Photograph photograph = read_observed_rows(frame, first_row, last_row);
-  Image& radiance = photograph.radiance;
+  const Image& radiance = photograph.radiance;
   if (radiance.width != width)
     throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) +
                      " pixels wide, not " + std::to_string(width));
@@ -52,22 +54,37 @@ Image read_measured_rows(const CaptureFrame& frame, int width, int first_row, in
       refuse(i, "radiance", value,
              "repair it, leave the image out, or mark the sample as unmeasured (sigma = inf)");
   }
-  return std::move(radiance);
+  return photograph;
 }
 
-/// The same without what the rig did, but for the room light; NaN where not measured.
-Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level) {
+/// Adds σ² of measured samples to `squared_noise`, [pixels], from sample `first` on.
+void add_noise(const Image& sigma, const std::vector<char>& unmeasured, std::size_t first,
+               std::span<float> squared_noise) {
+  if (sigma.empty()) {
+    std::ranges::fill(squared_noise, unknown);
+    return;
+  }
+  for (std::size_t i = 0; i < 3 * squared_noise.size(); ++i)
+    if (!unmeasured[first + i]) squared_noise[i / 3] += sigma.values[first + i] * sigma.values[first + i];
+}
+
+/// The same without what the rig did, but for the room light; NaN where not measured. Adds σ² to
+/// `squared_noise`, [rows × width]: as the camera states it, before channels were unmixed and pixels moved.
+Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int last_row, float clip_level,
+                        std::span<float> squared_noise) {
   std::vector<char> unmeasured;
   if (!frame.correction) {
-    Image rows = read_measured_rows(frame, width, first_row, last_row, clip_level, unmeasured);
+    auto [rows, sigma] = read_measured_rows(frame, width, first_row, last_row, clip_level, unmeasured);
+    add_noise(sigma, unmeasured, 0, squared_noise);
     for (std::size_t i = 0; i < unmeasured.size(); ++i)
-      if (unmeasured[i]) rows.values[i] = std::numeric_limits<float>::quiet_NaN();
-    return rows;
+      if (unmeasured[i]) rows.values[i] = unknown;
+    return std::move(rows);
   }
   const int margin = rig_margin(frame.correction.get());
   const int first = std::max(0, first_row - margin),
             last = std::min(frame.correction->height_px, last_row + margin);
-  const Image rows = read_measured_rows(frame, width, first, last, clip_level, unmeasured);
+  const auto [rows, sigma] = read_measured_rows(frame, width, first, last, clip_level, unmeasured);
+  add_noise(sigma, unmeasured, std::size_t{3} * (first_row - first) * width, squared_noise);
   return undo_rig(rows, unmeasured, first, first_row, last_row, *frame.correction);
 }
 
@@ -103,7 +120,17 @@ ObservationBand::ObservationBand(int width, int first_row, int last_row, int ima
       last_row_(last_row),
       images_(images),
       stride_(padded_length(images)),
-      samples_(static_cast<std::size_t>(last_row - first_row) * width * 3 * stride_) {}
+      samples_(static_cast<std::size_t>(last_row - first_row) * width * 3 * stride_),
+      squared_noise_(static_cast<std::size_t>(last_row - first_row) * width, 0.0) {}
+
+std::optional<double> ObservationBand::squared_noise(int x, int y) const {
+  const double squared = squared_noise_[static_cast<std::size_t>(y - first_row_) * width_ + x];
+  return squared > 0.0 ? std::optional(squared) : std::nullopt;
+}
+
+void ObservationBand::add_noise(std::span<const float> squared) {
+  std::ranges::transform(squared_noise_, squared, squared_noise_.begin(), std::plus<double>());
+}
 
 void ObservationBand::weight_images(std::span<const float> weights) {
   tbb::parallel_for(first_row_, last_row_, [&](int y) {
@@ -123,13 +150,17 @@ ObservationBand read_observations(std::span<const CaptureFrame> frames, int widt
                                   int last_row, float clip_level, const RunContext& run) {
   const int images = static_cast<int>(frames.size());
   ObservationBand band(width, first_row, last_row, images);
-  tbb::parallel_for(0, (images + group_size - 1) / group_size, [&](int group) {
+  const int groups = (images + group_size - 1) / group_size;
+  std::vector<std::vector<float>> squared_noise(groups);  // added in their order, whichever is read first
+  tbb::parallel_for(0, groups, [&](int group) {
+    squared_noise[group].assign(static_cast<std::size_t>(last_row - first_row) * width, 0.0f);
     const int first = group * group_size;
     const int last = std::min(first + group_size, images);
     std::vector<Image> held;
     for (int j = first; j < last; ++j) {
       run.throw_if_stopped();
-      held.push_back(read_checked_rows(frames[j], width, first_row, last_row, clip_level));
+      held.push_back(
+          read_checked_rows(frames[j], width, first_row, last_row, clip_level, squared_noise[group]));
     }
     for (int y = first_row; y < last_row; ++y)
       for (int x = 0; x < width; ++x)
@@ -138,6 +169,7 @@ ObservationBand read_observations(std::span<const CaptureFrame> frames, int widt
           for (int j = first; j < last; ++j) samples[j - first] = held[j - first].at(x, y - first_row, c);
         }
   });
+  for (const std::vector<float>& of_group : squared_noise) band.add_noise(of_group);
   remove_room_light(frames, band);
   return band;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,6 +26,11 @@ class ObservationBand {
   float* samples(int x, int y, int channel) { return samples_.data() + index(x, y, channel); }
   const float* samples(int x, int y, int channel) const { return samples_.data() + index(x, y, channel); }
 
+  /// Σσ² of a pixel's measured samples, as the photographs state it; nothing where one states none. Of
+  /// samples without weights.
+  std::optional<double> squared_noise(int x, int y) const;
+  void add_noise(std::span<const float> squared);  ///< [rows × width], NaN where it is not known
+
   /// Multiplies all samples of image j by weights[j], [images].
   void weight_images(std::span<const float> weights);
 
@@ -37,6 +43,7 @@ class ObservationBand {
   int width_, first_row_, last_row_, images_;
   std::size_t stride_;
   AlignedFloats samples_;
+  std::vector<double> squared_noise_;  // [rows × width]
 };
 
 /// Samples and texels beyond this are faults of a file: the sun's disc has 1.6e9 cd/m².

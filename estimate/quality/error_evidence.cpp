@@ -20,10 +20,9 @@ namespace {
 /// further than twentyfold.
 constexpr float least_freedom = 0.05f;
 
-/// Prior of what a field misses, in widths of the light map, and the ratio of noise to signal. On four sets,
-/// errors relative to those under natural light change by less than a fifth within lengths of 0.06 to 0.5 and
-/// ratios of 0.001 to 0.1.
-constexpr double error_length = 0.125, error_independent = 0.1, error_noise = 0.01;
+/// Prior of what a field misses, in widths of the light map. On four sets, errors relative to those under
+/// natural light change by less than a fifth within lengths of 0.06 to 0.5.
+constexpr double error_length = 0.125, error_independent = 0.1;
 constexpr int max_grid_cells = 192;
 
 /// The light map in about square rectangles, max_grid_cells at most.
@@ -91,8 +90,9 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
     if (are_cells)
       for (const Eigen::MatrixXd& colour : colours)
         of_colours += (colour * directions).colwise().squaredNorm().transpose().array() / (3.0 * images);
-    for (int level = 0; level < (are_cells ? cell_noise_levels : 1); ++level) {
-      const double lambda = are_cells ? cell_noise_ratio(level) : error_noise;
+    const int levels = are_cells ? cell_noise_levels : static_cast<int>(light_noise_ratios.size());
+    for (int level = 0; level < levels; ++level) {
+      const double lambda = are_cells ? cell_noise_ratio(level) : light_noise_ratios[level];
       const Eigen::ArrayXd unknown = lambda / (values + lambda);
       // The samples of the images of one light, of covariance P given all images, have P (I − P / λ)⁻¹ given
       // the others.

@@ -15,8 +15,8 @@ namespace refield {
 
 /// How the error of a field that is estimated from the lights of `table` depends on the light: δ is a
 /// Gaussian process over the light map, given that its effect under the training lights is known up to noise.
-/// `cells`: light_cells(), for which the classes are those of PixelKernels::light_class; or empty for one
-/// class on a grid of about 200 rectangles.
+/// `cells`: light_cells(), for which the classes are those of PixelKernels::light_class; or empty for the
+/// classes of light_noise_ratios on a grid of about 200 rectangles.
 LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells);
 
 /// Whether photographs under these lights tell the error of a field that is estimated from them. Those of one

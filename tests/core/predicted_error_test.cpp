@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "core/field/reflectance_field.h"
 
@@ -12,6 +13,7 @@ namespace {
 
 constexpr float leave_one_out = 1e-4f;
 constexpr double rounding = 1e-6;
+constexpr float many = 1e12f;  // samples, which leave nothing to chance
 
 struct Predicted {
   FieldOutline field;
@@ -24,7 +26,7 @@ struct Predicted {
 /// Every pixel has the same leave-one-out error; on the lattice cross-validation finds it `ratio(x)` times
 /// as large, squared.
 template <class Ratio>
-Predicted field_with(Ratio ratio, float shared = 0.0f) {
+Predicted field_with(Ratio ratio, float noise = std::numeric_limits<float>::quiet_NaN()) {
   Predicted predicted;
   FieldOutline& field = predicted.field;
   field.width = 360;
@@ -34,7 +36,8 @@ Predicted field_with(Ratio ratio, float shared = 0.0f) {
     for (int x = 0; x < field.width; ++x) {
       ErrorEvidence evidence;
       evidence.leave_one_out = leave_one_out;
-      evidence.shared = shared;
+      evidence.noise = noise;
+      evidence.samples = many;
       if (lattice.holds(x, y)) evidence.cross_validated = leave_one_out * static_cast<float>(ratio(x));
       predicted.evidence.push_back(evidence);
     }
@@ -54,14 +57,52 @@ TEST(PredictedError, CorrectsWhereTheLatticeSaysSo) {
   EXPECT_NEAR(predicted.quality().predicted_error[15 * 360 + 355], std::sqrt(5e-4), 2e-4);
 }
 
-TEST(PredictedError, NoiseIsWhatNeighboursDoNotShare) {
-  const auto predicted = field_with([](int) { return 1.0; }, 0.36f * leave_one_out);
-  for (const float noise : predicted.quality().photograph_noise) EXPECT_NEAR(noise, 0.8 * 0.01, rounding);
-  // Chance may make the shared part negative, or larger than the whole.
-  const auto negative = field_with([](int) { return 1.0; }, -leave_one_out);
-  for (const float noise : negative.quality().photograph_noise) EXPECT_NEAR(noise, 0.01, rounding);
-  const auto larger = field_with([](int) { return 1.0; }, 2.0f * leave_one_out);
-  for (const float noise : larger.quality().photograph_noise) EXPECT_EQ(noise, 0.0f);
+TEST(PredictedError, NoiseIsWhatTheBestPixelsLeave) {
+  auto predicted = field_with([](int) { return 1.0; });
+  for (std::size_t p = 0; p < predicted.evidence.size(); p += 10)
+    predicted.evidence[p].leave_one_out = 0.36f * leave_one_out;
+  predicted.predict();
+  EXPECT_NEAR(predicted.quality().photograph_noise[15], 0.6 * 0.01, rounding);
+  // Of few samples the best pixels have low errors by chance: 0.36 is not below what noise of 1 leaves.
+  for (ErrorEvidence& pixel : predicted.evidence) pixel.samples = 10.0f;
+  predicted.predict();
+  EXPECT_NEAR(predicted.quality().photograph_noise[15], std::sqrt(0.36 / 0.5) * 0.01, rounding);
+}
+
+TEST(PredictedError, NoiseIsThatOfPixelsOfEqualBrightness) {
+  auto predicted = field_with([](int) { return 1.0; });
+  for (std::size_t p = 0; p < predicted.evidence.size(); ++p) {
+    const bool is_dark = p % 360 < 180;
+    predicted.field.quality.training_signal.push_back(is_dark ? 0.1f : 1.0f);
+    predicted.evidence[p].leave_one_out = (is_dark ? 4.0f : p % 3 == 0 ? 1.0f : 2.0f) * leave_one_out;
+    predicted.evidence[p].cross_validated = std::numeric_limits<float>::quiet_NaN();
+  }
+  predicted.predict();
+  EXPECT_NEAR(predicted.quality().photograph_noise[15 * 360 + 5], 0.02, rounding);
+  EXPECT_NEAR(predicted.quality().photograph_noise[15 * 360 + 355], 0.01, rounding);
+}
+
+TEST(PredictedError, StatedNoiseIsTakenUnlessTheErrorIsLess) {
+  const auto stated = field_with([](int) { return 1.0; }, 0.36f * leave_one_out);
+  for (const float noise : stated.quality().photograph_noise) EXPECT_NEAR(noise, 0.6 * 0.01, rounding);
+  auto above = field_with([](int) { return 1.0; }, 2.0f * leave_one_out);
+  for (std::size_t p = 0; p < above.evidence.size(); ++p)
+    if (p % 10 != 0) above.evidence[p].leave_one_out = 4.0f * leave_one_out;
+  above.predict();
+  EXPECT_NEAR(above.quality().photograph_noise[15], std::sqrt(1.1) * 0.01, rounding);
+}
+
+TEST(PredictedError, ErrorOfNoisyPixelsIsSpreadMoreOverTheLight) {
+  for (const auto& [noise, expected] : {std::pair(3.6e-5f, 0u), {2e-4f, 1u}, {9e-4f, 2u}, {1e-2f, 3u}}) {
+    auto predicted = field_with([](int) { return 4.0; }, noise);
+    for (ErrorEvidence& pixel : predicted.evidence) pixel.leave_one_out = 2.0f * noise;
+    LightErrorModel& model = predicted.field.quality.light_error;
+    model.cells = {{0, 0, 1, 1}};
+    model.directions = {1.0f};
+    model.variances.assign(light_noise_ratios.size(), 1.0f);
+    predicted.predict();
+    EXPECT_EQ(predicted.quality().light_class[15], expected) << noise;
+  }
 }
 
 TEST(PredictedError, ASingleOddPixelIsSteadiedByItsNeighbours) {

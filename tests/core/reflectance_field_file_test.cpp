@@ -164,7 +164,8 @@ TEST(ReflectanceFieldFile, PredictedErrorsRoundTrip) {
     for (int x = 0; x < field.width; ++x) {
       ErrorEvidence& pixel = evidence.emplace_back();
       pixel.leave_one_out = 1e-4f * static_cast<float>(x + 1);
-      pixel.shared = -1e-6f;
+      pixel.noise = 1e-5f;
+      pixel.samples = 90.0f;
       if (lattice.holds(x, y)) pixel.cross_validated = 2e-4f;
     }
   predict_errors(field, evidence);

@@ -138,14 +138,38 @@ TEST(PredictedErrorOfAField, PredictsTheErrorOnNewLights) {
   }
   const double actual = std::sqrt(own / signal + 0.03 * 0.03);  // on photographs as noisy
   EXPECT_NEAR(std::sqrt(predicted) / actual, 1.0, 0.2);
-  // 1.21: misfit that neighbouring pixels do not share counts as noise, and neighbours choose different
-  // rectangles for the four boxes of this scene.
-  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.25);
+  EXPECT_NEAR(std::sqrt(noise) / 0.03, 1.0, 0.2);
 
   options.predict_errors = false;
   const auto without = estimate_field(session, options);
   EXPECT_TRUE(without.quality.predicted_error.empty());
   EXPECT_EQ(without.transfer.weight, field.transfer.weight);
+}
+
+/// Noise that differs between the halves of a picture, which brightness does not tell.
+TEST(PredictedErrorOfAField, NoiseIsWhatPhotographsState) {
+  const auto lights = test::random_lights(60, 64, 48, 3);
+  const auto truth = test::field_of_boxes(24, 18, lights[0].domain(), {{0, 0, 32, 24}, {32, 24, 48, 36}}, 9);
+  const auto noise_of = [](int x) { return x < 12 ? 0.01f : 0.04f; };
+  std::vector<Image> photographs, sigmas;
+  Rng rng(5);
+  for (const LightMap& light : lights) {
+    Image& photograph = photographs.emplace_back(truth.relight(light));
+    Image& sigma = sigmas.emplace_back(photograph);
+    for (std::size_t i = 0; i < sigma.values.size(); ++i) {
+      sigma.values[i] *= noise_of(static_cast<int>(i / 3) % photograph.width);
+      photograph.values[i] += sigma.values[i] * static_cast<float>(rng.normal());
+    }
+  }
+  const std::vector<LightMapView> light_views(lights.begin(), lights.end());
+  const std::vector<ImageView> views(photographs.begin(), photographs.end());
+  const std::vector<ImageView> sigma_views(sigmas.begin(), sigmas.end());
+  const auto field = estimate(light_views, views, sigma_views, {}, {});
+  double ratio = 0.0;
+  for (std::size_t p = 0; p < field.quality.photograph_noise.size(); ++p)
+    ratio += field.quality.photograph_noise[p] / noise_of(static_cast<int>(p) % field.width) /
+             static_cast<double>(field.quality.photograph_noise.size());
+  EXPECT_NEAR(ratio, 1.0, 0.1);
 }
 
 TEST(LightErrorModel, BarsLeaveMoreErrorThanTrainingLights) {
