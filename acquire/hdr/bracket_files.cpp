@@ -74,7 +74,8 @@ struct DngTags {
 
 /// Called by LibRaw for each tag; `stream` is at its values.
 void note_tag(void* context, int tag, int type, int count, unsigned order, void* stream, INT64) {
-  constexpr int cfa_pattern = 33422, cfa_plane_colour = 50710, delta_h = 50715, delta_v = 50716;
+  constexpr int cfa_pattern = 33422, cfa_plane_colour = 50710, cfa_layout = 50711;
+  constexpr int delta_h = 50715, delta_v = 50716;
   constexpr int max_count = 65536, srational = 10;
   DngTags& tags = *static_cast<DngTags*>(context);
   auto& file = *static_cast<LibRaw_abstract_datastream*>(stream);
@@ -90,6 +91,9 @@ void note_tag(void* context, int tag, int type, int count, unsigned order, void*
     for (const unsigned char code : read(static_cast<std::size_t>(count)))
       letters += std::string_view("RGBCMYW?")[std::min<std::size_t>(code, 7)];
     if (letters.find_first_not_of("RGB") != std::string::npos) tags.colours = letters;
+  } else if (number == cfa_layout) {
+    const auto data = read(2);
+    if (!data.empty() && data[order == 0x4949 ? 0 : 1] > 1) tags.colours = "in staggered rows or columns";
   } else if ((number == delta_h || number == delta_v) && type == srational) {
     const auto data = read(std::size_t{8} * static_cast<std::size_t>(count));
     const auto integer = [&](std::size_t first) {
@@ -297,6 +301,9 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
     return file;
   }
   const StoredImage& stored = input->stored();
+  if (stored.channels.size() > 4)
+    throw FormatError(path, "has " + std::to_string(stored.channels.size()) +
+                                " channels, of which none is named; export red, green and blue alone");
   const int channels = stored.channels.size() >= 3 ? 3 : 1;
   file.response = facts.response;
   file.frame.width = stored.width;

@@ -120,6 +120,8 @@ void read_profile(std::string_view icc, ImageFacts& facts) {
     facts.response = "gamma:" + std::to_string(gamma);
 }
 
+constexpr const char* cmyk_refusal = "stores inks (CMYK), which are no light; export it as RGB";
+
 /// The first directory of a TIFF structure that begins at `base`, and its EXIF directory. Source: TIFF 6.0,
 /// section 2; EXIF 2.3, section 4.6; BigTIFF has numbers of 8 bytes.
 void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
@@ -157,7 +159,9 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
         if (value == 0.0 || (value >= 8.0 && value <= 10.0))
           facts.refusal = "stores white as zero, or L*a*b* (PhotometricInterpretation); export it as RGB";
         if (value == 32844.0 || value == 32845.0) facts.refusal = "stores LogLuv; convert it to OpenEXR";
+        if (value == 5.0) facts.refusal = cmyk_refusal;
       }
+      if (tag == 301 && base == 0 && facts.response.empty()) facts.response = "unknown";  // TransferFunction
       if (depth == 0 && ((tag == 254 && number(place, 4) & 1u) || (tag == 255 && value == 2.0)))
         facts.refusal = "begins with a thumbnail (NewSubfileType); export the image alone";
       if (tag == 50706) facts.is_raw = true;  // DNGVersion
@@ -177,7 +181,28 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
       }
     }
   };
-  read_directory(base + number(base + (is_big_tiff ? 8 : 4), word), read_directory, 0);
+  const std::uint64_t first = base + number(base + (is_big_tiff ? 8 : 4), word);
+  read_directory(first, read_directory, 0);
+  if (base != 0 || facts.is_raw || !facts.refusal.empty())
+    return;  // in a JPEG or PNG file, or read by LibRaw
+  const std::uint64_t head = is_big_tiff ? 8 : 2, entry_bytes = is_big_tiff ? 20 : 12;
+  const auto value_of = [&](std::uint64_t directory, std::uint64_t tag) -> std::optional<std::uint64_t> {
+    for (std::uint64_t i = 0; i < std::min<std::uint64_t>(number(directory, static_cast<int>(head)), 4096);
+         ++i)
+      if (const std::uint64_t at = directory + head + i * entry_bytes; number(at, 2) == tag)
+        return number(at + 4 + static_cast<std::uint64_t>(word), number(at + 2, 2) == 3 ? 2 : 4);
+    return std::nullopt;
+  };
+  if (!value_of(first, 258))  // decoders take one bit for eight then
+    facts.refusal = "states no number of bits (BitsPerSample), so that it has one; convert it to 8 bits";
+  const std::uint64_t end = first + head + number(first, static_cast<int>(head)) * entry_bytes;
+  const std::uint64_t next = number(end, word);
+  const bool is_other = next != 0 && value_of(next, 254).value_or(0) == 0;  // no thumbnail, no mask
+  if (is_other && value_of(first, 256) == value_of(next, 256) && value_of(first, 257) == value_of(next, 257))
+    facts.refusal =
+        "holds several images of one size (pages), such as a stack or separate channels; export each image "
+        "as "
+        "a file, colours together";
 }
 
 /// Segments up to the first scan: APP1 holds EXIF, APP2 the profile, perhaps in parts.
@@ -190,6 +215,9 @@ void read_jpeg(FileBytes& file, ImageFacts& facts) {
       continue;
     }
     if (marker >> 8 != 0xff || marker == 0xffda || length < 2) break;
+    const bool is_frame =
+        marker >= 0xffc0 && marker <= 0xffcf && marker != 0xffc4 && marker != 0xffc8 && marker != 0xffcc;
+    if (is_frame && file.number(at + 9, 1, true) == 4) facts.refusal = cmyk_refusal;
     if (marker == 0xffe1 && file.text(at + 4, 6) == "Exif\0\0"sv) read_tiff(file, at + 10, facts);
     if (marker == 0xffe2 && file.text(at + 4, 12) == "ICC_PROFILE\0"sv && length > 16)
       profile += file.text(at + 18, length - 16);

@@ -25,8 +25,8 @@ struct ImageFacts {
   std::optional<double> exposure_seconds, iso, f_number, focal_length_mm;  ///< EXIF
   std::optional<int> white_balance;                                        ///< EXIF: 0 automatic, 1 manual
   std::optional<int> light_source;  ///< EXIF: 0 unknown, 1 daylight, …
-  std::string
-      refusal;  ///< TIFF that decoders hand on undecoded, or as its thumbnail: what to tell; else empty
+  std::string refusal;  ///< of what decoders misread, or hand on as if it were one RGB image: what to tell;
+                        ///< else empty
   bool is_raw = false;  ///< a TIFF file of sensor samples: a colour filter array, or a DNG of another name
   std::optional<Chromaticities> chromaticities;  ///< of EXR, PRIMARIES of Radiance, ICC, cHRM, cICP, EXIF
   std::optional<bool> is_cube;                   ///< EXR attribute envmap: cube or lat-long
@@ -34,7 +34,8 @@ struct ImageFacts {
 
 /// What to tell about ImageFacts::response "unknown", where samples must be decoded.
 inline constexpr const char* unknown_encoding =
-    "states an encoding (ICC profile or cICP) that is neither linear, sRGB nor a power; convert it to linear "
+    "states an encoding (ICC profile, cICP or TransferFunction) that is neither linear, sRGB nor a power; "
+    "convert it to linear "
     "OpenEXR";
 
 /// Values that a damaged header states are left out. Throws DeviceError for a missing file and FormatError

@@ -108,6 +108,9 @@ std::string joined(const std::vector<std::string>& names) {
 
 /// Throws FormatError unless the file says clearly which channels are the image.
 std::array<int, 3> colour_channels(const StoredImage& stored, bool is_exr, const fs::path& path) {
+  if (!is_exr && stored.channels.size() > 4)
+    throw FormatError(path, "has " + std::to_string(stored.channels.size()) +
+                                " channels, of which none is named; export red, green and blue alone");
   const auto layers = colour_layers(stored);
   if (layers.size() == 1) return layers.front().channels;
   if (!is_exr && stored.channels.size() <= 2) return {0, 0, 0};  // grey, perhaps with alpha, however named
@@ -307,6 +310,9 @@ Image read_image(const fs::path& path, ImageUse use) {
   if (facts.is_raw)
     throw FormatError(path, "holds samples of a camera's sensor; develop it, or import it as a photograph");
   if (!facts.refusal.empty()) throw FormatError(path, facts.refusal);
+  if (!file.is_exr && stored.samples == StoredSamples::other_integers)
+    throw FormatError(
+        path, "has integer samples of neither 8 nor 16 bits; convert it to one of them or to OpenEXR");
   const auto colour = colour_channels(stored, file.is_exr, path);
   std::vector<int> channels(colour.begin(), colour.end());
   const bool has_alpha = use == ImageUse::picture && stored.straight_alpha;

@@ -8,6 +8,7 @@ docs/reference/image-files.md lists them. A new kind is one line of `cases`.
 usage: tests/images/image_files_test.py PROGRAM [TEXT in the names of the cases]
 """
 import concurrent.futures
+import io
 import itertools
 import pathlib
 import re
@@ -84,6 +85,7 @@ def raw_cases():
             yield case(f"{name}, {len(tags)} of BlackLevelDelta, order {order}", {"a.dng": dng(shown, order=order, tags=tags)}, truth, where=where)
     yield case("RAW, BlackLevelDelta of other columns", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50715: fractions(columns[:50])})},
                refused="BlackLevelDelta.*50 rows or columns.*64")
+    yield case("RAW of staggered rows", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50711: (3, 6)})}, refused="staggered")
     for name, pattern, planes in (("CMY", (3, 4, 4, 5), (3, 4, 5)), ("GMCY", (1, 4, 3, 5), (1, 4, 3, 5)), ("RGBW", (0, 1, 6, 2), (0, 1, 2, 6)),
                                   ("RGB, planes of CMY", (0, 1, 1, 2), (3, 4, 5))):
         for options in ((), ("--layout", "bayer_rggb")):
@@ -130,7 +132,32 @@ def tiff_cases():
     for how in ("photograph", "map"):
         yield case(f"TIFF grey, 0 is white: {how}", {"a.tif": tiff(65535 - sixteen[..., :1], grey_is_white=True)},
                    refused="white as zero", how=how)
-    yield case("TIFF of 32-bit integers", {"a.tif": tiff(sixteen.astype(np.uint32))}, refused="integer samples of neither")
+    def of_pages(first, second):
+        """Of tiff(): the second follows, its offsets moved."""
+        moved = bytearray(second[8:])
+        count = struct.unpack("<H", second[8:10])[0]
+        shift = len(first) - 8
+        for at in range(2, 2 + 12 * count, 12):
+            tag, kind, number, value = struct.unpack("<HHII", moved[at:at + 12])
+            if tag == 273 or number * {3: 2, 4: 4}.get(kind, 4) > 4:
+                struct.pack_into("<I", moved, at + 8, value + shift)
+        first = bytearray(first)
+        end = 10 + 12 * struct.unpack("<H", first[8:10])[0]
+        struct.pack_into("<I", first, end, len(first))
+        return bytes(first) + bytes(moved)
+    page = tiff(sixteen[..., :1])
+    for how in ("photograph", "map"):
+        yield case(f"TIFF of 32-bit integers: {how}", {"a.tif": tiff(sixteen.astype(np.uint32))}, refused="integer samples of neither", how=how)
+        yield case(f"TIFF of CMYK: {how}", {"a.tif": tiff(np.concatenate([sixteen, sixteen[..., :1]], -1), tags={262: (3, 5)})}, refused="CMYK", how=how)
+        yield case(f"TIFF of five channels: {how}", {"a.tif": tiff(np.concatenate([sixteen, sixteen[..., :2]], -1), tags={338: (3, [0, 0])})},
+                   refused="5 channels", how=how)
+        yield case(f"TIFF of channels as pages: {how}", {"a.tif": of_pages(page, page)}, refused="several images", how=how)
+        yield case(f"TIFF and its thumbnail: {how}", {"a.tif": of_pages(tiff(sixteen), tiff(sixteen[::2, ::2], tags={254: (4, 1)}))},
+                   light if how == "photograph" else srgb_decoded(light), how=how)
+        yield case(f"TIFF without BitsPerSample: {how}", {"a.tif": tiff(sixteen[..., :1]).replace(struct.pack("<HH", 258, 3), struct.pack("<HH", 257, 3), 1)},
+                   refused="no number of bits", how=how)
+        yield case(f"TIFF with TransferFunction: {how}", {"a.tif": tiff(sixteen, tags={301: (3, list(range(0, 65536, 256)))})},
+                   refused="states an encoding", how=how)
     for curve, how in itertools.product(("srgb", "1.8"), ("photograph", "map")):
         profile = icc(curve)
         yield case(f"TIFF float with ICC profile {curve}: {how}", {"a.tif": tiff(encoded(SCENE, curve, "").astype(np.float32), icc=profile)},
@@ -187,7 +214,7 @@ def png_cases():
 
 def jpeg_cases():
     try:
-        import PIL  # noqa: F401
+        import PIL.Image
     except ImportError:
         print("SKIPPED JPEG: Pillow (python3-pil) is not there")
         return
@@ -197,6 +224,10 @@ def jpeg_cases():
         file = {"a.jpg": jpeg(stored, orientation)}
         yield case(f"JPEG orientation {orientation}: photograph upright", file, flat, tolerance=0.08)
         yield case(f"JPEG orientation {orientation}: map upright", file, flat, tolerance=0.08, how="map")
+    inks = io.BytesIO()
+    PIL.Image.fromarray(integers(flat, 8)).convert("CMYK").save(inks, "JPEG")
+    for how in ("photograph", "map"):
+        yield case(f"JPEG of CMYK: {how}", {"a.jpg": inks.getvalue()}, refused="CMYK", how=how)
     for curve in ("srgb", "1.8", "linear"):
         stored = integers(encoded(flat, curve, ""), 8)
         yield case(f"JPEG, ICC profile {curve}", {"a.jpg": jpeg(stored, profile=icc(curve))}, flat, tolerance=0.08, how="map")
