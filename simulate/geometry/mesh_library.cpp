@@ -249,8 +249,8 @@ std::string unread_extensions(const Json& gltf) {
 
 void require_supported(const Gltf& file) {
   const Json& gltf = file.json;
-  const std::string version = child(gltf, "asset").value("version", "");
-  if (!version.starts_with("2."))
+  const Json& asset = child(gltf, "asset");
+  if (!asset.value("version", "").starts_with("2.") || asset.value("minVersion", "2.0") != "2.0")
     throw MeshFault("it is not of glTF 2.0, which its asset must state; export it as glTF 2.0");
   const Json& buffers = child(gltf, "buffers");
   if (file.binary && !buffers.empty() && buffers.at(0).contains("uri"))

@@ -264,6 +264,7 @@ REFUSED = [
     ("obj points", as_m("obj", obj(lists=[])), None, "convert a point cloud"),
     ("gltf index out of range", gltf(indices=[[0, 1, 2], [0, 1, 99]]), None, "index is out of range"),
     ("gltf index out of range, strips", gltf(indices=[0, 1, 2, 99], mode=5), None, "index is out of range"),
+    ("gltf of a later version", gltf(change=lambda document: document["asset"].update(version="2.1", minVersion="2.1")), None, "not of glTF 2.0"),
     ("gltf required extension", gltf(required=["EXT_meshopt_compression"]),
      None, "requires the glTF extension EXT_meshopt_compression"),
     ("gltf quantized positions", gltf(change=lambda d: d["accessors"][0].update(componentType=5122), stride=12),
