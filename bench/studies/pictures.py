@@ -5,16 +5,19 @@
     bench/studies/pictures.py fields OUT --env MAP     # traces, estimates, relights: 1 hour on 2 cores at 1024x768
     bench/studies/pictures.py film OUT film.webp       # joins the frames; needs ffmpeg
     bench/studies/pictures.py crops OUT crops.jpg      # mirror, glass and shadow, enlarged
-    bench/studies/pictures.py grain OUT --size 64x48   # error of the traced picture against one with 16 times the samples
+    bench/studies/pictures.py grain OUT --size 48x36   # error of the traced picture against one with 16 times the samples, in a
+                                                       # window of that size (31 rows or more) of a picture of 1024x768
     bench/studies/pictures.py screens OUT docs/images --mesh MESH.rfield --env MAP   # viewer and web page, in Xvfb and Chromium
 
 `fields` traces the scene without grain (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
 it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
 from which `crops` shows the traced picture, the paper's method, the default mode and the differences of both. The film's map is
 sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with 17 seeds and compares the first with the mean of
-the others: in total, and what remains of the difference after subtraction of its mean over 5×5 pixels, which is the grain. Needs numpy and the Python module of OpenImageIO.
+the others: in total, and what remains of the difference after subtraction of its mean over 5×5 pixels, which is the grain.
+Needs numpy and the Python module of OpenImageIO; `screens` also xvfb, chromium and chromium-driver.
 """
 import argparse
+import math
 import os
 import pathlib
 import re
@@ -109,10 +112,14 @@ def box_mean(pixels, radius=2):
 
 def grain(arguments):
     lights, pictures = {}, {}
+    rows = int(arguments.size.split("x")[1])
+    field_of_view = 2 * math.degrees(math.atan(math.tan(math.radians(12.5)) * rows / 768))
+    recipe = arguments.out / "window.toml"
+    recipe.write_text(f'base = "{RECIPE}"\n[camera]\ntarget = [{arguments.target}]\nvertical_fov_degrees = {field_of_view}\n')
     for seed in range(17):
         truth = arguments.out / f"seed-{seed}"
-        subprocess.run([arguments.program, "--quiet", "simulate", RECIPE, "--size", arguments.size, "--quality", str(arguments.quality),
-                        "--seed", str(2004 + seed), "--light-size", "64x48", "--train", "1", "--test", "1,1,0", "--transport", "always", "--force", "-o", truth],
+        subprocess.run([arguments.program, "--quiet", "simulate", recipe, "--size", arguments.size, "--quality", str(arguments.quality),
+                        "--seed", str(2004 + seed), "--light-size", "32x24", "--train", "1", "--test", "1,1,0", "--transport", "always", "--force", "-o", truth],
                        check=True)
         lights = lights or {kind: truth / frame["illumination"] for kind, frame in held_out(truth).items() if kind != "black"}
         for kind, light in lights.items():
@@ -194,6 +201,7 @@ def main():
     parser.add_argument("--mesh", type=pathlib.Path, help="field of a mesh, for screens")
     parser.add_argument("--env", default="/usr/share/blender/datafiles/studiolights/world/sunset.exr")
     parser.add_argument("--size", default="1024x768")
+    parser.add_argument("--target", default="-0.10, 0.03, -0.20", help="of grain: middle of the window, in the scene (the yellow block)")
     parser.add_argument("--quality", type=int, default=3, help="of tracing, of grain")
     parser.add_argument("--program", default="build/release/cli/refield")
     arguments = parser.parse_args()
