@@ -262,6 +262,7 @@ struct Predictor {
   /// Rows that are predictions from others alone, times `diagonal`: of the same frames.
   std::vector<char> is_prediction;
   AlignedFloats with_repeats;  ///< `inverse` before frames of one light were kept from predicting each other
+  Eigen::MatrixXd exact;       ///< the same, unrounded: differences of its entries count
 
   float* row(Eigen::Index j) { return inverse.data() + j * stride; }
   const float* row(Eigen::Index j) const { return inverse.data() + j * stride; }
@@ -321,6 +322,8 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
   result.inverse.assign(images * result.stride, 0.0f);
   result.diagonal = Eigen::VectorXf::Zero(images);
   result.is_prediction = left_out;
+  result.exact = Eigen::MatrixXd::Zero(images, images);
+  result.exact(kept, kept) = inverse;
   for (Eigen::Index a = 0; a < count; ++a) {
     for (Eigen::Index b = 0; b < count; ++b) result.row(kept[a])[kept[b]] = static_cast<float>(inverse(a, b));
     result.diagonal[kept[a]] = static_cast<float>(inverse(a, a));
@@ -346,17 +349,37 @@ Predictor predictor(const Eigen::MatrixXd& gram, double ridge, const std::vector
 void fill_unmeasured(const Predictor& way, const std::vector<Eigen::Index>& missing, float* series) {
   const auto count = static_cast<Eigen::Index>(missing.size());
   for (const Eigen::Index j : missing) series[j] = 0.0f;
-  Eigen::MatrixXd inner(count, count);
+  const Eigen::MatrixXd inner = way.exact(missing, missing);
   Eigen::VectorXd right(count);
   for (Eigen::Index a = 0; a < count; ++a) {
     const float* row = way.filling_row(missing[a]);
-    for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = row[missing[b]];
     float product = 0.0f;
     dots(series, &row, 1, way.stride, &product);
     right[a] = -product;
   }
   const Eigen::VectorXd values = solve_symmetric(inner, right);
   for (Eigen::Index a = 0; a < count; ++a) series[missing[a]] = static_cast<float>(values[a]);
+}
+
+/// Of each frame's residual where `missing` frames were not measured: the diagonal of (K + λI)⁻¹ of the
+/// measured frames alone; of predictions, the variance of the missing ones is added.
+Eigen::VectorXf precision_without(const Predictor& way, const std::vector<Eigen::Index>& missing) {
+  const Eigen::Index images = way.exact.rows();
+  Eigen::MatrixXd on_missing = way.exact(missing, Eigen::all);
+  for (Eigen::Index j = 0; j < images; ++j)
+    for (std::size_t a = 0; way.is_prediction[j] && a < missing.size(); ++a)
+      on_missing(static_cast<Eigen::Index>(a), j) = way.row(j)[missing[a]];
+  const Eigen::MatrixXd inner = way.exact(missing, missing);
+  inner.llt().matrixL().solveInPlace(on_missing);
+  Eigen::VectorXf precision(images);
+  for (Eigen::Index j = 0; j < images; ++j) {
+    const double lost = on_missing.col(j).squaredNorm();
+    const double p = way.is_prediction[j] ? way.diagonal[j] : way.exact(j, j);
+    constexpr double least = 1e-9;  // of p: no negative one by rounding
+    precision[j] =
+        static_cast<float>(way.is_prediction[j] ? p / (1.0 + lost / p) : std::max(p - lost, least * p));
+  }
+  return precision;
 }
 
 /// Several series of one channel, each tried with one predictor after another; the best is kept.
@@ -375,7 +398,6 @@ class SeriesBatch {
         missing_(count),
         counted_(count),
         best_(count, std::numeric_limits<float>::infinity()),
-        best_way_(count, nullptr),
         residual_(images_) {
     for (Eigen::Index s = 0; s < count; ++s) {
       values_of_.push_back(values_.data() + s * stride_);
@@ -394,7 +416,10 @@ class SeriesBatch {
     for (Eigen::Index j = 0; j < images_; ++j)
       dots(way.row(j), values_of_.data(), count_, stride_, products_.data() + j * count_);
     for (Eigen::Index s = 0; s < count_; ++s) {
-      for (Eigen::Index j = 0; j < images_; ++j) residual_[j] = products_[j * count_ + s] / way.diagonal[j];
+      if (!missing_[s].empty()) precision_ = precision_without(way, missing_[s]);
+      const Eigen::VectorXf& precision = missing_[s].empty() ? way.diagonal : precision_;
+      for (Eigen::Index j = 0; j < images_; ++j)
+        residual_[j] = products_[j * count_ + s] / (way.is_prediction[j] ? way.diagonal : precision)[j];
       const auto& counted = counted_[s];
       // The median is below the best one if more than half the residuals are: most ways end here.
       const auto below =
@@ -403,56 +428,16 @@ class SeriesBatch {
       sizes_.clear();
       for (const Eigen::Index j : counted) sizes_.push_back(std::abs(residual_[j]));
       standardised_ = sizes_;
-      for (std::size_t i = 0; i < counted.size(); ++i)
-        standardised_[i] *= std::sqrt(way.diagonal[counted[i]]);
+      for (std::size_t i = 0; i < counted.size(); ++i) standardised_[i] *= std::sqrt(precision[counted[i]]);
       best_[s] = reordered_median(sizes_);
-      best_way_[s] = &way;
       const float scale = 1.4826f * reordered_median(standardised_);
       auto residual = result.residual.col(first_ + s), standardised = result.standardised.col(first_ + s);
       for (Eigen::Index j = 0; j < images_; ++j) {
         residual[j] = residual_[j];
-        standardised[j] = scale > 0.0f ? residual_[j] * std::sqrt(way.diagonal[j]) / scale : 0.0f;
+        standardised[j] = scale > 0.0f ? residual_[j] * std::sqrt(precision[j]) / scale : 0.0f;
       }
       for (Eigen::Index j = 0; j < images_; ++j)
         if (!std::isfinite(series_(j, first_ + s))) residual[j] = standardised[j] = 0.0f;
-    }
-  }
-
-  /// What was not measured makes the prediction of the others less sure: puts that right with the ways that
-  /// are the best, which must still be there.
-  void correct_for_missing(LeaveOneOut& result) {
-    for (Eigen::Index s = 0; s < count_; ++s) {
-      if (missing_[s].empty() || !best_way_[s]) continue;
-      const Predictor& way = *best_way_[s];
-      const auto& missing = missing_[s];
-      float* values = values_.data() + s * stride_;
-      fill_unmeasured(way, missing, values);
-      const auto count = static_cast<Eigen::Index>(missing.size());
-      Eigen::MatrixXd inner(count, count), on_missing(count, images_);
-      for (Eigen::Index a = 0; a < count; ++a) {
-        for (Eigen::Index b = 0; b < count; ++b) inner(a, b) = way.filling_row(missing[a])[missing[b]];
-        for (Eigen::Index j = 0; j < images_; ++j) on_missing(a, j) = way.row(j)[missing[a]];
-      }
-      inner.llt().matrixL().solveInPlace(on_missing);
-      const Eigen::VectorXf lost = on_missing.colwise().squaredNorm().transpose().cast<float>();
-      auto residual = result.residual.col(first_ + s), standardised = result.standardised.col(first_ + s);
-      standardised_.clear();
-      for (Eigen::Index j = 0; j < images_; ++j) {
-        if (!std::isfinite(series_(j, first_ + s))) continue;
-        const float* row = way.row(j);
-        float product = 0.0f;
-        dots(values, &row, 1, stride_, &product);
-        // Precision from (K + λI)⁻¹ of the measured frames alone; or the variance of the missing ones is
-        // added.
-        const float p = way.diagonal[j];
-        const float precision =
-            way.is_prediction[j] ? p / (1.0f + lost[j] / p) : std::max(p - lost[j], 1e-3f * p);
-        residual[j] = product / (way.is_prediction[j] ? p : precision);
-        standardised[j] = residual[j] * std::sqrt(precision);
-      }
-      for (const Eigen::Index j : counted_[s]) standardised_.push_back(std::abs(standardised[j]));
-      const float scale = 1.4826f * reordered_median(standardised_);
-      standardised *= scale > 0.0f ? 1.0f / scale : 0.0f;
     }
   }
 
@@ -465,7 +450,7 @@ class SeriesBatch {
   std::vector<float> products_;                               // [images × count]
   std::vector<std::vector<Eigen::Index>> missing_, counted_;  // of the frames that are not left out
   std::vector<float> best_;                                   // median size of the residuals
-  std::vector<const Predictor*> best_way_;
+  Eigen::VectorXf precision_;
   std::vector<float> residual_, sizes_, standardised_;
 };
 
@@ -502,7 +487,6 @@ LeaveOneOut leave_one_out(const std::vector<Eigen::MatrixXd>& grams, const Eigen
     const Eigen::Index count = range.end() - first;
     SeriesBatch batch(series, first, count, left_out);
     for (const Predictor& way : ways) batch.try_predictor(way, result);
-    batch.correct_for_missing(result);
   });
   return result;
 }
@@ -558,17 +542,20 @@ class Examination {
       loo_[c] = leave_one_out(grams.of_channel[c], series, left_out, grams.repeats, run);
     }
     cells_.resize(sample.cells.size());
-    std::vector<float> sizes(sample.pixels);
     for (int j = 0; j < sample.images; ++j) {
-      for (int p = 0; p < sample.pixels; ++p) sizes[p] = size(j, p);
-      whole_.push_back(median_of(sizes));
+      std::vector<float> sizes;
       float worst = 0.0f;
       for (std::size_t i = 0; i < cells_.size(); ++i) {
+        const std::vector<int>& pixels = sample.cells[i].pixels;
         std::vector<float> in_cell;
-        for (const int p : sample.cells[i].pixels) in_cell.push_back(sizes[p]);
-        cells_[i].push_back(median_of(in_cell));
+        for (const int p : pixels)
+          if (const auto measured = size(j, p)) in_cell.push_back(*measured);
+        if (2 * in_cell.size() < pixels.size()) in_cell.clear();  // the median of few would stand out
+        sizes.insert(sizes.end(), in_cell.begin(), in_cell.end());
+        cells_[i].push_back(median_of(std::move(in_cell)));
         worst = std::max(worst, cells_[i].back());
       }
+      whole_.push_back(median_of(std::move(sizes)));
       worst_cell_.push_back(worst);
     }
   }
@@ -599,17 +586,24 @@ class Examination {
   /// Cells whose residual in frame j is far from their own usual one.
   std::vector<std::size_t> differing_cells(int j) const {
     std::vector<std::size_t> result;
-    for (std::size_t i = 0; i < cells_.size(); ++i)
-      if (cells_[i][j] > cell_differs * std::max(median_of(cells_[i]), tiny)) result.push_back(i);
+    for (std::size_t i = 0; i < cells_.size(); ++i) {
+      std::vector<float> measured = cells_[i];
+      std::erase(measured, 0.0f);
+      if (cells_[i][j] > cell_differs * std::max(median_of(std::move(measured)), tiny)) result.push_back(i);
+    }
     return result;
   }
 
  private:
-  /// Mean over the channels of the standardised residual.
-  float size(int j, int p) const {
-    float sum = 0.0f;
-    for (const LeaveOneOut& channel : loo_) sum += std::abs(channel.standardised(j, p));
-    return sum / 3.0f;
+  /// Mean over the measured channels of the standardised residual.
+  std::optional<float> size(int j, int p) const {
+    float sum = 0.0f, count = 0.0f;
+    for (int c = 0; c < 3; ++c) {
+      if (!std::isfinite(sample_.series(c, p)[j])) continue;
+      sum += std::abs(loo_[c].standardised(j, p));
+      count += 1.0f;
+    }
+    return count > 0.0f ? std::optional(sum / count) : std::nullopt;
   }
   template <class Use>
   void for_each_ratio(int j, const std::vector<int>& pixels, Use use) const {
@@ -624,7 +618,7 @@ class Examination {
   const PixelSample& sample_;
   std::array<LeaveOneOut, 3> loo_;
   std::vector<float> whole_, worst_cell_;  // of each frame
-  std::vector<std::vector<float>> cells_;  // [cells][frames]
+  std::vector<std::vector<float>> cells_;  // [cells][frames]; zero where fewer than half was measured
 };
 
 std::vector<int> all_pixels(const PixelSample& sample) {

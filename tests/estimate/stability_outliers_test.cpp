@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
+#include <limits>
 
 #include "core/base/rng.h"
 #include "core/image/image_io.h"
@@ -135,6 +137,33 @@ TEST_F(OutlierFrames, AWalkerIsFoundWhereHeIs) {
     EXPECT_LT(frame.found.share, 0.4);
     EXPECT_NE(frame.why.find("something moved"), std::string::npos);
   }
+}
+
+TEST_F(OutlierFrames, UnmeasuredSamplesMakeNone) {
+  const auto unmeasure =
+      [&](const std::function<bool(std::size_t frame, std::size_t sample, Rng&)>& is_lost) {
+        session_ = test::write_capture(folder_ / "session", scene_.truth, scene_.lights, 0.01);
+        for (std::size_t j = 0; j < session_.frames.size(); ++j) {
+          Photograph photograph = read_photograph(session_.frames[j].observed);
+          photograph.sigma = Image(photograph.radiance.width, photograph.radiance.height, 3, 0.01f);
+          Rng rng(5, j);
+          for (std::size_t i = 0; i < photograph.sigma.values.size(); ++i)
+            if (is_lost(j, i, rng)) photograph.sigma.values[i] = std::numeric_limits<float>::infinity();
+          write_photograph(session_.frames[j].observed, photograph);
+        }
+      };
+  const std::size_t half = 3 * static_cast<std::size_t>(session_.width) * session_.height / 2;
+  unmeasure([](std::size_t, std::size_t, Rng& rng) { return rng.uniform() < 0.6; });
+  EXPECT_EQ(names(report()), std::vector<std::string>{}) << "samples of all";
+  unmeasure([](std::size_t j, std::size_t, Rng& rng) { return j >= 9 && rng.uniform() < 0.5; });
+  EXPECT_EQ(names(report()), std::vector<std::string>{}) << "nine are whole";
+  unmeasure([&](std::size_t j, std::size_t i, Rng&) { return j % 2 == 0 && i >= half; });
+  EXPECT_EQ(names(report()), std::vector<std::string>{}) << "lower halves of every second";
+  for (const int j : {10, 45})
+    change_photograph(session_.frames[j], [](Image& image) {
+      for (float& value : image.values) value *= 0.7f;
+    });
+  EXPECT_EQ(names(report()), (std::vector<std::string>{"train_010", "train_045"}));
 }
 
 TEST_F(OutlierFrames, APhotographWithTheRoomLightOnIsNamed) {
