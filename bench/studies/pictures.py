@@ -9,7 +9,7 @@
                                                        # window of that size (31 rows or more) of a picture of 1024x768
     bench/studies/pictures.py screens OUT docs/images --mesh MESH.rfield --env MAP   # viewer and web page, in Xvfb and Chromium
 
-`fields` traces the scene without grain (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
+`fields` traces the scene with least noise (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
 it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
 from which `crops` shows the traced picture, the paper's method, the default mode and the differences of both. The film's map is
 sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with 17 seeds and compares the first with the mean of
