@@ -94,8 +94,7 @@ TEST_P(StabilityOfRigs, WhatIsFoundIsCorrected) {
   const fs::path session = captured(rig.recipe), truth = truth_of(rig.recipe);
   const double corrected = error_of(session, truth, "auto"), uncorrected = error_of(session, truth, "off");
   test::record_figure({"rig: " + rig.effect, rig.setting, corrected, ideal, 0.0, 0.0});
-  test::record_figure(
-      {"rig: " + rig.effect, rig.setting + ", --rig off", uncorrected, ideal, 0.0, 0.0});
+  test::record_figure({"rig: " + rig.effect, rig.setting + ", --rig off", uncorrected, ideal, 0.0, 0.0});
   EXPECT_LE(corrected, harmless * uncorrected);
   EXPECT_LE(corrected, rig.most * ideal);
   EXPECT_GE(uncorrected, rig.least_without * ideal) << "the effect is too small to be a test";
