@@ -48,6 +48,7 @@ Brdf red() {
 TransportOptions quick(bool fields = false) {
   TransportOptions options;
   options.fields = fields;
+  options.functions = 12;  // times the terms of a surface
   options.rings = 6;
   options.shells = 10;
   options.directions = 384;

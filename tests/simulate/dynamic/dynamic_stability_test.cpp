@@ -22,6 +22,7 @@ struct Moving {
     scene.objects.back().motion.path = {{0.0, {0, -0.5f, 0}}};
     TransportOptions options;
     options.fields = fields;
+    options.functions = 8;  // times up to 16 terms of a surface
     options.rings = 5;
     options.shells = 8;
     options.directions = 256;
