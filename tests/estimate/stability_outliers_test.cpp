@@ -38,6 +38,15 @@ class OutlierFrames : public testing::Test {
     for (const LeftOutFrame& frame : report.left_out) result.push_back(frame.name);
     return result;
   }
+  /// Photograph j becomes one under the mean of two other lights, which no pairing puts right.
+  void photograph_other_light(int j) {
+    const Image a = read_image(session_.frames[j + 5].observed),
+                b = read_image(session_.frames[j + 8].observed);
+    change_photograph(session_.frames[j], [&](Image& image) {
+      for (std::size_t i = 0; i < image.values.size(); ++i)
+        image.values[i] = 0.5f * (a.values[i] + b.values[i]);
+    });
+  }
   double error(const EstimateOptions& options) { return scene_.error(estimate_field(session_, options)); }
 
   /// Damages the capture and compares: found, error near the undisturbed one, far from that of keeping them.
@@ -109,10 +118,9 @@ TEST_F(OutlierFrames, AFlickerIsFoundAndMeasured) {
 
 TEST_F(OutlierFrames, PhotographsOfOtherLightsAreFound) {
   expect_found(
-      "2 of 80 swapped", {"train_003", "train_027", "train_050", "train_071"},
+      "4 of 80 of other lights", {"train_003", "train_027", "train_050", "train_071"},
       [&] {
-        std::swap(session_.frames[3].observed, session_.frames[50].observed);
-        std::swap(session_.frames[27].observed, session_.frames[71].observed);
+        for (const int j : {3, 27, 50, 71}) photograph_other_light(j);
       },
       1.3);
   for (const LeftOutFrame& frame : report().left_out) EXPECT_NE(frame.found.kind, OutlierFrame::Kind::region);
@@ -186,7 +194,7 @@ TEST_F(OutlierFrames, APhotographWithTheRoomLightOnIsNamed) {
 }
 
 TEST_F(OutlierFrames, AreNamedInTheSummaryAndTheField) {
-  std::swap(session_.frames[3].observed, session_.frames[50].observed);
+  for (const int j : {3, 50}) photograph_other_light(j);
   const EstimateSummary summary = estimate(options_);
   EXPECT_EQ(names(summary.frames), (std::vector<std::string>{"train_003", "train_050"}));
   EXPECT_EQ(summary.plan.images, 78);
