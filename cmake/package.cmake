@@ -51,7 +51,13 @@ viewer and web pages. It also precomputes the light transport of meshes.")
 set(shared_package librefield${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
 set(CPACK_DEBIAN_SHARED_PACKAGE_NAME ${shared_package})
 set(CPACK_DEBIAN_SHARED_PACKAGE_SECTION libs)
-
+# CPack would call ldconfig in scripts, in every package that holds a module, too; Debian has a trigger for it.
+set(control "${PROJECT_BINARY_DIR}/package-control")
+file(WRITE "${control}/triggers" "activate-noawait ldconfig\n")
+file(WRITE "${control}/shlibs"
+     "librefield ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR} ${shared_package} (= ${PROJECT_VERSION}-1)\n")
+file(CHMOD "${control}/triggers" "${control}/shlibs" PERMISSIONS OWNER_READ OWNER_WRITE GROUP_READ WORLD_READ)
+set(CPACK_DEBIAN_SHARED_PACKAGE_CONTROL_EXTRA "${control}/triggers;${control}/shlibs")
 set(CPACK_COMPONENT_SHARED_DESCRIPTION "estimate and relight reflectance fields (shared library)
 Library for programs that estimate reflectance fields from images in
 memory, read and write field files, relight fields and precompute the
@@ -106,7 +112,6 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS ON)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS "${PROJECT_BINARY_DIR}/library")
 # Not the tests and benchmarks of target `all`; ./dev check packages builds what is installed.
 set(CPACK_CMAKE_GENERATOR Ninja)
