@@ -42,7 +42,6 @@ NOT_RUN = {
     "refield submit": "needs a Slurm cluster: tests/cluster/cluster_test.py (./dev check cluster)",
     "refield-studies": "Studies.*",
     "refield compare a.rfield SESSION": "a summary of the options",
-    "tests/cli/drive_page.py": "Maps/PageInChromium.*",
     "refield estimate more --refine": "needs more photographs of the same scene: Refine.*",
     "oiiotool --create 128x96": "a light map of the demo's size",
 }
