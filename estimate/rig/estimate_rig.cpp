@@ -701,6 +701,8 @@ bool RigEstimation::lose_track() {
 
 bool RigEstimation::estimate_motion(int round) {
   if (lost_track_ || (round > 0 && path_.kind == CapturePath::Kind::rest)) return false;
+  // Shadows of single light sources move: photographs of a relief were "moved" by up to 3.6 pixels.
+  if (!predictors_.are_mixtures() && relative(total_criterion()) > max_residual_of_tone) return false;
   const MatrixXd before = shift_;
   const auto residuals = relative_residuals();
   const double start = total_criterion();
