@@ -51,7 +51,7 @@ viewer and web pages. It also precomputes the light transport of meshes.")
 set(shared_package librefield${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
 set(CPACK_DEBIAN_SHARED_PACKAGE_NAME ${shared_package})
 set(CPACK_DEBIAN_SHARED_PACKAGE_SECTION libs)
-# CPack would call ldconfig in scripts, in every package that holds a module, too; Debian has a trigger for it.
+# CPack would call ldconfig in scripts; Debian has a trigger for it.
 set(control "${PROJECT_BINARY_DIR}/package-control")
 file(WRITE "${control}/triggers" "activate-noawait ldconfig\n")
 file(WRITE "${control}/shlibs"
