@@ -23,17 +23,11 @@ namespace fs = std::filesystem;
 constexpr const char* config = "/sys/kernel/config/gpio-sim/lab";
 constexpr Seconds patience{600};  // ends what hangs
 
-/// The levels that GPIO outputs are set to, as the kernel's tracing sees them: a pulse is not missed, however
-/// busy the machine is.
+/// The levels that GPIO outputs are set to since its construction, as the kernel's tracing sees them: a pulse
+/// is not missed, however busy the machine is. boot.sh switches that tracing on.
 class OutputTrace {
  public:
-  OutputTrace() {
-    write_file(std::string(tracing) + "trace", "");
-    write_file(enable_file(), "1");
-  }
-  ~OutputTrace() { write_file(enable_file(), "0"); }
-  OutputTrace(const OutputTrace&) = delete;
-  OutputTrace& operator=(const OutputTrace&) = delete;
+  OutputTrace() { write_file(trace_file, ""); }
 
   struct Event {
     double seconds;  // since the machine was started
@@ -42,7 +36,7 @@ class OutputTrace {
   std::vector<Event> events() const {
     // "  test_devices-97  [001] .....  12.345678: gpio_value: 505 set 1"
     std::vector<Event> events;
-    std::istringstream trace(read_file(std::string(tracing) + "trace"));
+    std::istringstream trace(read_file(trace_file));
     for (std::string line; std::getline(trace, line);) {
       const auto end = line.find(": gpio_value: "), set = line.find(" set ");
       if (end == std::string::npos || set == std::string::npos) continue;
@@ -53,8 +47,7 @@ class OutputTrace {
   }
 
  private:
-  static constexpr const char* tracing = "/sys/kernel/debug/tracing/";
-  static std::string enable_file() { return std::string(tracing) + "events/gpio/gpio_value/enable"; }
+  static constexpr const char* trace_file = "/sys/kernel/debug/tracing/trace";
 };
 
 class GpioTriggerTest : public testing::Test {
