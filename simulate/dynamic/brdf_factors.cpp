@@ -252,11 +252,6 @@ double width_of(const Brdf& brdf) {
       return 1.0 / std::sqrt(std::max(1.0f, brdf.exponent));
     case Lobe::ggx:
       return std::min(0.7 * brdf.roughness, 0.04);  // the horizon asks for some
-    case Lobe::table: {
-      const BrdfTable& table = *brdf.table;
-      const int finest = std::max({table.theta_in(), table.theta_out(), table.delta_phi() / 2});
-      return std::numbers::pi / 2 / finest;
-    }
   }
   return 1.0;
 }

@@ -57,18 +57,6 @@ class BrdfFactors {
   /// weighted by both cosines.
   double error() const { return error_; }
 
-  /// Calls `visit` with every member, in one order, for files.
-  template <class Visit>
-  void exchange(const Visit& visit) {
-    visit(order_);
-    visit(terms_);
-    visit(highest_order_);
-    visit(nodes_);
-    visit(incoming_);
-    visit(outgoing_);
-    visit(error_);
-  }
-
  private:
   std::vector<int> order_;  // [radial terms]
   int terms_ = 0, highest_order_ = 0, nodes_ = 0;

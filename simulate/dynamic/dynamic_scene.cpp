@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <span>
 #include <string>
 
@@ -20,7 +19,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-Brdf brdf_of(const MaterialDescription& material, const fs::path& folder) {
+Brdf brdf_of(const MaterialDescription& material) {
   Brdf brdf;
   brdf.diffuse = material.colour;
   brdf.specular = material.specular;
@@ -32,10 +31,6 @@ Brdf brdf_of(const MaterialDescription& material, const fs::path& folder) {
     case MaterialDescription::Kind::ggx:
       brdf.lobe = Lobe::ggx;
       brdf.roughness = static_cast<float>(material.roughness * material.roughness);
-      break;
-    case MaterialDescription::Kind::measured:
-      brdf.lobe = Lobe::table;
-      brdf.table = std::make_shared<BrdfTable>(read_brdf_table(folder / material.file));
       break;
     default:
       break;
@@ -86,7 +81,7 @@ MovingObject read_moving_object(ConfigSection& section, std::span<const Material
   SceneObject described =
       read_scene_object(section, SceneKind::dynamic, materials, folder, prt::Gloss::lobes, run);
   object.mesh = std::move(described.mesh);
-  object.brdf = described.lobes.empty() ? brdf_of(described.material, folder)
+  object.brdf = described.lobes.empty() ? brdf_of(described.material)
                                         : average_lobes(object.mesh, described.lobes, object.name, run);
   const Eigen::Vector3f middle = bounding_ball(object.mesh).middle;
   for (auto& position : object.mesh.positions) position -= middle;

@@ -86,7 +86,6 @@ constexpr std::array kind_uses{
             scene_bit(SceneKind::traced) | scene_bit(SceneKind::precomputed) | scene_bit(SceneKind::dynamic)},
     KindUse{"phong", MaterialKind::phong, scene_bit(SceneKind::precomputed) | scene_bit(SceneKind::dynamic)},
     KindUse{"ggx", MaterialKind::ggx, scene_bit(SceneKind::precomputed) | scene_bit(SceneKind::dynamic)},
-    KindUse{"measured", MaterialKind::measured, scene_bit(SceneKind::dynamic)},
     KindUse{"glossy", MaterialKind::glossy, scene_bit(SceneKind::traced)},
     KindUse{"metal", MaterialKind::metal, scene_bit(SceneKind::traced)},
     KindUse{"mirror", MaterialKind::mirror, scene_bit(SceneKind::traced)},
@@ -99,18 +98,16 @@ struct KeyUse {
 };
 constexpr std::array key_uses{
     KeyUse{"diffuse", kind_bit(MaterialKind::diffuse) | kind_bit(MaterialKind::phong) |
-                          kind_bit(MaterialKind::ggx) | kind_bit(MaterialKind::measured) |
-                          kind_bit(MaterialKind::glossy) | kind_bit(MaterialKind::translucent)},
+                          kind_bit(MaterialKind::ggx) | kind_bit(MaterialKind::glossy) |
+                          kind_bit(MaterialKind::translucent)},
     KeyUse{"specular", kind_bit(MaterialKind::phong) | kind_bit(MaterialKind::ggx) |
-                           kind_bit(MaterialKind::measured) | kind_bit(MaterialKind::metal) |
-                           kind_bit(MaterialKind::mirror)},
+                           kind_bit(MaterialKind::metal) | kind_bit(MaterialKind::mirror)},
     KeyUse{"transmittance", kind_bit(MaterialKind::glass)},
     KeyUse{"exponent", kind_bit(MaterialKind::phong)},
     KeyUse{"roughness",
            kind_bit(MaterialKind::ggx) | kind_bit(MaterialKind::glossy) | kind_bit(MaterialKind::metal)},
     KeyUse{"index_of_refraction", kind_bit(MaterialKind::glossy) | kind_bit(MaterialKind::glass)},
-    KeyUse{"transmission", kind_bit(MaterialKind::translucent)},
-    KeyUse{"file", kind_bit(MaterialKind::measured)}};
+    KeyUse{"transmission", kind_bit(MaterialKind::translucent)}};
 
 /// "diffuse, phong": the kinds of a scene that are among `kinds`.
 std::string names_of(SceneKind scene, unsigned kinds) {
@@ -140,9 +137,9 @@ Rgb read_colour(ConfigSection& section, const char* key, const Rgb& standard) {
   return read_vector(section, key, standard.matrix(), 0.0, 1.0).array();
 }
 
-/// The lobe that phong, ggx and measured have beside the diffuse one.
+/// The lobe that phong and ggx have beside the diffuse one.
 void read_lobe(ConfigSection& section, MaterialDescription& material) {
-  if (material.kind != MaterialKind::measured) section.require("specular");
+  section.require("specular");
   material.specular = read_colour(section, "specular", Rgb::Ones());
   if ((material.specular == 0.0f).all())
     section.fail("specular", "is zero; give a reflectance above zero, or kind = \"diffuse\"");
@@ -151,14 +148,9 @@ void read_lobe(ConfigSection& section, MaterialDescription& material) {
     section.number("exponent", material.exponent, 1.0, 1e5);
     if ((material.colour + material.specular > 1.0f).any())
       section.fail("specular", "with `diffuse` it must not add up to more than 1");
-  } else if (material.kind == MaterialKind::ggx) {
+  } else {
     section.require("roughness");
     section.number("roughness", material.roughness, 0.1, 1.0);
-  } else {
-    section.require("file");
-    std::string file;
-    section.text("file", file);
-    material.file = file;
   }
 }
 
@@ -177,14 +169,12 @@ MaterialDescription read_material(ConfigSection section, SceneKind scene) {
   section.require("name");
   section.text("name", material.name);
   const MaterialKind kind = material.kind = read_kind(section, scene);
-  if (kind == MaterialKind::measured) material.colour.setZero();
   if (kind == MaterialKind::glass) material.colour.setOnes();
   const char* colour_key = kind == MaterialKind::metal || kind == MaterialKind::mirror ? "specular"
                            : kind == MaterialKind::glass                               ? "transmittance"
                                                                                        : "diffuse";
   material.colour = read_colour(section, colour_key, material.colour);
-  if (kind == MaterialKind::phong || kind == MaterialKind::ggx || kind == MaterialKind::measured)
-    read_lobe(section, material);
+  if (kind == MaterialKind::phong || kind == MaterialKind::ggx) read_lobe(section, material);
   if (kind == MaterialKind::glossy || kind == MaterialKind::metal)
     section.number("roughness", material.roughness, 0.2, 1.0);
   if (kind == MaterialKind::glossy || kind == MaterialKind::glass)
@@ -211,7 +201,7 @@ std::vector<MaterialDescription> read_materials(const ConfigFile& file, SceneKin
 
 MaterialDescription read_material_of(ConfigSection& section, std::span<const MaterialDescription> materials) {
   for (const KeyUse& key : key_uses)
-    if (std::string_view(key.name) != "file" && section.has(key.name))
+    if (section.has(key.name))
       section.fail(key.name, "it is a key of [[material]]; name such a material by the key `material`");
   std::string name;
   section.text("material", name);

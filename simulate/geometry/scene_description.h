@@ -56,7 +56,6 @@ struct MaterialDescription {
     diffuse,      ///< Lambert
     phong,        ///< Lambert and a normalised Phong lobe
     ggx,          ///< Lambert and a microfacet lobe
-    measured,     ///< Lambert and a table of measurements
     glossy,       ///< Lambert below a dielectric microfacet coat
     metal,        ///< microfacet conductor
     mirror,       ///< perfect conductor
@@ -68,13 +67,12 @@ struct MaterialDescription {
   /// Linear RGB: diffuse albedo, or reflectance at normal incidence of a metal or mirror, or transmittance of
   /// each surface of glass.
   Rgb colour = Rgb::Constant(0.8f);
-  Rgb specular = Rgb::Zero();  ///< reflectance of the lobe of phong and ggx, or factor of a table
+  Rgb specular = Rgb::Zero();  ///< reflectance of the lobe of phong and ggx
   TextureDescription texture{};
   double exponent = 0.0;             ///< of phong
   double roughness = 0.2;            ///< of ggx, glossy and metal: GGX α = roughness²
   double index_of_refraction = 1.5;  ///< of glossy and glass
   double transmission = 0.5;         ///< of translucent: the share of `colour` that goes through
-  std::filesystem::path file{};      ///< of measured, relative to the scene's file
 };
 
 /// A shape, its material and its place.

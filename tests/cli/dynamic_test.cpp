@@ -149,14 +149,10 @@ TEST_F(SimulateDynamicVerb, NamesWhatIsWrong) {
   const std::string any = "[[object]]\nshape = \"sphere\"\n[[material]]\nname = \"it\"\n";
   refused(any + "exponent = 3\n", "the following kinds do: phong");
   refused(any + "kind = \"phong\"\nexponent = 3\n", "specular");
-  refused(any + "kind = \"glass\"\n", "diffuse, phong, ggx, measured");
+  refused(any + "kind = \"glass\"\n", "diffuse, phong, ggx");
   refused(any + "kind = \"ggx\"\nspecular = [0, 0, 0]\nroughness = 0.3\n", "kind = \"diffuse\"");
   refused("[[object]]\nshape = \"sphere\"\npath = [[1, 0, 0, 0], [0, 0, 0, 0]]\n", "path");
   refused("[[object]]\nshape = \"sphere\"\nturns = []\n", "turns");
-  EXPECT_THAT(
-      run_refield({"render", scene("[[material]]\nname = \"it\"\nkind = \"measured\"\nfile = \"none.txt\"\n"
-                                   "[[object]]\nshape = \"sphere\"\nmaterial = \"it\"\n")}),
-      RefusedNaming("none.txt", "No such file"));
   EXPECT_THAT(run_refield(command({"-o", folder_ / "picture.tiff"})), RefusedNaming("picture.tiff", ".exr"));
 }
 

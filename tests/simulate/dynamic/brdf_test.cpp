@@ -4,10 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <array>
-#include <charconv>
 #include <cmath>
-#include <filesystem>
 #include <numbers>
 #include <string>
 
@@ -20,8 +17,6 @@
 
 namespace refield::dynamic {
 namespace {
-
-namespace fs = std::filesystem;
 
 /// What a surface reflects of light from one direction in all: ∫ f cosθ_o dω_o.
 double albedo(const Brdf& brdf, const Eigen::Vector3f& in) {
@@ -53,79 +48,11 @@ TEST(Brdf, IsReciprocalAndFiniteDownToTheHorizon) {
   EXPECT_TRUE((sharp({0.6f, 0.0f, -0.8f}, {0.6f, 0.0f, 0.8f}) == 0.0f).all());
 }
 
-TEST(Brdf, TablesInterpolateWhatTheyWereMadeFrom) {
-  const Brdf phong{
-      .diffuse = {0.1f, 0.2f, 0.3f}, .specular = {0.5f, 0.4f, 0.3f}, .lobe = Lobe::phong, .exponent = 6};
-  const Brdf measured{.diffuse = {0, 0, 0},
-                      .specular = {1, 1, 1},
-                      .lobe = Lobe::table,
-                      .table = std::make_shared<BrdfTable>(test::table_of(phong, 46, 46, 91))};
-  for (const Eigen::Vector3f& in : test::hemisphere(40))
-    for (const Eigen::Vector3f& out : test::hemisphere(37))
-      for (int c = 0; c < 3; ++c) EXPECT_NEAR(measured(in, out)[c], phong(in, out)[c], 0.006);
-}
-
-/// The inverse of read_brdf_table().
-void write_brdf_table(const fs::path& path, const BrdfTable& table) {
-  std::string text = "refield brdf 1\ntheta_in " + std::to_string(table.theta_in()) + " theta_out " +
-                     std::to_string(table.theta_out()) + " delta_phi " + std::to_string(table.delta_phi()) +
-                     "\n";
-  std::array<char, 32> digits{};  // the shortest that read back the same
-  for (const Eigen::Array3f& value : table.values())
-    for (int c = 0; c < 3; ++c) {
-      text.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value[c]).ptr);
-      text += c < 2 ? ' ' : '\n';
-    }
-  write_text_atomically(path, text);
-}
-
-TEST(Brdf, TablesSurviveTheirFile) {
-  const fs::path path = fs::path(testing::TempDir()) / "brdf_table.txt";
-  const BrdfTable table = test::table_of({.diffuse = {0.123456f, 0.1f, 1e-7f}}, 3, 4, 5);
-  write_brdf_table(path, table);
-  const BrdfTable again = read_brdf_table(path);
-  EXPECT_EQ(again.theta_in(), 3);
-  EXPECT_EQ(again.theta_out(), 4);
-  EXPECT_EQ(again.delta_phi(), 5);
-  ASSERT_EQ(again.values().size(), table.values().size());
-  for (std::size_t i = 0; i < table.values().size(); ++i)
-    EXPECT_TRUE((again.values()[i] == table.values()[i]).all());
-}
-
-TEST(Brdf, BadTablesAreNamed) {
-  const fs::path path = fs::path(testing::TempDir()) / "bad_brdf_table.txt";
-  const auto complaint = [&](const std::string& text) -> std::string {
-    write_text_atomically(path, text);
-    try {
-      read_brdf_table(path);
-    } catch (const FormatError& error) {
-      return error.what();
-    }
-    return "none";
-  };
-  const std::string head = "refield brdf 1 # remark\ntheta_in 2 theta_out 2 delta_phi 2\n";
-  std::string values;
-  for (int i = 0; i < 23; ++i) values += "0.5 ";
-  EXPECT_EQ(complaint(head + values + "1e-3\n# the end"), "none");
-  EXPECT_NE(complaint(head + values).find("sample 7; it has been cut short"), std::string::npos);
-  EXPECT_NE(complaint(head + values + "nan").find("\"nan\""), std::string::npos);
-  EXPECT_NE(complaint(head + values + "inf").find("\"inf\""), std::string::npos);
-  EXPECT_NE(complaint(head + values + "-0.1").find("\"-0.1\""), std::string::npos);
-  EXPECT_NE(complaint(head + values + "1e99").find("\"1e99\""), std::string::npos);
-  EXPECT_NE(complaint(head + values + "0.1 0.1").find("more numbers"), std::string::npos);
-  EXPECT_NE(complaint("refield brdf 1 theta_in 1").find("2 to 181"), std::string::npos);
-  EXPECT_NE(complaint("refield brdf 1 theta_in 99999999999").find("2 to 181"), std::string::npos);
-  EXPECT_NE(complaint("refield brdf 2").find("refield brdf 1"), std::string::npos);
-  EXPECT_NE(complaint("").find("refield brdf 1"), std::string::npos);
-  EXPECT_THROW(BrdfTable(2, 2, 2, std::vector<Eigen::Array3f>(7, Eigen::Array3f::Zero())), InputError);
-}
-
 TEST(Brdf, RefusesWhatIsNoReflectance) {
   EXPECT_THROW((Brdf{.diffuse = {-0.1f, 0, 0}}.check()), InputError);
   EXPECT_THROW((Brdf{.specular = {NAN, 0, 0}}.check()), InputError);
   EXPECT_THROW((Brdf{.lobe = Lobe::phong, .exponent = -1}.check()), InputError);
   EXPECT_THROW((Brdf{.lobe = Lobe::ggx, .roughness = 0}.check()), InputError);
-  EXPECT_THROW((Brdf{.lobe = Lobe::table}.check()), InputError);
 }
 
 TEST(TangentFrame, IsOrthonormalForAllNormals) {

@@ -19,26 +19,6 @@ inline std::vector<Eigen::Vector3f> hemisphere(int count) {
   return directions;
 }
 
-/// A measured table of a BRDF given by formula.
-inline BrdfTable table_of(const Brdf& brdf, int theta_in, int theta_out, int delta_phi) {
-  const auto direction = [](double height_share, double turn) {
-    // At the horizon itself all is zero.
-    const double theta = std::min(height_share, 0.9999) * std::numbers::pi / 2;
-    return Eigen::Vector3d(std::sin(theta) * std::cos(turn), std::sin(theta) * std::sin(turn),
-                           std::cos(theta))
-        .cast<float>()
-        .eval();
-  };
-  std::vector<Eigen::Array3f> values;
-  for (int i = 0; i < theta_in; ++i)
-    for (int j = 0; j < theta_out; ++j)
-      for (int k = 0; k < delta_phi; ++k)
-        values.push_back(brdf(
-            direction(static_cast<double>(i) / (theta_in - 1), 0.0),
-            direction(static_cast<double>(j) / (theta_out - 1), std::numbers::pi * k / (delta_phi - 1))));
-  return {theta_in, theta_out, delta_phi, values};
-}
-
 /// Of all kinds, gently varying.
 inline std::vector<Brdf> assorted_brdfs() {
   return {
