@@ -72,8 +72,7 @@ void take(const std::optional<Given>& given, Value& value) {
   if (given) value = *given;
 }
 
-FieldRows cluster_rows(const prt::Scene& scene, const PrecomputeOptions& given,
-                       nlohmann::ordered_json& provenance, const RunContext& run) {
+FieldRows cluster_rows(const prt::Scene& scene, const PrecomputeOptions& given, const RunContext& run) {
   prt::ClusterOptions options;
   take(given.resolution, options.resolution);
   take(given.epsilon, options.epsilon);
@@ -81,22 +80,7 @@ FieldRows cluster_rows(const prt::Scene& scene, const PrecomputeOptions& given,
   take(given.pixel_samples, options.pixel_samples);
   if (given.image) options.relighting = prt::Relighting::image;
   prt::ClusterStatistics statistics;
-  FieldRows rows = prt::cluster_transfer(scene, options, statistics, run);
-  provenance.update(nlohmann::ordered_json::parse(rows.outline.provenance));
-  return rows;
-}
-
-FieldRows harmonic_rows(const prt::Scene& scene, const prt::HarmonicOptions& options,
-                        nlohmann::ordered_json& provenance, const RunContext& run) {
-  prt::HarmonicStatistics statistics;
-  FieldRows rows = prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics, run),
-                                       options.map_resolution);
-  provenance.update({{"order", options.order},
-                     {"window", "none"},
-                     {"directions", options.directions},
-                     {"radius", options.radius},
-                     {"pass_energy", statistics.pass_energy}});
-  return rows;
+  return prt::cluster_transfer(scene, options, statistics, run);
 }
 
 }  // namespace
@@ -115,8 +99,9 @@ Field v0_2::precompute(const fs::path& path, const PrecomputeOptions& options, c
     nlohmann::ordered_json provenance{{"program", "refield " REFIELD_VERSION},
                                       {"scene", path.filename().string()},
                                       {"method", is_harmonic ? "sh" : "clusters"}};
-    FieldRows rows = is_harmonic ? harmonic_rows(scene, harmonics, provenance, run)
-                                 : cluster_rows(scene, options, provenance, run);
+    FieldRows rows =
+        is_harmonic ? prt::harmonic_field(scene, harmonics, run) : cluster_rows(scene, options, run);
+    provenance.update(nlohmann::ordered_json::parse(rows.outline.provenance));
     rows.outline.provenance = json_text(provenance);
     if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;
     return public_field(pack_rows(std::move(rows), 8, run));

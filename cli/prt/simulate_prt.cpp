@@ -9,7 +9,6 @@
 #include <string>
 
 #include "cli/common/options.h"
-#include "cli/prt/measure.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
@@ -33,35 +32,21 @@ struct PrtArguments {
   prt::ClusterOptions clusters;
   prt::HarmonicOptions harmonics;
   std::optional<double> epsilon;
-  bool image = false, measure = false;
+  bool image = false;
 };
 
 constexpr int weight_bits = 8;  // relative error 4e-4
 
-/// Figures of the computation for the summary; fills in `rows`.
-ordered_json compute_clusters(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {
-  prt::ClusterOptions& options = arguments.clusters;
+FieldRows precomputed(const prt::Scene& scene, const PrtArguments& arguments) {
+  if (arguments.method == "sh") return prt::harmonic_field(scene, arguments.harmonics, run_context());
+  prt::ClusterOptions options = arguments.clusters;
   const bool paper = arguments.mode == "paper";
   options.similarity = paper ? prt::Similarity::all_outputs : prt::Similarity::group;
   // The paper's ε: Johan and Nishita, section 6.1, for 73 196 vertices.
   options.epsilon = arguments.epsilon.value_or(paper ? 5e-5 : 1e-4);
   options.relighting = arguments.image ? prt::Relighting::image : prt::Relighting::geometry;
   prt::ClusterStatistics statistics;
-  rows = prt::cluster_transfer(scene, options, statistics, run_context());
-  return ordered_json::parse(rows.outline.provenance);
-}
-
-ordered_json compute_harmonics(const prt::Scene& scene, PrtArguments arguments, FieldRows& rows) {
-  prt::HarmonicOptions& options = arguments.harmonics;
-  options.check();
-  prt::HarmonicStatistics statistics;
-  rows = prt::harmonic_field(scene, prt::harmonic_transfer(scene, options, statistics, run_context()),
-                             options.map_resolution);
-  return {{"order", options.order},
-          {"window", "none"},
-          {"directions", options.directions},
-          {"radius", options.radius},
-          {"pass_energy", statistics.pass_energy}};
+  return prt::cluster_transfer(scene, options, statistics, run_context());
 }
 
 void simulate_prt(const PrtArguments& arguments, const Common& common) {
@@ -71,30 +56,21 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   prt::Scene scene =
       prt::read_scene(arguments.scene, run_context(), glossy ? prt::Gloss::lobes : prt::Gloss::diffuse);
   prt::sort_vertices(scene);
-  FieldRows rows;
-  ordered_json figures = arguments.method == "sh" ? compute_harmonics(scene, arguments, rows)
-                                                  : compute_clusters(scene, arguments, rows);
+  FieldRows rows = precomputed(scene, arguments);
+  auto figures = ordered_json::parse(rows.outline.provenance);
   ordered_json provenance{{"program", "refield " REFIELD_VERSION},
                           {"scene", arguments.scene.filename().string()},
                           {"method", arguments.method}};
   provenance.update(figures);
   rows.outline.provenance = json_text(provenance);
   if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;
-  PackedField packed = pack_rows(std::move(rows), weight_bits, run_context());
-  write_packed_field(arguments.output, packed);
+  write_packed_field(arguments.output, pack_rows(std::move(rows), weight_bits, run_context()));
 
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   figures["vertices"] = scene.mesh.positions.size();
   figures["field"] = arguments.output.string();
   figures["bytes"] = fs::file_size(arguments.output);
   figures["seconds"] = seconds;
-  if (arguments.measure) {
-    TileRelighter relighter(std::move(packed));
-    const auto times = prt_chart::measure_relighting(relighter);
-    figures["relight_ms"] = times.whole_ms;
-    figures["two_area_lights_ms"] = times.two_area_lights_ms;
-    figures["update_error"] = times.update_error;
-  }
   if (figures.contains("clusters") && figures["clusters"].get<std::uint64_t>() == 0)
     run_context().note(arguments.scene.string() +
                        ": no light reaches any vertex, so that every picture is black; if the surfaces face "
@@ -109,9 +85,6 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
     std::printf("%llu light clusters, %.0f per vertex\n",
                 static_cast<unsigned long long>(figures["clusters"].get<std::uint64_t>()),
                 figures["entries"].get<double>() / static_cast<double>(scene.mesh.positions.size()));
-  if (arguments.measure)
-    std::printf("relighting: %.2f ms; update after two area lights moved: %.2f ms\n",
-                figures["relight_ms"].get<double>(), figures["two_area_lights_ms"].get<double>());
 }
 
 constexpr std::array cluster_options = {"--resolution",      "--mode",  "--epsilon",
@@ -208,7 +181,6 @@ void add_precompute(CLI::App& app, const Common& common, Action& action) {
       ->capture_default_str();
   add_cluster_options(*verb, *arguments);
   add_harmonic_options(*verb, *arguments);
-  verb->add_flag("--measure", arguments->measure, "Also measure computation times");
   verb->callback([arguments, verb, &common, &action] {
     action = [arguments, verb, &common] {
       refuse_foreign_options(*verb, arguments->method);

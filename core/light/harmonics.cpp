@@ -19,12 +19,6 @@ Eigen::Vector3d spiral_direction(int k, int count) {
   return {radius * std::cos(phi), radius * std::sin(phi), z};
 }
 
-double window_factor(HarmonicWindow window, int band, int order) {
-  const double angle = std::numbers::pi * band / order;
-  if (window == HarmonicWindow::none || band == 0) return 1.0;
-  return window == HarmonicWindow::hann ? 0.5 * (1.0 + std::cos(angle)) : std::sin(angle) / angle;
-}
-
 /// The recurrences, for one direction or for many side by side; store(index, value).
 template <class Number, class Value, class Store>
 void recur(int order, const Value& x, const Value& y, const Value& z, const Store& store) {
@@ -73,13 +67,6 @@ void evaluate_harmonics(int order, const Eigen::Ref<const Eigen::Matrix3Xf>& dir
       values.row(index).segment(first, count) = value.head(count);
     });
   }
-}
-
-std::vector<double> window_factors(HarmonicWindow window, int order) {
-  std::vector<double> factors;
-  for (int band = 0; band < order; ++band)
-    factors.insert(factors.end(), 2 * band + 1, window_factor(window, band, order));
-  return factors;
 }
 
 Eigen::MatrixXd harmonic_rotation(int order, const Eigen::Matrix3d& rotation) {

@@ -22,12 +22,6 @@ void evaluate_harmonics(int order, const Eigen::Vector3d& direction, std::span<d
 void evaluate_harmonics(int order, const Eigen::Ref<const Eigen::Matrix3Xf>& directions,
                         Eigen::Ref<Eigen::MatrixXf> values);
 
-/// How the bands l of a function cut off at an order n are damped, so that what is small and bright does not
-/// ring around itself; what is smooth loses contrast. hann: (1 + cos(πl/n))/2. lanczos: sin(πl/n)/(πl/n).
-enum class HarmonicWindow { none, hann, lanczos };
-/// The factor of each harmonic, [order²].
-std::vector<double> window_factors(HarmonicWindow window, int order);
-
 /// The matrix [order² × order²] that takes the coefficients of a function f to those of the turned one,
 /// g(ω) = f(R⁻¹ω), `rotation` being R. Bands do not mix. Each band's block is solved for from the values of
 /// its functions in more directions than it has functions, all well spread: exact to rounding.

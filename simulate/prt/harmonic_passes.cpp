@@ -203,10 +203,7 @@ HarmonicPasses::Sight HarmonicPasses::sight_of(const Eigen::Vector3f& from, std:
   const auto radius = static_cast<float>(options_.radius);
   const Eigen::Vector3f away = middle_ + radius * directions_[sample] - from;
   const float distance = away.norm();
-  float gain = radius * radius / (distance * distance);
-  if (options_.emission == Emission::from_surface)
-    gain *= std::max(away.dot(directions_[sample]) / distance, 0.0f);
-  return {away / distance, distance, gain};
+  return {away / distance, distance, radius * radius / (distance * distance)};
 }
 
 void HarmonicPasses::see_distant(Block& now) {

@@ -3,6 +3,7 @@
 
 #include <tbb/parallel_for.h>
 #include <Eigen/Geometry>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -85,9 +86,6 @@ HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const H
   // Where a vertex is both diffuse and glossy, its channels may differ though the light's do not.
   const bool grey = light.channels == 1 && (light.rows == 1 || response.is_grey());
   transfer.channels = grey ? 1 : 3;
-  const std::vector<double> factors = window_factors(options.window, options.order);
-  const Eigen::RowVectorXf window =
-      Eigen::Map<const Eigen::RowVectorXd>(factors.data(), light.columns).cast<float>();
   const float y_00 = static_cast<float>(std::sqrt(0.25 / std::numbers::pi));
   const auto of_vertex = static_cast<std::size_t>(light.rows) * transfer.channels * light.columns;
   transfer.values.resize(vertices * of_vertex);
@@ -97,7 +95,7 @@ HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const H
     for (int i = 0; i < light.rows; ++i)
       for (int c = 0; c < transfer.channels; ++c, to += light.columns)
         Eigen::Map<Eigen::RowVectorXf>(to, light.columns) =
-            (light.rows == 1 ? y_00 : 1.0f) * sent[static_cast<std::size_t>(c)].row(i).cwiseProduct(window);
+            (light.rows == 1 ? y_00 : 1.0f) * sent[static_cast<std::size_t>(c)].row(i);
   });
   return transfer;
 }
@@ -214,6 +212,20 @@ FieldRows harmonic_field(const Scene& scene, HarmonicTransfer transfer, int map_
     }
     return rows;
   };
+  return field;
+}
+
+FieldRows harmonic_field(const Scene& scene, const HarmonicOptions& options, const RunContext& run) {
+  HarmonicStatistics statistics;
+  FieldRows field =
+      harmonic_field(scene, harmonic_transfer(scene, options, statistics, run), options.map_resolution);
+  field.outline.provenance = nlohmann::ordered_json{
+      {"order", options.order},
+      {"window", "none"},
+      {"directions", options.directions},
+      {"radius", options.radius},
+      {"pass_energy",
+       statistics.pass_energy}}.dump();
   return field;
 }
 

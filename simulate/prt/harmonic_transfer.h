@@ -15,12 +15,6 @@
 
 namespace refield::prt {
 
-/// How the sphere of lights around the scene shines when its radius is finite. `towards_all`: each of its
-/// points like a small ball, as bright seen from anywhere in the scene as from the middle (section 3.1, which
-/// leaves the emitter's cosine to the cube map, where it is that of the middle). `from_surface`: each point a
-/// patch of the sphere that faces the middle, with the cosine of equation 1: uniform light stays uniform.
-enum class Emission { towards_all, from_surface };
-
 struct HarmonicOptions {
   int order = 5;          ///< of the light, and of what glossy surfaces receive and send out: 2 to 8
   int directions = 2048;  ///< samples over the whole sphere, the same at every vertex
@@ -28,10 +22,10 @@ struct HarmonicOptions {
   /// first, the shadow pass, brought them (under uniform light); 1 and more: no interreflection.
   double until = 0.002;
   int max_passes = 16;  ///< of interreflection
-  /// Radius of the sphere that the lights are on, around the middle() of the mesh; 0: infinitely far.
+  /// Radius of the sphere that the lights are on, around the middle() of the mesh; 0: infinitely far. Each of
+  /// its points shines like a small ball, as bright seen from anywhere in the scene as from the middle
+  /// (section 3.1, which leaves the emitter's cosine to the cube map, where it is that of the middle).
   double radius = 0.0;
-  Emission emission = Emission::towards_all;
-  HarmonicWindow window = HarmonicWindow::none;
   int map_resolution = 32;  ///< of the cube maps that the field is relit with: texels per face
 
   /// Throws InputError, naming the value.
@@ -88,5 +82,7 @@ HarmonicTransfer harmonic_transfer(const Scene& scene, const HarmonicOptions& op
 /// value goes to the kernel of its harmonic, a negative one to that of its opposite. Provenance is the
 /// caller's.
 FieldRows harmonic_field(const Scene& scene, HarmonicTransfer transfer, int map_resolution);
+/// The field of harmonic_transfer(); provenance has the options and statistics.
+FieldRows harmonic_field(const Scene& scene, const HarmonicOptions& options, const RunContext& run = {});
 
 }  // namespace refield::prt

@@ -48,14 +48,13 @@ INSTANTIATE_TEST_SUITE_P(
 TEST_P(SimulatePrtVerb, MakesAFieldForTheSameRelighter) {
   const test::TemporaryFolder folder;
   const std::string field = folder / "f.rfield", picture = folder / "picture.exr";
-  std::vector<std::string> command = {"precompute", small_scene,     "-o",        field,
-                                      "--method",   GetParam().name, "--measure", "--json"};
+  std::vector<std::string> command = {"precompute", small_scene,     "-o",    field,
+                                      "--method",   GetParam().name, "--json"};
   command.insert(command.end(), GetParam().options.begin(), GetParam().options.end());
   const auto result = run_refield(command);
   ASSERT_THAT(result, Succeeded());
   const json figures = json::parse(result.out);
   EXPECT_EQ(figures["bytes"], std::filesystem::file_size(field));
-  EXPECT_LT(figures["update_error"].get<double>(), 1e-4);
 
   const json info = json::parse(run_refield({"info", field, "--json"}).out);
   EXPECT_EQ(info["kind"], "precomputed reflectance field");

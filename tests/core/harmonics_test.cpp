@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "bench/studies/prt/harmonic_window.h"
 #include "core/light/cube_map.h"
 #include "core/light/monitor_placement.h"
 

@@ -8,8 +8,9 @@
 #include <optional>
 #include <utility>
 
+#include "bench/studies/prt/harmonic_window.h"
+#include "bench/studies/prt/measure.h"
 #include "bench/studies/prt/wavelets.h"
-#include "cli/prt/measure.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -101,12 +102,14 @@ Peer harmonics(const ChartScene& chart, const std::vector<ChartLight>& lights, i
             .setting = "order " + std::to_string(order)};
   prt::HarmonicOptions options;
   options.order = order;
-  options.window = window;
   options.until = 1.0;  // no interreflection, which the others have not
   prt::HarmonicStatistics statistics;
   prt::HarmonicTransfer transfer;
   peer.precompute_seconds =
       seconds_of([&] { transfer = prt::harmonic_transfer(chart.scene, options, statistics, run_context()); });
+  const std::vector<double> factors = window_factors(window, order);
+  for (std::size_t i = 0; i < transfer.values.size(); ++i)
+    transfer.values[i] *= static_cast<float>(factors[i % factors.size()]);
   show(pack_rows(prt::harmonic_field(chart.scene, std::move(transfer), options.map_resolution), 8,
                  run_context()),
        chart, lights, &ChartLight::coarse, peer);

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <numbers>
 
+#include "bench/studies/prt/harmonic_window.h"
 #include "simulate/geometry/mesh_rays.h"
 #include "simulate/prt/transfer_samples.h"
 #include "tests/simulate/prt/harmonic_light.h"
@@ -171,17 +172,6 @@ TEST(HarmonicOrder, RingingIsDampedByWindows) {
     EXPECT_GT(hann.error, lanczos.error) << order;
     EXPECT_GT(lanczos.error, plain.error) << order;
   }
-}
-
-TEST(HarmonicOrder, WindowsAreFactorsOfTheTransfer) {
-  const Scene scene = test::plane_scene();
-  HarmonicStatistics statistics;
-  const HarmonicTransfer plain = harmonic_transfer(scene, {}, statistics);
-  const HarmonicTransfer damped = harmonic_transfer(scene, {.window = HarmonicWindow::hann}, statistics);
-  const std::vector<double> factors = window_factors(HarmonicWindow::hann, plain.order);
-  for (std::size_t v = 0; v < plain.vertices(); ++v)
-    for (std::size_t j = 0; j < factors.size(); ++j)
-      EXPECT_NEAR(damped.row(v, 0, 0)[j], factors[j] * plain.row(v, 0, 0)[j], 1e-6);
 }
 
 }  // namespace

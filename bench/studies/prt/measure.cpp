@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/prt/measure.h"
+#include "bench/studies/prt/measure.h"
 
 #include <algorithm>
 #include <array>
