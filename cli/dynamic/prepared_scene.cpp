@@ -21,28 +21,11 @@ void append_area_lights(const Mesh& area_lights, Mesh& all) {
   }
 }
 
-/// Objects in their places and area lights after them.
-Mesh mesh_with_area_lights(const dynamic::DynamicScene& scene, std::span<const dynamic::Pose> poses,
-                           const Mesh& area_lights) {
-  Mesh mesh = joined_mesh(scene, poses);
-  append_area_lights(area_lights, mesh);
-  return mesh;
-}
-
-/// Of its vertices; `radiance`: of the objects'.
-std::vector<Eigen::Array3f> radiance_with_area_lights(std::vector<Eigen::Array3f> radiance,
-                                                      const Mesh& area_lights) {
-  radiance.insert(radiance.end(), area_lights.colours.begin(), area_lights.colours.end());
-  return radiance;
-}
-
-constexpr int reference_area_light_points = 4096;
-
 }  // namespace
 
 PreparedScene::PreparedScene(dynamic::DynamicScene scene, const dynamic::TransportOptions& options,
                              const RunContext& run)
-    : run_(run), scene_(std::move(scene)) {
+    : scene_(std::move(scene)) {
   rays_.reserve(scene_.objects.size());
   for (const dynamic::MovingObject& object : scene_.objects) {
     rays_.emplace_back(object.mesh);
@@ -71,11 +54,15 @@ void PreparedScene::solve(std::vector<dynamic::Pose> poses, Mesh area_lights, co
 }
 
 Mesh PreparedScene::mesh() const {
-  return mesh_with_area_lights(scene_, poses_, area_lights_);
+  Mesh mesh = joined_mesh(scene_, poses_);
+  append_area_lights(area_lights_, mesh);
+  return mesh;
 }
 
 std::vector<Eigen::Array3f> PreparedScene::radiance(int first_bounce, int last_bounce) {
-  return radiance_with_area_lights(light_->radiance(first_bounce, last_bounce), area_lights_);
+  std::vector<Eigen::Array3f> radiance = light_->radiance(first_bounce, last_bounce);
+  radiance.insert(radiance.end(), area_lights_.colours.begin(), area_lights_.colours.end());
+  return radiance;
 }
 
 Image PreparedScene::picture(int first_bounce, int last_bounce) {
@@ -88,30 +75,6 @@ Image PreparedScene::reflected_picture() {
   std::vector<Eigen::Array3f> reflected = light_->radiance(0, light_->bounces());
   reflected.resize(all.positions.size(), Eigen::Array3f::Zero());
   return MeshRenderer(all, camera_).show(reflected);
-}
-
-Image PreparedScene::traced_picture(double time, const PinholeCamera& camera,
-                                    const dynamic::ReferenceOptions& options) const {
-  const std::vector<dynamic::Pose> poses = scene_.poses(time);
-  std::vector<dynamic::PathStart> starts;
-  for (std::uint32_t o = 0; o < scene_.objects.size(); ++o)
-    for (std::uint32_t v = 0; v < scene_.objects[o].mesh.positions.size(); ++v)
-      starts.push_back(path_start(scene_, poses, o, v, camera.position));
-  std::vector<Eigen::Array3f> radiance(starts.size(), Eigen::Array3f::Zero());
-  for (const auto& bounce : reference(time, starts, options))
-    for (std::size_t v = 0; v < radiance.size(); ++v) radiance[v] += bounce[v];
-  const Mesh area_lights = scene_.lights.at(time);
-  const Mesh all = mesh_with_area_lights(scene_, poses, area_lights);
-  return MeshRenderer(all, camera).show(radiance_with_area_lights(std::move(radiance), area_lights));
-}
-
-std::vector<std::vector<Eigen::Array3f>> PreparedScene::reference(
-    double time, std::span<const dynamic::PathStart> starts, const dynamic::ReferenceOptions& options) const {
-  const std::vector<dynamic::Pose> poses = scene_.poses(time);
-  dynamic::SceneRays rays(rays_);
-  rays.move(poses);
-  const auto area_lights = dynamic::area_points(scene_.lights.at(time), reference_area_light_points);
-  return trace_bounces(scene_, rays, poses, {.area_lights = area_lights}, starts, options, run_);
 }
 
 PinholeCamera camera_of(const dynamic::DynamicScene& scene) {

@@ -7,7 +7,6 @@
 
 #include "core/base/run_context.h"
 #include "core/image/image.h"
-#include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/dynamic_light.h"
 
 namespace refield::cli {
@@ -20,6 +19,7 @@ class PreparedScene {
                 const RunContext& run = {});
 
   const dynamic::DynamicScene& scene() const { return scene_; }
+  const std::vector<prt::MeshRays>& rays() const { return rays_; }
   const std::vector<dynamic::ObjectTransport>& transport() const { return transport_; }
   dynamic::DynamicLight& light() { return *light_; }
   std::size_t bytes() const;
@@ -37,15 +37,8 @@ class PreparedScene {
   Image picture(int first_bounce, int last_bounce);
   /// The same with all bounces and black area lights: what an automatic exposure is chosen for.
   Image reflected_picture();
-  /// The picture of a time by traced paths, as many a vertex: the reference for picture().
-  Image traced_picture(double time, const PinholeCamera& camera,
-                       const dynamic::ReferenceOptions& options) const;
-  /// References for vertices at a time, by bounce.
-  std::vector<std::vector<Eigen::Array3f>> reference(double time, std::span<const dynamic::PathStart> starts,
-                                                     const dynamic::ReferenceOptions& options) const;
 
  private:
-  RunContext run_;
   dynamic::DynamicScene scene_;
   std::vector<prt::MeshRays> rays_;
   std::vector<dynamic::ObjectTransport> transport_;

@@ -6,9 +6,20 @@
 
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
+
+/// A point that stands for a piece of an area light. Both its sides shine.
+struct AreaPoint {
+  Eigen::Vector3f position, normal;
+  Eigen::Array3f power;  ///< radiance × area of the piece
+  float area;
+};
+
+/// `count` points, each the middle of a piece of an area light (colours: radiance); pieces have equal area
+/// times brightness, are about as wide as long, and stay the same wherever an area light goes. None where
+/// nothing shines.
+std::vector<AreaPoint> area_points(const Mesh& area_lights, int count);
 
 /// L_k of an object's vertices (Iwasaki et al., eq. 4), row v·K + k, RGB.
 using TermLight = Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>;

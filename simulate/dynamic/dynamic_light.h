@@ -10,7 +10,6 @@
 #include "simulate/dynamic/field_light.h"
 #include "simulate/dynamic/gathered_light.h"
 #include "simulate/dynamic/object_transport.h"
-#include "simulate/dynamic/pair_transport.h"
 
 namespace refield::dynamic {
 

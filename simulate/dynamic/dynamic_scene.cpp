@@ -9,7 +9,6 @@
 #include <string>
 
 #include "core/base/config_file.h"
-#include "simulate/dynamic/point_lights.h"
 #include "simulate/geometry/place_mesh.h"
 #include "simulate/geometry/scene_description.h"
 
@@ -120,6 +119,15 @@ DynamicScene read_dynamic_scene(const fs::path& path, const RunContext& run) {
     scene.lights.lights.push_back(prt::read_area_light(section, folder, run));
   if (file.has("camera")) scene.camera = read_camera(file.section("camera")).pinhole();
   return scene;
+}
+
+BoundingBall bounding_ball(const Mesh& mesh) {
+  Eigen::AlignedBox3f bounds;
+  for (const auto& position : mesh.positions) bounds.extend(position);
+  BoundingBall ball{bounds.center(), 0.0f};
+  for (const auto& position : mesh.positions)
+    ball.radius = std::max(ball.radius, (position - ball.middle).norm());
+  return ball;
 }
 
 Mesh joined_mesh(const DynamicScene& scene, std::span<const Pose> poses) {

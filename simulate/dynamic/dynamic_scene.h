@@ -61,6 +61,13 @@ class SceneRays {
 /// beside it.
 std::vector<Eigen::Vector3f> ray_starts(const Mesh& mesh);
 
+/// About the middle of a mesh' bounding box, around all its vertices.
+struct BoundingBall {
+  Eigen::Vector3f middle;
+  float radius;
+};
+BoundingBall bounding_ball(const Mesh& mesh);
+
 /// A rigid object of one material.
 struct MovingObject {
   std::string name;

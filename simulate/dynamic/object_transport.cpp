@@ -14,7 +14,7 @@
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
 #include "simulate/dynamic/brdf.h"
-#include "simulate/dynamic/point_lights.h"
+#include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {

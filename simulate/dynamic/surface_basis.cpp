@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/dynamic/surface_basis.h"
 
-#include <Eigen/Core>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -11,9 +12,124 @@
 #include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
 #include "core/base/run_context.h"
-#include "simulate/dynamic/point_lights.h"
+#include "simulate/dynamic/brdf.h"
+#include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic {
+
+namespace {
+
+constexpr float flat_cosine = 0.9999f, flat_share = 1e-4f;
+
+/// Evenly over a square of 2×2 about the origin, [count].
+std::vector<Eigen::Vector2f> square_points(int count) {
+  const int side = std::max(1, static_cast<int>(std::lround(std::sqrt(count))));
+  std::vector<Eigen::Vector2f> points;
+  for (int j = 0; j < side; ++j)
+    for (int i = 0; i < side; ++i)
+      points.push_back(
+          Eigen::Vector2f(static_cast<float>(2 * i + 1 - side), static_cast<float>(2 * j + 1 - side)) /
+          static_cast<float>(side));
+  return points;
+}
+
+/// Vertices that face a light, up to a packet of them, on their way to be asked for.
+class Facing {
+ public:
+  Facing(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
+         const Eigen::Vector3f& light, float* terms)
+      : mesh_(mesh),
+        rays_(rays),
+        factors_(factors),
+        light_(light),
+        terms_(terms),
+        h_(static_cast<std::size_t>(factors.terms())) {}
+
+  void add(std::size_t vertex) {
+    const Eigen::Vector3f way = light_ - mesh_.positions[vertex];
+    if (way.dot(mesh_.normals[vertex]) <= 0.0f) return;
+    from_[count_] = rays_.off_surface(mesh_.positions[vertex], mesh_.normals[vertex]);
+    distance_[count_] = way.norm();
+    towards_[count_] = way / distance_[count_];
+    vertex_[count_++] = vertex;
+    if (count_ == prt::MeshRays::packet) flush();
+  }
+
+  void flush() {
+    const std::uint32_t seen =
+        rays_.unoccluded(std::span(from_).first(count_), std::span(towards_).first(count_),
+                         std::span(distance_).first(count_));
+    for (std::size_t i = 0; i < count_; ++i) {
+      if ((seen >> i & 1u) == 0) continue;
+      const Eigen::Vector3f local = tangent_frame(mesh_.normals[vertex_[i]]) * towards_[i];
+      factors_.incoming(local, h_);
+      const float irradiance = local.z() / (distance_[i] * distance_[i]);
+      for (std::size_t k = 0; k < h_.size(); ++k) terms_[vertex_[i] * h_.size() + k] = h_[k] * irradiance;
+    }
+    count_ = 0;
+  }
+
+ private:
+  const Mesh& mesh_;
+  const prt::MeshRays& rays_;
+  const BrdfFactors& factors_;
+  const Eigen::Vector3f light_;
+  float* terms_;
+  std::vector<float> h_;
+  std::array<Eigen::Vector3f, prt::MeshRays::packet> from_, towards_;
+  std::array<float, prt::MeshRays::packet> distance_{};
+  std::array<std::size_t, prt::MeshRays::packet> vertex_{};
+  std::size_t count_ = 0;
+};
+
+}  // namespace
+
+std::optional<Eigen::Vector3f> facing_of(const Mesh& mesh) {
+  if (mesh.empty()) return std::nullopt;
+  const Eigen::Vector3f facing = mesh.normals.front();
+  const BoundingBall ball = bounding_ball(mesh);
+  for (std::size_t v = 0; v < mesh.positions.size(); ++v)
+    if (mesh.normals[v].dot(facing) < flat_cosine ||
+        std::abs((mesh.positions[v] - ball.middle).dot(facing)) > flat_share * ball.radius)
+      return std::nullopt;
+  return facing;
+}
+
+std::vector<Eigen::Vector3f> point_lights(const Mesh& mesh, int count, std::span<const float> distances) {
+  const BoundingBall ball = bounding_ball(mesh);
+  const auto facing = facing_of(mesh);
+  std::vector<Eigen::Vector3f> lights;
+  for (const float distance : distances) {
+    if (facing) {
+      const Eigen::Matrix3f frame = tangent_frame(*facing);
+      for (const Eigen::Vector2f& point : square_points(count))
+        lights.push_back(ball.middle +
+                         ball.radius *
+                             (frame.transpose() * Eigen::Vector3f(point.x(), point.y(), distance - 1.0f)));
+    } else {
+      for (const auto& direction : prt::hammersley_sphere(count))
+        lights.push_back(ball.middle + distance * ball.radius * direction.cast<float>());
+    }
+  }
+  return lights;
+}
+
+Eigen::MatrixXf light_terms(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
+                            std::span<const Eigen::Vector3f> lights, const RunContext& run) {
+  const std::size_t rows = mesh.positions.size() * static_cast<std::size_t>(factors.terms());
+  Eigen::MatrixXf terms =
+      Eigen::MatrixXf::Zero(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(lights.size()));
+  Progress progress(run, "light on a surface", lights.size());
+  tbb::parallel_for(std::size_t{0}, lights.size(), [&](std::size_t l) {
+    run.throw_if_stopped();
+    Facing facing(mesh, rays, factors, lights[l], terms.col(static_cast<Eigen::Index>(l)).data());
+    for (std::size_t v = 0; v < mesh.positions.size(); ++v) facing.add(v);
+    facing.flush();
+    progress.advance();
+  });
+  return terms;
+}
 
 namespace {
 
@@ -119,7 +235,8 @@ SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const 
   const auto lights = point_lights(mesh, options.lights, options.distances);
   const Eigen::MatrixXf patterns =
       patterns_of(light_terms(mesh, rays, factors, lights, run), factors.terms());
-  const Eigen::VectorXf areas = vertex_areas(mesh);
+  const std::vector<float> area = prt::vertex_areas(mesh.positions, mesh.triangles);
+  const Eigen::Map<const Eigen::VectorXf> areas(area.data(), static_cast<Eigen::Index>(area.size()));
   const Eigen::MatrixXf components = principal_components(patterns, areas.cwiseSqrt(), functions);
   if (components.cols() == 0)
     throw InputError("principal basis: no light reaches the mesh; its triangles may face inwards");

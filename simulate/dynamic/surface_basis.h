@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -9,6 +11,21 @@
 #include "simulate/geometry/mesh_rays.h"
 
 namespace refield::dynamic {
+
+/// The direction that all of a mesh faces; none where it is not flat.
+std::optional<Eigen::Vector3f> facing_of(const Mesh& mesh);
+
+/// Where light may come from: `count` points for each of `distances` (> 1), in radii of the bounding_ball(),
+/// spread over spheres; for a flat mesh evenly over a square of twice
+/// its radius, on the side that it faces, (distance − 1) radii above (Iwasaki et al., figure 2, have one
+/// distance).
+std::vector<Eigen::Vector3f> point_lights(const Mesh& mesh, int count, std::span<const float> distances);
+
+/// L_k(x) = V h_k(ω) cosθ/r² of all vertices and of each of the BRDF's K terms under point lights of
+/// intensity one, shadows of the mesh on itself included: [vertices · K × lights], row v·K + k. Runs on all
+/// cores; throws Interrupted.
+Eigen::MatrixXf light_terms(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
+                            std::span<const Eigen::Vector3f> lights, const RunContext& run = {});
 
 /// Functions Ψ over a mesh' vertices, by which light on the surface is told: L ≈ functions · w,
 /// w = to_weights · L.

@@ -39,16 +39,13 @@ class SimulateDynamicVerb : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(SimulateDynamicVerb, TellsTimesAndErrors) {
-  const auto result = run_refield(command({"--measure", "--reference", "64", "--time", "0.1", "--json"}));
+TEST_F(SimulateDynamicVerb, TellsWhatItPrecomputed) {
+  const auto result = run_refield(command({"--json"}));
   ASSERT_THAT(result, Succeeded());
   const json figures = json::parse(result.out);
   EXPECT_EQ(figures["objects"].size(), 2u);
   EXPECT_EQ(figures["objects"][0]["name"], "ball");
   EXPECT_EQ(figures["objects"][1]["terms"], 1);
-  EXPECT_GT(figures["times"]["frame_ms"].get<double>(), 0.0);
-  EXPECT_EQ(figures["errors"].back()["what"], "all");
-  EXPECT_LT(figures["errors"].back()["relative"].get<double>(), 0.15);
 }
 
 TEST_F(SimulateDynamicVerb, WritesOnePictureAFolderAndAFilm) {
@@ -89,21 +86,6 @@ TEST_F(SimulateDynamicVerb, RefusesATimeOrAnExposureThatIsNoNumber) {
     EXPECT_EQ(result.status, 2);
     EXPECT_NE(result.err.find(std::string(option) + ": is 'nan'; give a"), std::string::npos) << result.err;
   }
-}
-
-TEST_F(SimulateDynamicVerb, ThePictureIsLikeTheTracedOne) {
-  ASSERT_THAT(run_refield(command({"-o", folder_ / "ours.exr"})), Succeeded());
-  ASSERT_THAT(run_refield(command({"-o", folder_ / "traced.exr", "--traced", "64"})), Succeeded());
-  const Image ours = read_image(folder_ / "ours.exr"), traced = read_image(folder_ / "traced.exr");
-  double difference = 0.0, sum = 0.0;
-  for (std::size_t i = 0; i < ours.values.size(); ++i) {
-    difference += std::abs(ours.values[i] - traced.values[i]);
-    sum += traced.values[i];
-  }
-  EXPECT_GT(difference, 0.0);
-  EXPECT_LT(difference, 0.08 * sum);
-  EXPECT_THAT(run_refield(command({"-o", folder_ / "film.mp4", "--traced", "4"})),
-              RefusedNaming("--traced", ".exr"));
 }
 
 TEST_F(SimulateDynamicVerb, EqualInputsGiveEqualPictures) {

@@ -9,7 +9,6 @@
 #include "bench/studies/dynamic/factor_study.h"
 #include "bench/studies/dynamic/fixed_basis.h"
 #include "core/base/errors.h"
-#include "simulate/dynamic/point_lights.h"
 #include "simulate/geometry/mesh_shapes.h"
 
 namespace refield::dynamic {
@@ -33,7 +32,7 @@ TEST(FixedBasis, IsOrthonormalAndExactOnWhatItSpans) {
   const Mesh rabbit = prt::rabbit_mesh(10), plane = prt::plane_mesh(20);
   for (const Mesh& mesh : {rabbit, plane})
     for (const BasisKind kind : kinds) {
-      const Eigen::VectorXf areas = vertex_areas(mesh);
+      const Eigen::VectorXf areas = areas_of(mesh);
       const SurfaceBasis basis = fixed_basis(kind, mesh, 16);
       EXPECT_TRUE(gram(basis, areas).isIdentity(1e-4f));
       EXPECT_LT(

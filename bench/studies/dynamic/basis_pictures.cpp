@@ -3,9 +3,9 @@
 
 #include <algorithm>
 
+#include "bench/studies/dynamic/fixed_basis.h"
 #include "bench/studies/dynamic/picture_grid.h"
 #include "relight/mesh/mesh_view.h"
-#include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic_chart {
 
@@ -42,7 +42,7 @@ Image basis_picture(const StudySurface& surface, const std::vector<StudyBasis>& 
   field.mesh = OutputMesh{surface.mesh};
   field.mesh->colours.assign(field.mesh->positions.size(), Eigen::Array3f::Ones());
   const MeshRenderer view(field, camera_of(surface.mesh));
-  const Eigen::VectorXf areas = dynamic::vertex_areas(surface.mesh);
+  const Eigen::VectorXf areas = dynamic::areas_of(surface.mesh);
   // As bright as a picture can be without losing more than its brightest spots.
   std::vector<float> levels(light.col(0).data(), light.col(0).data() + light.rows());
   const auto bright = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() * 98 / 100);

@@ -10,7 +10,8 @@
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/image/metrics.h"
-#include "simulate/dynamic/point_lights.h"
+#include "simulate/dynamic/dynamic_scene.h"
+#include "simulate/dynamic/surface_basis.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic_chart {
@@ -122,7 +123,7 @@ std::vector<Eigen::MatrixXf> area_light_terms(const StudySurface& surface, const
 
 std::vector<BasisRow> study(const StudySurface& surface, const std::vector<StudyBasis>& bases,
                             const std::vector<Eigen::MatrixXf>& light, const std::vector<int>& functions) {
-  const Eigen::VectorXf areas = dynamic::vertex_areas(surface.mesh);
+  const Eigen::VectorXf areas = dynamic::areas_of(surface.mesh);
   std::vector<BasisRow> rows;
   for (const StudyBasis& basis : bases)
     for (const int count : functions) {

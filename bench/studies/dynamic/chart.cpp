@@ -8,28 +8,25 @@
 #include <string>
 #include <vector>
 
+#include "bench/studies/dynamic/frame_errors.h"
 #include "bench/studies/studies.h"
 #include "cli/common/options.h"
-#include "cli/dynamic/simulate_dynamic.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/output_lock.h"
+#include "core/image/image_io.h"
 
 namespace refield::studies {
 
 namespace {
 
-using cli::FrameReference;
-using cli::FrameTimes;
-using cli::LightError;
 using cli::non_negative_number;
-using cli::PreparedScene;
 
 struct DynamicChartArguments {
   std::filesystem::path scene, folder;
   double time = 0.0;
-  int paths = 2048;
+  int paths = 2048, traced = 0;
 };
 
 struct Setting {
@@ -120,6 +117,9 @@ void make_dynamic_chart(const DynamicChartArguments& arguments) {
         row.error("direct"), row.error("bounced"), row.error("all"));
   }
   write_text_atomically(arguments.folder / "dynamic.csv", csv(rows));
+  if (arguments.traced > 0)
+    write_exr(arguments.folder / "traced.exr",
+              traced_picture(*scene, arguments.time, dynamic::FrameOptions().bounces, arguments.traced));
 }
 
 }  // namespace
@@ -141,6 +141,9 @@ void add_dynamic_chart(CLI::App& app, Action& action) {
   verb->add_option("--paths", arguments->paths, "Of the reference, a vertex")
       ->check(CLI::Range(1, 1 << 24))
       ->capture_default_str();
+  verb->add_option("--traced", arguments->traced,
+                   "Also trace a picture, traced.exr, with these paths per vertex")
+      ->check(CLI::Range(1, 1 << 20));
   verb->callback([arguments, &action] { action = [arguments] { make_dynamic_chart(*arguments); }; });
 }
 

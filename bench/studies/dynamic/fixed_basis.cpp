@@ -12,7 +12,6 @@
 #include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/light/harmonics.h"
-#include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
 
@@ -86,7 +85,7 @@ Eigen::MatrixXf fixed_functions(BasisKind kind, std::span<const SurfacePlace> pl
 }
 
 SurfaceBasis fixed_basis(BasisKind kind, const Mesh& mesh, int functions) {
-  return surface_basis(fixed_functions(kind, surface_places(mesh), functions), vertex_areas(mesh));
+  return surface_basis(fixed_functions(kind, surface_places(mesh), functions), areas_of(mesh));
 }
 
 SurfaceBasis basis_by_inverse(const Eigen::MatrixXf& functions) {

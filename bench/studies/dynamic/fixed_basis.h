@@ -2,11 +2,19 @@
 #pragma once
 #include <Eigen/Core>
 #include <span>
+#include <vector>
 
 #include "bench/studies/dynamic/parameterisation.h"
 #include "simulate/dynamic/surface_basis.h"
+#include "simulate/geometry/mesh_file.h"
 
 namespace refield::dynamic {
+
+/// prt::vertex_areas() [vertices].
+inline Eigen::VectorXf areas_of(const Mesh& mesh) {
+  const std::vector<float> areas = prt::vertex_areas(mesh.positions, mesh.triangles);
+  return Eigen::Map<const Eigen::VectorXf>(areas.data(), static_cast<Eigen::Index>(areas.size()));
+}
 
 enum class BasisKind { spherical_harmonics, haar_wavelets, cosines };
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "bench/studies/dynamic/spherical_parameterisation.h"
-#include "simulate/dynamic/point_lights.h"
+#include "simulate/dynamic/surface_basis.h"
 
 namespace refield::dynamic {
 

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <memory>
 
+#include "bench/studies/dynamic/bounce_reference.h"
 #include "core/base/rng.h"
-#include "simulate/dynamic/bounce_reference.h"
 #include "simulate/dynamic/glossy_sums.h"
 #include "simulate/geometry/mesh_shapes.h"
 

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "bench/studies/dynamic/fixed_basis.h"
 #include "core/base/errors.h"
-#include "simulate/dynamic/point_lights.h"
 #include "simulate/geometry/mesh_shapes.h"
 #include "tests/support/singular_values.h"
 
@@ -52,7 +52,7 @@ TEST(SurfaceBasis, DropsWhatItHasTwice) {
 TEST(PrincipalBasis, IsThatOfAFullDecomposition) {
   const Mesh mesh = prt::rabbit_mesh(6);
   const prt::MeshRays rays(mesh);
-  const Eigen::VectorXf areas = vertex_areas(mesh);
+  const Eigen::VectorXf areas = areas_of(mesh);
   const BrdfFactors factors = glossy();
   const PrincipalOptions options{.lights = 40, .distances = {1.2f, 3.0f}};
   Eigen::MatrixXf light = light_terms(mesh, rays, factors, point_lights(mesh, 40, options.distances));

@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "simulate/dynamic/bounce_reference.h"
+#include "bench/studies/dynamic/bounce_reference.h"
 #include "tests/simulate/prt/harmonic_light.h"
 
 namespace refield::prt::test {

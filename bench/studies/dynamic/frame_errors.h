@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <string>
 #include <vector>
 
+#include "bench/studies/dynamic/bounce_reference.h"
 #include "cli/dynamic/prepared_scene.h"
 
-namespace refield::cli {
+namespace refield::studies {
 
 /// Milliseconds, medians over frames spread over the scene's motion.
 struct FrameTimes {
@@ -14,6 +14,9 @@ struct FrameTimes {
   double direct = 0.0, place = 0.0, bounces = 0.0, shade = 0.0;  ///< dynamic::DynamicLight::Times
   double picture = 0.0;  ///< what rasterising the picture takes on top
 };
+using cli::camera_of;
+using cli::PreparedScene;
+
 FrameTimes measure_frames(PreparedScene& scene, const dynamic::FrameOptions& options);
 
 /// What paths say of one moment: the same for all settings.
@@ -32,8 +35,12 @@ struct LightError {
   double of_all = 0.0;    ///< over all light
   double share = 0.0;     ///< that the light has in all
 };
+/// The picture of a time by traced paths, as many for each vertex: the reference for
+/// PreparedScene::picture().
+Image traced_picture(PreparedScene& scene, double time, int bounces, int paths);
+
 /// Solves the reference's moment and compares.
 std::vector<LightError> frame_errors(PreparedScene& scene, const FrameReference& reference,
                                      dynamic::FrameOptions options);
 
-}  // namespace refield::cli
+}  // namespace refield::studies

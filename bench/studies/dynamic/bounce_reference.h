@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "core/base/run_context.h"
+#include "simulate/dynamic/direct_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/point_lights.h"
 
 namespace refield::dynamic {
 

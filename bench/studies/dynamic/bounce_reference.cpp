@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/bounce_reference.h"
+#include "bench/studies/dynamic/bounce_reference.h"
 
 #include <tbb/parallel_for.h>
 
