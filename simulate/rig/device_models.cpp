@@ -14,28 +14,6 @@
 
 namespace refield {
 
-void MonitorModel::check() const {
-  const auto require = [](bool good, const char* what) {
-    if (!good) throw InputError(std::string("monitor: ") + what);
-  };
-  for (double g : gamma) require(g >= 0.5 && g <= 5.0, "gamma must lie in 0.5 to 5");
-  for (double g : as_stated().gamma) require(g >= 0.5 && g <= 5.0, "stated_gamma must lie in 0.5 to 5");
-  require(black_level >= 0.0 && black_level < 1.0,
-          "black_level is a fraction of white and must lie in 0 to 1");
-  require(white_radiance > 0.0 && std::isfinite(white_radiance), "white_radiance must be positive");
-  require(falloff >= 0.0 && falloff < 1.0, "falloff must lie in 0 to 1");
-  require(dimming >= 0.0 && dimming < 1.0, "dimming must lie in 0 to 1");
-  require(pwm_hz == 0.0 || (pwm_hz >= 1.0 && pwm_hz <= 1e6), "pwm_hz must be 0 or lie in 1 to 1000000");
-  require(pwm_depth >= 0.0 && pwm_depth <= 1.0, "pwm_depth must lie in 0 to 1");
-  for (double change : drift)
-    require(change > -1.0 && change <= 10.0, "drift must lie above -1 and up to 10");
-  require(drift_settling >= 0.0 && drift_settling <= 100.0, "drift_settling must lie in 0 to 100");
-  require(refresh_interval.count() >= 1e-4 && refresh_interval.count() <= 1.0,
-          "refresh must lie in 1 to 10000 Hz");
-  require(latency.count() >= 0.0 && latency.count() <= 10.0, "latency must lie in 0 to 10 s");
-  require(settling.count() >= 0.0 && settling.count() <= 10.0, "settling must lie in 0 to 10 s");
-}
-
 MonitorModel MonitorModel::as_stated() const {
   MonitorModel stated = *this;
   stated.gamma = stated_gamma.value_or(gamma);
@@ -127,35 +105,6 @@ int channels_of(PixelLayout layout) {
 
 }  // namespace
 
-void SensorModel::check() const {
-  const auto require = [](bool good, const char* what) {
-    if (!good) throw InputError(std::string("sensor: ") + what);
-  };
-  require(bits == 8 || bits == 10 || bits == 12, "bits must be 8, 10 or 12");
-  require(sensitivity > 0.0 && std::isfinite(sensitivity), "sensitivity must be positive");
-  require(electrons_per_dn > 0.0 && std::isfinite(electrons_per_dn), "electrons_per_dn must be positive");
-  require(full_well_electrons > 0.0, "full_well_electrons must be positive");
-  require(read_noise_electrons >= 0.0 && std::isfinite(read_noise_electrons),
-          "read_noise_electrons must be at least 0");
-  require(black_level_dn >= 0.0 && black_level_dn < full_scale() / 2.0,
-          "black_level_dn must lie between 0 and half of the full scale");
-  require(vignetting >= 0.0 && vignetting < 1.0, "vignetting must lie in 0 to 1");
-  require(response_gamma >= 0.5 && response_gamma <= 5.0, "response_gamma must lie in 0.5 to 5");
-  require(largest_gain >= 1.0, "largest_gain must be at least 1");
-  require(shortest_exposure.count() > 0.0 && shortest_exposure <= longest_exposure,
-          "exposures must be positive, the shortest no longer than the longest");
-  require(frame_interval.count() > 0.0, "frame_interval must be positive");
-  require(control_latency_frames >= 0 && control_latency_frames <= 64,
-          "control_latency_frames must lie in 0 to 64");
-  require(latency_frames >= 0 && latency_frames <= 64, "latency_frames must lie in 0 to 64");
-  for (int c = 0; c < 3; ++c)
-    for (int p = 0; p < 3; ++p)
-      require(c == p ? mixing[c][p] == 1.0 : mixing[c][p] >= 0.0 && mixing[c][p] < 1.0,
-              "mixing must have 1 on its diagonal and 0 to 1 beside it");
-  for (const double deviation : {gain_jitter, balance_jitter})
-    require(deviation >= 0.0 && deviation <= 0.3, "gain_jitter and balance_jitter must lie in 0 to 0.3");
-}
-
 Seconds SensorModel::true_exposure(Seconds stated) const {
   return rounds_exposures ? Seconds(std::exp2(std::round(3.0 * std::log2(stated.count())) / 3.0)) : stated;
 }
@@ -184,17 +133,6 @@ Eigen::Matrix3f SensorModel::mixing_matrix() const {
   for (int c = 0; c < 3; ++c)
     for (int p = 0; p < 3; ++p) matrix(c, p) = static_cast<float>(mixing[c][p]);
   return matrix;
-}
-
-double SensorModel::mean_dn(double radiance, Seconds exposure, double gain) const {
-  const double electrons = std::min(full_well_electrons, sensitivity * radiance * exposure.count());
-  return black_level_dn + gain * electrons / electrons_per_dn;
-}
-
-double SensorModel::variance_dn(double radiance, Seconds exposure, double gain) const {
-  const double dn_per_electron = gain / electrons_per_dn;
-  return dn_per_electron * dn_per_electron *
-         (sensitivity * radiance * exposure.count() + read_noise_electrons * read_noise_electrons);
 }
 
 std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds exposure, double gain,

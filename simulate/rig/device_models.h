@@ -16,7 +16,7 @@
 
 namespace refield {
 
-/// How a virtual monitor turns drive levels into light, and when.
+/// How a virtual monitor turns drive levels into light, and when. read_recipe() checks the ranges.
 struct MonitorModel {
   std::array<double, 3> gamma{2.2, 2.2, 2.2};  ///< exponent of each channel's tone curve
   double black_level = 0.002;                  ///< radiance at level 0, as a fraction of white_radiance
@@ -51,9 +51,6 @@ struct MonitorModel {
   /// The monitor that a calibration describes.
   MonitorModel as_stated() const;
 
-  /// Throws InputError naming the property and its range.
-  void check() const;
-
   /// Radiance [256] that each 8-bit drive level of a channel emits:
   /// white_radiance · (black_level + (1 − black_level) · (level / 255)^gamma).
   std::array<std::vector<double>, 3> tone_curve() const;
@@ -85,7 +82,7 @@ struct Disturbances {
 /// How a virtual sensor turns scene radiance into digital numbers (DN). The linear camera model of EMVA 1288:
 ///   electrons = min(full well, Poisson(sensitivity · radiance · exposure) + read noise)
 ///   DN        = black level + gain · electrons / electrons per DN
-/// then clipped to the full scale, bent by the response curve and rounded.
+/// then clipped to the full scale, bent by the response curve and rounded. read_recipe() checks the ranges.
 struct SensorModel {
   PixelLayout layout = PixelLayout::rgb;
   int bits = 12;                         ///< 8, 10 or 12; full scale is 2^bits − 1
@@ -120,14 +117,7 @@ struct SensorModel {
   Image mixed(Image radiance) const;
   Eigen::Matrix3f mixing_matrix() const;
 
-  /// Throws InputError naming the property and its range.
-  void check() const;
-
   int full_scale() const { return (1 << bits) - 1; }
-
-  /// Mean and variance of a sample's DN before clipping, response and rounding; `radiance` ≥ 0.
-  double mean_dn(double radiance, Seconds exposure, double gain) const;
-  double variance_dn(double radiance, Seconds exposure, double gain) const;
 
   /// One frame of `radiance` [height × width × 3] behind the vignetting lens; a Bayer sample sees its own
   /// channel, a grey one the mean of three. The noise is a function of `noise_key` alone; runs on all cores.

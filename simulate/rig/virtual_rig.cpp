@@ -125,8 +125,6 @@ struct VirtualRig::State {
 
   State(ReflectanceField t, Image a, MonitorModel m, SensorModel s, std::uint64_t seed_)
       : transport(std::move(t)), ambient(std::move(a)), monitor(m), sensor(s), seed(seed_) {
-    monitor.check();
-    sensor.check();
     check_scene();
     asked.exposure = std::clamp(sensor.frame_interval, sensor.shortest_exposure, sensor.longest_exposure);
     coming.push_back(asked);

@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <set>
@@ -77,6 +78,7 @@ void read_monitor(Section section, MonitorInScene& place, MonitorModel& model) {
   section.number("falloff", model.falloff, 0.0, 0.9);
   section.number("dimming", model.dimming, 0.0, 0.9);
   section.number("pwm_hz", model.pwm_hz, 0.0, 1e6);
+  if (model.pwm_hz > 0.0 && model.pwm_hz < 1.0) section.fail("pwm_hz", "give 0 or 1 to 1000000");
   section.number("pwm_depth", model.pwm_depth, 0.0, 1.0);
   section.triple("drift", model.drift, -0.9, 10.0);
   section.number("drift_settling", model.drift_settling, 0.0, 100.0);
@@ -114,7 +116,8 @@ void read_sensor(Section section, SensorModel& sensor) {
   section.integer("latency_frames", sensor.latency_frames, 0, 64);
   for (const auto& [c, key] : {std::pair{0, "mixing_red"}, {1, "mixing_green"}, {2, "mixing_blue"}}) {
     section.triple(key, sensor.mixing[c], 0.0, 1.0);
-    if (sensor.mixing[c][c] != 1.0) section.fail(key, "the channel's own primary must have the share 1");
+    if (sensor.mixing[c][c] != 1.0 || std::ranges::count(sensor.mixing[c], 1.0) > 1)
+      section.fail(key, "the channel's own primary must have the share 1, the others less");
   }
   section.flag("rounds_exposures", sensor.rounds_exposures);
   section.number("gain_jitter", sensor.gain_jitter, 0.0, 0.3);

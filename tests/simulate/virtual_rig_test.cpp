@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "core/base/errors.h"
+#include "tests/simulate/sensor_statistics.h"
 
 namespace refield {
 namespace {
@@ -72,7 +73,7 @@ TEST(VirtualRig, FrameShowsTransportOfTheEmittedLightPlusAmbient) {
   EXPECT_EQ(frame.exposure, Seconds(0.01));
   for (int c = 0; c < 3; ++c) {
     const double emitted = 0.01 + 0.99 * std::pow(100.0 / 255.0, monitor.gamma[c]);
-    EXPECT_NEAR(frame.samples[c], sensor.mean_dn(emitted + 0.05, Seconds(0.01), 1.0),
+    EXPECT_NEAR(frame.samples[c], test::mean_dn(sensor, emitted + 0.05, Seconds(0.01), 1.0),
                 10.0);  // shot noise: 1 to 3 DN
     EXPECT_NEAR(emitted, monitor.tone_curve()[c][100], 1e-12);
   }
@@ -122,8 +123,8 @@ TEST(VirtualRig, ExposureAcrossTheChangeSeesTheMixByTime) {
   ASSERT_GT(share, 0.2);
   ASSERT_LT(share, 0.9);
   const double radiance = share * std::pow(120.0 / 255.0, 2.2);
-  EXPECT_NEAR(mean_of(frame), sensor.mean_dn(radiance, exposure, 1.0),
-              0.01 * sensor.mean_dn(radiance, exposure, 1.0));
+  EXPECT_NEAR(mean_of(frame), test::mean_dn(sensor, radiance, exposure, 1.0),
+              0.01 * test::mean_dn(sensor, radiance, exposure, 1.0));
 }
 
 TEST(VirtualRig, PhotographsDoNotDependOnWhatWasTakenBefore) {
@@ -382,8 +383,6 @@ TEST(ImperfectRig, ACalibrationMayStateAnotherToneCurve) {
   EXPECT_EQ(monitor.as_stated().gamma, monitor.gamma);
   monitor.stated_gamma = {2.0, 2.1, 2.2};
   EXPECT_EQ(monitor.as_stated().gamma, (std::array{2.0, 2.1, 2.2}));
-  monitor.stated_gamma = {2.0, 0.1, 2.2};
-  EXPECT_THROW(monitor.check(), InputError);
 }
 
 }  // namespace
