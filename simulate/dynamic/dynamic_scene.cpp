@@ -122,9 +122,7 @@ DynamicScene read_dynamic_scene(const fs::path& path, const RunContext& run) {
 }
 
 BoundingBall bounding_ball(const Mesh& mesh) {
-  Eigen::AlignedBox3f bounds;
-  for (const auto& position : mesh.positions) bounds.extend(position);
-  BoundingBall ball{bounds.center(), 0.0f};
+  BoundingBall ball{prt::bounds_of(mesh).center(), 0.0f};
   for (const auto& position : mesh.positions)
     ball.radius = std::max(ball.radius, (position - ball.middle).norm());
   return ball;

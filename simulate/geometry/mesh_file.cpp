@@ -12,6 +12,7 @@
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/tone_map.h"
+#include "simulate/geometry/place_mesh.h"
 
 namespace refield::prt {
 
@@ -144,8 +145,7 @@ MeshFile in_light_axes(const ImportedMesh& file, const MeshFileOptions& options,
 /// Coordinates of maps and surveys exceed what floats resolve.
 void require_near_origin(const Mesh& mesh, const fs::path& path) {
   constexpr float max_rounding = 1e-4f;  // of the diagonal
-  Eigen::AlignedBox3f box;
-  for (const Eigen::Vector3f& position : mesh.positions) box.extend(position);
+  const Eigen::AlignedBox3f box = bounds_of(mesh);
   const float farthest = std::max(box.min().cwiseAbs().maxCoeff(), box.max().cwiseAbs().maxCoeff());
   if (farthest * std::numeric_limits<float>::epsilon() > max_rounding * box.diagonal().norm())
     throw FormatError(path,

@@ -11,6 +11,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/floating_point.h"
+#include "simulate/geometry/place_mesh.h"
 
 namespace refield::prt {
 
@@ -216,8 +217,7 @@ constexpr float least_size = 1e-9f;
 }  // namespace
 
 MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh) {
-  Eigen::AlignedBox3f bounds;
-  for (const auto& position : mesh.positions) bounds.extend(position);
+  const Eigen::AlignedBox3f bounds = bounds_of(mesh);
   const float size = bounds.isEmpty() ? 0.0f : bounds.diagonal().norm();
   if (size > 0.0f && size < least_size)
     throw InputError("the mesh is " + std::to_string(size / least_size) +

@@ -13,15 +13,11 @@
 
 namespace refield::prt {
 
-namespace {
-
 Eigen::AlignedBox3f bounds_of(const Mesh& mesh) {
   Eigen::AlignedBox3f bounds;
   for (const auto& position : mesh.positions) bounds.extend(position);
   return bounds;
 }
-
-}  // namespace
 
 Settled settle(const Eigen::AlignedBox3f& bounds, const Placement& placement) {
   const float scale = placement.size ? *placement.size / bounds.sizes().maxCoeff() : 1.0f;

@@ -9,6 +9,9 @@
 
 namespace refield::prt {
 
+/// The box around all vertices; empty where there are none.
+Eigen::AlignedBox3f bounds_of(const Mesh& mesh);
+
 /// Where a mesh stands in a scene, in the order in which it is done.
 struct Placement {
   Eigen::Vector3f stretch = {1.0f, 1.0f, 1.0f};  ///< along the mesh's own axes, all above zero

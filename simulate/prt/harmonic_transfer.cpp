@@ -16,6 +16,7 @@
 #include "core/base/errors.h"
 #include "core/field/transfer_tiles.h"
 #include "core/light/cube_map.h"
+#include "simulate/geometry/place_mesh.h"
 #include "simulate/prt/harmonic_passes.h"
 
 namespace refield::prt {
@@ -126,8 +127,7 @@ std::span<const float> HarmonicTransfer::row(std::size_t vertex, int output, int
 }
 
 Eigen::Vector3f middle(const Mesh& mesh) {
-  Eigen::AlignedBox3f box;
-  for (const auto& position : mesh.positions) box.extend(position);
+  const Eigen::AlignedBox3f box = bounds_of(mesh);
   return box.isEmpty() ? Eigen::Vector3f::Zero() : Eigen::Vector3f(box.center());
 }
 

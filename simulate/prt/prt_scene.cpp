@@ -143,9 +143,7 @@ void reorder(std::vector<Value>& values, const std::vector<std::uint32_t>& order
 
 void sort_vertices(Scene& scene) {
   Mesh& mesh = scene.mesh;
-  Eigen::AlignedBox3f bounds;
-  for (const auto& position : mesh.positions) bounds.extend(position);
-  const float scale = mesh.empty() ? 1.0f : 1.0f / std::max(bounds.sizes().maxCoeff(), 1e-30f);
+  const float scale = mesh.empty() ? 1.0f : 1.0f / std::max(bounds_of(mesh).sizes().maxCoeff(), 1e-30f);
   // How far apart in the scene two vertices are as unlike as two whose normals differ by one: measured on
   // scanned figures on a ground plane.
   constexpr float distance_of_a_normal = 0.1f;

@@ -94,11 +94,9 @@ TabletopObject place_object(const ObjectDescription& object) {
   result.object_from_world = pose.inverse();
   result.bounds = {shift, 0.5f * scale};
   if (object.shape == Shape::sphere) return result;
-  Eigen::AlignedBox3f box;
-  for (const Eigen::Vector3f& position : result.mesh.positions) box.extend(position);
-  result.bounds = {box.center(), 0.0f};
+  result.bounds = {prt::bounds_of(result.mesh).center(), 0.0f};
   for (const Eigen::Vector3f& position : result.mesh.positions)
-    result.bounds.radius = std::max(result.bounds.radius, (position - box.center()).norm());
+    result.bounds.radius = std::max(result.bounds.radius, (position - result.bounds.centre).norm());
   return result;
 }
 
